@@ -1,0 +1,91 @@
+//! The event record and operations on sorted slices of it.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Sign of a brightness change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Polarity {
+    /// Brightness fell.
+    Off,
+    /// Brightness rose.
+    On,
+}
+
+impl Polarity {
+    /// The value that files and arrays carry: ON = 1, OFF = 0.
+    pub const fn as_i16(self) -> i16 {
+        match self {
+            Self::Off => 0,
+            Self::On => 1,
+        }
+    }
+}
+
+/// One event, laid out as Metavision's `EventCD` (16 bytes): `x <u2 @0, y <u2 @2, p <i2 @4, t <i8 @8`.
+///
+/// The two bytes after `p` are always zero, so equal streams are equal as bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Pod, Zeroable)]
+pub struct Event {
+    /// Column, from the left.
+    pub x: u16,
+    /// Row, from the top.
+    pub y: u16,
+    /// Polarity: ON = 1, OFF = 0.
+    pub p: i16,
+    pad: u16,
+    /// Microseconds since the stream's start.
+    pub t: i64,
+}
+
+impl Event {
+    /// An event at pixel (`x`, `y`) and time `t` in microseconds.
+    pub const fn new(t: i64, x: u16, y: u16, polarity: Polarity) -> Self {
+        Self { x, y, p: polarity.as_i16(), pad: 0, t }
+    }
+
+    /// The canonical order within a stream: time, then row, then column. Events of one pixel at one
+    /// microsecond keep their firing order (sort stably).
+    pub const fn order(&self) -> (i64, u16, u16) {
+        (self.t, self.y, self.x)
+    }
+}
+
+/// The part of time-sorted `events` with `start_us <= t < end_us`, without a copy.
+pub fn slice_time(events: &[Event], start_us: i64, end_us: i64) -> &[Event] {
+    let from = events.partition_point(|e| e.t < start_us);
+    let to = events.partition_point(|e| e.t < end_us).max(from);
+    &events[from..to]
+}
+
+/// Whether `events` are in canonical order.
+pub fn is_ordered(events: &[Event]) -> bool {
+    events.is_sorted_by_key(Event::order)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn event_has_the_metavision_layout() {
+        use std::mem::offset_of;
+        assert_eq!(size_of::<Event>(), 16);
+        assert_eq!(
+            (offset_of!(Event, x), offset_of!(Event, y), offset_of!(Event, p), offset_of!(Event, t)),
+            (0, 2, 4, 8)
+        );
+    }
+
+    #[test]
+    fn slices_are_half_open() {
+        let events: Vec<_> = (0..10).map(|t| Event::new(t, 0, 0, Polarity::On)).collect();
+        let got: Vec<_> = slice_time(&events, 3, 6).iter().map(|e| e.t).collect();
+        assert_eq!(got, [3, 4, 5]);
+        assert!(slice_time(&events, 6, 3).is_empty());
+        assert!(is_ordered(&events));
+        let mut swapped = events.clone();
+        swapped.swap(2, 3);
+        assert!(!is_ordered(&swapped), "canary: a swapped pair must be seen");
+    }
+}

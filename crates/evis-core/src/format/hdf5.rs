@@ -1,0 +1,1 @@
+//! The default event file: DSEC columns in a group per camera.

@@ -1,0 +1,3 @@
+//! File formats. HDF5 is the default one.
+
+pub mod hdf5;

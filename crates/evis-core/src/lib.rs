@@ -1,0 +1,16 @@
+//! EVIS core: events, time, sensor, trigger and file formats. Pure Rust, no GPU, no Python.
+//!
+//! Public time is integer microseconds (`i64`) since the stream's start; `x` runs right and `y` down
+//! from the top-left pixel; polarity is ON = 1, OFF = 0.
+
+pub mod event;
+pub mod format;
+pub mod packet;
+pub mod sensor;
+pub mod time;
+pub mod trigger;
+
+pub use event::{Event, Polarity};
+pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
+pub use sensor::{ConfigError, Sensor, SensorConfig, TriggerRule};
+pub use time::TimeGrid;

@@ -1,0 +1,123 @@
+//! What a stream carries beside events: cameras, labels and poses.
+
+use serde::{Deserialize, Serialize};
+
+/// A camera of a recording.
+///
+/// Pixel centres lie at +0.5, so the principal point of a centred camera is (width / 2, height / 2);
+/// exports for OpenCV, ROS and DSEC subtract 0.5 from `cx` and `cy`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraInfo {
+    /// Unique name within the recording; also the HDF5 group's name.
+    pub name: String,
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Focal length in pixels, horizontal.
+    pub fx: f64,
+    /// Focal length in pixels, vertical.
+    pub fy: f64,
+    /// Principal point, pixels from the left edge.
+    pub cx: f64,
+    /// Principal point, pixels from the top edge.
+    pub cy: f64,
+}
+
+/// Which label an image carries. Labels are one sample at the pixel's centre.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LabelKind {
+    /// Planar z in metres, +inf where nothing: f32 (H, W).
+    Depth,
+    /// Pixels from this label's time to the next one's, anchored here: f32 (H, W, 2), x right, y down.
+    FlowForward,
+    /// Where [`LabelKind::FlowForward`] is defined: u8 (H, W), 1 or 0.
+    FlowForwardValid,
+    /// Pixels from this label's time back to the one before, anchored here: f32 (H, W, 2).
+    FlowBackward,
+    /// Where [`LabelKind::FlowBackward`] is defined: u8 (H, W), 1 or 0.
+    FlowBackwardValid,
+    /// Instance id, 0 where nothing: u32 (H, W).
+    Instance,
+    /// Semantic id, 0 where nothing or unlabelled: u32 (H, W).
+    Semantic,
+    /// Unit surface normal in world axes, facing the camera; 0 where nothing: f32 (H, W, 3).
+    Normal,
+    /// Linear, scene-referred RGB: f32 (H, W, 3).
+    Hdr,
+}
+
+impl LabelKind {
+    /// All kinds, in file order.
+    pub const ALL: [Self; 9] = [
+        Self::Depth,
+        Self::FlowForward,
+        Self::FlowForwardValid,
+        Self::FlowBackward,
+        Self::FlowBackwardValid,
+        Self::Instance,
+        Self::Semantic,
+        Self::Normal,
+        Self::Hdr,
+    ];
+
+    /// Name of the data set and of the Python key.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Depth => "depth",
+            Self::FlowForward => "flow_forward",
+            Self::FlowForwardValid => "flow_forward_valid",
+            Self::FlowBackward => "flow_backward",
+            Self::FlowBackwardValid => "flow_backward_valid",
+            Self::Instance => "instance",
+            Self::Semantic => "semantic",
+            Self::Normal => "normal",
+            Self::Hdr => "hdr",
+        }
+    }
+
+    /// Values per pixel.
+    pub const fn channels(self) -> usize {
+        match self {
+            Self::FlowForward | Self::FlowBackward => 2,
+            Self::Normal | Self::Hdr => 3,
+            _ => 1,
+        }
+    }
+}
+
+/// Pixels of a label, row-major, channels innermost.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LabelData {
+    /// Depth, flow, normals, HDR.
+    F32(Vec<f32>),
+    /// Ids.
+    U32(Vec<u32>),
+    /// Masks.
+    U8(Vec<u8>),
+}
+
+/// One label image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LabelFrame {
+    /// What it shows.
+    pub kind: LabelKind,
+    /// When, in microseconds.
+    pub t_us: i64,
+    /// The other end of a flow's interval, in microseconds; equal to `t_us` for every other label.
+    pub t_other_us: i64,
+    /// Pixels, `height * width * kind.channels()` of them.
+    pub data: LabelData,
+}
+
+/// Pose of a camera or body at one time: `world_from_body`, metres, glTF axes (+Y up, cameras look along -Z).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PoseSample {
+    /// Microseconds.
+    pub t_us: i64,
+    /// Position in metres.
+    pub position: [f64; 3],
+    /// Unit quaternion, (x, y, z, w).
+    pub rotation: [f64; 4],
+}

@@ -1,0 +1,104 @@
+//! What a run is asked to do: a value, checked once by [`RunConfig::check`], then trusted.
+
+use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid};
+use serde::{Deserialize, Serialize};
+
+/// How an instant is sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Every instant is rendered.
+    #[default]
+    Native,
+}
+
+/// How a pixel's area is sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Antialias {
+    /// Visibility and shading at every sample.
+    #[default]
+    Samples,
+    /// Visibility at 4 samples (MSAA), shading once: cheaper, right at silhouettes only.
+    Edges,
+}
+
+/// What a run is asked to do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RunConfig {
+    /// Sensor of every camera that does not set its own thresholds.
+    pub sensor: SensorConfig,
+    /// Sampling method.
+    pub method: Method,
+    /// Sampled instants per second.
+    pub rate_hz: f64,
+    /// Samples per pixel and instant, 1 to 256.
+    pub samples: u32,
+    /// How they are taken.
+    pub antialias: Antialias,
+    /// Names of the cameras to render; empty for all.
+    pub cameras: Vec<String>,
+    /// Width and height in pixels for every camera; `None` takes each camera's own (640x480 where it has none).
+    pub size: Option<(u32, u32)>,
+    /// Scene time at which the stream starts, in microseconds; the stream's own time starts at 0.
+    pub start_us: i64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Labels to render.
+    pub labels: Vec<LabelKind>,
+    /// Label images per second.
+    pub label_rate_hz: f64,
+    /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
+    pub reference_luminance: Option<f32>,
+}
+
+impl Default for RunConfig {
+    fn default() -> Self {
+        Self {
+            sensor: SensorConfig::default(),
+            method: Method::Native,
+            rate_hz: 1000.0,
+            samples: 4,
+            antialias: Antialias::Samples,
+            cameras: Vec::new(),
+            size: None,
+            start_us: 0,
+            seed: 0,
+            labels: Vec::new(),
+            label_rate_hz: 50.0,
+            reference_luminance: None,
+        }
+    }
+}
+
+impl RunConfig {
+    /// Checks every value that can be checked without a scene or a device.
+    ///
+    /// # Errors
+    /// Names the first setting that cannot be used, its value, and what would work.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        Sensor::new(self.sensor.clone())?;
+        TimeGrid::new(self.rate_hz)?;
+        TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
+        if !(1..=256).contains(&self.samples) {
+            return Err(ConfigError::new("samples", self.samples, "between 1 and 256"));
+        }
+        if let Some((width, height)) = self.size {
+            for (what, value) in [("width", width), ("height", height)] {
+                if !(1..=8192).contains(&value) {
+                    return Err(ConfigError::new(what, value, "between 1 and 8192 pixels"));
+                }
+            }
+        }
+        if self.start_us < 0 {
+            return Err(ConfigError::new("start", self.start_us as f64 * 1e-6, "0 or later (seconds)"));
+        }
+        if let Some(y) = self.reference_luminance
+            && !(y.is_finite() && y > 0.0)
+        {
+            return Err(ConfigError::new("reference_luminance", y, "a finite number above 0"));
+        }
+        Ok(())
+    }
+}

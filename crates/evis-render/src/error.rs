@@ -1,0 +1,15 @@
+//! What can go wrong while the engine runs.
+
+/// An engine error; each says what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    /// A setting cannot be used.
+    #[error(transparent)]
+    Config(#[from] evis_core::ConfigError),
+    /// The scene cannot be used.
+    #[error(transparent)]
+    Scene(#[from] evis_scene::SceneError),
+    /// No usable device, or the device failed.
+    #[error("{0}")]
+    Device(String),
+}

@@ -1,0 +1,21 @@
+//! EVIS scenes: what the world holds and where everything is at any time.
+//!
+//! Right-handed, metres, glTF axes (+Y up); cameras look along -Z. Colours are linear, scene-referred,
+//! Rec. 709 primaries. Nothing here knows about a GPU: the raster engine and the oracles read the same data.
+
+pub mod builtin;
+pub mod environment;
+pub mod error;
+pub mod gltf;
+pub mod image;
+pub mod model;
+pub mod motion;
+pub mod pose;
+pub mod primitive;
+pub mod texture;
+pub mod toml_scene;
+
+pub use error::SceneError;
+pub use model::*;
+pub use motion::Motion;
+pub use pose::{PoseSource, SceneState};
