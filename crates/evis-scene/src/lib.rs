@@ -18,4 +18,4 @@ pub mod toml_scene;
 pub use error::SceneError;
 pub use model::*;
 pub use motion::Motion;
-pub use pose::{PoseSource, SceneState};
+pub use pose::{PoseSource, SceneMotion, SceneState};
