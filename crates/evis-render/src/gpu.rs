@@ -115,9 +115,8 @@ impl Gpu {
         let instance = wgpu::Instance::new(descriptor);
         let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
             .map_err(|e| EngineError::Device(format!("no noop backend: {e}")))?;
-        let (device, queue) =
-            pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default()))
-                .map_err(|e| EngineError::Device(format!("no noop device: {e}")))?;
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default()))
+            .map_err(|e| EngineError::Device(format!("no noop device: {e}")))?;
         Ok(Self { device, queue, summary: summarise(0, &adapter.get_info()) })
     }
 

@@ -29,7 +29,8 @@ fn spread(order: &[u32]) -> u32 {
 fn collinear(order: &[u32]) -> bool {
     let n = order.len() as u32;
     n > 2
-        && (order.windows(2).all(|w| (w[0] + 1) % n == w[1]) || order.windows(2).all(|w| (w[1] + 1) % n == w[0]))
+        && (order.windows(2).all(|w| (w[0] + 1) % n == w[1])
+            || order.windows(2).all(|w| (w[1] + 1) % n == w[0]))
 }
 
 fn best_permutation(n: u32) -> Vec<u32> {

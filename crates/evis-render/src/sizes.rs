@@ -11,17 +11,16 @@ pub const LUMINANCE_BUDGET: u64 = 48 << 20;
 pub const MAX_INSTANTS: u32 = 32;
 
 /// How views of one size share targets and submissions.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// Tile columns of the atlas.
-    pub columns: u32,
-    /// Tile rows of the atlas.
-    pub rows: u32,
     /// Views per group; the last group may hold fewer.
     pub views_per_group: u32,
     /// Sampled instants per submission.
     pub instants: u32,
-    /// Target layers, one per instant and sample.
+    /// Luminance layers, one per view, instant and sample.
+    ///
+    /// A view has layers of its own rather than a tile of an atlas: rasterisers round in target coordinates, so a
+    /// tile's place would show in its pixels, and a view's bytes would depend on its neighbours.
     pub layers: u32,
 }
 
@@ -36,37 +35,35 @@ pub struct DeviceLimits {
     pub storage_binding: u64,
 }
 
-/// Plans `views` views of `width` x `height` with `samples` layers per instant.
+/// Plans `views` views of `width` x `height` with `samples` layers per instant, at most `max_instants` at a time.
 ///
-/// Returns `None` where even one view does not fit: its edge exceeds the device's texture limit,
-/// or the samples of one instant exceed its layers.
-pub fn plan(width: u32, height: u32, samples: u32, views: u32, limits: DeviceLimits) -> Option<Plan> {
-    if width > limits.texture_edge || height > limits.texture_edge || samples > limits.texture_layers {
+/// Returns `None` where even one view and instant does not fit the device.
+pub fn plan(
+    width: u32,
+    height: u32,
+    samples: u32,
+    views: u32,
+    max_instants: u32,
+    limits: DeviceLimits,
+) -> Option<Plan> {
+    let pixels = u64::from(padded_pixels(width, height));
+    // Eight bytes of pixel memory per pixel are the widest per-pixel binding.
+    let by_binding = limits.storage_binding / (pixels * 8);
+    if width > limits.texture_edge
+        || height > limits.texture_edge
+        || samples > limits.texture_layers
+        || by_binding == 0
+    {
         return None;
     }
-    let pixels = u64::from(padded_pixels(width, height));
-    let view_bytes = pixels * 4 * u64::from(samples);
-    // 8 bytes of pixel memory per pixel is the widest per-pixel binding.
-    let by_binding = (limits.storage_binding / (pixels * 8)).max(1);
+    let view_bytes = u64::from(width) * u64::from(height) * 4 * u64::from(samples);
     let by_budget = (LUMINANCE_BUDGET / view_bytes).max(1);
-    let by_atlas = u64::from(limits.texture_edge / width) * u64::from(limits.texture_edge / height);
-    let views_per_group = by_binding.min(by_budget).min(by_atlas).min(u64::from(views)).max(1) as u32;
-    let columns = views_per_group
-        .min(limits.texture_edge / width)
-        .min((f64::from(views_per_group) * f64::from(height) / f64::from(width)).sqrt().ceil() as u32)
-        .max(1);
-    let rows = views_per_group.div_ceil(columns);
-    let (columns, rows) = if rows * height > limits.texture_edge {
-        let rows = limits.texture_edge / height;
-        (views_per_group.div_ceil(rows), rows)
-    } else {
-        (columns, rows)
-    };
-    let group_bytes = view_bytes * u64::from(views_per_group);
-    let instants = (LUMINANCE_BUDGET / group_bytes)
-        .clamp(1, u64::from(MAX_INSTANTS))
-        .min(u64::from(limits.texture_layers / samples)) as u32;
-    Some(Plan { columns, rows, views_per_group, instants, layers: instants * samples })
+    let by_layers = u64::from(limits.texture_layers / samples);
+    let views_per_group = by_binding.min(by_budget).min(by_layers).min(u64::from(views)).max(1) as u32;
+    let instants = (by_budget / u64::from(views_per_group))
+        .min(by_layers / u64::from(views_per_group))
+        .clamp(1, u64::from(max_instants.clamp(1, MAX_INSTANTS))) as u32;
+    Some(Plan { views_per_group, instants, layers: views_per_group * instants * samples })
 }
 
 /// Row length of the per-pixel buffers: whole prefix blocks, so that a block never spans two rows.
@@ -94,8 +91,8 @@ mod tests {
 
     #[test]
     fn one_vga_view_gets_several_instants() {
-        let plan = plan(640, 480, 4, 1, LIMITS).unwrap();
-        assert_eq!((plan.columns, plan.rows, plan.views_per_group), (1, 1, 1));
+        let plan = plan(640, 480, 4, 1, 32, LIMITS).unwrap();
+        assert_eq!(plan.views_per_group, 1);
         assert!(plan.instants > 4 && plan.layers == plan.instants * 4);
     }
 
@@ -104,14 +101,17 @@ mod tests {
         for (w, h) in [(1, 1), (64, 64), (346, 260), (640, 480), (1280, 720), (8192, 8192), (8192, 1)] {
             for samples in [1, 4, 16, 256] {
                 for views in [1, 2, 7, 64, 1000] {
-                    let plan = plan(w, h, samples, views, LIMITS).unwrap();
-                    assert!(plan.columns * w <= 8192 && plan.rows * h <= 8192, "{plan:?} {w}x{h}");
-                    assert!(plan.columns * plan.rows >= plan.views_per_group, "{plan:?}");
-                    assert!(plan.layers <= 256 && plan.instants >= 1);
+                    let Some(plan) = plan(w, h, samples, views, 32, LIMITS) else {
+                        assert!(w * h > 8192 * 1024, "{w}x{h} should fit");
+                        continue;
+                    };
+                    assert!(plan.layers <= 256 && plan.instants >= 1 && plan.views_per_group >= 1);
+                    let memory = u64::from(plan.views_per_group) * u64::from(padded_pixels(w, h)) * 8;
+                    assert!(memory <= LIMITS.storage_binding, "{plan:?} {w}x{h}");
                 }
             }
         }
-        assert!(plan(8193, 1, 1, 1, LIMITS).is_none());
+        assert!(plan(8193, 1, 1, 1, 32, LIMITS).is_none());
     }
 
     #[test]

@@ -21,12 +21,12 @@ pub struct Frame {
     pub ambient: [f32; 4],
     /// First light record.
     pub light_base: u32,
+    /// First shadow matrix.
+    pub shadow_matrix_base: u32,
     /// First shadow layer.
-    pub shadow_base: u32,
+    pub shadow_layer_base: u32,
     /// Zero.
-    pub pad_0: u32,
-    /// Zero.
-    pub pad_1: u32,
+    pub pad: u32,
 }
 
 /// `ObjectRecord` in `common/object.wgsl`.
@@ -135,8 +135,8 @@ pub struct TriggerParams {
     pub stride: u32,
     /// Views in the group.
     pub view_count: u32,
-    /// Tile columns.
-    pub columns: u32,
+    /// Zero.
+    pub pad: u32,
     /// Instants in the submission.
     pub instants: u32,
     /// Events that fit.

@@ -12,10 +12,10 @@ struct Frame {
     ambient: vec4<f32>,
     // First light of this environment and instant.
     light_base: u32,
-    // First shadow map layer of this environment and instant.
-    shadow_base: u32,
-    pad_0: u32,
-    pad_1: u32,
+    // First shadow matrix of this environment and instant, and first layer of this environment.
+    shadow_matrix_base: u32,
+    shadow_layer_base: u32,
+    pad: u32,
 };
 
 fn camera_position(frame: Frame) -> vec3<f32> {

@@ -12,8 +12,8 @@ struct ShadowMatrix {
 };
 
 // Part of the light that arrives: 1 lit, 0 in shadow.
-fn shadow_visibility(index: u32, position: vec3<f32>, normal: vec3<f32>, to_light: vec3<f32>) -> f32 {
-    let m = shadow_matrices[index];
+fn shadow_visibility(matrix: u32, layer: u32, position: vec3<f32>, normal: vec3<f32>, to_light: vec3<f32>) -> f32 {
+    let m = shadow_matrices[matrix];
     let clip_here = m.clip_from_world * vec4<f32>(position, 1.0);
     // Offset along the normal by the footprint of the filter: a texel and a half, more where light grazes.
     let sine = sqrt(clamp(1.0 - dot(normal, to_light) * dot(normal, to_light), 0.0, 1.0));
@@ -32,7 +32,7 @@ fn shadow_visibility(index: u32, position: vec3<f32>, normal: vec3<f32>, to_ligh
     for (var y = -1; y <= 1; y++) {
         for (var x = -1; x <= 1; x++) {
             let at = uv + vec2<f32>(f32(x), f32(y)) / size;
-            sum += textureSampleCompareLevel(shadow_maps, shadow_sampler, at, index, ndc.z);
+            sum += textureSampleCompareLevel(shadow_maps, shadow_sampler, at, layer, ndc.z);
         }
     }
     return sum / 9.0;

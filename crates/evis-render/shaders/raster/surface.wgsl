@@ -15,8 +15,10 @@ fn lit_by(i: u32, position: vec3<f32>, normal: vec3<f32>) -> Incident {
     var incident = incident_light(light, position);
     if (SHADOWS) {
         if (light.radiance_shadow.w >= 0.0 && dot(normal, incident.to_light) > 0.0) {
-            let index = frame.shadow_base + u32(light.radiance_shadow.w);
-            incident.irradiance *= shadow_visibility(index, position, normal, incident.to_light);
+            let index = u32(light.radiance_shadow.w);
+            incident.irradiance *= shadow_visibility(
+                frame.shadow_matrix_base + index, frame.shadow_layer_base + index,
+                position, normal, incident.to_light);
         }
     }
     return incident;

@@ -19,17 +19,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let sensor = sensors[id.z];
-    let pixel = tile_origin(id.z) + id.xy;
     var state = memory_in[index];
     var count = 0u;
     var k = 0u;
     if (params.first == 1u) {
-        let l = log_luma_at(sensor, pixel, 0u);
+        let l = log_luma_at(sensor, id.xy, id.z, 0u);
         state = PixelMemory(l, l);
         k = 1u;
     }
     for (; k < params.instants; k++) {
-        let l = log_luma_at(sensor, pixel, k);
+        let l = log_luma_at(sensor, id.xy, id.z, k);
         let decision = decide(sensor, state, l);
         if (decision.clamped) {
             atomicAdd(&status.clamped, 1u);

@@ -18,19 +18,18 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let sensor = sensors[id.z];
-    let pixel = tile_origin(id.z) + id.xy;
     let packed_pixel = id.x | (id.y << 13u);
     let base = block_offsets[index / BLOCK_PIXELS] + prefixes[index];
     var state = memory_in[index];
     var written = 0u;
     var k = 0u;
     if (params.first == 1u) {
-        let l = log_luma_at(sensor, pixel, 0u);
+        let l = log_luma_at(sensor, id.xy, id.z, 0u);
         state = PixelMemory(l, l);
         k = 1u;
     }
     for (; k < params.instants; k++) {
-        let l = log_luma_at(sensor, pixel, k);
+        let l = log_luma_at(sensor, id.xy, id.z, k);
         let decision = decide(sensor, state, l);
         let start = instant_time(k);
         let interval = instant_time(k + 1u) - start;

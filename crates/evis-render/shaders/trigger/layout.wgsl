@@ -11,8 +11,7 @@ struct TriggerParams {
     // Row length of the per-pixel buffers: width rounded up to whole blocks.
     stride: u32,
     view_count: u32,
-    // Tile columns of the luminance layers.
-    columns: u32,
+    pad: u32,
     instants: u32,
     event_capacity: u32,
     // 1: the first instant only sets the reference.

@@ -10,18 +10,14 @@ override SAMPLES: u32 = 1;
 // Luminance beyond this is treated as this: no infinity reaches the logarithm.
 const LUMINANCE_LIMIT: f32 = 1e30;
 
-fn log_luma_at(sensor: ViewSensor, pixel: vec2<u32>, instant: u32) -> f32 {
+fn log_luma_at(sensor: ViewSensor, pixel: vec2<u32>, view: u32, instant: u32) -> f32 {
+    let layer = (view * params.instants + instant) * SAMPLES;
     var sum = 0.0;
     for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(luminance_layers, pixel, instant * SAMPLES + s, 0).r;
+        sum += textureLoad(luminance_layers, pixel, layer + s, 0).r;
     }
     let y = clamp(sum * (1.0 / f32(SAMPLES)), 0.0, LUMINANCE_LIMIT);
     return log(y * sensor.inverse_reference_luminance + sensor.log_eps);
-}
-
-fn tile_origin(view: u32) -> vec2<u32> {
-    let row = view / params.columns;
-    return vec2<u32>((view - row * params.columns) * params.width, row * params.height);
 }
 
 fn instant_time(i: u32) -> u32 {

@@ -69,7 +69,8 @@ pub fn layout(
             count: None,
         })
         .collect();
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+    device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
 
 fn binding_type(access: Access) -> wgpu::BindingType {
@@ -89,14 +90,18 @@ fn binding_type(access: Access) -> wgpu::BindingType {
         Access::DynamicUniform(size) => buffer(BufferBindingType::Uniform, true, size),
         Access::Read => buffer(BufferBindingType::Storage { read_only: true }, false, 0),
         Access::Write => buffer(BufferBindingType::Storage { read_only: false }, false, 0),
-        Access::Texture => texture(TextureSampleType::Float { filterable: true }, TextureViewDimension::D2, false),
+        Access::Texture => {
+            texture(TextureSampleType::Float { filterable: true }, TextureViewDimension::D2, false)
+        }
         Access::Layers => {
             texture(TextureSampleType::Float { filterable: false }, TextureViewDimension::D2Array, false)
         }
         Access::Multisampled => {
             texture(TextureSampleType::Float { filterable: false }, TextureViewDimension::D2, true)
         }
-        Access::Cube => texture(TextureSampleType::Float { filterable: true }, TextureViewDimension::Cube, false),
+        Access::Cube => {
+            texture(TextureSampleType::Float { filterable: true }, TextureViewDimension::Cube, false)
+        }
         Access::DepthLayers => texture(TextureSampleType::Depth, TextureViewDimension::D2Array, false),
         Access::StorageLayer => wgpu::BindingType::StorageTexture {
             access: wgpu::StorageTextureAccess::WriteOnly,

@@ -138,7 +138,11 @@ pub fn surface_pipeline(
     let formats: Vec<_> = Attribute::ALL
         .iter()
         .enumerate()
-        .map(|(slot, a)| wgpu::VertexAttribute { format: a.format(), offset: 0, shader_location: slot as u32 })
+        .map(|(slot, a)| wgpu::VertexAttribute {
+            format: a.format(),
+            offset: 0,
+            shader_location: slot as u32,
+        })
         .collect();
     let buffers: Vec<_> = Attribute::ALL
         .iter()
