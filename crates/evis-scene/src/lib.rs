@@ -6,6 +6,8 @@
 pub mod builtin;
 pub mod environment;
 pub mod error;
+mod framing;
+mod geometry;
 pub mod gltf;
 pub mod image;
 pub mod model;
@@ -14,6 +16,7 @@ pub mod pose;
 pub mod primitive;
 pub mod texture;
 pub mod toml_scene;
+mod validate;
 
 pub use error::SceneError;
 pub use model::*;

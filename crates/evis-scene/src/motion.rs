@@ -527,7 +527,7 @@ impl Path {
                 check_times(times)?;
                 positions.iter().try_for_each(|p| finite("position", p))?;
                 velocities.iter().try_for_each(|v| finite("velocity", v))?;
-                match rotations.iter().find(|q| !((q.length() - 1.0).abs() <= 1e-3)) {
+                match rotations.iter().find(|q| (q.length() - 1.0).abs() > 1e-3 || !q.is_finite()) {
                     Some(q) => Err(format!("its rotation {q} has length {}; rotations are unit", q.length())),
                     None => Ok(()),
                 }
