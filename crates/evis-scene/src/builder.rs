@@ -462,6 +462,35 @@ impl SceneBuilder {
         self.texture(image, sampling)
     }
 
+    /// The same, under a name of its own.
+    ///
+    /// # Errors
+    /// See [`SceneBuilder::texture_file`].
+    pub fn texture_file_as(
+        &mut self,
+        name: impl Into<String>,
+        path: &FilePath,
+        color_space: ColorSpace,
+        sampling: Sampling,
+    ) -> Result<usize, SceneError> {
+        let image = Image { name: name.into(), ..load_image(path, color_space)? };
+        self.texture(image, sampling)
+    }
+
+    /// Index of the texture whose image is named `name`.
+    ///
+    /// # Errors
+    /// Lists the textures that exist.
+    pub fn find_texture(&self, name: &str) -> Result<usize, SceneError> {
+        let image_name = |t: &Texture| self.scene.images.get(t.image).map_or("", |i| i.name.as_str());
+        let textures = &self.scene.textures;
+        textures.iter().position(|t| image_name(t) == name).ok_or_else(|| SceneError::Unknown {
+            what: "texture",
+            name: name.into(),
+            known: textures.iter().map(|t| image_name(t).to_owned()).collect(),
+        })
+    }
+
     /// A material; returns its index.
     ///
     /// # Errors
@@ -483,6 +512,11 @@ impl SceneBuilder {
             name: name.into(),
             known: materials.iter().map(|m| m.name.clone()).collect(),
         })
+    }
+
+    /// Whether a node was added as `name`.
+    pub fn has_object(&self, name: &str) -> bool {
+        self.named.iter().any(|(n, _)| n == name)
     }
 
     /// Index of the node that was added as `name`, else of the only node of an included scene with that name.

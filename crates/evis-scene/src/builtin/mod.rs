@@ -9,7 +9,7 @@ mod warehouse;
 
 use glam::{DMat4, DQuat, DVec3};
 
-use crate::builder::SceneBuilder;
+use crate::builder::{Labels, SceneBuilder};
 use crate::error::SceneError;
 use crate::model::{Primitive, Scene};
 use crate::primitive::{Shape, append};
@@ -137,6 +137,10 @@ fn paint(
         picture = picture.with_colors(surface, detail);
     }
     scene.procedural(name, &picture, Default::default())
+}
+
+fn labels(semantic_id: u32) -> Labels {
+    Labels { semantic_id, instance_id: 0 }
 }
 
 /// Boxes and other shapes welded into one draw.

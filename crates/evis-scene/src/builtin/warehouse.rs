@@ -2,8 +2,8 @@
 
 use glam::{DQuat, DVec3};
 
-use super::{Assembly, Dice, class, paint};
-use crate::builder::{EventCamera, Labels, Placement, SceneBuilder, ShapeSettings};
+use super::{Assembly, Dice, class, labels, paint};
+use crate::builder::{EventCamera, Placement, SceneBuilder, ShapeSettings};
 use crate::error::SceneError;
 use crate::model::{Light, Material, Mesh, Scene, Trs};
 use crate::motion::{Path, WaveShape, Waveform};
@@ -426,8 +426,4 @@ fn carton(
     place: Placement,
 ) -> Result<usize, SceneError> {
     scene.shape_with(name, Shape::Box { size }, material, ShapeSettings::semantic(class::GOODS), place)
-}
-
-fn labels(semantic_id: u32) -> Labels {
-    Labels { semantic_id, instance_id: 0 }
 }
