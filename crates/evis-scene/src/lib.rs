@@ -3,6 +3,7 @@
 //! Right-handed, metres, glTF axes (+Y up); cameras look along -Z. Colours are linear, scene-referred,
 //! Rec. 709 primaries. Nothing here knows about a GPU: the raster engine and the oracles read the same data.
 
+pub mod builder;
 pub mod builtin;
 pub mod environment;
 pub mod error;
@@ -14,6 +15,7 @@ pub mod model;
 pub mod motion;
 pub mod pose;
 pub mod primitive;
+pub mod procedural;
 pub mod texture;
 pub mod toml_scene;
 mod validate;
