@@ -1,0 +1,3 @@
+//! CPU twins of the passes: the same algorithms, for tests.
+
+pub mod trigger;
