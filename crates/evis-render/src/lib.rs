@@ -3,6 +3,7 @@
 //! Data flows one way: scene -> raster -> luminance -> trigger -> packets; `PixelMemory` is the only loop.
 
 pub mod config;
+pub mod cpu;
 pub mod error;
 pub mod gpu;
 pub mod packet;
