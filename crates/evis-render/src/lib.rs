@@ -3,9 +3,7 @@
 //! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop.
 
 pub mod config;
-#[cfg(test)]
-mod cpu;
-mod engine;
+pub mod cpu;
 pub mod error;
 mod frame;
 mod frame_buffers;
