@@ -53,7 +53,7 @@ fn a_file_that_was_cut_off_is_told_and_repaired() {
     assert!(done(&folder, "info cut.h5").contains("--repair"));
     let after = json(&evis(&folder, "info cut.h5 --repair --json"));
     assert_eq!(after["events"], ON_EVENTS + OFF_EVENTS);
-    assert_eq!(after["repaired"], true);
+    assert_eq!(after["repaired"]["reopened"], true);
 }
 
 #[test]
