@@ -4,6 +4,7 @@
 
 pub mod config;
 pub mod cpu;
+mod engine;
 pub mod error;
 mod frame;
 mod frame_buffers;
