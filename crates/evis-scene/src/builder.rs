@@ -660,18 +660,20 @@ impl SceneBuilder {
         )
     }
 
-    /// A glTF file under a node of its own; returns that node.
+    /// A glTF file under a node of its own, playing `animation` (by name or index; `None` plays the first); returns
+    /// that node.
     ///
     /// # Errors
-    /// A file that cannot be used; see [`SceneBuilder::include`].
+    /// A file that cannot be used, an animation that does not exist; see [`SceneBuilder::include`].
     pub fn gltf(
         &mut self,
         name: impl Into<String>,
         path: &FilePath,
+        animation: Option<&str>,
         labels: Labels,
         placement: Placement,
     ) -> Result<usize, SceneError> {
-        let scene = load_gltf(path)?;
+        let scene = load_gltf(path, animation)?;
         self.include(name, scene, labels, placement)
     }
 
@@ -835,7 +837,7 @@ impl SceneBuilder {
 
 // The three loaders live with their formats; this is the one place that calls them.
 
-fn load_gltf(path: &FilePath) -> Result<Scene, SceneError> {
+fn load_gltf(path: &FilePath, _animation: Option<&str>) -> Result<Scene, SceneError> {
     Err(SceneError::invalid(path, "glTF is not built in yet"))
 }
 

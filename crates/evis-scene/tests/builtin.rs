@@ -1,10 +1,17 @@
 //! The built-in scenes: complete, repeatable, and with pictures that make events.
 
+use std::sync::LazyLock;
+
 use evis_scene::builtin::{class, load, names};
 use evis_scene::{Motion, Scene};
 
-fn scene(name: &str) -> Scene {
-    load(name, 3).unwrap_or_else(|e| panic!("{name}: {e}"))
+/// Every scene once: they are read by several tests.
+static SCENES: LazyLock<Vec<Scene>> = LazyLock::new(|| {
+    names().iter().map(|(name, _)| load(name, 3).unwrap_or_else(|e| panic!("{name}: {e}"))).collect()
+});
+
+fn scene(name: &str) -> &'static Scene {
+    SCENES.iter().find(|scene| scene.name == name).expect("a scene of this name")
 }
 
 fn triangles(scene: &Scene) -> usize {
@@ -37,7 +44,7 @@ fn scenes_have_their_size_and_their_moving_parts() {
         ("desk", 2_000, 40_000, 4),
     ] {
         let scene = scene(name);
-        let count = triangles(&scene);
+        let count = triangles(scene);
         assert!((least..=most).contains(&count), "{name}: {count} triangles");
         let paths = scene.nodes.iter().filter(|n| matches!(n.motion, Motion::Path(_))).count();
         assert!(paths >= moving, "{name}: {paths} paths");
@@ -61,7 +68,7 @@ fn the_seed_is_all_that_changes_a_scene() {
 #[test]
 fn textures_have_contrast_from_texel_to_texel() {
     for (name, _) in names() {
-        for image in scene(name).images {
+        for image in &scene(name).images {
             let log_luma = |i: usize| {
                 let [r, g, b, _] = image.texels[i].map(|c| f64::from(c.to_f32()));
                 (0.2126 * r + 0.7152 * g + 0.0722 * b).max(1e-6).ln()

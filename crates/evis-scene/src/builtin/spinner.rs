@@ -28,7 +28,7 @@ pub(super) fn load(seed: u64) -> Result<Scene, SceneError> {
     let behind = Placement::at([0.0, 0.0, -4.5]);
     scene.shape_with(
         "plane",
-        Shape::Card { size: [11.0; 2] },
+        Shape::Card { size: [13.0; 2] },
         plane,
         ShapeSettings::semantic(class::BUILDING),
         behind,
@@ -36,8 +36,8 @@ pub(super) fn load(seed: u64) -> Result<Scene, SceneError> {
     let path = upright_eight([0.0, 0.0, -2.8], [0.7, 0.35], PERIOD_S, spin(1.5));
     let settings = ShapeSettings::semantic(class::MOVING);
     scene.shape_with("square", Shape::Card { size: [1.6; 2] }, square, settings, Placement::along(path))?;
-    // 70 px/s from travel and up to 60 px/s from the turn on the plane, about 250 px/s at the square's corners.
-    let path = upright_eight([0.0; 3], [0.5, 0.25], PERIOD_S, spin(0.3));
+    // On the plane up to 85 px/s from travel and 60 px/s from the turn; about 250 px/s at the square's corners.
+    let path = upright_eight([0.0; 3], [0.6, 0.3], PERIOD_S, spin(0.3));
     scene.camera(EventCamera::new("camera"), Placement::along(path))?;
     scene.build()
 }

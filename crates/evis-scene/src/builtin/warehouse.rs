@@ -34,8 +34,8 @@ pub(super) fn load(seed: u64) -> Result<Scene, SceneError> {
     thrown(&mut scene, &goods, &mut dice)?;
 
     let eye = Trs { translation: DVec3::new(0.0, 1.75, 3.4), ..Trs::default() };
-    let look_at = Some(DVec3::new(0.0, 1.55, -2.2));
-    let path = Path::FigureEight { start: eye, size: [1.9, 1.1], period_s: 8.0, look_at };
+    let look_at = Some(DVec3::new(0.0, 1.5, -6.5));
+    let path = Path::FigureEight { start: eye, size: [2.0, 1.0], period_s: 5.0, look_at };
     scene.camera(EventCamera::new("camera").fov_y_degrees(58.0), Placement::along(path))?;
     scene.build()
 }

@@ -268,8 +268,12 @@ fn gltf(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
     let name = needed_name(keys)?;
     let file = keys.file("file")?;
     let file = keys.needs("file", file)?;
+    let animation = keys.text("animation")?.map(str::to_owned);
     let labels = labels(keys)?;
-    Ok((name.clone(), Box::new(move |scene, placement| scene.gltf(name, &file, labels, placement))))
+    Ok((
+        name.clone(),
+        Box::new(move |scene, placement| scene.gltf(name, &file, animation.as_deref(), labels, placement)),
+    ))
 }
 
 fn primitive(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {

@@ -1,0 +1,374 @@
+//! Scene files: the same as builder calls, clear about mistakes, and never a panic.
+
+use std::path::{Path, PathBuf};
+
+use evis_scene::builder::{EventCamera, Labels, Placement, SceneBuilder, ShapeSettings};
+use evis_scene::motion::{PathInterpolation, WaveShape, Waveform};
+use evis_scene::primitive::Shape;
+use evis_scene::procedural::{PATTERNS, Pattern, Procedural, srgb};
+use evis_scene::toml_scene::{load, parse};
+use evis_scene::{Light, Material, Motion, Scene, SceneError, Trs, Variant};
+use glam::{DMat4, DQuat, DVec3};
+
+const DOCUMENT: &str = include_str!("../../../docs/scene-files.md");
+
+/// The TOML blocks of the document.
+fn blocks() -> Vec<&'static str> {
+    DOCUMENT.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect()
+}
+
+fn example() -> &'static str {
+    blocks().into_iter().find(|block| block.starts_with("name = ")).expect("the complete example")
+}
+
+/// A folder of its own under the build's, emptied by the next run that takes the same name.
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::create_dir_all(&folder).expect("a writable build folder");
+    folder
+}
+
+fn read(text: &str) -> Result<Scene, SceneError> {
+    parse(text, "")
+}
+
+fn message(text: &str) -> String {
+    read(text).err().map_or_else(|| "no error".into(), |e| e.to_string())
+}
+
+#[test]
+fn the_documented_example_is_a_scene() {
+    let scene = read(example()).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(scene.name, "still life");
+    assert_eq!(scene.duration_s, Some(3.0));
+    assert_eq!(scene.background, srgb(0x202830));
+    assert_eq!(scene.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["left", "hand"]);
+    assert_eq!(scene.cameras[1].threshold_on, Some(0.25));
+    assert_eq!(scene.lights.len(), 2);
+    let seeds: Vec<_> = scene.variants.iter().map(|v| (v.seed_offset, v.time_offset_s)).collect();
+    assert_eq!(seeds, [(0, 0.0), (1, 0.2), (2, 0.4), (100, 0.0)]);
+    assert_eq!(scene.variants[3].node_offsets.len(), 2);
+    assert!(scene.nodes.iter().enumerate().all(|(i, n)| n.parent.is_none_or(|p| p < i)));
+}
+
+#[test]
+fn every_documented_fragment_has_only_keys_that_exist() {
+    assert!(blocks().len() >= 5, "the document has lost its fragments");
+    for block in blocks() {
+        // The files that a fragment names are not there, and that is the only thing wrong with it.
+        let message = message(block);
+        let fine = ["no error", "cannot read", "nothing to draw", "not built in yet"];
+        let fine = fine.iter().any(|m| message.contains(m));
+        assert!(fine, "{message}\n{block}");
+    }
+    for (name, _) in PATTERNS {
+        assert!(DOCUMENT.contains(&format!("`{name}`")), "pattern {name} is not documented");
+    }
+}
+
+/// The part of a scene that can be compared as text.
+fn shown(scene: &Scene) -> String {
+    format!("{scene:#?}")
+}
+
+#[test]
+fn a_file_and_builder_calls_give_equal_scenes() {
+    let text = r##"
+        name = "both"
+        duration_s = 2
+        background = "#102030"
+        ambient = [0.5, 0.25, 0.125]
+        [[textures]]
+        name = "t"
+        pattern = "checker"
+        size = 16
+        seed = 3
+        [[materials]]
+        name = "m"
+        model = "metallic_roughness"
+        texture = "t"
+        metallic = 0.25
+        roughness = 0.5
+        emissive = [1, 1, 1]
+        emissive_strength = 2
+        waveform = { shape = "square", frequency_hz = 50 }
+        [[primitives]]
+        name = "ball"
+        shape = "sphere"
+        radius = 0.5
+        segments = [8, 4]
+        uv_repeat = [2, 1]
+        material = "m"
+        semantic_id = 7
+        parent = "cart"
+        position = [0, 1, 0]
+        motion = { kind = "spin", degrees_per_s = 180, axis = [0, 2, 0] }
+        [[nodes]]
+        name = "cart"
+        position = [1, 0, 0]
+        motion = { kind = "constant_velocity", velocity = [1, 0, 0] }
+        [[lights]]
+        name = "spot"
+        kind = "spot"
+        intensity = 5
+        inner_degrees = 10
+        outer_degrees = 20
+        casts_shadow = true
+        position = [0, 3, 0]
+        look_at = [0, 0, 0]
+        [[cameras]]
+        name = "eye"
+        size = [32, 24]
+        fov_y_degrees = 45
+        threshold_on = 0.5
+        threshold_off = 0.25
+        motion = { kind = "keys", times_s = [0, 1], positions = [[0, 0, 2], [0, 0, 3]] }
+        position = [0, 0.5, 0]
+        [[environments]]
+        [[environments]]
+        time_offset_s = 1.5
+        offsets.cart = { position = [0, 0, 1] }
+    "##;
+    let from_file = read(text).unwrap_or_else(|e| panic!("{e}"));
+
+    let build = |radius: f64| -> Result<Scene, SceneError> {
+        let mut scene = SceneBuilder::new("both");
+        scene.duration_s(2.0)?.background(srgb(0x102030))?.ambient([0.5, 0.25, 0.125])?;
+        let t = scene.procedural("t", &Procedural::new(Pattern::Checker, 16, 3), Default::default())?;
+        let flicker =
+            Waveform { shape: WaveShape::Square, frequency_hz: 50.0, phase: 0.0, low: 0.0, high: 1.0 };
+        let m = Material::glossy("m", 0.25, 0.5).textured(t).emitting([2.0; 3], Some(flicker));
+        let m = scene.material(m)?;
+        let start = Trs { translation: DVec3::X, ..Trs::default() };
+        let drive = evis_scene::motion::Path::ConstantVelocity { start, velocity: DVec3::X };
+        let cart = scene.node("cart", Placement::along(drive))?;
+        let start = Trs { translation: DVec3::Y, ..Trs::default() };
+        let spin = evis_scene::motion::Path::Spin { start, axis: DVec3::Y, rate: std::f64::consts::PI };
+        let labels = Labels { semantic_id: 7, instance_id: 0 };
+        let settings = ShapeSettings { labels, ..ShapeSettings::default().segments(8, 4).repeat(2.0, 1.0) };
+        scene.shape_with("ball", Shape::Sphere { radius }, m, settings, Placement::along(spin).on(cart))?;
+        let spot = Light::spot("spot", 5.0, 10.0, 20.0).with_shadow();
+        scene.light(spot, Placement::looking_at([0.0, 3.0, 0.0], [0.0; 3]))?;
+        let keys = evis_scene::motion::Path::Keys {
+            times: vec![0.0, 1.0],
+            positions: vec![DVec3::Z * 2.0, DVec3::Z * 3.0],
+            rotations: vec![DQuat::IDENTITY; 2],
+            velocities: vec![],
+            interpolation: PathInterpolation::Linear,
+        };
+        let eye = EventCamera::new("eye").size(32, 24).fov_y_degrees(45.0).thresholds(0.5, 0.25);
+        scene.camera(eye, Placement::at([0.0, 0.5, 0.0]).moving(keys))?;
+        scene.variant(Variant::default())?;
+        let node_offsets = vec![(cart, DMat4::from_translation(DVec3::Z))];
+        scene.variant(Variant { seed_offset: 1, time_offset_s: 1.5, node_offsets })?;
+        scene.build()
+    };
+    let from_code = build(0.5).unwrap_or_else(|e| panic!("{e}"));
+    assert!(shown(&from_file) == shown(&from_code), "{:#?}\n{:#?}", from_file.nodes, from_code.nodes);
+    // Canary: another radius is another scene.
+    assert!(build(0.25).is_ok_and(|other| shown(&other) != shown(&from_file)));
+}
+
+const BALL: &str = "[[materials]]\nname = 'm'\n[[primitives]]\nname = 'ball'\nshape = 'sphere'\nradius = 1\nmaterial = 'm'\n";
+
+#[test]
+fn mistakes_are_named_with_their_place_and_the_remedy() {
+    let ball = |more: &str| format!("{BALL}{more}");
+    for (text, expected) in [
+        ("nmae = 'x'".into(), vec!["unknown key 'nmae' at the top level", "did you mean 'name'?"]),
+        (ball("positon = [0, 0, 0]"), vec!["unknown key 'positon' in [[primitives]] 'ball'", "'position'"]),
+        (ball("zzz = 1"), vec!["unknown key 'zzz'", "it takes", "uv_repeat"]),
+        (BALL.replace("radius", "radus"), vec!["'ball'", "'radius' is missing", "there is 'radus'"]),
+        (BALL.replace("= 1", "= 'big'"), vec!["[[primitives]] 'ball': radius is", "big", "a number"]),
+        (BALL.replace("= 1", "= -1"), vec!["[[primitives]] 'ball'", "radius of a sphere is -1", "between"]),
+        (BALL.replace("'sphere'", "'spere'"), vec!["shape is", "spere", "did you mean \"sphere\"?"]),
+        (BALL.replace("material = 'm'", "material = 'n'"), vec!["'ball'", "no material named 'n'", "there is m"]),
+        (ball("parent = 'bal'"), vec!["no object named 'bal'", "ball"]),
+        (ball("parent = 'ball'"), vec!["circle"]),
+        (ball("segments = [1, 1]"), vec!["segments of a sphere are [1, 1]", "between 3 and 1024"]),
+        (ball("look_at = [0, 0, 0]"), vec!["look_at", "the position itself"]),
+        (ball("look_at = [0, 0, 1]\nrotation = [0, 0, 0, 1]"), vec!["rotation and look_at exclude each other"]),
+        (ball("rotation = [0, 0, 0, 2]"), vec!["length 2.0000", "unit quaternion"]),
+        (ball("scale = 0"), vec!["'ball'", "scale", "other than 0"]),
+        (ball("motion = { kind = 'spin' }"), vec!["'ball', motion", "'degrees_per_s' is missing"]),
+        (ball("motion = { kind = 'spin', degrees_per_s = 1, rate = 2 }"), vec!["unknown key 'rate'", "motion"]),
+        (ball("motion = { kind = 'spin', degrees_per_s = 1, axis = [0, 0, 0] }"), vec!["'ball'", "axis is", "not zero"]),
+        (ball("motion = { kind = 'chain', motions = [] }"), vec!["motions is missing or empty"]),
+        (
+            ball("motion = { kind = 'keys', times_s = [1, 0], positions = [[0, 0, 0], [0, 0, 1]] }"),
+            vec!["time 0 s of a path comes after 1 s"],
+        ),
+        (
+            ball("motion = { kind = 'trajectory', file = 'none.csv' }"),
+            vec!["cannot read", "none.csv"],
+        ),
+        ("[[cameras]]\nname = 'c'\nfov_y_degrees = 180".into(), vec!["[[cameras]] 'c': fov_y_degrees is 180", "179"]),
+        ("[[cameras]]\nname = 'c'\nthreshold_on = 0".into(), vec!["threshold_on is 0", "above 0"]),
+        ("[[cameras]]\nname = 'c'\nsize = [0, 4]".into(), vec!["size is [0, 4]", "8192"]),
+        ("[[cameras]]\nname = 'c'\nfx = 100".into(), vec!["'cx' is missing"]),
+        ("[[cameras]]\nname = 'c'\nsize = [8, 8]\nfx = 100\nfov_y_degrees = 60".into(), vec!["fov_y_degrees and fx exclude"]),
+        ("[[cameras]]\nname = 'c'\n[[cameras]]\nname = 'c'".into(), vec!["two cameras are named 'c'"]),
+        ("[[lights]]\nname = 'l'\nkind = 'point'\nintensity = -3".into(), vec!["[[lights]] 'l': intensity is -3", "candela"]),
+        ("[[lights]]\nname = 'l'\nkind = 'point'\nintensity = 1\ncasts_shadow = true".into(), vec!["point light"]),
+        (
+            "[[lights]]\nname = 'l'\nkind = 'point'\nintensity = 1\nwaveform = { shape = 'pwm', frequency_hz = 5, duty = 1 }".into(),
+            vec!["duty is 1"],
+        ),
+        ("[[lights]]\nkind = 'point'\nintensity = 1".into(), vec!["[[lights]] number 1: the key 'name' is missing"]),
+        ("[[textures]]\nname = 't'\npattern = 'brick'".into(), vec!["pattern is", "did you mean \"bricks\"?"]),
+        ("[[textures]]\nname = 't'\npattern = 'wood'\nsize = 8".into(), vec!["size of a procedural texture is 8", "16"]),
+        ("[[textures]]\nname = 't'\npattern = 'wood'\nfile = 'x.png'".into(), vec!["file and pattern exclude"]),
+        ("[[materials]]\nname = 'm'\ntexture = 'none'".into(), vec!["[[materials]] 'm'", "no texture named 'none'"]),
+        ("[[materials]]\nname = 'm'\nmodel = 'metallic_roughness'\nroughness = 2".into(), vec!["roughness is 2", "0 and 1"]),
+        ("[[materials]]\nname = 'm'\ncolor = '#12345g'".into(), vec!["color is", "#rrggbb"]),
+        ("[[materials]]\nname = 'm'\nroughnes = 1".into(), vec!["unknown key 'roughnes' in [[materials]] 'm'"]),
+        ("[[environments]]\ncount = 0".into(), vec!["count is 0", "65536"]),
+        ("[[environments]]\noffsets.x = { position = [0, 0, 1] }".into(), vec!["no object named 'x'"]),
+        ("[[environments]]\ntime_offset_s = -1".into(), vec!["time_offset_s is -1"]),
+        ("duration_s = 0".into(), vec!["duration_s is 0", "above 0"]),
+        ("duration_s = inf".into(), vec!["duration_s is inf"]),
+        ("background = [1, 2]".into(), vec!["background is [1, 2]", "three linear numbers"]),
+        ("materials = 3".into(), vec!["materials is 3", "[[materials]]"]),
+        ("a = = 1".into(), vec!["line 1"]),
+    ] {
+        let message = message(&text);
+        for part in expected {
+            assert!(message.contains(part), "{text}\n=> {message}\nlacks {part}");
+        }
+    }
+    // Canary: the base of all these is fine.
+    assert!(read(BALL).is_ok());
+}
+
+#[test]
+fn files_are_found_beside_the_scene_file_and_named_when_they_are_not() {
+    let folder = folder("scene_files");
+    let scene_file = folder.join("walk.toml");
+    std::fs::write(folder.join("walk.csv"), "# t, x\n1000,1,2,3,0,0,0,1\n2000,1,2,4,0,0,0,1\n")
+        .expect("write");
+    let camera =
+        "[[cameras]]\nname = 'c'\nmotion = { kind = 'trajectory', file = 'walk.csv', time_unit = 'ms' }\n";
+    std::fs::write(&scene_file, format!("{BALL}{camera}")).expect("write");
+    let scene = load(&scene_file).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(scene.name, "walk");
+    let Motion::Path(path) = &scene.nodes[scene.cameras[0].node].motion else { panic!("no path") };
+    let evis_scene::motion::Path::Keys { times, positions, .. } = path.as_ref() else { panic!("{path:?}") };
+    assert_eq!((times.as_slice(), positions[1]), ([0.0, 1.0].as_slice(), DVec3::new(1.0, 2.0, 4.0)));
+
+    let absent = load(folder.join("absent.toml")).err().map_or_else(String::new, |e| e.to_string());
+    assert!(absent.contains("cannot read") && absent.contains("absent.toml"), "{absent}");
+    std::fs::write(&scene_file, "nmae = 1").expect("write");
+    let wrong = load(&scene_file).err().map_or_else(String::new, |e| e.to_string());
+    assert!(wrong.contains("walk.toml: unknown key 'nmae'"), "{wrong}");
+}
+
+#[test]
+fn real_trajectories_are_read() {
+    use std::io::Write;
+    let Some(assets) = std::env::var_os("EVIS_ASSETS") else {
+        // Straight to the stream: the test harness hides what its own macros print.
+        let _ = writeln!(std::io::stderr(), "not run: EVIS_ASSETS is not set");
+        return;
+    };
+    for (file, seconds) in [("poster_6dof.csv", 1.0), ("quadrotor_circles.csv", 1.0)] {
+        let text = format!(
+            "{BALL}[[cameras]]\nname = 'c'\nmotion = {{ kind = 'trajectory', file = 'trajectories/{file}', time_unit = 'ns', interpolation = 'catmull_rom' }}"
+        );
+        let scene = parse(&text, &assets).unwrap_or_else(|e| panic!("{e}"));
+        let Motion::Path(path) = &scene.nodes[scene.cameras[0].node].motion else { panic!("no path") };
+        let evis_scene::motion::Path::Keys { times, rotations, .. } = path.as_ref() else {
+            panic!("{path:?}")
+        };
+        assert!(times.len() > 100 && times[0] == 0.0 && times.last().is_some_and(|t| *t > seconds), "{file}");
+        assert!(rotations.iter().all(|q| q.is_normalized()));
+    }
+}
+
+/// A generator for the mutations below; the tests are the same on every run.
+struct Numbers(u64);
+
+impl Numbers {
+    fn next(&mut self, below: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 33) as usize) % below.max(1)
+    }
+}
+
+#[test]
+fn no_text_makes_it_panic() {
+    // Small pictures, so that thousands of variations stay fast.
+    let base = example().replace("size = 256", "size = 16").replace("size = 128", "size = 16");
+    assert!(read(&base).is_ok());
+    let odd = [
+        "nan",
+        "inf",
+        "-inf",
+        "-1",
+        "0",
+        "1e308",
+        "-9223372036854775808",
+        "9223372036854775807",
+        "1e-320",
+        "''",
+        "'\u{1F980}'",
+        "[]",
+        "[[]]",
+        "{}",
+        "true",
+        "1979-05-27",
+        "[nan, nan, nan]",
+        "[1e308, 1e308, 1e308]",
+        "[0, 0, 0, 0]",
+        "{ kind = 'chain', motions = [{ kind = 'chain', motions = [{}] }] }",
+        "\"#gggggg\"",
+        "\"\"\"",
+    ];
+    let lines: Vec<&str> = base.lines().collect();
+    let mut numbers = Numbers(1);
+    let (mut good, mut bad) = (0, 0);
+    let mut count = |text: &str| match read(text) {
+        Ok(_) => good += 1,
+        Err(error) => {
+            assert!(!error.to_string().is_empty());
+            bad += 1;
+        }
+    };
+    // Every value replaced by every odd one; every line left out.
+    for (i, line) in lines.iter().enumerate() {
+        let replaced = |with: &str| {
+            let mut all = lines.clone();
+            all[i] = with;
+            all.join("\n")
+        };
+        count(&replaced(""));
+        if let Some((key, _)) = line.split_once('=') {
+            for value in odd {
+                count(&replaced(&format!("{key}= {value}")));
+            }
+        }
+    }
+    // Cuts and changed bytes anywhere.
+    for _ in 0..400 {
+        let mut bytes = base.clone().into_bytes();
+        match numbers.next(3) {
+            0 => bytes.truncate(numbers.next(bytes.len())),
+            1 => {
+                let at = numbers.next(bytes.len());
+                bytes.drain(at..(at + numbers.next(40)).min(base.len()));
+            }
+            _ => {
+                for _ in 0..=numbers.next(6) {
+                    let at = numbers.next(bytes.len());
+                    let odd = b"\n\"'[]{}=.,#x0 -_e\\\xff";
+                    bytes[at] = odd[numbers.next(odd.len())];
+                }
+            }
+        }
+        count(&String::from_utf8_lossy(&bytes));
+    }
+    count(&"[".repeat(100_000));
+    count(&format!("a = {}", "[".repeat(10_000)));
+    count(&format!("motion = {}", "{ motions = [".repeat(500)));
+    count("\u{feff}\0");
+    assert!(good > 20 && bad > 500, "{good} good, {bad} bad: the variations have lost their variety");
+}
