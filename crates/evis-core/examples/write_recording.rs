@@ -8,6 +8,7 @@
 
 use std::io::Write;
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
@@ -26,7 +27,17 @@ fn event(i: u64, rate: u64, width: u32, height: u32) -> Event {
     Event::new(t, (h % u64::from(width)) as u16, (h / u64::from(width) % u64::from(height)) as u16, polarity)
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> ExitCode {
+    match write() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn write() -> Result<(), Box<dyn std::error::Error>> {
     let mut out = None;
     let (mut events, mut rate, mut packet, mut cameras) = (1_000_000_u64, 1_000_000_u64, 10_000_u64, 1_usize);
     let (mut width, mut height, mut label_every, mut repair) = (640_u32, 480_u32, 20_000_i64, false);

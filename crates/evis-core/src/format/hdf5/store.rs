@@ -595,8 +595,7 @@ impl Column {
         let spare = match self.retired.iter().position(usable) {
             Some(i) => self.retired.swap_remove(i),
             None => {
-                // Room to grow: the chunk is still filling.
-                let capacity = (bytes + bytes / 4).next_multiple_of(1024);
+                let capacity = self.spare_capacity(bytes);
                 Spare { address: store.allocate(capacity), capacity, retired: Instant::now() }
             }
         };
@@ -607,6 +606,15 @@ impl Column {
         self.current = Some(spare);
         self.tail_rows_stored = self.tail.len() / self.row_bytes;
         Ok(())
+    }
+
+    /// Room for an unfinished chunk of `bytes`, so that later and longer ones fit it too: few blocks then
+    /// serve a slow stream for hours.
+    fn spare_capacity(&self, bytes: u64) -> u64 {
+        let rows = (self.tail.len() / self.row_bytes).max(1) as u64;
+        let chunk_rows = self.rows_per_chunk as u64;
+        let room = if rows * 16 < chunk_rows { bytes * 2 } else { bytes * chunk_rows / rows };
+        (room + room / 8).next_multiple_of(1024)
     }
 
     /// Writes the chunk index.

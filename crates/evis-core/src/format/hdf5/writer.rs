@@ -571,12 +571,23 @@ fn creation_error(path: &Path, error: &Hdf5Error) -> FormatError {
 /// Writes the empty file: groups, scalars, links and data sets without rows.
 fn lay_out(path: &Path, header: &RecordingHeader) -> Result<(), Hdf5Error> {
     let file = H5File::create(path)?;
+    match fill(&file, header) {
+        Ok(()) => file.close_no_sync(),
+        Err(error) => {
+            // Dropped, the crate would try to finalize the file and print that it cannot.
+            std::mem::forget(file);
+            Err(error)
+        }
+    }
+}
+
+fn fill(file: &H5File, header: &RecordingHeader) -> Result<(), Hdf5Error> {
     if let Some(first) = header.cameras.first() {
         file.set_attr_numeric("width", &i64::from(first.width))?;
         file.set_attr_numeric("height", &i64::from(first.height))?;
     }
     for camera in &header.cameras {
-        lay_out_camera(&file, camera, header)?;
+        lay_out_camera(file, camera, header)?;
     }
     if let [only] = header.cameras.as_slice() {
         let root = file.root_group();
@@ -594,8 +605,7 @@ fn lay_out(path: &Path, header: &RecordingHeader) -> Result<(), Hdf5Error> {
     let names: Vec<&str> = header.cameras.iter().map(|c| c.name.as_str()).collect();
     evis.write_vlen_strings("cameras", &names)?;
     evis.write_vlen_strings("config_toml", &[&header.config_toml])?;
-    rows::<u8>(&evis, "report_json", EVENTS_PER_CHUNK, &[])?;
-    file.close_no_sync()
+    rows::<u8>(&evis, "report_json", EVENTS_PER_CHUNK, &[])
 }
 
 fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) -> Result<(), Hdf5Error> {
