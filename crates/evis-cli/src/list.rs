@@ -8,7 +8,8 @@ use crate::{scene_source, text};
 
 #[derive(Serialize)]
 struct SceneLine {
-    name: String,
+    name: &'static str,
+    shows: &'static str,
     duration_s: Option<f64>,
     cameras: Vec<String>,
     environments: usize,
@@ -18,10 +19,11 @@ struct SceneLine {
 /// Lists the built-in scenes.
 pub(crate) fn scenes(args: &ListArgs) -> anyhow::Result<i32> {
     let mut lines = Vec::new();
-    for name in scene_source::names() {
-        let scene = scene_source::describe(&name)?;
+    for (name, shows) in scene_source::builtins() {
+        let scene = scene_source::describe(name)?;
         lines.push(SceneLine {
             name,
+            shows,
             duration_s: scene.duration_s,
             cameras: scene.cameras.iter().map(|c| c.name.clone()).collect(),
             environments: scene.variants.len().max(1),
@@ -33,12 +35,11 @@ pub(crate) fn scenes(args: &ListArgs) -> anyhow::Result<i32> {
         return Ok(0);
     }
     for line in lines {
-        let duration = line.duration_s.map_or("no end".into(), |s| format!("{s} s"));
         text::say(&format!(
-            "{:<12} {:>8}  {:>8} triangles  cameras: {}",
+            "{}: {}\n    {} triangles, cameras: {}",
             line.name,
-            duration,
-            line.triangles,
+            line.shows,
+            text::grouped(line.triangles as u64),
             line.cameras.join(", ")
         ));
     }
