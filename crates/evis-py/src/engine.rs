@@ -1,0 +1,191 @@
+//! Every call of the engine's crates that is more than a method, in one place; names become enums here.
+
+use std::path::Path;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity, TriggerRule};
+use evis_render::{Antialias, DeviceSummary, EngineError, Method, Packet, PacketStream};
+use evis_scene::SceneError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::door::EnterEngine;
+use crate::errors::Failure;
+use crate::packet;
+
+/// Looks `name` up in `choices`.
+fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, Failure> {
+    choices.iter().find(|(known, _)| *known == name).map(|(_, value)| *value).ok_or_else(|| {
+        let known: Vec<_> = choices.iter().map(|(known, _)| format!("'{known}'")).collect();
+        ConfigError::new(what, format!("'{name}'"), known.join(" or ")).into()
+    })
+}
+
+pub(crate) fn trigger(name: &str) -> Result<TriggerRule, Failure> {
+    choose("trigger", name, &[("crossing", TriggerRule::Crossing), ("latch", TriggerRule::Latch)])
+}
+
+pub(crate) fn method(name: &str) -> Result<Method, Failure> {
+    choose("method", name, &[("native", Method::Native)])
+}
+
+pub(crate) fn antialias(name: &str) -> Result<Antialias, Failure> {
+    choose("antialias", name, &[("samples", Antialias::Samples), ("edges", Antialias::Edges)])
+}
+
+/// Label names; `flow` stands for both directions and their masks.
+pub(crate) fn labels(names: &[String]) -> Result<Vec<LabelKind>, Failure> {
+    let known: Vec<_> = LabelKind::ALL.iter().map(|kind| (kind.name(), *kind)).collect();
+    let mut kinds = Vec::new();
+    for name in names {
+        if name == "flow" {
+            kinds.extend(LabelKind::ALL.iter().filter(|kind| kind.name().starts_with("flow_")));
+        } else {
+            kinds.push(choose("labels", name, &known)?);
+        }
+    }
+    kinds.sort();
+    kinds.dedup();
+    Ok(kinds)
+}
+
+pub(crate) fn camera_dict<'py>(py: Python<'py>, camera: &CameraInfo) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("name", &camera.name)?;
+    dict.set_item("width", camera.width)?;
+    dict.set_item("height", camera.height)?;
+    dict.set_item("fx", camera.fx)?;
+    dict.set_item("fy", camera.fy)?;
+    dict.set_item("cx", camera.cx)?;
+    dict.set_item("cy", camera.cy)?;
+    Ok(dict)
+}
+
+pub(crate) fn device_dict<'py>(py: Python<'py>, device: &DeviceSummary) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("index", device.index)?;
+    dict.set_item("name", &device.name)?;
+    dict.set_item("backend", &device.backend)?;
+    dict.set_item("kind", &device.kind)?;
+    dict.set_item("driver", &device.driver)?;
+    Ok(dict)
+}
+
+/// What a wait for a packet ended with.
+pub(crate) enum Wait {
+    Packet(Packet),
+    Later,
+    Ended,
+}
+
+/// A packet stream that can be waited for with a time limit, so that Ctrl-C is seen while a packet renders.
+pub(crate) struct Ahead {
+    packets: Option<Receiver<Result<Packet, Failure>>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Ahead {
+    pub(crate) fn new(stream: PacketStream) -> Self {
+        let (sender, packets) = sync_channel(1);
+        let thread = std::thread::spawn(move || {
+            for packet in stream {
+                let failed = packet.is_err();
+                if sender.send(packet.map_err(Failure::from)).is_err() || failed {
+                    break;
+                }
+            }
+        });
+        Self { packets: Some(packets), thread: Some(thread) }
+    }
+
+    /// The next packet, if it comes within `wait`.
+    pub(crate) fn next_within(&mut self, wait: Duration) -> Result<Wait, Failure> {
+        let Some(packets) = &self.packets else { return Ok(Wait::Ended) };
+        match packets.recv_timeout(wait) {
+            Ok(packet) => packet.map(Wait::Packet),
+            Err(RecvTimeoutError::Timeout) => Ok(Wait::Later),
+            Err(RecvTimeoutError::Disconnected) => {
+                self.packets = None;
+                match self.thread.take().map(JoinHandle::join) {
+                    // The door turns it into an exception.
+                    Some(Err(panic)) => std::panic::resume_unwind(panic),
+                    _ => Ok(Wait::Ended),
+                }
+            }
+        }
+    }
+}
+
+impl Drop for Ahead {
+    fn drop(&mut self) {
+        // The receiver goes first: the thread then fails to send and ends.
+        self.packets = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic there has nobody left to tell.
+            let _ = thread.join();
+        }
+    }
+}
+
+pub(crate) fn builtin_scene(name: &str, seed: u64) -> Result<evis_scene::Scene, SceneError> {
+    evis_scene::builtin::load(name, seed)
+}
+
+pub(crate) fn load_scene(path: &Path) -> Result<evis_scene::Scene, Failure> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    match ending.as_deref() {
+        Some("toml") => Ok(evis_scene::toml_scene::load(path)?),
+        Some("gltf" | "glb") => Ok(evis_scene::gltf::load(path, &Default::default())?),
+        _ => Err(ConfigError::new(
+            "path",
+            format!("'{}'", path.display()),
+            "a .toml, .gltf or .glb file (built-in scenes: Scene.builtin)",
+        )
+        .into()),
+    }
+}
+
+pub(crate) fn parse_scene(text: &str, base: &Path) -> Result<evis_scene::Scene, SceneError> {
+    evis_scene::toml_scene::parse(text, base)
+}
+
+pub(crate) fn builtin_names() -> Vec<String> {
+    evis_scene::builtin::names().iter().map(|name| (*name).to_string()).collect()
+}
+
+/// Per kind of label: name, NumPy dtype, values per pixel.
+pub(crate) fn label_kinds() -> Vec<(&'static str, &'static str, usize)> {
+    LabelKind::ALL.iter().map(|kind| (kind.name(), packet::dtype(*kind), kind.channels())).collect()
+}
+
+/// What the tests see of the door and of the arrays without a device.
+pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
+    let failure = match kind {
+        "events" => {
+            let events =
+                (0..1000_u16).map(|k| Event::new(i64::from(k) * 10, k, k / 2, Polarity::On)).collect();
+            return Ok(packet::events_with_address(py, events)?.into_any().unbind());
+        }
+        "wait" => {
+            py.enter_engine(|| {
+                std::thread::sleep(Duration::from_millis(300));
+                Ok::<_, Failure>(())
+            })?;
+            return Ok(py.None());
+        }
+        "panic" => return py.enter_engine(|| -> Result<Py<PyAny>, Failure> { panic!("probe") }),
+        "config" => ConfigError::new("rate", -1, "above 0").into(),
+        "scene io" => {
+            SceneError::Io { path: "missing.glb".into(), source: std::io::Error::from_raw_os_error(2) }.into()
+        }
+        "scene invalid" => SceneError::invalid("bad.glb", "wrong magic").into(),
+        "scene unknown" => {
+            SceneError::Unknown { what: "camera", name: "x".into(), known: vec!["left".into()] }.into()
+        }
+        "device" => EngineError::Device("no driver".into()).into(),
+        other => Failure::Engine(format!("no probe named '{other}'")),
+    };
+    py.enter_engine(|| Err::<Py<PyAny>, _>(failure))
+}
