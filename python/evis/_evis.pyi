@@ -5,6 +5,26 @@ from typing import Any, final
 import numpy as np
 import numpy.typing as npt
 
+__all__ = [
+    "ConfigError",
+    "DeviceError",
+    "EvisError",
+    "FormatError",
+    "Label",
+    "Packet",
+    "Scene",
+    "Simulator",
+    "Stream",
+    "View",
+    "__version__",
+    "_probe",
+    "event_dtype",
+    "label_kinds",
+    "list_devices",
+    "run_cli",
+    "scene_names",
+]
+
 __version__: str
 
 class EvisError(Exception): ...
@@ -18,6 +38,7 @@ def scene_names() -> list[str]: ...
 def list_devices() -> list[dict[str, Any]]: ...
 def run_cli(args: list[str]) -> int: ...
 def _probe(kind: str) -> Any: ...
+
 @final
 class Scene:
     @staticmethod

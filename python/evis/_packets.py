@@ -46,7 +46,7 @@ class CameraInfo:
 
     @property
     def matrix(self) -> npt.NDArray[np.float64]:
-        """Return the intrinsic matrix, float64 (3, 3), for pixel centres at +0.5 (x right, y down, z forward)."""
+        """Intrinsic matrix, float64 (3, 3); x right, y down, z forward, pixel centres at +0.5."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
@@ -74,12 +74,13 @@ class Poses:
 
     @property
     def matrix(self) -> npt.NDArray[np.float64]:
-        """Return ``world_from_camera`` matrices, float64 (N, 4, 4)."""
+        """Matrices ``world_from_camera``, float64 (N, 4, 4)."""
         x, y, z, w = self.rotation.T
         made = np.zeros((len(self), 4, 4))
-        made[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=-1)
-        made[:, 1, :3] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], axis=-1)
-        made[:, 2, :3] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=-1)
+        made[:, 0, :3] = np.stack([0.5 - y * y - z * z, x * y - z * w, x * z + y * w], axis=-1)
+        made[:, 1, :3] = np.stack([x * y + z * w, 0.5 - x * x - z * z, y * z - x * w], axis=-1)
+        made[:, 2, :3] = np.stack([x * z - y * w, y * z + x * w, 0.5 - x * x - y * y], axis=-1)
+        made *= 2.0
         made[:, :3, 3] = self.position
         made[:, 3, 3] = 1.0
         return made
@@ -120,7 +121,7 @@ class Labels:
 
     @property
     def data(self) -> npt.NDArray[Any]:
-        """Return all images as one array (N, H, W) or (N, H, W, C); a copy where N > 1."""
+        """All images as one array (N, H, W) or (N, H, W, C); a copy where N > 1."""
         if len(self.images) == 1:
             return self.images[0][np.newaxis]
         if self.images:
@@ -412,9 +413,8 @@ class Packet(_OneView):
 
     def __repr__(self) -> str:
         """Say when, and count views and events."""
-        return (
-            f"Packet({self.start_us} to {self.end_us} us, {len(self.views)} views, {self.report.events} events)"
-        )
+        span = f"{self.start_us} to {self.end_us} us"
+        return f"Packet({span}, {len(self.views)} views, {self.report.events} events)"
 
 
 def labels_from(

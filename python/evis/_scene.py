@@ -61,3 +61,112 @@ class EventCamera:
     near: float | None = None
     threshold_on: float | None = None
     threshold_off: float | None = None
+
+
+class Scene:
+    """What the world holds and where everything is at any time; immutable, shared by simulators.
+
+    Right-handed, metres, +Y up; colours are linear (Rec. 709 primaries). Made by `builtin`, `load`,
+    `from_toml` or a `SceneBuilder`.
+    """
+
+    __slots__ = ("_raw",)
+
+    def __init__(self, raw: _evis.Scene) -> None:
+        self._raw = raw
+
+    @classmethod
+    def builtin(cls, name: str, *, seed: int = 0) -> Scene:
+        """Make a built-in scene; `evis.scenes` lists them.
+
+        Parameters
+        ----------
+        name : str
+            ``warehouse``, ``spinner``, ``street`` or ``desk``.
+        seed : int
+            Varies what is random in the scene; at least 0.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such scene; lists those that exist.
+        """
+        if not 0 <= seed < 2**64:
+            raise ConfigError(f"seed is {seed}; it must be between 0 and 2**64 - 1")
+        return cls(_evis.Scene.builtin(name, seed))
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Scene:
+        """Load a ``.toml``, ``.gltf`` or ``.glb`` file.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be read.
+        FormatError
+            If its content is not usable; says where and why.
+        ConfigError
+            If the file's ending is another, or the scene breaks a rule.
+        """
+        return cls(_evis.Scene.load(path))
+
+    @classmethod
+    def from_toml(cls, text: str, *, base: str | PathLike[str] = ".") -> Scene:
+        """Read a scene file's text.
+
+        Parameters
+        ----------
+        text : str
+            The text of a TOML scene file.
+        base : path
+            Folder at which relative paths in it start.
+
+        Raises
+        ------
+        OSError
+            If a file that it names cannot be read.
+        FormatError
+            If the text is not usable; an unknown key is named with the nearest known one.
+        ConfigError
+            If the scene breaks a rule.
+        """
+        return cls(_evis.Scene.from_toml(text, base))
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return self._raw.name
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the scene's event cameras, in the order in which they are rendered."""
+        return tuple(self._raw.cameras)
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of the scene's nodes, parents before children."""
+        return tuple(self._raw.nodes)
+
+    @property
+    def environments(self) -> int:
+        """Environments of a batch: variants of the scene, at least 1."""
+        return self._raw.environments
+
+    @property
+    def duration(self) -> float | None:
+        """Seconds that the scene's motion lasts; None where it has no end."""
+        return self._raw.duration_s
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the loader had to say, once each."""
+        return tuple(self._raw.warnings)
+
+    def __repr__(self) -> str:
+        """Say what it holds."""
+        return f"Scene({self.name!r}, {len(self.nodes)} nodes, cameras {', '.join(self.cameras) or 'none'})"
+
+
+def scenes() -> tuple[str, ...]:
+    """Names of the built-in scenes."""
+    return tuple(_evis.scene_names())

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 Trigger: TypeAlias = Literal["crossing", "latch"]
-"""``crossing``: every threshold crossing at its own time. ``latch``: at most one event per pixel and sample."""
+"""``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

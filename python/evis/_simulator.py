@@ -81,9 +81,11 @@ class Simulator:
     antialias : {"samples", "edges"}
         ``samples``: visibility and shading at every sample. ``edges``: visibility at 4, shading once.
     cameras : sequence of str or EventCamera, optional
-        Cameras to render: names of the scene's own, or cameras to add to it. All of the scene's where not given.
+        Cameras to render: names of the scene's own, or cameras to add to it; all of the scene's if not
+        given.
     size : (int, int), optional
-        Width and height in pixels of every camera; each camera's own (640x480 where it has none) if not given.
+        Width and height in pixels of every camera; if not given, each camera's own (640x480 where it has
+        none).
     labels : sequence of str
         Any of ``depth``, ``flow``, ``instance``, ``semantic``, ``normal``, ``hdr``; ``flow`` stands for
         ``flow_forward`` and ``flow_backward`` with their validity masks.
@@ -146,13 +148,13 @@ class Simulator:
             samples=_whole("samples", samples, 2**32),
             antialias=antialias,
             cameras=names,
-            size=None if size is None else (_whole("width", size[0], 2**32), _whole("height", size[1], 2**32)),
+            size=_size(size),
             start_us=micros("start", start),
             seed=_whole("seed", seed, 2**64),
             labels=list(labels),
             label_rate_hz=label_rate_hz,
             reference_luminance=reference_luminance,
-            device=str(device.index) if isinstance(device, Device) else None if device is None else str(device),
+            device=_selector(device),
         )
         self._start_us = micros("start", start)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
@@ -292,6 +294,19 @@ class Stream(Iterator[Packet]):
     ) -> None:
         """Stop the engine."""
         self.close()
+
+
+def _size(size: tuple[int, int] | None) -> tuple[int, int] | None:
+    if size is None:
+        return None
+    width, height = size
+    return _whole("width", width, 2**32), _whole("height", height, 2**32)
+
+
+def _selector(device: Device | str | int | None) -> str | None:
+    if device is None:
+        return None
+    return str(device.index) if isinstance(device, Device) else str(device)
 
 
 def _whole(what: str, value: int, limit: int) -> int:

@@ -14,9 +14,7 @@ from ._evis import ConfigError
 
 def document(tables: Mapping[str, object]) -> str:
     """Write top-level keys; sequences of mappings become arrays of inline tables. None is left out."""
-    return "".join(
-        f"{_key(key)} = {value(key, item)}\n" for key, item in tables.items() if item is not None
-    )
+    return "".join(f"{_key(key)} = {value(key, item)}\n" for key, item in tables.items() if item is not None)
 
 
 def value(what: str, item: object) -> str:
