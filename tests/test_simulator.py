@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from test_door import interrupted
 
 import evis
 
 SMALL: dict[str, Any] = {"size": (64, 48), "rate_hz": 500.0, "samples": 1}
 
 
-def streamed(scene: evis.Scene, *, duration: float = 0.06, packet_us: int = 10_000, **settings: Any) -> list[evis.Packet]:
+def streamed(
+    scene: evis.Scene, *, duration: float = 0.06, packet_us: int = 10_000, **settings: Any
+) -> list[evis.Packet]:
     sim = evis.Simulator(scene, **{**SMALL, **settings})
     with sim.stream(duration=duration, packet_us=packet_us) as stream:
         return list(stream)
@@ -41,7 +46,11 @@ def same(one: list[npt.NDArray[Any]], other: list[npt.NDArray[Any]]) -> bool:
 
 def test_packets_tile_time(spinner: evis.Scene):
     packets = streamed(spinner, duration=0.025)
-    assert [(packet.start_us, packet.end_us) for packet in packets] == [(0, 10_000), (10_000, 20_000), (20_000, 25_000)]
+    assert [(packet.start_us, packet.end_us) for packet in packets] == [
+        (0, 10_000),
+        (10_000, 20_000),
+        (20_000, 25_000),
+    ]
     for packet in packets:
         assert ((packet.t >= packet.start_us) & (packet.t < packet.end_us)).all()
     assert sum(len(packet.events) for packet in packets) > 0
@@ -103,7 +112,9 @@ def test_labels_have_shapes_and_times(spinner: evis.Scene):
 
 def test_cameras_can_be_added(spinner: evis.Scene):
     left = evis.EventCamera(name="extra left", width=48, height=32, position=(-0.05, 0.0, 3.0))
-    right = evis.EventCamera(name="extra right", width=32, height=32, position=(0.05, 0.0, 3.0), fov_y_degrees=40.0)
+    right = evis.EventCamera(
+        name="extra right", width=32, height=32, position=(0.05, 0.0, 3.0), fov_y_degrees=40.0
+    )
     sim = evis.Simulator(spinner, cameras=[left, right], rate_hz=500.0, samples=1)
     assert [(camera.name, camera.width, camera.height) for camera in sim.cameras] == [
         ("extra left", 48, 32),
@@ -208,3 +219,29 @@ def test_unknown_scenes_are_refused():
     with pytest.raises(evis.ConfigError, match=r"\.toml, \.gltf or \.glb"):
         evis.Scene.load("scene.obj")
     assert {"warehouse", "spinner", "street", "desk"} <= set(evis.scenes())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_ctrl_c_stops_a_stream_and_keeps_its_file(device: evis.Device, tmp_path: Path):
+    path = tmp_path / "out.h5"
+    script = f"""
+        import time
+        import evis
+
+        sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48), samples=1)
+        try:
+            with sim.stream(duration=100_000.0) as stream, evis.Writer({str(path)!r}, sim) as writer:
+                for number, packet in enumerate(stream):
+                    writer.write(packet)
+                    if number == 3:
+                        print("ready", flush=True)
+        except KeyboardInterrupt:
+            print("stopped", flush=True)
+    """
+    began = time.perf_counter()
+    assert "stopped" in interrupted(script)
+    assert time.perf_counter() - began < 30.0
+    recording = evis.load(path)
+    assert not recording.complete
+    assert len(recording.events) > 0
+    assert recording.poses.t_us[-1] >= 20_000

@@ -13,6 +13,7 @@ pixel; polarity is ON = 1, OFF = 0.
 
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
+from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
 from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Sensor
@@ -33,14 +34,20 @@ __all__ = [
     "Labels",
     "Packet",
     "Poses",
+    "RecordedLabels",
+    "RecordedView",
+    "Recording",
     "Report",
     "Scene",
     "Sensor",
     "Simulator",
     "Stream",
     "View",
+    "Writer",
     "__version__",
     "as_event_cd",
     "devices",
+    "load",
+    "save",
     "scenes",
 ]

@@ -150,13 +150,14 @@ class Simulator:
             cameras=names,
             size=_size(size),
             start_us=micros("start", start),
-            seed=_whole("seed", seed, 2**64),
+            seed=_whole("seed", seed, 2**63),
             labels=list(labels),
             label_rate_hz=label_rate_hz,
             reference_luminance=reference_luminance,
             device=_selector(device),
         )
         self._start_us = micros("start", start)
+        self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
         self._labels = tuple(self._engine.labels)
 
@@ -184,6 +185,16 @@ class Simulator:
     def labels(self) -> tuple[str, ...]:
         """Kinds of labels that packets carry."""
         return self._labels
+
+    @property
+    def seed(self) -> int:
+        """Seed of everything random."""
+        return self._seed
+
+    @property
+    def config_toml(self) -> str:
+        """The settings in force as TOML, as event files store them."""
+        return self._engine.config_toml
 
     @property
     def reference_luminance(self) -> float | None:
@@ -256,7 +267,8 @@ class Simulator:
             left_us = micros("duration", end) - self._start_us - self.now_us
         else:
             left_us = micros("duration", duration)
-        return Stream(self, self._engine.stream(left_us, packet_us))
+        end_us = self.now_us + left_us
+        return Stream(self, self._engine.stream(left_us, packet_us), end_us)
 
     def __repr__(self) -> str:
         """Say what renders where."""
@@ -267,14 +279,20 @@ class Simulator:
 class Stream(Iterator[Packet]):
     """Packets in order, made by `Simulator.stream`. Leaving it, by ``with`` or `close`, stops the engine."""
 
-    def __init__(self, simulator: Simulator, engine: _evis.Stream) -> None:
+    def __init__(self, simulator: Simulator, engine: _evis.Stream, end_us: int) -> None:
         self._simulator = simulator
+        self._end_us = end_us
         self._engine = engine
 
     @property
     def simulator(self) -> Simulator:
         """The simulator that it came from."""
         return self._simulator
+
+    @property
+    def end_us(self) -> int:
+        """Stream time at which the stream ends, in microseconds."""
+        return self._end_us
 
     def __next__(self) -> Packet:
         """Wait for the next packet; the GIL is released meanwhile."""

@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity, TriggerRule};
-use evis_render::{Antialias, DeviceSummary, EngineError, Method, Packet, PacketStream};
+use evis_render::{Antialias, DeviceSummary, EngineError, Method, Packet, PacketStream, RunConfig};
 use evis_scene::SceneError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -35,15 +35,20 @@ pub(crate) fn antialias(name: &str) -> Result<Antialias, Failure> {
     choose("antialias", name, &[("samples", Antialias::Samples), ("edges", Antialias::Edges)])
 }
 
+/// One kind of label by its name.
+pub(crate) fn label(name: &str) -> Result<LabelKind, Failure> {
+    let known: Vec<_> = LabelKind::ALL.iter().map(|kind| (kind.name(), *kind)).collect();
+    choose("label", name, &known)
+}
+
 /// Label names; `flow` stands for both directions and their masks.
 pub(crate) fn labels(names: &[String]) -> Result<Vec<LabelKind>, Failure> {
-    let known: Vec<_> = LabelKind::ALL.iter().map(|kind| (kind.name(), *kind)).collect();
     let mut kinds = Vec::new();
     for name in names {
         if name == "flow" {
             kinds.extend(LabelKind::ALL.iter().filter(|kind| kind.name().starts_with("flow_")));
         } else {
-            kinds.push(choose("labels", name, &known)?);
+            kinds.push(label(name)?);
         }
     }
     kinds.sort();
@@ -61,6 +66,18 @@ pub(crate) fn camera_dict<'py>(py: Python<'py>, camera: &CameraInfo) -> PyResult
     dict.set_item("cx", camera.cx)?;
     dict.set_item("cy", camera.cy)?;
     Ok(dict)
+}
+
+pub(crate) fn camera_info(dict: &Bound<'_, PyDict>) -> PyResult<CameraInfo> {
+    Ok(CameraInfo {
+        name: dict.as_any().get_item("name")?.extract()?,
+        width: dict.as_any().get_item("width")?.extract()?,
+        height: dict.as_any().get_item("height")?.extract()?,
+        fx: dict.as_any().get_item("fx")?.extract()?,
+        fy: dict.as_any().get_item("fy")?.extract()?,
+        cx: dict.as_any().get_item("cx")?.extract()?,
+        cy: dict.as_any().get_item("cy")?.extract()?,
+    })
 }
 
 pub(crate) fn device_dict<'py>(py: Python<'py>, device: &DeviceSummary) -> PyResult<Bound<'py, PyDict>> {
@@ -188,4 +205,16 @@ pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
         other => Failure::Engine(format!("no probe named '{other}'")),
     };
     py.enter_engine(|| Err::<Py<PyAny>, _>(failure))
+}
+
+/// Everything that makes a stream what it is, as event files store it.
+pub(crate) fn config_toml(scene: &str, environments: usize, config: &RunConfig) -> Result<String, Failure> {
+    let unstorable =
+        |error: toml::ser::Error| Failure::Config(format!("the settings cannot be stored: {error}"));
+    let mut table = toml::Table::new();
+    table.insert("evis".into(), env!("CARGO_PKG_VERSION").into());
+    table.insert("scene".into(), scene.into());
+    table.insert("environments".into(), toml::Value::try_from(environments).map_err(unstorable)?);
+    table.insert("run".into(), toml::Value::try_from(config).map_err(unstorable)?);
+    toml::to_string(&table).map_err(unstorable)
 }

@@ -1,11 +1,12 @@
 //! Rust errors become Python exceptions, each in exactly one place.
 
-use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyFileExistsError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyTuple, PyType};
 
 use evis_core::ConfigError;
+use evis_core::format::FormatError;
 use evis_render::EngineError;
 use evis_scene::SceneError;
 
@@ -20,6 +21,8 @@ pub(crate) enum Failure {
     Format(String),
     /// `DeviceError`.
     Device(String),
+    /// `FileExistsError`.
+    Exists(String),
     /// `OSError`; Python picks the subclass by the error number.
     Io { path: Option<String>, source: std::io::Error },
 }
@@ -36,6 +39,17 @@ impl From<SceneError> for Failure {
             SceneError::Io { path, source } => Self::Io { path: Some(path.display().to_string()), source },
             SceneError::Invalid { .. } => Self::Format(error.to_string()),
             SceneError::Rule(_) | SceneError::Unknown { .. } => Self::Config(error.to_string()),
+        }
+    }
+}
+
+impl From<FormatError> for Failure {
+    fn from(error: FormatError) -> Self {
+        let path = Some(error.path().display().to_string());
+        match error {
+            FormatError::Io { source, .. } => Self::Io { path, source },
+            FormatError::Exists { .. } => Self::Exists(error.to_string()),
+            _ => Self::Format(error.to_string()),
         }
     }
 }
@@ -57,6 +71,7 @@ impl From<Failure> for PyErr {
             Failure::Config(message) => raise(py, &CONFIG_ERROR, message),
             Failure::Format(message) => raise(py, &FORMAT_ERROR, message),
             Failure::Device(message) => raise(py, &DEVICE_ERROR, message),
+            Failure::Exists(message) => PyFileExistsError::new_err(message),
             Failure::Io { path, source } => match (source.raw_os_error(), path) {
                 (Some(code), Some(path)) => PyOSError::new_err((code, reason(&source), path)),
                 (Some(code), None) => PyOSError::new_err((code, reason(&source))),

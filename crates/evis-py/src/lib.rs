@@ -5,6 +5,7 @@ mod engine;
 mod errors;
 mod events;
 mod packet;
+mod recording;
 mod scene;
 mod simulator;
 
@@ -19,6 +20,8 @@ mod _evis {
 
     #[pymodule_export]
     use crate::packet::{Label, Packet, View};
+    #[pymodule_export]
+    use crate::recording::{Recording, Writer};
     #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]

@@ -26,6 +26,7 @@ pub(crate) struct Simulator {
     cameras: Vec<CameraInfo>,
     environments: usize,
     config: RunConfig,
+    scene: String,
     device: evis_render::DeviceSummary,
     now_us: AtomicI64,
 }
@@ -42,7 +43,7 @@ fn sizes(cameras: &[CameraInfo]) -> Vec<(u32, u32)> {
 }
 
 /// A lock that a panic has poisoned still holds a usable `Option`: the panic was already reported.
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
@@ -90,6 +91,7 @@ impl Simulator {
         };
         config.check().map_err(Failure::from)?;
         let scene = scene.shared();
+        let name = scene.name.clone();
         py.enter_engine(move || {
             let gpu = Gpu::open(device.as_deref())?;
             let simulator = evis_render::Simulator::new(&gpu, scene, config)?;
@@ -97,6 +99,7 @@ impl Simulator {
                 cameras: simulator.cameras().to_vec(),
                 environments: simulator.environments(),
                 config: simulator.config().clone(),
+                scene: name,
                 device: gpu.summary().clone(),
                 now_us: AtomicI64::new(simulator.now_us()),
                 engine: Mutex::new(Some(simulator)),
@@ -118,6 +121,12 @@ impl Simulator {
     #[getter]
     fn device<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         engine::device_dict(py, &self.device)
+    }
+
+    /// The settings in force as TOML, with `reference_luminance` filled in; what event files store.
+    #[getter]
+    fn config_toml(&self) -> PyResult<String> {
+        engine::config_toml(&self.scene, self.environments, &self.config).map_err(Into::into)
     }
 
     #[getter]
