@@ -13,3 +13,9 @@ pub enum EngineError {
     #[error("{0}")]
     Device(String),
 }
+
+impl From<wgpu::PollError> for EngineError {
+    fn from(error: wgpu::PollError) -> Self {
+        Self::Device(format!("the device stopped answering: {error}; run again, or choose another --device"))
+    }
+}

@@ -1,12 +1,28 @@
 //! EVIS engine: renders batches of views of a moving scene and feels them as event sensors would.
 //!
-//! Data flows one way: scene -> raster -> luminance -> trigger -> packets; `PixelMemory` is the only loop.
+//! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop.
 
 pub mod config;
+mod engine;
 pub mod error;
+mod frame;
+mod frame_buffers;
 pub mod gpu;
+mod gpu_scene;
+mod interval;
+mod labels;
 pub mod packet;
+mod pass;
+pub mod pattern;
+mod shader;
+mod shadow;
 pub mod simulator;
+pub mod sizes;
+mod targets;
+mod uniforms;
+mod unpack;
+mod variant;
+pub mod view;
 
 pub use config::{Antialias, Method, RunConfig};
 pub use error::EngineError;

@@ -1,19 +1,29 @@
 //! The simulator: a scene, its cameras and a device; yields packets.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread::JoinHandle;
 
-use evis_core::CameraInfo;
+use evis_core::{CameraInfo, ConfigError};
 use evis_scene::Scene;
 
 use crate::config::RunConfig;
+use crate::engine::Engine;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::packet::Packet;
+use crate::view;
+
+/// Packets that a stream renders ahead of its reader.
+const AHEAD: usize = 4;
 
 /// Renders a scene and streams its events.
 pub struct Simulator {
     cameras: Vec<CameraInfo>,
+    environments: usize,
     config: RunConfig,
+    engine: Engine,
 }
 
 impl Simulator {
@@ -21,9 +31,20 @@ impl Simulator {
     ///
     /// # Errors
     /// A setting that cannot be used, a camera that does not exist, or a device that is too small.
-    pub fn new(_gpu: &Gpu, _scene: Arc<Scene>, config: RunConfig) -> Result<Self, EngineError> {
+    pub fn new(gpu: &Gpu, scene: Arc<Scene>, mut config: RunConfig) -> Result<Self, EngineError> {
         config.check()?;
-        Ok(Self { cameras: Vec::new(), config })
+        let (views, cameras) = view::views(&scene, &config)?;
+        let environments = scene.variants.len().max(1);
+        // The device's own complaints about this scene come as an error, not as a panic.
+        let validation = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let memory = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let engine = Engine::new(gpu, scene, views, &mut config);
+        for scope in [memory, validation] {
+            if let Some(error) = pollster::block_on(scope.pop()) {
+                return Err(EngineError::Device(format!("the device refused this scene: {error}")));
+            }
+        }
+        Ok(Self { cameras, environments, config, engine: engine? })
     }
 
     /// The rendered cameras, in view order.
@@ -33,7 +54,7 @@ impl Simulator {
 
     /// Environments rendered side by side.
     pub fn environments(&self) -> usize {
-        1
+        self.environments
     }
 
     /// The settings in force, `reference_luminance` filled in.
@@ -43,31 +64,79 @@ impl Simulator {
 
     /// Stream time up to which packets were delivered, in microseconds.
     pub fn now_us(&self) -> i64 {
-        0
+        self.engine.now_us()
     }
 
     /// Runs to `until_us` (stream time) and yields everything in `[now, until_us)`.
     ///
     /// # Errors
     /// `until_us` must lie after [`Simulator::now_us`]; the device may fail.
-    pub fn step(&mut self, _until_us: i64) -> Result<Packet, EngineError> {
-        Err(EngineError::Device("not yet".into()))
+    pub fn step(&mut self, until_us: i64) -> Result<Packet, EngineError> {
+        if until_us <= self.now_us() {
+            let remedy = format!("after the stream's present, {} microseconds", self.now_us());
+            return Err(ConfigError::new("until_us", until_us, remedy).into());
+        }
+        self.engine.deliver(until_us, until_us)
     }
 
     /// Streams `duration_us` from now in packets of `packet_us`, rendering ahead on a thread of its own
     /// that ends with the stream. The last packet is shorter where the duration is no multiple.
-    pub fn stream(self, _duration_us: i64, _packet_us: i64) -> Result<PacketStream, EngineError> {
-        Err(EngineError::Device("not yet".into()))
+    ///
+    /// # Errors
+    /// Both times must be above 0.
+    pub fn stream(self, duration_us: i64, packet_us: i64) -> Result<PacketStream, EngineError> {
+        for (what, value) in [("duration_us", duration_us), ("packet_us", packet_us)] {
+            if value <= 0 {
+                return Err(ConfigError::new(what, value, "above 0 microseconds").into());
+            }
+        }
+        let end = self.now_us().saturating_add(duration_us);
+        let (send, receive) = sync_channel(AHEAD);
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = stop.clone();
+        let mut engine = self.engine;
+        let thread = std::thread::Builder::new()
+            .name("evis-stream".into())
+            .spawn(move || {
+                let mut now = engine.now_us();
+                while now < end && !stopped.load(Ordering::Relaxed) {
+                    let until = now.saturating_add(packet_us).min(end);
+                    let packet = engine.deliver(until, end);
+                    let failed = packet.is_err();
+                    if send.send(packet).is_err() || failed {
+                        return;
+                    }
+                    now = until;
+                }
+            })
+            .map_err(|e| EngineError::Device(format!("cannot start the stream's thread: {e}")))?;
+        Ok(PacketStream { receive: Some(receive), stop, thread: Some(thread) })
     }
 }
 
 /// Packets in order; dropping it stops the engine after the interval in work.
-pub struct PacketStream {}
+pub struct PacketStream {
+    receive: Option<Receiver<Result<Packet, EngineError>>>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
 
 impl Iterator for PacketStream {
     type Item = Result<Packet, EngineError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        None
+        self.receive.as_ref()?.recv().ok()
+    }
+}
+
+impl Drop for PacketStream {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        // The sender must not wait for a reader that is gone.
+        self.receive = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic there was a broken invariant; it has printed itself.
+            let _ = thread.join();
+        }
     }
 }

@@ -3,19 +3,24 @@
 //! Right-handed, metres, glTF axes (+Y up); cameras look along -Z. Colours are linear, scene-referred,
 //! Rec. 709 primaries. Nothing here knows about a GPU: the raster engine and the oracles read the same data.
 
+pub mod builder;
 pub mod builtin;
 pub mod environment;
 pub mod error;
+mod framing;
+mod geometry;
 pub mod gltf;
 pub mod image;
 pub mod model;
 pub mod motion;
 pub mod pose;
 pub mod primitive;
+pub mod procedural;
 pub mod texture;
 pub mod toml_scene;
+mod validate;
 
 pub use error::SceneError;
 pub use model::*;
 pub use motion::Motion;
-pub use pose::{PoseSource, SceneState};
+pub use pose::{PoseSource, SceneMotion, SceneState};

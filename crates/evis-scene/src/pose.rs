@@ -2,7 +2,7 @@
 
 use glam::DMat4;
 
-use crate::model::Scene;
+use crate::model::{Scene, Variant};
 
 /// Where everything is, and how bright, at one time.
 #[derive(Clone, Debug, Default)]
@@ -21,4 +21,72 @@ pub struct SceneState {
 pub trait PoseSource: Send + Sync {
     /// Writes the state at `time_s` seconds into `state`, reusing its memory.
     fn evaluate(&self, scene: &Scene, time_s: f64, state: &mut SceneState);
+}
+
+/// The scene's own motion, unchanged.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SceneMotion;
+
+impl PoseSource for SceneMotion {
+    fn evaluate(&self, scene: &Scene, time_s: f64, state: &mut SceneState) {
+        scene.evaluate(time_s, state);
+    }
+}
+
+/// A variant is a source too: the scene's own motion with the variant's clock and offsets.
+impl PoseSource for Variant {
+    fn evaluate(&self, scene: &Scene, time_s: f64, state: &mut SceneState) {
+        scene.evaluate_variant(Some(self), time_s, state);
+    }
+}
+
+impl Scene {
+    /// Writes poses, morph weights and light factors at `t_s` seconds into `state`, reusing its memory.
+    pub fn evaluate(&self, t_s: f64, state: &mut SceneState) {
+        self.evaluate_variant(None, t_s, state);
+    }
+
+    /// As [`Scene::evaluate`], for one variant: on its clock, with its nodes offset.
+    pub fn evaluate_variant(&self, variant: Option<&Variant>, t_s: f64, state: &mut SceneState) {
+        let t_s = t_s + variant.map_or(0.0, |v| v.time_offset_s);
+        let offsets = variant.map_or(&[][..], |v| &v.node_offsets);
+
+        state.world_from_node.clear();
+        for (index, node) in self.nodes.iter().enumerate() {
+            let motion = node.motion.matrix(t_s);
+            let own = offsets.iter().filter(|(n, _)| *n == index).fold(motion, |m, (_, offset)| *offset * m);
+            let parent = node.parent.and_then(|p| state.world_from_node.get(p));
+            let world = parent.map_or(own, |parent| *parent * own);
+            state.world_from_node.push(world);
+        }
+
+        state.morph_weights.resize_with(self.nodes.len(), Vec::new);
+        for (node, weights) in self.nodes.iter().zip(&mut state.morph_weights) {
+            weights.clear();
+            let Some(mesh) = node.mesh.and_then(|m| self.meshes.get(m)) else { continue };
+            weights.extend_from_slice(&mesh.morph_weights);
+            if let Some(curve) = &node.morph {
+                weights.resize(curve.width, 0.0);
+                curve.visit(t_s, |i, v| weights[i] = v as f32);
+            }
+        }
+
+        let factor = |w: &Option<crate::motion::Waveform>| w.map_or(1.0, |w| w.factor(t_s) as f32);
+        state.light_factor.clear();
+        state.light_factor.extend(self.lights.iter().map(|l| factor(&l.waveform)));
+        state.emission_factor.clear();
+        state.emission_factor.extend(self.materials.iter().map(|m| factor(&m.emission_waveform)));
+    }
+
+    /// `world_from_bind` per joint of skin `skin` (`world_from_joint * inverse_bind`), in place of what `out` held.
+    /// A skinned mesh ignores its node's own pose (glTF 2.0, 3.7.3.3): these matrices lead to the world directly.
+    /// Empty where there is no such skin.
+    pub fn joint_matrices(&self, skin: usize, state: &SceneState, out: &mut Vec<DMat4>) {
+        out.clear();
+        let Some(skin) = self.skins.get(skin) else { return };
+        out.extend(skin.joints.iter().enumerate().map(|(i, &joint)| {
+            let world = state.world_from_node.get(joint).copied().unwrap_or(DMat4::IDENTITY);
+            world * skin.inverse_bind.get(i).copied().unwrap_or(DMat4::IDENTITY)
+        }));
+    }
 }

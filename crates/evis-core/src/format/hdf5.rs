@@ -1,1 +1,0 @@
-//! The default event file: DSEC columns in a group per camera.

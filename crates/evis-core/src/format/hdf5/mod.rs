@@ -1,0 +1,105 @@
+//! The default event file: DSEC columns in a group per camera.
+//!
+//! ```text
+//! /<camera>/events/{x u16, y u16, t u32 or i64, p u8}   1-D, chunks of 65 536, shuffle + gzip 2
+//! /<camera>/events/{width, height}                      i64
+//! /<camera>/ms_to_idx       u64   ms_to_idx[ms] = first i with t[i] >= 1000 * ms
+//! /<camera>/t_offset        i64   absolute time = t + t_offset
+//! /<camera>/labels/<kind>   (T, H, W[, C]), one frame per chunk; <kind>_t_us (T), flows: <kind>_t_other_us
+//! /<camera>/poses/{t_us (T), position (T, 3), rotation_xyzw (T, 4)}
+//! /<camera>/intrinsics/{fx, fy, cx, cy f64, width, height i64}
+//! /evis/{seed u64, environment u32, complete u8}        attributes version, method
+//! /evis/{cameras, config_toml}                          strings
+//! /evis/report_json                                     u8, UTF-8 text, written at the end
+//! ```
+//! With exactly one camera `/events`, `/ms_to_idx` and `/t_offset` are hard links to that camera's, so
+//! that DSEC readers open the file unchanged. The file's attributes `width` and `height` are those of
+//! the first camera.
+//!
+//! `t` is u32 where the planned duration fits (as in DSEC), and i64 where it does not or is unknown.
+//!
+//! Killing the writer loses at most the last second: the file then opens in h5py with `swmr=True`, and
+//! plainly after [`repair`].
+
+mod reader;
+mod repair;
+mod store;
+mod writer;
+
+use crate::packet::{CameraInfo, LabelData, LabelKind};
+
+pub use reader::Recording;
+pub use repair::{RepairReport, repair};
+pub use writer::RecordingWriter;
+
+/// Version of the layout, in the attribute `/evis@version`.
+pub const LAYOUT_VERSION: &str = "1";
+
+/// Rows per chunk of the event columns: the chunk of DSEC's own files.
+const EVENTS_PER_CHUNK: usize = 65_536;
+/// gzip level of every data set.
+const GZIP_LEVEL: u32 = 2;
+/// Names that a camera may not have, since the root group uses them.
+const RESERVED_NAMES: [&str; 4] = ["events", "ms_to_idx", "t_offset", "evis"];
+
+/// What a recording says about itself; written when it is created.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordingHeader {
+    /// The cameras, in the order of their indices; names are unique.
+    pub cameras: Vec<CameraInfo>,
+    /// Seed of all randomness.
+    pub seed: u64,
+    /// Sampling method, e.g. "native".
+    pub method: String,
+    /// Index of the environment in its batch.
+    pub environment: u32,
+    /// The whole configuration as TOML.
+    pub config_toml: String,
+    /// Planned length in microseconds; decides whether `t` is u32 or i64. `None`: unknown, so i64.
+    /// Not stored: a recording that was read has `None`.
+    pub duration_us: Option<i64>,
+    /// Absolute time of the stream's start, in microseconds.
+    pub t_offset_us: i64,
+    /// The label kinds that will be written, for every camera.
+    pub labels: Vec<LabelKind>,
+}
+
+/// Element type of a label data set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum LabelType {
+    F32,
+    U32,
+    U8,
+}
+
+impl LabelType {
+    const fn of(kind: LabelKind) -> Self {
+        match kind {
+            LabelKind::Depth
+            | LabelKind::FlowForward
+            | LabelKind::FlowBackward
+            | LabelKind::Normal
+            | LabelKind::Hdr => Self::F32,
+            LabelKind::Instance | LabelKind::Semantic => Self::U32,
+            LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid => Self::U8,
+        }
+    }
+
+    fn matches(self, data: &LabelData) -> bool {
+        matches!(
+            (self, data),
+            (Self::F32, LabelData::F32(_)) | (Self::U32, LabelData::U32(_)) | (Self::U8, LabelData::U8(_))
+        )
+    }
+}
+
+/// Whether a label has a second time: the other end of a flow's interval.
+const fn has_other_time(kind: LabelKind) -> bool {
+    matches!(
+        kind,
+        LabelKind::FlowForward
+            | LabelKind::FlowForwardValid
+            | LabelKind::FlowBackward
+            | LabelKind::FlowBackwardValid
+    )
+}

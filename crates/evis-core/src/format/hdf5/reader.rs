@@ -1,0 +1,452 @@
+//! Reading a recording, complete or not.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::Read;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+use rust_hdf5::format::superblock::SuperblockV2V3;
+use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
+
+use super::{LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
+use crate::event::{Event, Polarity, slice_time};
+use crate::format::FormatError;
+use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
+
+/// Events that are decoded at once: bounds what a read needs beside its result.
+const EVENTS_AT_ONCE: u64 = 1 << 20;
+/// Deflate expands at most 1032 times; a data set that promises more than this cannot be in the file.
+const LARGEST_EXPANSION: u64 = 1100;
+
+/// A recording on disk. It holds no file open: every read sees what the writer has flushed by then.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    path: PathBuf,
+    header: RecordingHeader,
+}
+
+impl Recording {
+    /// Opens the recording at `path`, also while it is being written and after its writer was killed.
+    ///
+    /// # Errors
+    /// A missing file, and one that is no recording, is cut short or damaged.
+    pub fn open(path: &Path) -> Result<Self, FormatError> {
+        let header = with_file(path, |source| source.header())?;
+        Ok(Self { path: path.into(), header })
+    }
+
+    /// What the recording says about itself; `duration_us` is `None`.
+    pub const fn header(&self) -> &RecordingHeader {
+        &self.header
+    }
+
+    /// Whether the writer finished it: false while it is being written, after a kill, and after
+    /// [`super::repair`] of a killed one.
+    ///
+    /// # Errors
+    /// A file that can no longer be read.
+    pub fn is_complete(&self) -> Result<bool, FormatError> {
+        let complete = with_file(&self.path, |source| source.scalar::<u8>("evis/complete"))?;
+        Ok(complete == 1 && superblock(&self.path)?.file_consistency_flags == 0)
+    }
+
+    /// Events of camera `camera`.
+    ///
+    /// # Errors
+    /// No such camera, or a file that can no longer be read.
+    pub fn event_count(&self, camera: usize) -> Result<u64, FormatError> {
+        let name = &self.camera(camera)?.name;
+        with_file(&self.path, |source| source.events(name).map(|e| e.count))
+    }
+
+    /// All events of camera `camera`.
+    ///
+    /// # Errors
+    /// As [`Recording::event_count`].
+    pub fn events(&self, camera: usize) -> Result<Vec<Event>, FormatError> {
+        let name = &self.camera(camera)?.name;
+        with_file(&self.path, |source| {
+            let columns = source.events(name)?;
+            let mut events = Vec::new();
+            columns.read(source, 0, columns.count, |block| events.extend_from_slice(block))?;
+            Ok(events)
+        })
+    }
+
+    /// The events of camera `camera` with `start_us <= t < end_us`. Only the chunks around them are read.
+    ///
+    /// # Errors
+    /// As [`Recording::event_count`].
+    pub fn events_between(
+        &self,
+        camera: usize,
+        start_us: i64,
+        end_us: i64,
+    ) -> Result<Vec<Event>, FormatError> {
+        let name = &self.camera(camera)?.name;
+        with_file(&self.path, |source| {
+            let columns = source.events(name)?;
+            let index = source.dataset(&format!("{name}/ms_to_idx"))?;
+            let entries = source.rows(&index, "ms_to_idx")?;
+            // Where the index has no entry, it has not got there yet, or no event is that late.
+            let entry = |millis: u64| source.slice::<u64>(&index, millis, 1).map(|v| v.first().copied());
+            let start_millis = u64::try_from(start_us).unwrap_or(0) / 1000;
+            let end_millis = u64::try_from(end_us).unwrap_or(0).div_ceil(1000);
+            let from = match entries.checked_sub(1) {
+                Some(last) => entry(start_millis.min(last))?.unwrap_or(0),
+                None => 0,
+            };
+            let to = if end_millis < entries {
+                entry(end_millis)?.unwrap_or(columns.count)
+            } else {
+                columns.count
+            };
+            let mut events = Vec::new();
+            columns.read(source, from.min(columns.count), to.min(columns.count), |block| {
+                events.extend_from_slice(slice_time(block, start_us, end_us));
+            })?;
+            Ok(events)
+        })
+    }
+
+    /// The label kinds of camera `camera`, in file order.
+    ///
+    /// # Errors
+    /// No such camera.
+    pub fn label_kinds(&self, camera: usize) -> Result<&[LabelKind], FormatError> {
+        self.camera(camera).map(|_| self.header.labels.as_slice())
+    }
+
+    /// The times of a label, in microseconds; their number is the number of frames.
+    ///
+    /// # Errors
+    /// No such camera or label, or a file that can no longer be read.
+    pub fn label_times(&self, camera: usize, kind: LabelKind) -> Result<Vec<i64>, FormatError> {
+        let name = self.label_path(camera, kind)?;
+        with_file(&self.path, |source| {
+            let times = source.dataset(&format!("{name}_t_us"))?;
+            let count = source.rows(&times, &name)?.min(source.rows(&source.dataset(&name)?, &name)?);
+            source.slice(&times, 0, count)
+        })
+    }
+
+    /// Frame `index` of a label.
+    ///
+    /// # Errors
+    /// No such camera, label or frame, or a file that can no longer be read.
+    pub fn label(&self, camera: usize, kind: LabelKind, index: usize) -> Result<LabelFrame, FormatError> {
+        let name = self.label_path(camera, kind)?;
+        let info = self.camera(camera)?;
+        let (height, width) = (info.height as usize, info.width as usize);
+        with_file(&self.path, |source| {
+            let frames = source.dataset(&name)?;
+            let count = source.rows(&frames, &name)?;
+            if index as u64 >= count {
+                return Err(FormatError::invalid(
+                    &self.path,
+                    format!("label {} has no frame {index}", kind.name()),
+                    format!("there are {count}"),
+                ));
+            }
+            let mut counts = vec![1, height, width];
+            if kind.channels() > 1 {
+                counts.push(kind.channels());
+            }
+            if frames.shape().get(1..) != counts.get(1..) {
+                return Err(source.damaged(format!("{name} does not have the size of its camera")));
+            }
+            let mut starts = vec![0; counts.len()];
+            if let Some(first) = starts.first_mut() {
+                *first = index;
+            }
+            let data = match LabelType::of(kind) {
+                LabelType::F32 => LabelData::F32(source.check(&name, frames.read_slice(&starts, &counts))?),
+                LabelType::U32 => LabelData::U32(source.check(&name, frames.read_slice(&starts, &counts))?),
+                LabelType::U8 => LabelData::U8(source.check(&name, frames.read_slice(&starts, &counts))?),
+            };
+            let time = |suffix: &str| {
+                let times = source.dataset(&format!("{name}{suffix}"))?;
+                let value = source.slice::<i64>(&times, index as u64, 1)?;
+                value.first().copied().ok_or_else(|| source.damaged(format!("{name} lacks a time")))
+            };
+            let t_us = time("_t_us")?;
+            let t_other_us = if has_other_time(kind) { time("_t_other_us")? } else { t_us };
+            Ok(LabelFrame { kind, t_us, t_other_us, data })
+        })
+    }
+
+    /// The poses of camera `camera`.
+    ///
+    /// # Errors
+    /// No such camera, or a file that can no longer be read.
+    pub fn poses(&self, camera: usize) -> Result<Vec<PoseSample>, FormatError> {
+        let name = &self.camera(camera)?.name;
+        with_file(&self.path, |source| {
+            let times = source.dataset(&format!("{name}/poses/t_us"))?;
+            let position = source.dataset(&format!("{name}/poses/position"))?;
+            let rotation = source.dataset(&format!("{name}/poses/rotation_xyzw"))?;
+            let mut count = source.rows(&times, name)?;
+            for (dataset, columns) in [(&position, 3), (&rotation, 4)] {
+                if dataset.shape().get(1..) != Some([columns].as_slice()) {
+                    return Err(source.damaged(format!("the poses of {name} have another shape")));
+                }
+                count = count.min(source.rows(dataset, name)?);
+            }
+            let rows = usize::try_from(count).unwrap_or(usize::MAX);
+            let times: Vec<i64> = source.slice(&times, 0, count)?;
+            let position: Vec<f64> = source.check(name, position.read_slice(&[0, 0], &[rows, 3]))?;
+            let rotation: Vec<f64> = source.check(name, rotation.read_slice(&[0, 0], &[rows, 4]))?;
+            let poses = times.iter().zip(position.as_chunks().0).zip(rotation.as_chunks().0);
+            Ok(poses.map(|((&t_us, &position), &rotation)| PoseSample { t_us, position, rotation }).collect())
+        })
+    }
+
+    /// The report that the writer left at the end, as JSON; `None` where it never got there.
+    ///
+    /// # Errors
+    /// A file that can no longer be read.
+    pub fn report(&self) -> Result<Option<String>, FormatError> {
+        let text = with_file(&self.path, |source| source.text("evis/report_json"))?;
+        Ok(if text.is_empty() { None } else { Some(text) })
+    }
+
+    fn camera(&self, index: usize) -> Result<&CameraInfo, FormatError> {
+        self.header.cameras.get(index).ok_or_else(|| {
+            let names: Vec<_> = self.header.cameras.iter().map(|c| c.name.as_str()).collect();
+            FormatError::invalid(
+                &self.path,
+                format!("there is no camera {index}"),
+                format!("the cameras are {}, from 0", names.join(", ")),
+            )
+        })
+    }
+
+    fn label_path(&self, camera: usize, kind: LabelKind) -> Result<String, FormatError> {
+        let name = &self.camera(camera)?.name;
+        if self.header.labels.contains(&kind) {
+            return Ok(format!("{name}/labels/{}", kind.name()));
+        }
+        let present: Vec<_> = self.header.labels.iter().map(|k| k.name()).collect();
+        Err(FormatError::invalid(
+            &self.path,
+            format!("it has no label {}", kind.name()),
+            if present.is_empty() {
+                "it was recorded without labels".into()
+            } else {
+                format!("the labels are {}", present.join(", "))
+            },
+        ))
+    }
+}
+
+/// An open file and what is needed to explain what is wrong with it.
+struct Source<'a> {
+    path: &'a Path,
+    file: H5File,
+    bytes: u64,
+}
+
+/// The event columns of a camera.
+struct EventColumns {
+    x: H5Dataset,
+    y: H5Dataset,
+    t: H5Dataset,
+    p: H5Dataset,
+    count: u64,
+}
+
+/// Opens `path` and runs `read`. The one door to the decoder: what it does with a damaged file, a panic
+/// included, comes out as an error.
+fn with_file<T>(
+    path: &Path,
+    read: impl FnOnce(&Source<'_>) -> Result<T, FormatError>,
+) -> Result<T, FormatError> {
+    let superblock = superblock(path)?;
+    let bytes = std::fs::metadata(path).map_err(|e| FormatError::io(path, "read", e))?.len();
+    if bytes < superblock.end_of_file_address {
+        return Err(FormatError::corrupt(
+            path,
+            format!("it is cut short ({bytes} of {} bytes)", superblock.end_of_file_address),
+            "copy it again, or keep what can be saved with evis-rs info --repair",
+        ));
+    }
+    let attempt = catch_unwind(AssertUnwindSafe(|| {
+        let file = H5File::options().no_locking().open(path).map_err(|e| damaged(path, e.to_string()))?;
+        read(&Source { path, file, bytes })
+    }));
+    attempt.unwrap_or_else(|_| Err(damaged(path, "the decoder gave up on it")))
+}
+
+fn superblock(path: &Path) -> Result<SuperblockV2V3, FormatError> {
+    let mut head = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(256).read_to_end(&mut head))
+        .map_err(|e| FormatError::io(path, "open", e))?;
+    SuperblockV2V3::decode(&head).map_err(|e| {
+        FormatError::corrupt(
+            path,
+            format!("it is no HDF5 file of the right kind ({e})"),
+            "give a recording that evis-rs wrote",
+        )
+    })
+}
+
+fn damaged(path: &Path, what: impl Into<String>) -> FormatError {
+    FormatError::corrupt(
+        path,
+        what,
+        "if its writer was killed, try evis-rs info --repair; else record or copy it again",
+    )
+}
+
+impl Source<'_> {
+    fn damaged(&self, what: impl Into<String>) -> FormatError {
+        damaged(self.path, what)
+    }
+
+    fn check<T>(&self, name: &str, result: Result<T, Hdf5Error>) -> Result<T, FormatError> {
+        result.map_err(|e| self.damaged(format!("{name}: {e}")))
+    }
+
+    fn dataset(&self, name: &str) -> Result<H5Dataset, FormatError> {
+        self.check(name, self.file.dataset(name))
+    }
+
+    /// Length of the first axis; refused where the file is too small to hold it.
+    fn rows(&self, dataset: &H5Dataset, name: &str) -> Result<u64, FormatError> {
+        let shape = dataset.shape();
+        let size = shape.iter().try_fold(dataset.element_size(), |n, &d| n.checked_mul(d));
+        match size {
+            Some(size) if (size as u64) / LARGEST_EXPANSION <= self.bytes => {
+                Ok(shape.first().copied().unwrap_or(0) as u64)
+            }
+            _ => Err(self.damaged(format!("{name} promises more than the file holds"))),
+        }
+    }
+
+    fn slice<T: H5Type>(&self, dataset: &H5Dataset, from: u64, count: u64) -> Result<Vec<T>, FormatError> {
+        let (Ok(from), Ok(count)) = (usize::try_from(from), usize::try_from(count)) else {
+            return Err(self.damaged("a data set is larger than this machine's memory"));
+        };
+        if count == 0 {
+            return Ok(Vec::new());
+        }
+        self.check("a column", dataset.read_slice(&[from], &[count]))
+    }
+
+    fn scalar<T: H5Type>(&self, name: &str) -> Result<T, FormatError> {
+        let values = self.check(name, self.dataset(name)?.read_raw::<T>())?;
+        values.first().copied().ok_or_else(|| self.damaged(format!("{name} has no value")))
+    }
+
+    fn text(&self, name: &str) -> Result<String, FormatError> {
+        let dataset = self.dataset(name)?;
+        let count = self.rows(&dataset, name)?;
+        String::from_utf8(self.slice(&dataset, 0, count)?)
+            .map_err(|_| self.damaged(format!("{name} is no UTF-8 text")))
+    }
+
+    fn header(&self) -> Result<RecordingHeader, FormatError> {
+        let evis = self.file.root_group().group("evis").map_err(|_| {
+            FormatError::corrupt(self.path, "it has no group evis", "give a recording that evis-rs wrote")
+        })?;
+        let names = self.check("evis/cameras", self.dataset("evis/cameras")?.read_vlen_strings())?;
+        let mut cameras = Vec::new();
+        let mut labels = BTreeSet::new();
+        let mut t_offset_us = 0;
+        for name in names {
+            if name.is_empty() || name.contains('/') || RESERVED_NAMES.contains(&name.as_str()) {
+                return Err(self.damaged(format!("{name:?} cannot name a camera")));
+            }
+            let side = |which: &str| {
+                let value: i64 = self.scalar(&format!("{name}/intrinsics/{which}"))?;
+                u32::try_from(value)
+                    .ok()
+                    .filter(|v| (1..=65_536).contains(v))
+                    .ok_or_else(|| self.damaged(format!("camera {name} has a {which} of {value}")))
+            };
+            let number = |which: &str| self.scalar::<f64>(&format!("{name}/intrinsics/{which}"));
+            cameras.push(CameraInfo {
+                width: side("width")?,
+                height: side("height")?,
+                fx: number("fx")?,
+                fy: number("fy")?,
+                cx: number("cx")?,
+                cy: number("cy")?,
+                name: name.clone(),
+            });
+            t_offset_us = self.scalar(&format!("{name}/t_offset"))?;
+            let group = self.check(&name, self.file.root_group().group(&name))?;
+            let group = self.check(&name, group.group("labels"))?;
+            let present = self.check(&name, group.dataset_names())?;
+            labels.extend(LabelKind::ALL.into_iter().filter(|k| present.iter().any(|n| n == k.name())));
+        }
+        if cameras.is_empty() {
+            return Err(self.damaged("it has no camera"));
+        }
+        Ok(RecordingHeader {
+            cameras,
+            seed: self.scalar("evis/seed")?,
+            method: self.check("evis", evis.attr_string("method"))?,
+            environment: self.scalar("evis/environment")?,
+            config_toml: self
+                .check("evis/config_toml", self.dataset("evis/config_toml")?.read_vlen_strings())?
+                .concat(),
+            duration_us: None,
+            t_offset_us,
+            labels: labels.into_iter().collect(),
+        })
+    }
+
+    fn events(&self, camera: &str) -> Result<EventColumns, FormatError> {
+        let column = |name: &str| self.dataset(&format!("{camera}/events/{name}"));
+        let mut columns = EventColumns {
+            x: column("x")?,
+            y: column("y")?,
+            t: column("t")?,
+            p: column("p")?,
+            count: u64::MAX,
+        };
+        for dataset in [&columns.x, &columns.y, &columns.t, &columns.p] {
+            // A killed writer may have extended some of the columns only.
+            columns.count = columns.count.min(self.rows(dataset, "events")?);
+        }
+        Ok(columns)
+    }
+}
+
+impl EventColumns {
+    /// Calls `visit` with the events `from..to`, a block at a time.
+    fn read(
+        &self,
+        source: &Source<'_>,
+        from: u64,
+        to: u64,
+        mut visit: impl FnMut(&[Event]),
+    ) -> Result<(), FormatError> {
+        let mut at = from;
+        while at < to {
+            let count = EVENTS_AT_ONCE.min(to - at);
+            let x: Vec<u16> = source.slice(&self.x, at, count)?;
+            let y: Vec<u16> = source.slice(&self.y, at, count)?;
+            let p: Vec<u8> = source.slice(&self.p, at, count)?;
+            let t: Vec<i64> = match self.t.element_size() {
+                4 => source.slice::<u32>(&self.t, at, count)?.into_iter().map(i64::from).collect(),
+                _ => source.slice(&self.t, at, count)?,
+            };
+            let block: Vec<Event> = t
+                .iter()
+                .zip(&x)
+                .zip(&y)
+                .zip(&p)
+                .map(|(((&t, &x), &y), &p)| {
+                    Event::new(t, x, y, if p == 0 { Polarity::Off } else { Polarity::On })
+                })
+                .collect();
+            visit(&block);
+            at += count;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,665 @@
+//! Writing a recording while it happens.
+
+use std::fs;
+use std::io;
+use std::mem::size_of;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use rayon::prelude::*;
+use rust_hdf5::{FilterPipeline, H5File, H5Group, H5Type, Hdf5Error};
+
+use super::store::{Column, FileState, Store, compress};
+use super::{
+    EVENTS_PER_CHUNK, GZIP_LEVEL, LAYOUT_VERSION, LabelType, RESERVED_NAMES, RecordingHeader, has_other_time,
+};
+use crate::event::Event;
+use crate::format::FormatError;
+use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
+
+/// Time between automatic flushes; below the promised second by what a flush may take.
+const FLUSH_EVERY: Duration = Duration::from_millis(800);
+/// Full chunks per column that are compressed together: bounds memory, feeds every thread.
+const CHUNKS_AT_ONCE: usize = 8;
+/// Latest event: 31 days. `ms_to_idx` has an entry per millisecond, silent ones too, so a time in the
+/// wrong unit would fill the disk.
+const LATEST_US: i64 = 31 * 86_400 * 1_000_000;
+/// Entries per chunk of `ms_to_idx`.
+const MILLIS_PER_CHUNK: usize = 16_384;
+/// Entries of `ms_to_idx` that one silence adds before they are stored: bounds memory.
+const MILLIS_AT_ONCE: u64 = 1 << 18;
+/// Rows per chunk of times and poses.
+const ROWS_PER_CHUNK: usize = 1024;
+/// Largest image side: event coordinates are u16.
+const LARGEST_SIDE: u32 = 65_536;
+
+/// Writes a recording; see the module for the layout and for what survives a kill.
+///
+/// [`RecordingWriter::finish`] closes the file. A writer that is dropped stores what it holds and closes
+/// the file as well as it can, but the recording then counts as incomplete.
+pub struct RecordingWriter {
+    store: Store,
+    cameras: Vec<CameraColumns>,
+    report: Column,
+    last_flush: Instant,
+    state: WriterState,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum WriterState {
+    Writing,
+    /// A write failed: nothing more is written, the file stays as the last commit left it.
+    Failed,
+    Finished,
+}
+
+struct CameraColumns {
+    info: CameraInfo,
+    x: Column,
+    y: Column,
+    t: Column,
+    p: Column,
+    /// `t` is u32.
+    narrow: bool,
+    ms_to_idx: Column,
+    last_t: i64,
+    labels: Vec<LabelColumns>,
+    pose_t: Column,
+    position: Column,
+    rotation: Column,
+}
+
+struct LabelColumns {
+    kind: LabelKind,
+    data: Column,
+    t: Column,
+    t_other: Option<Column>,
+    last_t: Option<i64>,
+}
+
+impl RecordingWriter {
+    /// Creates the file at `path` with everything that `header` says, empty data sets included.
+    ///
+    /// # Errors
+    /// An existing file without `overwrite`, a folder that cannot be written to, a full disk, and a
+    /// header that makes no recording (no camera, a name that is taken or has a slash, an empty or huge
+    /// image, a negative duration). Then the file at `path` is what it was before.
+    pub fn create(path: &Path, header: &RecordingHeader, overwrite: bool) -> Result<Self, FormatError> {
+        check_header(path, header)?;
+        if let Ok(existing) = fs::metadata(path) {
+            if !existing.is_file() {
+                return Err(FormatError::invalid(
+                    path,
+                    "the output is not a regular file",
+                    "name a new file, or an old one to overwrite",
+                ));
+            }
+            if !overwrite {
+                return Err(FormatError::Exists { path: path.into() });
+            }
+        }
+        // Laid out under another name and then moved, so that a failure leaves no half-written file and
+        // an old file lives until its successor stands.
+        let draft = draft_path(path);
+        let result = fs::File::create(&draft)
+            .map_err(|e| FormatError::io(path, "create", e))
+            .and_then(|_| lay_out(&draft, header).map_err(|e| creation_error(path, &e)))
+            .and_then(|()| fs::rename(&draft, path).map_err(|e| FormatError::io(path, "create", e)));
+        if let Err(error) = result {
+            // The first error is the one to report; the draft may not even exist.
+            let _ = fs::remove_file(&draft);
+            return Err(error);
+        }
+        Self::attach(path, header)
+    }
+
+    /// Opens the laid-out file for appending.
+    fn attach(path: &Path, header: &RecordingHeader) -> Result<Self, FormatError> {
+        let mut store = Store::open(path)?;
+        store.lock_shared();
+        let narrow = is_narrow(header.duration_us);
+        let cameras = header
+            .cameras
+            .iter()
+            .map(|info| CameraColumns::open(&mut store, info, narrow, &header.labels))
+            .collect::<Result<_, _>>()?;
+        let report = Column::open(&mut store, "evis/report_json")?;
+        store.publish(FileState::Open)?;
+        Ok(Self { store, cameras, report, last_flush: Instant::now(), state: WriterState::Writing })
+    }
+
+    /// Appends `events` of camera `camera_index`, which continue those written before.
+    ///
+    /// # Errors
+    /// Events that go back in time, lie outside the image, have a polarity other than 0 and 1, or a time
+    /// that the file cannot hold; then none of `events` is written. A failed write (disk full) keeps what
+    /// was flushed before, and every later call fails too.
+    pub fn write_events(&mut self, camera_index: usize, events: &[Event]) -> Result<(), FormatError> {
+        self.check_usable()?;
+        let camera = self.camera(camera_index)?;
+        let last_t = self.cameras.get(camera).map_or(0, |c| c.last_t);
+        self.check_events(camera, events, last_t)?;
+        let mut rest = events;
+        while !rest.is_empty() {
+            let part = rest.get(..EVENTS_PER_CHUNK * CHUNKS_AT_ONCE).unwrap_or(rest);
+            let taken = self.cameras.get_mut(camera).map_or(part.len(), |c| c.push_events(part));
+            rest = rest.get(taken..).unwrap_or_default();
+            self.store_full_chunks()?;
+            self.flush_if_due()?;
+        }
+        self.flush_if_due()
+    }
+
+    /// Appends one label image of camera `camera_index`.
+    ///
+    /// # Errors
+    /// A kind that the header did not announce, a wrong number or type of values, a time that goes back;
+    /// then nothing is written. Failed writes as in [`RecordingWriter::write_events`].
+    pub fn write_label(&mut self, camera_index: usize, frame: &LabelFrame) -> Result<(), FormatError> {
+        self.check_usable()?;
+        let camera = self.camera(camera_index)?;
+        let path = self.store.path().to_path_buf();
+        let invalid = |what: String, remedy: &str| Err(FormatError::invalid(&path, what, remedy));
+        let Some(columns) = self.cameras.get_mut(camera) else { return Ok(()) };
+        let name = frame.kind.name();
+        let Some(label) = columns.labels.iter_mut().find(|l| l.kind == frame.kind) else {
+            return invalid(format!("label {name} was not announced"), "list it in the header's labels");
+        };
+        let pixels = columns.info.width as usize * columns.info.height as usize * frame.kind.channels();
+        let given = match &frame.data {
+            LabelData::F32(v) => v.len(),
+            LabelData::U32(v) => v.len(),
+            LabelData::U8(v) => v.len(),
+        };
+        if !LabelType::of(frame.kind).matches(&frame.data) || given != pixels {
+            return invalid(
+                format!("label {name} at {} us has {given} values of its type", frame.t_us),
+                &format!("give {pixels} values of {:?}", LabelType::of(frame.kind)),
+            );
+        }
+        if label.last_t.is_some_and(|last| frame.t_us < last) {
+            return invalid(
+                format!("label {name} at {} us comes before the last one", frame.t_us),
+                "write labels in order of time",
+            );
+        }
+        match &frame.data {
+            LabelData::F32(v) => label.data.push(&little_endian(v, f32::to_le_bytes)),
+            LabelData::U32(v) => label.data.push(&little_endian(v, u32::to_le_bytes)),
+            LabelData::U8(v) => label.data.push(v),
+        }
+        label.t.push(&frame.t_us.to_le_bytes());
+        if let Some(other) = &mut label.t_other {
+            other.push(&frame.t_other_us.to_le_bytes());
+        }
+        label.last_t = Some(frame.t_us);
+        self.store_full_chunks()?;
+        self.flush_if_due()
+    }
+
+    /// Appends one pose of camera `camera_index`.
+    ///
+    /// # Errors
+    /// Values that are not finite. Failed writes as in [`RecordingWriter::write_events`].
+    pub fn write_pose(&mut self, camera_index: usize, pose: &PoseSample) -> Result<(), FormatError> {
+        self.check_usable()?;
+        let camera = self.camera(camera_index)?;
+        if !pose.position.iter().chain(&pose.rotation).all(|v| v.is_finite()) {
+            return Err(FormatError::invalid(
+                self.store.path(),
+                format!("the pose at {} us is {pose:?}", pose.t_us),
+                "give finite numbers",
+            ));
+        }
+        if let Some(columns) = self.cameras.get_mut(camera) {
+            columns.pose_t.push(&pose.t_us.to_le_bytes());
+            columns.position.push(&little_endian(&pose.position, f64::to_le_bytes));
+            columns.rotation.push(&little_endian(&pose.rotation, f64::to_le_bytes));
+        }
+        self.store_full_chunks()?;
+        self.flush_if_due()
+    }
+
+    /// Flushes when the last flush is almost a second old. The write calls do this themselves; a caller
+    /// that has nothing to write for a while calls it to keep the promise of one second.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::flush`].
+    pub fn flush_if_due(&mut self) -> Result<(), FormatError> {
+        if self.state == WriterState::Writing && self.last_flush.elapsed() >= FLUSH_EVERY {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Stores everything written so far: a reader, or a kill, finds all of it.
+    ///
+    /// The data reach the operating system, which survives the death of this process, not that of the
+    /// machine.
+    ///
+    /// # Errors
+    /// A failed write (disk full).
+    pub fn flush(&mut self) -> Result<(), FormatError> {
+        self.check_usable()?;
+        self.guarded(Self::commit)
+    }
+
+    /// Writes the report and closes the file.
+    ///
+    /// # Errors
+    /// A failed write (disk full); the file is then closed as the last flush left it.
+    pub fn finish(mut self, report_json: &str) -> Result<(), FormatError> {
+        self.check_usable()?;
+        self.report.push(report_json.as_bytes());
+        self.guarded(|writer| {
+            writer.commit()?;
+            writer.store.write_contiguous("evis/complete", &[1])?;
+            writer.store.publish(FileState::Closed)
+        })?;
+        self.state = WriterState::Finished;
+        Ok(())
+    }
+
+    /// Runs a step that writes; after a failure nothing more is written.
+    fn guarded(
+        &mut self,
+        step: impl FnOnce(&mut Self) -> Result<(), FormatError>,
+    ) -> Result<(), FormatError> {
+        let result = step(self);
+        if result.is_err() {
+            self.state = WriterState::Failed;
+        }
+        result
+    }
+
+    fn check_usable(&self) -> Result<(), FormatError> {
+        if self.state == WriterState::Writing {
+            return Ok(());
+        }
+        Err(FormatError::invalid(
+            self.store.path(),
+            "an earlier write failed, so nothing more is written",
+            "start again after removing the cause",
+        ))
+    }
+
+    fn camera(&self, index: usize) -> Result<usize, FormatError> {
+        if index < self.cameras.len() {
+            return Ok(index);
+        }
+        Err(FormatError::invalid(
+            self.store.path(),
+            format!("there is no camera {index}"),
+            format!("give an index below {}", self.cameras.len()),
+        ))
+    }
+
+    fn check_events(&self, camera: usize, events: &[Event], last_t: i64) -> Result<(), FormatError> {
+        let Some(columns) = self.cameras.get(camera) else { return Ok(()) };
+        let invalid = |i: usize, e: &Event, what: String, remedy: String| {
+            let name = &columns.info.name;
+            let what = format!("event {i} of camera {name} (t {}, x {}, y {}) {what}", e.t, e.x, e.y);
+            Err(FormatError::invalid(self.store.path(), what, remedy))
+        };
+        let (width, height) = (columns.info.width, columns.info.height);
+        let latest = if columns.narrow { i64::from(u32::MAX) } else { LATEST_US };
+        let mut previous = last_t;
+        for (i, e) in events.iter().enumerate() {
+            if e.t < previous {
+                let what = format!("comes before the one at {previous} us");
+                return invalid(i, e, what, "write events in order of time, from 0".into());
+            }
+            if e.t > latest {
+                let what = format!("is later than {latest} us");
+                let remedy = if columns.narrow {
+                    "give the true duration when creating the recording, or none".into()
+                } else {
+                    "count microseconds from the start; absolute time belongs in t_offset_us".into()
+                };
+                return invalid(i, e, what, remedy);
+            }
+            if u32::from(e.x) >= width || u32::from(e.y) >= height {
+                return invalid(
+                    i,
+                    e,
+                    "lies outside".into(),
+                    format!("the image has {width}x{height} pixels"),
+                );
+            }
+            if !(0..=1).contains(&e.p) {
+                return invalid(i, e, format!("has polarity {}", e.p), "ON is 1, OFF is 0".into());
+            }
+            previous = e.t;
+        }
+        Ok(())
+    }
+
+    /// Compresses all full chunks, on every thread, and appends them.
+    fn store_full_chunks(&mut self) -> Result<(), FormatError> {
+        self.guarded(|writer| {
+            let mut columns: Vec<&mut Column> =
+                writer.cameras.iter_mut().flat_map(CameraColumns::all).collect();
+            columns.push(&mut writer.report);
+            columns.retain(|c| c.full_chunks() > 0);
+            let path = writer.store.path().to_path_buf();
+            let jobs: Vec<(FilterPipeline, Vec<Vec<u8>>)> =
+                columns.iter_mut().map(|c| (c.pipeline().clone(), c.take_full())).collect();
+            let compressed = jobs
+                .par_iter()
+                .map(|(pipeline, chunks)| {
+                    chunks.par_iter().map(|chunk| compress(pipeline, chunk, &path)).collect()
+                })
+                .collect::<Result<Vec<Vec<Vec<u8>>>, _>>()?;
+            for (column, chunks) in columns.into_iter().zip(&compressed) {
+                column.append_compressed(&mut writer.store, chunks)?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Outside in: data, end of file, index, extent.
+    fn commit(&mut self) -> Result<(), FormatError> {
+        self.store_full_chunks()?;
+        let store = &mut self.store;
+        let path = store.path().to_path_buf();
+        // `ms_to_idx` is the last to grow: what it points to is there.
+        let mut columns: Vec<&mut Column> = self.cameras.iter_mut().flat_map(CameraColumns::all).collect();
+        columns.push(&mut self.report);
+
+        let tails = columns
+            .par_iter()
+            .map(|c| c.pending_tail().map(|tail| compress(c.pipeline(), &tail, &path)).transpose())
+            .collect::<Result<Vec<Option<Vec<u8>>>, _>>()?;
+        for (column, tail) in columns.iter_mut().zip(&tails) {
+            if let Some(tail) = tail {
+                column.store_tail(store, tail)?;
+            }
+        }
+        store.publish_end()?;
+        for column in &mut columns {
+            column.write_index(store)?;
+        }
+        for column in &mut columns {
+            column.write_extent(store)?;
+        }
+        self.last_flush = Instant::now();
+        Ok(())
+    }
+}
+
+impl Drop for RecordingWriter {
+    fn drop(&mut self) {
+        // Nobody is left to hear of an error; the last commit stands whatever happens here.
+        if self.state == WriterState::Writing && self.flush().is_ok() {
+            let _ = self.store.publish(FileState::Closed);
+        } else if self.state == WriterState::Failed {
+            let _ = self.store.close_as_committed();
+        }
+    }
+}
+
+impl CameraColumns {
+    fn open(
+        store: &mut Store,
+        info: &CameraInfo,
+        narrow: bool,
+        labels: &[LabelKind],
+    ) -> Result<Self, FormatError> {
+        let mut column = |name: &str| Column::open(store, &format!("{}/{name}", info.name));
+        Ok(Self {
+            info: info.clone(),
+            x: column("events/x")?,
+            y: column("events/y")?,
+            t: column("events/t")?,
+            p: column("events/p")?,
+            narrow,
+            ms_to_idx: column("ms_to_idx")?,
+            last_t: 0,
+            labels: labels
+                .iter()
+                .map(|&kind| {
+                    let name = kind.name();
+                    Ok(LabelColumns {
+                        kind,
+                        data: column(&format!("labels/{name}"))?,
+                        t: column(&format!("labels/{name}_t_us"))?,
+                        t_other: has_other_time(kind)
+                            .then(|| column(&format!("labels/{name}_t_other_us")))
+                            .transpose()?,
+                        last_t: None,
+                    })
+                })
+                .collect::<Result<_, FormatError>>()?,
+            pose_t: column("poses/t_us")?,
+            position: column("poses/position")?,
+            rotation: column("poses/rotation_xyzw")?,
+        })
+    }
+
+    /// All columns, in the order in which a commit extends them: what is pointed to before what points.
+    fn all(&mut self) -> impl Iterator<Item = &mut Column> {
+        let labels = self.labels.iter_mut().flat_map(|l| {
+            std::iter::once(&mut l.data).chain(&mut l.t_other).chain(std::iter::once(&mut l.t))
+        });
+        [&mut self.x, &mut self.y, &mut self.p, &mut self.t, &mut self.ms_to_idx]
+            .into_iter()
+            .chain(labels)
+            .chain([&mut self.position, &mut self.rotation, &mut self.pose_t])
+    }
+
+    /// Takes events from the front of `events` and says how many: a long silence fills so much of
+    /// `ms_to_idx` that it must be stored in between.
+    fn push_events(&mut self, events: &[Event]) -> usize {
+        let before = self.t.rows();
+        let mut taken = events.len();
+        for (i, event) in events.iter().enumerate() {
+            let millis = event.t.unsigned_abs() / 1000;
+            let missing = (millis + 1).saturating_sub(self.ms_to_idx.rows());
+            if missing == 0 {
+                continue;
+            }
+            let now = missing.min(MILLIS_AT_ONCE);
+            let entry = (before + i as u64).to_le_bytes();
+            self.ms_to_idx.push_each((0..now).map(|_| entry));
+            if now < missing {
+                taken = i;
+                break;
+            }
+        }
+        let events = events.get(..taken).unwrap_or_default();
+        self.x.push_each(events.iter().map(|e| e.x.to_le_bytes()));
+        self.y.push_each(events.iter().map(|e| e.y.to_le_bytes()));
+        self.p.push_each(events.iter().map(|e| [e.p.to_le_bytes()[0]]));
+        if self.narrow {
+            // Checked at the door: times fit.
+            self.t.push_each(events.iter().map(|e| u32::try_from(e.t).unwrap_or(u32::MAX).to_le_bytes()));
+        } else {
+            self.t.push_each(events.iter().map(|e| e.t.to_le_bytes()));
+        }
+        self.last_t = events.last().map_or(self.last_t, |e| e.t);
+        taken
+    }
+}
+
+fn little_endian<T: Copy, const N: usize>(values: &[T], bytes: fn(T) -> [u8; N]) -> Vec<u8> {
+    values.iter().flat_map(|&v| bytes(v)).collect()
+}
+
+/// Whether `t` is u32: the planned duration says that it suffices.
+fn is_narrow(duration_us: Option<i64>) -> bool {
+    duration_us.is_some_and(|us| us <= i64::from(u32::MAX))
+}
+
+fn check_header(path: &Path, header: &RecordingHeader) -> Result<(), FormatError> {
+    let invalid = |what: String, remedy: &str| Err(FormatError::invalid(path, what, remedy));
+    if header.cameras.is_empty() {
+        return invalid("a recording without a camera".into(), "give at least one camera");
+    }
+    for (i, camera) in header.cameras.iter().enumerate() {
+        let name = &camera.name;
+        let usable = !name.is_empty()
+            && name != "."
+            && name != ".."
+            && !name.contains(['/', '\0'])
+            && name.len() <= 255
+            && !RESERVED_NAMES.contains(&name.as_str());
+        if !usable {
+            return invalid(
+                format!("{name:?} cannot name a camera"),
+                "use a name without slash, other than events, ms_to_idx, t_offset and evis",
+            );
+        }
+        if header.cameras.iter().take(i).any(|other| other.name == *name) {
+            return invalid(format!("two cameras are named {name:?}"), "give each its own name");
+        }
+        if !(1..=LARGEST_SIDE).contains(&camera.width) || !(1..=LARGEST_SIDE).contains(&camera.height) {
+            return invalid(
+                format!("camera {name:?} has {}x{} pixels", camera.width, camera.height),
+                "each side must have between 1 and 65536 pixels",
+            );
+        }
+    }
+    for (i, kind) in header.labels.iter().enumerate() {
+        if header.labels.iter().take(i).any(|other| other == kind) {
+            return invalid(format!("label {} is listed twice", kind.name()), "list it once");
+        }
+        // HDF5 stores the size of a chunk in 32 bits.
+        let most = (u64::from(u32::MAX) / 4) / kind.channels() as u64;
+        if let Some(c) = header.cameras.iter().find(|c| u64::from(c.width) * u64::from(c.height) > most) {
+            return invalid(
+                format!("label {} of camera {:?} is larger than 4 GiB a frame", kind.name(), c.name),
+                "use a smaller image",
+            );
+        }
+    }
+    match header.duration_us {
+        Some(us) if !(0..=LATEST_US).contains(&us) => {
+            invalid(format!("a duration of {us} us"), "give between 0 and 31 days, or none")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// A name next to `path` that no other process uses.
+fn draft_path(path: &Path) -> PathBuf {
+    let mut name = std::ffi::OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}.draft", std::process::id()));
+    path.with_file_name(name)
+}
+
+fn creation_error(path: &Path, error: &Hdf5Error) -> FormatError {
+    if let Hdf5Error::Io(source) = error {
+        return FormatError::io(path, "create", io::Error::new(source.kind(), source.to_string()));
+    }
+    // The crate hides the system's error inside a private type; its text ends in "(os error N)".
+    let text = error.to_string();
+    let code = text.rsplit_once("(os error ").and_then(|(_, rest)| rest.trim_end_matches(')').parse().ok());
+    match code {
+        Some(code) => FormatError::io(path, "create", io::Error::from_raw_os_error(code)),
+        None => FormatError::invalid(path, format!("cannot be laid out ({text})"), "check names and sizes"),
+    }
+}
+
+/// Writes the empty file: groups, scalars, links and data sets without rows.
+fn lay_out(path: &Path, header: &RecordingHeader) -> Result<(), Hdf5Error> {
+    let file = H5File::create(path)?;
+    if let Some(first) = header.cameras.first() {
+        file.set_attr_numeric("width", &i64::from(first.width))?;
+        file.set_attr_numeric("height", &i64::from(first.height))?;
+    }
+    for camera in &header.cameras {
+        lay_out_camera(&file, camera, header)?;
+    }
+    if let [only] = header.cameras.as_slice() {
+        let root = file.root_group();
+        for name in ["events", "ms_to_idx", "t_offset"] {
+            root.link(name, &format!("/{}/{name}", only.name))?;
+        }
+    }
+
+    let evis = file.create_group("evis")?;
+    evis.set_attr_string("version", LAYOUT_VERSION)?;
+    evis.set_attr_string("method", &header.method)?;
+    scalar(&evis, "seed", header.seed)?;
+    scalar(&evis, "environment", header.environment)?;
+    scalar(&evis, "complete", 0_u8)?;
+    let names: Vec<&str> = header.cameras.iter().map(|c| c.name.as_str()).collect();
+    evis.write_vlen_strings("cameras", &names)?;
+    evis.write_vlen_strings("config_toml", &[&header.config_toml])?;
+    rows::<u8>(&evis, "report_json", EVENTS_PER_CHUNK, &[])?;
+    file.close_no_sync()
+}
+
+fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) -> Result<(), Hdf5Error> {
+    let (width, height) = (i64::from(camera.width), i64::from(camera.height));
+    let group = file.create_group(&camera.name)?;
+    let events = group.create_group("events")?;
+    rows::<u16>(&events, "x", EVENTS_PER_CHUNK, &[])?;
+    rows::<u16>(&events, "y", EVENTS_PER_CHUNK, &[])?;
+    if is_narrow(header.duration_us) {
+        rows::<u32>(&events, "t", EVENTS_PER_CHUNK, &[])?;
+    } else {
+        rows::<i64>(&events, "t", EVENTS_PER_CHUNK, &[])?;
+    }
+    rows::<u8>(&events, "p", EVENTS_PER_CHUNK, &[])?;
+    scalar(&events, "width", width)?;
+    scalar(&events, "height", height)?;
+    rows::<u64>(&group, "ms_to_idx", MILLIS_PER_CHUNK, &[])?;
+    scalar(&group, "t_offset", header.t_offset_us)?;
+
+    let intrinsics = group.create_group("intrinsics")?;
+    for (name, value) in [("fx", camera.fx), ("fy", camera.fy), ("cx", camera.cx), ("cy", camera.cy)] {
+        scalar(&intrinsics, name, value)?;
+    }
+    scalar(&intrinsics, "width", width)?;
+    scalar(&intrinsics, "height", height)?;
+
+    let poses = group.create_group("poses")?;
+    rows::<i64>(&poses, "t_us", ROWS_PER_CHUNK, &[])?;
+    rows::<f64>(&poses, "position", ROWS_PER_CHUNK, &[3])?;
+    rows::<f64>(&poses, "rotation_xyzw", ROWS_PER_CHUNK, &[4])?;
+
+    let labels = group.create_group("labels")?;
+    for &kind in &header.labels {
+        let mut frame = vec![camera.height as usize, camera.width as usize];
+        if kind.channels() > 1 {
+            frame.push(kind.channels());
+        }
+        match LabelType::of(kind) {
+            LabelType::F32 => rows::<f32>(&labels, kind.name(), 1, &frame)?,
+            LabelType::U32 => rows::<u32>(&labels, kind.name(), 1, &frame)?,
+            LabelType::U8 => rows::<u8>(&labels, kind.name(), 1, &frame)?,
+        }
+        rows::<i64>(&labels, &format!("{}_t_us", kind.name()), ROWS_PER_CHUNK, &[])?;
+        if has_other_time(kind) {
+            rows::<i64>(&labels, &format!("{}_t_other_us", kind.name()), ROWS_PER_CHUNK, &[])?;
+        }
+    }
+    Ok(())
+}
+
+/// A single value.
+fn scalar<T: H5Type>(group: &H5Group, name: &str, value: T) -> Result<(), Hdf5Error> {
+    group.new_dataset::<T>().scalar().create(name)?.write_raw(&[value])
+}
+
+/// An empty data set of rows shaped `frame`, unlimited along the first axis.
+fn rows<T: H5Type>(
+    group: &H5Group,
+    name: &str,
+    rows_per_chunk: usize,
+    frame: &[usize],
+) -> Result<(), Hdf5Error> {
+    let with = |first: usize| -> Vec<usize> { std::iter::once(first).chain(frame.iter().copied()).collect() };
+    let most: Vec<Option<usize>> = std::iter::once(None).chain(frame.iter().copied().map(Some)).collect();
+    // Shuffling single bytes changes nothing, but every data set then has the same pipeline.
+    group
+        .new_dataset::<T>()
+        .shape(with(0))
+        .chunk(&with(rows_per_chunk))
+        .max_shape(&most)
+        .filter_pipeline(FilterPipeline::shuffle_deflate(size_of::<T>() as u32, GZIP_LEVEL))
+        .create(name)?;
+    Ok(())
+}

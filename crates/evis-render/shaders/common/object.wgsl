@@ -1,0 +1,39 @@
+// One primitive of one node in one view at one instant. Twin: uniforms.rs, ObjectRecord.
+struct ObjectRecord {
+    clip_from_object: mat4x4<f32>,
+    // Rows of world_from_object (identity for skinned objects, whose joints are in world space).
+    world_row_0: vec4<f32>,
+    world_row_1: vec4<f32>,
+    world_row_2: vec4<f32>,
+    joint_base: u32,
+    morph_weight_base: u32,
+    morph_data_base: u32,
+    morph_target_count: u32,
+    morph_vertex_count: u32,
+    instance_id: u32,
+    semantic_id: u32,
+    // Factor of the material's emission waveform.
+    emission_factor: f32,
+};
+
+fn world_from_object(object: ObjectRecord, position: vec3<f32>) -> vec3<f32> {
+    let p = vec4<f32>(position, 1.0);
+    return vec3<f32>(dot(object.world_row_0, p), dot(object.world_row_1, p), dot(object.world_row_2, p));
+}
+
+// Normals take the cofactor matrix: the inverse transpose without the division, its sign undone for mirrors.
+fn world_normal(object: ObjectRecord, normal: vec3<f32>) -> vec3<f32> {
+    let r0 = object.world_row_0.xyz;
+    let r1 = object.world_row_1.xyz;
+    let r2 = object.world_row_2.xyz;
+    let c0 = cross(r1, r2);
+    let n = vec3<f32>(dot(c0, normal), dot(cross(r2, r0), normal), dot(cross(r0, r1), normal));
+    return select(n, -n, dot(r0, c0) < 0.0);
+}
+
+fn world_tangent(object: ObjectRecord, tangent: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(
+        dot(object.world_row_0.xyz, tangent),
+        dot(object.world_row_1.xyz, tangent),
+        dot(object.world_row_2.xyz, tangent));
+}

@@ -1,0 +1,80 @@
+#import raster/vertex.wgsl
+#import raster/material.wgsl
+// Geometry labels, one sample at the pixel's centre: inverse depth, flow to the next and the last label, ids.
+
+// Distance in `objects` between the records of this instant and the next, and between the next and the last.
+struct LabelFrame {
+    next_offset: u32,
+    last_offset: u32,
+    // Pixels per unit of ndc: width / 2, height / 2.
+    half_size: vec2<f32>,
+};
+
+@group(3) @binding(0) var<uniform> label: LabelFrame;
+
+// Written where a flow is not defined: the point lies behind the other camera.
+const NO_FLOW: vec2<f32> = vec2<f32>(1e30, 1e30);
+
+struct GeometryVaryings {
+    @builtin(position) position: vec4<f32>,
+    @location(8) here: vec4<f32>,
+    @location(9) next: vec4<f32>,
+    @location(10) last: vec4<f32>,
+    @location(11) @interpolate(flat) ids: vec2<u32>,
+    @location(12) uv: vec4<f32>,
+    @location(13) alpha: f32,
+};
+
+struct GeometryOut {
+    @location(0) inverse_depth: f32,
+    @location(1) flow: vec4<f32>,
+    @location(2) ids: vec2<u32>,
+};
+
+@vertex
+fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex_index) vertex: u32) -> GeometryVaryings {
+    let here = objects[instance];
+    let next = objects[instance + label.next_offset];
+    let last = objects[instance + label.last_offset];
+    let p_here = deform(here, in, vertex).position;
+    let p_next = deform(next, in, vertex).position;
+    let p_last = deform(last, in, vertex).position;
+    var out: GeometryVaryings;
+    out.here = here.clip_from_object * vec4<f32>(p_here, 1.0);
+    out.position = out.here;
+    out.next = next.clip_from_object * vec4<f32>(p_next, 1.0);
+    out.last = last.clip_from_object * vec4<f32>(p_last, 1.0);
+    out.ids = vec2<u32>(here.instance_id, here.semantic_id);
+    out.uv = vec4<f32>(input_uv0(in), input_uv1(in));
+    out.alpha = input_color(in).a;
+    return out;
+}
+
+// Displacement in pixels, x right and y down, from clip position `a` to clip position `b`.
+fn flow_pixels(a: vec4<f32>, b: vec4<f32>) -> vec2<f32> {
+    if (b.w <= 0.0 || a.w <= 0.0) {
+        return NO_FLOW;
+    }
+    let d = b.xy / b.w - a.xy / a.w;
+    return vec2<f32>(d.x, -d.y) * label.half_size;
+}
+
+@fragment
+fn fs_main(v: GeometryVaryings) -> GeometryOut {
+    if (ALPHA_MASK) {
+        var alpha = material.base_color.a * v.alpha;
+        if (HAS_BASE_TEXTURE) {
+            let row0 = material.uv_rows[0];
+            let row1 = material.uv_rows[1];
+            let uv = vec3<f32>(select(v.uv.xy, v.uv.zw, row0.w > 0.5), 1.0);
+            alpha *= textureSample(base_texture, base_sampler, vec2<f32>(dot(row0.xyz, uv), dot(row1.xyz, uv))).a;
+        }
+        if (alpha < material.emissive.w) {
+            discard;
+        }
+    }
+    return GeometryOut(
+        v.position.w,
+        vec4<f32>(flow_pixels(v.here, v.next), flow_pixels(v.here, v.last)),
+        v.ids);
+}

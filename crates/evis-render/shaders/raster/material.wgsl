@@ -1,0 +1,92 @@
+// Material constants and textures. Twin of the struct: uniforms.rs, MaterialUniform.
+struct Material {
+    base_color: vec4<f32>,
+    // rgb: emitted radiance; w: alpha cutoff.
+    emissive: vec4<f32>,
+    // metallic, roughness, normal scale, occlusion strength.
+    factors: vec4<f32>,
+    // Two rows of a 2x3 matrix per texture: base color, metallic-roughness, normal, occlusion, emissive.
+    // w of a first row: which uv set.
+    uv_rows: array<vec4<f32>, 10>,
+};
+
+override HAS_BASE_TEXTURE: bool = false;
+override HAS_METALLIC_ROUGHNESS_TEXTURE: bool = false;
+override HAS_NORMAL_TEXTURE: bool = false;
+override HAS_OCCLUSION_TEXTURE: bool = false;
+override HAS_EMISSIVE_TEXTURE: bool = false;
+override ALPHA_MASK: bool = false;
+// log2 of the share of a pixel that one sample stands for: -0.5 * log2(samples).
+override LOD_BIAS: f32 = 0.0;
+
+@group(1) @binding(0) var<uniform> material: Material;
+@group(1) @binding(1) var base_texture: texture_2d<f32>;
+@group(1) @binding(2) var base_sampler: sampler;
+@group(1) @binding(3) var metallic_roughness_texture: texture_2d<f32>;
+@group(1) @binding(4) var metallic_roughness_sampler: sampler;
+@group(1) @binding(5) var normal_texture: texture_2d<f32>;
+@group(1) @binding(6) var normal_sampler: sampler;
+@group(1) @binding(7) var occlusion_texture: texture_2d<f32>;
+@group(1) @binding(8) var occlusion_sampler: sampler;
+@group(1) @binding(9) var emissive_texture: texture_2d<f32>;
+@group(1) @binding(10) var emissive_sampler: sampler;
+
+fn material_uv(v: Varyings, slot: u32) -> vec2<f32> {
+    let row0 = material.uv_rows[slot * 2u];
+    let row1 = material.uv_rows[slot * 2u + 1u];
+    let uv = vec3<f32>(select(vary_uv0(v), vary_uv1(v), row0.w > 0.5), 1.0);
+    return vec2<f32>(dot(row0.xyz, uv), dot(row1.xyz, uv));
+}
+
+// Linear base colour and alpha: factor * texture * vertex colour.
+fn base_color(v: Varyings) -> vec4<f32> {
+    var color = material.base_color * vary_color(v);
+    if (HAS_BASE_TEXTURE) {
+        color *= textureSampleBias(base_texture, base_sampler, material_uv(v, 0u), LOD_BIAS);
+    }
+    return color;
+}
+
+fn emitted(v: Varyings) -> vec3<f32> {
+    var color = material.emissive.rgb;
+    if (HAS_EMISSIVE_TEXTURE) {
+        color *= textureSampleBias(emissive_texture, emissive_sampler, material_uv(v, 4u), LOD_BIAS).rgb;
+    }
+    return color * vary_emission_factor(v);
+}
+
+// Metallic, perceptual roughness.
+fn metallic_roughness(v: Varyings) -> vec2<f32> {
+    var value = material.factors.xy;
+    if (HAS_METALLIC_ROUGHNESS_TEXTURE) {
+        value *= textureSampleBias(
+            metallic_roughness_texture, metallic_roughness_sampler, material_uv(v, 1u), LOD_BIAS).bg;
+    }
+    return vec2<f32>(clamp(value.x, 0.0, 1.0), clamp(value.y, 0.0, 1.0));
+}
+
+fn ambient_occlusion(v: Varyings) -> f32 {
+    if (HAS_OCCLUSION_TEXTURE) {
+        let r = textureSampleBias(occlusion_texture, occlusion_sampler, material_uv(v, 3u), LOD_BIAS).r;
+        return 1.0 + material.factors.w * (r - 1.0);
+    }
+    return 1.0;
+}
+
+// Unit normal in world space, facing the viewer.
+fn shading_normal(v: Varyings, front: bool) -> vec3<f32> {
+    var n = normalize(vary_normal(v));
+    if (HAS_NORMAL_TEXTURE) {
+        let t4 = vary_tangent(v);
+        // A degenerate tangent (no uv gradient) leaves the geometric normal.
+        let t_raw = t4.xyz - n * dot(n, t4.xyz);
+        let length_squared = dot(t_raw, t_raw);
+        if (length_squared > 1e-12) {
+            let t = t_raw * inverseSqrt(length_squared);
+            let b = cross(n, t) * t4.w;
+            let m = textureSampleBias(normal_texture, normal_sampler, material_uv(v, 2u), LOD_BIAS).xyz * 2.0 - 1.0;
+            n = normalize(t * (m.x * material.factors.z) + b * (m.y * material.factors.z) + n * m.z);
+        }
+    }
+    return select(-n, n, front);
+}

@@ -1,0 +1,16 @@
+#import raster/vertex.wgsl
+#import raster/material.wgsl
+// Depth from a light. objects[].clip_from_object is then light clip space; masked casters keep their holes.
+
+@vertex
+fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex_index) vertex: u32) -> Varyings {
+    let local = deform(objects[instance], in, vertex);
+    return set_varyings(objects[instance], in, local, objects[instance].clip_from_object * vec4<f32>(local.position, 1.0));
+}
+
+@fragment
+fn fs_masked(v: Varyings) {
+    if (base_color(v).a < material.emissive.w) {
+        discard;
+    }
+}

@@ -1,0 +1,27 @@
+#import common/frame.wgsl
+#import common/luminance.wgsl
+#import raster/environment.wgsl
+// The environment behind everything: a triangle over the whole tile at the far plane (reverse z: 0).
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+
+struct SkyVaryings {
+    @builtin(position) position: vec4<f32>,
+    @location(0) ndc: vec2<f32>,
+};
+
+@vertex
+fn vs_main(@builtin(vertex_index) i: u32) -> SkyVaryings {
+    let ndc = vec2<f32>(f32(i & 1u) * 4.0 - 1.0, f32(i >> 1u) * 4.0 - 1.0);
+    return SkyVaryings(vec4<f32>(ndc, 0.0, 1.0), ndc);
+}
+
+@fragment
+fn fs_luminance(v: SkyVaryings) -> @location(0) f32 {
+    return luminance(environment_sky(frame, ray_direction(frame, v.ndc)));
+}
+
+@fragment
+fn fs_color(v: SkyVaryings) -> @location(0) vec4<f32> {
+    return vec4<f32>(environment_sky(frame, ray_direction(frame, v.ndc)), 1.0);
+}

@@ -1,0 +1,44 @@
+// Shared by the trigger passes. Twins: uniforms.rs (structs), sizes.rs (constants).
+
+// Invocations per workgroup of the pixel passes, along a row.
+const WORKGROUP: u32 = 64u;
+// Pixels per prefix block; a row is padded to whole blocks, so a block never spans two rows.
+const BLOCK_PIXELS: u32 = 64u;
+
+struct TriggerParams {
+    width: u32,
+    height: u32,
+    // Row length of the per-pixel buffers: width rounded up to whole blocks.
+    stride: u32,
+    view_count: u32,
+    pad: u32,
+    instants: u32,
+    event_capacity: u32,
+    // 1: the first instant only sets the reference.
+    first: u32,
+    // Microseconds since the submission's base: [0] the instant before the first, then one per instant.
+    times: array<vec4<u32>, 9>,
+};
+
+struct ViewSensor {
+    threshold_on: f32,
+    threshold_off: f32,
+    log_eps: f32,
+    inverse_reference_luminance: f32,
+};
+
+// What survives a submission in one pixel.
+struct PixelMemory {
+    reference_log: f32,
+    log_luma: f32,
+};
+
+struct Status {
+    // 1: a submission did not fit its event buffer; nothing is written until the host clears this.
+    stalled: u32,
+    event_count: u32,
+    // Pixel intervals whose event count hit the limit.
+    clamped: atomic<u32>,
+    // Pixels whose events in the emitting pass differ from their count: never, or the driver miscompiles.
+    mismatched: atomic<u32>,
+};

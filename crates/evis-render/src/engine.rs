@@ -1,0 +1,742 @@
+//! The engine: batches of views, submissions in flight, and what came back of them.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::Instant;
+
+use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
+use evis_scene::{Scene, SceneState};
+
+use crate::config::{Antialias, RunConfig};
+use crate::error::EngineError;
+use crate::frame::{FrameData, rigid};
+use crate::frame_buffers::FrameBuffers;
+use crate::gpu::Gpu;
+use crate::gpu_scene::GpuScene;
+use crate::interval::{self, Group, Slot, Unit};
+use crate::labels::{LabelJob, LabelRoom};
+use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
+use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
+use crate::pass::sky;
+use crate::pass::trigger::TriggerPasses;
+use crate::shadow::{ShadowPlan, ShadowRoom};
+use crate::sizes::{self, DeviceLimits};
+use crate::targets::Targets;
+use crate::uniforms::{Status, ViewSensor};
+use crate::unpack;
+use crate::view::View;
+
+/// Submissions in flight: the device works on one while the host prepares the next and unpacks the last.
+const RING: usize = 3;
+/// Events that a submission's buffer holds at first.
+const FIRST_CAPACITY: u32 = 1 << 18;
+
+/// What every submission reads.
+pub struct Context {
+    pub(crate) gpu: Gpu,
+    pub(crate) scene: Arc<Scene>,
+    pub(crate) gpu_scene: GpuScene,
+    pub(crate) layouts: SurfaceLayouts,
+    pub(crate) views: Vec<View>,
+    pub(crate) grid: TimeGrid,
+    pub(crate) start_us: i64,
+    /// Sample offsets in pixels; one, at the centre, for `--aa edges`.
+    pub(crate) offsets: Vec<[f32; 2]>,
+    pub(crate) luminance: Pipelines,
+    pub(crate) sky: Option<wgpu::RenderPipeline>,
+    pub(crate) trigger: TriggerPasses,
+    pub(crate) surroundings: wgpu::BindGroup,
+    pub(crate) background_luminance: f64,
+    pub(crate) shadows: Option<ShadowRoom>,
+    pub(crate) frame_data: FrameData,
+    pub(crate) frame_buffers: FrameBuffers,
+}
+
+impl Context {
+    /// Scene time of stream time `t_us`, in seconds.
+    pub(crate) fn scene_time_s(&self, t_us: i64) -> f64 {
+        (self.start_us + t_us) as f64 * 1e-6
+    }
+
+    /// First record of frame `frame`.
+    pub(crate) fn object_base(&self, frame: u32) -> u32 {
+        frame * self.gpu_scene.objects.len() as u32
+    }
+
+    /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
+    pub(crate) fn upload_frames(&mut self, views: &[View], times_us: &[i64]) -> wgpu::BindGroup {
+        let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
+        let plan = self.shadows.as_ref().map(|s| &s.plan);
+        let moving = plan.is_some_and(|p| p.moving);
+        self.frame_data.build(&self.scene, &self.gpu_scene.objects, views, &times_s, plan, moving);
+        let (group, matrices_moved) = self.frame_buffers.upload(
+            &self.gpu.device,
+            &self.gpu.queue,
+            &self.layouts,
+            &self.gpu_scene.morph_data,
+            &self.frame_data,
+        );
+        if moving && matrices_moved {
+            self.bind_surroundings();
+        }
+        group
+    }
+
+    /// Makes group 2 anew, after a buffer that it binds was replaced.
+    pub(crate) fn bind_surroundings(&mut self) {
+        let device = &self.gpu.device;
+        let matrices = self.frame_buffers.shadow_matrices.get();
+        self.surroundings = match &self.shadows {
+            Some(room) => {
+                let matrices = room.still_matrices.as_ref().unwrap_or(matrices);
+                self.gpu_scene.surroundings.group(device, &self.layouts, &room.array, matrices)
+            }
+            None => {
+                let none = ShadowRoom::empty(device);
+                self.gpu_scene.surroundings.group(device, &self.layouts, &none, matrices)
+            }
+        };
+    }
+
+    /// Draws the shadow maps of instant `k`, where they move.
+    pub(crate) fn encode_moving_shadows(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        frame_group: &wgpu::BindGroup,
+        views: &[View],
+        instants: u32,
+        k: u32,
+    ) {
+        let Some(room) = self.shadows.as_ref().filter(|room| room.plan.moving) else { return };
+        let lights = room.plan.nodes.len() as u32;
+        let environments = environments_of(views);
+        for e in 0..environments {
+            for l in 0..lights {
+                let map = (e * instants + k) * lights + l;
+                let frames = views.len() * instants as usize;
+                let first = FrameData::shadow_record(frames, self.gpu_scene.objects.len(), map as usize);
+                room.encode(self, encoder, frame_group, e * lights + l, first);
+            }
+        }
+    }
+}
+
+/// Different environments among `views`, which are environment-major.
+pub(crate) fn environments_of(views: &[View]) -> u32 {
+    1 + views.windows(2).filter(|w| w[0].environment != w[1].environment).count() as u32
+}
+
+/// What came back of one view and was not yet delivered.
+#[derive(Default)]
+struct Arrived {
+    events: Vec<Event>,
+    labels: Vec<LabelFrame>,
+    poses: Vec<PoseSample>,
+}
+
+enum Work {
+    Events { unit: Unit, slot: Slot, predicted: u32 },
+    Labels(LabelJob),
+}
+
+struct InFlight {
+    work: Work,
+    submission: wgpu::SubmissionIndex,
+    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+}
+
+/// The engine.
+pub struct Engine {
+    context: Context,
+    targets: Vec<Targets>,
+    groups: Vec<Group>,
+    label_room: Option<LabelRoom>,
+    label_grid: TimeGrid,
+    in_flight: VecDeque<InFlight>,
+    free: Vec<Slot>,
+    capacity: u32,
+    most_capacity: u32,
+    last_count: u32,
+    /// Per group: events before this are complete.
+    complete_us: Vec<i64>,
+    next_label: i64,
+    next_label_group: usize,
+    labels_complete: i64,
+    next_pose: i64,
+    arrived: Vec<Arrived>,
+    delivered_us: i64,
+    report: PacketReport,
+    pose_state: SceneState,
+}
+
+impl Engine {
+    /// Prepares everything; `config` gets its reference luminance filled in.
+    pub fn new(
+        gpu: &Gpu,
+        scene: Arc<Scene>,
+        views: Vec<View>,
+        config: &mut RunConfig,
+    ) -> Result<Self, EngineError> {
+        let device = &gpu.device;
+        let limits = device.limits();
+        let device_limits = DeviceLimits {
+            texture_edge: limits.max_texture_dimension_2d,
+            texture_layers: limits.max_texture_array_layers,
+            storage_binding: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
+        };
+        let edges = config.antialias == Antialias::Edges;
+        let offsets = if edges { vec![[0.0, 0.0]] } else { crate::pattern::offsets(config.samples) };
+        let samples = offsets.len() as u32;
+        let grid = TimeGrid::new(config.rate_hz)?;
+
+        let mut state = SceneState::default();
+        scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
+        let layouts = SurfaceLayouts::new(device);
+        let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
+        let environments = scene.variants.len().max(1);
+        let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, environments as u32);
+        let constants = SceneConstants {
+            light_count: scene.nodes.iter().filter(|n| n.light.is_some()).count() as u32,
+            shadows: shadows.is_some(),
+            environment: scene.environment.is_some(),
+            lod_bias: -0.5 * (samples as f32).log2(),
+        };
+        let sample_count = if edges { 4 } else { 1 };
+        let luminance = raster::luminance_pipelines(
+            device,
+            &layouts,
+            gpu_scene.variants().into_iter(),
+            &constants,
+            sample_count,
+        );
+        let visible = scene.environment.as_ref().is_some_and(|e| e.visible);
+        let sky = visible.then(|| {
+            let target = [Some(raster::LUMINANCE_FORMAT.into())];
+            sky::pipeline(device, &layouts, "fs_luminance", &target, sample_count)
+        });
+        let label_room =
+            LabelRoom::new(device, &layouts, &scene, &gpu_scene, &views, config, &constants, device_limits)?;
+        let frame_buffers = FrameBuffers::new(device);
+        let surroundings = gpu_scene.surroundings.group(
+            device,
+            &layouts,
+            &ShadowRoom::empty(device),
+            frame_buffers.shadow_matrices.get(),
+        );
+        let [r, g, b] = scene.background.map(f64::from);
+        let mut context = Context {
+            gpu: gpu.clone(),
+            trigger: TriggerPasses::new(device, config.sensor.trigger, samples),
+            gpu_scene,
+            layouts,
+            views,
+            grid,
+            start_us: config.start_us,
+            offsets,
+            luminance,
+            sky,
+            surroundings,
+            background_luminance: 0.2126 * r + 0.7152 * g + 0.0722 * b,
+            shadows,
+            frame_data: FrameData::default(),
+            frame_buffers,
+            scene,
+        };
+        context.bind_surroundings();
+        crate::shadow::draw_still_maps(&mut context);
+
+        let sizes = classes(&context.views);
+        let mut targets = Vec::new();
+        let mut members = Vec::new();
+        for ((width, height), views) in sizes {
+            let plan =
+                sizes::plan(width, height, samples, views.len() as u32, sizes::MAX_INSTANTS, device_limits)
+                    .ok_or_else(|| {
+                    EngineError::Device(format!(
+                        "{width}x{height} pixels with {samples} samples do not fit this device \
+                         (edge {}, layers {}, binding {} bytes); choose a smaller --size or fewer --samples",
+                        device_limits.texture_edge,
+                        device_limits.texture_layers,
+                        device_limits.storage_binding
+                    ))
+                })?;
+            targets.push(Targets::new(device, width, height, plan, edges));
+            for chunk in views.chunks(plan.views_per_group as usize) {
+                members.push((targets.len() - 1, chunk.to_vec()));
+            }
+        }
+        let reference = match config.reference_luminance {
+            Some(value) => value,
+            None => measure_reference(&mut context, &targets, &members)?,
+        };
+        config.reference_luminance = Some(reference);
+        let groups: Vec<_> = members
+            .into_iter()
+            .map(|(t, views)| {
+                let sensors: Vec<_> = views
+                    .iter()
+                    .map(|&v| ViewSensor {
+                        threshold_on: context.views[v].threshold_on,
+                        threshold_off: context.views[v].threshold_off,
+                        log_eps: config.sensor.log_eps,
+                        inverse_reference_luminance: 1.0 / reference,
+                    })
+                    .collect();
+                Group::new(&context, t, &targets[t], views, &sensors)
+            })
+            .collect();
+        let most_capacity =
+            (device_limits.storage_binding / 8).min(limits.max_buffer_size / 8 - 4096).min(1 << 28) as u32;
+        Ok(Self {
+            targets,
+            label_room,
+            label_grid: TimeGrid::new(config.label_rate_hz)?,
+            in_flight: VecDeque::new(),
+            free: Vec::new(),
+            capacity: FIRST_CAPACITY.min(most_capacity),
+            most_capacity,
+            last_count: 0,
+            complete_us: vec![0; groups.len()],
+            next_label: 0,
+            next_label_group: 0,
+            labels_complete: 0,
+            next_pose: 0,
+            arrived: context.views.iter().map(|_| Arrived::default()).collect(),
+            delivered_us: 0,
+            report: PacketReport::default(),
+            pose_state: SceneState::default(),
+            groups,
+            context,
+        })
+    }
+
+    /// Stream time up to which packets were delivered.
+    pub fn now_us(&self) -> i64 {
+        self.delivered_us
+    }
+
+    /// Delivers `[now, until_us)`, submitting ahead as far as `horizon_us`.
+    pub fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
+        let started = Instant::now();
+        loop {
+            while self.in_flight.len() < RING && self.submit_next(horizon_us)? {}
+            if self.is_complete(until_us) {
+                break;
+            }
+            self.collect_oldest()?;
+        }
+        let packing = Instant::now();
+        self.evaluate_poses(until_us);
+        let mut packet = Packet { start_us: self.delivered_us, end_us: until_us, ..Default::default() };
+        for (view, arrived) in self.context.views.iter().zip(&mut self.arrived) {
+            let count = arrived.events.partition_point(|e| e.t < until_us);
+            let rest = arrived.events.split_off(count);
+            let labels = arrived.labels.partition_point(|l| l.t_us < until_us);
+            packet.views.push(ViewPacket {
+                environment: view.environment,
+                camera: view.camera,
+                events: std::mem::replace(&mut arrived.events, rest),
+                labels: arrived.labels.drain(..labels).collect(),
+                poses: std::mem::take(&mut arrived.poses),
+            });
+        }
+        self.delivered_us = until_us;
+        packet.report = std::mem::take(&mut self.report);
+        packet.report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
+        packet.report.times.pack_ms += milliseconds(packing);
+        packet.report.times.total_ms = milliseconds(started);
+        Ok(packet)
+    }
+
+    fn is_complete(&self, until_us: i64) -> bool {
+        let labels_wanted =
+            if self.label_room.is_some() { self.label_grid.first_at_or_after(until_us) } else { 0 };
+        self.complete_us.iter().all(|&t| t >= until_us) && self.labels_complete >= labels_wanted
+    }
+
+    /// Submits the earliest work that is left before `horizon_us`; false where there is none.
+    fn submit_next(&mut self, horizon_us: i64) -> Result<bool, EngineError> {
+        let started = Instant::now();
+        let group = (0..self.groups.len()).min_by_key(|&g| self.groups[g].next);
+        let Some(group) = group else { return Ok(false) };
+        let grid = self.context.grid;
+        let next = self.groups[group].next;
+        let last = grid.first_at_or_after(horizon_us);
+        let label_us = self.label_grid.instant_us(self.next_label);
+        let label_due = self.label_room.is_some()
+            && label_us < horizon_us
+            && (next > last || label_us <= grid.instant_us(next));
+        if label_due {
+            self.submit_label()?;
+        } else if next <= last {
+            let most = i64::from(self.targets[self.groups[group].targets].plan.instants);
+            let unit = Unit { group, first: next, instants: most.min(last - next + 1) as u32 };
+            self.submit_unit(unit)?;
+        } else {
+            return Ok(false);
+        }
+        self.report.times.host_ms += milliseconds(started);
+        Ok(true)
+    }
+
+    fn submit_unit(&mut self, unit: Unit) -> Result<(), EngineError> {
+        let group = &mut self.groups[unit.group];
+        let header = group.header_bytes();
+        let slot = match self.free.iter().position(|s| s.fits(self.capacity, header)) {
+            Some(index) => self.free.swap_remove(index),
+            None => {
+                // Smaller ones are from before the capacity grew.
+                self.free.clear();
+                Slot::new(&self.context.gpu.device, self.capacity, header)
+            }
+        };
+        // Half as much again as the last one had: a second copy is needed only where events surge.
+        let predicted = (self.last_count / 2 * 3).saturating_add(4096).min(slot.capacity);
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        interval::encode(
+            &mut self.context,
+            &mut encoder,
+            &self.targets[group.targets],
+            group,
+            &unit,
+            &slot,
+            predicted,
+        );
+        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let mapped = map(&slot.staging);
+        group.parity = 1 - group.parity;
+        group.next = unit.first + i64::from(unit.instants);
+        self.in_flight.push_back(InFlight {
+            work: Work::Events { unit, slot, predicted },
+            submission,
+            mapped,
+        });
+        Ok(())
+    }
+
+    fn submit_label(&mut self) -> Result<(), EngineError> {
+        let Some(room) = &mut self.label_room else { return Ok(()) };
+        let group = self.next_label_group;
+        let (job, submission) =
+            room.submit(&mut self.context, &self.groups[group], group, self.next_label, &self.label_grid);
+        let mapped = map(&job.staging);
+        self.in_flight.push_back(InFlight { work: Work::Labels(job), submission, mapped });
+        self.next_label_group += 1;
+        if self.next_label_group == self.groups.len() {
+            self.next_label_group = 0;
+            self.next_label += 1;
+        }
+        Ok(())
+    }
+
+    /// Waits for the oldest submission and takes what it brought.
+    fn collect_oldest(&mut self) -> Result<(), EngineError> {
+        let Some(oldest) = self.in_flight.pop_front() else {
+            return Err(EngineError::Device("nothing is in flight, and the interval is not complete".into()));
+        };
+        let waiting = Instant::now();
+        self.wait(&oldest)?;
+        self.report.times.device_wait_ms += milliseconds(waiting);
+        match oldest.work {
+            Work::Events { unit, slot, predicted } => self.take_events(unit, slot, predicted),
+            Work::Labels(job) => {
+                let packing = Instant::now();
+                let room = self.label_room.as_mut();
+                let label = job.index;
+                let last_group = job.group + 1 == self.groups.len();
+                if let Some(room) = room {
+                    for (view, labels) in room.take(&self.context, &self.groups[job.group], job)? {
+                        self.arrived[view].labels.extend(labels);
+                    }
+                }
+                if last_group {
+                    self.labels_complete = label + 1;
+                }
+                self.report.times.pack_ms += milliseconds(packing);
+                Ok(())
+            }
+        }
+    }
+
+    fn wait(&self, flight: &InFlight) -> Result<(), EngineError> {
+        wait_mapped(&self.context.gpu, &flight.submission, &flight.mapped)
+    }
+
+    fn take_events(&mut self, unit: Unit, slot: Slot, predicted: u32) -> Result<(), EngineError> {
+        let packing = Instant::now();
+        let group = &self.groups[unit.group];
+        let header = group.header_bytes();
+        let failed = |e: wgpu::MapRangeError| EngineError::Device(format!("cannot read events back: {e}"));
+        let (status, offsets) = {
+            let bytes = slot.staging.get_mapped_range(0..header).map_err(failed)?;
+            let status: Status = bytemuck::pod_read_unaligned(&bytes[..size_of::<Status>()]);
+            let offsets: Vec<u32> = bytes[size_of::<Status>()..]
+                .chunks_exact(4)
+                .take(group.views.len() + 1)
+                .map(bytemuck::pod_read_unaligned)
+                .collect();
+            (status, offsets)
+        };
+        if status.mismatched > 0 {
+            return Err(EngineError::Device(format!(
+                "{} pixels fired other events than were counted: the driver computes the same expression in two \
+                 ways; please report device and driver",
+                status.mismatched
+            )));
+        }
+        if status.stalled != 0 {
+            slot.staging.unmap();
+            return self.recover(unit, status.event_count);
+        }
+        let count = status.event_count;
+        if count > predicted {
+            self.fetch_rest(&slot, header, predicted, count)?;
+        }
+        let base_us = unit.base_us(&self.context.grid);
+        let span_us = (unit.end_us(&self.context.grid) - base_us) as u32;
+        {
+            let end = header + u64::from(count) * 8;
+            let bytes;
+            let records: &[[u32; 2]] = if count == 0 {
+                &[]
+            } else {
+                bytes = slot.staging.get_mapped_range(header..end).map_err(failed)?;
+                bytemuck::try_cast_slice(&bytes)
+                    .map_err(|e| EngineError::Device(format!("events came back misaligned: {e}")))?
+            };
+            unpack::views(
+                records,
+                &offsets,
+                base_us,
+                span_us,
+                self.groups[unit.group].views.iter().map(|&v| v),
+                |v, e| {
+                    unpack::append(&mut self.arrived[v].events, e);
+                },
+            );
+        }
+        slot.staging.unmap();
+        self.free.push(slot);
+        self.last_count = count;
+        self.complete_us[unit.group] = unit.end_us(&self.context.grid);
+        let group = &mut self.groups[unit.group];
+        self.report.clamped += u64::from(status.clamped.wrapping_sub(group.clamped));
+        group.clamped = status.clamped;
+        self.report.instants += u64::from(unit.instants);
+        self.report.times.pack_ms += milliseconds(packing);
+        Ok(())
+    }
+
+    /// More events came than were predicted: copies the rest too.
+    fn fetch_rest(&self, slot: &Slot, header: u64, have: u32, count: u32) -> Result<(), EngineError> {
+        slot.staging.unmap();
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let (from, bytes) = (u64::from(have) * 8, u64::from(count - have) * 8);
+        encoder.copy_buffer_to_buffer(&slot.events, from, &slot.staging, header + from, bytes);
+        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let mapped = map(&slot.staging);
+        wait_mapped(&self.context.gpu, &submission, &mapped)
+    }
+
+    /// A submission had more events than its buffer holds: nothing was written by it nor by those of its group
+    /// that followed. Enlarges the buffers, or splits the submission, and runs them again.
+    fn recover(&mut self, unit: Unit, needed: u32) -> Result<(), EngineError> {
+        let mut again = vec![unit];
+        let mut others = VecDeque::new();
+        for flight in std::mem::take(&mut self.in_flight) {
+            match &flight.work {
+                Work::Events { unit: later, slot, .. } if later.group == unit.group => {
+                    self.wait(&flight)?;
+                    slot.staging.unmap();
+                    again.push(*later);
+                }
+                _ => others.push_back(flight),
+            }
+        }
+        self.in_flight = others;
+        self.report.reruns += again.len() as u64;
+        if needed > self.most_capacity {
+            let Some(halves) = unit.halves() else {
+                return Err(EngineError::Device(format!(
+                    "{needed} events in one instant, and this device's buffers hold {}; raise --rate or the \
+                     thresholds, or render fewer cameras at once",
+                    self.most_capacity
+                )));
+            };
+            again.splice(0..1, halves);
+        } else {
+            self.capacity = needed.saturating_add(needed / 4).next_power_of_two().min(self.most_capacity);
+        }
+        let group = &mut self.groups[unit.group];
+        // Every submission flipped it, and none took effect.
+        let flips = again.len() - usize::from(needed > self.most_capacity);
+        group.parity = (group.parity + flips) % 2;
+        group.next = unit.first;
+        group.clamped = 0;
+        self.context.gpu.queue.write_buffer(&group.status, 0, bytemuck::bytes_of(&Status::default()));
+        for unit in again {
+            self.submit_unit(unit)?;
+        }
+        // The queue of flights is in submission order again, and the oldest of this group is first of its kind.
+        Ok(())
+    }
+
+    fn evaluate_poses(&mut self, until_us: i64) {
+        let mut t = self.label_grid.instant_us(self.next_pose);
+        while t < until_us {
+            let time_s = self.context.scene_time_s(t);
+            let mut environment = usize::MAX;
+            for (view, arrived) in self.context.views.iter().zip(&mut self.arrived) {
+                if view.environment != environment {
+                    environment = view.environment;
+                    let scene = &self.context.scene;
+                    scene.evaluate_variant(scene.variants.get(environment), time_s, &mut self.pose_state);
+                }
+                let world = rigid(&self.pose_state.world_from_node[view.node]);
+                let (_, rotation, position) = world.to_scale_rotation_translation();
+                arrived.poses.push(PoseSample {
+                    t_us: t,
+                    position: position.to_array(),
+                    rotation: rotation.to_array(),
+                });
+            }
+            self.next_pose += 1;
+            t = self.label_grid.instant_us(self.next_pose);
+        }
+    }
+}
+
+impl Drop for Engine {
+    fn drop(&mut self) {
+        // Nothing of ours may still run when the caller's device is handed on.
+        let _ = self.context.gpu.device.poll(wgpu::PollType::wait_indefinitely());
+    }
+}
+
+/// Views by size, in order of first appearance.
+fn classes(views: &[View]) -> Vec<((u32, u32), Vec<usize>)> {
+    let mut classes: Vec<((u32, u32), Vec<usize>)> = Vec::new();
+    for (index, view) in views.iter().enumerate() {
+        let size = (view.lens.width, view.lens.height);
+        match classes.iter_mut().find(|(s, _)| *s == size) {
+            Some((_, members)) => members.push(index),
+            None => classes.push((size, vec![index])),
+        }
+    }
+    classes
+}
+
+/// Asks for `buffer` to be mapped once the work submitted so far is done.
+pub(crate) fn map(buffer: &wgpu::Buffer) -> Receiver<Result<(), wgpu::BufferAsyncError>> {
+    let (send, receive) = channel();
+    buffer.slice(..).map_async(wgpu::MapMode::Read, move |result| {
+        // The receiver is gone only when the engine is.
+        let _ = send.send(result);
+    });
+    receive
+}
+
+/// Waits until `submission` is done and its buffer mapped.
+pub(crate) fn wait_mapped(
+    gpu: &Gpu,
+    submission: &wgpu::SubmissionIndex,
+    mapped: &Receiver<Result<(), wgpu::BufferAsyncError>>,
+) -> Result<(), EngineError> {
+    loop {
+        match mapped.try_recv() {
+            Ok(Ok(())) => return Ok(()),
+            Ok(Err(e)) => return Err(EngineError::Device(format!("cannot map what came back: {e}"))),
+            Err(TryRecvError::Empty) => {
+                gpu.device.poll(wgpu::PollType::Wait {
+                    submission_index: Some(submission.clone()),
+                    timeout: None,
+                })?;
+            }
+            Err(TryRecvError::Disconnected) => {
+                return Err(EngineError::Device(
+                    "the device was lost; run again, or choose another --device".into(),
+                ));
+            }
+        }
+    }
+}
+
+/// `Y_ref` that brings the log-mean of the first camera's lit pixels at the start to 0.18 (Reinhard's middle grey).
+fn measure_reference(
+    context: &mut Context,
+    targets: &[Targets],
+    members: &[(usize, Vec<usize>)],
+) -> Result<f32, EngineError> {
+    let Some((t, views)) = members.iter().find(|(_, views)| views.contains(&0)).or(members.first()) else {
+        return Ok(1.0);
+    };
+    let targets = &targets[*t];
+    let view = [context.views[views[0]].clone()];
+    let frame_group = context.upload_frames(&view, &[0]);
+    let device = &context.gpu.device;
+    let mut encoder = device.create_command_encoder(&Default::default());
+    context.encode_moving_shadows(&mut encoder, &frame_group, &view, 1, 0);
+    interval::encode_luminance(context, &mut encoder, targets, &frame_group, 1, 1, 0);
+    let samples = context.offsets.len() as u32;
+    let row = (targets.width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let layer_bytes = u64::from(row) * u64::from(targets.height);
+    let staging = device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("reference luminance"),
+        size: layer_bytes * u64::from(samples),
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    encoder.copy_texture_to_buffer(
+        targets.luminance_texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &staging,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(row),
+                rows_per_image: Some(targets.height),
+            },
+        },
+        wgpu::Extent3d { width: targets.width, height: targets.height, depth_or_array_layers: samples },
+    );
+    let submission = context.gpu.queue.submit([encoder.finish()]);
+    let mapped = map(&staging);
+    wait_mapped(&context.gpu, &submission, &mapped)?;
+    let bytes = staging
+        .get_mapped_range(..)
+        .map_err(|e| EngineError::Device(format!("cannot read the first image back: {e}")))?;
+    let at = |s: u32, y: u32, x: u32| {
+        let offset = u64::from(s) * layer_bytes + u64::from(y) * u64::from(row) + u64::from(x) * 4;
+        let offset = offset as usize;
+        f64::from(bytemuck::pod_read_unaligned::<f32>(&bytes[offset..offset + 4]))
+    };
+    let (mut sum, mut lit) = (0.0, 0u64);
+    for y in 0..targets.height {
+        for x in 0..targets.width {
+            let luminance = (0..samples).map(|s| at(s, y, x)).sum::<f64>() / f64::from(samples);
+            if luminance > 0.0 && luminance.is_finite() {
+                sum += luminance.ln();
+                lit += 1;
+            }
+        }
+    }
+    if lit == 0 {
+        return Ok(1.0);
+    }
+    let reference = ((sum / lit as f64).exp() / 0.18) as f32;
+    Ok(if reference.is_finite() && reference > 0.0 { reference } else { 1.0 })
+}
+
+fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
+
+impl StageTimes {
+    /// Adds another packet's.
+    pub fn add(&mut self, other: &Self) {
+        self.host_ms += other.host_ms;
+        self.device_wait_ms += other.device_wait_ms;
+        self.pack_ms += other.pack_ms;
+        self.total_ms += other.total_ms;
+    }
+}

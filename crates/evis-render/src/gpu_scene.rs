@@ -1,0 +1,484 @@
+//! A scene on the device: geometry, materials, surroundings, and the list of what to draw.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use evis_scene::{AlphaMode, Scene, SceneState, ShadingModel, TextureRef, Wrap};
+use wgpu::util::DeviceExt as _;
+
+use crate::pass::raster::{MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, SurfaceLayouts};
+use crate::pass::{self};
+use crate::uniforms::MaterialUniform;
+use crate::variant::{Attribute, SurfaceVariant};
+
+/// Consecutive objects that share pipeline, material and triangles: one instanced draw.
+#[derive(Clone, Debug)]
+pub struct Draw {
+    /// Pipeline.
+    pub variant: SurfaceVariant,
+    /// Index into [`GpuScene::materials`].
+    pub material: usize,
+    /// Indices.
+    pub indices: Range<u32>,
+    /// First vertex.
+    pub base_vertex: i32,
+    /// Objects, in record order.
+    pub objects: Range<u32>,
+}
+
+/// One primitive of one node: what its record is made from.
+#[derive(Clone, Debug)]
+pub struct Object {
+    /// Node.
+    pub node: usize,
+    /// Material, for its emission waveform.
+    pub material: usize,
+    /// Skin, where the primitive has joints.
+    pub skin: Option<usize>,
+    /// Displacements, where it has morph targets.
+    pub morph: Option<Morph>,
+    /// Instance label.
+    pub instance_id: u32,
+    /// Semantic label.
+    pub semantic_id: u32,
+}
+
+/// Where a primitive's displacements lie.
+#[derive(Clone, Copy, Debug)]
+pub struct Morph {
+    /// First float, biased by the primitive's first vertex (wrapping).
+    pub data_base: u32,
+    /// Targets.
+    pub targets: u32,
+    /// Vertices.
+    pub vertices: u32,
+}
+
+/// A scene on the device.
+pub struct GpuScene {
+    /// Per attribute; `None` where no primitive has it.
+    pub vertices: [Option<wgpu::Buffer>; 8],
+    /// All indices.
+    pub indices: wgpu::Buffer,
+    /// All displacements.
+    pub morph_data: wgpu::Buffer,
+    /// Group 1, per material.
+    pub materials: Vec<wgpu::BindGroup>,
+    /// What to draw, in order.
+    pub draws: Vec<Draw>,
+    /// Record order.
+    pub objects: Vec<Object>,
+    /// Environment and lookup table, for group 2.
+    pub surroundings: Surroundings,
+}
+
+/// The resources of group 2 that belong to the scene.
+pub struct Surroundings {
+    irradiance: wgpu::TextureView,
+    specular: wgpu::TextureView,
+    sky: wgpu::TextureView,
+    cube_sampler: wgpu::Sampler,
+    brdf_lut: wgpu::TextureView,
+    shadow_sampler: wgpu::Sampler,
+}
+
+impl Surroundings {
+    /// Group 2 with `shadow_maps` and their matrices.
+    pub fn group(
+        &self,
+        device: &wgpu::Device,
+        layouts: &SurfaceLayouts,
+        shadow_maps: &wgpu::TextureView,
+        shadow_matrices: &wgpu::Buffer,
+    ) -> wgpu::BindGroup {
+        use wgpu::BindingResource::{Sampler, TextureView};
+        let resources = vec![
+            TextureView(shadow_maps),
+            Sampler(&self.shadow_sampler),
+            shadow_matrices.as_entire_binding(),
+            TextureView(&self.irradiance),
+            TextureView(&self.specular),
+            TextureView(&self.sky),
+            Sampler(&self.cube_sampler),
+            TextureView(&self.brdf_lut),
+        ];
+        pass::group(device, "surroundings", &layouts.surroundings, SURROUNDINGS_BINDINGS, resources)
+    }
+}
+
+impl GpuScene {
+    /// Uploads `scene`. `state` is the scene at the start: it tells which nodes mirror.
+    pub fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        layouts: &SurfaceLayouts,
+        scene: &Scene,
+        state: &SceneState,
+    ) -> Self {
+        let geometry = Geometry::gather(scene);
+        let (draws, objects) = draw_list(scene, state, &geometry);
+        let buffer = |label: &str, bytes: &[u8], usage| {
+            // A binding may not be empty.
+            let bytes = if bytes.is_empty() { &[0u8; 16] } else { bytes };
+            device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some(label),
+                contents: bytes,
+                usage,
+            })
+        };
+        let vertices = std::array::from_fn(|slot| {
+            let bytes = &geometry.attributes[slot];
+            (!bytes.is_empty()).then(|| buffer("vertices", bytes, wgpu::BufferUsages::VERTEX))
+        });
+        Self {
+            vertices,
+            indices: buffer("indices", bytemuck::cast_slice(&geometry.indices), wgpu::BufferUsages::INDEX),
+            morph_data: buffer(
+                "morph data",
+                bytemuck::cast_slice(&geometry.morph_data),
+                wgpu::BufferUsages::STORAGE,
+            ),
+            materials: upload_materials(device, queue, layouts, scene),
+            draws,
+            objects,
+            surroundings: upload_surroundings(device, queue, scene),
+        }
+    }
+
+    /// The variants that are drawn.
+    pub fn variants(&self) -> BTreeSet<SurfaceVariant> {
+        self.draws.iter().map(|d| d.variant).collect()
+    }
+}
+
+/// All primitives' vertices, end to end.
+struct Geometry {
+    attributes: [Vec<u8>; 8],
+    indices: Vec<u32>,
+    morph_data: Vec<f32>,
+    /// Per mesh and primitive.
+    places: Vec<Vec<Place>>,
+}
+
+struct Place {
+    indices: Range<u32>,
+    base_vertex: i32,
+    morph: Option<Morph>,
+}
+
+impl Geometry {
+    fn gather(scene: &Scene) -> Self {
+        let primitives = || scene.meshes.iter().flat_map(|m| &m.primitives);
+        let used = [
+            true,
+            true,
+            primitives().any(|p| p.uvs[0].is_some()),
+            primitives().any(|p| p.uvs[1].is_some()),
+            primitives().any(|p| p.colors.is_some()),
+            primitives().any(|p| p.tangents.is_some()),
+            primitives().any(|p| p.joints.is_some()),
+            primitives().any(|p| p.joint_weights.is_some()),
+        ];
+        let mut out = Self {
+            attributes: Default::default(),
+            indices: Vec::new(),
+            morph_data: Vec::new(),
+            places: Vec::new(),
+        };
+        let mut first_vertex = 0u32;
+        for mesh in &scene.meshes {
+            let mut places = Vec::new();
+            for primitive in &mesh.primitives {
+                let count = primitive.positions.len();
+                for (slot, attribute) in
+                    Attribute::ALL.into_iter().enumerate().filter(|(slot, _)| used[*slot])
+                {
+                    let bytes = &mut out.attributes[slot];
+                    match attribute {
+                        Attribute::Position => {
+                            bytes.extend(bytemuck::cast_slice::<_, u8>(&primitive.positions))
+                        }
+                        Attribute::Normal => bytes.extend(bytemuck::cast_slice::<_, u8>(&primitive.normals)),
+                        Attribute::Uv0 => fill(bytes, primitive.uvs[0].as_deref(), [0.0; 2], count),
+                        Attribute::Uv1 => fill(bytes, primitive.uvs[1].as_deref(), [0.0; 2], count),
+                        Attribute::Color => fill(bytes, primitive.colors.as_deref(), [1.0; 4], count),
+                        Attribute::Tangent => {
+                            fill(bytes, primitive.tangents.as_deref(), [1.0, 0.0, 0.0, 1.0], count);
+                        }
+                        Attribute::Joints => fill(bytes, primitive.joints.as_deref(), [0u16; 4], count),
+                        Attribute::JointWeights => {
+                            fill(bytes, primitive.joint_weights.as_deref(), [1.0, 0.0, 0.0, 0.0], count);
+                        }
+                    }
+                }
+                let first_index = out.indices.len() as u32;
+                out.indices.extend(&primitive.indices);
+                let morph = (!primitive.morph_targets.is_empty()).then(|| {
+                    let first = out.morph_data.len() as u32;
+                    for target in &primitive.morph_targets {
+                        for v in 0..count {
+                            out.morph_data.extend(target.positions.get(v).copied().unwrap_or_default());
+                            out.morph_data.extend(target.normals.get(v).copied().unwrap_or_default());
+                        }
+                    }
+                    Morph {
+                        data_base: first.wrapping_sub(first_vertex.wrapping_mul(6)),
+                        targets: primitive.morph_targets.len() as u32,
+                        vertices: count as u32,
+                    }
+                });
+                places.push(Place {
+                    indices: first_index..out.indices.len() as u32,
+                    base_vertex: first_vertex as i32,
+                    morph,
+                });
+                first_vertex += count as u32;
+            }
+            out.places.push(places);
+        }
+        out
+    }
+}
+
+fn fill<T: bytemuck::Pod>(bytes: &mut Vec<u8>, values: Option<&[T]>, default: T, count: usize) {
+    match values {
+        Some(values) => bytes.extend(bytemuck::cast_slice::<_, u8>(values)),
+        None => bytes.extend(bytemuck::cast_slice::<_, u8>(&vec![default; count])),
+    }
+}
+
+fn draw_list(scene: &Scene, state: &SceneState, geometry: &Geometry) -> (Vec<Draw>, Vec<Object>) {
+    // (variant, material, mesh, primitive, node): equal but for the node means one instanced draw.
+    let mut keys = Vec::new();
+    for (node_index, node) in scene.nodes.iter().enumerate() {
+        let Some(mesh_index) = node.mesh else { continue };
+        let mesh = &scene.meshes[mesh_index];
+        for (primitive_index, primitive) in mesh.primitives.iter().enumerate() {
+            if primitive.indices.is_empty() {
+                continue;
+            }
+            let skinned = node.skin.is_some();
+            let mirrored = !skinned && state.world_from_node[node_index].determinant() < 0.0;
+            let variant =
+                SurfaceVariant::new(&scene.materials[primitive.material], primitive, skinned, mirrored);
+            keys.push((variant, primitive.material, mesh_index, primitive_index, node_index));
+        }
+    }
+    keys.sort_unstable();
+    let mut draws: Vec<Draw> = Vec::new();
+    let mut objects = Vec::new();
+    let mut last = None;
+    for (variant, material, mesh, primitive, node_index) in keys {
+        let place = &geometry.places[mesh][primitive];
+        let node = &scene.nodes[node_index];
+        let record = objects.len() as u32;
+        objects.push(Object {
+            node: node_index,
+            material,
+            skin: node.skin.filter(|_| variant.skinned),
+            morph: place.morph,
+            instance_id: node.instance_id,
+            semantic_id: node.semantic_id,
+        });
+        match draws.last_mut() {
+            Some(draw) if last == Some((variant, material, mesh, primitive)) => draw.objects.end = record + 1,
+            _ => draws.push(Draw {
+                variant,
+                material,
+                indices: place.indices.clone(),
+                base_vertex: place.base_vertex,
+                objects: record..record + 1,
+            }),
+        }
+        last = Some((variant, material, mesh, primitive));
+    }
+    (draws, objects)
+}
+
+fn upload_materials(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    layouts: &SurfaceLayouts,
+    scene: &Scene,
+) -> Vec<wgpu::BindGroup> {
+    let images: Vec<_> = scene.images.iter().map(|image| upload_image(device, queue, image)).collect();
+    let samplers: Vec<_> = scene.textures.iter().map(|texture| sampler(device, texture)).collect();
+    let white = upload_texels(device, queue, "white", &[(1, 1, vec![[half::f16::ONE; 4]])], false);
+    let plain = device.create_sampler(&wgpu::SamplerDescriptor::default());
+    scene
+        .materials
+        .iter()
+        .map(|material| {
+            let refs = [
+                material.base_color_texture,
+                material.metallic_roughness_texture,
+                material.normal_texture,
+                material.occlusion_texture,
+                material.emissive_texture,
+            ];
+            let mut uv_rows = [[0.0; 4]; 10];
+            for (slot, reference) in refs.iter().enumerate() {
+                let reference = reference.unwrap_or(TextureRef::new(0));
+                let m = reference.transform;
+                uv_rows[slot * 2] = [m[0], m[1], m[2], reference.uv_set as f32];
+                uv_rows[slot * 2 + 1] = [m[3], m[4], m[5], 0.0];
+            }
+            let [r, g, b] = material.emissive;
+            let cutoff = match material.alpha {
+                AlphaMode::Opaque => 0.0,
+                AlphaMode::Mask(cutoff) => cutoff,
+            };
+            let metallic = if material.model == ShadingModel::Diffuse { 0.0 } else { material.metallic };
+            let uniform = MaterialUniform {
+                base_color: material.base_color,
+                emissive: [r, g, b, cutoff],
+                factors: [metallic, material.roughness, material.normal_scale, material.occlusion_strength],
+                uv_rows,
+            };
+            let uniform = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some("material"),
+                contents: bytemuck::bytes_of(&uniform),
+                usage: wgpu::BufferUsages::UNIFORM,
+            });
+            let mut resources = vec![uniform.as_entire_binding()];
+            for reference in refs {
+                match reference {
+                    Some(reference) => {
+                        let image = scene.textures[reference.texture].image;
+                        resources.push(wgpu::BindingResource::TextureView(&images[image]));
+                        resources.push(wgpu::BindingResource::Sampler(&samplers[reference.texture]));
+                    }
+                    None => {
+                        resources.push(wgpu::BindingResource::TextureView(&white));
+                        resources.push(wgpu::BindingResource::Sampler(&plain));
+                    }
+                }
+            }
+            pass::group(device, &material.name, &layouts.material, MATERIAL_BINDINGS, resources)
+        })
+        .collect()
+}
+
+fn sampler(device: &wgpu::Device, texture: &evis_scene::Texture) -> wgpu::Sampler {
+    let address = |wrap| match wrap {
+        Wrap::Repeat => wgpu::AddressMode::Repeat,
+        Wrap::Mirror => wgpu::AddressMode::MirrorRepeat,
+        Wrap::Clamp => wgpu::AddressMode::ClampToEdge,
+    };
+    let (filter, mips) = if texture.nearest {
+        (wgpu::FilterMode::Nearest, wgpu::MipmapFilterMode::Nearest)
+    } else {
+        (wgpu::FilterMode::Linear, wgpu::MipmapFilterMode::Linear)
+    };
+    device.create_sampler(&wgpu::SamplerDescriptor {
+        label: Some("texture"),
+        address_mode_u: address(texture.wrap_u),
+        address_mode_v: address(texture.wrap_v),
+        mag_filter: filter,
+        min_filter: filter,
+        mipmap_filter: mips,
+        ..Default::default()
+    })
+}
+
+type Level = (u32, u32, Vec<[half::f16; 4]>);
+
+fn upload_image(device: &wgpu::Device, queue: &wgpu::Queue, image: &evis_scene::Image) -> wgpu::TextureView {
+    let levels: Vec<Level> = evis_scene::texture::mip_chain(image)
+        .into_iter()
+        .map(|level| (level.width, level.height, level.texels))
+        .collect();
+    upload_texels(device, queue, &image.name, &levels, false)
+}
+
+/// Uploads mip levels; a cube has its six faces end to end in each level.
+fn upload_texels(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    label: &str,
+    levels: &[Level],
+    cube: bool,
+) -> wgpu::TextureView {
+    let layers = if cube { 6 } else { 1 };
+    let texture = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width: levels[0].0, height: levels[0].1, depth_or_array_layers: layers },
+        mip_level_count: levels.len() as u32,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    for (level, (width, height, texels)) in levels.iter().enumerate() {
+        queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture: &texture,
+                mip_level: level as u32,
+                origin: wgpu::Origin3d::ZERO,
+                aspect: wgpu::TextureAspect::All,
+            },
+            bytemuck::cast_slice(texels),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(width * 8),
+                rows_per_image: Some(*height),
+            },
+            wgpu::Extent3d { width: *width, height: *height, depth_or_array_layers: layers },
+        );
+    }
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: cube.then_some(wgpu::TextureViewDimension::Cube),
+        ..Default::default()
+    })
+}
+
+fn upload_surroundings(device: &wgpu::Device, queue: &wgpu::Queue, scene: &Scene) -> Surroundings {
+    let cube = |label: &str, map: Option<&evis_scene::environment::CubeMap>| {
+        let levels: Vec<Level> = match map {
+            Some(map) => map
+                .levels
+                .iter()
+                .enumerate()
+                .map(|(level, texels)| {
+                    let edge = (map.size >> level).max(1);
+                    (edge, edge, texels.clone())
+                })
+                .collect(),
+            None => vec![(1, 1, vec![[half::f16::ZERO; 4]; 6])],
+        };
+        upload_texels(device, queue, label, &levels, true)
+    };
+    let environment = scene.environment.as_ref();
+    let brdf_lut = match environment {
+        Some(_) => {
+            let size = 64;
+            let texels = evis_scene::environment::brdf_lut(size)
+                .into_iter()
+                .map(|[scale, bias]| [scale, bias, 0.0, 1.0].map(half::f16::from_f32))
+                .collect();
+            upload_texels(device, queue, "brdf lut", &[(size, size, texels)], false)
+        }
+        None => upload_texels(device, queue, "brdf lut", &[(1, 1, vec![[half::f16::ZERO; 4]])], false),
+    };
+    let linear = wgpu::SamplerDescriptor {
+        mag_filter: wgpu::FilterMode::Linear,
+        min_filter: wgpu::FilterMode::Linear,
+        mipmap_filter: wgpu::MipmapFilterMode::Linear,
+        ..Default::default()
+    };
+    Surroundings {
+        irradiance: cube("irradiance", environment.map(|e| &e.irradiance)),
+        specular: cube("specular", environment.map(|e| &e.specular)),
+        sky: cube("sky", environment.map(|e| &e.sky)),
+        cube_sampler: device.create_sampler(&linear),
+        brdf_lut,
+        shadow_sampler: device.create_sampler(&wgpu::SamplerDescriptor {
+            // Reverse z: lit where the surface is at least as near to the light as what the map holds.
+            compare: Some(wgpu::CompareFunction::GreaterEqual),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        }),
+    }
+}

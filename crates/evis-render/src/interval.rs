@@ -1,0 +1,443 @@
+//! One submission: some instants of a group of views, from poses to events in a staging buffer.
+
+use evis_core::TimeGrid;
+
+use crate::engine::Context;
+use crate::gpu_scene::Draw;
+use crate::pass::raster::{FRAME_STRIDE, Pipelines};
+use crate::pass::trigger::{BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS};
+use crate::pass::{self};
+use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
+use crate::targets::Targets;
+use crate::uniforms::{BlockParams, PixelMemory, ScanParams, Status, TriggerParams, ViewSensor};
+use crate::view::View;
+
+/// Some instants of one group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unit {
+    /// Index of the group.
+    pub group: usize,
+    /// First instant; 0 sets the reference.
+    pub first: i64,
+    /// Instants.
+    pub instants: u32,
+}
+
+impl Unit {
+    /// Time that the unit's event times count from: the instant before its first.
+    pub fn base_us(&self, grid: &TimeGrid) -> i64 {
+        grid.instant_us((self.first - 1).max(0))
+    }
+
+    /// Time of its last instant.
+    pub fn end_us(&self, grid: &TimeGrid) -> i64 {
+        grid.instant_us(self.first + i64::from(self.instants) - 1)
+    }
+
+    /// The same instants in two halves, where there is more than one.
+    pub fn halves(&self) -> Option<[Self; 2]> {
+        let front = self.instants / 2;
+        (front > 0).then(|| {
+            [
+                Self { instants: front, ..*self },
+                Self { first: self.first + i64::from(front), instants: self.instants - front, ..*self },
+            ]
+        })
+    }
+
+    fn params(&self, grid: &TimeGrid, targets: &Targets, views: u32, capacity: u32) -> TriggerParams {
+        let base = self.base_us(grid);
+        let mut times = [[0; 4]; 9];
+        for i in 0..self.instants as usize {
+            let t = grid.instant_us(self.first + i as i64) - base;
+            times[(i + 1) / 4][(i + 1) % 4] = t as u32;
+        }
+        TriggerParams {
+            width: targets.width,
+            height: targets.height,
+            stride: row_stride(targets.width),
+            view_count: views,
+            pad: 0,
+            instants: self.instants,
+            event_capacity: capacity,
+            first: u32::from(self.first == 0),
+            times,
+        }
+    }
+}
+
+/// Views that go through one submission, and what survives it.
+pub struct Group {
+    /// Index of its targets.
+    pub targets: usize,
+    /// Indices of its views, in view order.
+    pub views: Vec<usize>,
+    /// Old and new pixel memory, in turn.
+    pub memory: [wgpu::Buffer; 2],
+    /// Which of them is the old one.
+    pub parity: usize,
+    /// Status of its last submission.
+    pub status: wgpu::Buffer,
+    /// Per view.
+    pub sensors: wgpu::Buffer,
+    /// Where each view's events start.
+    pub view_offsets: wgpu::Buffer,
+    block_params: wgpu::Buffer,
+    /// First instant that was not submitted yet.
+    pub next: i64,
+    /// `Status::clamped` as last read: the device only adds to it.
+    pub clamped: u32,
+}
+
+impl Group {
+    /// Allocates for `views` (indices) of one size.
+    pub fn new(
+        context: &Context,
+        targets_index: usize,
+        targets: &Targets,
+        views: Vec<usize>,
+        sensors: &[ViewSensor],
+    ) -> Self {
+        let device = &context.gpu.device;
+        let buffer = |label, size, usage| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage: usage | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let storage = wgpu::BufferUsages::STORAGE;
+        let pixels = u64::from(padded_pixels(targets.width, targets.height)) * views.len() as u64;
+        let memory = || buffer("pixel memory", pixels * size_of::<PixelMemory>() as u64, storage);
+        let group = Self {
+            targets: targets_index,
+            memory: [memory(), memory()],
+            parity: 0,
+            status: buffer("status", size_of::<Status>() as u64, storage | wgpu::BufferUsages::COPY_SRC),
+            sensors: buffer("sensors", size_of_val(sensors) as u64, storage),
+            view_offsets: buffer(
+                "view offsets",
+                4 * (views.len() as u64 + 1),
+                storage | wgpu::BufferUsages::COPY_SRC,
+            ),
+            block_params: buffer(
+                "block params",
+                size_of::<BlockParams>() as u64,
+                wgpu::BufferUsages::UNIFORM,
+            ),
+            views,
+            next: 0,
+            clamped: 0,
+        };
+        let block_count = (pixels / u64::from(BLOCK_PIXELS)) as u32;
+        let row = sizes::dispatch(block_count, WORKGROUP).0 * WORKGROUP;
+        let queue = &context.gpu.queue;
+        queue.write_buffer(&group.sensors, 0, bytemuck::cast_slice(sensors));
+        queue.write_buffer(&group.block_params, 0, bytemuck::bytes_of(&BlockParams { block_count, row }));
+        group
+    }
+
+    /// Bytes before the events in a staging buffer: status and view offsets.
+    pub fn header_bytes(&self) -> u64 {
+        (size_of::<Status>() as u64 + 4 * (self.views.len() as u64 + 1)).next_multiple_of(8)
+    }
+}
+
+/// Where a submission's events go: a device buffer, and one that the host maps.
+pub struct Slot {
+    /// Events on the device.
+    pub events: wgpu::Buffer,
+    /// Status, view offsets, events for the host.
+    pub staging: wgpu::Buffer,
+    params: wgpu::Buffer,
+    scan_params: wgpu::Buffer,
+    /// Events that fit.
+    pub capacity: u32,
+    header_capacity: u64,
+}
+
+impl Slot {
+    /// Allocates for `capacity` events after `header` bytes.
+    pub fn new(device: &wgpu::Device, capacity: u32, header: u64) -> Self {
+        let buffer = |label, size, usage| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let copy_to = wgpu::BufferUsages::COPY_DST;
+        let uniform = wgpu::BufferUsages::UNIFORM | copy_to;
+        Self {
+            events: buffer(
+                "events",
+                u64::from(capacity) * 8,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+            ),
+            staging: buffer(
+                "events for the host",
+                header + u64::from(capacity) * 8,
+                wgpu::BufferUsages::MAP_READ | copy_to,
+            ),
+            params: buffer("trigger params", size_of::<TriggerParams>() as u64, uniform),
+            scan_params: buffer("scan params", size_of::<ScanParams>() as u64, uniform),
+            capacity,
+            header_capacity: header,
+        }
+    }
+
+    /// Whether it has room for `capacity` events after `header` bytes.
+    pub fn fits(&self, capacity: u32, header: u64) -> bool {
+        self.capacity >= capacity && self.header_capacity >= header
+    }
+}
+
+/// Records one interval: the table of contents of a submission.
+pub fn encode(
+    context: &mut Context,
+    encoder: &mut wgpu::CommandEncoder,
+    targets: &Targets,
+    group: &Group,
+    unit: &Unit,
+    slot: &Slot,
+    predicted: u32,
+) {
+    let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
+    let times: Vec<i64> =
+        (0..unit.instants).map(|i| context.grid.instant_us(unit.first + i64::from(i))).collect();
+    // Where everything is, at every instant.
+    let frame_group = context.upload_frames(&views, &times);
+    for k in 0..unit.instants {
+        // What the lights see, where casters or lights move.
+        context.encode_moving_shadows(encoder, &frame_group, &views, unit.instants, k);
+        // What the cameras see, one luminance layer per sample.
+        encode_luminance(context, encoder, targets, &frame_group, views.len() as u32, unit.instants, k);
+    }
+    // What the pixels feel.
+    encode_trigger(context, encoder, targets, group, unit, slot);
+    // What the host gets.
+    let header = size_of::<Status>() as u64;
+    encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, header);
+    let offsets = 4 * (views.len() as u64 + 1);
+    encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, header, offsets);
+    let bytes = u64::from(predicted.min(slot.capacity)) * 8;
+    encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, group.header_bytes(), bytes);
+}
+
+/// Renders instant `k` of every view, sample by sample.
+pub fn encode_luminance(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    targets: &Targets,
+    frame_group: &wgpu::BindGroup,
+    views: u32,
+    instants: u32,
+    k: u32,
+) {
+    let samples = context.offsets.len() as u32;
+    for view in 0..views {
+        let frame = view * instants + k;
+        for (s, offset) in context.offsets.iter().enumerate() {
+            let layer = &targets.layers[(frame * samples + s as u32) as usize];
+            let color = targets.multisampled.as_ref().unwrap_or(layer);
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("luminance"),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: color,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color {
+                            r: context.background_luminance,
+                            g: 0.0,
+                            b: 0.0,
+                            a: 0.0,
+                        }),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                depth_stencil_attachment: Some(depth_attachment(&targets.depth, wgpu::StoreOp::Discard)),
+                ..Default::default()
+            });
+            // A shifted viewport samples the pixel elsewhere: no second set of matrices.
+            let (width, height) = (targets.width as f32, targets.height as f32);
+            pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
+            let surroundings = Some(&context.surroundings);
+            let base = context.object_base(frame);
+            draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, frame, base);
+            if let Some(sky) = &context.sky {
+                pass.set_pipeline(sky);
+                pass.set_bind_group(0, frame_group, &[frame * FRAME_STRIDE as u32]);
+                pass.set_bind_group(2, &context.surroundings, &[]);
+                pass.draw(0..3, 0..1);
+            }
+        }
+        if let Some(samples) = &targets.multisampled {
+            encode_resolve(context, encoder, targets, samples, &targets.layers[frame as usize]);
+        }
+    }
+}
+
+/// Reverse z: cleared to 0, the far plane.
+pub fn depth_attachment(
+    view: &wgpu::TextureView,
+    store: wgpu::StoreOp,
+) -> wgpu::RenderPassDepthStencilAttachment<'_> {
+    wgpu::RenderPassDepthStencilAttachment {
+        view,
+        depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store }),
+        stencil_ops: None,
+    }
+}
+
+/// Draws every surface of frame `frame`, whose records start at `object_base`.
+pub fn draw_surfaces(
+    context: &Context,
+    pass: &mut wgpu::RenderPass<'_>,
+    pipelines: &Pipelines,
+    frame_group: &wgpu::BindGroup,
+    surroundings: Option<&wgpu::BindGroup>,
+    frame: u32,
+    object_base: u32,
+) {
+    let scene = &context.gpu_scene;
+    for (slot, buffer) in scene.vertices.iter().enumerate() {
+        if let Some(buffer) = buffer {
+            pass.set_vertex_buffer(slot as u32, buffer.slice(..));
+        }
+    }
+    pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
+    pass.set_bind_group(0, frame_group, &[frame * FRAME_STRIDE as u32]);
+    if let Some(surroundings) = surroundings {
+        pass.set_bind_group(2, surroundings, &[]);
+    }
+    let mut last: Option<&Draw> = None;
+    for draw in &scene.draws {
+        if last.is_none_or(|l| l.variant != draw.variant) {
+            pass.set_pipeline(&pipelines[&draw.variant]);
+        }
+        if last.is_none_or(|l| l.material != draw.material) {
+            pass.set_bind_group(1, &scene.materials[draw.material], &[]);
+        }
+        let objects = draw.objects.start + object_base..draw.objects.end + object_base;
+        pass.draw_indexed(draw.indices.clone(), draw.base_vertex, objects);
+        last = Some(draw);
+    }
+}
+
+fn encode_resolve(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    targets: &Targets,
+    samples: &wgpu::TextureView,
+    layer: &wgpu::TextureView,
+) {
+    let resolve = &context.trigger.resolve;
+    let resources =
+        vec![wgpu::BindingResource::TextureView(samples), wgpu::BindingResource::TextureView(layer)];
+    let group = pass::group(&context.gpu.device, "resolve", &resolve.layout, RESOLVE_BINDINGS, resources);
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+    pass.set_pipeline(&resolve.pipeline);
+    pass.set_bind_group(0, &group, &[]);
+    pass.dispatch_workgroups(targets.width.div_ceil(8), targets.height.div_ceil(8), 1);
+}
+
+/// Count, prefix, scan, emit.
+fn encode_trigger(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    targets: &Targets,
+    group: &Group,
+    unit: &Unit,
+    slot: &Slot,
+) {
+    let device = &context.gpu.device;
+    let queue = &context.gpu.queue;
+    let views = group.views.len() as u32;
+    let stride = row_stride(targets.width);
+    let blocks_per_view = stride / BLOCK_PIXELS * targets.height;
+    let params = unit.params(&context.grid, targets, views, slot.capacity);
+    queue.write_buffer(&slot.params, 0, bytemuck::bytes_of(&params));
+    let scan = ScanParams {
+        block_count: blocks_per_view * views,
+        blocks_per_view,
+        view_count: views,
+        event_capacity: slot.capacity,
+    };
+    queue.write_buffer(&slot.scan_params, 0, bytemuck::bytes_of(&scan));
+
+    let passes = &context.trigger;
+    let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
+    let layers = || wgpu::BindingResource::TextureView(&targets.luminance);
+    let count = pass::group(
+        device,
+        "count",
+        &passes.count.layout,
+        COUNT_BINDINGS,
+        vec![
+            slot.params.as_entire_binding(),
+            group.sensors.as_entire_binding(),
+            layers(),
+            old.as_entire_binding(),
+            new.as_entire_binding(),
+            targets.counts.as_entire_binding(),
+            group.status.as_entire_binding(),
+        ],
+    );
+    let block = pass::group(
+        device,
+        "block",
+        &passes.block.layout,
+        BLOCK_BINDINGS,
+        vec![
+            group.block_params.as_entire_binding(),
+            targets.counts.as_entire_binding(),
+            targets.prefixes.as_entire_binding(),
+            targets.block_sums.as_entire_binding(),
+        ],
+    );
+    let scan = pass::group(
+        device,
+        "scan",
+        &passes.scan.layout,
+        SCAN_BINDINGS,
+        vec![
+            slot.scan_params.as_entire_binding(),
+            targets.block_sums.as_entire_binding(),
+            group.view_offsets.as_entire_binding(),
+            group.status.as_entire_binding(),
+        ],
+    );
+    let emit = pass::group(
+        device,
+        "emit",
+        &passes.emit.layout,
+        EMIT_BINDINGS,
+        vec![
+            slot.params.as_entire_binding(),
+            group.sensors.as_entire_binding(),
+            layers(),
+            old.as_entire_binding(),
+            targets.counts.as_entire_binding(),
+            targets.prefixes.as_entire_binding(),
+            targets.block_sums.as_entire_binding(),
+            group.status.as_entire_binding(),
+            slot.events.as_entire_binding(),
+        ],
+    );
+    let (block_x, block_y) = sizes::dispatch(blocks_per_view * views, WORKGROUP);
+    let pixels = (stride / WORKGROUP, targets.height, views);
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+    for (stage, bindings, (x, y, z)) in [
+        (&passes.count, &count, pixels),
+        (&passes.block, &block, (block_x, block_y, 1)),
+        (&passes.scan, &scan, (1, 1, 1)),
+        (&passes.emit, &emit, pixels),
+    ] {
+        pass.set_pipeline(&stage.pipeline);
+        pass.set_bind_group(0, bindings, &[]);
+        pass.dispatch_workgroups(x, y, z);
+    }
+}

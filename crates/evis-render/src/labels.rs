@@ -1,0 +1,507 @@
+//! Labels: their targets, their submissions, and the images that come back.
+
+use evis_core::{LabelData, LabelFrame, LabelKind, TimeGrid};
+use evis_scene::Scene;
+
+use crate::config::RunConfig;
+use crate::engine::Context;
+use crate::error::EngineError;
+use crate::frame::{columns, rigid};
+use crate::frame_buffers::GrowingBuffer;
+use crate::gpu_scene::GpuScene;
+use crate::interval::{Group, depth_attachment, draw_surfaces};
+use crate::pass::labels::{
+    APPEARANCE_FORMATS, GEOMETRY_FORMATS, LABEL_BINDINGS, LabelTargets, SKY_FLOW_BINDINGS,
+    appearance_pipelines, geometry_pipelines, label_layout, sky_flow_layout, targets,
+};
+use crate::pass::raster::{DEPTH_FORMAT, FRAME_STRIDE, Pipelines, SceneConstants, SurfaceLayouts};
+use crate::pass::{self, sky};
+use crate::sizes::DeviceLimits;
+use crate::uniforms::{LabelFrame as LabelUniform, SkyFlow};
+use crate::view::View;
+
+/// A flow component at least this large means "not defined" (`NO_FLOW` in the shader).
+const NO_FLOW: f32 = 1e29;
+
+/// Everything that labels need; absent where none is asked for.
+pub struct LabelRoom {
+    kinds: Vec<LabelKind>,
+    wanted: LabelTargets,
+    geometry: Pipelines,
+    appearance: Pipelines,
+    sky_flow: Option<wgpu::RenderPipeline>,
+    sky_color: Option<wgpu::RenderPipeline>,
+    label_layout: wgpu::BindGroupLayout,
+    sky_layout: wgpu::BindGroupLayout,
+    label_uniform: GrowingBuffer,
+    sky_uniform: GrowingBuffer,
+    background: [f64; 3],
+}
+
+/// One label instant of one group, on its way back.
+pub struct LabelJob {
+    /// Group.
+    pub group: usize,
+    /// Label index.
+    pub index: i64,
+    t_us: i64,
+    next_us: i64,
+    last_us: Option<i64>,
+    /// What the host maps.
+    pub staging: wgpu::Buffer,
+    width: u32,
+    height: u32,
+}
+
+/// A target's pixels within a staging buffer.
+struct Plane {
+    offset: u64,
+    row: u32,
+    texel: u32,
+}
+
+impl LabelRoom {
+    /// `None` where no label is asked for.
+    #[expect(clippy::too_many_arguments, reason = "a constructor that reads every earlier room once")]
+    pub fn new(
+        device: &wgpu::Device,
+        layouts: &SurfaceLayouts,
+        scene: &Scene,
+        gpu_scene: &GpuScene,
+        views: &[View],
+        config: &RunConfig,
+        constants: &SceneConstants,
+        limits: DeviceLimits,
+    ) -> Result<Option<Self>, EngineError> {
+        if config.labels.is_empty() {
+            return Ok(None);
+        }
+        for view in views {
+            let edge = view.lens.width.max(view.lens.height);
+            if edge > limits.texture_edge {
+                let text =
+                    format!("{edge} pixels exceed this device's largest texture, {}", limits.texture_edge);
+                return Err(EngineError::Device(text));
+            }
+        }
+        let mut kinds = config.labels.clone();
+        kinds.sort_unstable();
+        kinds.dedup();
+        let has = |kind: LabelKind| kinds.contains(&kind);
+        let flow = has(LabelKind::FlowForward)
+            || has(LabelKind::FlowBackward)
+            || has(LabelKind::FlowForwardValid)
+            || has(LabelKind::FlowBackwardValid);
+        let ids = has(LabelKind::Instance) || has(LabelKind::Semantic);
+        let wanted = LabelTargets {
+            geometry: [has(LabelKind::Depth), flow, ids],
+            appearance: [has(LabelKind::Hdr), has(LabelKind::Normal)],
+        };
+        let variants = || gpu_scene.variants().into_iter();
+        // A label is one sample at the pixel's centre: it stands for a whole pixel.
+        let constants = SceneConstants { lod_bias: 0.0, ..*constants };
+        let label_layout = label_layout(device);
+        let sky_layout = sky_flow_layout(device);
+        let geometry = if wanted.any_geometry() {
+            geometry_pipelines(device, layouts, &label_layout, variants(), &constants, wanted.geometry)
+        } else {
+            Pipelines::new()
+        };
+        let appearance = if wanted.any_appearance() {
+            appearance_pipelines(device, layouts, variants(), &constants, wanted.appearance)
+        } else {
+            Pipelines::new()
+        };
+        let sky_flow = flow.then(|| {
+            let targets = targets(GEOMETRY_FORMATS, wanted.geometry);
+            sky::flow_pipeline(device, &layouts.frame, &sky_layout, &targets)
+        });
+        let visible = scene.environment.as_ref().is_some_and(|e| e.visible);
+        let sky_color = (visible && wanted.appearance[0]).then(|| {
+            let mut targets = targets(APPEARANCE_FORMATS, wanted.appearance);
+            if let Some(normal) = &mut targets[1] {
+                // The sky has no normal.
+                normal.write_mask = wgpu::ColorWrites::empty();
+            }
+            sky::pipeline(device, layouts, "fs_color", &targets, 1)
+        });
+        Ok(Some(Self {
+            kinds,
+            wanted,
+            geometry,
+            appearance,
+            sky_flow,
+            sky_color,
+            label_layout,
+            sky_layout,
+            label_uniform: GrowingBuffer::new(device, "label", wgpu::BufferUsages::UNIFORM),
+            sky_uniform: GrowingBuffer::new(device, "sky flow", wgpu::BufferUsages::UNIFORM),
+            background: scene.background.map(f64::from),
+        }))
+    }
+
+    /// Targets in order: geometry, then appearance; `None` where absent.
+    fn formats(&self) -> [Option<wgpu::TextureFormat>; 5] {
+        let g = |i: usize| self.wanted.geometry[i].then_some(GEOMETRY_FORMATS[i]);
+        let a = |i: usize| self.wanted.appearance[i].then_some(APPEARANCE_FORMATS[i]);
+        [g(0), g(1), g(2), a(0), a(1)]
+    }
+
+    /// Where each target of view `view` of a job lies, and the bytes of one view.
+    fn planes(&self, width: u32, height: u32, view: usize) -> ([Option<Plane>; 5], u64) {
+        let mut bytes = 0;
+        let mut planes = self.formats().map(|format| {
+            format.map(|format| {
+                let texel = format.block_copy_size(None).unwrap_or(0);
+                let row = (width * texel).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+                let plane = Plane { offset: bytes, row, texel };
+                bytes += u64::from(row) * u64::from(height);
+                plane
+            })
+        });
+        for plane in planes.iter_mut().flatten() {
+            plane.offset += bytes * view as u64;
+        }
+        (planes, bytes)
+    }
+
+    /// Submits label `index` of the views of `group`.
+    pub fn submit(
+        &mut self,
+        context: &mut Context,
+        group: &Group,
+        group_index: usize,
+        index: i64,
+        grid: &TimeGrid,
+    ) -> (LabelJob, wgpu::SubmissionIndex) {
+        let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
+        let (width, height) = (views[0].lens.width, views[0].lens.height);
+        let t_us = grid.instant_us(index);
+        let next_us = grid.instant_us(index + 1);
+        let last_us = (index > 0).then(|| grid.instant_us(index - 1));
+        // Three frames per view: now, next, last.
+        let frame_group = context.upload_frames(&views, &[t_us, next_us, last_us.unwrap_or(t_us)]);
+        let (label_group, sky_group) = self.upload(context, &views, [next_us, last_us.unwrap_or(t_us)]);
+
+        let device = &context.gpu.device;
+        let textures = self.formats().map(|format| {
+            format.map(|format| {
+                device.create_texture(&wgpu::TextureDescriptor {
+                    label: Some("label"),
+                    size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format,
+                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+                    view_formats: &[],
+                })
+            })
+        });
+        let target_views =
+            textures.each_ref().map(|t| t.as_ref().map(|t| t.create_view(&Default::default())));
+        let depth = device
+            .create_texture(&wgpu::TextureDescriptor {
+                label: Some("label depth"),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: DEPTH_FORMAT,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+                view_formats: &[],
+            })
+            .create_view(&Default::default());
+        let (_, view_bytes) = self.planes(width, height, 0);
+        let staging = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("labels for the host"),
+            size: view_bytes * views.len() as u64,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = device.create_command_encoder(&Default::default());
+        if self.wanted.any_appearance() {
+            context.encode_moving_shadows(&mut encoder, &frame_group, &views, 3, 0);
+        }
+        for view in 0..views.len() {
+            let frame = view as u32 * 3;
+            let [inverse_depth, flow, ids, color, normal] = target_views.each_ref().map(Option::as_ref);
+            if self.wanted.any_geometry() {
+                let sky = (self.sky_flow.as_ref(), &sky_group, view as u32);
+                let targets = [inverse_depth, flow, ids];
+                self.encode_geometry(
+                    context,
+                    &mut encoder,
+                    &frame_group,
+                    &label_group,
+                    sky,
+                    targets,
+                    &depth,
+                    frame,
+                );
+            }
+            if self.wanted.any_appearance() {
+                self.encode_appearance(context, &mut encoder, &frame_group, [color, normal], &depth, frame);
+            }
+            let (planes, _) = self.planes(width, height, view);
+            for (texture, plane) in textures.iter().zip(planes) {
+                if let (Some(texture), Some(plane)) = (texture, plane) {
+                    encoder.copy_texture_to_buffer(
+                        texture.as_image_copy(),
+                        wgpu::TexelCopyBufferInfo {
+                            buffer: &staging,
+                            layout: wgpu::TexelCopyBufferLayout {
+                                offset: plane.offset,
+                                bytes_per_row: Some(plane.row),
+                                rows_per_image: Some(height),
+                            },
+                        },
+                        texture.size(),
+                    );
+                }
+            }
+        }
+        let submission = context.gpu.queue.submit([encoder.finish()]);
+        (LabelJob { group: group_index, index, t_us, next_us, last_us, staging, width, height }, submission)
+    }
+
+    /// Uploads what flow needs and returns its groups.
+    fn upload(
+        &mut self,
+        context: &Context,
+        views: &[View],
+        other_us: [i64; 2],
+    ) -> (wgpu::BindGroup, wgpu::BindGroup) {
+        let gpu = &context.gpu;
+        let objects = context.gpu_scene.objects.len() as u32;
+        let half_size = [views[0].lens.width as f32 / 2.0, views[0].lens.height as f32 / 2.0];
+        let label = LabelUniform { next_offset: objects, last_offset: 2 * objects, half_size };
+        self.label_uniform.write(&gpu.device, &gpu.queue, bytemuck::bytes_of(&label));
+        let mut sky = vec![0u8; views.len() * FRAME_STRIDE as usize];
+        let mut state = evis_scene::SceneState::default();
+        for (view, bytes) in views.iter().zip(sky.chunks_exact_mut(FRAME_STRIDE as usize)) {
+            let mut matrix_at = |t_us: i64| {
+                let variant = context.scene.variants.get(view.environment);
+                context.scene.evaluate_variant(variant, context.scene_time_s(t_us), &mut state);
+                let mut world_from_camera = rigid(&state.world_from_node[view.node]);
+                world_from_camera.w_axis = glam::DVec4::W;
+                columns(&(view.lens.clip_from_camera() * world_from_camera.inverse()))
+            };
+            let flow = SkyFlow {
+                next_clip_from_world: matrix_at(other_us[0]),
+                last_clip_from_world: matrix_at(other_us[1]),
+                half_size,
+                pad: [0.0; 2],
+            };
+            bytes[..size_of::<SkyFlow>()].copy_from_slice(bytemuck::bytes_of(&flow));
+        }
+        self.sky_uniform.write(&gpu.device, &gpu.queue, &sky);
+        let label_group = pass::group(
+            &gpu.device,
+            "label",
+            &self.label_layout,
+            LABEL_BINDINGS,
+            vec![bound(self.label_uniform.get(), size_of::<LabelUniform>())],
+        );
+        let sky_group = pass::group(
+            &gpu.device,
+            "sky flow",
+            &self.sky_layout,
+            SKY_FLOW_BINDINGS,
+            vec![bound(self.sky_uniform.get(), size_of::<SkyFlow>())],
+        );
+        (label_group, sky_group)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "a pass names all that it reads and writes")]
+    fn encode_geometry(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        frame_group: &wgpu::BindGroup,
+        label_group: &wgpu::BindGroup,
+        (sky, sky_group, view): (Option<&wgpu::RenderPipeline>, &wgpu::BindGroup, u32),
+        targets: [Option<&wgpu::TextureView>; 3],
+        depth: &wgpu::TextureView,
+        frame: u32,
+    ) {
+        let none = f64::from(NO_FLOW) * 10.0;
+        let clears = [
+            wgpu::Color::TRANSPARENT,
+            wgpu::Color { r: none, g: none, b: none, a: none },
+            wgpu::Color::TRANSPARENT,
+        ];
+        let attachments: [_; 3] = std::array::from_fn(|i| targets[i].map(|view| attachment(view, clears[i])));
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("geometry labels"),
+            color_attachments: &attachments,
+            depth_stencil_attachment: Some(depth_attachment(depth, wgpu::StoreOp::Discard)),
+            ..Default::default()
+        });
+        pass.set_bind_group(3, label_group, &[0]);
+        let base = context.object_base(frame);
+        draw_surfaces(
+            context,
+            &mut pass,
+            &self.geometry,
+            frame_group,
+            Some(&context.surroundings),
+            frame,
+            base,
+        );
+        if let Some(sky) = sky {
+            pass.set_pipeline(sky);
+            pass.set_bind_group(0, frame_group, &[frame * FRAME_STRIDE as u32]);
+            pass.set_bind_group(1, sky_group, &[view * FRAME_STRIDE as u32]);
+            pass.draw(0..3, 0..1);
+        }
+    }
+
+    fn encode_appearance(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        frame_group: &wgpu::BindGroup,
+        targets: [Option<&wgpu::TextureView>; 2],
+        depth: &wgpu::TextureView,
+        frame: u32,
+    ) {
+        let [r, g, b] = self.background;
+        let clears = [wgpu::Color { r, g, b, a: 1.0 }, wgpu::Color::TRANSPARENT];
+        let attachments: [_; 2] = std::array::from_fn(|i| targets[i].map(|view| attachment(view, clears[i])));
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("appearance labels"),
+            color_attachments: &attachments,
+            depth_stencil_attachment: Some(depth_attachment(depth, wgpu::StoreOp::Discard)),
+            ..Default::default()
+        });
+        let base = context.object_base(frame);
+        draw_surfaces(
+            context,
+            &mut pass,
+            &self.appearance,
+            frame_group,
+            Some(&context.surroundings),
+            frame,
+            base,
+        );
+        if let Some(sky) = &self.sky_color {
+            pass.set_pipeline(sky);
+            pass.set_bind_group(0, frame_group, &[frame * FRAME_STRIDE as u32]);
+            pass.set_bind_group(2, &context.surroundings, &[]);
+            pass.draw(0..3, 0..1);
+        }
+    }
+
+    /// The images of a finished job, per view (index), in the order of their kinds.
+    pub fn take(
+        &self,
+        _context: &Context,
+        group: &Group,
+        job: LabelJob,
+    ) -> Result<Vec<(usize, Vec<LabelFrame>)>, EngineError> {
+        let bytes = job
+            .staging
+            .get_mapped_range(..)
+            .map_err(|e| EngineError::Device(format!("cannot read labels back: {e}")))?;
+        let mut out = Vec::new();
+        for (slot, &view) in group.views.iter().enumerate() {
+            let (planes, _) = self.planes(job.width, job.height, slot);
+            let [inverse_depth, flow, ids, color, normal] = planes.map(|plane| {
+                plane.map(|p| Pixels { bytes: &bytes, plane: p, width: job.width, height: job.height })
+            });
+            let frames = self.kinds.iter().filter_map(|&kind| {
+                let forward = matches!(kind, LabelKind::FlowForward | LabelKind::FlowForwardValid);
+                let backward = matches!(kind, LabelKind::FlowBackward | LabelKind::FlowBackwardValid);
+                let at = if forward { 0 } else { 2 };
+                // Nothing lies before the stream.
+                let defined = forward || job.last_us.is_some();
+                let data = match kind {
+                    LabelKind::Depth => LabelData::F32(
+                        inverse_depth
+                            .as_ref()?
+                            .texels::<f32>()
+                            .map(|v| if v > 0.0 { 1.0 / v } else { f32::INFINITY })
+                            .collect(),
+                    ),
+                    LabelKind::FlowForward | LabelKind::FlowBackward => LabelData::F32(
+                        flow.as_ref()?
+                            .texels::<[f32; 4]>()
+                            .flat_map(
+                                |v| if defined && is_flow(v[at]) { [v[at], v[at + 1]] } else { [0.0; 2] },
+                            )
+                            .collect(),
+                    ),
+                    LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid => LabelData::U8(
+                        flow.as_ref()?
+                            .texels::<[f32; 4]>()
+                            .map(|v| u8::from(defined && is_flow(v[at])))
+                            .collect(),
+                    ),
+                    LabelKind::Instance => {
+                        LabelData::U32(ids.as_ref()?.texels::<[u32; 2]>().map(|v| v[0]).collect())
+                    }
+                    LabelKind::Semantic => {
+                        LabelData::U32(ids.as_ref()?.texels::<[u32; 2]>().map(|v| v[1]).collect())
+                    }
+                    LabelKind::Normal => LabelData::F32(
+                        normal.as_ref()?.texels::<[f32; 4]>().flat_map(|v| [v[0], v[1], v[2]]).collect(),
+                    ),
+                    LabelKind::Hdr => LabelData::F32(
+                        color.as_ref()?.texels::<[f32; 4]>().flat_map(|v| [v[0], v[1], v[2]]).collect(),
+                    ),
+                };
+                let t_other_us = if forward {
+                    job.next_us
+                } else if backward {
+                    job.last_us.unwrap_or(job.t_us)
+                } else {
+                    job.t_us
+                };
+                Some(LabelFrame { kind, t_us: job.t_us, t_other_us, data })
+            });
+            out.push((view, frames.collect()));
+        }
+        Ok(out)
+    }
+}
+
+fn is_flow(component: f32) -> bool {
+    component.abs() < NO_FLOW
+}
+
+fn bound(buffer: &wgpu::Buffer, size: usize) -> wgpu::BindingResource<'_> {
+    wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+        buffer,
+        offset: 0,
+        size: std::num::NonZeroU64::new(size as u64),
+    })
+}
+
+fn attachment(view: &wgpu::TextureView, clear: wgpu::Color) -> wgpu::RenderPassColorAttachment<'_> {
+    wgpu::RenderPassColorAttachment {
+        view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations { load: wgpu::LoadOp::Clear(clear), store: wgpu::StoreOp::Store },
+    }
+}
+
+/// A plane's texels, row by row, without the padding of rows.
+struct Pixels<'a> {
+    bytes: &'a [u8],
+    plane: Plane,
+    width: u32,
+    height: u32,
+}
+
+impl<'a> Pixels<'a> {
+    fn texels<T: bytemuck::AnyBitPattern>(&self) -> impl Iterator<Item = T> + use<'a, T> {
+        let (bytes, width, texel) = (self.bytes, self.width as usize, self.plane.texel as usize);
+        let (offset, row) = (self.plane.offset as usize, self.plane.row as usize);
+        (0..self.height as usize).flat_map(move |y| {
+            let start = offset + y * row;
+            bytes[start..start + width * texel].chunks_exact(texel).map(bytemuck::pod_read_unaligned)
+        })
+    }
+}

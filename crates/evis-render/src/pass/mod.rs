@@ -1,0 +1,171 @@
+//! Passes: one name in four places (declaration here, shader, CPU twin, test).
+
+pub mod labels;
+pub mod raster;
+pub mod shadow_map;
+pub mod sky;
+pub mod trigger;
+
+use crate::shader;
+
+/// What a shader does with a binding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Uniform buffer.
+    Uniform,
+    /// Uniform buffer at a dynamic offset; bytes bound.
+    DynamicUniform(u64),
+    /// Storage buffer, read only.
+    Read,
+    /// Storage buffer, written.
+    Write,
+    /// Float texture, filtered.
+    Texture,
+    /// Float texture array, not filtered.
+    Layers,
+    /// Multisampled float texture.
+    Multisampled,
+    /// Cube map, filtered.
+    Cube,
+    /// Depth texture array.
+    DepthLayers,
+    /// `r32float` storage texture, written.
+    StorageLayer,
+    /// Filtering sampler.
+    Sampler,
+    /// Comparison sampler.
+    ComparisonSampler,
+}
+
+/// One binding: its place, its name in the shader, what is done with it.
+#[derive(Clone, Copy, Debug)]
+pub struct Binding {
+    /// `@binding`.
+    pub binding: u32,
+    /// Variable in the shader.
+    pub name: &'static str,
+    /// Access.
+    pub access: Access,
+}
+
+/// Shorthand for [`Binding`].
+pub const fn bind(binding: u32, name: &'static str, access: Access) -> Binding {
+    Binding { binding, name, access }
+}
+
+/// A layout for `bindings`, visible to `stages`.
+pub fn layout(
+    device: &wgpu::Device,
+    label: &str,
+    bindings: &[Binding],
+    stages: wgpu::ShaderStages,
+) -> wgpu::BindGroupLayout {
+    let entries: Vec<_> = bindings
+        .iter()
+        .map(|b| wgpu::BindGroupLayoutEntry {
+            binding: b.binding,
+            visibility: stages,
+            ty: binding_type(b.access),
+            count: None,
+        })
+        .collect();
+    device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+}
+
+fn binding_type(access: Access) -> wgpu::BindingType {
+    use wgpu::{BufferBindingType, TextureSampleType, TextureViewDimension};
+    let buffer = |ty, has_dynamic_offset, size| wgpu::BindingType::Buffer {
+        ty,
+        has_dynamic_offset,
+        min_binding_size: std::num::NonZeroU64::new(size),
+    };
+    let texture = |sample_type, view_dimension, multisampled| wgpu::BindingType::Texture {
+        sample_type,
+        view_dimension,
+        multisampled,
+    };
+    match access {
+        Access::Uniform => buffer(BufferBindingType::Uniform, false, 0),
+        Access::DynamicUniform(size) => buffer(BufferBindingType::Uniform, true, size),
+        Access::Read => buffer(BufferBindingType::Storage { read_only: true }, false, 0),
+        Access::Write => buffer(BufferBindingType::Storage { read_only: false }, false, 0),
+        Access::Texture => {
+            texture(TextureSampleType::Float { filterable: true }, TextureViewDimension::D2, false)
+        }
+        Access::Layers => {
+            texture(TextureSampleType::Float { filterable: false }, TextureViewDimension::D2Array, false)
+        }
+        Access::Multisampled => {
+            texture(TextureSampleType::Float { filterable: false }, TextureViewDimension::D2, true)
+        }
+        Access::Cube => {
+            texture(TextureSampleType::Float { filterable: true }, TextureViewDimension::Cube, false)
+        }
+        Access::DepthLayers => texture(TextureSampleType::Depth, TextureViewDimension::D2Array, false),
+        Access::StorageLayer => wgpu::BindingType::StorageTexture {
+            access: wgpu::StorageTextureAccess::WriteOnly,
+            format: wgpu::TextureFormat::R32Float,
+            view_dimension: TextureViewDimension::D2,
+        },
+        Access::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+        Access::ComparisonSampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison),
+    }
+}
+
+/// Compiles `file` with `prelude` before it.
+pub fn module(device: &wgpu::Device, file: &str, prelude: &str) -> wgpu::ShaderModule {
+    device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(file),
+        source: wgpu::ShaderSource::Wgsl(shader::compose(file, prelude).into()),
+    })
+}
+
+/// A pipeline layout of `groups`, in order.
+pub fn pipeline_layout(
+    device: &wgpu::Device,
+    label: &str,
+    groups: &[&wgpu::BindGroupLayout],
+) -> wgpu::PipelineLayout {
+    let groups: Vec<_> = groups.iter().map(|g| Some(*g)).collect();
+    device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(label),
+        bind_group_layouts: &groups,
+        immediate_size: 0,
+    })
+}
+
+/// A compute pipeline of `file`'s `main`.
+pub fn compute_pipeline(
+    device: &wgpu::Device,
+    file: &str,
+    group: &wgpu::BindGroupLayout,
+    constants: &[(&str, f64)],
+) -> wgpu::ComputePipeline {
+    let module = module(device, file, "");
+    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(file),
+        layout: Some(&pipeline_layout(device, file, &[group])),
+        module: &module,
+        entry_point: Some("main"),
+        compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
+        cache: None,
+    })
+}
+
+/// A bind group whose entries follow `bindings` in order.
+pub fn group(
+    device: &wgpu::Device,
+    label: &str,
+    layout: &wgpu::BindGroupLayout,
+    bindings: &[Binding],
+    resources: Vec<wgpu::BindingResource<'_>>,
+) -> wgpu::BindGroup {
+    debug_assert_eq!(bindings.len(), resources.len());
+    let entries: Vec<_> = bindings
+        .iter()
+        .zip(resources)
+        .map(|(b, resource)| wgpu::BindGroupEntry { binding: b.binding, resource })
+        .collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
+}

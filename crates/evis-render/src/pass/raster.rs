@@ -1,0 +1,213 @@
+//! `raster/luminance.wgsl`: surfaces into one luminance target and depth. Also the parts that every pass
+//! drawing surfaces shares: group layouts and pipeline construction by variant.
+
+use std::collections::HashMap;
+
+use super::{Access, Binding, bind, layout, module, pipeline_layout};
+use crate::variant::{Attribute, Interface, SurfaceVariant, attributes, prelude};
+
+/// Luminance targets. 16 bits would quantise time: a step of 2^-11 at C = 0.2 is a quarter of a percent of a threshold.
+pub const LUMINANCE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
+/// Reverse z with an infinite far plane.
+pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+/// Distance between frames in their uniform buffer: WebGPU's guaranteed dynamic offset alignment.
+pub const FRAME_STRIDE: u64 = 256;
+
+/// Group 0: one view at one instant, and what its vertices need.
+pub const FRAME_BINDINGS: &[Binding] = &[
+    bind(0, "frame", Access::DynamicUniform(size_of::<crate::uniforms::Frame>() as u64)),
+    bind(1, "objects", Access::Read),
+    bind(2, "joints", Access::Read),
+    bind(3, "morph_weights", Access::Read),
+    bind(4, "morph_data", Access::Read),
+    bind(5, "lights", Access::Read),
+];
+
+/// Group 1: a material.
+pub const MATERIAL_BINDINGS: &[Binding] = &[
+    bind(0, "material", Access::Uniform),
+    bind(1, "base_texture", Access::Texture),
+    bind(2, "base_sampler", Access::Sampler),
+    bind(3, "metallic_roughness_texture", Access::Texture),
+    bind(4, "metallic_roughness_sampler", Access::Sampler),
+    bind(5, "normal_texture", Access::Texture),
+    bind(6, "normal_sampler", Access::Sampler),
+    bind(7, "occlusion_texture", Access::Texture),
+    bind(8, "occlusion_sampler", Access::Sampler),
+    bind(9, "emissive_texture", Access::Texture),
+    bind(10, "emissive_sampler", Access::Sampler),
+];
+
+/// Group 2: shadows and environment.
+pub const SURROUNDINGS_BINDINGS: &[Binding] = &[
+    bind(0, "shadow_maps", Access::DepthLayers),
+    bind(1, "shadow_sampler", Access::ComparisonSampler),
+    bind(2, "shadow_matrices", Access::Read),
+    bind(3, "irradiance_cube", Access::Cube),
+    bind(4, "specular_cube", Access::Cube),
+    bind(5, "sky_cube", Access::Cube),
+    bind(6, "cube_sampler", Access::Sampler),
+    bind(7, "brdf_lut", Access::Texture),
+];
+
+/// Layouts of the groups that surface passes share.
+pub struct SurfaceLayouts {
+    /// Group 0.
+    pub frame: wgpu::BindGroupLayout,
+    /// Group 1.
+    pub material: wgpu::BindGroupLayout,
+    /// Group 2.
+    pub surroundings: wgpu::BindGroupLayout,
+}
+
+impl SurfaceLayouts {
+    /// Creates them.
+    pub fn new(device: &wgpu::Device) -> Self {
+        let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
+        Self {
+            frame: layout(device, "frame", FRAME_BINDINGS, both),
+            material: layout(device, "material", MATERIAL_BINDINGS, both),
+            surroundings: layout(device, "surroundings", SURROUNDINGS_BINDINGS, wgpu::ShaderStages::FRAGMENT),
+        }
+    }
+}
+
+/// What the scene, not the material, decides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneConstants {
+    /// Lights that reach every surface.
+    pub light_count: u32,
+    /// Whether any light throws shadows.
+    pub shadows: bool,
+    /// Whether there is an environment.
+    pub environment: bool,
+    /// -0.5 * log2(samples): a sample stands for less than a pixel.
+    pub lod_bias: f32,
+}
+
+/// Everything that a surface pipeline is built from.
+pub struct SurfacePipeline<'a> {
+    /// Shader file.
+    pub file: &'a str,
+    /// Fragment entry point; `None` for depth only.
+    pub fragment: Option<&'a str>,
+    /// Groups, in order.
+    pub groups: &'a [&'a wgpu::BindGroupLayout],
+    /// Colour targets.
+    pub targets: &'a [Option<wgpu::ColorTargetState>],
+    /// Vertex interface.
+    pub interface: Interface,
+    /// Samples per pixel of the targets.
+    pub sample_count: u32,
+    /// Depth bias, for shadow maps.
+    pub bias: wgpu::DepthBiasState,
+    /// Whether back faces are culled where the material allows it.
+    pub cull: bool,
+}
+
+/// Builds the pipeline of `variant`.
+pub fn surface_pipeline(
+    device: &wgpu::Device,
+    what: &SurfacePipeline<'_>,
+    variant: &SurfaceVariant,
+    scene: &SceneConstants,
+) -> wgpu::RenderPipeline {
+    let module = module(device, what.file, &prelude(variant, what.interface));
+    let flag = |b: bool| f64::from(u8::from(b));
+    let all = [
+        ("SKINNED", flag(variant.skinned)),
+        ("MORPHED", flag(variant.morphed)),
+        ("HAS_BASE_TEXTURE", flag(variant.base_texture)),
+        ("HAS_METALLIC_ROUGHNESS_TEXTURE", flag(variant.metallic_roughness_texture)),
+        ("HAS_NORMAL_TEXTURE", flag(variant.normal_texture)),
+        ("HAS_OCCLUSION_TEXTURE", flag(variant.occlusion_texture)),
+        ("HAS_EMISSIVE_TEXTURE", flag(variant.emissive_texture)),
+        ("ALPHA_MASK", flag(variant.mask)),
+        ("LOD_BIAS", f64::from(scene.lod_bias)),
+        ("LIGHT_COUNT", f64::from(if variant.lit() { scene.light_count } else { 0 })),
+        ("SHADING_MODEL", f64::from(variant.model)),
+        ("SHADOWS", flag(scene.shadows && variant.lit())),
+        ("ENVIRONMENT", flag(scene.environment && variant.lit())),
+    ];
+    // A constant that the file does not declare is an error: pass only the ones that it has.
+    let source = crate::shader::compose(what.file, "");
+    let constants: Vec<_> =
+        all.into_iter().filter(|(name, _)| source.contains(&format!("override {name}:"))).collect();
+    let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+    let used = attributes(variant, what.interface);
+    let formats: Vec<_> = Attribute::ALL
+        .iter()
+        .enumerate()
+        .map(|(slot, a)| wgpu::VertexAttribute {
+            format: a.format(),
+            offset: 0,
+            shader_location: slot as u32,
+        })
+        .collect();
+    let buffers: Vec<_> = Attribute::ALL
+        .iter()
+        .enumerate()
+        .map(|(slot, a)| {
+            used.contains(a).then(|| wgpu::VertexBufferLayout {
+                array_stride: a.format().size(),
+                step_mode: wgpu::VertexStepMode::Vertex,
+                attributes: std::slice::from_ref(&formats[slot]),
+            })
+        })
+        .collect();
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(what.file),
+        layout: Some(&pipeline_layout(device, what.file, what.groups)),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vs_main"),
+            compilation_options: options.clone(),
+            buffers: &buffers,
+        },
+        primitive: wgpu::PrimitiveState {
+            front_face: if variant.mirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
+            cull_mode: (what.cull && !variant.double_sided).then_some(wgpu::Face::Back),
+            ..Default::default()
+        },
+        depth_stencil: Some(wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(wgpu::CompareFunction::Greater),
+            stencil: wgpu::StencilState::default(),
+            bias: what.bias,
+        }),
+        multisample: wgpu::MultisampleState { count: what.sample_count, ..Default::default() },
+        fragment: what.fragment.map(|entry| wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(entry),
+            compilation_options: options.clone(),
+            targets: what.targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// Pipelines by variant.
+pub type Pipelines = HashMap<SurfaceVariant, wgpu::RenderPipeline>;
+
+/// The luminance pipelines of `variants`.
+pub fn luminance_pipelines(
+    device: &wgpu::Device,
+    layouts: &SurfaceLayouts,
+    variants: impl Iterator<Item = SurfaceVariant>,
+    scene: &SceneConstants,
+    sample_count: u32,
+) -> Pipelines {
+    let what = SurfacePipeline {
+        file: "raster/luminance.wgsl",
+        fragment: Some("fs_main"),
+        groups: &[&layouts.frame, &layouts.material, &layouts.surroundings],
+        targets: &[Some(LUMINANCE_FORMAT.into())],
+        interface: Interface::default(),
+        sample_count,
+        bias: wgpu::DepthBiasState::default(),
+        cull: true,
+    };
+    variants.map(|v| (v, surface_pipeline(device, &what, &v, scene))).collect()
+}

@@ -1,0 +1,72 @@
+//! `raster/sky.wgsl`: the environment behind everything.
+
+use super::raster::{DEPTH_FORMAT, SurfaceLayouts};
+use super::{module, pipeline_layout};
+
+/// The sky pipeline writing `format` through fragment entry point `entry`.
+pub fn pipeline(
+    device: &wgpu::Device,
+    layouts: &SurfaceLayouts,
+    entry: &str,
+    targets: &[Option<wgpu::ColorTargetState>],
+    sample_count: u32,
+) -> wgpu::RenderPipeline {
+    // Group 1 is a material elsewhere; the sky has none.
+    let groups = [Some(&layouts.frame), None, Some(&layouts.surroundings)];
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some("sky"),
+        bind_group_layouts: &groups,
+        immediate_size: 0,
+    });
+    full_tile(device, "raster/sky.wgsl", &layout, entry, targets, sample_count)
+}
+
+/// The pipeline of `labels/sky.wgsl`: flow at infinity.
+pub fn flow_pipeline(
+    device: &wgpu::Device,
+    frame: &wgpu::BindGroupLayout,
+    sky: &wgpu::BindGroupLayout,
+    targets: &[Option<wgpu::ColorTargetState>],
+) -> wgpu::RenderPipeline {
+    let layout = pipeline_layout(device, "sky flow", &[frame, sky]);
+    full_tile(device, "labels/sky.wgsl", &layout, "fs_main", targets, 1)
+}
+
+fn full_tile(
+    device: &wgpu::Device,
+    file: &str,
+    layout: &wgpu::PipelineLayout,
+    entry: &str,
+    targets: &[Option<wgpu::ColorTargetState>],
+    sample_count: u32,
+) -> wgpu::RenderPipeline {
+    let module = module(device, file, "");
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(file),
+        layout: Some(layout),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vs_main"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: Some(wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(false),
+            // Drawn last, at depth 0: only where nothing was drawn.
+            depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
+            stencil: wgpu::StencilState::default(),
+            bias: wgpu::DepthBiasState::default(),
+        }),
+        multisample: wgpu::MultisampleState { count: sample_count, ..Default::default() },
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

@@ -1,0 +1,93 @@
+//! `trigger/*.wgsl`: count, prefix, scan, emit; and the resolve of `--aa edges`. Twin: `cpu/trigger.rs`.
+
+use evis_core::TriggerRule;
+
+use super::{Access, Binding, bind, compute_pipeline, layout};
+
+/// `trigger/count.wgsl`.
+pub const COUNT_BINDINGS: &[Binding] = &[
+    bind(0, "params", Access::Uniform),
+    bind(1, "sensors", Access::Read),
+    bind(2, "luminance_layers", Access::Layers),
+    bind(3, "memory_in", Access::Read),
+    bind(4, "memory_out", Access::Write),
+    bind(5, "counts", Access::Write),
+    bind(6, "status", Access::Write),
+];
+/// `trigger/block.wgsl`.
+pub const BLOCK_BINDINGS: &[Binding] = &[
+    bind(0, "block_params", Access::Uniform),
+    bind(1, "counts", Access::Read),
+    bind(2, "prefixes", Access::Write),
+    bind(3, "block_sums", Access::Write),
+];
+/// `trigger/scan.wgsl`.
+pub const SCAN_BINDINGS: &[Binding] = &[
+    bind(0, "scan_params", Access::Uniform),
+    bind(1, "block_sums", Access::Write),
+    bind(2, "view_offsets", Access::Write),
+    bind(3, "status", Access::Write),
+];
+/// `trigger/emit.wgsl`.
+pub const EMIT_BINDINGS: &[Binding] = &[
+    bind(0, "params", Access::Uniform),
+    bind(1, "sensors", Access::Read),
+    bind(2, "luminance_layers", Access::Layers),
+    bind(3, "memory_in", Access::Read),
+    bind(4, "counts", Access::Read),
+    bind(5, "prefixes", Access::Read),
+    bind(6, "block_offsets", Access::Read),
+    bind(7, "status", Access::Write),
+    bind(8, "events", Access::Write),
+];
+/// `trigger/resolve.wgsl`.
+pub const RESOLVE_BINDINGS: &[Binding] =
+    &[bind(0, "samples", Access::Multisampled), bind(1, "layer", Access::StorageLayer)];
+
+/// A compute pass: its layout and pipeline.
+pub struct ComputePass {
+    /// Group 0.
+    pub layout: wgpu::BindGroupLayout,
+    /// Pipeline.
+    pub pipeline: wgpu::ComputePipeline,
+}
+
+impl ComputePass {
+    fn new(device: &wgpu::Device, file: &str, bindings: &[Binding], constants: &[(&str, f64)]) -> Self {
+        let layout = layout(device, file, bindings, wgpu::ShaderStages::COMPUTE);
+        let pipeline = compute_pipeline(device, file, &layout, constants);
+        Self { layout, pipeline }
+    }
+}
+
+/// The trigger passes.
+pub struct TriggerPasses {
+    /// Events per pixel.
+    pub count: ComputePass,
+    /// Prefix within blocks.
+    pub block: ComputePass,
+    /// Offsets of blocks and views.
+    pub scan: ComputePass,
+    /// Events to their places.
+    pub emit: ComputePass,
+    /// Mean of coverage samples.
+    pub resolve: ComputePass,
+}
+
+impl TriggerPasses {
+    /// Builds them for `samples` layers per instant.
+    pub fn new(device: &wgpu::Device, rule: TriggerRule, samples: u32) -> Self {
+        let rule = match rule {
+            TriggerRule::Crossing => 0.0,
+            TriggerRule::Latch => 1.0,
+        };
+        let constants = [("TRIGGER_RULE", rule), ("SAMPLES", f64::from(samples))];
+        Self {
+            count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &constants),
+            block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),
+            scan: ComputePass::new(device, "trigger/scan.wgsl", SCAN_BINDINGS, &[]),
+            emit: ComputePass::new(device, "trigger/emit.wgsl", EMIT_BINDINGS, &constants),
+            resolve: ComputePass::new(device, "trigger/resolve.wgsl", RESOLVE_BINDINGS, &[]),
+        }
+    }
+}

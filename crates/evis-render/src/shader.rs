@@ -1,0 +1,86 @@
+//! WGSL sources and their `#import`s: each file is pasted once, before the first file that asks for it.
+
+use std::collections::HashSet;
+
+macro_rules! shaders {
+    ($($name:literal),* $(,)?) => {
+        /// Every shader file, by its path under `shaders/`.
+        pub const FILES: &[(&str, &str)] =
+            &[$(($name, include_str!(concat!("../shaders/", $name)))),*];
+    };
+}
+
+shaders![
+    "common/frame.wgsl",
+    "common/object.wgsl",
+    "common/luminance.wgsl",
+    "raster/vertex.wgsl",
+    "raster/material.wgsl",
+    "raster/lighting.wgsl",
+    "raster/brdf.wgsl",
+    "raster/shadow.wgsl",
+    "raster/environment.wgsl",
+    "raster/surface.wgsl",
+    "raster/luminance.wgsl",
+    "raster/sky.wgsl",
+    "raster/shadow_map.wgsl",
+    "labels/geometry.wgsl",
+    "labels/appearance.wgsl",
+    "labels/sky.wgsl",
+    "trigger/layout.wgsl",
+    "trigger/decide.wgsl",
+    "trigger/sample.wgsl",
+    "trigger/count.wgsl",
+    "trigger/block.wgsl",
+    "trigger/scan.wgsl",
+    "trigger/emit.wgsl",
+    "trigger/resolve.wgsl",
+];
+
+/// The text of one file.
+fn file(name: &str) -> &'static str {
+    FILES
+        .iter()
+        .find(|(n, _)| *n == name)
+        .map(|(_, text)| *text)
+        .unwrap_or_else(|| panic!("no shader file {name}: a pass names a file that is not in the list"))
+}
+
+/// `prelude` (generated declarations, may be empty), then `name` with its imports, each file once.
+pub fn compose(name: &str, prelude: &str) -> String {
+    let mut out = String::from(prelude);
+    let mut seen = HashSet::new();
+    paste(name, &mut seen, &mut out);
+    out
+}
+
+fn paste(name: &str, seen: &mut HashSet<String>, out: &mut String) {
+    if !seen.insert(name.to_owned()) {
+        return;
+    }
+    let text = file(name);
+    for import in imports(text) {
+        paste(import, seen, out);
+    }
+    for line in text.lines().filter(|l| !l.starts_with("#import ")) {
+        out.push_str(line);
+        out.push('\n');
+    }
+}
+
+/// The files that `text` asks for.
+pub fn imports(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().filter_map(|line| line.strip_prefix("#import ")).map(str::trim)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_pasted_once() {
+        let text = compose("trigger/emit.wgsl", "");
+        assert_eq!(text.matches("fn decide(").count(), 1);
+        assert!(!text.contains("#import"));
+    }
+}

@@ -1,0 +1,98 @@
+//! Targets and per-pixel buffers of the views of one size; groups of views share them in turn.
+
+use crate::pass::raster::{DEPTH_FORMAT, LUMINANCE_FORMAT};
+use crate::sizes::{BLOCK_PIXELS, Plan, padded_pixels};
+
+/// What every group of views of one size renders into.
+pub struct Targets {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// How views share submissions.
+    pub plan: Plan,
+    /// All luminance layers, for the trigger.
+    pub luminance: wgpu::TextureView,
+    /// The texture behind it.
+    pub luminance_texture: wgpu::Texture,
+    /// One view per layer, to render into.
+    pub layers: Vec<wgpu::TextureView>,
+    /// Shared by all layers, which are rendered one after another: it stays in the cache.
+    pub depth: wgpu::TextureView,
+    /// Four coverage samples, for `--aa edges`.
+    pub multisampled: Option<wgpu::TextureView>,
+    /// Events per pixel of the submission in work.
+    pub counts: wgpu::Buffer,
+    /// Exclusive prefix within blocks.
+    pub prefixes: wgpu::Buffer,
+    /// Sums, then offsets, of blocks.
+    pub block_sums: wgpu::Buffer,
+}
+
+impl Targets {
+    /// Allocates for `plan`.
+    pub fn new(device: &wgpu::Device, width: u32, height: u32, plan: Plan, edges: bool) -> Self {
+        let sample_count = if edges { 4 } else { 1 };
+        let texture = |label, format, layers, sample_count, usage| {
+            device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
+                mip_level_count: 1,
+                sample_count,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage,
+                view_formats: &[],
+            })
+        };
+        let attachment = wgpu::TextureUsages::RENDER_ATTACHMENT;
+        let sampled = wgpu::TextureUsages::TEXTURE_BINDING;
+        let mut usage = attachment | sampled | wgpu::TextureUsages::COPY_SRC;
+        if edges {
+            usage |= wgpu::TextureUsages::STORAGE_BINDING;
+        }
+        let luminance_texture = texture("luminance", LUMINANCE_FORMAT, plan.layers, 1, usage);
+        let layers = (0..plan.layers)
+            .map(|layer| {
+                luminance_texture.create_view(&wgpu::TextureViewDescriptor {
+                    dimension: Some(wgpu::TextureViewDimension::D2),
+                    base_array_layer: layer,
+                    array_layer_count: Some(1),
+                    ..Default::default()
+                })
+            })
+            .collect();
+        let luminance = luminance_texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2Array),
+            ..Default::default()
+        });
+        let depth =
+            texture("depth", DEPTH_FORMAT, 1, sample_count, attachment).create_view(&Default::default());
+        let multisampled = edges.then(|| {
+            texture("coverage samples", LUMINANCE_FORMAT, 1, 4, attachment | sampled)
+                .create_view(&Default::default())
+        });
+        let pixels = u64::from(plan.views_per_group) * u64::from(padded_pixels(width, height));
+        let storage = |label, entries: u64| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: entries * 4,
+                usage: wgpu::BufferUsages::STORAGE,
+                mapped_at_creation: false,
+            })
+        };
+        Self {
+            width,
+            height,
+            plan,
+            luminance,
+            luminance_texture,
+            layers,
+            depth,
+            multisampled,
+            counts: storage("counts", pixels),
+            prefixes: storage("prefixes", pixels),
+            block_sums: storage("block sums", pixels / u64::from(BLOCK_PIXELS)),
+        }
+    }
+}

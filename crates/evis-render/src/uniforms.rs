@@ -1,0 +1,210 @@
+//! What host and shaders share, byte for byte. Tests compare each with naga's view of the WGSL struct.
+//! No `vec3` in here: its alignment differs between the two sides.
+
+use bytemuck::{Pod, Zeroable};
+
+/// `Frame` in `common/frame.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Frame {
+    /// Camera's x axis; w: camera position x.
+    pub world_from_camera_right: [f32; 4],
+    /// Camera's y axis; w: camera position y.
+    pub world_from_camera_up: [f32; 4],
+    /// Camera's z axis (it looks along the opposite); w: camera position z.
+    pub world_from_camera_back: [f32; 4],
+    /// Direction = ndc * (x, y) + (z, w).
+    pub ray: [f32; 4],
+    /// Background radiance; w: factor of the environment.
+    pub background: [f32; 4],
+    /// Ambient irradiance / pi; w: environment rotation.
+    pub ambient: [f32; 4],
+    /// First light record.
+    pub light_base: u32,
+    /// First shadow matrix.
+    pub shadow_matrix_base: u32,
+    /// First shadow layer.
+    pub shadow_layer_base: u32,
+    /// Zero.
+    pub pad: u32,
+}
+
+/// `ObjectRecord` in `common/object.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ObjectRecord {
+    /// Columns of the matrix.
+    pub clip_from_object: [[f32; 4]; 4],
+    /// First row of `world_from_object`.
+    pub world_row_0: [f32; 4],
+    /// Second row.
+    pub world_row_1: [f32; 4],
+    /// Third row.
+    pub world_row_2: [f32; 4],
+    /// First joint, in joints.
+    pub joint_base: u32,
+    /// First weight.
+    pub morph_weight_base: u32,
+    /// First float of the displacements, less six per vertex before the primitive's first (wrapping).
+    pub morph_data_base: u32,
+    /// Targets.
+    pub morph_target_count: u32,
+    /// Vertices of the primitive.
+    pub morph_vertex_count: u32,
+    /// Instance label.
+    pub instance_id: u32,
+    /// Semantic label.
+    pub semantic_id: u32,
+    /// Factor on emission.
+    pub emission_factor: f32,
+}
+
+/// `Material` in `raster/material.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MaterialUniform {
+    /// Linear colour and alpha.
+    pub base_color: [f32; 4],
+    /// Emitted radiance; w: alpha cutoff.
+    pub emissive: [f32; 4],
+    /// Metallic, roughness, normal scale, occlusion strength.
+    pub factors: [f32; 4],
+    /// Two rows per texture; w of a first row: uv set.
+    pub uv_rows: [[f32; 4]; 10],
+}
+
+/// `Light` in `raster/lighting.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct LightRecord {
+    /// Position; w: kind.
+    pub position_kind: [f32; 4],
+    /// Direction; w: 1 / range².
+    pub direction_range: [f32; 4],
+    /// Colour times intensity; w: shadow layer within the frame, -1 for none.
+    pub radiance_shadow: [f32; 4],
+    /// Angular scale and offset.
+    pub spot: [f32; 4],
+}
+
+/// `ShadowMatrix` in `raster/shadow.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ShadowMatrix {
+    /// Columns of the matrix.
+    pub clip_from_world: [[f32; 4]; 4],
+    /// World size of a texel per unit of clip w.
+    pub texel: [f32; 4],
+}
+
+/// `LabelFrame` in `labels/geometry.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct LabelFrame {
+    /// Records from this instant to the next.
+    pub next_offset: u32,
+    /// Records from this instant to the last.
+    pub last_offset: u32,
+    /// Pixels per unit of ndc.
+    pub half_size: [f32; 2],
+}
+
+/// `SkyFlow` in `labels/sky.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct SkyFlow {
+    /// Rotation and projection at the next label.
+    pub next_clip_from_world: [[f32; 4]; 4],
+    /// The same at the last label.
+    pub last_clip_from_world: [[f32; 4]; 4],
+    /// Pixels per unit of ndc.
+    pub half_size: [f32; 2],
+    /// Zero.
+    pub pad: [f32; 2],
+}
+
+/// `TriggerParams` in `trigger/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct TriggerParams {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Row length of the per-pixel buffers.
+    pub stride: u32,
+    /// Views in the group.
+    pub view_count: u32,
+    /// Zero.
+    pub pad: u32,
+    /// Instants in the submission.
+    pub instants: u32,
+    /// Events that fit.
+    pub event_capacity: u32,
+    /// 1: the first instant only sets the reference.
+    pub first: u32,
+    /// Microseconds since the submission's base.
+    pub times: [[u32; 4]; 9],
+}
+
+/// `ViewSensor` in `trigger/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ViewSensor {
+    /// ON threshold.
+    pub threshold_on: f32,
+    /// OFF threshold.
+    pub threshold_off: f32,
+    /// Added before the logarithm.
+    pub log_eps: f32,
+    /// 1 / Y_ref.
+    pub inverse_reference_luminance: f32,
+}
+
+/// `PixelMemory` in `trigger/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct PixelMemory {
+    /// Reference of the next event.
+    pub reference_log: f32,
+    /// Log intensity at the last sample.
+    pub log_luma: f32,
+}
+
+/// `Status` in `trigger/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Status {
+    /// 1: a submission did not fit.
+    pub stalled: u32,
+    /// Events of the last submission.
+    pub event_count: u32,
+    /// Pixel intervals that hit the limit.
+    pub clamped: u32,
+    /// Pixels whose emission differs from their count.
+    pub mismatched: u32,
+}
+
+/// `BlockParams` in `trigger/block.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct BlockParams {
+    /// Blocks of the group.
+    pub block_count: u32,
+    /// Invocations per row of the dispatch.
+    pub row: u32,
+}
+
+/// `ScanParams` in `trigger/scan.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct ScanParams {
+    /// Blocks of the group.
+    pub block_count: u32,
+    /// Blocks of a view.
+    pub blocks_per_view: u32,
+    /// Views.
+    pub view_count: u32,
+    /// Events that fit.
+    pub event_capacity: u32,
+}

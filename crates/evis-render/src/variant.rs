@@ -1,0 +1,246 @@
+//! What tells one surface pipeline from another, and the vertex interface generated from it.
+
+use std::fmt::Write as _;
+
+use evis_scene::{AlphaMode, Material, Primitive, ShadingModel};
+
+/// Vertex attributes, in slot order. A slot is a vertex buffer of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attribute {
+    /// vec3.
+    Position,
+    /// vec3.
+    Normal,
+    /// vec2.
+    Uv0,
+    /// vec2.
+    Uv1,
+    /// vec4, linear.
+    Color,
+    /// vec4, w is the bitangent's sign.
+    Tangent,
+    /// 4 x u16.
+    Joints,
+    /// vec4.
+    JointWeights,
+}
+
+impl Attribute {
+    /// All attributes; the position in this list is slot and shader location.
+    pub const ALL: [Self; 8] = [
+        Self::Position,
+        Self::Normal,
+        Self::Uv0,
+        Self::Uv1,
+        Self::Color,
+        Self::Tangent,
+        Self::Joints,
+        Self::JointWeights,
+    ];
+
+    /// Vertex format.
+    pub const fn format(self) -> wgpu::VertexFormat {
+        match self {
+            Self::Position | Self::Normal => wgpu::VertexFormat::Float32x3,
+            Self::Uv0 | Self::Uv1 => wgpu::VertexFormat::Float32x2,
+            Self::Color | Self::Tangent | Self::JointWeights => wgpu::VertexFormat::Float32x4,
+            Self::Joints => wgpu::VertexFormat::Uint16x4,
+        }
+    }
+
+    const fn wgsl(self) -> (&'static str, &'static str, &'static str) {
+        match self {
+            Self::Position => ("position", "vec3<f32>", "vec3<f32>(0.0)"),
+            Self::Normal => ("normal", "vec3<f32>", "vec3<f32>(0.0, 0.0, 1.0)"),
+            Self::Uv0 => ("uv0", "vec2<f32>", "vec2<f32>(0.0)"),
+            Self::Uv1 => ("uv1", "vec2<f32>", "vec2<f32>(0.0)"),
+            Self::Color => ("color", "vec4<f32>", "vec4<f32>(1.0)"),
+            Self::Tangent => ("tangent", "vec4<f32>", "vec4<f32>(1.0, 0.0, 0.0, 1.0)"),
+            Self::Joints => ("joints", "vec4<u32>", "vec4<u32>(0u)"),
+            Self::JointWeights => ("joint_weights", "vec4<f32>", "vec4<f32>(1.0, 0.0, 0.0, 0.0)"),
+        }
+    }
+}
+
+/// A surface pipeline's variant: what its material and mesh need, nothing else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct SurfaceVariant {
+    /// 0 unlit, 1 Lambert, 2 metallic-roughness.
+    pub model: u32,
+    /// Base colour texture.
+    pub base_texture: bool,
+    /// Metallic-roughness texture.
+    pub metallic_roughness_texture: bool,
+    /// Normal map.
+    pub normal_texture: bool,
+    /// Occlusion texture.
+    pub occlusion_texture: bool,
+    /// Emissive texture.
+    pub emissive_texture: bool,
+    /// Some texture uses the second uv set.
+    pub uv1: bool,
+    /// Vertex colours.
+    pub color: bool,
+    /// Skin.
+    pub skinned: bool,
+    /// Morph targets.
+    pub morphed: bool,
+    /// Alpha mask.
+    pub mask: bool,
+    /// Back faces are drawn.
+    pub double_sided: bool,
+    /// The node's transform mirrors: its front faces wind the other way.
+    pub mirrored: bool,
+    /// Emission varies in time.
+    pub emission_waveform: bool,
+}
+
+impl SurfaceVariant {
+    /// The variant that draws `primitive` with `material`.
+    pub fn new(material: &Material, primitive: &Primitive, skinned: bool, mirrored: bool) -> Self {
+        let lit = material.model != ShadingModel::Unlit;
+        let physical = material.model == ShadingModel::MetallicRoughness;
+        let has_uv = |set: u32| primitive.uvs[set as usize & 1].is_some();
+        let usable = |texture: &Option<evis_scene::TextureRef>| texture.is_some_and(|t| has_uv(t.uv_set));
+        let textures = [
+            &material.base_color_texture,
+            &material.metallic_roughness_texture,
+            &material.normal_texture,
+            &material.occlusion_texture,
+            &material.emissive_texture,
+        ];
+        Self {
+            model: match material.model {
+                ShadingModel::Unlit => 0,
+                ShadingModel::Diffuse => 1,
+                ShadingModel::MetallicRoughness => 2,
+            },
+            base_texture: usable(&material.base_color_texture),
+            metallic_roughness_texture: physical && usable(&material.metallic_roughness_texture),
+            normal_texture: lit && usable(&material.normal_texture) && primitive.tangents.is_some(),
+            occlusion_texture: physical && usable(&material.occlusion_texture),
+            emissive_texture: lit && usable(&material.emissive_texture),
+            uv1: textures.iter().any(|t| t.is_some_and(|t| t.uv_set == 1)) && has_uv(1),
+            color: primitive.colors.is_some(),
+            skinned: skinned && primitive.joints.is_some() && primitive.joint_weights.is_some(),
+            morphed: !primitive.morph_targets.is_empty(),
+            mask: matches!(material.alpha, AlphaMode::Mask(_)),
+            double_sided: material.double_sided,
+            mirrored,
+            emission_waveform: material.emission_waveform.is_some(),
+        }
+    }
+
+    /// Whether the surface answers light.
+    pub const fn lit(&self) -> bool {
+        self.model != 0
+    }
+
+    /// Whether any texture is read.
+    pub const fn textured(&self) -> bool {
+        self.base_texture
+            || self.metallic_roughness_texture
+            || self.normal_texture
+            || self.occlusion_texture
+            || self.emissive_texture
+    }
+}
+
+/// What a pass asks of the vertex stage beyond the variant's shading.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Interface {
+    /// World normals are written as a label, also of unlit surfaces.
+    pub normal_label: bool,
+    /// Only position, and what an alpha mask needs.
+    pub depth_only: bool,
+}
+
+/// Attributes that `variant` fetches under `interface`.
+pub fn attributes(variant: &SurfaceVariant, interface: Interface) -> Vec<Attribute> {
+    Attribute::ALL
+        .into_iter()
+        .filter(|a| match a {
+            Attribute::Position => true,
+            Attribute::Normal => !interface.depth_only && (variant.lit() || interface.normal_label),
+            Attribute::Uv0 => variant.textured() && (!interface.depth_only || variant.mask),
+            Attribute::Uv1 => variant.uv1 && (!interface.depth_only || variant.mask),
+            Attribute::Color => variant.color && (!interface.depth_only || variant.mask),
+            Attribute::Tangent => variant.normal_texture && !interface.depth_only,
+            Attribute::Joints | Attribute::JointWeights => variant.skinned,
+        })
+        .collect()
+}
+
+/// WGSL declarations of `VertexIn`, `Varyings` and their accessors: an attribute that the variant does not use
+/// is neither fetched nor interpolated, its accessor returns a constant.
+pub fn prelude(variant: &SurfaceVariant, interface: Interface) -> String {
+    let used = attributes(variant, interface);
+    let has = |a: Attribute| used.contains(&a);
+    let mut out = String::from("struct VertexIn {\n");
+    for (location, a) in Attribute::ALL.iter().enumerate().filter(|(_, a)| has(**a)) {
+        let (name, kind, _) = a.wgsl();
+        let _ = writeln!(out, "    @location({location}) {name}: {kind},");
+    }
+    out.push_str("};\n");
+    for a in Attribute::ALL {
+        let (name, kind, default) = a.wgsl();
+        let value = if has(a) { format!("v.{name}") } else { default.to_owned() };
+        let _ = writeln!(out, "fn input_{name}(v: VertexIn) -> {kind} {{ return {value}; }}");
+    }
+
+    let normal = has(Attribute::Normal);
+    let shading = !interface.depth_only;
+    // (name, type, qualifier, value in the vertex stage, default, used)
+    let varyings = [
+        ("uv0", "vec2<f32>", "", "input_uv0(in)", "vec2<f32>(0.0)", has(Attribute::Uv0)),
+        ("uv1", "vec2<f32>", "", "input_uv1(in)", "vec2<f32>(0.0)", has(Attribute::Uv1)),
+        ("color", "vec4<f32>", "", "input_color(in)", "vec4<f32>(1.0)", has(Attribute::Color)),
+        ("normal", "vec3<f32>", "", "world_normal(object, local.normal)", "vec3<f32>(0.0, 0.0, 1.0)", normal),
+        (
+            "world",
+            "vec3<f32>",
+            "",
+            "world_from_object(object, local.position)",
+            "vec3<f32>(0.0)",
+            shading && variant.lit(),
+        ),
+        (
+            "tangent",
+            "vec4<f32>",
+            "",
+            "vec4<f32>(world_tangent(object, local.tangent), input_tangent(in).w)",
+            "vec4<f32>(1.0, 0.0, 0.0, 1.0)",
+            has(Attribute::Tangent),
+        ),
+        (
+            "emission_factor",
+            "f32",
+            "@interpolate(flat) ",
+            "object.emission_factor",
+            "1.0",
+            shading && variant.emission_waveform,
+        ),
+    ];
+    out.push_str("struct Varyings {\n    @builtin(position) position: vec4<f32>,\n");
+    for (location, (name, kind, qualifier, .., used)) in varyings.iter().enumerate() {
+        if *used {
+            let _ = writeln!(out, "    @location({location}) {qualifier}{name}: {kind},");
+        }
+    }
+    out.push_str("};\n");
+    for (name, kind, _, _, default, used) in &varyings {
+        let value = if *used { format!("v.{name}") } else { (*default).to_owned() };
+        let _ = writeln!(out, "fn vary_{name}(v: Varyings) -> {kind} {{ return {value}; }}");
+    }
+    out.push_str(
+        "fn set_varyings(object: ObjectRecord, in: VertexIn, local: LocalVertex, clip: vec4<f32>) -> Varyings {\n    \
+         var out: Varyings;\n    out.position = clip;\n",
+    );
+    for (name, _, _, value, _, used) in &varyings {
+        if *used {
+            let _ = writeln!(out, "    out.{name} = {value};");
+        }
+    }
+    out.push_str("    return out;\n}\n");
+    out
+}

@@ -1,0 +1,210 @@
+//! Views: environment x camera, the engine's unit of work.
+
+use evis_core::CameraInfo;
+use evis_scene::{Camera, Lens, Scene};
+use glam::{DMat4, DVec3, DVec4};
+
+use crate::config::RunConfig;
+use crate::error::EngineError;
+
+/// One camera of one environment.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Index into `Scene::variants`, 0 where there are none.
+    pub environment: usize,
+    /// Index into the simulator's cameras.
+    pub camera: usize,
+    /// Node that carries the camera.
+    pub node: usize,
+    /// Thresholds of this camera.
+    pub threshold_on: f32,
+    /// Thresholds of this camera.
+    pub threshold_off: f32,
+    /// Pixels and lens.
+    pub lens: PixelLens,
+}
+
+/// Pinhole intrinsics in pixels, for a given image size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelLens {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Focal lengths.
+    pub focal: [f64; 2],
+    /// Principal point, pixel centres at +0.5.
+    pub center: [f64; 2],
+    /// Near plane in metres.
+    pub near: f64,
+}
+
+impl PixelLens {
+    /// Intrinsics of `camera` at the size that `config`, the camera or the defaults say.
+    pub fn new(camera: &Camera, config: &RunConfig) -> Self {
+        let (width, height) = match (config.size, camera.width, camera.height) {
+            (Some(size), ..) => size,
+            (None, Some(width), Some(height)) => (width, height),
+            _ => {
+                let aspect = camera.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
+                (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
+            }
+        };
+        let (w, h) = (f64::from(width), f64::from(height));
+        let (focal, center) = match camera.lens {
+            Lens::FieldOfView { fov_y } => {
+                let f = h / 2.0 / (fov_y / 2.0).tan();
+                ([f, f], [w / 2.0, h / 2.0])
+            }
+            Lens::Intrinsics { fx, fy, cx, cy } => {
+                // Intrinsics belong to the camera's own size; another size sees the same field.
+                let sx = w / f64::from(camera.width.unwrap_or(width));
+                let sy = h / f64::from(camera.height.unwrap_or(height));
+                ([fx * sx, fy * sy], [cx * sx, cy * sy])
+            }
+        };
+        Self { width, height, focal, center, near: camera.near }
+    }
+
+    /// Reverse z, infinite far plane: z_ndc = near / distance.
+    pub fn clip_from_camera(&self) -> DMat4 {
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let [fx, fy] = self.focal;
+        let [cx, cy] = self.center;
+        DMat4::from_cols(
+            DVec4::new(2.0 * fx / w, 0.0, 0.0, 0.0),
+            DVec4::new(0.0, 2.0 * fy / h, 0.0, 0.0),
+            DVec4::new(1.0 - 2.0 * cx / w, 2.0 * cy / h - 1.0, 0.0, -1.0),
+            DVec4::new(0.0, 0.0, self.near, 0.0),
+        )
+    }
+
+    /// Camera-space direction (x, y, -1) = ndc * (x, y) + (z, w).
+    pub fn ray(&self) -> [f64; 4] {
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let scale = [w / (2.0 * self.focal[0]), h / (2.0 * self.focal[1])];
+        [
+            scale[0],
+            scale[1],
+            (1.0 - 2.0 * self.center[0] / w) * scale[0],
+            (2.0 * self.center[1] / h - 1.0) * scale[1],
+        ]
+    }
+
+    /// Pixel coordinates of a point in camera space; `None` behind the camera.
+    pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
+        (point.z < 0.0).then(|| {
+            [
+                self.center[0] + self.focal[0] * point.x / -point.z,
+                self.center[1] - self.focal[1] * point.y / -point.z,
+            ]
+        })
+    }
+
+    /// What a recording says of the camera.
+    pub fn info(&self, name: &str) -> CameraInfo {
+        CameraInfo {
+            name: name.to_owned(),
+            width: self.width,
+            height: self.height,
+            fx: self.focal[0],
+            fy: self.focal[1],
+            cx: self.center[0],
+            cy: self.center[1],
+        }
+    }
+}
+
+/// The views that `config` asks of `scene`, environment-major, and their cameras.
+///
+/// # Errors
+/// Unknown or repeated cameras, cameras without a usable lens.
+pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<CameraInfo>), EngineError> {
+    let chosen: Vec<usize> = if config.cameras.is_empty() {
+        (0..scene.cameras.len()).collect()
+    } else {
+        config.cameras.iter().map(|name| scene.camera(name)).collect::<Result<_, _>>()?
+    };
+    if chosen.is_empty() {
+        return Err(evis_scene::SceneError::Rule("it has no camera; add one".into()).into());
+    }
+    for (i, camera) in chosen.iter().enumerate() {
+        if chosen[..i].contains(camera) {
+            let name = &scene.cameras[*camera].name;
+            return Err(evis_core::ConfigError::new("camera", name, "named once").into());
+        }
+    }
+    let mut infos = Vec::new();
+    let mut lenses = Vec::new();
+    for &index in &chosen {
+        let camera = &scene.cameras[index];
+        let lens = PixelLens::new(camera, config);
+        let usable = lens.focal.iter().chain(&lens.center).all(|v| v.is_finite())
+            && lens.focal.iter().all(|&f| f > 0.0)
+            && lens.near.is_finite()
+            && lens.near > 0.0;
+        if !usable {
+            let text = format!("camera '{}' has no usable lens: {lens:?}", camera.name);
+            return Err(evis_scene::SceneError::Rule(text).into());
+        }
+        for (what, value) in [("width", lens.width), ("height", lens.height)] {
+            if !(1..=8192).contains(&value) {
+                return Err(evis_core::ConfigError::new(what, value, "between 1 and 8192 pixels").into());
+            }
+        }
+        infos.push(lens.info(&camera.name));
+        lenses.push(lens);
+    }
+    let mut views = Vec::new();
+    for environment in 0..scene.variants.len().max(1) {
+        for (slot, &index) in chosen.iter().enumerate() {
+            let camera = &scene.cameras[index];
+            let threshold_on = camera.threshold_on.unwrap_or(config.sensor.threshold_on);
+            let threshold_off = camera.threshold_off.unwrap_or(config.sensor.threshold_off);
+            let own = evis_core::SensorConfig { threshold_on, threshold_off, ..config.sensor.clone() };
+            evis_core::Sensor::new(own)?;
+            views.push(View {
+                environment,
+                camera: slot,
+                node: camera.node,
+                threshold_on,
+                threshold_off,
+                lens: lenses[slot],
+            });
+        }
+    }
+    Ok((views, infos))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lens() -> PixelLens {
+        PixelLens { width: 640, height: 480, focal: [500.0, 510.0], center: [300.0, 250.0], near: 0.1 }
+    }
+
+    #[test]
+    fn clip_space_agrees_with_the_pinhole_formula() {
+        let lens = lens();
+        for point in [DVec3::new(0.3, -0.2, -2.0), DVec3::new(-1.0, 0.7, -5.0)] {
+            let clip = lens.clip_from_camera() * point.extend(1.0);
+            let ndc = clip / clip.w;
+            let pixel = [(ndc.x + 1.0) / 2.0 * 640.0, (1.0 - ndc.y) / 2.0 * 480.0];
+            let expected = lens.project(point).unwrap();
+            assert!((pixel[0] - expected[0]).abs() < 1e-9 && (pixel[1] - expected[1]).abs() < 1e-9);
+            assert!((clip.w + point.z).abs() < 1e-12, "w is planar depth");
+            assert!((ndc.z - lens.near / -point.z).abs() < 1e-12, "reverse z");
+        }
+    }
+
+    #[test]
+    fn rays_go_through_their_pixels() {
+        let lens = lens();
+        let [sx, sy, ox, oy] = lens.ray();
+        let point = DVec3::new(0.4, 0.1, -1.0);
+        let clip = lens.clip_from_camera() * point.extend(1.0);
+        let ndc = clip / clip.w;
+        assert!((ndc.x * sx + ox - 0.4).abs() < 1e-12 && (ndc.y * sy + oy - 0.1).abs() < 1e-12);
+    }
+}

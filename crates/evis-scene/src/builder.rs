@@ -1,0 +1,1156 @@
+//! Scenes by code: the one way in which scene files, Python and the built-in scenes put a [`Scene`] together.
+//!
+//! ```
+//! use evis_scene::builder::{EventCamera, Placement, SceneBuilder};
+//! use evis_scene::primitive::Shape;
+//! use evis_scene::procedural::{Pattern, Procedural};
+//! use evis_scene::{Material, SceneError};
+//!
+//! # fn main() -> Result<(), SceneError> {
+//! let mut scene = SceneBuilder::new("shelf");
+//! let bricks = scene.procedural("bricks", &Procedural::new(Pattern::Bricks, 256, 1), Default::default())?;
+//! let wall = scene.material(Material::diffuse("wall").textured(bricks))?;
+//! scene.shape("wall", Shape::Card { size: [4.0, 3.0] }, wall, Placement::at([0.0, 0.0, -3.0]))?;
+//! scene.ambient([1.0; 3])?;
+//! scene.camera(EventCamera::new("left").size(320, 240), Placement::default())?;
+//! let scene = scene.build()?;
+//! # assert_eq!(scene.cameras.len(), 1);
+//! # Ok(())
+//! # }
+//! ```
+
+use std::f64::consts::PI;
+use std::path::Path as FilePath;
+use std::sync::Arc;
+
+use glam::{DMat3, DMat4, DQuat, DVec3};
+
+use crate::environment::Environment;
+use crate::error::SceneError;
+use crate::model::{
+    AlphaMode, Camera, Image, Lens, Light, LightKind, Material, Mesh, Node, Primitive, Scene, ShadingModel,
+    Texture, TextureRef, Trs, Variant, Wrap,
+};
+use crate::motion::{Motion, Path, WaveShape, Waveform};
+use crate::primitive::Shape;
+use crate::procedural::Procedural;
+
+/// Where something is, what it hangs on, and how it moves.
+#[derive(Clone, Debug, Default)]
+pub struct Placement {
+    /// Pose in the parent's frame.
+    pub pose: Trs,
+    /// Motion in the frame of `pose`.
+    pub path: Option<Path>,
+    /// Node that carries it; `None` is the world.
+    pub parent: Option<usize>,
+}
+
+impl Placement {
+    /// At `position`, unturned.
+    pub fn at(position: impl Into<DVec3>) -> Self {
+        Self { pose: Trs { translation: position.into(), ..Trs::default() }, ..Self::default() }
+    }
+
+    /// Along `path`, which holds its own start.
+    pub fn along(path: Path) -> Self {
+        Self { path: Some(path), ..Self::default() }
+    }
+
+    /// At `eye`, with -Z (where cameras look and lights shine) towards `target` and +Y upwards.
+    pub fn looking_at(eye: impl Into<DVec3>, target: impl Into<DVec3>) -> Self {
+        let (eye, target) = (eye.into(), target.into());
+        Self::at(eye).turned(look_rotation(target - eye, DVec3::Y))
+    }
+
+    /// With this rotation.
+    pub fn turned(mut self, rotation: DQuat) -> Self {
+        self.pose.rotation = rotation;
+        self
+    }
+
+    /// With this scale per axis.
+    pub fn scaled(mut self, scale: impl Into<DVec3>) -> Self {
+        self.pose.scale = scale.into();
+        self
+    }
+
+    /// On the node `parent`.
+    pub fn on(mut self, parent: usize) -> Self {
+        self.parent = Some(parent);
+        self
+    }
+
+    /// Moving along `path` in the frame of the pose.
+    pub fn moving(mut self, path: Path) -> Self {
+        self.path = Some(path);
+        self
+    }
+
+    fn motion(&self) -> Result<Motion, SceneError> {
+        check_trs(&self.pose)?;
+        let Some(path) = &self.path else { return Ok(Motion::Fixed(self.pose.matrix())) };
+        let path = checked_path(path)?;
+        if self.pose == Trs::default() {
+            return Ok(Motion::Path(Arc::new(path)));
+        }
+        // The scale goes last: it sizes what is placed here and leaves the path's metres alone.
+        let rigid = Trs { scale: DVec3::ONE, ..self.pose };
+        let mut chain = vec![still(rigid), path];
+        if self.pose.scale != DVec3::ONE {
+            chain.push(still(Trs { scale: self.pose.scale, ..Trs::default() }));
+        }
+        Ok(Motion::Path(Arc::new(Path::Chain(chain))))
+    }
+}
+
+/// A path that stays where it is.
+pub fn still(pose: Trs) -> Path {
+    Path::ConstantVelocity { start: pose, velocity: DVec3::ZERO }
+}
+
+/// Rotation that turns -Z towards `direction` and +Y as far towards `up` as that allows. Where `direction` has no
+/// length or is parallel to `up`, another upright is taken.
+pub fn look_rotation(direction: DVec3, up: DVec3) -> DQuat {
+    let back = -direction.normalize_or(DVec3::NEG_Z);
+    let up = up.normalize_or(DVec3::Y);
+    // Straight up or down: the top of the picture points to -Z (or +Y for a tilted upright along z).
+    let up = if back.cross(up).length_squared() > 1e-12 {
+        up
+    } else if back.z.abs() < 0.9 {
+        DVec3::NEG_Z
+    } else {
+        DVec3::Y
+    };
+    let right = up.cross(back).normalize();
+    DQuat::from_mat3(&DMat3::from_cols(right, back.cross(right), back)).normalize()
+}
+
+/// How a texture is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sampling {
+    /// Beyond the left and right edge.
+    pub wrap_u: Wrap,
+    /// Beyond the upper and lower edge.
+    pub wrap_v: Wrap,
+    /// Nearest texel instead of trilinear filtering.
+    pub nearest: bool,
+}
+
+/// What the numbers of an image file mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ColorSpace {
+    /// Colours as screens show them (IEC 61966-2-1); linearised when loaded.
+    #[default]
+    Srgb,
+    /// Numbers as they are: normals, roughness, measured light.
+    Linear,
+}
+
+/// How a glTF or other scene's nodes are labelled when it is included.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Labels {
+    /// Semantic class of what has none of its own; 0 leaves it unlabelled.
+    pub semantic_id: u32,
+    /// Instance; 0 lets [`Scene::validate`] number it.
+    pub instance_id: u32,
+}
+
+/// An environment map's settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EnvironmentSettings {
+    /// Factor on its light.
+    pub intensity: f32,
+    /// Turn about +Y, degrees.
+    pub rotation_degrees: f32,
+    /// Whether it is seen behind everything.
+    pub visible: bool,
+}
+
+impl Default for EnvironmentSettings {
+    fn default() -> Self {
+        Self { intensity: 1.0, rotation_degrees: 0.0, visible: true }
+    }
+}
+
+/// An event camera to be added.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EventCamera {
+    /// Unique name.
+    pub name: String,
+    /// Lens.
+    pub lens: Lens,
+    /// Pixels; `None` leaves it to the run.
+    pub size: Option<[u32; 2]>,
+    /// Near plane, metres.
+    pub near: f64,
+    /// ON and OFF thresholds; `None` takes the run's.
+    pub thresholds: [Option<f32>; 2],
+}
+
+impl EventCamera {
+    /// 60 degrees high, near plane at 5 cm, everything else left to the run.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            lens: Lens::FieldOfView { fov_y: PI / 3.0 },
+            size: None,
+            near: 0.05,
+            thresholds: [None; 2],
+        }
+    }
+
+    /// Pixels.
+    pub fn size(mut self, width: u32, height: u32) -> Self {
+        self.size = Some([width, height]);
+        self
+    }
+
+    /// Vertical field of view.
+    pub fn fov_y_degrees(mut self, degrees: f64) -> Self {
+        self.lens = Lens::FieldOfView { fov_y: degrees.to_radians() };
+        self
+    }
+
+    /// Pinhole intrinsics in pixels, pixel centres at +0.5.
+    pub fn intrinsics(mut self, fx: f64, fy: f64, cx: f64, cy: f64) -> Self {
+        self.lens = Lens::Intrinsics { fx, fy, cx, cy };
+        self
+    }
+
+    /// Near plane in metres.
+    pub fn near(mut self, near: f64) -> Self {
+        self.near = near;
+        self
+    }
+
+    /// Contrast thresholds, both positive.
+    pub fn thresholds(mut self, on: f32, off: f32) -> Self {
+        self.thresholds = [Some(on), Some(off)];
+        self
+    }
+}
+
+impl Material {
+    /// Shows its colour, whatever the light.
+    pub fn unlit(name: impl Into<String>) -> Self {
+        Self { name: name.into(), model: ShadingModel::Unlit, metallic: 0.0, ..Self::default() }
+    }
+
+    /// Matt.
+    pub fn diffuse(name: impl Into<String>) -> Self {
+        Self { name: name.into(), model: ShadingModel::Diffuse, metallic: 0.0, ..Self::default() }
+    }
+
+    /// glTF's metallic-roughness.
+    pub fn glossy(name: impl Into<String>, metallic: f32, roughness: f32) -> Self {
+        Self { name: name.into(), metallic, roughness, ..Self::default() }
+    }
+
+    /// With this texture (index into [`Scene::textures`]) as its colour.
+    pub fn textured(self, texture: usize) -> Self {
+        Self { base_color_texture: Some(TextureRef::new(texture)), ..self }
+    }
+
+    /// With this linear colour, opaque.
+    pub fn colored(self, [r, g, b]: [f32; 3]) -> Self {
+        Self { base_color: [r, g, b, 1.0], ..self }
+    }
+
+    /// Emitting this radiance, changing with `waveform`.
+    pub fn emitting(self, emissive: [f32; 3], waveform: Option<Waveform>) -> Self {
+        Self { emissive, emission_waveform: waveform, ..self }
+    }
+}
+
+impl Light {
+    /// Parallel light, white, without shadows.
+    pub fn directional(name: impl Into<String>, lux: f32) -> Self {
+        Self::of_kind(name.into(), LightKind::Directional, lux)
+    }
+
+    /// Light from a point, white.
+    pub fn point(name: impl Into<String>, candela: f32) -> Self {
+        Self::of_kind(name.into(), LightKind::Point, candela)
+    }
+
+    /// A cone of light, white, without shadows; half angles in degrees.
+    pub fn spot(name: impl Into<String>, candela: f32, inner_degrees: f32, outer_degrees: f32) -> Self {
+        let kind = LightKind::Spot { inner: inner_degrees.to_radians(), outer: outer_degrees.to_radians() };
+        Self::of_kind(name.into(), kind, candela)
+    }
+
+    /// With this linear colour.
+    pub fn colored(self, color: [f32; 3]) -> Self {
+        Self { color, ..self }
+    }
+
+    /// Throwing shadows.
+    pub fn with_shadow(self) -> Self {
+        Self { casts_shadow: true, ..self }
+    }
+
+    /// Changing with `waveform`.
+    pub fn flickering(self, waveform: Waveform) -> Self {
+        Self { waveform: Some(waveform), ..self }
+    }
+
+    fn of_kind(name: String, kind: LightKind, intensity: f32) -> Self {
+        Self { name, kind, color: [1.0; 3], intensity, range: None, casts_shadow: false, waveform: None }
+    }
+}
+
+/// Puts a [`Scene`] together; every call checks what it is given.
+#[derive(Clone, Debug, Default)]
+pub struct SceneBuilder {
+    scene: Scene,
+    /// Nodes that were added by name, for [`SceneBuilder::find`].
+    named: Vec<(String, usize)>,
+    shapes: Vec<(ShapeKey, usize)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ShapeKey {
+    shape: Shape,
+    segments: Option<[u32; 2]>,
+    uv_repeat: [f64; 2],
+    material: usize,
+}
+
+/// Everything about a shape that is not its size or place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShapeSettings {
+    /// See [`Shape::default_segments`].
+    pub segments: Option<[u32; 2]>,
+    /// How often the picture repeats along u and v.
+    pub uv_repeat: [f64; 2],
+    /// Labels.
+    pub labels: Labels,
+}
+
+impl Default for ShapeSettings {
+    fn default() -> Self {
+        Self { segments: None, uv_repeat: [1.0; 2], labels: Labels::default() }
+    }
+}
+
+impl ShapeSettings {
+    /// Of the semantic class `id`.
+    pub fn semantic(id: u32) -> Self {
+        Self { labels: Labels { semantic_id: id, instance_id: 0 }, ..Self::default() }
+    }
+
+    /// With the picture repeated.
+    pub fn repeat(self, u: f64, v: f64) -> Self {
+        Self { uv_repeat: [u, v], ..self }
+    }
+
+    /// Cut into so many segments.
+    pub fn segments(self, u: u32, v: u32) -> Self {
+        Self { segments: Some([u, v]), ..self }
+    }
+}
+
+impl SceneBuilder {
+    /// An empty scene.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self { scene: Scene { name: name.into(), ..Scene::default() }, ..Self::default() }
+    }
+
+    /// The scene as it stands.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Seconds that the scene lasts.
+    ///
+    /// # Errors
+    /// A duration that is not a positive number.
+    pub fn duration_s(&mut self, duration_s: f64) -> Result<&mut Self, SceneError> {
+        positive("duration_s", duration_s, "seconds")?;
+        self.scene.duration_s = Some(duration_s);
+        Ok(self)
+    }
+
+    /// Colour where nothing is.
+    ///
+    /// # Errors
+    /// A colour that is negative or not finite.
+    pub fn background(&mut self, color: [f32; 3]) -> Result<&mut Self, SceneError> {
+        light_color("background", color)?;
+        self.scene.background = color;
+        Ok(self)
+    }
+
+    /// Light from everywhere: irradiance / pi.
+    ///
+    /// # Errors
+    /// A colour that is negative or not finite.
+    pub fn ambient(&mut self, color: [f32; 3]) -> Result<&mut Self, SceneError> {
+        light_color("ambient", color)?;
+        self.scene.ambient = color;
+        Ok(self)
+    }
+
+    /// Image-based light.
+    pub fn environment(&mut self, environment: Environment) -> &mut Self {
+        self.scene.environment = Some(environment);
+        self
+    }
+
+    /// Image-based light from an OpenEXR or Radiance file.
+    ///
+    /// # Errors
+    /// A file that cannot be read, settings that are negative or not finite.
+    pub fn environment_file(
+        &mut self,
+        path: &FilePath,
+        settings: EnvironmentSettings,
+    ) -> Result<&mut Self, SceneError> {
+        not_negative("intensity", settings.intensity.into(), "a factor")?;
+        finite("rotation_degrees", settings.rotation_degrees.into())?;
+        let environment = load_environment(path, settings)?;
+        Ok(self.environment(environment))
+    }
+
+    /// A texture from pixels; returns its index.
+    ///
+    /// # Errors
+    /// An image without texels, or with another number of them than its size says.
+    pub fn texture(&mut self, image: Image, sampling: Sampling) -> Result<usize, SceneError> {
+        let expected = u64::from(image.width) * u64::from(image.height);
+        if expected == 0 || image.texels.len() as u64 != expected {
+            return rule(format!(
+                "image '{}' is {} x {} and has {} texels; it takes width * height of them, at least 1",
+                image.name,
+                image.width,
+                image.height,
+                image.texels.len()
+            ));
+        }
+        self.scene.images.push(image);
+        let Sampling { wrap_u, wrap_v, nearest } = sampling;
+        self.scene.textures.push(Texture { image: self.scene.images.len() - 1, wrap_u, wrap_v, nearest });
+        Ok(self.scene.textures.len() - 1)
+    }
+
+    /// A texture made by code; returns its index.
+    ///
+    /// # Errors
+    /// See [`Procedural::image`].
+    pub fn procedural(
+        &mut self,
+        name: impl Into<String>,
+        procedural: &Procedural,
+        sampling: Sampling,
+    ) -> Result<usize, SceneError> {
+        let image = procedural.image(name)?;
+        self.texture(image, sampling)
+    }
+
+    /// A texture from an image file; returns its index.
+    ///
+    /// # Errors
+    /// A file that cannot be read or decoded.
+    pub fn texture_file(
+        &mut self,
+        path: &FilePath,
+        color_space: ColorSpace,
+        sampling: Sampling,
+    ) -> Result<usize, SceneError> {
+        let image = load_image(path, color_space)?;
+        self.texture(image, sampling)
+    }
+
+    /// The same, under a name of its own.
+    ///
+    /// # Errors
+    /// See [`SceneBuilder::texture_file`].
+    pub fn texture_file_as(
+        &mut self,
+        name: impl Into<String>,
+        path: &FilePath,
+        color_space: ColorSpace,
+        sampling: Sampling,
+    ) -> Result<usize, SceneError> {
+        let image = Image { name: name.into(), ..load_image(path, color_space)? };
+        self.texture(image, sampling)
+    }
+
+    /// Index of the texture whose image is named `name`.
+    ///
+    /// # Errors
+    /// Lists the textures that exist.
+    pub fn find_texture(&self, name: &str) -> Result<usize, SceneError> {
+        let image_name = |t: &Texture| self.scene.images.get(t.image).map_or("", |i| i.name.as_str());
+        let textures = &self.scene.textures;
+        textures.iter().position(|t| image_name(t) == name).ok_or_else(|| SceneError::Unknown {
+            what: "texture",
+            name: name.into(),
+            known: textures.iter().map(|t| image_name(t).to_owned()).collect(),
+        })
+    }
+
+    /// A material; returns its index.
+    ///
+    /// # Errors
+    /// Numbers out of range, textures that do not exist.
+    pub fn material(&mut self, material: Material) -> Result<usize, SceneError> {
+        check_material(&material, self.scene.textures.len())?;
+        self.scene.materials.push(material);
+        Ok(self.scene.materials.len() - 1)
+    }
+
+    /// Index of the material `name`.
+    ///
+    /// # Errors
+    /// Lists the materials that exist.
+    pub fn find_material(&self, name: &str) -> Result<usize, SceneError> {
+        let materials = &self.scene.materials;
+        materials.iter().position(|m| m.name == name).ok_or_else(|| SceneError::Unknown {
+            what: "material",
+            name: name.into(),
+            known: materials.iter().map(|m| m.name.clone()).collect(),
+        })
+    }
+
+    /// Whether a node was added as `name`.
+    pub fn has_object(&self, name: &str) -> bool {
+        self.named.iter().any(|(n, _)| n == name)
+    }
+
+    /// Index of the node that was added as `name`, else of the only node of an included scene with that name.
+    ///
+    /// # Errors
+    /// Lists the nodes that were added.
+    pub fn find(&self, name: &str) -> Result<usize, SceneError> {
+        if let Some((_, node)) = self.named.iter().find(|(n, _)| n == name) {
+            return Ok(*node);
+        }
+        let mut inner = self.scene.nodes.iter().enumerate().filter(|(_, n)| n.name == name);
+        match (inner.next(), inner.next()) {
+            (Some((node, _)), None) => Ok(node),
+            (Some(_), Some(_)) => rule(format!(
+                "more than one node is named '{name}'; give the one that is meant its own name, or use its parent"
+            )),
+            _ => Err(SceneError::Unknown {
+                what: "object",
+                name: name.into(),
+                known: self.named.iter().map(|(n, _)| n.clone()).collect(),
+            }),
+        }
+    }
+
+    /// An empty node that others can hang on; returns its index.
+    ///
+    /// # Errors
+    /// A name that is empty or taken, a pose or path that is not usable, a parent that does not exist.
+    pub fn node(&mut self, name: impl Into<String>, placement: Placement) -> Result<usize, SceneError> {
+        self.place(name.into(), &placement, Node::default())
+    }
+
+    /// `shape` with `material`; returns its node.
+    ///
+    /// # Errors
+    /// See [`SceneBuilder::shape_with`].
+    pub fn shape(
+        &mut self,
+        name: impl Into<String>,
+        shape: Shape,
+        material: usize,
+        placement: Placement,
+    ) -> Result<usize, SceneError> {
+        self.shape_with(name, shape, material, ShapeSettings::default(), placement)
+    }
+
+    /// `shape` with `material` and settings; returns its node. Equal shapes share their mesh.
+    /// Shapes without an inside make their material double-sided.
+    ///
+    /// # Errors
+    /// See [`Shape::build`] and [`SceneBuilder::node`]; a material that does not exist.
+    pub fn shape_with(
+        &mut self,
+        name: impl Into<String>,
+        shape: Shape,
+        material: usize,
+        settings: ShapeSettings,
+        placement: Placement,
+    ) -> Result<usize, SceneError> {
+        let ShapeSettings { segments, uv_repeat, labels } = settings;
+        let Some(found) = self.scene.materials.get(material) else {
+            return rule(format!(
+                "material {material} does not exist; there are {}",
+                self.scene.materials.len()
+            ));
+        };
+        let mut material = material;
+        if shape.is_double_sided() && !found.double_sided {
+            let both = Material {
+                double_sided: true,
+                name: format!("{} (both sides)", found.name),
+                ..found.clone()
+            };
+            let known = self.scene.materials.iter().position(|m| m.name == both.name && m.double_sided);
+            material = match known {
+                Some(index) => index,
+                None => self.material(both)?,
+            };
+        }
+        let key = ShapeKey { shape, segments, uv_repeat, material };
+        let mesh = match self.shapes.iter().find(|(k, _)| *k == key) {
+            Some((_, mesh)) => *mesh,
+            None => {
+                let mut primitive = shape.build(segments, uv_repeat)?;
+                primitive.material = material;
+                let mesh = self.mesh(Mesh {
+                    name: shape.name().into(),
+                    primitives: vec![primitive],
+                    ..Mesh::default()
+                })?;
+                self.shapes.push((key, mesh));
+                mesh
+            }
+        };
+        self.object(name, mesh, labels, placement)
+    }
+
+    /// A mesh made elsewhere; returns its index. Tangents are dropped where no normal map needs them.
+    ///
+    /// # Errors
+    /// A primitive whose material or vertices do not exist.
+    pub fn mesh(&mut self, mut mesh: Mesh) -> Result<usize, SceneError> {
+        for primitive in &mut mesh.primitives {
+            check_primitive(primitive)?;
+            match self.scene.materials.get(primitive.material) {
+                Some(material) if material.normal_texture.is_none() => primitive.tangents = None,
+                Some(_) => {}
+                None => {
+                    return rule(format!(
+                        "mesh '{}' uses material {}; there are {}",
+                        mesh.name,
+                        primitive.material,
+                        self.scene.materials.len()
+                    ));
+                }
+            }
+        }
+        self.scene.meshes.push(mesh);
+        Ok(self.scene.meshes.len() - 1)
+    }
+
+    /// A node that shows mesh `mesh`; returns its index.
+    ///
+    /// # Errors
+    /// See [`SceneBuilder::node`]; a mesh that does not exist.
+    pub fn object(
+        &mut self,
+        name: impl Into<String>,
+        mesh: usize,
+        labels: Labels,
+        placement: Placement,
+    ) -> Result<usize, SceneError> {
+        if mesh >= self.scene.meshes.len() {
+            return rule(format!("mesh {mesh} does not exist; there are {}", self.scene.meshes.len()));
+        }
+        let Labels { semantic_id, instance_id } = labels;
+        self.place(
+            name.into(),
+            &placement,
+            Node { mesh: Some(mesh), semantic_id, instance_id, ..Node::default() },
+        )
+    }
+
+    /// A glTF file under a node of its own; returns that node.
+    ///
+    /// # Errors
+    /// A file that cannot be used; see [`SceneBuilder::include`].
+    pub fn gltf(
+        &mut self,
+        name: impl Into<String>,
+        path: &FilePath,
+        labels: Labels,
+        placement: Placement,
+    ) -> Result<usize, SceneError> {
+        let scene = load_gltf(path)?;
+        self.include(name, scene, labels, placement)
+    }
+
+    /// Everything of `scene` under a node of its own; returns that node. Its cameras come along as `name/camera`;
+    /// its environment and background only where there is none yet; its variants do not.
+    ///
+    /// # Errors
+    /// See [`SceneBuilder::node`].
+    pub fn include(
+        &mut self,
+        name: impl Into<String>,
+        scene: Scene,
+        labels: Labels,
+        placement: Placement,
+    ) -> Result<usize, SceneError> {
+        let name = name.into();
+        let root = self.node(name.clone(), placement)?;
+        let own = &mut self.scene;
+        let [nodes, meshes, materials, textures, images, skins, lights] = [
+            own.nodes.len(),
+            own.meshes.len(),
+            own.materials.len(),
+            own.textures.len(),
+            own.images.len(),
+            own.skins.len(),
+            own.lights.len(),
+        ];
+        own.images.extend(scene.images);
+        own.textures.extend(scene.textures.into_iter().map(|t| Texture { image: t.image + images, ..t }));
+        own.materials.extend(scene.materials.into_iter().map(|mut material| {
+            for reference in texture_references(&mut material) {
+                reference.texture += textures;
+            }
+            material
+        }));
+        own.meshes.extend(scene.meshes.into_iter().map(|mut mesh| {
+            mesh.primitives.iter_mut().for_each(|p| p.material += materials);
+            mesh
+        }));
+        own.skins.extend(scene.skins.into_iter().map(|mut skin| {
+            skin.joints.iter_mut().for_each(|joint| *joint += nodes);
+            skin
+        }));
+        own.lights.extend(scene.lights);
+        own.nodes.extend(scene.nodes.into_iter().map(|mut node| {
+            node.parent = Some(node.parent.map_or(root, |parent| parent + nodes));
+            node.mesh = node.mesh.map(|mesh| mesh + meshes);
+            node.skin = node.skin.map(|skin| skin + skins);
+            node.light = node.light.map(|light| light + lights);
+            if node.mesh.is_some() {
+                node.semantic_id = if node.semantic_id == 0 { labels.semantic_id } else { node.semantic_id };
+                node.instance_id =
+                    if labels.instance_id == 0 { node.instance_id } else { labels.instance_id };
+            }
+            node
+        }));
+        own.cameras.extend(scene.cameras.into_iter().map(|mut camera| {
+            camera.name = format!("{name}/{}", camera.name);
+            camera.node += nodes;
+            camera
+        }));
+        own.environment = own.environment.take().or(scene.environment);
+        if own.background == [0.0; 3] {
+            own.background = scene.background;
+        }
+        own.duration_s = match (own.duration_s, scene.duration_s) {
+            (Some(a), Some(b)) => Some(a.max(b)),
+            (a, b) => a.or(b),
+        };
+        own.warnings.extend(scene.warnings.into_iter().map(|w| format!("{name}: {w}")));
+        Ok(root)
+    }
+
+    /// A light; returns its node. It shines along the node's -Z.
+    ///
+    /// # Errors
+    /// See [`SceneBuilder::node`]; numbers out of range.
+    pub fn light(&mut self, light: Light, placement: Placement) -> Result<usize, SceneError> {
+        check_light(&light)?;
+        let name = light.name.clone();
+        let node = Node { light: Some(self.scene.lights.len()), ..Node::default() };
+        let node = self.place(name, &placement, node)?;
+        self.scene.lights.push(light);
+        Ok(node)
+    }
+
+    /// An event camera; returns its node. It looks along the node's -Z.
+    ///
+    /// # Errors
+    /// See [`SceneBuilder::node`]; numbers out of range.
+    pub fn camera(&mut self, camera: EventCamera, placement: Placement) -> Result<usize, SceneError> {
+        check_camera(&camera)?;
+        if self.scene.cameras.iter().any(|c| c.name == camera.name) {
+            return rule(format!("two cameras are named '{}'; each needs its own name", camera.name));
+        }
+        let node = self.place(camera.name.clone(), &placement, Node::default())?;
+        self.scene.cameras.push(Camera {
+            name: camera.name,
+            node,
+            lens: camera.lens,
+            width: camera.size.map(|s| s[0]),
+            height: camera.size.map(|s| s[1]),
+            aspect: None,
+            near: camera.near,
+            threshold_on: camera.thresholds[0],
+            threshold_off: camera.thresholds[1],
+        });
+        Ok(node)
+    }
+
+    /// One more environment of the batch.
+    ///
+    /// # Errors
+    /// A time offset that is negative or not finite, a node that does not exist.
+    pub fn variant(&mut self, variant: Variant) -> Result<&mut Self, SceneError> {
+        not_negative("time_offset_s", variant.time_offset_s, "seconds")?;
+        for (node, offset) in &variant.node_offsets {
+            if *node >= self.scene.nodes.len() {
+                return rule(format!("a variant moves node {node}; there are {}", self.scene.nodes.len()));
+            }
+            if !offset.is_finite() {
+                return rule(format!("a variant's offset of node {node} is not finite"));
+            }
+        }
+        self.scene.variants.push(variant);
+        Ok(self)
+    }
+
+    /// The finished scene.
+    ///
+    /// # Errors
+    /// A scene whose cameras share a name.
+    pub fn build(self) -> Result<Scene, SceneError> {
+        let mut names: Vec<&str> = self.scene.cameras.iter().map(|c| c.name.as_str()).collect();
+        names.sort_unstable();
+        if let Some([name, _]) = names.array_windows().find(|[a, b]| a == b) {
+            return rule(format!("two cameras are named '{name}'; each needs its own name"));
+        }
+        Ok(self.scene)
+    }
+
+    fn place(&mut self, name: String, placement: &Placement, node: Node) -> Result<usize, SceneError> {
+        if name.is_empty() {
+            return rule("an object has an empty name; give it one".into());
+        }
+        if self.named.iter().any(|(n, _)| *n == name) {
+            return rule(format!("two objects are named '{name}'; each needs its own name"));
+        }
+        if let Some(parent) = placement.parent
+            && parent >= self.scene.nodes.len()
+        {
+            return rule(format!("parent {parent} of '{name}' does not exist; parents come before children"));
+        }
+        let motion = placement.motion().map_err(|error| in_object(&name, error))?;
+        let index =
+            self.scene.add_node(Node { name: name.clone(), parent: placement.parent, motion, ..node });
+        self.named.push((name, index));
+        Ok(index)
+    }
+}
+
+// The three loaders live with their formats; this is the one place that calls them.
+
+fn load_gltf(path: &FilePath) -> Result<Scene, SceneError> {
+    Err(SceneError::invalid(path, "glTF is not built in yet"))
+}
+
+fn load_image(path: &FilePath, _color_space: ColorSpace) -> Result<Image, SceneError> {
+    Err(SceneError::invalid(path, "image files are not built in yet"))
+}
+
+fn load_environment(path: &FilePath, _settings: EnvironmentSettings) -> Result<Environment, SceneError> {
+    Err(SceneError::invalid(path, "environment maps are not built in yet"))
+}
+
+fn rule<T>(message: String) -> Result<T, SceneError> {
+    Err(SceneError::Rule(message))
+}
+
+fn in_object(name: &str, error: SceneError) -> SceneError {
+    match error {
+        SceneError::Rule(message) => SceneError::Rule(format!("'{name}': {message}")),
+        other => other,
+    }
+}
+
+fn finite(what: &str, value: f64) -> Result<(), SceneError> {
+    if value.is_finite() { Ok(()) } else { rule(format!("{what} is {value}; it takes a finite number")) }
+}
+
+fn positive(what: &str, value: f64, unit: &str) -> Result<(), SceneError> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    rule(format!("{what} is {value}; it takes {unit} above 0"))
+}
+
+fn not_negative(what: &str, value: f64, unit: &str) -> Result<(), SceneError> {
+    if value.is_finite() && value >= 0.0 {
+        return Ok(());
+    }
+    rule(format!("{what} is {value}; it takes {unit}, 0 or more"))
+}
+
+fn within(what: &str, value: f64, low: f64, high: f64) -> Result<(), SceneError> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    rule(format!("{what} is {value}; it takes a number between {low} and {high}"))
+}
+
+/// Linear light: no upper bound that matters, but halves of floats end at 65504.
+fn light_color(what: &str, color: [f32; 3]) -> Result<(), SceneError> {
+    if color.iter().all(|c| (0.0..=65504.0).contains(c)) {
+        return Ok(());
+    }
+    rule(format!("{what} is {color:?}; it takes linear RGB, each between 0 and 65504"))
+}
+
+fn check_waveform(waveform: &Waveform) -> Result<(), SceneError> {
+    positive("frequency_hz", waveform.frequency_hz, "cycles per second")?;
+    if !(0.0..1.0).contains(&waveform.phase) {
+        return rule(format!("phase is {}; it takes a part of a cycle, from 0 to below 1", waveform.phase));
+    }
+    not_negative("low", waveform.low, "a factor")?;
+    not_negative("high", waveform.high, "a factor")?;
+    if waveform.low > waveform.high {
+        return rule(format!(
+            "low is {} and high is {}; low takes at most high",
+            waveform.low, waveform.high
+        ));
+    }
+    if let WaveShape::Pwm { duty } = waveform.shape
+        && !(duty > 0.0 && duty < 1.0)
+    {
+        return rule(format!("duty is {duty}; it takes a part of a cycle between 0 and 1, both excluded"));
+    }
+    Ok(())
+}
+
+fn texture_references(material: &mut Material) -> impl Iterator<Item = &mut TextureRef> {
+    [
+        &mut material.base_color_texture,
+        &mut material.metallic_roughness_texture,
+        &mut material.normal_texture,
+        &mut material.occlusion_texture,
+        &mut material.emissive_texture,
+    ]
+    .into_iter()
+    .flatten()
+}
+
+fn check_material(material: &Material, textures: usize) -> Result<(), SceneError> {
+    let check = || {
+        let [r, g, b, alpha] = material.base_color;
+        light_color("base_color", [r, g, b])?;
+        within("alpha of base_color", alpha.into(), 0.0, 1.0)?;
+        light_color("emissive", material.emissive)?;
+        within("metallic", material.metallic.into(), 0.0, 1.0)?;
+        within("roughness", material.roughness.into(), 0.0, 1.0)?;
+        within("occlusion_strength", material.occlusion_strength.into(), 0.0, 1.0)?;
+        finite("normal_scale", material.normal_scale.into())?;
+        if let AlphaMode::Mask(cutoff) = material.alpha {
+            within("alpha_cutoff", cutoff.into(), 0.0, 1.0)?;
+        }
+        if let Some(waveform) = &material.emission_waveform {
+            check_waveform(waveform)?;
+        }
+        for reference in texture_references(&mut material.clone()) {
+            if reference.texture >= textures {
+                return rule(format!("texture {} does not exist; there are {textures}", reference.texture));
+            }
+            if reference.uv_set > 1 || !reference.transform.iter().all(|v| v.is_finite()) {
+                return rule(format!(
+                    "texture {} has a uv_set above 1 or a transform that is not finite",
+                    reference.texture
+                ));
+            }
+        }
+        Ok(())
+    };
+    check().map_err(|error| in_object(&material.name, error))
+}
+
+fn check_light(light: &Light) -> Result<(), SceneError> {
+    let check = || {
+        light_color("color", light.color)?;
+        let unit = if light.kind == LightKind::Directional { "lux" } else { "candela" };
+        not_negative("intensity", light.intensity.into(), unit)?;
+        if let Some(range) = light.range {
+            positive("range", range.into(), "metres")?;
+        }
+        if let LightKind::Spot { inner, outer } = light.kind {
+            let [inner, outer] = [inner, outer].map(|a| f64::from(a).to_degrees());
+            if !(inner >= 0.0 && inner < outer && outer <= 90.001) {
+                return rule(format!(
+                    "inner_degrees is {inner:.4} and outer_degrees is {outer:.4}; they take 0 <= inner < outer <= 90"
+                ));
+            }
+        }
+        if light.casts_shadow && light.kind == LightKind::Point {
+            return rule(
+                "casts_shadow is true on a point light; only directional and spot lights throw shadows"
+                    .into(),
+            );
+        }
+        light.waveform.as_ref().map_or(Ok(()), check_waveform)
+    };
+    check().map_err(|error| in_object(&light.name, error))
+}
+
+fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {
+    let check = || {
+        match camera.lens {
+            Lens::FieldOfView { fov_y } => {
+                let degrees = fov_y.to_degrees();
+                if !(0.01..=179.0).contains(&degrees) {
+                    return rule(format!(
+                        "fov_y_degrees is {degrees}; it takes degrees between 0.01 and 179"
+                    ));
+                }
+            }
+            Lens::Intrinsics { fx, fy, cx, cy } => {
+                positive("fx", fx, "pixels")?;
+                positive("fy", fy, "pixels")?;
+                finite("cx", cx)?;
+                finite("cy", cy)?;
+            }
+        }
+        if let Some(size) = camera.size
+            && !size.iter().all(|n| (1..=8192).contains(n))
+        {
+            return rule(format!(
+                "size is {size:?}; it takes a width and a height between 1 and 8192 pixels"
+            ));
+        }
+        positive("near", camera.near, "metres")?;
+        for (what, threshold) in ["threshold_on", "threshold_off"].iter().zip(camera.thresholds) {
+            if let Some(threshold) = threshold {
+                positive(what, threshold.into(), "a log contrast")?;
+            }
+        }
+        Ok(())
+    };
+    check().map_err(|error| in_object(&camera.name, error))
+}
+
+fn check_primitive(primitive: &Primitive) -> Result<(), SceneError> {
+    let vertices = primitive.positions.len();
+    if primitive.normals.len() != vertices {
+        return rule(format!(
+            "a primitive has {vertices} positions and {} normals; both take one per vertex",
+            primitive.normals.len()
+        ));
+    }
+    if primitive.indices.is_empty() || !primitive.indices.len().is_multiple_of(3) {
+        return rule(format!(
+            "a primitive has {} indices; it takes three per triangle",
+            primitive.indices.len()
+        ));
+    }
+    if let Some(index) = primitive.indices.iter().find(|i| **i as usize >= vertices) {
+        return rule(format!("a primitive uses vertex {index}; it has {vertices}"));
+    }
+    if !primitive.positions.iter().flatten().all(|v| v.is_finite()) {
+        return rule("a primitive has a position that is not finite".into());
+    }
+    Ok(())
+}
+
+fn check_trs(pose: &Trs) -> Result<(), SceneError> {
+    if !pose.translation.is_finite() {
+        return rule(format!("position is {}; it takes three finite numbers", pose.translation));
+    }
+    if !pose.rotation.is_finite() || (pose.rotation.length() - 1.0).abs() > 1e-6 {
+        return rule(format!("rotation is {}; it takes a unit quaternion (x, y, z, w)", pose.rotation));
+    }
+    if !pose.scale.is_finite() || pose.scale.min_element().abs().min(pose.scale.max_element().abs()) < 1e-9 {
+        return rule(format!("scale is {}; it takes three finite numbers other than 0", pose.scale));
+    }
+    Ok(())
+}
+
+fn unit_axis(what: &str, axis: DVec3) -> Result<DVec3, SceneError> {
+    match axis.try_normalize() {
+        Some(unit) if axis.is_finite() => Ok(unit),
+        _ => rule(format!("{what} is {axis}; it takes a direction that is not zero")),
+    }
+}
+
+fn finite_vector(what: &str, vector: DVec3) -> Result<(), SceneError> {
+    if vector.is_finite() {
+        Ok(())
+    } else {
+        rule(format!("{what} is {vector}; it takes three finite numbers"))
+    }
+}
+
+/// The path, its axes made units.
+fn checked_path(path: &Path) -> Result<Path, SceneError> {
+    let mut path = path.clone();
+    match &mut path {
+        Path::ConstantVelocity { start, velocity } => {
+            check_trs(start)?;
+            finite_vector("velocity", *velocity)?;
+        }
+        Path::Spin { start, axis, rate } => {
+            check_trs(start)?;
+            *axis = unit_axis("axis", *axis)?;
+            finite("rate", *rate)?;
+        }
+        Path::FigureEight { start, size, period_s, look_at } => {
+            check_trs(start)?;
+            finite("size", size[0])?;
+            finite("size", size[1])?;
+            positive("period_s", *period_s, "seconds")?;
+            finite_vector("look_at", look_at.unwrap_or_default())?;
+        }
+        Path::Ballistic { start, velocity, gravity, spin_axis, spin_rate, launch_s } => {
+            check_trs(start)?;
+            finite_vector("velocity", *velocity)?;
+            finite_vector("gravity", *gravity)?;
+            *spin_axis = unit_axis("spin_axis", *spin_axis)?;
+            finite("spin_rate", *spin_rate)?;
+            finite("launch_s", *launch_s)?;
+        }
+        Path::Keys { times, positions, rotations, velocities, interpolation } => {
+            check_keys(times, positions, rotations)?;
+            let hermite = *interpolation == crate::motion::PathInterpolation::Hermite;
+            let expected = if hermite { times.len() } else { 0 };
+            if velocities.len() != expected {
+                return rule(format!(
+                    "a path of {} keys has {} velocities; this interpolation takes {expected}",
+                    times.len(),
+                    velocities.len()
+                ));
+            }
+            velocities.iter().try_for_each(|v| finite_vector("velocity", *v))?;
+        }
+        Path::Chain(links) => {
+            if links.is_empty() {
+                return rule("a chain has no motions; it takes at least one".into());
+            }
+            for link in links {
+                *link = checked_path(link)?;
+            }
+        }
+    }
+    Ok(path)
+}
+
+fn check_keys(times: &[f64], positions: &[DVec3], rotations: &[DQuat]) -> Result<(), SceneError> {
+    if times.is_empty() || positions.len() != times.len() || rotations.len() != times.len() {
+        return rule(format!(
+            "a path has {} times, {} positions and {} rotations; it takes as many of each, at least 1",
+            times.len(),
+            positions.len(),
+            rotations.len()
+        ));
+    }
+    if let Some(pair) =
+        times.array_windows().find(|[a, b]| a.partial_cmp(b) != Some(std::cmp::Ordering::Less))
+    {
+        return rule(format!(
+            "time {} s of a path comes after {} s; times must increase strictly",
+            pair[1], pair[0]
+        ));
+    }
+    for time in times {
+        finite("time", *time)?;
+    }
+    for (position, rotation) in positions.iter().zip(rotations) {
+        check_trs(&Trs { translation: *position, rotation: *rotation, scale: DVec3::ONE })?;
+    }
+    Ok(())
+}
+
+/// The offset of a variant's node from a pose.
+pub fn offset(pose: &Trs) -> Result<DMat4, SceneError> {
+    check_trs(pose)?;
+    Ok(pose.matrix())
+}

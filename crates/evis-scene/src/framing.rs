@@ -1,0 +1,157 @@
+//! Where a scene lies, and the camera and light that a scene without any is given.
+
+use std::sync::Arc;
+
+use glam::{DMat4, DQuat, DVec3, Vec3};
+
+use crate::model::{Camera, Lens, Light, LightKind, Node, Primitive, Scene, ShadingModel, Trs};
+use crate::motion::{Motion, looking_along};
+use crate::pose::SceneState;
+
+/// Instants at which a moving scene is measured for its framing camera.
+const FRAMING_INSTANTS: u32 = 33;
+
+impl Scene {
+    /// Corners of the world-aligned box around everything drawn at `t_s`, deformed as it is then; `None` where
+    /// nothing is drawn.
+    pub fn bounds(&self, t_s: f64) -> Option<(DVec3, DVec3)> {
+        let mut state = SceneState::default();
+        self.evaluate(t_s, &mut state);
+        let mut corners: Option<(DVec3, DVec3)> = None;
+        let mut joints = Vec::new();
+        for (index, node) in self.nodes.iter().enumerate() {
+            let Some(mesh) = node.mesh.and_then(|m| self.meshes.get(m)) else { continue };
+            joints.clear();
+            if let Some(skin) = node.skin {
+                self.joint_matrices(skin, &state, &mut joints);
+            }
+            let (world, weights) = (&state.world_from_node[index], &state.morph_weights[index]);
+            for primitive in &mesh.primitives {
+                // Only vertices that a triangle uses count.
+                for &i in &primitive.indices {
+                    let p = deformed(primitive, i as usize, world, weights, &joints);
+                    let Some(p) = p.filter(|p| p.is_finite()) else { continue };
+                    let (low, high) = corners.unwrap_or((p, p));
+                    corners = Some((low.min(p), high.max(p)));
+                }
+            }
+        }
+        corners
+    }
+
+    /// The box around everything drawn at some time of the scene's motion.
+    fn bounds_over_time(&self) -> Option<(DVec3, DVec3)> {
+        let duration = self.duration_s.unwrap_or(0.0);
+        let instants = if duration > 0.0 { FRAMING_INSTANTS } else { 1 };
+        (0..instants)
+            .filter_map(|k| self.bounds(duration * f64::from(k) / f64::from(FRAMING_INSTANTS - 1)))
+            .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+
+    /// Adds the camera `default`, 45 degrees high, that sees the whole scene over its whole motion from a
+    /// three-quarter view; returns its index, or `None` where there is nothing to see.
+    pub fn add_framing_camera(&mut self) -> Option<usize> {
+        let (low, high) = self.bounds_over_time()?;
+        let centre = 0.5 * (low + high);
+        let fov_y = 45_f64.to_radians();
+        let rotation = looking_along(-DVec3::new(0.55, 0.45, 0.9))?;
+        // The smallest distance at which every corner lies inside the picture, at 4:3 and with a margin.
+        let (tan_y, tan_x) = (0.92 * (0.5 * fov_y).tan(), 0.92 * (0.5 * fov_y).tan() * 4.0 / 3.0);
+        let distance = (0..8)
+            .map(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low) - centre)
+            .map(|corner| rotation.inverse() * corner)
+            .map(|c| c.z + (c.x.abs() / tan_x).max(c.y.abs() / tan_y))
+            .fold(0.0, f64::max);
+        let distance = if distance > 0.0 && distance.is_finite() { distance } else { 1.0 };
+        let pose = Trs { translation: centre + rotation * DVec3::Z * distance, rotation, scale: DVec3::ONE };
+        let node = self.add_node(Node {
+            name: "default camera".into(),
+            motion: Motion::Fixed(pose.matrix()),
+            ..Node::default()
+        });
+        self.cameras.push(Camera {
+            name: "default".into(),
+            node,
+            lens: Lens::FieldOfView { fov_y },
+            width: None,
+            height: None,
+            aspect: None,
+            near: distance * 0.01,
+            threshold_on: None,
+            threshold_off: None,
+        });
+        Some(self.cameras.len() - 1)
+    }
+
+    /// Whether something is drawn that would be black: it needs light, and the scene has none.
+    pub fn needs_light(&self) -> bool {
+        let lit = self.nodes.iter().any(|n| n.light.is_some())
+            || self.environment.is_some()
+            || self.ambient.iter().any(|v| *v > 0.0);
+        let drawn = self.nodes.iter().filter_map(|n| self.meshes.get(n.mesh?)).flat_map(|m| &m.primitives);
+        let mut materials = drawn.filter_map(|p| self.materials.get(p.material));
+        !lit && materials.any(|m| m.model != ShadingModel::Unlit)
+    }
+
+    /// Adds a soft ambient light and one directional light, from above the default camera's right shoulder, that
+    /// throws no shadow: a white matte surface that faces it has a radiance near 1.
+    pub fn add_default_light(&mut self) {
+        self.ambient = [0.3; 3];
+        self.lights.push(Light {
+            name: "default".into(),
+            kind: LightKind::Directional,
+            color: [1.0; 3],
+            intensity: 0.7 * std::f32::consts::PI,
+            range: None,
+            casts_shadow: false,
+            waveform: None,
+        });
+        let rotation = looking_along(-DVec3::new(0.6, 1.0, 0.35)).unwrap_or(DQuat::IDENTITY);
+        self.nodes.push(Node {
+            name: "default light".into(),
+            motion: Motion::Fixed(DMat4::from_quat(rotation)),
+            light: Some(self.lights.len() - 1),
+            ..Node::default()
+        });
+    }
+
+    /// `world_from_camera` of camera `camera`, without any scale of its nodes; `None` where there is no such camera
+    /// or its axes vanish.
+    pub fn world_from_camera(&self, camera: usize, state: &SceneState) -> Option<DMat4> {
+        let world = state.world_from_node.get(self.cameras.get(camera)?.node)?;
+        let back = world.z_axis.truncate().try_normalize()?;
+        let up = world.y_axis.truncate();
+        let up = (up - back * up.dot(back)).try_normalize()?;
+        let right = up.cross(back);
+        Some(DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), world.w_axis))
+    }
+}
+
+/// World position of vertex `i`, morphed and skinned; `None` where it does not exist.
+fn deformed(
+    primitive: &Primitive,
+    i: usize,
+    world: &DMat4,
+    weights: &[f32],
+    joint_matrices: &[DMat4],
+) -> Option<DVec3> {
+    let mut p = Vec3::from_array(*primitive.positions.get(i)?).as_dvec3();
+    for (target, weight) in primitive.morph_targets.iter().zip(weights) {
+        p += Vec3::from_array(*target.positions.get(i)?).as_dvec3() * f64::from(*weight);
+    }
+    let skin = primitive
+        .joints
+        .as_ref()
+        .zip(primitive.joint_weights.as_ref())
+        .filter(|_| !joint_matrices.is_empty());
+    let Some((joints, joint_weights)) = skin else { return Some(world.transform_point3(p)) };
+    let pairs = joints.get(i)?.iter().zip(joint_weights.get(i)?);
+    pairs.map(|(&j, &w)| Some(joint_matrices.get(usize::from(j))?.transform_point3(p) * f64::from(w))).sum()
+}
+
+/// Wraps `path` as a node's motion.
+impl From<crate::motion::Path> for Motion {
+    fn from(path: crate::motion::Path) -> Self {
+        Self::Path(Arc::new(path))
+    }
+}

@@ -1,0 +1,289 @@
+//! Reads a TOML table key by key: wrong types, missing and unknown keys are told with their place.
+
+use std::path::{Path, PathBuf};
+
+use toml::{Table, Value};
+
+use crate::error::SceneError;
+use crate::procedural::srgb;
+
+/// Where the text came from.
+pub(super) struct Source<'a> {
+    /// Name of the file, for messages.
+    pub file: &'a Path,
+    /// Folder that relative paths start from.
+    pub base: &'a Path,
+}
+
+impl Source<'_> {
+    pub fn error(&self, at: &str, reason: impl AsRef<str>) -> SceneError {
+        let separator = if at.is_empty() { "" } else { ": " };
+        SceneError::invalid(self.file, format!("{at}{separator}{}", reason.as_ref()))
+    }
+}
+
+/// A table while it is read. [`Keys::finish`] refuses what nobody asked for.
+pub(super) struct Keys<'a> {
+    source: &'a Source<'a>,
+    table: &'a Table,
+    /// How messages name the table.
+    at: String,
+    asked: Vec<&'static str>,
+}
+
+impl<'a> Keys<'a> {
+    pub fn new(source: &'a Source<'a>, table: &'a Table, at: impl Into<String>) -> Self {
+        Self { source, table, at: at.into(), asked: Vec::new() }
+    }
+
+    pub fn error(&self, reason: impl AsRef<str>) -> SceneError {
+        self.source.error(&self.at, reason)
+    }
+
+    /// Puts the place before what a builder had to say.
+    pub fn locate(&self, error: SceneError) -> SceneError {
+        locate(self.source, &self.at, error)
+    }
+
+    pub fn at(&self) -> &str {
+        &self.at
+    }
+
+    pub fn get(&mut self, key: &'static str) -> Option<&'a Value> {
+        if !self.asked.contains(&key) {
+            self.asked.push(key);
+        }
+        self.table.get(key)
+    }
+
+    pub fn has(&mut self, key: &'static str) -> bool {
+        self.get(key).is_some()
+    }
+
+    fn read<T>(
+        &mut self,
+        key: &'static str,
+        takes: &str,
+        convert: impl FnOnce(&'a Value) -> Option<T>,
+    ) -> Result<Option<T>, SceneError> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        match convert(value) {
+            Some(converted) => Ok(Some(converted)),
+            None => Err(self.error(format!("{key} is {}; it takes {takes}", shown(value)))),
+        }
+    }
+
+    pub fn number(&mut self, key: &'static str) -> Result<Option<f64>, SceneError> {
+        self.read(key, "a number", number)
+    }
+
+    pub fn number_or(&mut self, key: &'static str, default: f64) -> Result<f64, SceneError> {
+        Ok(self.number(key)?.unwrap_or(default))
+    }
+
+    pub fn numbers<const N: usize>(&mut self, key: &'static str) -> Result<Option<[f64; N]>, SceneError> {
+        self.read(key, &format!("{N} numbers in brackets"), numbers)
+    }
+
+    /// A list of rows of `N` numbers.
+    pub fn rows<const N: usize>(&mut self, key: &'static str) -> Result<Option<Vec<[f64; N]>>, SceneError> {
+        let takes = format!("a list of lists of {N} numbers");
+        self.read(key, &takes, |v| v.as_array()?.iter().map(numbers).collect())
+    }
+
+    pub fn list(&mut self, key: &'static str) -> Result<Option<Vec<f64>>, SceneError> {
+        self.read(key, "a list of numbers", |v| v.as_array()?.iter().map(number).collect())
+    }
+
+    pub fn integer(&mut self, key: &'static str, max: u64) -> Result<Option<u64>, SceneError> {
+        self.read(key, &format!("a whole number between 0 and {max}"), |v| {
+            u64::try_from(v.as_integer()?).ok().filter(|n| *n <= max)
+        })
+    }
+
+    /// Two whole numbers that fit 32 bits.
+    pub fn pair(&mut self, key: &'static str) -> Result<Option<[u32; 2]>, SceneError> {
+        self.read(key, "two whole numbers in brackets", |v| match v.as_array()?.as_slice() {
+            [a, b] => Some([u32::try_from(a.as_integer()?).ok()?, u32::try_from(b.as_integer()?).ok()?]),
+            _ => None,
+        })
+    }
+
+    pub fn flag(&mut self, key: &'static str) -> Result<Option<bool>, SceneError> {
+        self.read(key, "true or false", Value::as_bool)
+    }
+
+    pub fn text(&mut self, key: &'static str) -> Result<Option<&'a str>, SceneError> {
+        self.read(key, "a text in quotes", Value::as_str)
+    }
+
+    /// Linear RGB, or an sRGB colour as "#rrggbb".
+    pub fn color(&mut self, key: &'static str) -> Result<Option<[f32; 3]>, SceneError> {
+        self.read(key, "three linear numbers in brackets, or an sRGB colour as \"#rrggbb\"", color)
+    }
+
+    pub fn colors(&mut self, key: &'static str) -> Result<Option<[[f32; 3]; 2]>, SceneError> {
+        self.read(key, "two colours, each three linear numbers or \"#rrggbb\"", |v| {
+            match v.as_array()?.as_slice() {
+                [a, b] => Some([color(a)?, color(b)?]),
+                _ => None,
+            }
+        })
+    }
+
+    /// One of a few words.
+    pub fn choice<T: Copy>(
+        &mut self,
+        key: &'static str,
+        options: &[(&str, T)],
+    ) -> Result<Option<T>, SceneError> {
+        let words: Vec<_> = options.iter().map(|(word, _)| format!("\"{word}\"")).collect();
+        let takes = format!("one of {}", words.join(", "));
+        let near =
+            self.get(key).and_then(Value::as_str).and_then(|w| nearest(w, options.iter().map(|(o, _)| *o)));
+        let takes = near.map_or(takes.clone(), |near| format!("{takes} (did you mean \"{near}\"?)"));
+        self.read(key, &takes, |v| {
+            let word = v.as_str()?;
+            options.iter().find(|(option, _)| *option == word).map(|(_, value)| *value)
+        })
+    }
+
+    /// A path, made absolute by the scene file's folder.
+    pub fn file(&mut self, key: &'static str) -> Result<Option<PathBuf>, SceneError> {
+        let base = self.source.base;
+        self.read(key, "a path in quotes", |v| v.as_str().filter(|p| !p.is_empty()).map(|p| base.join(p)))
+    }
+
+    pub fn table(&mut self, key: &'static str) -> Result<Option<Keys<'a>>, SceneError> {
+        let table = self.read(key, "a table", Value::as_table)?;
+        let at = if self.at.is_empty() { format!("[{key}]") } else { format!("{}, {key}", self.at) };
+        Ok(table.map(|table| Keys::new(self.source, table, at)))
+    }
+
+    /// The tables of `[[key]]`, each named by its number, or its `name` where it has one.
+    pub fn tables(&mut self, key: &'static str) -> Result<Vec<Keys<'a>>, SceneError> {
+        let takes = format!("tables, each under [[{key}]]");
+        let tables = self
+            .read(key, &takes, |v| v.as_array()?.iter().map(Value::as_table).collect::<Option<Vec<_>>>())?;
+        let prefix = if self.at.is_empty() { format!("[[{key}]]") } else { format!("{}, {key}", self.at) };
+        let named = |(i, table): (usize, &'a Table)| {
+            let at = match table.get("name").and_then(Value::as_str) {
+                Some(name) => format!("{prefix} '{name}'"),
+                None => format!("{prefix} number {}", i + 1),
+            };
+            Keys::new(self.source, table, at)
+        };
+        Ok(tables.unwrap_or_default().into_iter().enumerate().map(named).collect())
+    }
+
+    /// Every key with its table, for tables whose keys are names of the user's.
+    pub fn named_tables(&mut self, key: &'static str) -> Result<Vec<(&'a str, Keys<'a>)>, SceneError> {
+        let Some(outer) = self.table(key)? else { return Ok(Vec::new()) };
+        let each = outer.table.iter().map(|(name, value)| match value.as_table() {
+            Some(table) => {
+                Ok((name.as_str(), Keys::new(self.source, table, format!("{} '{name}'", outer.at))))
+            }
+            None => Err(outer.error(format!("{name} is {}; it takes a table", shown(value)))),
+        });
+        each.collect()
+    }
+
+    /// Unwraps a key that must be there.
+    pub fn needs<T>(&self, key: &'static str, value: Option<T>) -> Result<T, SceneError> {
+        value.ok_or_else(|| {
+            let unread = self.table.keys().filter(|k| !self.asked.contains(&k.as_str()));
+            let near = nearest(key, unread.map(String::as_str));
+            let hint =
+                near.map_or_else(String::new, |near| format!(" (there is '{near}': did you mean '{key}'?)"));
+            self.error(format!("the key '{key}' is missing{hint}"))
+        })
+    }
+
+    /// Refuses keys that exclude each other.
+    pub fn at_most_one(&mut self, keys: &[&'static str]) -> Result<(), SceneError> {
+        let given: Vec<_> = keys.iter().filter(|key| self.has(key)).copied().collect();
+        if given.len() > 1 {
+            return Err(self.error(format!("{} exclude each other; give one of them", given.join(" and "))));
+        }
+        Ok(())
+    }
+
+    /// Refuses keys that nobody asked for.
+    pub fn finish(self) -> Result<(), SceneError> {
+        let Some(unknown) = self.table.keys().find(|key| !self.asked.contains(&key.as_str())) else {
+            return Ok(());
+        };
+        let place =
+            if self.at.is_empty() { "at the top level".to_owned() } else { format!("in {}", self.at) };
+        let help = match nearest(unknown, self.asked.iter().copied()) {
+            Some(near) => format!("did you mean '{near}'?"),
+            None => format!("it takes {}", self.asked.join(", ")),
+        };
+        Err(self.source.error("", format!("unknown key '{unknown}' {place}; {help}")))
+    }
+}
+
+/// Puts the place before what a builder had to say; other files' errors name their own place.
+pub(super) fn locate(source: &Source<'_>, at: &str, error: SceneError) -> SceneError {
+    match error {
+        SceneError::Rule(message) => {
+            // The builder starts with the object's name, which `at` ends with.
+            let message = match message.split_once(": ") {
+                Some((name, rest)) if at.ends_with(name) => rest,
+                _ => &message,
+            };
+            source.error(at, message)
+        }
+        unknown @ SceneError::Unknown { .. } => {
+            let SceneError::Unknown { name, known, .. } = &unknown else { return unknown };
+            let near = nearest(name, known.iter().map(String::as_str));
+            let hint = near.map_or_else(String::new, |near| format!(" (did you mean '{near}'?)"));
+            source.error(at, format!("{unknown}{hint}"))
+        }
+        other => other,
+    }
+}
+
+/// The most similar word, where one is similar at all.
+fn nearest<'w>(word: &str, known: impl Iterator<Item = &'w str>) -> Option<&'w str> {
+    // Long strangers are not worth the quadratic comparison.
+    if word.len() > 64 {
+        return None;
+    }
+    known
+        .map(|candidate| (strsim::jaro_winkler(word, candidate), candidate))
+        .filter(|(similarity, _)| *similarity > 0.75)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, candidate)| candidate)
+}
+
+fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Integer(i) => Some(*i as f64),
+        Value::Float(f) => Some(*f),
+        _ => None,
+    }
+}
+
+fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
+    let list: Option<Vec<f64>> = value.as_array()?.iter().map(number).collect();
+    list?.try_into().ok()
+}
+
+fn color(value: &Value) -> Option<[f32; 3]> {
+    if let Some(text) = value.as_str() {
+        let digits =
+            text.strip_prefix('#').filter(|d| d.len() == 6 && d.bytes().all(|b| b.is_ascii_hexdigit()))?;
+        return u32::from_str_radix(digits, 16).ok().map(srgb);
+    }
+    numbers::<3>(value).map(|c| c.map(|v| v as f32))
+}
+
+/// A value as a message shows it: short.
+fn shown(value: &Value) -> String {
+    let text = value.to_string();
+    if text.chars().count() <= 60 {
+        return text;
+    }
+    format!("{}…", text.chars().take(57).collect::<String>())
+}
