@@ -1,7 +1,58 @@
 //! The command line, as a library: the binary `evis-rs` and the wheel's `evis` run the same code.
 
-/// Runs the command line `args` (program name first) and returns the exit code:
-/// 0 for success, 2 for bad input, 1 for a failure.
-pub fn run(_args: Vec<String>) -> i32 {
-    0
+mod args;
+mod failure;
+mod info;
+mod interrupt;
+mod list;
+mod picture;
+mod preview;
+mod progress;
+mod run;
+mod scene_source;
+mod text;
+
+use clap::{CommandFactory, FromArgMatches};
+
+use crate::args::{Cli, Command};
+
+/// Runs the command line `args` (program name first) and returns the exit code: 0 for success, 2 for bad
+/// input (arguments, files, no usable device, no space), 1 for a failure, 130 when interrupted.
+///
+/// Help texts show the program name of `args[0]`. While it runs, SIGINT and SIGTERM end the stream in good
+/// order: the file is finished; a second one ends the process.
+pub fn run(args: Vec<String>) -> i32 {
+    let cli = match parse(args) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // A closed pipe leaves nobody to tell.
+            let _ = error.print();
+            return error.exit_code();
+        }
+    };
+    let done = match cli.command {
+        Command::Run(args) => run::run(&args),
+        Command::Preview(args) => preview::preview(&args),
+        Command::Info(args) => info::info(&args),
+        Command::Scenes(args) => list::scenes(&args),
+        Command::Devices(args) => list::devices(&args),
+    };
+    match done {
+        Ok(code) => code,
+        Err(error) => {
+            text::complain(&format!("error: {error:#}"));
+            failure::exit_code(&error)
+        }
+    }
+}
+
+fn parse(args: Vec<String>) -> Result<Cli, clap::Error> {
+    // The wheel installs the same program as `evis`; `--version` then says so too.
+    let called_evis = args
+        .first()
+        .and_then(|program| std::path::Path::new(program).file_stem())
+        .is_some_and(|stem| stem == "evis");
+    let name = if called_evis { "evis" } else { "evis-rs" };
+    let matches = Cli::command().name(name).try_get_matches_from(args)?;
+    Cli::from_arg_matches(&matches)
 }

@@ -20,7 +20,7 @@ use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
 use crate::pass::trigger::TriggerPasses;
-use crate::shadow::{ShadowPlan, ShadowRoom};
+use crate::shadow::ShadowRoom;
 use crate::sizes::{self, DeviceLimits};
 use crate::targets::Targets;
 use crate::uniforms::{Status, ViewSensor};

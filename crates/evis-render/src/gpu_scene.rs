@@ -452,8 +452,8 @@ fn upload_surroundings(device: &wgpu::Device, queue: &wgpu::Queue, scene: &Scene
     let environment = scene.environment.as_ref();
     let brdf_lut = match environment {
         Some(_) => {
-            let size = 64;
-            let texels = evis_scene::environment::brdf_lut(size)
+            let size = 64u32;
+            let texels = evis_scene::environment::brdf_lut(size as usize)
                 .into_iter()
                 .map(|[scale, bias]| [scale, bias, 0.0, 1.0].map(half::f16::from_f32))
                 .collect();

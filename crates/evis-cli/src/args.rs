@@ -1,0 +1,450 @@
+//! The command line as data. Every value that can be checked alone is checked here, so that the message
+//! names the flag, the value, and what would work.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use evis_core::{LabelKind, TriggerRule};
+use evis_render::{Antialias, Method};
+
+/// Longest stream or start time in seconds; keeps every sum of microseconds far inside `i64`.
+const MAX_SECONDS: f64 = 1.0e7;
+
+/// Largest width or height of a view in pixels.
+const MAX_SIZE: u32 = 8192;
+
+/// EVIS: moving 3D scenes in, labelled event streams out.
+#[derive(Debug, Parser)]
+#[command(
+    name = "evis-rs",
+    version,
+    about = "Event-camera simulator: moving 3D scenes in, labelled (t, x, y, p) events out.",
+    after_help = "Exit codes: 0 done; 2 bad input (arguments, files, no usable device, no space); \
+                  1 failure; 130 interrupted, the file is finished and readable.",
+    subcommand_required = true,
+    arg_required_else_help = true
+)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Simulate a scene and write its events, labels and poses to an HDF5 file.
+    Run(Box<RunArgs>),
+    /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4).
+    Preview(PreviewArgs),
+    /// Tell what a recording holds; repair one that was cut off.
+    Info(InfoArgs),
+    /// List the built-in scenes.
+    Scenes(ListArgs),
+    /// List the devices that can run the engine.
+    Devices(ListArgs),
+}
+
+/// `run`.
+#[derive(Debug, Args)]
+pub(crate) struct RunArgs {
+    /// A built-in scene (see `scenes`), or a .toml, .gltf or .glb file.
+    pub(crate) scene: String,
+
+    /// The HDF5 file to write. Several environments give one file each: OUT_0000.h5, OUT_0001.h5, …
+    #[arg(short, long, value_name = "OUT.h5")]
+    pub(crate) output: PathBuf,
+
+    /// A camera to render; repeat for several [default: all].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Vec<String>,
+
+    /// Seconds to simulate [default: what is left of the scene's own duration, else 1].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Scene time in seconds at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Pixels of every camera [default: the camera's own, else 640x480, or its aspect at 480 lines].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// Sampled instants per second [default: 1000].
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
+    pub(crate) rate: Option<f64>,
+
+    /// Samples per pixel and instant, 1 to 256 [default: 4].
+    #[arg(long, value_name = "N", value_parser = sample_count, allow_hyphen_values = true)]
+    pub(crate) samples: Option<u32>,
+
+    /// How an instant is sampled [default: native].
+    #[arg(long, value_enum)]
+    pub(crate) method: Option<MethodArg>,
+
+    /// How a change of brightness becomes events [default: crossing].
+    #[arg(long, value_enum)]
+    pub(crate) trigger: Option<TriggerArg>,
+
+    /// Rise of log intensity that fires an ON event [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_on: Option<f32>,
+
+    /// Fall of log intensity that fires an OFF event, a magnitude [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_off: Option<f32>,
+
+    /// eps in ln(Y / Y_ref + eps) [default: 0.001].
+    #[arg(long, value_name = "E", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) log_eps: Option<f32>,
+
+    /// Labels to write, separated by commas; flow means forward and backward with their masks [default: none].
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "KINDS")]
+    pub(crate) labels: Vec<LabelArg>,
+
+    /// Label images per second; camera poses are written at the same rate [default: 50].
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
+    pub(crate) label_rate: Option<f64>,
+
+    /// Y_ref in ln(Y / Y_ref + eps) [default: brings the first camera's log-mean at the start to 0.18].
+    #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) reference_luminance: Option<f32>,
+
+    /// samples: visibility and shading at every sample; edges: 4 samples of visibility, one of shading
+    /// [default: samples].
+    #[arg(long, value_enum)]
+    pub(crate) aa: Option<AntialiasArg>,
+
+    /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
+    #[arg(long, value_name = "NAME|INDEX")]
+    pub(crate) device: Option<String>,
+
+    /// Overwrite existing output.
+    #[arg(long)]
+    pub(crate) force: bool,
+
+    /// Seed of everything random [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+
+    /// Write a report as JSON: settings, device, counts, rates, milliseconds per stage, warnings.
+    #[arg(long, value_name = "R.json")]
+    pub(crate) report: Option<PathBuf>,
+
+    /// Print the report as JSON on standard output instead of a summary.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// `preview`.
+#[derive(Debug, Args)]
+pub(crate) struct PreviewArgs {
+    /// The recording.
+    pub(crate) input: PathBuf,
+
+    /// Picture to write; its ending chooses the kind: .png, .gif or .mp4. An existing one is replaced.
+    #[arg(short, long, value_name = "X.{png,gif,mp4}")]
+    pub(crate) output: PathBuf,
+
+    /// Camera to show [default: the first].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// PNG: show the window that ends at this time in seconds, instead of a contact sheet.
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true,
+          conflicts_with_all = ["start", "duration"])]
+    pub(crate) at: Option<f64>,
+
+    /// Start in seconds of stream time [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Seconds of stream time to show [default: to the end].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Milliseconds of events per picture [default: 20; in films the time between two frames, at least 10].
+    #[arg(long, value_name = "MS", value_parser = window_ms, allow_hyphen_values = true)]
+    pub(crate) window_ms: Option<f64>,
+
+    /// Frames per second of a film [default: 30 for MP4, 20 for GIF].
+    #[arg(long, value_name = "N", value_parser = fps, allow_hyphen_values = true)]
+    pub(crate) fps: Option<f64>,
+
+    /// Slow motion: a film lasts this many times as long as the stream [default: 1].
+    #[arg(long, value_name = "FACTOR", value_parser = slow, allow_hyphen_values = true)]
+    pub(crate) slow: Option<f64>,
+
+    /// Size of the picture: 2, 3, … enlarges by whole pixels; 1/2, 1/3, … reduces [default: 1].
+    #[arg(long, value_name = "N", value_parser = scale, default_value = "1", hide_default_value = true,
+          allow_hyphen_values = true)]
+    pub(crate) scale: Scale,
+
+    /// Background of the event picture. light: ON orange, OFF dark blue; dark: ON yellow, OFF blue. ON is the
+    /// brighter of the two also when printed grey.
+    #[arg(long, value_enum, default_value = "light")]
+    pub(crate) background: Background,
+}
+
+/// `info`.
+#[derive(Debug, Args)]
+pub(crate) struct InfoArgs {
+    /// The recording.
+    pub(crate) input: PathBuf,
+    /// Make a file that was cut off readable for every reader, keeping what it holds.
+    #[arg(long)]
+    pub(crate) repair: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// `scenes`, `devices`.
+#[derive(Debug, Args)]
+pub(crate) struct ListArgs {
+    /// Print JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum MethodArg {
+    /// Every instant is rendered.
+    Native,
+}
+
+impl From<MethodArg> for Method {
+    fn from(arg: MethodArg) -> Self {
+        match arg {
+            MethodArg::Native => Self::Native,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum TriggerArg {
+    /// Every threshold crossing, at its own time.
+    Crossing,
+    /// At most one event per pixel and sample, at the sample's time.
+    Latch,
+}
+
+impl From<TriggerArg> for TriggerRule {
+    fn from(arg: TriggerArg) -> Self {
+        match arg {
+            TriggerArg::Crossing => Self::Crossing,
+            TriggerArg::Latch => Self::Latch,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum AntialiasArg {
+    /// Visibility and shading at every sample.
+    Samples,
+    /// Visibility at 4 samples, shading once.
+    Edges,
+}
+
+impl From<AntialiasArg> for Antialias {
+    fn from(arg: AntialiasArg) -> Self {
+        match arg {
+            AntialiasArg::Samples => Self::Samples,
+            AntialiasArg::Edges => Self::Edges,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LabelArg {
+    /// Planar depth in metres.
+    Depth,
+    /// Optical flow, forward and backward, with masks.
+    Flow,
+    /// Instance ids.
+    Instance,
+    /// Semantic ids.
+    Semantic,
+    /// Surface normals in world axes.
+    Normal,
+    /// Linear RGB frames.
+    Hdr,
+}
+
+impl LabelArg {
+    /// The label images that this word stands for.
+    pub(crate) const fn kinds(self) -> &'static [LabelKind] {
+        match self {
+            Self::Depth => &[LabelKind::Depth],
+            Self::Flow => &[
+                LabelKind::FlowForward,
+                LabelKind::FlowForwardValid,
+                LabelKind::FlowBackward,
+                LabelKind::FlowBackwardValid,
+            ],
+            Self::Instance => &[LabelKind::Instance],
+            Self::Semantic => &[LabelKind::Semantic],
+            Self::Normal => &[LabelKind::Normal],
+            Self::Hdr => &[LabelKind::Hdr],
+        }
+    }
+}
+
+/// Kinds of `labels` in file order, each once.
+pub(crate) fn label_kinds(labels: &[LabelArg]) -> Vec<LabelKind> {
+    LabelKind::ALL.into_iter().filter(|kind| labels.iter().any(|l| l.kinds().contains(kind))).collect()
+}
+
+/// Background of the event picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Background {
+    /// White; for paper.
+    Light,
+    /// Near black; for screens and slides.
+    Dark,
+}
+
+/// Whole-number enlargement or reduction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scale {
+    Up(u32),
+    Down(u32),
+}
+
+fn number(text: &str) -> Option<f64> {
+    text.trim().parse::<f64>().ok().filter(|v| v.is_finite())
+}
+
+/// A number that `fits`; the message completes "invalid value 'X' for '--flag <V>': ".
+fn checked(text: &str, remedy: &str, fits: impl Fn(f64) -> bool) -> Result<f64, String> {
+    number(text).filter(|v| fits(*v)).ok_or_else(|| format!("it must be {remedy}"))
+}
+
+fn positive_seconds(text: &str) -> Result<f64, String> {
+    checked(text, "a number of seconds above 0 (at least 0.000001, at most 10000000), such as 0.5", |v| {
+        (1.0e-6..=MAX_SECONDS).contains(&v)
+    })
+}
+
+fn start_seconds(text: &str) -> Result<f64, String> {
+    checked(text, "a number of seconds from 0 to 10000000, such as 0.5", |v| (0.0..=MAX_SECONDS).contains(&v))
+}
+
+fn rate_hz(text: &str) -> Result<f64, String> {
+    checked(text, "a number of Hz above 0 and at most 1000000, such as 1000", |v| v > 0.0 && v <= 1.0e6)
+}
+
+fn threshold(text: &str) -> Result<f32, String> {
+    checked(text, "a number of log units, at least 0.001 and at most 100, such as 0.2", |v| {
+        // Compared as f32: that is what the sensor sees.
+        (1.0e-3_f32..=100.0).contains(&(v as f32))
+    })
+    .map(|v| v as f32)
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    checked(text, "a finite number above 0, such as 0.001", |v| (v as f32).is_finite() && v as f32 > 0.0)
+        .map(|v| v as f32)
+}
+
+fn window_ms(text: &str) -> Result<f64, String> {
+    checked(text, "a number of milliseconds from 0.001 to 1000000, such as 20", |v| {
+        (1.0e-3..=1.0e6).contains(&v)
+    })
+}
+
+fn fps(text: &str) -> Result<f64, String> {
+    checked(text, "a number of frames per second from 0.1 to 1000, such as 30", |v| {
+        (0.1..=1000.0).contains(&v)
+    })
+}
+
+fn slow(text: &str) -> Result<f64, String> {
+    checked(text, "a factor from 0.001 to 100000, such as 4", |v| (1.0e-3..=1.0e5).contains(&v))
+}
+
+fn sample_count(text: &str) -> Result<u32, String> {
+    text.trim()
+        .parse::<u32>()
+        .ok()
+        .filter(|n| (1..=256).contains(n))
+        .ok_or_else(|| "it must be a whole number from 1 to 256, such as 4".into())
+}
+
+/// Up to `i64::MAX`: the settings are stored as TOML, whose integers are signed.
+fn seed(text: &str) -> Result<u64, String> {
+    text.trim()
+        .parse::<u64>()
+        .ok()
+        .filter(|n| i64::try_from(*n).is_ok())
+        .ok_or_else(|| "it must be a whole number from 0 to 9223372036854775807".into())
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let side = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=MAX_SIZE).contains(n));
+    text.split_once(['x', 'X', '×'])
+        .and_then(|(width, height)| Some((side(width)?, side(height)?)))
+        .ok_or_else(|| {
+            format!("it must be WIDTHxHEIGHT in pixels, each from 1 to {MAX_SIZE}, such as 640x480")
+        })
+}
+
+fn scale(text: &str) -> Result<Scale, String> {
+    let factor = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=16).contains(n));
+    match text.split_once('/') {
+        Some((one, n)) if one.trim() == "1" => factor(n).map(Scale::Down),
+        Some(_) => None,
+        None if text.trim() == "0.5" => Some(Scale::Down(2)),
+        None if text.trim() == "0.25" => Some(Scale::Down(4)),
+        None => factor(text).map(Scale::Up),
+    }
+    .ok_or_else(|| "it must be a whole number from 1 to 16, or 1/2 to 1/16".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn values_are_checked_at_the_door() {
+        assert_eq!(size("640x480"), Ok((640, 480)));
+        for bad in ["640", "0x480", "640x0", "640x-1", "9000x9", "axb", "640x480x3", ""] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        assert_eq!(positive_seconds("0.25"), Ok(0.25));
+        for bad in ["0", "-1", "nan", "inf", "1e99", "1s", "1e-9"] {
+            assert!(positive_seconds(bad).is_err(), "{bad}");
+        }
+        assert_eq!(threshold("0.001"), Ok(0.001));
+        for bad in ["0", "-0.2", "nan", "1e-9"] {
+            assert!(threshold(bad).is_err(), "{bad}");
+        }
+        assert!(seed("18446744073709551615").is_err() && seed("-1").is_err() && seed("7") == Ok(7));
+        assert_eq!(
+            (scale("2"), scale("1/4"), scale("0.5")),
+            (Ok(Scale::Up(2)), Ok(Scale::Down(4)), Ok(Scale::Down(2)))
+        );
+        assert!(scale("0").is_err() && scale("2/3").is_err() && scale("1/0").is_err());
+    }
+
+    #[test]
+    fn flow_means_both_directions_and_their_masks() {
+        assert_eq!(label_kinds(&[]), []);
+        assert_eq!(
+            label_kinds(&[LabelArg::Hdr, LabelArg::Flow, LabelArg::Hdr]),
+            [
+                LabelKind::FlowForward,
+                LabelKind::FlowForwardValid,
+                LabelKind::FlowBackward,
+                LabelKind::FlowBackwardValid,
+                LabelKind::Hdr
+            ]
+        );
+    }
+}

@@ -1,0 +1,65 @@
+//! Which exit code an error deserves.
+
+use std::io::ErrorKind;
+
+use evis_render::EngineError;
+
+/// Something that the user can put right: exit code 2.
+#[derive(Debug)]
+pub(crate) struct BadInput(String);
+
+impl std::fmt::Display for BadInput {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for BadInput {}
+
+/// An error that the user can put right.
+pub(crate) fn bad_input(message: impl Into<String>) -> anyhow::Error {
+    anyhow::Error::new(BadInput(message.into()))
+}
+
+/// 2 where the user can put it right (input, paths, space, devices), 1 otherwise.
+pub(crate) fn exit_code(error: &anyhow::Error) -> i32 {
+    if error.chain().any(is_bad_input) { 2 } else { 1 }
+}
+
+fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
+    cause.is::<BadInput>()
+        || cause.is::<evis_core::ConfigError>()
+        || cause.is::<evis_scene::SceneError>()
+        || matches!(cause.downcast_ref(), Some(EngineError::Config(_) | EngineError::Scene(_)))
+        || cause.downcast_ref::<std::io::Error>().is_some_and(|io| {
+            matches!(
+                io.kind(),
+                ErrorKind::NotFound
+                    | ErrorKind::PermissionDenied
+                    | ErrorKind::AlreadyExists
+                    | ErrorKind::IsADirectory
+                    | ErrorKind::NotADirectory
+                    | ErrorKind::ReadOnlyFilesystem
+                    | ErrorKind::StorageFull
+                    | ErrorKind::QuotaExceeded
+                    | ErrorKind::FileTooLarge
+            )
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn what_the_user_can_put_right_exits_with_2() {
+        let io = |kind| anyhow::Error::new(std::io::Error::from(kind)).context("cannot write x.h5");
+        assert_eq!(exit_code(&bad_input("x")), 2);
+        assert_eq!(exit_code(&Err::<(), _>(bad_input("x")).context("while").unwrap_err()), 2);
+        assert_eq!(exit_code(&EngineError::Config(evis_core::ConfigError::new("a", 1, "2")).into()), 2);
+        assert_eq!(exit_code(&io(ErrorKind::StorageFull)), 2);
+        assert_eq!(exit_code(&io(ErrorKind::BrokenPipe)), 1);
+        assert_eq!(exit_code(&EngineError::Device("lost".into()).into()), 1);
+    }
+}

@@ -1,0 +1,582 @@
+//! `run`: a scene goes in, a recording comes out.
+
+use std::fs::OpenOptions;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use evis_core::CameraInfo;
+use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
+use evis_render::{DeviceSummary, Gpu, Packet, PacketReport, RunConfig, Simulator, StageTimes};
+use evis_scene::Scene;
+use serde::Serialize;
+
+use crate::args::{self, RunArgs};
+use crate::failure::bad_input;
+use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::progress::Progress;
+use crate::{scene_source, text};
+
+/// Packets are this long; the stream's bytes do not depend on it.
+const PACKET_US: i64 = 10_000;
+
+/// Seconds simulated where neither the user nor the scene says how many.
+const DEFAULT_DURATION_S: f64 = 1.0;
+
+/// A killed process loses at most what came since the last flush, measured on the clock and in the stream.
+const FLUSH_WALL: Duration = Duration::from_millis(500);
+const FLUSH_STREAM_US: i64 = 500_000;
+
+/// Simulates and writes.
+pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
+    let started = Instant::now();
+    let mut warnings = Warnings::default();
+
+    // Everything that can be refused is refused before a file is touched: the cheap checks first.
+    check_output(&args.output)?;
+    if let Some(report) = &args.report {
+        check_parent(report, "--report")?;
+    }
+    let config = config(args);
+    config.check()?;
+    let scene = scene_source::load(&args.scene, config.seed)?;
+    for name in &config.cameras {
+        scene.camera(name)?;
+    }
+    let environments = scene.variants.len().max(1);
+    let outputs = output_paths(&args.output, environments);
+    for output in &outputs {
+        check_free(output, args.force)?;
+    }
+    for warning in &scene.warnings {
+        warnings.add(warning.clone());
+    }
+    let duration_us = duration_us(args, &scene, &mut warnings);
+
+    let gpu = Gpu::open(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let device = gpu.summary().clone();
+    let simulator = Simulator::new(&gpu, Arc::new(scene), config)?;
+    let settings = Settings {
+        evis: env!("CARGO_PKG_VERSION"),
+        scene: args.scene.clone(),
+        environments,
+        duration_s: duration_us as f64 * 1.0e-6,
+        packet_us: PACKET_US,
+        run: simulator.config().clone(),
+    };
+    let mut job = Job {
+        cameras: simulator.cameras().to_vec(),
+        header: RecordingHeader::default(),
+        tally: Tally::new(environments, simulator.cameras()),
+        outputs,
+        writers: Vec::new(),
+        flushed: (Instant::now(), 0),
+    };
+    job.header = header(&settings, &job.cameras)?;
+    let setup_s = started.elapsed().as_secs_f64();
+
+    let stream_started = Instant::now();
+    let interrupted = match job.stream(simulator, duration_us) {
+        Ok(interrupted) => interrupted,
+        Err(error) => return Err(job.give_up(error)),
+    };
+    let wall_s = stream_started.elapsed().as_secs_f64();
+
+    let report = Report::new(args, settings, device, &job, warnings, setup_s, wall_s, interrupted);
+    if let Some(path) = &args.report {
+        let json = serde_json::to_string_pretty(&report)?;
+        std::fs::write(path, json + "\n").with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if args.json {
+        text::say_json(&report)?
+    } else {
+        text::say(&report.summary())
+    }
+    Ok(if interrupted { EXIT_INTERRUPTED } else { 0 })
+}
+
+/// The run's settings: flags over defaults.
+fn config(args: &RunArgs) -> RunConfig {
+    let mut config = RunConfig::default();
+    let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
+    set(&mut config.rate_hz, args.rate);
+    set(&mut config.label_rate_hz, args.label_rate);
+    let set = |to: &mut f32, from: Option<f32>| *to = from.unwrap_or(*to);
+    set(&mut config.sensor.threshold_on, args.threshold_on);
+    set(&mut config.sensor.threshold_off, args.threshold_off);
+    set(&mut config.sensor.log_eps, args.log_eps);
+    if let Some(trigger) = args.trigger {
+        config.sensor.trigger = trigger.into();
+    }
+    if let Some(method) = args.method {
+        config.method = method.into();
+    }
+    if let Some(antialias) = args.aa {
+        config.antialias = antialias.into();
+    }
+    config.samples = args.samples.unwrap_or(config.samples);
+    config.cameras.clone_from(&args.camera);
+    config.size = args.size;
+    config.start_us = to_us(args.start.unwrap_or(0.0));
+    config.seed = args.seed.unwrap_or(config.seed);
+    config.labels = args::label_kinds(&args.labels);
+    config.reference_luminance = args.reference_luminance;
+    config
+}
+
+fn to_us(seconds: f64) -> i64 {
+    (seconds * 1.0e6).round() as i64
+}
+
+/// How long to stream; says where the number comes from, and where the scene's motion ends before it.
+fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
+    let start_s = args.start.unwrap_or(0.0);
+    let own_s = scene.duration_s.filter(|s| s.is_finite() && *s > 0.0);
+    let left_s = own_s.map(|s| s - start_s).filter(|s| *s >= 1.0e-6);
+    let duration_s = args.duration.unwrap_or_else(|| {
+        let (duration_s, origin) = match left_s {
+            Some(left_s) => (left_s, "the scene's own; --duration changes it"),
+            None => (DEFAULT_DURATION_S, "the default; --duration changes it"),
+        };
+        text::complain(&format!("duration: {duration_s} s ({origin})"));
+        duration_s
+    });
+    if let Some(own_s) = own_s
+        && start_s + duration_s > own_s + 1.0e-6
+    {
+        warnings.add(format!(
+            "the scene's motion ends at {own_s} s and the stream at {} s; after its end everything rests where \
+             it was",
+            start_s + duration_s
+        ));
+    }
+    to_us(duration_s).max(1)
+}
+
+/// Refuses an output that could not be written, before any work.
+fn check_output(path: &Path) -> anyhow::Result<()> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    if !matches!(ending.as_deref(), Some("h5" | "hdf5")) {
+        return Err(bad_input(format!(
+            "--output {}: recordings are HDF5 files; end the name with .h5 or .hdf5",
+            path.display()
+        )));
+    }
+    check_parent(path, "--output")
+}
+
+/// Refuses a path whose folder does not exist or does not let us write.
+fn check_parent(path: &Path, flag: &str) -> anyhow::Result<()> {
+    if path.is_dir() {
+        return Err(bad_input(format!("{flag} {}: this is a folder; give a file name", path.display())));
+    }
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    if !folder.is_dir() {
+        return Err(bad_input(format!(
+            "{flag} {}: the folder {} does not exist; create it or choose another",
+            path.display(),
+            folder.display()
+        )));
+    }
+    // Asking the system is the only true answer: permissions, quotas and read-only mounts all have a say.
+    let existed = path.exists();
+    let probe = OpenOptions::new().write(true).create(true).truncate(false).open(path);
+    if let Err(error) = probe {
+        return Err(bad_input(format!(
+            "{flag} {}: cannot write there ({error}); choose another place or change its permissions",
+            path.display()
+        )));
+    }
+    if !existed {
+        std::fs::remove_file(path).with_context(|| format!("cannot remove {}", path.display()))?;
+    }
+    Ok(())
+}
+
+fn check_free(path: &Path, force: bool) -> anyhow::Result<()> {
+    if path.exists() && !force {
+        return Err(bad_input(format!(
+            "--output {} exists already; --force overwrites it, or choose another name",
+            path.display()
+        )));
+    }
+    Ok(())
+}
+
+/// `OUT.h5`, or `OUT_0000.h5`, … where there are several environments.
+fn output_paths(output: &Path, environments: usize) -> Vec<PathBuf> {
+    if environments == 1 {
+        return vec![output.to_path_buf()];
+    }
+    let part = |p: Option<&std::ffi::OsStr>| p.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let (stem, ending) = (part(output.file_stem()), part(output.extension()));
+    (0..environments).map(|k| output.with_file_name(format!("{stem}_{k:04}.{ending}"))).collect()
+}
+
+/// Everything that made the stream what it is; stored in the file as TOML.
+#[derive(Clone, Debug, Serialize)]
+struct Settings {
+    evis: &'static str,
+    scene: String,
+    environments: usize,
+    duration_s: f64,
+    packet_us: i64,
+    run: RunConfig,
+}
+
+fn header(settings: &Settings, cameras: &[CameraInfo]) -> anyhow::Result<RecordingHeader> {
+    let toml = toml::to_string(settings).context("the settings cannot be stored")?;
+    Ok(RecordingHeader {
+        cameras: cameras.to_vec(),
+        seed: settings.run.seed,
+        config_toml: toml,
+        ..Default::default()
+    })
+}
+
+/// Warnings: to the user at once, and to the report.
+#[derive(Default)]
+struct Warnings(Vec<String>);
+
+impl Warnings {
+    fn add(&mut self, warning: String) {
+        if !self.0.contains(&warning) {
+            text::complain(&format!("warning: {warning}"));
+            self.0.push(warning);
+        }
+    }
+}
+
+/// The stream on its way into the files.
+struct Job {
+    cameras: Vec<CameraInfo>,
+    header: RecordingHeader,
+    tally: Tally,
+    outputs: Vec<PathBuf>,
+    /// One per environment, made when the first packet is there: a run that fails at the start leaves no file.
+    writers: Vec<RecordingWriter>,
+    flushed: (Instant, i64),
+}
+
+impl Job {
+    /// Streams `duration_us` into the files; tells whether it was interrupted.
+    fn stream(&mut self, simulator: Simulator, duration_us: i64) -> anyhow::Result<bool> {
+        let interrupt = Interrupt::listen();
+        let progress = Progress::new(u64::try_from(duration_us).unwrap_or(0));
+        let started = Instant::now();
+        for packet in simulator.stream(duration_us, PACKET_US)? {
+            let packet = packet?;
+            let write_started = Instant::now();
+            self.write(&packet)?;
+            self.tally.add(&packet, write_started.elapsed());
+            progress.stream(packet.end_us, self.tally.report.events, started.elapsed());
+            if interrupt.asked() {
+                break;
+            }
+        }
+        let write_started = Instant::now();
+        self.create_writers()?;
+        for (writer, path) in self.writers.drain(..).zip(&self.outputs) {
+            writer.finish().with_context(|| format!("cannot finish {}", path.display()))?;
+        }
+        self.tally.write_ms += write_started.elapsed().as_secs_f64() * 1.0e3;
+        Ok(interrupt.asked() && self.tally.end_us < duration_us)
+    }
+
+    fn create_writers(&mut self) -> anyhow::Result<()> {
+        while let Some(path) = self.outputs.get(self.writers.len()) {
+            let writer = RecordingWriter::create(path, &self.header)
+                .with_context(|| format!("cannot create {}", path.display()))?;
+            self.writers.push(writer);
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, packet: &Packet) -> anyhow::Result<()> {
+        self.create_writers()?;
+        for view in &packet.views {
+            let writer = self
+                .writers
+                .get_mut(view.environment)
+                .with_context(|| format!("the engine sent environment {} of too many", view.environment))?;
+            writer.write_events(view.camera, &view.events)?;
+            for label in &view.labels {
+                writer.write_label(view.camera, label)?;
+            }
+            for pose in &view.poses {
+                writer.write_pose(view.camera, pose)?;
+            }
+        }
+        let (at, until_us) = self.flushed;
+        if at.elapsed() >= FLUSH_WALL || packet.end_us - until_us >= FLUSH_STREAM_US {
+            for writer in &mut self.writers {
+                writer.flush()?;
+            }
+            self.flushed = (Instant::now(), packet.end_us);
+        }
+        Ok(())
+    }
+
+    /// After an error: keeps what the files hold if they can be finished, removes those that hold nothing.
+    fn give_up(&mut self, error: anyhow::Error) -> anyhow::Error {
+        if self.tally.packets == 0 {
+            let created = self.writers.len();
+            self.writers.clear();
+            for path in self.outputs.iter().take(created) {
+                // The first error is the one to tell.
+                let _ = std::fs::remove_file(path);
+            }
+            return error;
+        }
+        let until = text::seconds(self.tally.end_us);
+        let mut lines = Vec::new();
+        for (writer, path) in self.writers.drain(..).zip(&self.outputs) {
+            lines.push(match writer.finish() {
+                Ok(()) => format!("{} holds the stream up to {until}", path.display()),
+                Err(_) => format!(
+                    "{} was cut off at about {until}; `info --repair` makes what it holds readable",
+                    path.display()
+                ),
+            });
+        }
+        error.context(lines.join("; "))
+    }
+}
+
+/// Counts of a view.
+#[derive(Clone, Debug, Serialize)]
+struct ViewTally {
+    environment: usize,
+    camera: String,
+    width: u32,
+    height: u32,
+    events: u64,
+    on: u64,
+    off: u64,
+    labels: u64,
+}
+
+/// Counts and times of the run so far.
+struct Tally {
+    views: Vec<ViewTally>,
+    cameras: usize,
+    report: PacketReport,
+    packets: u64,
+    end_us: i64,
+    write_ms: f64,
+}
+
+impl Tally {
+    fn new(environments: usize, cameras: &[CameraInfo]) -> Self {
+        let of = |environment, c: &CameraInfo| ViewTally {
+            environment,
+            camera: c.name.clone(),
+            width: c.width,
+            height: c.height,
+            events: 0,
+            on: 0,
+            off: 0,
+            labels: 0,
+        };
+        Self {
+            views: (0..environments).flat_map(|e| cameras.iter().map(move |c| of(e, c))).collect(),
+            cameras: cameras.len(),
+            report: PacketReport::default(),
+            packets: 0,
+            end_us: 0,
+            write_ms: 0.0,
+        }
+    }
+
+    fn add(&mut self, packet: &Packet, write: Duration) {
+        for view in &packet.views {
+            if let Some(tally) = self.views.get_mut(view.environment * self.cameras + view.camera) {
+                let on = view.events.iter().filter(|e| e.p == 1).count() as u64;
+                tally.events += view.events.len() as u64;
+                tally.on += on;
+                tally.off += view.events.len() as u64 - on;
+                tally.labels += view.labels.len() as u64;
+            }
+        }
+        let (sum, new) = (&mut self.report, &packet.report);
+        sum.events += new.events;
+        sum.dropped += new.dropped;
+        sum.clamped += new.clamped;
+        sum.instants += new.instants;
+        sum.reruns += new.reruns;
+        add_times(&mut sum.times, &new.times);
+        self.packets += 1;
+        self.end_us = packet.end_us;
+        self.write_ms += write.as_secs_f64() * 1.0e3;
+    }
+}
+
+fn add_times(sum: &mut StageTimes, new: &StageTimes) {
+    sum.host_ms += new.host_ms;
+    sum.device_wait_ms += new.device_wait_ms;
+    sum.pack_ms += new.pack_ms;
+    sum.total_ms += new.total_ms;
+}
+
+/// Milliseconds of work per stage, summed over the run.
+#[derive(Debug, Serialize)]
+struct Milliseconds {
+    setup: f64,
+    host: f64,
+    device_wait: f64,
+    pack: f64,
+    packets: f64,
+    write: f64,
+}
+
+/// What `--report` and `--json` tell.
+#[derive(Debug, Serialize)]
+struct Report {
+    outputs: Vec<PathBuf>,
+    interrupted: bool,
+    device: DeviceSummary,
+    settings: Settings,
+    stream_s: f64,
+    wall_s: f64,
+    /// Stream seconds per second of work.
+    real_time_factor: f64,
+    events: u64,
+    on: u64,
+    off: u64,
+    /// Per second of work.
+    events_per_second: f64,
+    /// Per second of stream time.
+    events_per_stream_second: f64,
+    dropped: u64,
+    clamped: u64,
+    instants: u64,
+    reruns: u64,
+    packets: u64,
+    milliseconds: Milliseconds,
+    views: Vec<ViewTally>,
+    warnings: Vec<String>,
+}
+
+impl Report {
+    #[expect(clippy::too_many_arguments, reason = "it gathers what a run has produced, called once")]
+    fn new(
+        _args: &RunArgs,
+        settings: Settings,
+        device: DeviceSummary,
+        job: &Job,
+        mut warnings: Warnings,
+        setup_s: f64,
+        wall_s: f64,
+        interrupted: bool,
+    ) -> Self {
+        let tally = &job.tally;
+        if tally.report.clamped > 0 {
+            warnings.add(format!(
+                "{} pixel intervals hit the limit of events and were clamped; raise --rate or the thresholds",
+                tally.report.clamped
+            ));
+        }
+        let stream_s = tally.end_us as f64 * 1.0e-6;
+        let (on, off) = tally.views.iter().fold((0, 0), |(on, off), v| (on + v.on, off + v.off));
+        let per = |n: u64, s: f64| if s > 0.0 { n as f64 / s } else { 0.0 };
+        let times = tally.report.times;
+        Self {
+            outputs: job.outputs.clone(),
+            interrupted,
+            device,
+            settings,
+            stream_s,
+            wall_s,
+            real_time_factor: if wall_s > 0.0 { stream_s / wall_s } else { 0.0 },
+            events: on + off,
+            on,
+            off,
+            events_per_second: per(on + off, wall_s),
+            events_per_stream_second: per(on + off, stream_s),
+            dropped: tally.report.dropped,
+            clamped: tally.report.clamped,
+            instants: tally.report.instants,
+            reruns: tally.report.reruns,
+            packets: tally.packets,
+            milliseconds: Milliseconds {
+                setup: setup_s * 1.0e3,
+                host: times.host_ms,
+                device_wait: times.device_wait_ms,
+                pack: times.pack_ms,
+                packets: times.total_ms,
+                write: tally.write_ms,
+            },
+            views: tally.views.clone(),
+            warnings: warnings.0,
+        }
+    }
+
+    /// The same for people.
+    fn summary(&self) -> String {
+        let mut lines = Vec::new();
+        for (environment, output) in self.outputs.iter().enumerate() {
+            let of = self.views.iter().filter(|v| v.environment == environment);
+            let cameras: Vec<_> = of
+                .map(|v| format!("{} {}x{}: {} events", v.camera, v.width, v.height, text::grouped(v.events)))
+                .collect();
+            lines.push(format!("{}  ({})", output.display(), cameras.join(", ")));
+        }
+        let stopped = if self.interrupted { " (interrupted; the file is complete up to here)" } else { "" };
+        lines.push(format!("device             {}", self.device.name));
+        lines.push(format!("stream             {} s{stopped}", self.stream_s));
+        lines.push(format!(
+            "events             {}  ({:.1} % ON)",
+            text::grouped(self.events),
+            text::percent(self.on, self.events)
+        ));
+        lines.push(format!(
+            "events per second  {} of work, {} of stream",
+            text::short(self.events_per_second),
+            text::short(self.events_per_stream_second)
+        ));
+        lines
+            .push(format!("real-time factor   {:.4}  ({:.1} s of work)", self.real_time_factor, self.wall_s));
+        let ms = &self.milliseconds;
+        lines.push(format!(
+            "milliseconds       setup {:.0}, host {:.0}, device wait {:.0}, pack {:.0}, write {:.0}",
+            ms.setup, ms.host, ms.device_wait, ms.pack, ms.write
+        ));
+        lines.join("\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_environments_get_numbered_files() {
+        let paths = output_paths(Path::new("out/a.b.h5"), 2);
+        assert_eq!(paths, [PathBuf::from("out/a.b_0000.h5"), PathBuf::from("out/a.b_0001.h5")]);
+        assert_eq!(output_paths(Path::new("x.h5"), 1), [PathBuf::from("x.h5")]);
+    }
+
+    #[test]
+    fn all_settings_can_be_stored_and_read_back() {
+        let mut config =
+            RunConfig { size: Some((64, 48)), reference_luminance: Some(0.5), ..RunConfig::default() };
+        config.cameras.push("left".into());
+        config.labels.extend(evis_core::LabelKind::ALL);
+        let settings = Settings {
+            evis: "0",
+            scene: "spinner".into(),
+            environments: 1,
+            duration_s: 0.5,
+            packet_us: PACKET_US,
+            run: config.clone(),
+        };
+        let stored: toml::Table = header(&settings, &[]).unwrap().config_toml.parse().unwrap();
+        let run: RunConfig = stored["run"].clone().try_into().unwrap();
+        assert_eq!(run, config);
+        assert_ne!(run, RunConfig::default(), "canary: the comparison must see a difference");
+    }
+}

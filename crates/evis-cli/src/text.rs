@@ -1,0 +1,83 @@
+//! Output: text for people, JSON for machines; a closed pipe ends quietly.
+
+use std::io::Write;
+
+use serde::Serialize;
+
+/// Writes `text` and a line break to standard output.
+pub(crate) fn say(text: &str) {
+    // The reader may have gone (`| head`): nobody is left to tell.
+    let _ = writeln!(std::io::stdout().lock(), "{text}");
+}
+
+/// Writes `text` and a line break to standard error.
+pub(crate) fn complain(text: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// Writes `value` as indented JSON to standard output.
+pub(crate) fn say_json(value: &impl Serialize) -> anyhow::Result<()> {
+    say(&serde_json::to_string_pretty(value)?);
+    Ok(())
+}
+
+/// `12 345 678`, with spaces that do not break.
+pub(crate) fn grouped(n: u64) -> String {
+    let digits = n.to_string();
+    let mut out = String::with_capacity(digits.len() * 2);
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push('\u{a0}');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+/// `1.23 M`, three significant digits.
+pub(crate) fn short(value: f64) -> String {
+    let (scaled, unit) = match value.abs() {
+        v if v >= 1.0e9 => (value / 1.0e9, " G"),
+        v if v >= 1.0e6 => (value / 1.0e6, " M"),
+        v if v >= 1.0e3 => (value / 1.0e3, " k"),
+        _ => (value, ""),
+    };
+    let decimals = if scaled.abs() >= 100.0 {
+        0
+    } else if scaled.abs() >= 10.0 {
+        1
+    } else {
+        2
+    };
+    format!("{scaled:.decimals$}{unit}")
+}
+
+/// Microseconds as seconds, without trailing zeros.
+pub(crate) fn seconds(t_us: i64) -> String {
+    format!("{} s", t_us as f64 * 1.0e-6)
+}
+
+/// `part` of `whole` in percent.
+pub(crate) fn percent(part: u64, whole: u64) -> f64 {
+    if whole == 0 { 0.0 } else { part as f64 * 100.0 / whole as f64 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_read_well() {
+        assert_eq!(grouped(12_345_678), "12\u{a0}345\u{a0}678");
+        assert_eq!(
+            (grouped(0), grouped(999), grouped(1000)),
+            ("0".into(), "999".into(), "1\u{a0}000".into())
+        );
+        assert_eq!(
+            (short(1_234_567.0), short(0.0), short(45_600.0)),
+            ("1.23 M".into(), "0.00".into(), "45.6 k".into())
+        );
+        assert_eq!((seconds(1_500_000), seconds(10)), ("1.5 s".into(), "0.00001 s".into()));
+        assert_eq!((percent(1, 4), percent(0, 0)), (25.0, 0.0));
+    }
+}
