@@ -167,6 +167,6 @@ class Scene:
         return f"Scene({self.name!r}, {len(self.nodes)} nodes, cameras {', '.join(self.cameras) or 'none'})"
 
 
-def scenes() -> tuple[str, ...]:
-    """Names of the built-in scenes."""
-    return tuple(_evis.scene_names())
+def scenes() -> dict[str, str]:
+    """Names of the built-in scenes, and what each shows."""
+    return dict(_evis.builtin_scenes())

@@ -1,12 +1,10 @@
 //! Every call of the engine's crates that is more than a method, in one place; names become enums here.
 
 use std::path::Path;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity, TriggerRule};
-use evis_render::{Antialias, DeviceSummary, EngineError, Method, Packet, PacketStream, RunConfig};
+use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig};
 use evis_scene::SceneError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -90,62 +88,6 @@ pub(crate) fn device_dict<'py>(py: Python<'py>, device: &DeviceSummary) -> PyRes
     Ok(dict)
 }
 
-/// What a wait for a packet ended with.
-pub(crate) enum Wait {
-    Packet(Packet),
-    Later,
-    Ended,
-}
-
-/// A packet stream that can be waited for with a time limit, so that Ctrl-C is seen while a packet renders.
-pub(crate) struct Ahead {
-    packets: Option<Receiver<Result<Packet, Failure>>>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Ahead {
-    pub(crate) fn new(stream: PacketStream) -> Self {
-        let (sender, packets) = sync_channel(1);
-        let thread = std::thread::spawn(move || {
-            for packet in stream {
-                let failed = packet.is_err();
-                if sender.send(packet.map_err(Failure::from)).is_err() || failed {
-                    break;
-                }
-            }
-        });
-        Self { packets: Some(packets), thread: Some(thread) }
-    }
-
-    /// The next packet, if it comes within `wait`.
-    pub(crate) fn next_within(&mut self, wait: Duration) -> Result<Wait, Failure> {
-        let Some(packets) = &self.packets else { return Ok(Wait::Ended) };
-        match packets.recv_timeout(wait) {
-            Ok(packet) => packet.map(Wait::Packet),
-            Err(RecvTimeoutError::Timeout) => Ok(Wait::Later),
-            Err(RecvTimeoutError::Disconnected) => {
-                self.packets = None;
-                match self.thread.take().map(JoinHandle::join) {
-                    // The door turns it into an exception.
-                    Some(Err(panic)) => std::panic::resume_unwind(panic),
-                    _ => Ok(Wait::Ended),
-                }
-            }
-        }
-    }
-}
-
-impl Drop for Ahead {
-    fn drop(&mut self) {
-        // The receiver goes first: the thread then fails to send and ends.
-        self.packets = None;
-        if let Some(thread) = self.thread.take() {
-            // A panic there has nobody left to tell.
-            let _ = thread.join();
-        }
-    }
-}
-
 pub(crate) fn builtin_scene(name: &str, seed: u64) -> Result<evis_scene::Scene, SceneError> {
     evis_scene::builtin::load(name, seed)
 }
@@ -168,8 +110,9 @@ pub(crate) fn parse_scene(text: &str, base: &Path) -> Result<evis_scene::Scene, 
     evis_scene::toml_scene::parse(text, base)
 }
 
-pub(crate) fn builtin_names() -> Vec<String> {
-    evis_scene::builtin::names().iter().map(|name| (*name).to_string()).collect()
+/// Names and one-line descriptions.
+pub(crate) fn builtin_names() -> Vec<(&'static str, &'static str)> {
+    evis_scene::builtin::names().to_vec()
 }
 
 /// Per kind of label: name, NumPy dtype, values per pixel.

@@ -45,9 +45,9 @@ mod _evis {
         crate::engine::label_kinds()
     }
 
-    /// Names of the built-in scenes.
+    /// Names and one-line descriptions of the built-in scenes.
     #[pyfunction]
-    fn scene_names() -> Vec<String> {
+    fn builtin_scenes() -> Vec<(&'static str, &'static str)> {
         crate::engine::builtin_names()
     }
 

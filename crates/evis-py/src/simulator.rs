@@ -2,10 +2,11 @@
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicI64, Ordering};
+use std::task::Poll;
 use std::time::Duration;
 
 use evis_core::{CameraInfo, SensorConfig};
-use evis_render::{Gpu, RunConfig};
+use evis_render::{Gpu, PacketStream, RunConfig};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -34,7 +35,7 @@ pub(crate) struct Simulator {
 /// Packets in order, rendered ahead.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Stream {
-    engine: Mutex<Option<engine::Ahead>>,
+    engine: Mutex<Option<PacketStream>>,
     sizes: Vec<(u32, u32)>,
 }
 
@@ -166,7 +167,7 @@ impl Simulator {
                 }
             }
             let simulator = lock(&self.engine).take().ok_or_else(taken)?;
-            Ok::<_, Failure>(engine::Ahead::new(simulator.stream(duration_us, packet_us)?))
+            Ok::<_, Failure>(simulator.stream(duration_us, packet_us)?)
         })?;
         Ok(Stream { engine: Mutex::new(Some(stream)), sizes: sizes(&self.cameras) })
     }
@@ -188,22 +189,20 @@ impl Stream {
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Packet>> {
         loop {
-            let waited = py.enter_engine(|| {
-                let mut engine = lock(&self.engine);
-                match engine.as_mut() {
-                    None => Ok::<_, Failure>(engine::Wait::Ended),
-                    Some(ahead) => Ok(ahead.next_within(SIGNAL_PERIOD)?),
-                }
+            let waited = py.enter_engine(|| match lock(&self.engine).as_mut() {
+                None => Ok(Poll::Ready(None)),
+                Some(stream) => match stream.poll_next(SIGNAL_PERIOD) {
+                    Poll::Pending => Ok(Poll::Pending),
+                    Poll::Ready(packet) => packet.transpose().map(Poll::Ready),
+                },
             });
             match waited {
-                Ok(engine::Wait::Packet(packet)) => {
-                    return packet::convert(py, packet, &self.sizes).map(Some);
-                }
-                Ok(engine::Wait::Ended) => {
+                Ok(Poll::Ready(Some(packet))) => return packet::convert(py, packet, &self.sizes).map(Some),
+                Ok(Poll::Ready(None)) => {
                     self.close(py)?;
                     return Ok(None);
                 }
-                Ok(engine::Wait::Later) => {}
+                Ok(Poll::Pending) => {}
                 // Whatever stopped us, Ctrl-C included, also stops the engine.
                 Err(error) => {
                     self.close(py)?;
