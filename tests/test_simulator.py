@@ -95,9 +95,8 @@ def test_steps_give_the_stream(spinner: evis.Scene):
 def test_labels_have_shapes_and_times(spinner: evis.Scene):
     packets = streamed(spinner, labels=("depth", "flow", "normal", "hdr", "semantic"), label_rate_hz=100.0)
     labels = packets[0].labels
-    assert list(labels) == [
-        "depth", "flow_forward", "flow_forward_valid", "flow_backward", "flow_backward_valid", "semantic", "normal", "hdr",
-    ]  # fmt: skip
+    flows = ["flow_forward", "flow_forward_valid", "flow_backward", "flow_backward_valid"]
+    assert list(labels) == ["depth", *flows, "semantic", "normal", "hdr"]
     assert labels["depth"].data.shape == (1, 48, 64)
     assert labels["depth"].data.dtype == np.float32
     assert labels["flow_forward"].images[0].shape == (48, 64, 2)
@@ -111,9 +110,15 @@ def test_labels_have_shapes_and_times(spinner: evis.Scene):
 
 
 def test_cameras_can_be_added(spinner: evis.Scene):
-    left = evis.EventCamera(name="extra left", width=48, height=32, position=(-0.05, 0.0, 3.0))
+    left = evis.EventCamera(
+        name="extra left", width=48, height=32, pose=evis.Placement(position=(-0.05, 0.0, 3.0))
+    )
     right = evis.EventCamera(
-        name="extra right", width=32, height=32, position=(0.05, 0.0, 3.0), fov_y_degrees=40.0
+        name="extra right",
+        width=32,
+        height=32,
+        pose=evis.Placement(position=(0.05, 0.0, 3.0)),
+        fov_y_degrees=40.0,
     )
     sim = evis.Simulator(spinner, cameras=[left, right], rate_hz=500.0, samples=1)
     assert [(camera.name, camera.width, camera.height) for camera in sim.cameras] == [

@@ -11,6 +11,8 @@ pixel; polarity is ON = 1, OFF = 0.
 10000 int64 ('x', 'y', 'p', 't')
 """
 
+from . import motion
+from ._builder import SceneBuilder
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
@@ -18,6 +20,7 @@ from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Repo
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Sensor
 from ._simulator import Device, Simulator, Stream, devices
+from .motion import Placement, Waveform
 
 __all__ = [
     "CameraInfo",
@@ -33,21 +36,25 @@ __all__ = [
     "FormatError",
     "Labels",
     "Packet",
+    "Placement",
     "Poses",
     "RecordedLabels",
     "RecordedView",
     "Recording",
     "Report",
     "Scene",
+    "SceneBuilder",
     "Sensor",
     "Simulator",
     "Stream",
     "View",
+    "Waveform",
     "Writer",
     "__version__",
     "as_event_cd",
     "devices",
     "load",
+    "motion",
     "save",
     "scenes",
 ]

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
 
 from . import _evis, _toml
 from ._evis import ConfigError
-
-Vector = Sequence[float]
+from .motion import HERE, Placement, fields_of
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,16 +28,8 @@ class EventCamera:
         Vertical field of view; 60 where neither it nor intrinsics are given.
     fx, fy, cx, cy : float, optional
         Intrinsics in pixels, all four, for this width and height; pixel centres lie at +0.5.
-    position : sequence of float
-        (x, y, z) in metres, in the frame of `parent`.
-    rotation : sequence of float, optional
-        Unit quaternion (x, y, z, w), ``parent_from_camera``.
-    look_at : sequence of float, optional
-        Point to look at, in place of `rotation`.
-    parent : str, optional
-        Name of the node that carries the camera; the world where not given.
-    motion : mapping, optional
-        How it moves: a motion of the scene file's vocabulary, e.g. ``{"type": "spin", ...}``.
+    pose : Placement
+        Where it is, what carries it, and how it moves; ``parent_from_camera``.
     near : float, optional
         Near plane in metres.
     threshold_on, threshold_off : float, optional
@@ -53,14 +44,20 @@ class EventCamera:
     fy: float | None = None
     cx: float | None = None
     cy: float | None = None
-    position: Vector = (0.0, 0.0, 0.0)
-    rotation: Vector | None = None
-    look_at: Vector | None = None
-    parent: str | None = None
-    motion: Mapping[str, Any] | None = None
+    pose: Placement = HERE
     near: float | None = None
     threshold_on: float | None = None
     threshold_off: float | None = None
+
+    def table(self) -> dict[str, Any]:
+        """Return the camera as a scene file has it."""
+        table = fields_of(self)
+        width, height = table.pop("width", None), table.pop("height", None)
+        if (width is None) != (height is None):
+            raise ConfigError(f"camera '{self.name}' has a width or a height alone; it takes both or none")
+        if width is not None:
+            table["size"] = (width, height)
+        return {**table.pop("pose").table(), **table}
 
 
 class Scene:
@@ -130,7 +127,25 @@ class Scene:
         ConfigError
             If the scene breaks a rule.
         """
-        return cls(_evis.Scene.from_toml(text, base))
+        return cls(_evis.Scene.from_toml(text, base, []))
+
+    def with_cameras(self, cameras: Sequence[EventCamera]) -> Scene:
+        """Return this scene with more cameras; this one stays as it is.
+
+        Parameters
+        ----------
+        cameras : sequence of EventCamera
+            Their parents are nodes of this scene (see `nodes`).
+
+        Raises
+        ------
+        ConfigError, FormatError
+            If a name is taken, a parent does not exist, or a value cannot be used.
+        """
+        parents = [camera.pose.parent for camera in cameras]
+        orphans = [replace(camera, pose=replace(camera.pose, parent=None)) for camera in cameras]
+        text = _toml.document({"cameras": [camera.table() for camera in orphans]})
+        return Scene(self._raw.with_cameras(text, parents))
 
     @property
     def name(self) -> str:

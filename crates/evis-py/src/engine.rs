@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity, TriggerRule};
 use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig};
-use evis_scene::SceneError;
+use evis_scene::{Image, SceneError};
+use half::f16;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -106,8 +107,79 @@ pub(crate) fn load_scene(path: &Path) -> Result<evis_scene::Scene, Failure> {
     }
 }
 
-pub(crate) fn parse_scene(text: &str, base: &Path) -> Result<evis_scene::Scene, SceneError> {
-    evis_scene::toml_scene::parse(text, base)
+/// The scene of a TOML text, in which textures of these names take these pixels.
+pub(crate) fn parse_scene(
+    text: &str,
+    base: &Path,
+    pictures: Vec<Picture>,
+) -> Result<evis_scene::Scene, SceneError> {
+    let mut scene = evis_scene::toml_scene::parse(text, base)?;
+    for picture in pictures {
+        let Picture { name, width, height, texels } = picture;
+        // A scene file's textures come before those of the glTF files that it includes.
+        let image = scene.images.iter_mut().find(|image| image.name == name).ok_or_else(|| {
+            SceneError::Rule(format!("texture '{name}' has pixels and is not in the scene; declare it"))
+        })?;
+        *image = Image { name, width, height, texels };
+    }
+    Ok(scene)
+}
+
+/// Pixels for a texture.
+pub(crate) struct Picture {
+    pub(crate) name: String,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) texels: Vec<[f16; 4]>,
+}
+
+/// Something to draw: a scene without anything is refused, and a text of cameras alone is no scene.
+const BACKDROP: &str = r#"
+materials = [{ name = "backdrop" }]
+primitives = [{ name = "backdrop", shape = "card", size = [1, 1], material = "backdrop" }]
+"#;
+
+/// `scene` with the cameras of a TOML text, each on the node of its name in `parents`.
+pub(crate) fn with_cameras(
+    scene: &evis_scene::Scene,
+    text: &str,
+    parents: &[Option<String>],
+) -> Result<evis_scene::Scene, SceneError> {
+    let added = evis_scene::toml_scene::parse(&format!("{BACKDROP}{text}"), Path::new(""))?;
+    let mut scene = scene.clone();
+    for (camera, parent) in added.cameras.into_iter().zip(parents) {
+        if scene.cameras.iter().any(|known| known.name == camera.name) {
+            let name = camera.name;
+            return Err(SceneError::Rule(format!(
+                "the scene has a camera named '{name}' already; give the new one another name"
+            )));
+        }
+        let parent = parent.as_deref().map(|name| find_node(&scene, name)).transpose()?;
+        let node = added.nodes.get(camera.node).cloned().unwrap_or_default();
+        let node = scene.add_node(evis_scene::Node { parent, ..node });
+        scene.cameras.push(evis_scene::Camera { node, ..camera });
+    }
+    Ok(scene)
+}
+
+fn find_node(scene: &evis_scene::Scene, name: &str) -> Result<usize, SceneError> {
+    let mut found = scene.nodes.iter().enumerate().filter(|(_, node)| node.name == name);
+    match (found.next(), found.next()) {
+        (Some((index, _)), None) => Ok(index),
+        (Some(_), Some(_)) => Err(SceneError::Rule(format!(
+            "more than one node is named '{name}'; a parent needs its own name"
+        ))),
+        (None, _) => Err(SceneError::Unknown {
+            what: "node",
+            name: name.into(),
+            known: scene.nodes.iter().map(|node| node.name.clone()).filter(|name| !name.is_empty()).collect(),
+        }),
+    }
+}
+
+/// Linear light of every 8-bit sRGB value.
+pub(crate) fn srgb_table() -> Vec<f32> {
+    (0..=255).map(|code| evis_scene::image::linear_from_srgb(f64::from(code) / 255.0) as f32).collect()
 }
 
 /// Names and one-line descriptions.

@@ -51,6 +51,12 @@ mod _evis {
         crate::engine::builtin_names()
     }
 
+    /// Linear light of every 8-bit sRGB value.
+    #[pyfunction]
+    fn srgb_table() -> Vec<f32> {
+        crate::engine::srgb_table()
+    }
+
     /// The devices that can run EVIS, as dictionaries.
     #[pyfunction]
     fn list_devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
