@@ -7,8 +7,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::{LabelKind, TriggerRule};
 use evis_render::{Antialias, Method};
 
-/// Longest stream or start time in seconds; keeps every sum of microseconds far inside `i64`.
-const MAX_SECONDS: f64 = 1.0e7;
+/// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
+const MAX_SECONDS: f64 = 2_678_400.0;
 
 /// Largest width or height of a view in pixels.
 const MAX_SIZE: u32 = 8192;
@@ -321,13 +321,13 @@ fn checked(text: &str, remedy: &str, fits: impl Fn(f64) -> bool) -> Result<f64, 
 }
 
 fn positive_seconds(text: &str) -> Result<f64, String> {
-    checked(text, "a number of seconds above 0 (at least 0.000001, at most 10000000), such as 0.5", |v| {
+    checked(text, "a number of seconds above 0 (at least 0.000001, at most 2678400), such as 0.5", |v| {
         (1.0e-6..=MAX_SECONDS).contains(&v)
     })
 }
 
 fn start_seconds(text: &str) -> Result<f64, String> {
-    checked(text, "a number of seconds from 0 to 10000000, such as 0.5", |v| (0.0..=MAX_SECONDS).contains(&v))
+    checked(text, "a number of seconds from 0 to 2678400, such as 0.5", |v| (0.0..=MAX_SECONDS).contains(&v))
 }
 
 fn rate_hz(text: &str) -> Result<f64, String> {

@@ -2,6 +2,7 @@
 
 use std::io::ErrorKind;
 
+use evis_core::format::FormatError;
 use evis_render::EngineError;
 
 /// Something that the user can put right: exit code 2.
@@ -21,6 +22,21 @@ pub(crate) fn bad_input(message: impl Into<String>) -> anyhow::Error {
     anyhow::Error::new(BadInput(message.into()))
 }
 
+/// The message with its causes. Library messages often quote their cause already; it is not said twice.
+pub(crate) fn describe(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain() {
+        let cause = cause.to_string();
+        if text.is_empty() {
+            text = cause;
+        } else if !text.contains(&cause) {
+            text.push_str(": ");
+            text.push_str(&cause);
+        }
+    }
+    text
+}
+
 /// 2 where the user can put it right (input, paths, space, devices), 1 otherwise.
 pub(crate) fn exit_code(error: &anyhow::Error) -> i32 {
     if error.chain().any(is_bad_input) { 2 } else { 1 }
@@ -29,6 +45,10 @@ pub(crate) fn exit_code(error: &anyhow::Error) -> i32 {
 fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
     cause.is::<BadInput>()
         || cause.is::<evis_core::ConfigError>()
+        || matches!(
+            cause.downcast_ref(),
+            Some(FormatError::Exists { .. } | FormatError::Corrupt { .. } | FormatError::Invalid { .. })
+        )
         || cause.is::<evis_scene::SceneError>()
         || matches!(cause.downcast_ref(), Some(EngineError::Config(_) | EngineError::Scene(_)))
         || cause.downcast_ref::<std::io::Error>().is_some_and(|io| {
@@ -51,6 +71,14 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
 mod tests {
     use super::*;
     use anyhow::Context;
+
+    #[test]
+    fn a_cause_is_told_once() {
+        let io = std::io::Error::other("disk on fire");
+        let scene = evis_scene::SceneError::Io { path: "a.glb".into(), source: io };
+        let error = anyhow::Error::new(scene).context("while loading");
+        assert_eq!(describe(&error), "while loading: cannot read a.glb: disk on fire");
+    }
 
     #[test]
     fn what_the_user_can_put_right_exits_with_2() {

@@ -1,22 +1,21 @@
 //! `info`: what a recording holds; `--repair` makes one that was cut off readable for every reader.
 
-use evis_core::LabelKind;
+use evis_core::CameraInfo;
 use evis_core::format::hdf5::{self, Recording};
 use serde::Serialize;
 
 use crate::args::InfoArgs;
-use crate::text;
-
-/// Events are counted in slices of this length, so that memory does not grow with the recording.
-const SLICE_US: i64 = 1_000_000;
+use crate::{extent, text};
 
 #[derive(Serialize)]
 struct Info {
     file: String,
     /// Closed in good order; a file that was cut off is not.
     complete: bool,
-    repaired: bool,
+    repaired: Option<Repaired>,
     seed: u64,
+    method: String,
+    environment: u32,
     duration_s: f64,
     events: u64,
     on: u64,
@@ -24,6 +23,15 @@ struct Info {
     cameras: Vec<CameraLine>,
     /// The settings as they are stored.
     settings_toml: String,
+}
+
+/// What `--repair` did.
+#[derive(Serialize)]
+struct Repaired {
+    /// The mark that a killed writer leaves is gone.
+    reopened: bool,
+    rows_dropped: u64,
+    millis_rebuilt: u64,
 }
 
 #[derive(Serialize)]
@@ -35,7 +43,6 @@ struct CameraLine {
     fy: f64,
     cx: f64,
     cy: f64,
-    duration_s: f64,
     events: u64,
     on: u64,
     off: u64,
@@ -56,23 +63,36 @@ struct LabelLine {
 
 /// Describes a recording.
 pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
-    let repaired = if args.repair { hdf5::repair(&args.input)? } else { false };
-    let mut recording = Recording::open(&args.input)?;
+    let repaired = if args.repair {
+        let report = hdf5::repair(&args.input)?;
+        Some(Repaired {
+            reopened: report.reopened,
+            rows_dropped: report.rows_dropped,
+            millis_rebuilt: report.millis_rebuilt,
+        })
+    } else {
+        None
+    };
+    let recording = Recording::open(&args.input)?;
+    let header = recording.header();
+    let duration_s = extent::end_us(&recording)? as f64 / 1.0e6;
     let mut cameras = Vec::new();
-    for index in 0..recording.cameras().len() {
-        cameras.push(camera_line(&mut recording, index)?);
+    for (index, camera) in header.cameras.iter().enumerate() {
+        cameras.push(camera_line(&recording, index, camera, duration_s)?);
     }
     let info = Info {
         file: args.input.display().to_string(),
-        complete: recording.is_complete(),
+        complete: recording.is_complete()?,
         repaired,
-        seed: recording.seed(),
-        duration_s: cameras.iter().map(|c| c.duration_s).fold(0.0, f64::max),
+        seed: header.seed,
+        method: header.method.clone(),
+        environment: header.environment,
+        duration_s,
         events: cameras.iter().map(|c| c.events).sum(),
         on: cameras.iter().map(|c| c.on).sum(),
         off: cameras.iter().map(|c| c.off).sum(),
         cameras,
-        settings_toml: recording.config_toml().to_owned(),
+        settings_toml: header.config_toml.clone(),
     };
     if args.json {
         text::say_json(&info)?
@@ -82,36 +102,30 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
     Ok(0)
 }
 
-fn camera_line(recording: &mut Recording, index: usize) -> anyhow::Result<CameraLine> {
-    let camera =
-        recording.cameras().get(index).cloned().ok_or_else(|| anyhow::anyhow!("no camera {index}"))?;
-    let end_us = recording.end_us(index)?;
+fn camera_line(
+    recording: &Recording,
+    index: usize,
+    camera: &CameraInfo,
+    duration_s: f64,
+) -> anyhow::Result<CameraLine> {
     let (mut events, mut on) = (0, 0);
-    let mut from_us = 0;
-    while from_us < end_us {
-        let until_us = from_us.saturating_add(SLICE_US);
-        let slice = recording.events(index, from_us, until_us)?;
-        events += slice.len() as u64;
-        on += slice.iter().filter(|e| e.p == 1).count() as u64;
-        from_us = until_us;
-    }
+    extent::for_each_piece(recording, index, |piece| {
+        events += piece.len() as u64;
+        on += piece.iter().filter(|e| e.p == 1).count() as u64;
+    })?;
     let mut labels = Vec::new();
-    for kind in LabelKind::ALL {
-        let times = recording.label_times(index, kind)?;
-        if !times.is_empty() {
-            let s = |t: &i64| *t as f64 * 1.0e-6;
-            labels.push(LabelLine {
-                kind: kind.name(),
-                frames: times.len(),
-                first_s: times.first().map(s),
-                last_s: times.last().map(s),
-            });
-        }
+    for kind in recording.label_kinds(index)? {
+        let times = recording.label_times(index, *kind)?;
+        let s = |t: &i64| *t as f64 / 1.0e6;
+        labels.push(LabelLine {
+            kind: kind.name(),
+            frames: times.len(),
+            first_s: times.first().map(s),
+            last_s: times.last().map(s),
+        });
     }
-    let duration_s = end_us as f64 * 1.0e-6;
-    let rate = if end_us > 0 { events as f64 / duration_s } else { 0.0 };
+    let rate = if duration_s > 0.0 { events as f64 / duration_s } else { 0.0 };
     Ok(CameraLine {
-        duration_s,
         events,
         on,
         off: events - on,
@@ -120,7 +134,7 @@ fn camera_line(recording: &mut Recording, index: usize) -> anyhow::Result<Camera
         events_per_pixel_and_second: rate / (f64::from(camera.width) * f64::from(camera.height)).max(1.0),
         poses: recording.poses(index)?.len(),
         labels,
-        name: camera.name,
+        name: camera.name.clone(),
         width: camera.width,
         height: camera.height,
         fx: camera.fx,
@@ -131,11 +145,11 @@ fn camera_line(recording: &mut Recording, index: usize) -> anyhow::Result<Camera
 }
 
 fn describe(info: &Info) -> String {
-    let state = match (info.complete, info.repaired) {
-        (_, true) => "repaired: it was cut off, and reads plainly now",
-        (true, false) => "complete",
-        (false, false) => {
-            "cut off: it holds what was flushed; `info --repair` makes it readable for every reader"
+    let state = match (info.complete, &info.repaired) {
+        (true, _) => "complete",
+        (false, Some(_)) => "cut off, and repaired: every reader opens it",
+        (false, None) => {
+            "not complete: being written, or cut off; `info --repair` then lets every reader open it"
         }
     };
     let mut lines = vec![format!(
@@ -170,7 +184,7 @@ fn describe(info: &Info) -> String {
                 l.kind,
                 l.frames,
                 l.first_s.unwrap_or_default(),
-                l.last_s.unwrap_or_default()
+                l.last_s.unwrap_or_default(),
             ));
         }
     }

@@ -1,6 +1,7 @@
 //! The command line, as a library: the binary `evis-rs` and the wheel's `evis` run the same code.
 
 mod args;
+mod extent;
 mod failure;
 mod info;
 mod interrupt;
@@ -40,7 +41,7 @@ pub fn run(args: Vec<String>) -> i32 {
     match done {
         Ok(code) => code,
         Err(error) => {
-            text::complain(&format!("error: {error:#}"));
+            text::complain(&format!("error: {}", failure::describe(&error)));
             failure::exit_code(&error)
         }
     }

@@ -154,7 +154,7 @@ const WHITE: f32 = 4.0;
 
 /// The tone curve for one channel `value` in units of the reference luminance: extended Reinhard,
 /// `c (1 + c / 16) / (1 + c)` with white at 4 (Reinhard et al. 2002, equation 4, per channel), then the sRGB
-/// transfer (IEC 61966-2-1). A scene's log-mean, 0.18, comes out at 8-bit 107.
+/// transfer (IEC 61966-2-1). A scene's log-mean, 0.18, comes out at 8-bit 109.
 pub(crate) fn tone(value: f32) -> u8 {
     let c = if value.is_nan() { 0.0 } else { value.clamp(0.0, WHITE) };
     let linear = (c * (1.0 + c / (WHITE * WHITE)) / (1.0 + c)).clamp(0.0, 1.0);
@@ -254,7 +254,7 @@ mod tests {
         );
         let values: Vec<_> = (0..400).map(|k| tone(k as f32 * 0.01)).collect();
         assert!(values.is_sorted());
-        assert_eq!(tone(0.18), 107);
+        assert_eq!(tone(0.18), 109);
     }
 
     #[test]

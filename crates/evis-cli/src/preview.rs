@@ -17,7 +17,7 @@ use crate::args::{PreviewArgs, Scale};
 use crate::failure::bad_input;
 use crate::picture::{self, Canvas, GLYPH_STEP, Palette, TEXT_LINE};
 use crate::progress::Progress;
-use crate::text;
+use crate::{extent, text};
 
 /// Names the ffmpeg to use; the Python package's `video` extra sets it.
 const FFMPEG_VARIABLE: &str = "EVIS_FFMPEG";
@@ -104,8 +104,8 @@ struct Show {
 
 impl Show {
     fn open(args: &PreviewArgs) -> anyhow::Result<Self> {
-        let mut recording = Recording::open(&args.input)?;
-        let cameras = recording.cameras().to_vec();
+        let recording = Recording::open(&args.input)?;
+        let cameras = recording.header().cameras.clone();
         let index = match &args.camera {
             None => 0,
             Some(name) => cameras.iter().position(|c| c.name == *name).ok_or_else(|| {
@@ -117,8 +117,12 @@ impl Show {
             .into_iter()
             .nth(index)
             .ok_or_else(|| bad_input(format!("{}: holds no camera", args.input.display())))?;
-        let hdr_times = recording.label_times(index, LabelKind::Hdr)?;
-        let end_us = recording.end_us(index)?;
+        let hdr_times = if recording.label_kinds(index)?.contains(&LabelKind::Hdr) {
+            recording.label_times(index, LabelKind::Hdr)?
+        } else {
+            Vec::new()
+        };
+        let end_us = extent::end_us(&recording)?;
         let from_us = args.start.map_or(0, to_us);
         let until_us = args.duration.map_or(end_us, |s| from_us.saturating_add(to_us(s)).min(end_us));
         for (flag, at) in [("--start", args.start), ("--at", args.at)] {
@@ -131,7 +135,7 @@ impl Show {
                 )));
             }
         }
-        let reference = reference_luminance(recording.config_toml());
+        let reference = reference_luminance(&recording.header().config_toml);
         Ok(Self {
             recording,
             index,
@@ -158,7 +162,7 @@ impl Show {
     fn picture(&mut self, until_us: i64, window_us: i64) -> anyhow::Result<Canvas> {
         let (width, height) = self.picture_size();
         let mut canvas = Canvas::new(width, height, self.palette.background);
-        let events = self.recording.events(self.index, until_us - window_us, until_us)?;
+        let events = self.recording.events_between(self.index, until_us - window_us, until_us)?;
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);
         let drawn = picture::event_picture(&events, w, h, self.scale, &self.palette);
         let left = match self.hdr_at(until_us)? {
@@ -170,7 +174,7 @@ impl Show {
         };
         canvas.paste(&drawn, left, 0);
         let baseline = height - TEXT_LINE + 3;
-        canvas.write(&format!("{:.3} s", until_us as f64 * 1.0e-6), left + 2, baseline, self.palette.text);
+        canvas.write(&format!("{:.3} s", until_us as f64 / 1.0e6), left + 2, baseline, self.palette.text);
         let legend = drawn.width.saturating_sub(6 * GLYPH_STEP);
         if legend > 9 * GLYPH_STEP {
             canvas.write("ON", left + legend, baseline, self.palette.on);
@@ -276,7 +280,8 @@ fn film(args: &PreviewArgs, show: &mut Show, kind: Kind) -> anyhow::Result<Strin
     let fps = args.fps.unwrap_or(kind.default_fps());
     let step_us = 1.0e6 / (fps * args.slow.unwrap_or(1.0));
     let window_us = window_us(args).unwrap_or((step_us.round() as i64).max(MIN_FILM_WINDOW_US));
-    let frames = ((show.until_us - show.from_us) as f64 / step_us).floor().max(1.0) as u64;
+    // A last frame that misses the end by rounding only is one.
+    let frames = ((show.until_us - show.from_us) as f64 / step_us + 1.0e-6).floor().max(1.0) as u64;
     if frames > MAX_FRAMES {
         return Err(bad_input(format!(
             "the film would have {frames} frames; choose a shorter --duration, a lower --fps or a lower --slow \

@@ -35,7 +35,7 @@ impl Progress {
             text::seconds(t_us),
             text::short(events as f64),
             text::short(events as f64 / wall_s),
-            t_us as f64 * 1.0e-6 / wall_s,
+            t_us as f64 / 1.0e6 / wall_s,
         ));
         self.bar.set_position(u64::try_from(t_us).unwrap_or(0));
     }

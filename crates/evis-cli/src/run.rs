@@ -25,7 +25,7 @@ const PACKET_US: i64 = 10_000;
 const DEFAULT_DURATION_S: f64 = 1.0;
 
 /// A killed process loses at most what came since the last flush, measured on the clock and in the stream.
-const FLUSH_WALL: Duration = Duration::from_millis(500);
+const FLUSH_WALL: Duration = Duration::from_millis(400);
 const FLUSH_STREAM_US: i64 = 500_000;
 
 /// Simulates and writes.
@@ -61,29 +61,39 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         evis: env!("CARGO_PKG_VERSION"),
         scene: args.scene.clone(),
         environments,
-        duration_s: duration_us as f64 * 1.0e-6,
+        duration_s: duration_us as f64 / 1.0e6,
         packet_us: PACKET_US,
         run: simulator.config().clone(),
     };
     let mut job = Job {
-        cameras: simulator.cameras().to_vec(),
-        header: RecordingHeader::default(),
+        headers: headers(&settings, simulator.cameras())?,
         tally: Tally::new(environments, simulator.cameras()),
         outputs,
+        overwrite: args.force,
         writers: Vec::new(),
         flushed: (Instant::now(), 0),
     };
-    job.header = header(&settings, &job.cameras)?;
-    let setup_s = started.elapsed().as_secs_f64();
+    let setup = started.elapsed();
 
-    let stream_started = Instant::now();
-    let interrupted = match job.stream(simulator, duration_us) {
-        Ok(interrupted) => interrupted,
-        Err(error) => return Err(job.give_up(error)),
+    let streaming = Instant::now();
+    let streamed = job.stream(simulator, duration_us);
+    let clamped = job.tally.report.clamped;
+    if clamped > 0 {
+        warnings.add(format!(
+            "{clamped} pixel intervals hit the limit of events and were clamped; raise --rate or the thresholds"
+        ));
+    }
+    let report = |job: &Job, interrupted| {
+        Report::new(&settings, &device, job, &warnings, setup, streaming.elapsed(), interrupted)
     };
-    let wall_s = stream_started.elapsed().as_secs_f64();
+    let finished = streamed.and_then(|interrupted| {
+        let json = serde_json::to_string_pretty(&report(&job, interrupted))?;
+        job.finish(&json)?;
+        // Once more: now the time that finishing took is in it.
+        Ok(report(&job, interrupted))
+    });
+    let report = finished.map_err(|error| job.give_up(error))?;
 
-    let report = Report::new(args, settings, device, &job, warnings, setup_s, wall_s, interrupted);
     if let Some(path) = &args.report {
         let json = serde_json::to_string_pretty(&report)?;
         std::fs::write(path, json + "\n").with_context(|| format!("cannot write {}", path.display()))?;
@@ -93,7 +103,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     } else {
         text::say(&report.summary())
     }
-    Ok(if interrupted { EXIT_INTERRUPTED } else { 0 })
+    Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
 }
 
 /// The run's settings: flags over defaults.
@@ -228,14 +238,23 @@ struct Settings {
     run: RunConfig,
 }
 
-fn header(settings: &Settings, cameras: &[CameraInfo]) -> anyhow::Result<RecordingHeader> {
-    let toml = toml::to_string(settings).context("the settings cannot be stored")?;
-    Ok(RecordingHeader {
+/// One per environment.
+fn headers(settings: &Settings, cameras: &[CameraInfo]) -> anyhow::Result<Vec<RecordingHeader>> {
+    let config_toml = toml::to_string(settings).context("the settings cannot be stored")?;
+    let serde_json::Value::String(method) = serde_json::to_value(settings.run.method)? else {
+        anyhow::bail!("the method has no name");
+    };
+    let header = |environment| RecordingHeader {
         cameras: cameras.to_vec(),
         seed: settings.run.seed,
-        config_toml: toml,
-        ..Default::default()
-    })
+        method: method.clone(),
+        environment,
+        config_toml: config_toml.clone(),
+        duration_us: Some(to_us(settings.duration_s)),
+        t_offset_us: 0,
+        labels: settings.run.labels.clone(),
+    };
+    Ok((0..settings.environments).filter_map(|e| u32::try_from(e).ok()).map(header).collect())
 }
 
 /// Warnings: to the user at once, and to the report.
@@ -253,11 +272,12 @@ impl Warnings {
 
 /// The stream on its way into the files.
 struct Job {
-    cameras: Vec<CameraInfo>,
-    header: RecordingHeader,
+    /// One per environment, as are `outputs` and `writers`.
+    headers: Vec<RecordingHeader>,
     tally: Tally,
     outputs: Vec<PathBuf>,
-    /// One per environment, made when the first packet is there: a run that fails at the start leaves no file.
+    overwrite: bool,
+    /// Made when the first packet is there: a run that fails at the start leaves no file.
     writers: Vec<RecordingWriter>,
     flushed: (Instant, i64),
 }
@@ -270,28 +290,31 @@ impl Job {
         let started = Instant::now();
         for packet in simulator.stream(duration_us, PACKET_US)? {
             let packet = packet?;
-            let write_started = Instant::now();
+            let writing = Instant::now();
             self.write(&packet)?;
-            self.tally.add(&packet, write_started.elapsed());
+            self.tally.add(&packet, writing.elapsed());
             progress.stream(packet.end_us, self.tally.report.events, started.elapsed());
             if interrupt.asked() {
                 break;
             }
         }
-        let write_started = Instant::now();
-        self.create_writers()?;
-        for (writer, path) in self.writers.drain(..).zip(&self.outputs) {
-            writer.finish().with_context(|| format!("cannot finish {}", path.display()))?;
-        }
-        self.tally.write_ms += write_started.elapsed().as_secs_f64() * 1.0e3;
         Ok(interrupt.asked() && self.tally.end_us < duration_us)
     }
 
+    /// Closes the files with `report_json` in them.
+    fn finish(&mut self, report_json: &str) -> anyhow::Result<()> {
+        let writing = Instant::now();
+        self.create_writers()?;
+        for writer in self.writers.drain(..) {
+            writer.finish(report_json)?;
+        }
+        self.tally.write += writing.elapsed();
+        Ok(())
+    }
+
     fn create_writers(&mut self) -> anyhow::Result<()> {
-        while let Some(path) = self.outputs.get(self.writers.len()) {
-            let writer = RecordingWriter::create(path, &self.header)
-                .with_context(|| format!("cannot create {}", path.display()))?;
-            self.writers.push(writer);
+        for (path, header) in self.outputs.iter().zip(&self.headers).skip(self.writers.len()) {
+            self.writers.push(RecordingWriter::create(path, header, self.overwrite)?);
         }
         Ok(())
     }
@@ -302,7 +325,7 @@ impl Job {
             let writer = self
                 .writers
                 .get_mut(view.environment)
-                .with_context(|| format!("the engine sent environment {} of too many", view.environment))?;
+                .with_context(|| format!("the engine sent environment {}, one too many", view.environment))?;
             writer.write_events(view.camera, &view.events)?;
             for label in &view.labels {
                 writer.write_label(view.camera, label)?;
@@ -321,29 +344,24 @@ impl Job {
         Ok(())
     }
 
-    /// After an error: keeps what the files hold if they can be finished, removes those that hold nothing.
+    /// After an error: files that hold nothing are removed, the others closed as incomplete.
     fn give_up(&mut self, error: anyhow::Error) -> anyhow::Error {
+        let created: Vec<_> = self.outputs.iter().take(self.writers.len()).collect();
+        // A writer that goes stores what it holds, as far as it still can.
+        self.writers.clear();
         if self.tally.packets == 0 {
-            let created = self.writers.len();
-            self.writers.clear();
-            for path in self.outputs.iter().take(created) {
+            for path in created {
                 // The first error is the one to tell.
                 let _ = std::fs::remove_file(path);
             }
             return error;
         }
-        let until = text::seconds(self.tally.end_us);
-        let mut lines = Vec::new();
-        for (writer, path) in self.writers.drain(..).zip(&self.outputs) {
-            lines.push(match writer.finish() {
-                Ok(()) => format!("{} holds the stream up to {until}", path.display()),
-                Err(_) => format!(
-                    "{} was cut off at about {until}; `info --repair` makes what it holds readable",
-                    path.display()
-                ),
-            });
+        let kept: Vec<_> = created.iter().map(|path| path.display().to_string()).collect();
+        if kept.is_empty() {
+            return error;
         }
-        error.context(lines.join("; "))
+        let until = text::seconds(self.tally.end_us);
+        error.context(format!("{} ended before its time, at about {until}", kept.join(", ")))
     }
 }
 
@@ -367,7 +385,7 @@ struct Tally {
     report: PacketReport,
     packets: u64,
     end_us: i64,
-    write_ms: f64,
+    write: Duration,
 }
 
 impl Tally {
@@ -388,7 +406,7 @@ impl Tally {
             report: PacketReport::default(),
             packets: 0,
             end_us: 0,
-            write_ms: 0.0,
+            write: Duration::ZERO,
         }
     }
 
@@ -411,7 +429,7 @@ impl Tally {
         add_times(&mut sum.times, &new.times);
         self.packets += 1;
         self.end_us = packet.end_us;
-        self.write_ms += write.as_secs_f64() * 1.0e3;
+        self.write += write;
     }
 }
 
@@ -462,33 +480,26 @@ struct Report {
 }
 
 impl Report {
-    #[expect(clippy::too_many_arguments, reason = "it gathers what a run has produced, called once")]
     fn new(
-        _args: &RunArgs,
-        settings: Settings,
-        device: DeviceSummary,
+        settings: &Settings,
+        device: &DeviceSummary,
         job: &Job,
-        mut warnings: Warnings,
-        setup_s: f64,
-        wall_s: f64,
+        warnings: &Warnings,
+        setup: Duration,
+        wall: Duration,
         interrupted: bool,
     ) -> Self {
         let tally = &job.tally;
-        if tally.report.clamped > 0 {
-            warnings.add(format!(
-                "{} pixel intervals hit the limit of events and were clamped; raise --rate or the thresholds",
-                tally.report.clamped
-            ));
-        }
-        let stream_s = tally.end_us as f64 * 1.0e-6;
+        let wall_s = wall.as_secs_f64();
+        let stream_s = tally.end_us as f64 / 1.0e6;
         let (on, off) = tally.views.iter().fold((0, 0), |(on, off), v| (on + v.on, off + v.off));
         let per = |n: u64, s: f64| if s > 0.0 { n as f64 / s } else { 0.0 };
         let times = tally.report.times;
         Self {
             outputs: job.outputs.clone(),
             interrupted,
-            device,
-            settings,
+            device: device.clone(),
+            settings: settings.clone(),
             stream_s,
             wall_s,
             real_time_factor: if wall_s > 0.0 { stream_s / wall_s } else { 0.0 },
@@ -503,15 +514,15 @@ impl Report {
             reruns: tally.report.reruns,
             packets: tally.packets,
             milliseconds: Milliseconds {
-                setup: setup_s * 1.0e3,
+                setup: setup.as_secs_f64() * 1.0e3,
                 host: times.host_ms,
                 device_wait: times.device_wait_ms,
                 pack: times.pack_ms,
                 packets: times.total_ms,
-                write: tally.write_ms,
+                write: tally.write.as_secs_f64() * 1.0e3,
             },
             views: tally.views.clone(),
-            warnings: warnings.0,
+            warnings: warnings.0.clone(),
         }
     }
 
@@ -574,7 +585,7 @@ mod tests {
             packet_us: PACKET_US,
             run: config.clone(),
         };
-        let stored: toml::Table = header(&settings, &[]).unwrap().config_toml.parse().unwrap();
+        let stored: toml::Table = headers(&settings, &[]).unwrap()[0].config_toml.parse().unwrap();
         let run: RunConfig = stored["run"].clone().try_into().unwrap();
         assert_eq!(run, config);
         assert_ne!(run, RunConfig::default(), "canary: the comparison must see a difference");

@@ -54,7 +54,7 @@ pub(crate) fn short(value: f64) -> String {
 
 /// Microseconds as seconds, without trailing zeros.
 pub(crate) fn seconds(t_us: i64) -> String {
-    format!("{} s", t_us as f64 * 1.0e-6)
+    format!("{} s", t_us as f64 / 1.0e6)
 }
 
 /// `part` of `whole` in percent.

@@ -1,9 +1,9 @@
 //! Writes a recording with known content, for the tests outside Rust and for measuring.
 //!
 //! `write_recording OUT [events=N] [rate=PER_SECOND] [packet=N] [cameras=N] [labels=0|1] [wide=0|1]
-//! [paced=0|1] [finish=0|1]`
+//! [paced=0|1] [finish=0|1] [width=N] [height=N] [label_every=MICROS]`, or `write_recording OUT repair=1`
 //!
-//! Event i of every camera: h = mix(i), x = h mod 640, y = (h / 640) mod 480, p = (h / 7) mod 2, t = floor(i * 10^6 / rate). With `paced`, wall-clock time
+//! Event i of every camera: h = mix(i), x = h mod width, y = (h / width) mod height, p = (h / 7) mod 2, t = floor(i * 10^6 / rate). With `paced`, wall-clock time
 //! follows t, and after each packet a line tells how many events have been given.
 
 use std::io::Write;
@@ -13,27 +13,23 @@ use std::time::{Duration, Instant};
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, Event, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
 
-const WIDTH: u32 = 640;
-const HEIGHT: u32 = 480;
-/// Labels are small: what is tested is their layout.
-const LABEL_EVERY_US: i64 = 20_000;
-
 /// 24 bits that do not compress: (m ^ (m >> 29)) * 0xBF58476D1CE4E5B9 >> 40, m = i * 0x9E3779B97F4A7C15.
 fn mix(i: u64) -> u64 {
     let m = i.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     (m ^ (m >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40
 }
 
-fn event(i: u64, rate: u64) -> Event {
+fn event(i: u64, rate: u64, width: u32, height: u32) -> Event {
     let h = mix(i);
     let polarity = if (h / 7) % 2 == 1 { Polarity::On } else { Polarity::Off };
     let t = (u128::from(i) * 1_000_000 / u128::from(rate)) as i64;
-    Event::new(t, (h % u64::from(WIDTH)) as u16, (h / u64::from(WIDTH) % u64::from(HEIGHT)) as u16, polarity)
+    Event::new(t, (h % u64::from(width)) as u16, (h / u64::from(width) % u64::from(height)) as u16, polarity)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut out = None;
     let (mut events, mut rate, mut packet, mut cameras) = (1_000_000_u64, 1_000_000_u64, 10_000_u64, 1_usize);
+    let (mut width, mut height, mut label_every, mut repair) = (640_u32, 480_u32, 20_000_i64, false);
     let (mut labels, mut wide, mut paced, mut finish) = (false, false, false, true);
     for argument in std::env::args().skip(1) {
         match argument.split_once('=') {
@@ -46,16 +42,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Some(("wide", v)) => wide = v == "1",
             Some(("paced", v)) => paced = v == "1",
             Some(("finish", v)) => finish = v == "1",
+            Some(("width", v)) => width = v.parse()?,
+            Some(("height", v)) => height = v.parse()?,
+            Some(("label_every", v)) => label_every = v.parse()?,
+            Some(("repair", v)) => repair = v == "1",
             Some((name, _)) => return Err(format!("unknown setting {name}").into()),
         }
     }
     let out = out.ok_or("give the output file")?;
+    if repair {
+        println!("{:?}", evis_core::format::hdf5::repair(&out)?);
+        return Ok(());
+    }
     let header = RecordingHeader {
         cameras: (0..cameras)
             .map(|i| CameraInfo {
                 name: format!("cam{i}"),
-                width: WIDTH,
-                height: HEIGHT,
+                width,
+                height,
                 fx: 500.0,
                 fy: 500.0,
                 cx: 320.0,
@@ -77,7 +81,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut given = 0;
     while given < events {
         let until = (given + packet).min(events);
-        let block: Vec<Event> = (given..until).map(|i| event(i, rate)).collect();
+        let block: Vec<Event> = (given..until).map(|i| event(i, rate, width, height)).collect();
         let last_t = block.last().map_or(0, |e| e.t);
         let before = Instant::now();
         for camera in 0..cameras {
@@ -93,15 +97,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         while labels && next_label <= last_t {
             for camera in 0..cameras {
-                let pixels = (WIDTH * HEIGHT) as usize;
+                let pixels = (width * height) as usize;
                 let value = next_label as f32;
                 for (kind, size) in [(LabelKind::Depth, pixels), (LabelKind::FlowForward, 2 * pixels)] {
                     let data = LabelData::F32(vec![value; size]);
-                    let t_other_us = next_label + LABEL_EVERY_US;
+                    let t_other_us = next_label + label_every;
                     writer.write_label(camera, &LabelFrame { kind, t_us: next_label, t_other_us, data })?;
                 }
             }
-            next_label += LABEL_EVERY_US;
+            next_label += label_every;
         }
         spent += before.elapsed();
         given = until;

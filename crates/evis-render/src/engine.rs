@@ -283,7 +283,7 @@ impl Engine {
                         inverse_reference_luminance: 1.0 / reference,
                     })
                     .collect();
-                Group::new(&context, t, &targets[t], views, &sensors)
+                Group::new(&context.gpu, t, &targets[t], views, &sensors)
             })
             .collect();
         let most_capacity =
@@ -309,6 +309,13 @@ impl Engine {
             groups,
             context,
         })
+    }
+
+    /// Starts with buffers of `capacity` events, never more than `most`: tests make them overflow.
+    #[cfg(test)]
+    pub fn limit_buffers(&mut self, capacity: u32, most: u32) {
+        self.capacity = capacity;
+        self.most_capacity = most;
     }
 
     /// Stream time up to which packets were delivered.

@@ -3,9 +3,12 @@
 use evis_core::TimeGrid;
 
 use crate::engine::Context;
+use crate::gpu::Gpu;
 use crate::gpu_scene::Draw;
 use crate::pass::raster::{FRAME_STRIDE, Pipelines};
-use crate::pass::trigger::{BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS};
+use crate::pass::trigger::{
+    BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS, TriggerPasses,
+};
 use crate::pass::{self};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
 use crate::targets::Targets;
@@ -92,15 +95,14 @@ pub struct Group {
 impl Group {
     /// Allocates for `views` (indices) of one size.
     pub fn new(
-        context: &Context,
+        gpu: &Gpu,
         targets_index: usize,
         targets: &Targets,
         views: Vec<usize>,
         sensors: &[ViewSensor],
     ) -> Self {
-        let device = &context.gpu.device;
         let buffer = |label, size, usage| {
-            device.create_buffer(&wgpu::BufferDescriptor {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
                 size,
                 usage: usage | wgpu::BufferUsages::COPY_DST,
@@ -109,7 +111,7 @@ impl Group {
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let pixels = u64::from(padded_pixels(targets.width, targets.height)) * views.len() as u64;
-        let memory = || buffer("pixel memory", pixels * size_of::<PixelMemory>() as u64, storage);
+        let memory = || buffer("pixel memory", pixels * size_of::<PixelMemory>() as u64, storage | wgpu::BufferUsages::COPY_SRC);
         let group = Self {
             targets: targets_index,
             memory: [memory(), memory()],
@@ -132,7 +134,7 @@ impl Group {
         };
         let block_count = (pixels / u64::from(BLOCK_PIXELS)) as u32;
         let row = sizes::dispatch(block_count, WORKGROUP).0 * WORKGROUP;
-        let queue = &context.gpu.queue;
+        let queue = &gpu.queue;
         queue.write_buffer(&group.sensors, 0, bytemuck::cast_slice(sensors));
         queue.write_buffer(&group.block_params, 0, bytemuck::bytes_of(&BlockParams { block_count, row }));
         group
@@ -216,7 +218,7 @@ pub fn encode(
         encode_luminance(context, encoder, targets, &frame_group, views.len() as u32, unit.instants, k);
     }
     // What the pixels feel.
-    encode_trigger(context, encoder, targets, group, unit, slot);
+    encode_trigger(&context.gpu, &context.trigger, &context.grid, encoder, targets, group, unit, slot);
     // What the host gets.
     let header = size_of::<Status>() as u64;
     encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, header);
@@ -345,20 +347,22 @@ fn encode_resolve(
 }
 
 /// Count, prefix, scan, emit.
-fn encode_trigger(
-    context: &Context,
+#[expect(clippy::too_many_arguments, reason = "a pass names all that it reads and writes")]
+pub fn encode_trigger(
+    gpu: &Gpu,
+    passes: &TriggerPasses,
+    grid: &TimeGrid,
     encoder: &mut wgpu::CommandEncoder,
     targets: &Targets,
     group: &Group,
     unit: &Unit,
     slot: &Slot,
 ) {
-    let device = &context.gpu.device;
-    let queue = &context.gpu.queue;
+    let (device, queue) = (&gpu.device, &gpu.queue);
     let views = group.views.len() as u32;
     let stride = row_stride(targets.width);
     let blocks_per_view = stride / BLOCK_PIXELS * targets.height;
-    let params = unit.params(&context.grid, targets, views, slot.capacity);
+    let params = unit.params(grid, targets, views, slot.capacity);
     queue.write_buffer(&slot.params, 0, bytemuck::bytes_of(&params));
     let scan = ScanParams {
         block_count: blocks_per_view * views,
@@ -368,7 +372,6 @@ fn encode_trigger(
     };
     queue.write_buffer(&slot.scan_params, 0, bytemuck::bytes_of(&scan));
 
-    let passes = &context.trigger;
     let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
     let layers = || wgpu::BindingResource::TextureView(&targets.luminance);
     let count = pass::group(

@@ -3,6 +3,7 @@
 //! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop.
 
 pub mod config;
+pub mod cpu;
 mod engine;
 pub mod error;
 mod frame;
@@ -23,6 +24,9 @@ mod uniforms;
 mod unpack;
 mod variant;
 pub mod view;
+
+#[cfg(test)]
+mod tests;
 
 pub use config::{Antialias, Method, RunConfig};
 pub use error::EngineError;

@@ -47,7 +47,7 @@ impl Targets {
         };
         let attachment = wgpu::TextureUsages::RENDER_ATTACHMENT;
         let sampled = wgpu::TextureUsages::TEXTURE_BINDING;
-        let mut usage = attachment | sampled | wgpu::TextureUsages::COPY_SRC;
+        let mut usage = attachment | sampled | wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
         if edges {
             usage |= wgpu::TextureUsages::STORAGE_BINDING;
         }

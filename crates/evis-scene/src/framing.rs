@@ -27,9 +27,11 @@ impl Scene {
             }
             let (world, weights) = (&state.world_from_node[index], &state.morph_weights[index]);
             for primitive in &mesh.primitives {
-                // Only vertices that a triangle uses count.
-                for &i in &primitive.indices {
-                    let p = deformed(primitive, i as usize, world, weights, &joints);
+                // Vertices that no triangle uses do not count, unless looking at all of them is less work.
+                let (indices, count) = (&primitive.indices, primitive.positions.len());
+                let (used, all) = if indices.len() > count { (&[][..], count) } else { (&indices[..], 0) };
+                for i in used.iter().map(|i| *i as usize).chain(0..all) {
+                    let p = deformed(primitive, i, world, weights, &joints);
                     let Some(p) = p.filter(|p| p.is_finite()) else { continue };
                     let (low, high) = corners.unwrap_or((p, p));
                     corners = Some((low.min(p), high.max(p)));

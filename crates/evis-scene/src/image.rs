@@ -47,7 +47,7 @@ pub fn decode(name: &str, bytes: &[u8], transfer: Transfer) -> Result<Image, Str
     let mut limits = ::image::Limits::default();
     limits.max_image_width = Some(MAX_EDGE);
     limits.max_image_height = Some(MAX_EDGE);
-    limits.max_alloc = Some(4 << 30);
+    limits.max_alloc = Some(2 << 30);
     reader.limits(limits);
     let decoded = reader.decode().map_err(|e| format!("image '{name}' cannot be decoded: {e}"))?;
     let (width, height) = (decoded.width(), decoded.height());

@@ -16,6 +16,7 @@ pub mod motion;
 pub mod pose;
 pub mod primitive;
 pub mod procedural;
+pub mod source;
 pub mod texture;
 pub mod toml_scene;
 mod validate;

@@ -3,6 +3,7 @@
 //! Colours are linear. Every pattern tiles, but for the pictures that are meant to be seen once (label, poster).
 
 use half::f16;
+use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use crate::error::SceneError;
@@ -124,7 +125,7 @@ impl Procedural {
             Pattern::Asphalt => asphalt(canvas, self.colors_or(0x55565a, 0xb0aca4)),
             Pattern::Concrete => concrete(canvas, self.colors_or(0x9a9a94, 0x4c4c4a)),
             Pattern::Cardboard => cardboard(canvas, self.colors_or(0xb98d5c, 0x3d2c1c)),
-            Pattern::Label => label(canvas, self.colors_or(0xe8e6de, 0x1c1c20)),
+            Pattern::Label => label(canvas, self.colors_or(0xe8e6de, 0x3c3c46)),
             Pattern::Metal => metal(canvas, self.colors_or(0x9aa0a8, 0x50555c)),
             Pattern::Fabric => fabric(canvas, self.colors_or(0x3f6f8c, 0x1e3a4a)),
             Pattern::Facade => facade(canvas, self.colors_or(0xc9a27c, 0x3a5068)),
@@ -148,12 +149,9 @@ pub(crate) fn hash(seed: u64, stream: u32, x: u32, y: u32) -> u64 {
     // The finaliser of splitmix64, over a key that no two inputs share but by chance.
     let key = (u64::from(x) << 32 | u64::from(y)) ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let mut z = key.wrapping_add(u64::from(stream).wrapping_mul(0xd1b5_4a32_d192_ed03));
-    for _ in 0..2 {
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^= z >> 31;
-    }
-    z
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }
 
 /// The same as a number in [0, 1).
@@ -253,9 +251,17 @@ impl Canvas {
     }
 
     fn into_image(self, name: String) -> Image {
-        // Above the largest half float it would be infinite.
-        let half = |c: f32| f16::from_f32(c.min(f16::MAX.to_f32()));
-        let texels = self.pixels.par_iter().map(|&[r, g, b]| [r, g, b, 1.0].map(half)).collect();
+        let mut texels = vec![[f16::ZERO; 4]; self.pixels.len()];
+        let size = self.size as usize;
+        texels.par_chunks_exact_mut(size).zip(self.pixels.par_chunks_exact(size)).for_each(
+            |(row, pixels)| {
+                // Above the largest half float it would be infinite.
+                let clamped = |c: f32| c.min(f16::MAX.to_f32_const());
+                let floats: Vec<f32> =
+                    pixels.iter().flat_map(|&[r, g, b]| [clamped(r), clamped(g), clamped(b), 1.0]).collect();
+                row.as_flattened_mut().convert_from_f32_slice(&floats);
+            },
+        );
         Image { name, width: self.size, height: self.size, texels }
     }
 }
@@ -276,22 +282,28 @@ fn grain(size: u32, cells: [u32; 2], gain: f32, seed: u64) -> Vec<f32> {
     // A value uniform in [-1, 1) has variance 1/3; blending between lattice points takes about half of it away.
     let variance: f32 = octaves.iter().map(|(_, a)| a * a / 5.0).sum();
     let norm = variance.sqrt().recip();
+    // Which lattice points a column lies between is the same in every row, and costs divisions.
+    let columns: Vec<Vec<_>> =
+        octaves.iter().map(|([cx, _], _)| (0..size).map(|x| split(x, *cx, size)).collect()).collect();
     let mut out = vec![0.0; size as usize * size as usize];
     out.par_chunks_exact_mut(size as usize).enumerate().for_each(|(y, row)| {
         let mut lattice = Vec::new();
-        for (octave, &([cx, cy], amplitude)) in octaves.iter().enumerate() {
+        for (octave, (&([cx, cy], amplitude), columns)) in octaves.iter().zip(&columns).enumerate() {
             let value = |x: u32, y: u32| 2.0 * uniform(seed, octave as u32, x, y % cy) - 1.0;
             let (y0, ty) = split(y as u32, cy, size);
             lattice.clear();
             lattice.extend((0..cx).map(|x| {
                 let upper = value(x, y0);
-                if ty == 0.0 { upper } else { upper + (value(x, y0 + 1) - upper) * ty }
+                norm * amplitude * if ty == 0.0 { upper } else { upper + (value(x, y0 + 1) - upper) * ty }
             }));
-            for (x, out) in row.iter_mut().enumerate() {
-                let (x0, tx) = split(x as u32, cx, size);
-                let left = lattice[x0 as usize];
-                let right = lattice[((x0 + 1) % cx) as usize];
-                *out += norm * amplitude * (left + (right - left) * tx);
+            if cx == size {
+                row.iter_mut().zip(&lattice).for_each(|(out, value)| *out += value);
+                continue;
+            }
+            lattice.push(lattice[0]);
+            for (out, &(x0, tx)) in row.iter_mut().zip(columns) {
+                let (left, right) = (lattice[x0 as usize], lattice[x0 as usize + 1]);
+                *out += left + (right - left) * tx;
             }
         }
     });
@@ -330,7 +342,7 @@ fn glyph(c: u8) -> [u8; 5] {
 fn noise(canvas: &mut Canvas, [a, b]: [[f32; 3]; 2]) {
     let coarse = grain(canvas.size, [5, 5], 0.55, hash(canvas.seed, 1, 0, 0));
     canvas.shade(|_, _, i| mix(a, b, 0.5 + 0.35 * coarse[i]));
-    canvas.roughen([32, 32], 0.75, 0.3, 2);
+    canvas.roughen([24, 24], 0.85, 0.4, 2);
 }
 
 fn checker(canvas: &mut Canvas, [a, b]: [[f32; 3]; 2]) {
@@ -486,6 +498,7 @@ fn fabric(canvas: &mut Canvas, [warp, weft]: [[f32; 3]; 2]) {
 fn facade(canvas: &mut Canvas, [wall, glass]: [[f32; 3]; 2]) {
     let (size, seed) = (canvas.size, canvas.seed);
     let cells = 4;
+    let [white, lit, dim, curtain, blind] = [0xe6e0d2, 0xf2c878, 0xa86c30, 0xb8a898, 0xc8c4ba].map(srgb);
     canvas.shade(|x, y, _| {
         let [fx, fy] = [x, y].map(|v| (v * cells) as f32 / size as f32);
         let (cx, cy) = (fx as u32, fy as u32);
@@ -495,18 +508,16 @@ fn facade(canvas: &mut Canvas, [wall, glass]: [[f32; 3]; 2]) {
         let pane = frame && (0.24..0.76).contains(&u) && (0.20..0.76).contains(&v);
         let bar = pane && ((u - 0.5).abs() < 0.02 || (v - 0.42).abs() < 0.02);
         if bar || (frame && !pane) || sill {
-            return srgb(0xe6e0d2);
+            return white;
         }
         if pane {
             // Some windows are lit, some have a curtain or a blind half way down.
             let kind = hash(seed, 3, cx, cy) % 5;
             let height = (v - 0.20) / 0.56;
             return match kind {
-                0 => mix(srgb(0xf2c878), srgb(0xa86c30), height),
-                1 if !(0.32..0.68).contains(&u) => srgb(0xb8a898),
-                2 if height < 0.55 => {
-                    scale(srgb(0xc8c4ba), if (height * 24.0).fract() < 0.3 { 0.5 } else { 1.0 })
-                }
+                0 => mix(lit, dim, height),
+                1 if !(0.32..0.68).contains(&u) => curtain,
+                2 if height < 0.55 => scale(blind, if (height * 24.0).fract() < 0.3 { 0.5 } else { 1.0 }),
                 _ => mix(scale(glass, 1.8), scale(glass, 0.6), height + 0.4 * (u - 0.5)),
             };
         }
@@ -568,7 +579,7 @@ fn books(canvas: &mut Canvas, [back, gilt]: [[f32; 3]; 2]) {
 }
 
 fn poster(canvas: &mut Canvas, [paper, ink]: [[f32; 3]; 2]) {
-    const COLORS: [u32; 6] = [0xd9482b, 0x2a7f9e, 0xf0b429, 0x3c8d4f, 0x6a3d8f, 0xe07a9a];
+    const COLORS: [u32; 6] = [0xd9482b, 0x4aa3c0, 0xf0b429, 0x5fae6a, 0xa487c4, 0xe07a9a];
     canvas.fill(paper);
     for i in 0..14 {
         let color = srgb(COLORS[(hash(canvas.seed, 3, i, 0) % 6) as usize]);

@@ -105,27 +105,26 @@ fn books(scene: &mut SceneBuilder, seed: u64, dice: &mut Dice) -> Result<(), Sce
         let print = paint(scene, seed, &name, Pattern::Label, 256, Some([srgb(color), srgb(0xf0e2b0)]))?;
         materials.push(scene.material(Material::diffuse(name).textured(print))?);
     }
-    let mut book =
-        |scene: &mut SceneBuilder, name: String, cover: usize, size: [f64; 3], place: Placement| {
-            let [thick, high, deep] = size;
-            // Spine and boards around a block of pages that is set back on three sides.
-            let (mut case, mut block) = (Assembly::new(cover), Assembly::new(pages));
-            let board = 0.003;
-            let mut part = |to: &mut Assembly, size: [f64; 3], at: [f64; 3]| {
-                to.part(Shape::Box { size }, 1.0, DMat4::from_translation(at.into())).map(|_| ())
-            };
-            part(&mut block, [thick - 2.0 * board, high - 0.012, deep - 0.008], [0.0, 0.0, -0.002])?;
-            for x in [-1.0, 1.0] {
-                part(&mut case, [board, high, deep], [x * (thick - board) / 2.0, 0.0, 0.0])?;
-            }
-            part(&mut case, [thick, high, board], [0.0, 0.0, (deep - board) / 2.0])?;
-            for assembly in [&mut case, &mut block] {
-                stretch_to_unit(assembly);
-            }
-            let primitives = vec![case.whole, block.whole];
-            let mesh = scene.mesh(Mesh { name: "book".into(), primitives, ..Mesh::default() })?;
-            scene.object(name, mesh, labels(class::THING), place)
+    let book = |scene: &mut SceneBuilder, name: String, cover: usize, size: [f64; 3], place: Placement| {
+        let [thick, high, deep] = size;
+        // Spine and boards around a block of pages that is set back on three sides.
+        let (mut case, mut block) = (Assembly::new(cover), Assembly::new(pages));
+        let board = 0.003;
+        let part = |to: &mut Assembly, size: [f64; 3], at: [f64; 3]| {
+            to.part(Shape::Box { size }, 1.0, DMat4::from_translation(at.into())).map(|_| ())
         };
+        part(&mut block, [thick - 2.0 * board, high - 0.012, deep - 0.008], [0.0, 0.0, -0.002])?;
+        for x in [-1.0, 1.0] {
+            part(&mut case, [board, high, deep], [x * (thick - board) / 2.0, 0.0, 0.0])?;
+        }
+        part(&mut case, [thick, high, board], [0.0, 0.0, (deep - board) / 2.0])?;
+        for assembly in [&mut case, &mut block] {
+            stretch_to_unit(assembly);
+        }
+        let primitives = vec![case.whole, block.whole];
+        let mesh = scene.mesh(Mesh { name: "book".into(), primitives, ..Mesh::default() })?;
+        scene.object(name, mesh, labels(class::THING), place)
+    };
     // A row that stands, the last one leaning.
     let mut x = -0.72;
     for i in 0..9 {

@@ -1,6 +1,6 @@
 //! A drive along a street: long straight motion, facades at all depths, thin poles.
 
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{DMat4, DQuat, DVec3};
 
@@ -98,8 +98,18 @@ fn houses(scene: &mut SceneBuilder, seed: u64, dice: &mut Dice) -> Result<(), Sc
     let stripes =
         paint(scene, seed, "awning", Pattern::Stripes, 256, Some([srgb(0xf2ede0), srgb(0xc23b30)]))?;
     let awning = scene.material(Material::diffuse("awning").textured(stripes))?;
-    let posters = paint(scene, seed, "shop window", Pattern::Poster, 256, None)?;
-    let window = scene.material(Material::glossy("shop window", 0.0, 0.25).textured(posters))?;
+    let mut windows = Vec::new();
+    for (name, pattern, paper) in [
+        ("shop window a", Pattern::Poster, 0xf0e0c0),
+        ("shop window b", Pattern::Poster, 0xbcd8e0),
+        ("shop window c", Pattern::Books, 0x3a2a20),
+        ("shop window d", Pattern::Poster, 0xe8c8a0),
+        ("shop window e", Pattern::Books, 0x203038),
+    ] {
+        let ink = if pattern == Pattern::Poster { 0x1b2a49 } else { 0xe8d8a8 };
+        let picture = paint(scene, seed, name, pattern, 256, Some([srgb(paper), srgb(ink)]))?;
+        windows.push(scene.material(Material::glossy(name, 0.0, 0.25).textured(picture))?);
+    }
 
     for (side, sign) in [("left", -1.0), ("right", 1.0)] {
         let mut z = NEAR;
@@ -145,6 +155,7 @@ fn houses(scene: &mut SceneBuilder, seed: u64, dice: &mut Dice) -> Result<(), Sc
                 let at = (f64::from(shop) + 0.5 - shops / 2.0) * width / shops;
                 let size = [0.08, 1.9, 2.4];
                 let what = format!("window {shop}");
+                let window = dice.pick(&windows).unwrap_or(0);
                 part(scene, &what, Shape::Box { size }, window, [1.0, 1.0], [front, floor - 0.2, at])?;
                 let size = [1.1, 0.12, 2.8];
                 let what = format!("awning {shop}");
@@ -240,7 +251,7 @@ fn trees(scene: &mut SceneBuilder, seed: u64, dice: &mut Dice) -> Result<(), Sce
         let scale = dice.between(0.8, 1.15);
         let place =
             Placement::at([sign * (ROAD + 1.5), 0.14, 2.0 - 15.0 * f64::from(i) + dice.between(-2.0, 2.0)])
-                .turned(DQuat::from_rotation_y(dice.between(0.0, 6.28)))
+                .turned(DQuat::from_rotation_y(dice.between(0.0, TAU)))
                 .scaled(DVec3::splat(scale));
         scene.object(format!("tree {i}"), mesh, labels(class::PLANT), place)?;
     }

@@ -66,6 +66,7 @@ pub fn repair(path: &Path) -> Result<RepairReport, FormatError> {
             align(&mut store, &parts, &mut report)?;
         }
     }
+    align(&mut store, &["evis/report_json".into()], &mut report)?;
     if !report.nothing_to_do() || store.is_truncated() {
         store.publish(FileState::Closed)?;
     }
@@ -80,11 +81,10 @@ fn align(
 ) -> Result<(u64, Vec<Column>), FormatError> {
     let mut columns = names.iter().map(|n| Column::open(store, n)).collect::<Result<Vec<_>, _>>()?;
     let rows = columns.iter_mut().map(|c| c.readable_rows(store)).min().unwrap_or(0);
-    report.rows_dropped += columns.iter().map(|c| c.rows().saturating_sub(rows)).max().unwrap_or(0);
+    let longest = columns.iter().map(Column::rows_published).max().unwrap_or(0);
+    report.rows_dropped += longest.saturating_sub(rows);
     for column in &mut columns {
-        if column.rows() > rows {
-            column.truncate(store, rows)?;
-        }
+        column.resume(store, rows)?;
     }
     Ok((rows, columns))
 }
@@ -97,18 +97,16 @@ fn complete_index(
     report: &mut RepairReport,
 ) -> Result<(), FormatError> {
     let mut index = Column::open(store, &format!("{camera}/ms_to_idx"))?;
+    let had = index.rows_published();
     let readable = index.readable_rows(store);
-    let had = index.rows();
-    if readable < had {
-        index.truncate(store, readable)?;
-    }
+    index.resume(store, readable)?;
 
     let event_count = t.rows();
     let mut last_millis = None;
     t.for_each_chunk(store, event_count.saturating_sub(1), |bytes| last_millis = Some(millis(bytes)))?;
     let wanted = last_millis.map_or(0, |ms| ms + 1);
     if index.rows() > wanted {
-        index.truncate(store, wanted)?;
+        index.resume(store, wanted)?;
     } else if index.rows() < wanted {
         // The last entry says where to go on; without one, at the first event.
         let mut row = 0;
@@ -129,7 +127,7 @@ fn complete_index(
         index.push_each(entries.iter().map(|e| e.to_le_bytes()));
         store_all(store, &mut index)?;
     }
-    report.millis_rebuilt += had.abs_diff(index.rows());
+    report.millis_rebuilt += had.abs_diff(readable) + readable.abs_diff(index.rows());
     Ok(())
 }
 
@@ -153,4 +151,67 @@ fn little_endian(bytes: &[u8]) -> u64 {
 
 fn millis(t: &[u8]) -> u64 {
     little_endian(t) / 1000
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::event::{Event, Polarity};
+    use crate::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
+    use crate::packet::CameraInfo;
+
+    fn stored_index(path: &Path) -> Vec<u64> {
+        let file = rust_hdf5::H5File::open(path).unwrap();
+        file.dataset("cam/ms_to_idx").unwrap().read_raw::<u64>().unwrap()
+    }
+
+    #[test]
+    fn columns_out_of_step_are_brought_together() {
+        let path = std::env::temp_dir().join(format!("evis_repair_{}.h5", std::process::id()));
+        let camera =
+            CameraInfo { name: "cam".into(), width: 9, height: 9, fx: 1.0, fy: 1.0, cx: 1.0, cy: 1.0 };
+        let header = RecordingHeader {
+            cameras: vec![camera],
+            seed: 0,
+            method: "native".into(),
+            environment: 0,
+            config_toml: String::new(),
+            duration_us: None,
+            t_offset_us: 0,
+            labels: Vec::new(),
+        };
+        let events: Vec<_> = (0..150_000).map(|i| Event::new(i * 137, 1, 2, Polarity::Off)).collect();
+        let mut writer = RecordingWriter::create(&path, &header, true).unwrap();
+        writer.write_events(0, &events).unwrap();
+        writer.finish("{}").unwrap();
+        let whole = stored_index(&path);
+        assert!(repair(&path).unwrap().nothing_to_do());
+
+        // What is left when the writer dies between the extents of two columns.
+        let mut store = Store::open(&path).unwrap();
+        store.publish(FileState::Open).unwrap();
+        for (name, rows) in [("cam/events/p", 149_000), ("cam/ms_to_idx", 3)] {
+            Column::open(&mut store, name).unwrap().resume(&mut store, rows).unwrap();
+        }
+        drop(store);
+        assert_eq!(stored_index(&path).len(), 3, "canary: the damage is done");
+        let report = repair(&path).unwrap();
+        assert!(report.reopened);
+        assert_eq!(report.rows_dropped, 1_000);
+        assert_eq!(report.events, [("cam".to_string(), 149_000)]);
+        let last_millis = usize::try_from(events[148_999].t / 1000).unwrap();
+        assert_eq!(stored_index(&path), whole[..=last_millis]);
+        assert!(Recording::open(&path).unwrap().events(0).unwrap() == events[..149_000]);
+
+        // An index that is ahead of the events.
+        let mut store = Store::open(&path).unwrap();
+        for name in ["cam/events/x", "cam/events/y", "cam/events/t", "cam/events/p"] {
+            Column::open(&mut store, name).unwrap().resume(&mut store, 100).unwrap();
+        }
+        drop(store);
+        let report = repair(&path).unwrap();
+        assert!(!report.reopened && report.rows_dropped == 0 && report.millis_rebuilt > 0);
+        assert_eq!(stored_index(&path), whole[..=13]);
+        std::fs::remove_file(&path).unwrap();
+    }
 }

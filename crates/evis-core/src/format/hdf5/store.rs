@@ -17,25 +17,28 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use rust_hdf5::FilterPipeline;
-use rust_hdf5::format::FormatContext;
 use rust_hdf5::format::checksum::checksum_metadata;
 use rust_hdf5::format::chunk_index::extensible_array::{
     EA_CLS_FILT_CHUNK, EaChunkLoc, EaDblkPath, EaGeometry, EaLoc, ExtensibleArrayHeader,
     ExtensibleArraySuperBlock, FilteredChunkEntry, FilteredDataBlock, FilteredIndexBlock,
     compute_chunk_size_len,
 };
+use rust_hdf5::format::dense_link::read_dense_links;
 use rust_hdf5::format::messages::data_layout::DataLayoutMessage;
 use rust_hdf5::format::messages::dataspace::DataspaceMessage;
 use rust_hdf5::format::messages::datatype::DatatypeMessage;
 use rust_hdf5::format::messages::filter::{apply_filters, reverse_filters_masked_bounded};
 use rust_hdf5::format::messages::link::{LinkMessage, LinkTarget};
+use rust_hdf5::format::messages::link_info::LinkInfoMessage;
 use rust_hdf5::format::messages::{
-    MSG_DATA_LAYOUT, MSG_DATASPACE, MSG_DATATYPE, MSG_FILTER_PIPELINE, MSG_LINK, MSG_OBJ_HEADER_CONTINUATION,
+    MSG_DATA_LAYOUT, MSG_DATASPACE, MSG_DATATYPE, MSG_FILTER_PIPELINE, MSG_LINK, MSG_LINK_INFO,
+    MSG_OBJ_HEADER_CONTINUATION,
 };
 use rust_hdf5::format::object_header::{ObjectHeader, ObjectHeaderMessage};
 use rust_hdf5::format::superblock::{
     FLAG_SWMR_WRITE, FLAG_WRITE_ACCESS, HDF5_SIGNATURE, SUPERBLOCK_V3, SuperblockV2V3,
 };
+use rust_hdf5::format::{BlockReader, FormatContext, FormatError as CodecError, FormatResult};
 
 use crate::format::FormatError;
 
@@ -259,11 +262,23 @@ impl Store {
         for message in messages.iter().filter(|m| m.msg_type == MSG_LINK) {
             let (link, _) = LinkMessage::decode(&message.data, &self.context)
                 .map_err(|e| self.damaged(format!("a link is damaged ({e})")))?;
-            if let LinkTarget::Hard { address } = link.target {
-                links.push((link.name, address));
-            }
+            links.push(link);
         }
-        Ok(links)
+        // More than eight links move into a heap of their own.
+        for message in messages.iter().filter(|m| m.msg_type == MSG_LINK_INFO) {
+            let context = self.context;
+            let dense = LinkInfoMessage::decode(&message.data, &context)
+                .and_then(|(info, _)| read_dense_links(&info, &context, self))
+                .map_err(|e| self.damaged(format!("a group's links are damaged ({e})")))?;
+            links.extend(dense);
+        }
+        Ok(links
+            .into_iter()
+            .filter_map(|link| match link.target {
+                LinkTarget::Hard { address } => Some((link.name, address)),
+                _ => None,
+            })
+            .collect())
     }
 
     /// The object at `path` ("camera/events/t"), or `None` where a name is missing.
@@ -294,6 +309,12 @@ impl Store {
             }
             _ => Err(self.damaged(format!("{name} is not a plain value of {} bytes", bytes.len()))),
         }
+    }
+}
+
+impl BlockReader for Store {
+    fn read_block(&mut self, address: u64, bytes: usize) -> FormatResult<Vec<u8>> {
+        self.read_at(address, bytes).map_err(|e| CodecError::InvalidData(e.to_string()))
     }
 }
 
@@ -375,7 +396,7 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// Opens the data set `name` for appending after its last row; the unfinished chunk is read back.
+    /// Opens the data set `name`. One that has rows must be told where to go on by [`Column::resume`].
     pub fn open(store: &mut Store, name: &str) -> Result<Self, FormatError> {
         let address = store.find(name)?.ok_or_else(|| store.damaged(format!("it has no {name}")))?;
         let (messages, image) = store.header(address)?;
@@ -460,7 +481,7 @@ impl Column {
         )
         .map_err(|e| store.damaged(format!("the chunk index of {name} is damaged ({e})")))?;
 
-        let mut column = Self {
+        Ok(Self {
             name: name.into(),
             header_address: address,
             header_image: image,
@@ -483,15 +504,7 @@ impl Column {
             rows_published: rows,
             current: None,
             retired: Vec::new(),
-        };
-        let tail_rows = usize::try_from(rows % rows_per_chunk as u64).unwrap_or(0);
-        if tail_rows > 0 {
-            let mut chunk = column.read_chunk(store, column.chunks)?;
-            chunk.truncate(tail_rows * row_bytes);
-            column.tail = chunk;
-            column.tail_rows_stored = tail_rows;
-        }
-        Ok(column)
+        })
     }
 
     fn chunk_bytes(&self) -> usize {
@@ -660,8 +673,8 @@ impl Column {
         self.row_bytes
     }
 
-    /// Shortens the data set to `rows`, for repair. Rows in memory only are dropped.
-    pub fn truncate(&mut self, store: &mut Store, rows: u64) -> Result<(), FormatError> {
+    /// Goes on after row `rows`, shortening the data set if it has more.
+    pub fn resume(&mut self, store: &mut Store, rows: u64) -> Result<(), FormatError> {
         let rows = rows.min(self.rows_published);
         self.full.clear();
         self.chunks = rows / self.rows_per_chunk as u64;
@@ -674,6 +687,11 @@ impl Column {
         self.tail_rows_stored = tail_rows;
         self.current = None;
         self.set_extent(store, rows)
+    }
+
+    /// Rows that the file promises.
+    pub fn rows_published(&self) -> u64 {
+        self.rows_published
     }
 
     /// The content of one chunk, decompressed.
@@ -978,4 +996,64 @@ fn position(hay: &[u8], needle: &[u8]) -> Option<usize> {
 pub(super) fn compress(pipeline: &FilterPipeline, chunk: &[u8], path: &Path) -> Result<Vec<u8>, FormatError> {
     apply_filters(pipeline, chunk)
         .map_err(|e| FormatError::invalid(path, format!("a chunk cannot be compressed ({e})"), "report this"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::hdf5::{RecordingHeader, RecordingWriter};
+    use crate::packet::{CameraInfo, LabelKind};
+
+    /// Every kind of block that HDF5's extensible array has, up to the paged ones that begin with chunk
+    /// 131 060, and going on in the middle of each after reopening.
+    #[test]
+    fn the_chunk_index_grows_through_all_its_levels() {
+        let path = std::env::temp_dir().join(format!("evis_index_{}.h5", std::process::id()));
+        let camera =
+            CameraInfo { name: "cam".into(), width: 1, height: 1, fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.5 };
+        let header = RecordingHeader {
+            cameras: vec![camera],
+            seed: 0,
+            method: "native".into(),
+            environment: 0,
+            config_toml: String::new(),
+            duration_us: None,
+            t_offset_us: 0,
+            labels: vec![LabelKind::Depth],
+        };
+        RecordingWriter::create(&path, &header, true).unwrap().finish("{}").unwrap();
+
+        let mut store = Store::open(&path).unwrap();
+        let mut column = Column::open(&mut store, "cam/labels/depth").unwrap();
+        // Compressing is slow; seven chunks serve all.
+        let value = |i: u64| (i % 7) as f32 + 0.5;
+        let chunks: Vec<_> = (0..7)
+            .map(|i| vec![compress(column.pipeline(), &value(i).to_le_bytes(), &path).unwrap()])
+            .collect();
+        let stops = [2, 4, 9, 20, 36, 37, 100, 500, 131_060, 131_061, 132_084, 132_085, 133_200, 134_000];
+        let mut row = 0;
+        for stop in stops {
+            while row < stop {
+                column.append_compressed(&mut store, &chunks[(row % 7) as usize]).unwrap();
+                row += 1;
+            }
+            column.write_index(&mut store).unwrap();
+            column.write_extent(&mut store).unwrap();
+            column = Column::open(&mut store, "cam/labels/depth").unwrap();
+            assert_eq!(column.rows_published(), stop);
+            column.resume(&mut store, stop).unwrap();
+        }
+        store.publish(FileState::Closed).unwrap();
+        assert_eq!(column.read_chunk(&mut store, 132_500).unwrap(), value(132_500).to_le_bytes());
+        assert!(column.read_chunk(&mut store, 134_000).is_err(), "canary: nothing is there");
+
+        // The crate's reader knows nothing of this module.
+        let file = rust_hdf5::H5File::open(&path).unwrap();
+        let stored = file.dataset("cam/labels/depth").unwrap().read_raw::<f32>().unwrap();
+        assert_eq!(stored.len() as u64, row);
+        assert!(stored.iter().zip(0..).all(|(&v, i)| v == value(i)));
+        if std::env::var_os("EVIS_KEEP_FILES").is_none() {
+            std::fs::remove_file(&path).unwrap();
+        }
+    }
 }

@@ -341,15 +341,22 @@ impl RecordingWriter {
                 writer.cameras.iter_mut().flat_map(CameraColumns::all).collect();
             columns.push(&mut writer.report);
             columns.retain(|c| c.full_chunks() > 0);
+            if columns.is_empty() {
+                return Ok(());
+            }
             let path = writer.store.path().to_path_buf();
             let jobs: Vec<(FilterPipeline, Vec<Vec<u8>>)> =
                 columns.iter_mut().map(|c| (c.pipeline().clone(), c.take_full())).collect();
-            let compressed = jobs
-                .par_iter()
-                .map(|(pipeline, chunks)| {
-                    chunks.par_iter().map(|chunk| compress(pipeline, chunk, &path)).collect()
-                })
-                .collect::<Result<Vec<Vec<Vec<u8>>>, _>>()?;
+            let all = |(pipeline, chunks): &(FilterPipeline, Vec<Vec<u8>>)| {
+                chunks.par_iter().map(|chunk| compress(pipeline, chunk, &path)).collect()
+            };
+            let compressed: Vec<Vec<Vec<u8>>> = match jobs.as_slice() {
+                // Not worth waking another thread.
+                [(pipeline, chunks)] if chunks.len() == 1 => {
+                    vec![chunks.iter().map(|c| compress(pipeline, c, &path)).collect::<Result<_, _>>()?]
+                }
+                jobs => jobs.par_iter().map(all).collect::<Result<_, FormatError>>()?,
+            };
             for (column, chunks) in columns.into_iter().zip(&compressed) {
                 column.append_compressed(&mut writer.store, chunks)?;
             }

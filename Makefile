@@ -1,0 +1,97 @@
+# One word per task, the same locally and in CI.
+#
+# Everything is built once, in the release profile, and always for the whole workspace: with a part of it
+# (`-p …`), Cargo would choose other features for shared dependencies and compile wgpu a second time.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-print-directory
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+CARGO_FLAGS := --release --workspace --locked
+NEXTEST := $(shell cargo nextest --version >/dev/null 2>&1 && echo yes)
+
+# Mesa's drivers ask for this folder and complain where it is missing (containers, cron).
+ifndef XDG_RUNTIME_DIR
+export XDG_RUNTIME_DIR := $(shell dir="$${TMPDIR:-/tmp}/evis-runtime-$$(id -u)"; \
+	mkdir -p "$$dir" && chmod 700 "$$dir" && echo "$$dir")
+endif
+
+# The interpreter that the wheel is built with, for every Cargo call: another one would build pyo3 again.
+export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+# What `make demo` simulates.
+DEMO_SCENE ?= warehouse
+DEMO_ARGS ?= --duration 2 --labels depth,flow,instance,hdr --label-rate 25
+
+.PHONY: help setup demo test test-rust test-python check format bench wheel smoke docs bless clean
+
+help: ## List the tasks.
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: ## Install what is missing: driver, linker, virtual environment.
+	tools/setup "$(PYTHON)" "$(VENV)"
+
+demo: wheel ## Simulate the warehouse; leaves a recording and pictures in out/.
+	tools/install "$(BIN)" $$(command -v ffmpeg >/dev/null || echo video)
+	mkdir -p out
+	$(BIN)/evis run $(DEMO_SCENE) -o out/$(DEMO_SCENE).h5 $(DEMO_ARGS) --force --report out/$(DEMO_SCENE).json
+	$(BIN)/evis preview out/$(DEMO_SCENE).h5 -o out/$(DEMO_SCENE).png
+	$(BIN)/evis preview out/$(DEMO_SCENE).h5 -o out/$(DEMO_SCENE).mp4 \
+	  || $(BIN)/evis preview out/$(DEMO_SCENE).h5 -o out/$(DEMO_SCENE).gif
+
+test: test-rust test-python ## Every floor, Rust and Python.
+
+test-rust: setup
+ifeq ($(NEXTEST),yes)
+	cargo nextest run $(CARGO_FLAGS)
+	cargo test $(CARGO_FLAGS) --doc
+else
+	cargo test $(CARGO_FLAGS)
+endif
+
+test-python: wheel
+	tools/install "$(BIN)" test
+	$(BIN)/python -m pytest
+
+check: wheel ## Formatting, lints, types, stubs, and the tests that need no device.
+	tools/install "$(BIN)" test
+	cargo fmt --all --check
+	cargo clippy $(CARGO_FLAGS) --all-targets -- -D warnings
+	cargo test $(CARGO_FLAGS) --lib --quiet
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest evis._evis --mypy-config-file pyproject.toml
+
+format: ## Format Rust and Python in place.
+	cargo fmt --all
+	$(BIN)/ruff format .
+
+bench: setup ## Speed, as ratios on this machine.
+	cargo bench --profile release --workspace --locked
+	if [ -f benches/bench.py ]; then \
+	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py; fi
+
+wheel: setup ## Build the abi3 wheel into dist/.
+	rm -f dist/evis-*.whl
+	$(BIN)/maturin build --release --locked --out dist --interpreter "$(PYO3_PYTHON)"
+
+smoke: wheel ## Install the wheel into a clean environment and stream events from it.
+	tools/smoke "$(PYTHON)" dist/evis-*.whl
+
+docs: setup ## Rust documentation, warnings are errors.
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --locked --no-deps
+
+bless: wheel ## Accept the snapshots that the tests see now.
+	tools/install "$(BIN)" test
+	EVIS_BLESS=1 cargo test $(CARGO_FLAGS)
+	EVIS_BLESS=1 $(BIN)/python -m pytest
+
+clean: ## Remove everything that was built.
+	cargo clean
+	rm -rf $(VENV) dist out

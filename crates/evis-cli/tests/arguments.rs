@@ -1,0 +1,129 @@
+//! Bad input: exit code 2, a message that names value and remedy, and nothing left behind.
+
+mod common;
+
+use common::{Folder, code, evis, json, stderr, stdout, write_recording};
+
+/// Runs `line`, which must be refused with exit code 2, tell every one of `told`, and leave no file.
+fn refused(folder: &Folder, line: &str, told: &[&str]) {
+    let before = folder.names();
+    let output = evis(folder, line);
+    let message = stderr(&output);
+    assert_eq!(code(&output), 2, "{line}\n{message}");
+    for words in told {
+        assert!(message.contains(words), "{line}: the message lacks '{words}':\n{message}");
+    }
+    assert!(!message.contains("panicked"), "{line}\n{message}");
+    assert_eq!(folder.names(), before, "{line} left something behind");
+}
+
+#[test]
+fn impossible_numbers_name_flag_value_and_remedy() {
+    let folder = Folder::new("numbers");
+    let second = "a number of seconds";
+    for (arguments, told) in [
+        ("--duration -1", ["--duration", "'-1'", second]),
+        ("--duration 0", ["--duration", "'0'", second]),
+        ("--duration nan", ["--duration", "'nan'", second]),
+        ("--duration 1e300", ["--duration", "'1e300'", second]),
+        ("--duration soon", ["--duration", "'soon'", second]),
+        ("--start -0.5", ["--start", "'-0.5'", second]),
+        ("--start inf", ["--start", "'inf'", second]),
+        ("--size 0x480", ["--size", "'0x480'", "640x480"]),
+        ("--size 640x0", ["--size", "'640x0'", "640x480"]),
+        ("--size 99999x99999", ["--size", "'99999x99999'", "8192"]),
+        ("--size 640", ["--size", "'640'", "640x480"]),
+        ("--rate 0", ["--rate", "'0'", "above 0"]),
+        ("--rate -30", ["--rate", "'-30'", "above 0"]),
+        ("--rate nan", ["--rate", "'nan'", "above 0"]),
+        ("--label-rate 0", ["--label-rate", "'0'", "above 0"]),
+        ("--threshold-on 0", ["--threshold-on", "'0'", "0.2"]),
+        ("--threshold-off -0.2", ["--threshold-off", "'-0.2'", "0.2"]),
+        ("--threshold-on nan", ["--threshold-on", "'nan'", "0.2"]),
+        ("--log-eps 0", ["--log-eps", "'0'", "above 0"]),
+        ("--reference-luminance -1", ["--reference-luminance", "'-1'", "above 0"]),
+        ("--samples 0", ["--samples", "'0'", "from 1 to 256"]),
+        ("--samples 257", ["--samples", "'257'", "from 1 to 256"]),
+        ("--seed -1", ["--seed", "'-1'", "from 0"]),
+        ("--trigger lazy", ["--trigger", "'lazy'", "crossing, latch"]),
+        ("--method fast", ["--method", "'fast'", "native"]),
+        ("--labels depth,color", ["--labels", "'color'", "hdr"]),
+    ] {
+        refused(&folder, &format!("run spinner -o x.h5 {arguments}"), &told);
+    }
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_refused_before_any_work() {
+    let folder = Folder::new("outputs");
+    std::fs::write(folder.file("old.h5"), "precious").unwrap();
+    std::fs::create_dir(folder.file("folder.h5")).unwrap();
+    refused(&folder, "run spinner -o old.h5", &["old.h5", "--force"]);
+    refused(&folder, "run spinner -o no/such/x.h5", &["no/such", "create it"]);
+    refused(&folder, "run spinner -o folder.h5", &["folder.h5", "file name"]);
+    refused(&folder, "run spinner -o x.txt", &["x.txt", ".h5"]);
+    refused(&folder, "run spinner -o x.h5 --report no/r.json", &["--report", "no/r.json"]);
+    assert_eq!(std::fs::read(folder.file("old.h5")).unwrap(), b"precious");
+}
+
+#[test]
+fn scenes_and_cameras_that_do_not_exist_are_listed() {
+    let folder = Folder::new("scenes");
+    std::fs::write(folder.file("broken.glb"), "not a glb").unwrap();
+    let known = json(&evis(&folder, "scenes --json"));
+    let known: Vec<_> = known.as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
+    assert!(!known.is_empty());
+    refused(&folder, "run werehouse -o x.h5", &["werehouse", known[0], ".glb"]);
+    refused(&folder, "run none.glb -o x.h5", &["none.glb"]);
+    refused(&folder, "run none.toml -o x.h5", &["none.toml"]);
+    refused(&folder, "run broken.glb -o x.h5", &["broken.glb"]);
+    refused(&folder, &format!("run {} -o x.h5 --camera nobody", known[0]), &["camera", "nobody"]);
+}
+
+#[test]
+fn a_forced_run_that_cannot_start_keeps_the_old_file() {
+    let folder = Folder::new("forced");
+    std::fs::write(folder.file("old.h5"), "precious").unwrap();
+    refused(&folder, "run spinner -o old.h5 --force --device no-such-device", &[]);
+    assert_eq!(std::fs::read(folder.file("old.h5")).unwrap(), b"precious");
+}
+
+#[test]
+fn recordings_that_cannot_be_read_are_refused() {
+    let folder = Folder::new("recordings");
+    std::fs::write(folder.file("not.h5"), "not HDF5").unwrap();
+    std::fs::write(folder.file("empty.h5"), "").unwrap();
+    write_recording(&folder.file("good.h5"), false, true);
+    for file in ["missing.h5", "not.h5", "empty.h5"] {
+        refused(&folder, &format!("info {file}"), &[file]);
+        refused(&folder, &format!("info --repair {file}"), &[file]);
+        refused(&folder, &format!("preview {file} -o x.png"), &[file]);
+    }
+    refused(&folder, "preview good.h5 -o x.bmp", &["x.bmp", ".gif"]);
+    refused(&folder, "preview good.h5 -o no/x.png", &["no/x.png"]);
+    refused(&folder, "preview good.h5 -o x.png --camera middle", &["middle", "left, right"]);
+    refused(&folder, "preview good.h5 -o x.png --at 5", &["--at", "5"]);
+    refused(&folder, "preview good.h5 -o x.png --scale 3/2", &["--scale", "3/2"]);
+    refused(&folder, "preview good.h5 -o x.png --window-ms 0", &["--window-ms", "'0'"]);
+    refused(&folder, "preview good.h5 -o x.gif --fps 0", &["--fps", "'0'"]);
+    // Canary: the same line with sound values is taken.
+    let output = evis(&folder, "preview good.h5 -o x.png --at 0.1");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+}
+
+#[test]
+fn help_shows_the_name_that_the_program_was_called_by() {
+    let folder = Folder::new("help");
+    let help = stdout(&evis(&folder, "run --help"));
+    assert!(help.contains("Usage: evis-rs run"), "{help}");
+    for word in ["640x480", "1000", "0.2", "0.001", "native", "[default: 50]", "[default: 0]"] {
+        assert!(help.contains(word), "the help lacks '{word}'");
+    }
+    #[cfg(unix)]
+    {
+        let link = folder.file("evis");
+        std::os::unix::fs::symlink(env!("CARGO_BIN_EXE_evis-rs"), &link).unwrap();
+        let output = std::process::Command::new(link).arg("--version").output().unwrap();
+        assert!(stdout(&output).starts_with("evis "), "{}", stdout(&output));
+    }
+}

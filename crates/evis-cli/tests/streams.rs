@@ -1,0 +1,96 @@
+//! Whole runs, from a built-in scene to a file; they need a device.
+
+mod common;
+
+use common::{Folder, code, evis, json, no_device, stderr};
+
+const SMALL: &str = "--size 64x48 --duration 0.05 --samples 1 --rate 500";
+
+#[test]
+fn a_scene_becomes_a_recording() {
+    let folder = Folder::new("run");
+    if no_device(&folder) {
+        return;
+    }
+    let line =
+        format!("run spinner -o a.h5 {SMALL} --labels depth,flow --label-rate 100 --report r.json --json");
+    let output = evis(&folder, &line);
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let report = json(&output);
+    let events = report["events"].as_u64().unwrap();
+    assert!(events > 0, "a moving scene gave no event");
+    assert_eq!(report["packets"], 5);
+    assert_eq!(report["settings"]["run"]["rate_hz"], 500.0);
+    assert!(report["settings"]["run"]["reference_luminance"].is_number(), "the effective value is stored");
+    let stored: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.file("r.json")).unwrap()).unwrap();
+    assert_eq!(stored, report);
+
+    let info = json(&evis(&folder, "info a.h5 --json"));
+    assert_eq!((&info["complete"], &info["events"]), (&true.into(), &events.into()));
+    let kinds: Vec<_> = info["cameras"][0]["labels"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|l| l["kind"].as_str().unwrap())
+        .collect();
+    assert_eq!(
+        kinds,
+        ["depth", "flow_forward", "flow_forward_valid", "flow_backward", "flow_backward_valid"]
+    );
+    assert!(info["settings_toml"].as_str().unwrap().contains("rate_hz = 500.0"));
+
+    let output = evis(&folder, "preview a.h5 -o a.gif");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+}
+
+#[test]
+fn times_beyond_the_scene_are_told_once() {
+    let folder = Folder::new("beyond");
+    if no_device(&folder) {
+        return;
+    }
+    let scenes = json(&evis(&folder, "scenes --json"));
+    let with_end = |s: &&serde_json::Value| s["duration_s"].as_f64().is_some();
+    let Some(scene) = scenes.as_array().unwrap().iter().find(with_end) else { return };
+    let (name, end_s) = (scene["name"].as_str().unwrap(), scene["duration_s"].as_f64().unwrap());
+    let line = format!("run {name} -o a.h5 {SMALL} --start {} --json", end_s - 0.02);
+    let output = evis(&folder, &line);
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert_eq!(stderr(&output).matches("the scene's motion ends").count(), 1, "{}", stderr(&output));
+    assert_eq!(json(&output)["warnings"].as_array().unwrap().len(), 1);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_finishes_the_file() {
+    use std::io::Read;
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+
+    let folder = Folder::new("ctrl-c");
+    if no_device(&folder) {
+        return;
+    }
+    let mut child = common::program(&folder)
+        .args("run spinner -o a.h5 --size 64x48 --duration 100000 --samples 1 --rate 1000".split(' '))
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let started = Instant::now();
+    while !folder.file("a.h5").exists() {
+        assert!(started.elapsed() < Duration::from_secs(60), "no packet came");
+        assert!(child.try_wait().unwrap().is_none(), "the run ended by itself");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(200));
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let status = child.wait().unwrap();
+    let mut message = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut message).unwrap();
+    assert_eq!(status.code(), Some(130), "{message}");
+    let info = json(&evis(&folder, "info a.h5 --json"));
+    assert_eq!(info["complete"], true);
+    assert!(info["events"].as_u64().unwrap() > 0);
+}

@@ -1,0 +1,458 @@
+//! Recordings as files: what is written comes back, and what is wrong is refused with a reason.
+
+use std::fs;
+use std::panic::catch_unwind;
+use std::path::{Path, PathBuf};
+
+use evis_core::event::slice_time;
+use evis_core::format::FormatError;
+use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter, repair};
+use evis_core::{CameraInfo, Event, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
+
+/// A folder that goes away with the test.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(test: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("evis_hdf5_{test}_{}", std::process::id()));
+        let _ = fs::remove_dir_all(&path);
+        fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+
+    fn names(&self) -> Vec<String> {
+        fs::read_dir(&self.0).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+fn camera(name: &str, width: u32, height: u32) -> CameraInfo {
+    CameraInfo { name: name.into(), width, height, fx: 50.5, fy: 51.0, cx: 8.25, cy: 4.0 }
+}
+
+fn header(cameras: Vec<CameraInfo>) -> RecordingHeader {
+    RecordingHeader {
+        cameras,
+        seed: u64::MAX - 3,
+        method: "native".into(),
+        environment: 5,
+        config_toml: "# größe\nrate_hz = 1000.0\n".into(),
+        duration_us: Some(10_000_000),
+        t_offset_us: -77,
+        labels: Vec::new(),
+    }
+}
+
+fn random(state: &mut u64) -> u64 {
+    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    *state >> 33
+}
+
+/// Sorted events with ties, bursts and silences.
+fn events(count: usize, width: u64, height: u64, seed: u64) -> Vec<Event> {
+    let mut state = seed;
+    let mut t = 0;
+    let mut stream = Vec::new();
+    for _ in 0..count {
+        t += match random(&mut state) % 100 {
+            0 => 3_000 + random(&mut state) as i64 % 9_000,
+            1..40 => random(&mut state) as i64 % 30,
+            _ => 0,
+        };
+        let polarity = if random(&mut state).is_multiple_of(2) { Polarity::On } else { Polarity::Off };
+        let (x, y) = (random(&mut state) % width, random(&mut state) % height);
+        stream.push(Event::new(t, x as u16, y as u16, polarity));
+    }
+    stream
+}
+
+fn label(kind: LabelKind, t_us: i64, pixels: usize) -> LabelFrame {
+    let n = pixels * kind.channels();
+    let data = match kind {
+        LabelKind::Instance | LabelKind::Semantic => {
+            LabelData::U32((0..n).map(|i| i as u32 * 70_001 + t_us as u32).collect())
+        }
+        LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid => {
+            LabelData::U8((0..n).map(|i| (i % 2) as u8).collect())
+        }
+        LabelKind::Depth => LabelData::F32(
+            (0..n).map(|i| if i % 5 == 0 { f32::INFINITY } else { t_us as f32 + i as f32 / 7.0 }).collect(),
+        ),
+        _ => LabelData::F32((0..n).map(|i| t_us as f32 - i as f32 * 0.125).collect()),
+    };
+    let flow = kind.name().starts_with("flow");
+    LabelFrame { kind, t_us, t_other_us: if flow { t_us + 20_000 } else { t_us }, data }
+}
+
+/// `ms_to_idx` by its definition.
+fn index_of(events: &[Event]) -> Vec<u64> {
+    let last = events.last().map_or(-1, |e| e.t / 1000);
+    (0..=last).map(|ms| events.partition_point(|e| e.t < ms * 1000) as u64).collect()
+}
+
+fn stored_index(path: &Path, camera: &str) -> Vec<u64> {
+    let file = rust_hdf5::H5File::open(path).unwrap();
+    file.dataset(&format!("{camera}/ms_to_idx")).unwrap().read_raw::<u64>().unwrap()
+}
+
+#[test]
+fn two_cameras_with_every_label_come_back_as_written() {
+    let folder = Folder::new("roundtrip");
+    let path = folder.file("out.h5");
+    let mut wanted = header(vec![camera("left", 16, 8), camera("right eye", 7, 5)]);
+    wanted.labels = LabelKind::ALL.to_vec();
+    let streams = [events(200_000, 16, 8, 1), events(1_000, 7, 5, 2)];
+    let pose = |i: i64| PoseSample {
+        t_us: i * 100,
+        position: [i as f64, 0.1, -2.0],
+        rotation: [0.0, 0.6, 0.0, 0.8],
+    };
+    let poses: Vec<_> = (0..3_000).map(pose).collect();
+
+    let mut writer = RecordingWriter::create(&path, &wanted, false).unwrap();
+    for (i, stream) in streams.iter().enumerate() {
+        for part in stream.chunks(777) {
+            writer.write_events(i, part).unwrap();
+        }
+    }
+    for pose in &poses {
+        writer.write_pose(1, pose).unwrap();
+    }
+    for t_us in [0, 20_000, 40_000] {
+        for kind in LabelKind::ALL {
+            writer.write_label(0, &label(kind, t_us, 128)).unwrap();
+            writer.write_label(1, &label(kind, t_us, 35)).unwrap();
+        }
+    }
+    writer.finish("{\"events\": 201000}").unwrap();
+
+    let recording = Recording::open(&path).unwrap();
+    wanted.duration_us = None;
+    assert_eq!(recording.header(), &wanted);
+    assert!(recording.is_complete().unwrap());
+    assert_eq!(recording.report().unwrap().as_deref(), Some("{\"events\": 201000}"));
+    for (i, stream) in streams.iter().enumerate() {
+        assert_eq!(recording.event_count(i).unwrap(), stream.len() as u64);
+        assert!(recording.events(i).unwrap() == *stream);
+        assert_eq!(recording.label_kinds(i).unwrap(), LabelKind::ALL);
+    }
+    assert_eq!(recording.poses(1).unwrap(), poses);
+    assert!(recording.poses(0).unwrap().is_empty());
+    for kind in LabelKind::ALL {
+        assert_eq!(recording.label_times(1, kind).unwrap(), [0, 20_000, 40_000]);
+        assert_eq!(recording.label(1, kind, 2).unwrap(), label(kind, 40_000, 35));
+        assert_eq!(recording.label(0, kind, 1).unwrap(), label(kind, 20_000, 128));
+        assert_ne!(recording.label(0, kind, 1).unwrap(), label(kind, 0, 128), "canary: frames differ");
+        assert!(recording.label(0, kind, 3).is_err());
+    }
+    assert_eq!(stored_index(&path, "left"), index_of(&streams[0]));
+    assert_ne!(stored_index(&path, "left"), index_of(&streams[0][..199_000]), "canary");
+    assert_eq!(stored_index(&path, "right eye"), index_of(&streams[1]));
+    assert_eq!(folder.names(), ["out.h5"], "no draft is left");
+}
+
+#[test]
+fn windows_of_time_are_half_open_and_exact() {
+    let folder = Folder::new("windows");
+    for (name, duration_us) in [("narrow.h5", Some(1_000_000_000)), ("wide.h5", None)] {
+        let path = folder.file(name);
+        let all = events(150_000, 16, 8, 3);
+        let content = RecordingHeader { duration_us, ..header(vec![camera("cam", 16, 8)]) };
+        let mut writer = RecordingWriter::create(&path, &content, false).unwrap();
+        writer.write_events(0, &all).unwrap();
+        writer.finish("{}").unwrap();
+        let recording = Recording::open(&path).unwrap();
+        let end = all.last().unwrap().t;
+        let mut state = 9;
+        let mut windows = vec![(-5, 1), (0, 0), (0, i64::MAX), (i64::MIN, i64::MAX), (end, end + 1), (9, 3)];
+        windows.extend([(end - 2_500, end), (end + 5_000, end + 9_000), (0, end)]);
+        for _ in 0..40 {
+            let from = random(&mut state) as i64 % end;
+            windows.push((from, from + random(&mut state) as i64 % 20_000));
+        }
+        let mut found = 0;
+        for (from, to) in windows {
+            let got = recording.events_between(0, from, to).unwrap();
+            assert!(got == slice_time(&all, from, to), "{name}: {from}..{to}");
+            found += got.len();
+        }
+        assert!(found > all.len(), "the windows were not empty");
+        assert!(recording.events_between(1, 0, 9).unwrap_err().to_string().contains("camera 1"));
+    }
+}
+
+#[test]
+fn one_camera_is_linked_at_the_root_for_dsec_readers() {
+    let folder = Folder::new("links");
+    let path = folder.file("out.h5");
+    let all = events(5_000, 16, 8, 4);
+    let mut writer = RecordingWriter::create(&path, &header(vec![camera("cam", 16, 8)]), false).unwrap();
+    writer.write_events(0, &all).unwrap();
+    writer.finish("{}").unwrap();
+    let file = rust_hdf5::H5File::open(&path).unwrap();
+    let t = file.dataset("events/t").unwrap().read_raw::<u32>().unwrap();
+    assert!(t.iter().map(|&t| i64::from(t)).eq(all.iter().map(|e| e.t)));
+    assert_eq!(file.dataset("ms_to_idx").unwrap().read_raw::<u64>().unwrap(), index_of(&all));
+    assert_eq!(file.dataset("t_offset").unwrap().read_raw::<i64>().unwrap(), [-77]);
+    assert_eq!(file.dataset("events/width").unwrap().read_raw::<i64>().unwrap(), [16]);
+    assert_eq!(file.dataset("events/x").unwrap().chunk_dims(), Some(vec![65_536]));
+}
+
+#[test]
+fn a_long_silence_is_indexed_and_times_past_32_bits_are_kept() {
+    let folder = Folder::new("silence");
+    let path = folder.file("out.h5");
+    let times = [5, 1_000, 6_000_000_000, 6_000_000_001];
+    let all: Vec<_> = times.map(|t| Event::new(t, 1, 2, Polarity::On)).into();
+    let wide = RecordingHeader { duration_us: Some(7_000_000_000), ..header(vec![camera("cam", 16, 8)]) };
+    let mut writer = RecordingWriter::create(&path, &wide, false).unwrap();
+    writer.write_events(0, &all).unwrap();
+    writer.finish("{}").unwrap();
+    let recording = Recording::open(&path).unwrap();
+    assert_eq!(recording.events(0).unwrap(), all);
+    assert_eq!(recording.events_between(0, 6_000_000_001, 6_000_000_002).unwrap(), all[3..]);
+    assert_eq!(stored_index(&path, "cam"), index_of(&all));
+
+    let narrow = header(vec![camera("cam", 16, 8)]);
+    let mut writer = RecordingWriter::create(&path, &narrow, true).unwrap();
+    let error = writer.write_events(0, &all).unwrap_err().to_string();
+    assert!(error.contains("later than 4294967295") && error.contains("duration"), "{error}");
+}
+
+#[test]
+fn events_that_make_no_stream_are_refused_whole() {
+    let folder = Folder::new("refused");
+    let path = folder.file("out.h5");
+    let mut writer = RecordingWriter::create(&path, &header(vec![camera("cam", 16, 8)]), false).unwrap();
+    let good = Event::new(100, 15, 7, Polarity::On);
+    writer.write_events(0, &[good]).unwrap();
+    let mut purple = good;
+    purple.p = 2;
+    for (bad, word) in [
+        (Event::new(99, 0, 0, Polarity::On), "before"),
+        (Event::new(-1, 0, 0, Polarity::On), "before"),
+        (Event::new(200, 16, 0, Polarity::On), "outside"),
+        (Event::new(200, 0, 8, Polarity::On), "outside"),
+        (Event::new(i64::MAX, 0, 0, Polarity::On), "later"),
+        (purple, "polarity"),
+    ] {
+        let error = writer.write_events(0, &[good, bad]).unwrap_err().to_string();
+        assert!(error.contains(word) && error.contains("event 1 of camera cam"), "{error}");
+    }
+    assert!(writer.write_events(1, &[good]).is_err());
+    assert!(writer.write_label(0, &label(LabelKind::Depth, 0, 128)).is_err(), "not announced");
+    let pose = PoseSample { t_us: 0, position: [f64::NAN, 0.0, 0.0], rotation: [0.0; 4] };
+    assert!(writer.write_pose(0, &pose).is_err());
+    writer.write_events(0, &[good]).unwrap();
+    writer.finish("{}").unwrap();
+    assert_eq!(Recording::open(&path).unwrap().events(0).unwrap(), [good, good]);
+
+    let announced = RecordingHeader { labels: vec![LabelKind::Depth], ..header(vec![camera("cam", 16, 8)]) };
+    let mut writer = RecordingWriter::create(&path, &announced, true).unwrap();
+    writer.write_label(0, &label(LabelKind::Depth, 50, 128)).unwrap();
+    for (bad, word) in [
+        (label(LabelKind::Depth, 60, 127), "127 values"),
+        (LabelFrame { data: LabelData::U32(vec![0; 128]), ..label(LabelKind::Depth, 60, 128) }, "F32"),
+        (label(LabelKind::Depth, 49, 128), "order of time"),
+    ] {
+        let error = writer.write_label(0, &bad).unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
+    }
+    writer.finish("{}").unwrap();
+    assert_eq!(Recording::open(&path).unwrap().label_times(0, LabelKind::Depth).unwrap(), [50]);
+}
+
+#[test]
+fn headers_that_make_no_recording_are_refused() {
+    let folder = Folder::new("headers");
+    let path = folder.file("out.h5");
+    let fine = header(vec![camera("cam", 16, 8)]);
+    let with = |change: &dyn Fn(&mut RecordingHeader)| {
+        let mut header = fine.clone();
+        change(&mut header);
+        header
+    };
+    for bad in [
+        with(&|h| h.cameras.clear()),
+        with(&|h| h.cameras[0].name = "a/b".into()),
+        with(&|h| h.cameras[0].name = "events".into()),
+        with(&|h| h.cameras[0].name = String::new()),
+        with(&|h| h.cameras.push(camera("cam", 4, 4))),
+        with(&|h| h.cameras[0].width = 0),
+        with(&|h| h.cameras[0].height = 70_000),
+        with(&|h| h.duration_us = Some(-1)),
+        with(&|h| h.labels = vec![LabelKind::Depth, LabelKind::Depth]),
+        with(&|h| {
+            h.cameras[0] = camera("cam", 65_536, 65_536);
+            h.labels = vec![LabelKind::Hdr];
+        }),
+    ] {
+        let result = RecordingWriter::create(&path, &bad, false);
+        assert!(matches!(result, Err(FormatError::Invalid { .. })), "{bad:?}");
+        assert!(folder.names().is_empty());
+    }
+    drop(RecordingWriter::create(&path, &fine, false).unwrap());
+}
+
+#[test]
+fn a_failed_creation_leaves_the_folder_as_it_was() {
+    let folder = Folder::new("creation");
+    let path = folder.file("out.h5");
+    let fine = header(vec![camera("cam", 16, 8)]);
+    fs::write(&path, b"precious").unwrap();
+    assert!(matches!(RecordingWriter::create(&path, &fine, false), Err(FormatError::Exists { .. })));
+    assert_eq!(fs::read(&path).unwrap(), b"precious");
+
+    let error = match RecordingWriter::create(&folder.file("no/such/folder/out.h5"), &fine, true) {
+        Err(error) => error.to_string(),
+        Ok(_) => panic!("created in a folder that does not exist"),
+    };
+    assert!(error.contains("folder must exist") && error.contains("out.h5"), "{error}");
+    assert!(RecordingWriter::create(&folder.0, &fine, true).is_err(), "a folder is no file");
+    if Path::new("/dev/full").exists() {
+        assert!(RecordingWriter::create(Path::new("/dev/full"), &fine, true).is_err());
+    }
+    assert_eq!(folder.names(), ["out.h5"]);
+
+    RecordingWriter::create(&path, &fine, true).unwrap().finish("{}").unwrap();
+    assert!(Recording::open(&path).unwrap().is_complete().unwrap());
+    assert!(Recording::open(&path).unwrap().events(0).unwrap().is_empty());
+}
+
+#[test]
+fn a_dropped_writer_leaves_a_plain_file_that_counts_as_incomplete() {
+    let folder = Folder::new("dropped");
+    let path = folder.file("out.h5");
+    let all = events(70_000, 16, 8, 5);
+    let mut writer = RecordingWriter::create(&path, &header(vec![camera("cam", 16, 8)]), false).unwrap();
+    writer.write_events(0, &all).unwrap();
+    drop(writer);
+    let recording = Recording::open(&path).unwrap();
+    assert!(!recording.is_complete().unwrap());
+    assert_eq!(recording.report().unwrap(), None);
+    assert!(recording.events(0).unwrap() == all);
+    assert!(repair(&path).unwrap().nothing_to_do());
+}
+
+#[test]
+fn a_copy_taken_while_writing_reads_and_can_be_repaired() {
+    let folder = Folder::new("copy");
+    let path = folder.file("out.h5");
+    let all = events(300_000, 16, 8, 6);
+    let mut writer = RecordingWriter::create(&path, &header(vec![camera("cam", 16, 8)]), false).unwrap();
+    for (i, part) in all.chunks(30_000).enumerate() {
+        writer.write_events(0, part).unwrap();
+        writer.flush().unwrap();
+        // What a kill at this point leaves behind.
+        let copy = folder.file(&format!("copy{i}.h5"));
+        fs::copy(&path, &copy).unwrap();
+        let given = &all[..30_000 * (i + 1)];
+        let recording = Recording::open(&copy).unwrap();
+        assert!(!recording.is_complete().unwrap());
+        assert!(recording.events(0).unwrap() == given);
+        let report = repair(&copy).unwrap();
+        assert!(report.reopened && report.rows_dropped == 0 && report.millis_rebuilt == 0, "{report:?}");
+        assert_eq!(report.events, [("cam".to_string(), given.len() as u64)]);
+        assert!(recording.events(0).unwrap() == given);
+        assert_eq!(stored_index(&copy, "cam"), index_of(given));
+        assert!(!recording.is_complete().unwrap(), "repair does not make it whole");
+        assert!(repair(&copy).unwrap().nothing_to_do());
+    }
+    if cfg!(unix) {
+        let error = repair(&path).unwrap_err().to_string();
+        assert!(error.contains("another process"), "the file is being written: {error}");
+    }
+}
+
+/// A small recording with everything in it, whole and as a killed writer leaves it.
+fn specimens(folder: &Folder) -> [Vec<u8>; 2] {
+    let path = folder.file("specimen.h5");
+    let mut content = header(vec![camera("cam", 16, 8)]);
+    content.labels = vec![LabelKind::Depth, LabelKind::FlowForward];
+    let mut writer = RecordingWriter::create(&path, &content, false).unwrap();
+    writer.write_events(0, &events(2_000, 16, 8, 7)).unwrap();
+    for t_us in 0..12 {
+        writer.write_label(0, &label(LabelKind::Depth, t_us, 128)).unwrap();
+        writer.write_label(0, &label(LabelKind::FlowForward, t_us, 128)).unwrap();
+    }
+    let pose = PoseSample { t_us: 0, position: [1.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
+    writer.write_pose(0, &pose).unwrap();
+    writer.flush().unwrap();
+    let killed = fs::read(&path).unwrap();
+    writer.finish("{\"a\": 1}").unwrap();
+    [fs::read(&path).unwrap(), killed]
+}
+
+/// Reads all there is; how many of the reads gave an error.
+fn read_everything(path: &Path) -> usize {
+    let Ok(recording) = Recording::open(path) else { return 1 };
+    let mut errors = 0;
+    for camera in 0..recording.header().cameras.len().min(2) {
+        errors += usize::from(recording.events(camera).is_err());
+        errors += usize::from(recording.events_between(camera, 1_000, 30_000).is_err());
+        errors += usize::from(recording.poses(camera).is_err());
+        for kind in recording.header().labels.clone() {
+            match recording.label_times(camera, kind) {
+                Ok(times) => {
+                    let bad = |i| recording.label(camera, kind, i).is_err();
+                    errors += (0..times.len()).step_by(5).filter(|&i| bad(i)).count();
+                }
+                Err(_) => errors += 1,
+            }
+        }
+    }
+    errors + usize::from(recording.is_complete().is_err()) + usize::from(recording.report().is_err())
+}
+
+#[test]
+fn a_file_cut_short_at_any_length_gives_an_error_and_no_panic() {
+    let folder = Folder::new("cut");
+    let path = folder.file("cut.h5");
+    let mut saved = 0;
+    for whole in specimens(&folder) {
+        fs::write(&path, &whole).unwrap();
+        assert_eq!(read_everything(&path), 0, "canary: the whole file reads");
+        let step = whole.len() / 100;
+        for length in (0..200).chain((200..whole.len()).step_by(step)).chain([whole.len() - 1]) {
+            fs::write(&path, &whole[..length]).unwrap();
+            let errors = catch_unwind(|| read_everything(&path)).expect("no panic");
+            assert!(errors > 0, "{length} of {} bytes pass as whole", whole.len());
+            if catch_unwind(|| repair(&path)).expect("no panic").is_ok() {
+                saved += 1;
+                let errors = catch_unwind(|| read_everything(&path)).expect("no panic");
+                assert_eq!(errors, 0, "repaired at {length} of {} bytes", whole.len());
+            }
+        }
+    }
+    assert!(saved > 10, "repair saved {saved}");
+}
+
+#[test]
+fn flipped_bits_give_an_error_or_data_and_no_panic() {
+    let folder = Folder::new("flips");
+    let path = folder.file("flipped.h5");
+    let mut state = 11;
+    let mut noticed = 0;
+    for whole in specimens(&folder) {
+        for round in 0..150 {
+            let mut bytes = whole.clone();
+            for _ in 0..1 + round % 4 {
+                let at = random(&mut state) as usize % bytes.len();
+                bytes[at] ^= 1 << (random(&mut state) % 8);
+            }
+            fs::write(&path, &bytes).unwrap();
+            noticed += usize::from(catch_unwind(|| read_everything(&path)).expect("no panic") > 0);
+            let _ = catch_unwind(|| repair(&path)).expect("no panic");
+        }
+    }
+    assert!(noticed > 75, "only {noticed} of 300 damaged files were noticed");
+}

@@ -1,0 +1,287 @@
+//! Twin of the luminance and label raster passes: a scene at one instant, seen ray by ray.
+
+use evis_scene::{AlphaMode, Material, Primitive, Scene, SceneState, TextureRef};
+use glam::{DVec2, DVec3, DVec4};
+use rayon::prelude::*;
+
+use super::bvh::{Bvh, Hit, barycentric_change};
+use super::geometry::{Geometry, Object};
+use super::pinhole::{Pinhole, Ray};
+use super::shade::{self, Lamp, Surface, rgb};
+use super::texture::{TextureFilter, Textures};
+
+/// Rec. ITU-R BT.709-6, item 3.2.
+pub const LUMA_WEIGHTS: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
+
+/// What is computed beyond the plain picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// How textures are read.
+    pub filter: TextureFilter,
+    /// Lights that cast shadows do so, sharply: the limit that shadow maps approach.
+    pub shadows: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { filter: TextureFilter::Mipmapped { level_bias: 0.0 }, shadows: false }
+    }
+}
+
+/// A scene at one instant, ready for rays.
+pub struct Raster<'a> {
+    scene: &'a Scene,
+    textures: &'a Textures,
+    options: Options,
+    geometry: Geometry,
+    bvh: Bvh,
+    lamps: Vec<Lamp>,
+    emission_factor: Vec<f32>,
+}
+
+/// Labels, one sample at each pixel's centre, row-major from the top.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Labels {
+    /// Planar z in metres, +inf where nothing.
+    pub depth: Vec<f64>,
+    /// Instance, 0 where nothing.
+    pub instance: Vec<u32>,
+    /// Semantic class, 0 where nothing.
+    pub semantic: Vec<u32>,
+    /// Interpolated world normal, towards the camera; zero where nothing.
+    pub normal: Vec<DVec3>,
+    /// Which triangle ([`Geometry::triangles`]), to tell pixels near an edge.
+    pub triangle: Vec<Option<usize>>,
+}
+
+impl<'a> Raster<'a> {
+    /// Prepares `scene` as `state` has it; `textures` are those of `scene`.
+    pub fn new(scene: &'a Scene, state: &SceneState, textures: &'a Textures, options: Options) -> Self {
+        let geometry = Geometry::new(scene, state);
+        let bvh = Bvh::new(&geometry);
+        let lamps = shade::lamps(scene, state);
+        Self {
+            scene,
+            textures,
+            options,
+            geometry,
+            bvh,
+            lamps,
+            emission_factor: state.emission_factor.clone(),
+        }
+    }
+
+    /// The triangles that rays are cast against.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// Mean linear RGB per pixel over samples at `offsets` from its centre, in pixels, row-major from the top.
+    pub fn color(&self, camera: &Pinhole, offsets: &[[f64; 2]]) -> Vec<DVec3> {
+        self.for_pixels(camera, |center| {
+            let sum: DVec3 =
+                offsets.iter().map(|o| self.radiance_at(camera, [center[0] + o[0], center[1] + o[1]])).sum();
+            sum / offsets.len().max(1) as f64
+        })
+    }
+
+    /// Mean luminance per pixel; the mean is taken in linear light.
+    pub fn luminance(&self, camera: &Pinhole, offsets: &[[f64; 2]]) -> Vec<f64> {
+        self.color(camera, offsets).into_iter().map(|c| c.dot(LUMA_WEIGHTS)).collect()
+    }
+
+    /// Linear RGB at one image point.
+    pub fn radiance_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> DVec3 {
+        let ray = camera.ray(pixel);
+        match self.visible(camera, &ray) {
+            Some(hit) => self.shade(&hit, &ray),
+            None => match &self.scene.environment {
+                Some(environment) if environment.visible => environment.radiance(ray.direction),
+                _ => rgb(self.scene.background),
+            },
+        }
+    }
+
+    /// What is seen at one image point; the hit's distance is planar depth.
+    pub fn hit_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> Option<Hit> {
+        self.visible(camera, &camera.ray(pixel))
+    }
+
+    /// Labels of every pixel.
+    pub fn labels(&self, camera: &Pinhole) -> Labels {
+        let mut labels = Labels::default();
+        for hit in self.for_pixels(camera, |center| self.hit_at(camera, center)) {
+            let object = hit.map(|hit| self.object(&hit));
+            labels.depth.push(hit.map_or(f64::INFINITY, |hit| hit.distance));
+            labels.instance.push(object.map_or(0, |o| o.instance_id));
+            labels.semantic.push(object.map_or(0, |o| o.semantic_id));
+            labels.normal.push(hit.map_or(DVec3::ZERO, |hit| self.interpolated_normal(&hit)));
+            labels.triangle.push(hit.map(|hit| hit.triangle));
+        }
+        labels
+    }
+
+    /// Per pixel, how far in pixels (x right, y down) what is seen at its centre moves until `other` and
+    /// `other_camera`, which are this scene at another time: the same point of the same triangle, projected.
+    /// The sky moves with rotation. `None` where the point is then not in front of the camera.
+    pub fn flow(&self, camera: &Pinhole, other: &Geometry, other_camera: &Pinhole) -> Vec<Option<[f64; 2]>> {
+        self.for_pixels(camera, |center| {
+            let ray = camera.ray(center);
+            let there = match self.visible(camera, &ray) {
+                Some(hit) => {
+                    let corners = other.corners(hit.triangle).map(|v| v.position);
+                    other_camera.project(blend(&hit, corners))
+                }
+                None => other_camera.project_direction(ray.direction),
+            }?;
+            Some([there[0] - center[0], there[1] - center[1]])
+        })
+    }
+
+    fn for_pixels<T: Send>(&self, camera: &Pinhole, f: impl Fn([f64; 2]) -> T + Sync) -> Vec<T> {
+        let width = camera.width.max(1);
+        (0..camera.width * camera.height)
+            .into_par_iter()
+            .map(|i| f([(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]))
+            .collect()
+    }
+
+    fn visible(&self, camera: &Pinhole, ray: &Ray) -> Option<Hit> {
+        self.bvh.nearest(&self.geometry, ray.origin, ray.direction, camera.near, |hit| {
+            let Some((_, material)) = self.looks(hit) else { return false };
+            // glTF 2.0, 3.9.6: without doubleSided, back faces are culled.
+            (material.double_sided || self.front(hit)) && self.solid(hit, ray)
+        })
+    }
+
+    fn object(&self, hit: &Hit) -> &Object {
+        &self.geometry.objects[self.geometry.triangles[hit.triangle].object]
+    }
+
+    fn looks(&self, hit: &Hit) -> Option<(&Primitive, &Material)> {
+        let object = self.object(hit);
+        let primitive = &self.scene.meshes[object.mesh].primitives[object.primitive];
+        Some((primitive, self.scene.materials.get(primitive.material)?))
+    }
+
+    /// The viewer sees the outside.
+    fn front(&self, hit: &Hit) -> bool {
+        hit.counter_clockwise != self.object(hit).mirrored
+    }
+
+    /// glTF 2.0, 3.9.4: masked surfaces exist where alpha reaches the cutoff.
+    fn solid(&self, hit: &Hit, ray: &Ray) -> bool {
+        match self.looks(hit) {
+            Some((primitive, material)) => match material.alpha {
+                AlphaMode::Opaque => true,
+                AlphaMode::Mask(cutoff) => {
+                    self.base_color(primitive, material, hit, ray).w >= f64::from(cutoff)
+                }
+            },
+            None => false,
+        }
+    }
+
+    fn base_color(&self, primitive: &Primitive, material: &Material, hit: &Hit, ray: &Ray) -> DVec4 {
+        let factor = DVec4::from_array(material.base_color.map(f64::from));
+        let vertex = primitive.colors.as_ref().map_or(DVec4::ONE, |colors| {
+            let corners = self.geometry.triangles[hit.triangle].corners;
+            blend(
+                hit,
+                corners.map(|c| colors.get(c).map_or(DVec4::ONE, |v| DVec4::from_array(v.map(f64::from)))),
+            )
+        });
+        factor * vertex * self.texel(primitive, material.base_color_texture, hit, ray).unwrap_or(DVec4::ONE)
+    }
+
+    /// The texture's value at a hit; `None` where the material has none or the primitive lacks its coordinates.
+    fn texel(
+        &self,
+        primitive: &Primitive,
+        texture: Option<TextureRef>,
+        hit: &Hit,
+        ray: &Ray,
+    ) -> Option<DVec4> {
+        let texture = texture?;
+        let uvs = primitive.uvs.get(texture.uv_set as usize)?.as_ref()?;
+        let corners = self.geometry.triangles[hit.triangle].corners;
+        let [a, b, c] =
+            corners.map(|i| uvs.get(i).map_or(DVec2::ZERO, |uv| DVec2::from_array(uv.map(f64::from))));
+        // KHR_texture_transform.
+        let [m0, m1, m2, m3, m4, m5] = texture.transform.map(f64::from);
+        let turn = |v: DVec2| DVec2::new(m0 * v.x + m1 * v.y, m3 * v.x + m4 * v.y);
+        let uv = turn(blend(hit, [a, b, c])) + DVec2::new(m2, m5);
+        let footprint = ray.per_pixel.map(|change| {
+            let [da, db, dc] = barycentric_change(&self.geometry, hit, ray.origin, ray.direction, change);
+            turn(a * da + b * db + c * dc)
+        });
+        Some(self.textures.sample(self.scene, texture.texture, uv, footprint, self.options.filter))
+    }
+
+    fn interpolated_normal(&self, hit: &Hit) -> DVec3 {
+        let normal = blend(hit, self.geometry.corners(hit.triangle).map(|v| v.normal)).normalize_or(DVec3::Z);
+        if self.front(hit) { normal } else { -normal }
+    }
+
+    /// glTF 2.0, 3.9.3: tangent-space normals, x and y scaled; back faces turn the result (3.9.6).
+    fn shading_normal(&self, primitive: &Primitive, material: &Material, hit: &Hit, ray: &Ray) -> DVec3 {
+        let facing = self.interpolated_normal(hit);
+        let Some(texel) = self.texel(primitive, material.normal_texture, hit, ray) else { return facing };
+        let side = if self.front(hit) { 1.0 } else { -1.0 };
+        let normal = facing * side;
+        let corners = self.geometry.corners(hit.triangle);
+        let tangent = blend(hit, corners.map(|v| v.tangent.0));
+        let Some(tangent) = (tangent - normal * normal.dot(tangent)).try_normalize() else { return facing };
+        let bitangent = normal.cross(tangent) * blend(hit, corners.map(|v| v.tangent.1));
+        let local = texel.truncate() * 2.0 - 1.0;
+        let scale = f64::from(material.normal_scale);
+        let mapped = tangent * (local.x * scale) + bitangent * (local.y * scale) + normal * local.z;
+        mapped.normalize_or(normal) * side
+    }
+
+    fn shade(&self, hit: &Hit, ray: &Ray) -> DVec3 {
+        let Some((primitive, material)) = self.looks(hit) else { return DVec3::ZERO };
+        let texel = |texture| self.texel(primitive, texture, hit, ray);
+        let emission_factor = self.emission_factor.get(primitive.material).map_or(1.0, |f| f64::from(*f));
+        let emissive = texel(material.emissive_texture).map_or(DVec3::ONE, DVec4::truncate);
+        let surface_map = texel(material.metallic_roughness_texture).unwrap_or(DVec4::ONE);
+        let occlusion = texel(material.occlusion_texture)
+            .map_or(1.0, |t| 1.0 + f64::from(material.occlusion_strength) * (t.x - 1.0));
+        let surface = Surface {
+            model: material.model,
+            position: ray.origin + ray.direction * hit.distance,
+            normal: self.shading_normal(primitive, material, hit, ray),
+            to_eye: -ray.direction.normalize(),
+            base: self.base_color(primitive, material, hit, ray).truncate(),
+            metallic: (f64::from(material.metallic) * surface_map.z).clamp(0.0, 1.0),
+            roughness: (f64::from(material.roughness) * surface_map.y).clamp(0.0, 1.0),
+            occlusion,
+            emitted: rgb(material.emissive) * emissive * emission_factor,
+            emission_factor,
+        };
+        let environment = self.scene.environment.as_ref();
+        shade::radiance(&surface, &self.lamps, rgb(self.scene.ambient), environment, |lamp, incident| {
+            let dark =
+                self.options.shadows && lamp.casts_shadow && self.blocked(hit, surface.position, incident);
+            f64::from(u8::from(!dark))
+        })
+    }
+
+    /// Whether anything solid, from either side, lies between a surface and a light.
+    fn blocked(&self, hit: &Hit, position: DVec3, incident: &shade::Incident) -> bool {
+        // Away from the surface by a part of its distance that f64 resolves and nothing in a scene is as thin as.
+        let start = 1e-7 * (1.0 + position.abs().max_element());
+        let ray = Ray { origin: position, direction: incident.to_light, per_pixel: [DVec3::ZERO; 2] };
+        self.bvh
+            .nearest(&self.geometry, ray.origin, ray.direction, start, |h| {
+                h.triangle != hit.triangle && self.solid(h, &ray)
+            })
+            .is_some_and(|h| h.distance < incident.distance)
+    }
+}
+
+/// The value at a hit of what varies linearly over a triangle.
+fn blend<T: std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T>>(hit: &Hit, [a, b, c]: [T; 3]) -> T {
+    let [u, v, w] = hit.barycentric;
+    a * u + b * v + c * w
+}

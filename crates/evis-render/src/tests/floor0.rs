@@ -1,0 +1,328 @@
+//! Floor 0: needs nothing. WGSL validates; layouts, bindings and constants agree; no orphan shader.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::mem::offset_of;
+
+use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
+
+use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
+use crate::pass::{Access, Binding, labels, trigger};
+use crate::shader::{self, compose};
+use crate::uniforms;
+use crate::variant::{Interface, SurfaceVariant, prelude};
+
+fn every_feature() -> SurfaceVariant {
+    SurfaceVariant {
+        model: 2,
+        base_texture: true,
+        metallic_roughness_texture: true,
+        normal_texture: true,
+        occlusion_texture: true,
+        emissive_texture: true,
+        uv1: true,
+        color: true,
+        skinned: true,
+        morphed: true,
+        mask: true,
+        double_sided: false,
+        mirrored: false,
+        emission_waveform: true,
+    }
+}
+
+type Groups = &'static [&'static [Binding]];
+const SURFACE: Groups = &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS];
+
+/// Entry files, with the groups that their passes declare.
+fn entries() -> Vec<(&'static str, Groups)> {
+    vec![
+        ("raster/luminance.wgsl", SURFACE),
+        ("raster/shadow_map.wgsl", &[FRAME_BINDINGS, MATERIAL_BINDINGS]),
+        ("raster/sky.wgsl", &[FRAME_BINDINGS, &[], SURROUNDINGS_BINDINGS]),
+        (
+            "labels/geometry.wgsl",
+            &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, labels::LABEL_BINDINGS],
+        ),
+        ("labels/appearance.wgsl", SURFACE),
+        ("labels/sky.wgsl", &[FRAME_BINDINGS, labels::SKY_FLOW_BINDINGS]),
+        ("trigger/count.wgsl", &[trigger::COUNT_BINDINGS]),
+        ("trigger/block.wgsl", &[trigger::BLOCK_BINDINGS]),
+        ("trigger/scan.wgsl", &[trigger::SCAN_BINDINGS]),
+        ("trigger/emit.wgsl", &[trigger::EMIT_BINDINGS]),
+        ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
+    ]
+}
+
+fn draws_surfaces(file: &str) -> bool {
+    compose(file, "").contains("VertexIn")
+}
+
+fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Module {
+    let prelude = if draws_surfaces(file) { prelude(variant, interface) } else { String::new() };
+    let text = compose(file, &prelude);
+    naga::front::wgsl::parse_str(&text).unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&text)))
+}
+
+fn variants() -> Vec<SurfaceVariant> {
+    let mut out = vec![SurfaceVariant::default(), every_feature()];
+    for model in 0..3 {
+        for bit in 0..9 {
+            let mut v = SurfaceVariant { model, ..Default::default() };
+            *[
+                &mut v.base_texture,
+                &mut v.normal_texture,
+                &mut v.emissive_texture,
+                &mut v.color,
+                &mut v.skinned,
+                &mut v.morphed,
+                &mut v.mask,
+                &mut v.emission_waveform,
+                &mut v.metallic_roughness_texture,
+            ][bit] = true;
+            out.push(v);
+        }
+    }
+    out
+}
+
+#[test]
+fn every_shader_validates_in_every_variant() {
+    let mut validator =
+        naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::all());
+    let mut validated = 0;
+    for (file, _) in entries() {
+        let cases = if draws_surfaces(file) { variants() } else { vec![SurfaceVariant::default()] };
+        for variant in &cases {
+            for depth_only in [false, true] {
+                let interface = Interface { normal_label: file.starts_with("labels/appearance"), depth_only };
+                let needs_shading = file.contains("luminance") || file.contains("appearance");
+                if depth_only && needs_shading {
+                    continue;
+                }
+                let module = parse(file, variant, interface);
+                validator.validate(&module).unwrap_or_else(|e| panic!("{file} {variant:?}: {e:?}"));
+                validated += 1;
+            }
+        }
+    }
+    assert!(validated > 100);
+}
+
+#[test]
+fn no_shader_is_an_orphan() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/shaders");
+    let mut on_disk = BTreeSet::new();
+    for folder in std::fs::read_dir(root).unwrap() {
+        let folder = folder.unwrap();
+        for file in std::fs::read_dir(folder.path()).unwrap() {
+            let name = file.unwrap().file_name();
+            on_disk.insert(format!("{}/{}", folder.file_name().to_string_lossy(), name.to_string_lossy()));
+        }
+    }
+    let listed: BTreeSet<_> = shader::FILES.iter().map(|(n, _)| (*n).to_owned()).collect();
+    assert_eq!(on_disk, listed);
+
+    let texts: BTreeMap<_, _> = shader::FILES.iter().copied().collect();
+    let mut reached = BTreeSet::new();
+    let mut open: Vec<&str> = entries().iter().map(|(f, _)| *f).collect();
+    while let Some(file) = open.pop() {
+        if reached.insert(file.to_owned()) {
+            open.extend(shader::imports(texts[file]));
+        }
+    }
+    assert_eq!(reached, listed, "a file that no pass reaches is dead");
+}
+
+fn access_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Access {
+    match (variable.space, &module.types[variable.ty].inner) {
+        (AddressSpace::Uniform, _) => Access::Uniform,
+        (AddressSpace::Storage { access }, _) if access.contains(StorageAccess::STORE) => Access::Write,
+        (AddressSpace::Storage { .. }, _) => Access::Read,
+        (_, TypeInner::Sampler { comparison: true }) => Access::ComparisonSampler,
+        (_, TypeInner::Sampler { comparison: false }) => Access::Sampler,
+        (_, TypeInner::Image { dim, arrayed, class }) => match (dim, arrayed, class) {
+            (ImageDimension::Cube, ..) => Access::Cube,
+            (_, true, ImageClass::Depth { .. }) => Access::DepthLayers,
+            (_, _, ImageClass::Storage { .. }) => Access::StorageLayer,
+            (_, _, ImageClass::Sampled { multi: true, .. }) => Access::Multisampled,
+            (_, true, _) => Access::Layers,
+            _ => Access::Texture,
+        },
+        other => panic!("{:?}: {other:?}", variable.name),
+    }
+}
+
+#[test]
+fn bindings_are_what_the_shaders_say() {
+    for (file, groups) in entries() {
+        let module = parse(file, &every_feature(), Interface::default());
+        let mut found = 0;
+        for (_, variable) in module.global_variables.iter() {
+            let Some(place) = variable.binding else { continue };
+            let name = variable.name.as_deref().unwrap_or_default();
+            let declared = groups
+                .get(place.group as usize)
+                .and_then(|g| g.iter().find(|b| b.binding == place.binding))
+                .unwrap_or_else(|| panic!("{file}: {name} at {place:?} is not declared"));
+            let access = match declared.access {
+                Access::DynamicUniform(_) => Access::Uniform,
+                other => other,
+            };
+            assert_eq!((declared.name, access), (name, access_of(&module, variable)), "{file} {place:?}");
+            found += 1;
+        }
+        assert!(found > 0, "{file} binds nothing");
+    }
+}
+
+/// Field names, offsets and size of `name` as naga sees them in `file`.
+fn wgsl_struct(file: &str, name: &str) -> (Vec<(String, u32)>, u32) {
+    let module = parse(file, &every_feature(), Interface::default());
+    let (_, ty) = module
+        .types
+        .iter()
+        .find(|(_, t)| t.name.as_deref() == Some(name))
+        .unwrap_or_else(|| panic!("{file} has no struct {name}"));
+    let TypeInner::Struct { members, span } = &ty.inner else { panic!("{name} is no struct") };
+    (members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset)).collect(), *span)
+}
+
+macro_rules! same_layout {
+    ($file:literal, $wgsl:literal, $rust:ty { $($field:ident),* $(,)? }) => {{
+        let (fields, size) = wgsl_struct($file, $wgsl);
+        let rust = vec![$((stringify!($field).to_owned(), offset_of!($rust, $field) as u32)),*];
+        assert_eq!(rust, fields, "{}", $wgsl);
+        assert_eq!(size_of::<$rust>() as u32, size, "{}", $wgsl);
+    }};
+}
+
+#[test]
+fn host_and_shader_structs_have_one_layout() {
+    same_layout!(
+        "raster/luminance.wgsl",
+        "Frame",
+        uniforms::Frame {
+            world_from_camera_right,
+            world_from_camera_up,
+            world_from_camera_back,
+            ray,
+            background,
+            ambient,
+            light_base,
+            shadow_matrix_base,
+            shadow_layer_base,
+            pad,
+        }
+    );
+    same_layout!(
+        "raster/luminance.wgsl",
+        "ObjectRecord",
+        uniforms::ObjectRecord {
+            clip_from_object,
+            world_row_0,
+            world_row_1,
+            world_row_2,
+            joint_base,
+            morph_weight_base,
+            morph_data_base,
+            morph_target_count,
+            morph_vertex_count,
+            instance_id,
+            semantic_id,
+            emission_factor,
+        }
+    );
+    same_layout!(
+        "raster/luminance.wgsl",
+        "Material",
+        uniforms::MaterialUniform { base_color, emissive, factors, uv_rows }
+    );
+    same_layout!(
+        "raster/luminance.wgsl",
+        "Light",
+        uniforms::LightRecord { position_kind, direction_range, radiance_shadow, spot }
+    );
+    same_layout!("raster/luminance.wgsl", "ShadowMatrix", uniforms::ShadowMatrix { clip_from_world, texel });
+    same_layout!(
+        "labels/geometry.wgsl",
+        "LabelFrame",
+        uniforms::LabelFrame { next_offset, last_offset, half_size }
+    );
+    same_layout!(
+        "labels/sky.wgsl",
+        "SkyFlow",
+        uniforms::SkyFlow { next_clip_from_world, last_clip_from_world, half_size, pad }
+    );
+    same_layout!(
+        "trigger/count.wgsl",
+        "TriggerParams",
+        uniforms::TriggerParams {
+            width,
+            height,
+            stride,
+            view_count,
+            pad,
+            instants,
+            event_capacity,
+            first,
+            times,
+        }
+    );
+    same_layout!(
+        "trigger/count.wgsl",
+        "ViewSensor",
+        uniforms::ViewSensor { threshold_on, threshold_off, log_eps, inverse_reference_luminance }
+    );
+    same_layout!("trigger/count.wgsl", "PixelMemory", uniforms::PixelMemory { reference_log, log_luma });
+    same_layout!(
+        "trigger/count.wgsl",
+        "Status",
+        uniforms::Status { stalled, event_count, clamped, mismatched }
+    );
+    same_layout!("trigger/block.wgsl", "BlockParams", uniforms::BlockParams { block_count, row });
+    same_layout!(
+        "trigger/scan.wgsl",
+        "ScanParams",
+        uniforms::ScanParams { block_count, blocks_per_view, view_count, event_capacity }
+    );
+}
+
+#[test]
+#[should_panic(expected = "Status")]
+fn canary_a_swapped_field_is_seen() {
+    #[repr(C)]
+    struct Swapped {
+        event_count: u32,
+        stalled: u32,
+        clamped: u32,
+        mismatched: u32,
+    }
+    same_layout!("trigger/count.wgsl", "Status", Swapped { stalled, event_count, clamped, mismatched });
+}
+
+/// A scalar constant of `file`.
+fn constant(file: &str, name: &str) -> f64 {
+    let module = parse(file, &every_feature(), Interface::default());
+    let (_, constant) = module
+        .constants
+        .iter()
+        .find(|(_, c)| c.name.as_deref() == Some(name))
+        .unwrap_or_else(|| panic!("{file} has no constant {name}"));
+    match module.global_expressions[constant.init] {
+        naga::Expression::Literal(naga::Literal::U32(v)) => f64::from(v),
+        naga::Expression::Literal(naga::Literal::F32(v)) => f64::from(v),
+        ref other => panic!("{name}: {other:?}"),
+    }
+}
+
+#[test]
+fn constants_agree() {
+    use crate::sizes::{BLOCK_PIXELS, MAX_INSTANTS, WORKGROUP};
+    assert_eq!(constant("trigger/count.wgsl", "WORKGROUP"), f64::from(WORKGROUP));
+    assert_eq!(constant("trigger/block.wgsl", "BLOCK_PIXELS"), f64::from(BLOCK_PIXELS));
+    let limit = f64::from(evis_core::trigger::MAX_EVENTS_PER_INTERVAL);
+    assert_eq!(constant("trigger/count.wgsl", "MAX_EVENTS_PER_INTERVAL"), limit);
+    // Times of the instants and of the one before them fit the uniform.
+    let params = uniforms::TriggerParams::default();
+    assert!(MAX_INSTANTS as usize + 1 <= params.times.len() * 4);
+}

@@ -1,0 +1,269 @@
+//! Floor 2: each pass equals its CPU twin, with planted boundary cases and a canary.
+
+use evis_core::trigger::PixelState;
+use evis_core::{SensorConfig, TimeGrid, TriggerRule};
+
+use crate::cpu::trigger::{log_luma, walk};
+use crate::engine::{map, wait_mapped};
+use crate::gpu::Gpu;
+use crate::interval::{Group, Slot, Unit, encode_trigger};
+use crate::pass::trigger::TriggerPasses;
+use crate::sizes::Plan;
+use crate::targets::Targets;
+use crate::uniforms::{PixelMemory, Status, ViewSensor};
+
+const WIDTH: u32 = 70;
+const HEIGHT: u32 = 9;
+const VIEWS: u32 = 2;
+const SAMPLES: u32 = 3;
+const INSTANTS: u32 = 5;
+
+/// A small hash to (0, 1): test inputs only.
+fn noise(i: u32) -> f32 {
+    let mut h = i.wrapping_mul(0x9E37_79B9) ^ 0x85EB_CA6B;
+    h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);
+    h = (h ^ (h >> 12)).wrapping_mul(0x297A_2D39);
+    ((h ^ (h >> 15)) >> 8) as f32 / (1u32 << 24) as f32
+}
+
+/// Luminance of every layer: smooth noise over four decades, with planted black, huge and constant pixels.
+fn layers() -> Vec<Vec<f32>> {
+    (0..VIEWS * INSTANTS * SAMPLES)
+        .map(|layer| {
+            let (instant, view) = (layer / SAMPLES % INSTANTS, layer / SAMPLES / INSTANTS);
+            (0..WIDTH * HEIGHT)
+                .map(|pixel| match pixel % 16 {
+                    0 => 0.0,
+                    1 => 1e38,
+                    2 => 0.5,
+                    3 if instant == 2 => 0.0,
+                    _ => {
+                        let level = noise(pixel * 31 + view) * 4.0 - 2.0;
+                        let change = (noise(pixel * 7 + instant * 977 + view) - 0.5) * 1.5;
+                        10f32.powf(level) * change.exp() * (1.0 + 0.1 * noise(layer * 131 + pixel))
+                    }
+                })
+                .collect()
+        })
+        .collect()
+}
+
+struct Ran {
+    status: Status,
+    offsets: Vec<u32>,
+    records: Vec<[u32; 2]>,
+    memory: Vec<PixelMemory>,
+}
+
+fn run(
+    gpu: &Gpu,
+    rule: TriggerRule,
+    layers: &[Vec<f32>],
+    sensors: &[ViewSensor],
+    grid: &TimeGrid,
+    capacity: u32,
+) -> Ran {
+    let plan = Plan { views_per_group: VIEWS, instants: INSTANTS, layers: VIEWS * INSTANTS * SAMPLES };
+    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, false);
+    for (layer, pixels) in layers.iter().enumerate() {
+        gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture: &targets.luminance_texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d { x: 0, y: 0, z: layer as u32 },
+                aspect: wgpu::TextureAspect::All,
+            },
+            bytemuck::cast_slice(pixels),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(WIDTH * 4),
+                rows_per_image: Some(HEIGHT),
+            },
+            wgpu::Extent3d { width: WIDTH, height: HEIGHT, depth_or_array_layers: 1 },
+        );
+    }
+    let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors);
+    let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
+    let passes = TriggerPasses::new(&gpu.device, rule, SAMPLES);
+    let unit = Unit { group: 0, first: 0, instants: INSTANTS };
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encode_trigger(gpu, &passes, grid, &mut encoder, &targets, &group, &unit, &slot);
+    let header = group.header_bytes();
+    encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, 16);
+    encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, 16, 4 * (u64::from(VIEWS) + 1));
+    encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, header, u64::from(capacity) * 8);
+    let memory = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: group.memory[1].size(),
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    // The first submission writes the second memory.
+    let copy = group.memory[1].size();
+    encoder.copy_buffer_to_buffer(&group.memory[1], 0, &memory, 0, copy);
+    let submission = gpu.queue.submit([encoder.finish()]);
+    for buffer in [&slot.staging, &memory] {
+        wait_mapped(gpu, &submission, &map(buffer)).unwrap();
+    }
+    let bytes = slot.staging.get_mapped_range(..).unwrap();
+    let status: Status = bytemuck::pod_read_unaligned(&bytes[..16]);
+    let offsets =
+        bytes[16..].chunks_exact(4).take(VIEWS as usize + 1).map(bytemuck::pod_read_unaligned).collect();
+    let records = bytes[header as usize..].chunks_exact(8).take(status.event_count.min(capacity) as usize);
+    let records = records.map(bytemuck::pod_read_unaligned).collect();
+    let memory = memory.get_mapped_range(..).unwrap();
+    let memory = memory.chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
+    Ran { status, offsets, records, memory }
+}
+
+fn sensors() -> Vec<ViewSensor> {
+    [(0.2, 0.3), (0.11, 0.07)]
+        .map(|(threshold_on, threshold_off)| ViewSensor {
+            threshold_on,
+            threshold_off,
+            log_eps: 1e-3,
+            inverse_reference_luminance: 1.0 / 0.7,
+        })
+        .to_vec()
+}
+
+/// Distance from a decision's nearest threshold crossing below which host and device may differ: their
+/// logarithms agree to a few units in the last place of values up to 90.
+const BAND: f32 = 4e-5;
+
+/// What the twin says of one pixel, and whether any of its decisions lies within the band.
+fn twin(config: &SensorConfig, log_lumas: &[f32], times: &[u32]) -> (Vec<(u32, bool)>, PixelState, bool) {
+    let mut near = false;
+    let mut state = None;
+    let mut events = Vec::new();
+    for (k, &l) in log_lumas.iter().enumerate() {
+        if let Some(PixelState { reference_log, .. }) = state {
+            let change: f32 = l - reference_log;
+            let threshold = if change >= 0.0 { config.threshold_on } else { config.threshold_off };
+            let steps = change.abs() / threshold;
+            near |= steps > 0.5 && (steps - steps.round()).abs() * threshold < BAND;
+        }
+        events.extend(walk(config, &mut state, &log_lumas[k..=k], &times[k..=k + 1]));
+    }
+    (events, state.unwrap(), near)
+}
+
+struct Comparison {
+    compared: usize,
+    events: usize,
+    near: usize,
+    flipped: usize,
+    late: i64,
+    wrong: Vec<String>,
+}
+
+fn compare(
+    ran: &Ran,
+    rule: TriggerRule,
+    layers: &[Vec<f32>],
+    sensors: &[ViewSensor],
+    grid: &TimeGrid,
+) -> Comparison {
+    let times: Vec<u32> =
+        std::iter::once(0).chain((0..INSTANTS).map(|k| grid.instant_us(i64::from(k)) as u32)).collect();
+    let mut out = Comparison { compared: 0, events: 0, near: 0, flipped: 0, late: 0, wrong: Vec::new() };
+    for view in 0..VIEWS {
+        let sensor = &sensors[view as usize];
+        let config = SensorConfig {
+            threshold_on: sensor.threshold_on,
+            threshold_off: sensor.threshold_off,
+            log_eps: sensor.log_eps,
+            trigger: rule,
+        };
+        let range = ran.offsets[view as usize] as usize..ran.offsets[view as usize + 1] as usize;
+        let mut device = ran.records[range].iter().peekable();
+        for pixel in 0..WIDTH * HEIGHT {
+            let (x, y) = (pixel % WIDTH, pixel / WIDTH);
+            let mut got = Vec::new();
+            while let Some(r) = device.next_if(|r| r[1] & 0x3FF_FFFF == x | y << 13) {
+                got.push((r[0], r[1] >> 26 & 1 == 1));
+            }
+            let lumas: Vec<f32> = (0..INSTANTS)
+                .map(|k| {
+                    let first = ((view * INSTANTS + k) * SAMPLES) as usize;
+                    let samples = (first..first + SAMPLES as usize).map(|l| layers[l][pixel as usize]);
+                    log_luma(samples, 1.0 / sensor.inverse_reference_luminance, config.log_eps)
+                })
+                .collect();
+            let (expected, state, near) = twin(&config, &lumas, &times);
+            out.compared += 1;
+            out.events += expected.len();
+            out.near += usize::from(near);
+            let same_kind = got.len() == expected.len() && got.iter().zip(&expected).all(|(a, b)| a.1 == b.1);
+            if !same_kind {
+                if near {
+                    out.flipped += 1;
+                } else {
+                    out.wrong.push(format!("({x}, {y}) view {view}: {got:?}, twin {expected:?}"));
+                }
+                continue;
+            }
+            for (a, b) in got.iter().zip(&expected) {
+                out.late += i64::from(a.0) - i64::from(b.0);
+                if a.0.abs_diff(b.0) > 1 {
+                    out.wrong.push(format!("({x}, {y}) view {view}: at {} us, twin {}", a.0, b.0));
+                }
+            }
+            let stride = crate::sizes::row_stride(WIDTH);
+            let memory = ran.memory[((view * HEIGHT + y) * stride + x) as usize];
+            if (memory.reference_log - state.reference_log).abs() > BAND
+                || (memory.log_luma - state.log_luma).abs() > BAND
+            {
+                out.wrong.push(format!("({x}, {y}) view {view}: memory {memory:?}, twin {state:?}"));
+            }
+        }
+        assert!(device.next().is_none(), "records of view {view} are not in pixel order");
+    }
+    out
+}
+
+#[test]
+fn trigger_passes_equal_their_twin() {
+    let Some(gpu) = super::device() else { return };
+    let layers = layers();
+    let sensors = sensors();
+    let grid = TimeGrid::new(1000.0 / 3.0).unwrap();
+    for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
+        let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 16);
+        assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
+        let got = compare(&ran, rule, &layers, &sensors, &grid);
+        assert!(got.wrong.is_empty(), "{rule:?}: {} wrong, first {}", got.wrong.len(), got.wrong[0]);
+        assert!(got.events > 5000 || rule == TriggerRule::Latch && got.events > 1000, "{}", got.events);
+        assert_eq!(got.compared as u32, WIDTH * HEIGHT * VIEWS);
+        // The band is there, it is small, and times have no bias to one side.
+        assert!(got.near > 0 && got.near < got.compared / 20, "{} near of {}", got.near, got.compared);
+        assert!(got.flipped <= got.near);
+        assert!(got.late.unsigned_abs() as usize <= got.events / 100, "bias {} us", got.late);
+    }
+}
+
+#[test]
+fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
+    let Some(gpu) = super::device() else { return };
+    let layers = layers();
+    let sensors = sensors();
+    let grid = TimeGrid::new(1000.0 / 3.0).unwrap();
+    let mut ran = run(&gpu, TriggerRule::Crossing, &layers, &sensors, &grid, 1 << 16);
+    let mut wrong = sensors.clone();
+    wrong[1].threshold_off *= 1.01;
+    assert!(!compare(&ran, TriggerRule::Crossing, &layers, &wrong, &grid).wrong.is_empty());
+    for record in &mut ran.records {
+        record[0] += 2;
+    }
+    assert!(!compare(&ran, TriggerRule::Crossing, &layers, &sensors, &grid).wrong.is_empty());
+}
+
+#[test]
+fn a_full_buffer_stalls_and_writes_nothing() {
+    let Some(gpu) = super::device() else { return };
+    let grid = TimeGrid::new(1000.0).unwrap();
+    let ran = run(&gpu, TriggerRule::Crossing, &layers(), &sensors(), &grid, 64);
+    assert_eq!(ran.status.stalled, 1);
+    assert!(ran.status.event_count > 64, "the host learns how many events there are");
+    assert!(ran.records.iter().all(|r| *r == [0, 0]), "nothing was emitted");
+}

@@ -1,0 +1,49 @@
+//! A scene by what a user calls it: a built-in name, or a file.
+
+use std::path::Path;
+
+use crate::environment::Environment;
+use crate::{Scene, SceneError, builtin, gltf, toml_scene};
+
+/// Loads `source`: a built-in name, or a `.toml`, `.gltf` or `.glb` file. `seed` varies built-in scenes.
+///
+/// A glTF file needs nothing else: where it has no camera, one that frames it is added; where nothing lights
+/// surfaces that answer light, the studio does ([`Environment::studio`]), and a warning says so.
+///
+/// # Errors
+/// Unknown names (the ones that exist are listed), unreadable and invalid files.
+pub fn load(source: &str, seed: u64) -> Result<Scene, SceneError> {
+    if builtin::names().iter().any(|(name, _)| *name == source) {
+        return builtin::load(source, seed);
+    }
+    let path = Path::new(source);
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    match ending.as_deref() {
+        Some("toml") => toml_scene::load(path),
+        Some("gltf" | "glb") => {
+            let mut scene = gltf::load(path, &gltf::Options::default())?;
+            if scene.needs_light() && scene.environment.is_none() {
+                scene.warnings.push("no light in the file: lit by the built-in studio".into());
+                scene.environment = Some(Environment::studio());
+            }
+            Ok(scene)
+        }
+        _ => Err(SceneError::Unknown {
+            what: "scene (a built-in name, or a .toml, .gltf or .glb file)",
+            name: source.into(),
+            known: builtin::names().iter().map(|(name, _)| (*name).to_owned()).collect(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_names_list_what_there_is() {
+        let text = load("warehuose", 0).unwrap_err().to_string();
+        assert!(text.contains("warehuose") && text.contains("warehouse"), "{text}");
+        assert!(load("missing.glb", 0).unwrap_err().to_string().contains("missing.glb"));
+    }
+}
