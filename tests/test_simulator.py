@@ -250,3 +250,31 @@ def test_ctrl_c_stops_a_stream_and_keeps_its_file(device: evis.Device, tmp_path:
     assert not recording.complete
     assert len(recording.events) > 0
     assert recording.poses.t_us[-1] >= 20_000
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_ctrl_c_ends_a_long_step_and_loses_nothing(device: evis.Device):
+    script = """
+        import time
+        import evis
+
+        def simulator():
+            return evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48), rate_hz=500.0, samples=1)
+
+        sim = simulator()
+        sim.step(10_000)
+        print("ready", flush=True)
+        began = time.perf_counter()
+        try:
+            sim.step(1_000_000_000)
+        except KeyboardInterrupt:
+            print("stopped after", time.perf_counter() - began, flush=True)
+        assert sim.now_us == 10_000, sim.now_us
+        other = simulator()
+        other.step(10_000)
+        assert sim.step(50_000).events.tobytes() == other.step(50_000).events.tobytes()
+        print("the same", flush=True)
+    """
+    text = interrupted(script)
+    assert "stopped after" in text, text
+    assert "the same" in text, text

@@ -214,6 +214,8 @@ class Simulator:
     def step(self, until_us: int) -> Packet:
         """Run to ``until_us`` and return everything from now on; the GIL is released meanwhile.
 
+        Ctrl-C ends it between intervals and loses nothing: the next step goes on from `now_us`.
+
         Parameters
         ----------
         until_us : int

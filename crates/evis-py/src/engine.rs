@@ -96,8 +96,7 @@ pub(crate) fn builtin_scene(name: &str, seed: u64) -> Result<evis_scene::Scene, 
 pub(crate) fn load_scene(path: &Path) -> Result<evis_scene::Scene, Failure> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
-        Some("toml") => Ok(evis_scene::toml_scene::load(path)?),
-        Some("gltf" | "glb") => Ok(evis_scene::gltf::load(path, &Default::default())?),
+        Some("toml" | "gltf" | "glb") => Ok(evis_scene::source::load(&path.to_string_lossy(), 0)?),
         _ => Err(ConfigError::new(
             "path",
             format!("'{}'", path.display()),

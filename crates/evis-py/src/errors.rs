@@ -60,6 +60,7 @@ impl From<EngineError> for Failure {
             EngineError::Config(error) => error.into(),
             EngineError::Scene(error) => error.into(),
             EngineError::Device(message) => Self::Device(message),
+            EngineError::Stopped => Self::Engine(error.to_string()),
         }
     }
 }

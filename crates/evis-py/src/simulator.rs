@@ -1,23 +1,19 @@
 //! The simulator and its stream.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::task::Poll;
-use std::time::Duration;
 
 use evis_core::{CameraInfo, SensorConfig};
 use evis_render::{Gpu, PacketStream, RunConfig};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::door::EnterEngine;
+use crate::door::{EnterEngine, SIGNAL_PERIOD};
 use crate::engine;
 use crate::errors::Failure;
 use crate::packet::{self, Packet};
 use crate::scene::Scene;
-
-/// How long the wait for a packet lasts before Ctrl-C is looked for.
-const SIGNAL_PERIOD: Duration = Duration::from_millis(50);
 
 /// The engine on one scene.
 #[pyclass(frozen, module = "evis._evis")]
@@ -30,6 +26,8 @@ pub(crate) struct Simulator {
     scene: String,
     device: evis_render::DeviceSummary,
     now_us: AtomicI64,
+    /// The engine's own: ends a step.
+    stop: Arc<AtomicBool>,
 }
 
 /// Packets in order, rendered ahead.
@@ -103,6 +101,7 @@ impl Simulator {
                 scene: name,
                 device: gpu.summary().clone(),
                 now_us: AtomicI64::new(simulator.now_us()),
+                stop: Arc::clone(simulator.stop()),
                 engine: Mutex::new(Some(simulator)),
             })
         })
@@ -148,7 +147,7 @@ impl Simulator {
 
     /// Runs to `until_us` and returns everything from now on.
     fn step(&self, py: Python<'_>, until_us: i64) -> PyResult<Packet> {
-        let packet = py.enter_engine(|| {
+        let packet = py.enter_engine_for_long(&self.stop, || {
             let mut engine = lock(&self.engine);
             let simulator = engine.as_mut().ok_or_else(taken)?;
             let packet = simulator.step(until_us)?;

@@ -69,6 +69,12 @@ impl Simulator {
         self.engine.now_us()
     }
 
+    /// Set from another thread, it ends a step after the submission in work with [`EngineError::Stopped`].
+    /// Nothing is lost: cleared, the next step delivers everything from [`Simulator::now_us`] on.
+    pub fn stop(&self) -> &Arc<AtomicBool> {
+        self.engine.stop()
+    }
+
     /// Runs to `until_us` (stream time) and yields everything in `[now, until_us)`.
     ///
     /// # Errors
@@ -94,9 +100,9 @@ impl Simulator {
         }
         let end = self.now_us().saturating_add(duration_us);
         let (send, receive) = sync_channel(AHEAD);
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = stop.clone();
         let mut engine = self.engine;
+        let stop = engine.stop().clone();
+        let stopped = stop.clone();
         let thread = std::thread::Builder::new()
             .name("evis-stream".into())
             .spawn(move || {
