@@ -1,1 +1,79 @@
-//! placeholder
+//! The Python module `evis._evis`: converts in, enters the engine through one door, converts out.
+
+mod door;
+mod engine;
+mod errors;
+mod events;
+mod packet;
+mod recording;
+mod scene;
+mod simulator;
+
+/// The engine of EVIS; use the package `evis`.
+#[pyo3::pymodule]
+mod _evis {
+    use pyo3::prelude::*;
+    use pyo3::types::PyDict;
+
+    use crate::door::EnterEngine;
+    use crate::errors::Failure;
+
+    #[pymodule_export]
+    use crate::packet::{Label, Packet, View};
+    #[pymodule_export]
+    use crate::recording::{Recording, Writer};
+    #[pymodule_export]
+    use crate::scene::Scene;
+    #[pymodule_export]
+    use crate::simulator::{Simulator, Stream};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        crate::errors::register(module)
+    }
+
+    /// The dtype of one event.
+    #[pyfunction]
+    fn event_dtype(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+        crate::events::event_dtype(py).map(Bound::into_any)
+    }
+
+    /// Per kind of label: name, dtype, values per pixel.
+    #[pyfunction]
+    fn label_kinds() -> Vec<(&'static str, &'static str, usize)> {
+        crate::engine::label_kinds()
+    }
+
+    /// Names and one-line descriptions of the built-in scenes.
+    #[pyfunction]
+    fn builtin_scenes() -> Vec<(&'static str, &'static str)> {
+        crate::engine::builtin_names()
+    }
+
+    /// Linear light of every 8-bit sRGB value.
+    #[pyfunction]
+    fn srgb_table() -> Vec<f32> {
+        crate::engine::srgb_table()
+    }
+
+    /// The devices that can run EVIS, as dictionaries.
+    #[pyfunction]
+    fn list_devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+        let devices = py.enter_engine(|| Ok::<_, Failure>(evis_render::list_devices()))?;
+        devices.iter().map(|device| crate::engine::device_dict(py, device)).collect()
+    }
+
+    /// Runs the command line; returns its exit code.
+    #[pyfunction]
+    fn run_cli(py: Python<'_>, args: Vec<String>) -> PyResult<i32> {
+        py.enter_engine(|| Ok::<_, Failure>(evis_cli::run(args)))
+    }
+
+    /// Takes the door the way that `kind` says: lets the tests see every exception, the released GIL and
+    /// the array's ownership without a device.
+    #[pyfunction]
+    fn _probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
+        crate::engine::probe(py, kind)
+    }
+}

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
@@ -168,6 +169,7 @@ pub struct Engine {
     delivered_us: i64,
     report: PacketReport,
     pose_state: SceneState,
+    stop: Arc<AtomicBool>,
 }
 
 impl Engine {
@@ -306,6 +308,7 @@ impl Engine {
             delivered_us: 0,
             report: PacketReport::default(),
             pose_state: SceneState::default(),
+            stop: Arc::default(),
             groups,
             context,
         })
@@ -316,6 +319,12 @@ impl Engine {
     pub fn limit_buffers(&mut self, capacity: u32, most: u32) {
         self.capacity = capacity;
         self.most_capacity = most;
+    }
+
+    /// Set, it ends a delivery after the submission in work with [`EngineError::Stopped`]; nothing is lost, the
+    /// next delivery goes on from there.
+    pub fn stop(&self) -> &Arc<AtomicBool> {
+        &self.stop
     }
 
     /// Stream time up to which packets were delivered.
@@ -330,6 +339,9 @@ impl Engine {
             while self.in_flight.len() < RING && self.submit_next(horizon_us)? {}
             if self.is_complete(until_us) {
                 break;
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(EngineError::Stopped);
             }
             self.collect_oldest()?;
         }

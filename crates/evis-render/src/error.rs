@@ -12,6 +12,9 @@ pub enum EngineError {
     /// No usable device, or the device failed.
     #[error("{0}")]
     Device(String),
+    /// It was asked to stop.
+    #[error("stopped on request; the next step goes on from there")]
+    Stopped,
 }
 
 impl From<wgpu::PollError> for EngineError {

@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::task::Poll;
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError};
 use evis_scene::Scene;
@@ -67,6 +69,12 @@ impl Simulator {
         self.engine.now_us()
     }
 
+    /// Set from another thread, it ends a step after the submission in work with [`EngineError::Stopped`].
+    /// Nothing is lost: cleared, the next step delivers everything from [`Simulator::now_us`] on.
+    pub fn stop(&self) -> &Arc<AtomicBool> {
+        self.engine.stop()
+    }
+
     /// Runs to `until_us` (stream time) and yields everything in `[now, until_us)`.
     ///
     /// # Errors
@@ -92,9 +100,9 @@ impl Simulator {
         }
         let end = self.now_us().saturating_add(duration_us);
         let (send, receive) = sync_channel(AHEAD);
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = stop.clone();
         let mut engine = self.engine;
+        let stop = engine.stop().clone();
+        let stopped = stop.clone();
         let thread = std::thread::Builder::new()
             .name("evis-stream".into())
             .spawn(move || {
@@ -125,7 +133,35 @@ impl Iterator for PacketStream {
     type Item = Result<Packet, EngineError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        self.receive.as_ref()?.recv().ok()
+        match self.receive.as_ref()?.recv() {
+            Ok(packet) => Some(packet),
+            Err(_) => self.ended(),
+        }
+    }
+}
+
+impl PacketStream {
+    /// Waits for the next packet for at most `wait`; pending where it is not there yet, so that a host can
+    /// look for an interruption meanwhile.
+    pub fn poll_next(&mut self, wait: Duration) -> Poll<Option<Result<Packet, EngineError>>> {
+        let Some(receive) = &self.receive else { return Poll::Ready(None) };
+        match receive.recv_timeout(wait) {
+            Ok(packet) => Poll::Ready(Some(packet)),
+            Err(RecvTimeoutError::Timeout) => Poll::Pending,
+            Err(RecvTimeoutError::Disconnected) => Poll::Ready(self.ended()),
+        }
+    }
+
+    /// After the thread has gone: nothing, or the error that a panic there is. A stream that broke must not
+    /// look like one that came to its end.
+    fn ended(&mut self) -> Option<Result<Packet, EngineError>> {
+        self.receive = None;
+        match self.thread.take()?.join() {
+            Ok(()) => None,
+            Err(_) => Some(Err(EngineError::Device(
+                "the stream's thread stopped with an internal error; please report what it printed".into(),
+            ))),
+        }
     }
 }
 

@@ -1,0 +1,234 @@
+//! Every call of the engine's crates that is more than a method, in one place; names become enums here.
+
+use std::path::Path;
+use std::time::Duration;
+
+use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity, TriggerRule};
+use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig};
+use evis_scene::{Image, SceneError};
+use half::f16;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::door::EnterEngine;
+use crate::errors::Failure;
+use crate::packet;
+
+/// Looks `name` up in `choices`.
+fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, Failure> {
+    choices.iter().find(|(known, _)| *known == name).map(|(_, value)| *value).ok_or_else(|| {
+        let known: Vec<_> = choices.iter().map(|(known, _)| format!("'{known}'")).collect();
+        ConfigError::new(what, format!("'{name}'"), known.join(" or ")).into()
+    })
+}
+
+pub(crate) fn trigger(name: &str) -> Result<TriggerRule, Failure> {
+    choose("trigger", name, &[("crossing", TriggerRule::Crossing), ("latch", TriggerRule::Latch)])
+}
+
+pub(crate) fn method(name: &str) -> Result<Method, Failure> {
+    choose("method", name, &[("native", Method::Native)])
+}
+
+pub(crate) fn antialias(name: &str) -> Result<Antialias, Failure> {
+    choose("antialias", name, &[("samples", Antialias::Samples), ("edges", Antialias::Edges)])
+}
+
+/// One kind of label by its name.
+pub(crate) fn label(name: &str) -> Result<LabelKind, Failure> {
+    let known: Vec<_> = LabelKind::ALL.iter().map(|kind| (kind.name(), *kind)).collect();
+    choose("label", name, &known)
+}
+
+/// Label names; `flow` stands for both directions and their masks.
+pub(crate) fn labels(names: &[String]) -> Result<Vec<LabelKind>, Failure> {
+    let mut kinds = Vec::new();
+    for name in names {
+        if name == "flow" {
+            kinds.extend(LabelKind::ALL.iter().filter(|kind| kind.name().starts_with("flow_")));
+        } else {
+            kinds.push(label(name)?);
+        }
+    }
+    kinds.sort();
+    kinds.dedup();
+    Ok(kinds)
+}
+
+pub(crate) fn camera_dict<'py>(py: Python<'py>, camera: &CameraInfo) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("name", &camera.name)?;
+    dict.set_item("width", camera.width)?;
+    dict.set_item("height", camera.height)?;
+    dict.set_item("fx", camera.fx)?;
+    dict.set_item("fy", camera.fy)?;
+    dict.set_item("cx", camera.cx)?;
+    dict.set_item("cy", camera.cy)?;
+    Ok(dict)
+}
+
+pub(crate) fn camera_info(dict: &Bound<'_, PyDict>) -> PyResult<CameraInfo> {
+    Ok(CameraInfo {
+        name: dict.as_any().get_item("name")?.extract()?,
+        width: dict.as_any().get_item("width")?.extract()?,
+        height: dict.as_any().get_item("height")?.extract()?,
+        fx: dict.as_any().get_item("fx")?.extract()?,
+        fy: dict.as_any().get_item("fy")?.extract()?,
+        cx: dict.as_any().get_item("cx")?.extract()?,
+        cy: dict.as_any().get_item("cy")?.extract()?,
+    })
+}
+
+pub(crate) fn device_dict<'py>(py: Python<'py>, device: &DeviceSummary) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("index", device.index)?;
+    dict.set_item("name", &device.name)?;
+    dict.set_item("backend", &device.backend)?;
+    dict.set_item("kind", &device.kind)?;
+    dict.set_item("driver", &device.driver)?;
+    Ok(dict)
+}
+
+pub(crate) fn builtin_scene(name: &str, seed: u64) -> Result<evis_scene::Scene, SceneError> {
+    evis_scene::builtin::load(name, seed)
+}
+
+pub(crate) fn load_scene(path: &Path) -> Result<evis_scene::Scene, Failure> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    match ending.as_deref() {
+        Some("toml" | "gltf" | "glb") => Ok(evis_scene::source::load(&path.to_string_lossy(), 0)?),
+        _ => Err(ConfigError::new(
+            "path",
+            format!("'{}'", path.display()),
+            "a .toml, .gltf or .glb file (built-in scenes: Scene.builtin)",
+        )
+        .into()),
+    }
+}
+
+/// The scene of a TOML text, in which textures of these names take these pixels.
+pub(crate) fn parse_scene(
+    text: &str,
+    base: &Path,
+    pictures: Vec<Picture>,
+) -> Result<evis_scene::Scene, SceneError> {
+    let mut scene = evis_scene::toml_scene::parse(text, base)?;
+    for picture in pictures {
+        let Picture { name, width, height, texels } = picture;
+        // A scene file's textures come before those of the glTF files that it includes.
+        let image = scene.images.iter_mut().find(|image| image.name == name).ok_or_else(|| {
+            SceneError::Rule(format!("texture '{name}' has pixels and is not in the scene; declare it"))
+        })?;
+        *image = Image { name, width, height, texels };
+    }
+    Ok(scene)
+}
+
+/// Pixels for a texture.
+pub(crate) struct Picture {
+    pub(crate) name: String,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) texels: Vec<[f16; 4]>,
+}
+
+/// Something to draw: a scene without anything is refused, and a text of cameras alone is no scene.
+const BACKDROP: &str = r#"
+materials = [{ name = "backdrop" }]
+primitives = [{ name = "backdrop", shape = "card", size = [1, 1], material = "backdrop" }]
+"#;
+
+/// `scene` with the cameras of a TOML text, each on the node of its name in `parents`.
+pub(crate) fn with_cameras(
+    scene: &evis_scene::Scene,
+    text: &str,
+    parents: &[Option<String>],
+) -> Result<evis_scene::Scene, SceneError> {
+    let added = evis_scene::toml_scene::parse(&format!("{BACKDROP}{text}"), Path::new(""))?;
+    let mut scene = scene.clone();
+    for (camera, parent) in added.cameras.into_iter().zip(parents) {
+        if scene.cameras.iter().any(|known| known.name == camera.name) {
+            let name = camera.name;
+            return Err(SceneError::Rule(format!(
+                "the scene has a camera named '{name}' already; give the new one another name"
+            )));
+        }
+        let parent = parent.as_deref().map(|name| find_node(&scene, name)).transpose()?;
+        let node = added.nodes.get(camera.node).cloned().unwrap_or_default();
+        let node = scene.add_node(evis_scene::Node { parent, ..node });
+        scene.cameras.push(evis_scene::Camera { node, ..camera });
+    }
+    Ok(scene)
+}
+
+fn find_node(scene: &evis_scene::Scene, name: &str) -> Result<usize, SceneError> {
+    let mut found = scene.nodes.iter().enumerate().filter(|(_, node)| node.name == name);
+    match (found.next(), found.next()) {
+        (Some((index, _)), None) => Ok(index),
+        (Some(_), Some(_)) => Err(SceneError::Rule(format!(
+            "more than one node is named '{name}'; a parent needs its own name"
+        ))),
+        (None, _) => Err(SceneError::Unknown {
+            what: "node",
+            name: name.into(),
+            known: scene.nodes.iter().map(|node| node.name.clone()).filter(|name| !name.is_empty()).collect(),
+        }),
+    }
+}
+
+/// Linear light of every 8-bit sRGB value.
+pub(crate) fn srgb_table() -> Vec<f32> {
+    (0..=255).map(|code| evis_scene::image::linear_from_srgb(f64::from(code) / 255.0) as f32).collect()
+}
+
+/// Names and one-line descriptions.
+pub(crate) fn builtin_names() -> Vec<(&'static str, &'static str)> {
+    evis_scene::builtin::names().to_vec()
+}
+
+/// Per kind of label: name, NumPy dtype, values per pixel.
+pub(crate) fn label_kinds() -> Vec<(&'static str, &'static str, usize)> {
+    LabelKind::ALL.iter().map(|kind| (kind.name(), packet::dtype(*kind), kind.channels())).collect()
+}
+
+/// What the tests see of the door and of the arrays without a device.
+pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
+    let failure = match kind {
+        "events" => {
+            let events =
+                (0..1000_u16).map(|k| Event::new(i64::from(k) * 10, k, k / 2, Polarity::On)).collect();
+            return Ok(packet::events_with_address(py, events)?.into_any().unbind());
+        }
+        "wait" => {
+            py.enter_engine(|| {
+                std::thread::sleep(Duration::from_millis(300));
+                Ok::<_, Failure>(())
+            })?;
+            return Ok(py.None());
+        }
+        "panic" => return py.enter_engine(|| -> Result<Py<PyAny>, Failure> { panic!("probe") }),
+        "config" => ConfigError::new("rate", -1, "above 0").into(),
+        "scene io" => {
+            SceneError::Io { path: "missing.glb".into(), source: std::io::Error::from_raw_os_error(2) }.into()
+        }
+        "scene invalid" => SceneError::invalid("bad.glb", "wrong magic").into(),
+        "scene unknown" => {
+            SceneError::Unknown { what: "camera", name: "x".into(), known: vec!["left".into()] }.into()
+        }
+        "device" => EngineError::Device("no driver".into()).into(),
+        other => Failure::Engine(format!("no probe named '{other}'")),
+    };
+    py.enter_engine(|| Err::<Py<PyAny>, _>(failure))
+}
+
+/// Everything that makes a stream what it is, as event files store it.
+pub(crate) fn config_toml(scene: &str, environments: usize, config: &RunConfig) -> Result<String, Failure> {
+    let unstorable =
+        |error: toml::ser::Error| Failure::Config(format!("the settings cannot be stored: {error}"));
+    let mut table = toml::Table::new();
+    table.insert("evis".into(), env!("CARGO_PKG_VERSION").into());
+    table.insert("scene".into(), scene.into());
+    table.insert("environments".into(), toml::Value::try_from(environments).map_err(unstorable)?);
+    table.insert("run".into(), toml::Value::try_from(config).map_err(unstorable)?);
+    toml::to_string(&table).map_err(unstorable)
+}

@@ -1,0 +1,250 @@
+//! Event files: the HDF5 writer and reader.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use evis_core::format::hdf5::{self, RecordingHeader, RecordingWriter};
+use evis_core::{LabelData, LabelFrame, PoseSample};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::door::EnterEngine;
+use crate::engine;
+use crate::errors::Failure;
+use crate::events::{self, EventCd};
+use crate::packet;
+use crate::simulator::lock;
+
+/// An HDF5 file that is being written.
+#[pyclass(frozen, module = "evis._evis")]
+pub(crate) struct Writer {
+    /// `None` once it is finished or abandoned.
+    writer: Mutex<Option<RecordingWriter>>,
+}
+
+fn finished() -> Failure {
+    Failure::Engine("this file is finished; open another one to write more".into())
+}
+
+impl Writer {
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut RecordingWriter) -> Result<T, evis_core::format::FormatError> + Send,
+    ) -> PyResult<T> {
+        py.enter_engine(|| {
+            let mut writer = lock(&self.writer);
+            Ok::<_, Failure>(work(writer.as_mut().ok_or_else(finished)?)?)
+        })
+    }
+}
+
+#[pymethods]
+impl Writer {
+    #[new]
+    #[pyo3(signature = (
+        path, *, cameras, seed, method, environment, config_toml, duration_us, t_offset_us, labels, overwrite
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per field of the header")]
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        cameras: Vec<Bound<'_, PyDict>>,
+        seed: u64,
+        method: String,
+        environment: u32,
+        config_toml: String,
+        duration_us: Option<i64>,
+        t_offset_us: i64,
+        labels: Vec<String>,
+        overwrite: bool,
+    ) -> PyResult<Self> {
+        let header = RecordingHeader {
+            cameras: cameras.iter().map(engine::camera_info).collect::<PyResult<_>>()?,
+            seed,
+            method,
+            environment,
+            config_toml,
+            duration_us,
+            t_offset_us,
+            labels: engine::labels(&labels)?,
+        };
+        let writer = py.enter_engine(|| RecordingWriter::create(&path, &header, overwrite))?;
+        Ok(Self { writer: Mutex::new(Some(writer)) })
+    }
+
+    /// Appends EventCD events of camera `camera`.
+    fn write_events(
+        &self,
+        py: Python<'_>,
+        camera: usize,
+        events: PyReadonlyArray1<'_, EventCd>,
+    ) -> PyResult<()> {
+        let events = events::as_events(&events)?;
+        self.with(py, |writer| writer.write_events(camera, events))
+    }
+
+    /// Appends a label image of camera `camera`.
+    fn write_label(
+        &self,
+        py: Python<'_>,
+        camera: usize,
+        kind: &str,
+        t_us: i64,
+        t_other_us: i64,
+        data: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let frame = LabelFrame { kind: engine::label(kind)?, t_us, t_other_us, data: label_data(data)? };
+        self.with(py, |writer| writer.write_label(camera, &frame))
+    }
+
+    /// Appends poses of camera `camera`: times (N,), positions (N, 3), rotations (N, 4).
+    fn write_poses(
+        &self,
+        py: Python<'_>,
+        camera: usize,
+        t_us: PyReadonlyArray1<'_, i64>,
+        position: PyReadonlyArray2<'_, f64>,
+        rotation: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<()> {
+        let (t_us, position, rotation) = (t_us.as_array(), position.as_array(), rotation.as_array());
+        let poses =
+            t_us.iter().zip(position.rows()).zip(rotation.rows()).map(|((t_us, position), rotation)| {
+                Some(PoseSample {
+                    t_us: *t_us,
+                    position: position.to_vec().try_into().ok()?,
+                    rotation: rotation.to_vec().try_into().ok()?,
+                })
+            });
+        let poses: Vec<_> = poses
+            .collect::<Option<_>>()
+            .ok_or_else(|| Failure::Config("poses take positions (N, 3) and rotations (N, 4)".into()))?;
+        self.with(py, |writer| poses.iter().try_for_each(|pose| writer.write_pose(camera, pose)))
+    }
+
+    /// Writes the report and closes the file.
+    fn finish(&self, py: Python<'_>, report_json: &str) -> PyResult<()> {
+        py.enter_engine(|| {
+            let writer = lock(&self.writer).take().ok_or_else(finished)?;
+            Ok::<_, Failure>(writer.finish(report_json)?)
+        })
+    }
+
+    /// Closes the file without a report: what was written stays readable, marked as incomplete.
+    fn abandon(&self, py: Python<'_>) -> PyResult<()> {
+        py.enter_engine(|| {
+            drop(lock(&self.writer).take());
+            Ok::<_, Failure>(())
+        })
+    }
+}
+
+/// An HDF5 file that is read piece by piece; it is open only during a call.
+#[pyclass(frozen, module = "evis._evis")]
+pub(crate) struct Recording(hdf5::Recording);
+
+#[pymethods]
+impl Recording {
+    #[new]
+    fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        Ok(Self(py.enter_engine(|| hdf5::Recording::open(&path))?))
+    }
+
+    /// Cameras as dictionaries: name, width, height, fx, fy, cx, cy.
+    #[getter]
+    fn cameras<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        self.0.header().cameras.iter().map(|camera| engine::camera_dict(py, camera)).collect()
+    }
+
+    #[getter]
+    fn labels(&self) -> Vec<&'static str> {
+        self.0.header().labels.iter().map(|kind| kind.name()).collect()
+    }
+
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.0.header().seed
+    }
+
+    #[getter]
+    fn method(&self) -> &str {
+        &self.0.header().method
+    }
+
+    #[getter]
+    fn environment(&self) -> u32 {
+        self.0.header().environment
+    }
+
+    #[getter]
+    fn config_toml(&self) -> &str {
+        &self.0.header().config_toml
+    }
+
+    #[getter]
+    fn t_offset_us(&self) -> i64 {
+        self.0.header().t_offset_us
+    }
+
+    fn is_complete(&self, py: Python<'_>) -> PyResult<bool> {
+        py.enter_engine(|| self.0.is_complete())
+    }
+
+    fn report_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        py.enter_engine(|| self.0.report())
+    }
+
+    fn event_count(&self, py: Python<'_>, camera: usize) -> PyResult<u64> {
+        py.enter_engine(|| self.0.event_count(camera))
+    }
+
+    /// Events of camera `camera` in `[start_us, end_us)`; all of them where there are no limits.
+    fn events<'py>(
+        &self,
+        py: Python<'py>,
+        camera: usize,
+        limits: Option<(i64, i64)>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let events = py.enter_engine(|| match limits {
+            Some((start_us, end_us)) => self.0.events_between(camera, start_us, end_us),
+            None => self.0.events(camera),
+        })?;
+        Ok(events::into_numpy(py, events).into_any())
+    }
+
+    fn label_times<'py>(
+        &self,
+        py: Python<'py>,
+        camera: usize,
+        kind: &str,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let kind = engine::label(kind)?;
+        Ok(PyArray1::from_vec(py, py.enter_engine(|| self.0.label_times(camera, kind))?))
+    }
+
+    fn label(&self, py: Python<'_>, camera: usize, kind: &str, index: usize) -> PyResult<packet::Label> {
+        let kind = engine::label(kind)?;
+        let frame = py.enter_engine(|| self.0.label(camera, kind, index))?;
+        let size = self.0.header().cameras.get(camera).map_or((0, 0), |info| (info.width, info.height));
+        packet::label(py, frame, size)
+    }
+
+    fn poses(&self, py: Python<'_>, camera: usize) -> PyResult<Py<PyAny>> {
+        packet::poses(py, &py.enter_engine(|| self.0.poses(camera))?)
+    }
+}
+
+fn label_data(data: &Bound<'_, PyAny>) -> PyResult<LabelData> {
+    if let Ok(values) = data.extract::<PyReadonlyArrayDyn<'_, f32>>() {
+        return Ok(LabelData::F32(values.as_array().iter().copied().collect()));
+    }
+    if let Ok(values) = data.extract::<PyReadonlyArrayDyn<'_, u32>>() {
+        return Ok(LabelData::U32(values.as_array().iter().copied().collect()));
+    }
+    if let Ok(values) = data.extract::<PyReadonlyArrayDyn<'_, u8>>() {
+        return Ok(LabelData::U8(values.as_array().iter().copied().collect()));
+    }
+    Err(PyTypeError::new_err("a label image is an array of float32, uint32 or uint8"))
+}

@@ -1,0 +1,221 @@
+//! The simulator and its stream.
+
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::task::Poll;
+
+use evis_core::{CameraInfo, SensorConfig};
+use evis_render::{Gpu, PacketStream, RunConfig};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::door::{EnterEngine, SIGNAL_PERIOD};
+use crate::engine;
+use crate::errors::Failure;
+use crate::packet::{self, Packet};
+use crate::scene::Scene;
+
+/// The engine on one scene.
+#[pyclass(frozen, module = "evis._evis")]
+pub(crate) struct Simulator {
+    /// `None` while a stream has it.
+    engine: Mutex<Option<evis_render::Simulator>>,
+    cameras: Vec<CameraInfo>,
+    environments: usize,
+    config: RunConfig,
+    scene: String,
+    device: evis_render::DeviceSummary,
+    now_us: AtomicI64,
+    /// The engine's own: ends a step.
+    stop: Arc<AtomicBool>,
+}
+
+/// Packets in order, rendered ahead.
+#[pyclass(frozen, module = "evis._evis")]
+pub(crate) struct Stream {
+    engine: Mutex<Option<PacketStream>>,
+    sizes: Vec<(u32, u32)>,
+}
+
+fn sizes(cameras: &[CameraInfo]) -> Vec<(u32, u32)> {
+    cameras.iter().map(|camera| (camera.width, camera.height)).collect()
+}
+
+/// A lock that a panic has poisoned still holds a usable `Option`: the panic was already reported.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+#[pymethods]
+impl Simulator {
+    #[new]
+    #[pyo3(signature = (
+        scene, *, threshold_on, threshold_off, log_eps, trigger, method, rate_hz, samples, antialias, cameras,
+        size, start_us, seed, labels, label_rate_hz, reference_luminance, device
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
+    fn new(
+        py: Python<'_>,
+        scene: &Scene,
+        threshold_on: f32,
+        threshold_off: f32,
+        log_eps: f32,
+        trigger: &str,
+        method: &str,
+        rate_hz: f64,
+        samples: u32,
+        antialias: &str,
+        cameras: Vec<String>,
+        size: Option<(u32, u32)>,
+        start_us: i64,
+        seed: u64,
+        labels: Vec<String>,
+        label_rate_hz: f64,
+        reference_luminance: Option<f32>,
+        device: Option<String>,
+    ) -> PyResult<Self> {
+        let config = RunConfig {
+            sensor: SensorConfig { threshold_on, threshold_off, log_eps, trigger: engine::trigger(trigger)? },
+            method: engine::method(method)?,
+            rate_hz,
+            samples,
+            antialias: engine::antialias(antialias)?,
+            cameras,
+            size,
+            start_us,
+            seed,
+            labels: engine::labels(&labels)?,
+            label_rate_hz,
+            reference_luminance,
+        };
+        config.check().map_err(Failure::from)?;
+        let scene = scene.shared();
+        let name = scene.name.clone();
+        py.enter_engine(move || {
+            let gpu = Gpu::open(device.as_deref())?;
+            let simulator = evis_render::Simulator::new(&gpu, scene, config)?;
+            Ok::<_, Failure>(Self {
+                cameras: simulator.cameras().to_vec(),
+                environments: simulator.environments(),
+                config: simulator.config().clone(),
+                scene: name,
+                device: gpu.summary().clone(),
+                now_us: AtomicI64::new(simulator.now_us()),
+                stop: Arc::clone(simulator.stop()),
+                engine: Mutex::new(Some(simulator)),
+            })
+        })
+    }
+
+    /// Cameras as dictionaries: name, width, height, fx, fy, cx, cy.
+    #[getter]
+    fn cameras<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        self.cameras.iter().map(|camera| engine::camera_dict(py, camera)).collect()
+    }
+
+    #[getter]
+    fn environments(&self) -> usize {
+        self.environments
+    }
+
+    #[getter]
+    fn device<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        engine::device_dict(py, &self.device)
+    }
+
+    /// The settings in force as TOML, with `reference_luminance` filled in; what event files store.
+    #[getter]
+    fn config_toml(&self) -> PyResult<String> {
+        engine::config_toml(&self.scene, self.environments, &self.config).map_err(Into::into)
+    }
+
+    #[getter]
+    fn reference_luminance(&self) -> Option<f32> {
+        self.config.reference_luminance
+    }
+
+    /// Names of the labels in force, in file order.
+    #[getter]
+    fn labels(&self) -> Vec<&'static str> {
+        self.config.labels.iter().map(|kind| kind.name()).collect()
+    }
+
+    #[getter]
+    fn now_us(&self) -> i64 {
+        self.now_us.load(Ordering::Acquire)
+    }
+
+    /// Runs to `until_us` and returns everything from now on.
+    fn step(&self, py: Python<'_>, until_us: i64) -> PyResult<Packet> {
+        let packet = py.enter_engine_for_long(&self.stop, || {
+            let mut engine = lock(&self.engine);
+            let simulator = engine.as_mut().ok_or_else(taken)?;
+            let packet = simulator.step(until_us)?;
+            self.now_us.store(simulator.now_us(), Ordering::Release);
+            Ok::<_, Failure>(packet)
+        })?;
+        packet::convert(py, packet, &sizes(&self.cameras))
+    }
+
+    /// Hands the engine to a stream that renders ahead.
+    fn stream(&self, py: Python<'_>, duration_us: i64, packet_us: i64) -> PyResult<Stream> {
+        let stream = py.enter_engine(|| {
+            for (what, value) in [("duration", duration_us), ("packet_us", packet_us)] {
+                if value <= 0 {
+                    return Err(evis_core::ConfigError::new(what, value, "above 0 microseconds").into());
+                }
+            }
+            let simulator = lock(&self.engine).take().ok_or_else(taken)?;
+            Ok::<_, Failure>(simulator.stream(duration_us, packet_us)?)
+        })?;
+        Ok(Stream { engine: Mutex::new(Some(stream)), sizes: sizes(&self.cameras) })
+    }
+}
+
+fn taken() -> Failure {
+    Failure::Engine(
+        "this simulator's engine went to its stream; a new stream needs a new Simulator (the scene can be \
+         shared)"
+            .into(),
+    )
+}
+
+#[pymethods]
+impl Stream {
+    fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<Packet>> {
+        loop {
+            let waited = py.enter_engine(|| match lock(&self.engine).as_mut() {
+                None => Ok(Poll::Ready(None)),
+                Some(stream) => match stream.poll_next(SIGNAL_PERIOD) {
+                    Poll::Pending => Ok(Poll::Pending),
+                    Poll::Ready(packet) => packet.transpose().map(Poll::Ready),
+                },
+            });
+            match waited {
+                Ok(Poll::Ready(Some(packet))) => return packet::convert(py, packet, &self.sizes).map(Some),
+                Ok(Poll::Ready(None)) => {
+                    self.close(py)?;
+                    return Ok(None);
+                }
+                Ok(Poll::Pending) => {}
+                // Whatever stopped us, Ctrl-C included, also stops the engine.
+                Err(error) => {
+                    self.close(py)?;
+                    return Err(error);
+                }
+            }
+        }
+    }
+
+    /// Stops the engine after the interval in work. Closing twice does nothing.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        py.enter_engine(|| {
+            drop(lock(&self.engine).take());
+            Ok::<_, Failure>(())
+        })
+    }
+}

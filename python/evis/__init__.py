@@ -1,0 +1,60 @@
+"""EVIS: moving 3D scenes in, labelled event streams out.
+
+Public time is integer microseconds since the stream's start; x runs right and y down from the top-left
+pixel; polarity is ON = 1, OFF = 0.
+
+>>> import evis
+>>> sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48))
+>>> for packet in sim.stream(duration=0.02):
+...     print(packet.start_us, packet.t.dtype, packet.events.dtype.names)
+0 int64 ('x', 'y', 'p', 't')
+10000 int64 ('x', 'y', 'p', 't')
+"""
+
+from . import motion
+from ._builder import SceneBuilder
+from ._events import EventArray, EventCD, Events, as_event_cd
+from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
+from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
+from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
+from ._scene import EventCamera, Scene, scenes
+from ._sensor import Sensor
+from ._simulator import Device, Simulator, Stream, devices
+from .motion import Placement, Waveform
+
+__all__ = [
+    "CameraInfo",
+    "ConfigError",
+    "Device",
+    "DeviceError",
+    "EnvironmentPacket",
+    "EventArray",
+    "EventCD",
+    "EventCamera",
+    "Events",
+    "EvisError",
+    "FormatError",
+    "Labels",
+    "Packet",
+    "Placement",
+    "Poses",
+    "RecordedLabels",
+    "RecordedView",
+    "Recording",
+    "Report",
+    "Scene",
+    "SceneBuilder",
+    "Sensor",
+    "Simulator",
+    "Stream",
+    "View",
+    "Waveform",
+    "Writer",
+    "__version__",
+    "as_event_cd",
+    "devices",
+    "load",
+    "motion",
+    "save",
+    "scenes",
+]

@@ -1,0 +1,28 @@
+"""The command ``evis``: the same program as ``evis-rs``."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+
+from . import _evis
+
+
+def main() -> int:
+    """Run the command line and return its exit code."""
+    # The program looks for Ctrl-C itself; Python's handler would only report it once more afterwards.
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if "EVIS_FFMPEG" not in os.environ:
+        # The extra `video` brings an ffmpeg; without it, one on PATH is looked for.
+        with contextlib.suppress(ImportError, RuntimeError):
+            import imageio_ffmpeg
+
+            os.environ["EVIS_FFMPEG"] = imageio_ffmpeg.get_ffmpeg_exe()
+    return _evis.run_cli(["evis", *sys.argv[1:]])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,631 @@
+"""Files: HDF5 through the engine, NumPy's own formats beside it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _evis
+from ._events import EventArray, EventCD, as_event_cd
+from ._evis import ConfigError, EvisError, FormatError
+from ._packets import LABEL_KINDS, CameraInfo, Packet, Poses
+from ._simulator import Simulator, Stream
+
+HDF5_ENDINGS = (".h5", ".hdf5")
+
+
+class _Source(Protocol):
+    """What a recording is read from: the engine's HDF5 reader, or arrays."""
+
+    @property
+    def cameras(self) -> list[dict[str, Any]]: ...
+    @property
+    def labels(self) -> list[str]: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def method(self) -> str: ...
+    @property
+    def environment(self) -> int: ...
+    @property
+    def config_toml(self) -> str: ...
+    @property
+    def t_offset_us(self) -> int: ...
+    def is_complete(self) -> bool: ...
+    def report_json(self) -> str | None: ...
+    def event_count(self, camera: int) -> int: ...
+    def events(self, camera: int, limits: tuple[int, int] | None) -> npt.NDArray[np.void]: ...
+    def label_times(self, camera: int, kind: str) -> npt.NDArray[np.int64]: ...
+    def label(self, camera: int, kind: str, index: int) -> _evis.Label: ...
+    def poses(
+        self, camera: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...
+
+
+class _ArraySource:
+    """Events of one camera that a NumPy file held."""
+
+    labels: list[str] = []  # noqa: RUF012 - never changed, and the protocol wants a list
+    seed = 0
+    method = ""
+    environment = 0
+    config_toml = ""
+    t_offset_us = 0
+
+    def __init__(self, events: EventArray) -> None:
+        self._events = events
+        self.cameras = [camera_of(events, "camera")]
+
+    def is_complete(self) -> bool:
+        return True
+
+    def report_json(self) -> None:
+        return None
+
+    def event_count(self, camera: int) -> int:
+        return len(self._events)
+
+    def events(self, camera: int, limits: tuple[int, int] | None) -> npt.NDArray[np.void]:
+        return (self._events if limits is None else self._events.slice_time(*limits)).to_numpy()
+
+    def label_times(self, camera: int, kind: str) -> npt.NDArray[np.int64]:
+        return np.empty(0, np.int64)
+
+    def label(self, camera: int, kind: str, index: int) -> _evis.Label:
+        raise ConfigError(f"this file has no label {kind}")
+
+    def poses(
+        self, camera: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4))
+
+
+def camera_of(events: EventArray, name: str) -> dict[str, Any]:
+    """Describe the camera of ``events``, whose lens is not known."""
+    unknown = float("nan")
+    return asdict(CameraInfo(name, events.width, events.height, unknown, unknown, unknown, unknown))
+
+
+class RecordedLabels(Sequence[npt.NDArray[Any]]):
+    """Label images of one kind in a file; each is read when it is asked for.
+
+    Attributes
+    ----------
+    kind : str
+        See `Labels`.
+    t_us : numpy.ndarray
+        int64 (N,), microseconds since the stream's start.
+    """
+
+    def __init__(self, source: _Source, camera: int, kind: str) -> None:
+        self._source = source
+        self._camera = camera
+        self.kind = kind
+        self.t_us = source.label_times(camera, kind)
+
+    def __len__(self) -> int:
+        """Count the images."""
+        return len(self.t_us)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Read image ``index``, (H, W) or (H, W, C)."""
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        return self._frame(index).data
+
+    def interval_us(self, index: int) -> tuple[int, int]:
+        """Return the anchor of image ``index`` and the other end of its flow, in microseconds."""
+        frame = self._frame(index)
+        return frame.t_us, frame.t_other_us
+
+    def _frame(self, index: int) -> _evis.Label:
+        position = index + len(self) if index < 0 else index
+        if not 0 <= position < len(self):
+            raise IndexError(f"there are {len(self)} images of {self.kind}, and no {index}")
+        return self._source.label(self._camera, self.kind, position)
+
+    @property
+    def data(self) -> npt.NDArray[Any]:
+        """All images as one array (N, H, W) or (N, H, W, C)."""
+        if len(self):
+            return np.stack([self[index] for index in range(len(self))])
+        camera = self._source.cameras[self._camera]
+        dtype, channels = LABEL_KINDS[self.kind]
+        shape = (0, camera["height"], camera["width"])
+        return np.empty(shape if channels == 1 else (*shape, channels), dtype)
+
+
+class RecordedView:
+    """One camera of a recording."""
+
+    def __init__(self, source: _Source, index: int) -> None:
+        self._source = source
+        self._index = index
+        self.camera = CameraInfo(**source.cameras[index])
+
+    def __len__(self) -> int:
+        """Count the events, without reading them."""
+        return self._source.event_count(self._index)
+
+    @cached_property
+    def events(self) -> EventArray:
+        """All events; read once and kept."""
+        return self._array(None)
+
+    def slice_time(self, start_us: int, end_us: int) -> EventArray:
+        """Read the events with ``start_us <= t < end_us``, and no others."""
+        return self._array((start_us, max(start_us, end_us)))
+
+    def _array(self, limits: tuple[int, int] | None) -> EventArray:
+        events = self._source.events(self._index, limits)
+        return EventArray._trusted(events, self.camera.width, self.camera.height)
+
+    @cached_property
+    def labels(self) -> Mapping[str, RecordedLabels]:
+        """Labels by kind."""
+        return {kind: RecordedLabels(self._source, self._index, kind) for kind in self._source.labels}
+
+    @cached_property
+    def poses(self) -> Poses:
+        """Poses of the camera at the label rate."""
+        return Poses(*self._source.poses(self._index))
+
+
+class Recording(Mapping[str, RecordedView]):
+    """A file of events: a mapping from camera names to `RecordedView`, read piece by piece.
+
+    With one camera, `events`, `labels`, `poses` and `slice_time` need no name.
+
+    Attributes
+    ----------
+    cameras : tuple of CameraInfo
+        The cameras.
+    labels_present : tuple of str
+        Kinds of labels in it.
+    seed : int
+        Seed of everything random.
+    environment : int
+        Index of the environment in its batch.
+    config_toml : str
+        The settings that made it.
+    t_offset_us : int
+        Absolute time of the stream's start in microseconds.
+    complete : bool
+        Whether the writer finished it; False after a kill or Ctrl-C.
+    report : mapping or None
+        Counts and times that the writer left at the end.
+    """
+
+    def __init__(self, source: _Source) -> None:
+        self._source = source
+        self.cameras = tuple(CameraInfo(**camera) for camera in source.cameras)
+        self.labels_present = tuple(source.labels)
+        self.seed = source.seed
+        self.method = source.method
+        self.environment = source.environment
+        self.config_toml = source.config_toml
+        self.t_offset_us = source.t_offset_us
+        self.complete = source.is_complete()
+        report = source.report_json()
+        self.report: Mapping[str, Any] | None = None if not report else json.loads(report)
+        self._views = {camera.name: RecordedView(source, index) for index, camera in enumerate(self.cameras)}
+
+    def __getitem__(self, camera: str) -> RecordedView:
+        """Return the part of ``camera``."""
+        try:
+            return self._views[camera]
+        except KeyError:
+            raise ConfigError(f"no camera named '{camera}'; there is {', '.join(self._views)}") from None
+
+    def __contains__(self, camera: object) -> bool:
+        """Tell whether there is a camera of this name."""
+        return camera in self._views
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over camera names."""
+        return iter(self._views)
+
+    def __len__(self) -> int:
+        """Count the cameras."""
+        return len(self._views)
+
+    @property
+    def view(self) -> RecordedView:
+        """The one camera's part.
+
+        Raises
+        ------
+        EvisError
+            If there are several cameras; names them.
+        """
+        if len(self._views) != 1:
+            names = ", ".join(self._views)
+            raise EvisError(f"there are {len(self._views)} cameras ({names}): choose one, recording['NAME']")
+        return next(iter(self._views.values()))
+
+    @property
+    def events(self) -> EventArray:
+        """All events; one camera only."""
+        return self.view.events
+
+    @property
+    def labels(self) -> Mapping[str, RecordedLabels]:
+        """Labels by kind; one camera only."""
+        return self.view.labels
+
+    @property
+    def poses(self) -> Poses:
+        """Poses of the camera; one camera only."""
+        return self.view.poses
+
+    def slice_time(self, start_us: int, end_us: int) -> EventArray:
+        """Read the events with ``start_us <= t < end_us``; one camera only."""
+        return self.view.slice_time(start_us, end_us)
+
+    def __repr__(self) -> str:
+        """Count events by camera."""
+        counts = ", ".join(f"{name}: {len(view)} events" for name, view in self._views.items())
+        return f"Recording({counts}{'' if self.complete else ', incomplete'})"
+
+
+def load(
+    path: str | PathLike[str], *, width: int | None = None, height: int | None = None, mapped: bool = False
+) -> Recording:
+    """Open a file of events.
+
+    Parameters
+    ----------
+    path : path
+        ``.h5`` or ``.hdf5`` (also while it is being written, and after its writer was killed), ``.npz``
+        (columns t, x, y, p, and width and height), or ``.npy`` (an `EventCD` array).
+    width, height : int, optional
+        Size of the sensor for NumPy files that do not hold it; if not given, the smallest that holds all
+        events.
+    mapped : bool
+        Map an ``.npy`` file into memory instead of reading it.
+
+    Returns
+    -------
+    Recording
+        ``recording.events`` for one camera, ``recording["left"].events`` for several.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    FormatError
+        If it holds no events, or is damaged.
+    ConfigError
+        If its ending is another.
+    """
+    path = Path(path)
+    match path.suffix.lower():
+        case ".h5" | ".hdf5":
+            return Recording(_evis.Recording(path))
+        case ".npz" | ".npy":
+            return Recording(_ArraySource(_load_arrays(path, width, height, mapped)))
+        case ending:
+            raise ConfigError(f"path ends with '{ending}'; it must end with .h5, .hdf5, .npz or .npy")
+
+
+def _load_arrays(path: Path, width: int | None, height: int | None, mapped: bool) -> EventArray:
+    try:
+        held = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
+        if isinstance(held, np.lib.npyio.NpzFile):
+            with held:
+                columns = {name: held[name] for name in ("t", "x", "y", "p")}
+                width = int(held["width"]) if width is None and "width" in held else width
+                height = int(held["height"]) if height is None and "height" in held else height
+            width = int(columns["x"].max(initial=0)) + 1 if width is None else width
+            height = int(columns["y"].max(initial=0)) + 1 if height is None else height
+            return EventArray.from_columns(**columns, width=width, height=height)
+        events = as_event_cd(held)
+        width = int(events["x"].max(initial=0)) + 1 if width is None else width
+        height = int(events["y"].max(initial=0)) + 1 if height is None else height
+        return EventArray(events, width=width, height=height)
+    except OSError:
+        raise
+    except KeyError as error:
+        raise FormatError(f"{path}: {error.args[0]}; it must hold the columns t, x, y and p") from error
+    except (ValueError, EOFError) as error:
+        raise FormatError(f"{path}: {error}") from error
+
+
+class Writer:
+    """Writes packets to HDF5 as they come; what is flushed each second survives a kill.
+
+    Several environments give one file each: ``out.h5`` becomes ``out_0000.h5``, ``out_0001.h5`` and so on.
+    Left by an exception, Ctrl-C included, the files keep what was written and stay readable, marked as
+    incomplete.
+
+    Parameters
+    ----------
+    path : path
+        Ends with ``.h5`` or ``.hdf5``.
+    simulator : Simulator
+        Where the packets come from.
+    duration_us : int, optional
+        Stream time in microseconds that no event passes, where it is known: times are then stored as
+        uint32 (as DSEC does) where they fit, else as int64.
+    overwrite : bool
+        Replace files that exist.
+
+    Raises
+    ------
+    FileExistsError
+        If a file exists, unless ``overwrite``.
+    ConfigError
+        If the path has another ending.
+
+    Examples
+    --------
+    >>> import evis, tempfile, pathlib
+    >>> sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48))
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "out.h5"
+    >>> with evis.Writer(path, sim) as writer, sim.stream(duration=0.02) as stream:
+    ...     for packet in stream:
+    ...         writer.write(packet)
+    >>> evis.load(path).complete
+    True
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        simulator: Simulator,
+        *,
+        duration_us: int | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        path = Path(path)
+        if path.suffix.lower() not in HDF5_ENDINGS:
+            raise ConfigError(f"path ends with '{path.suffix}'; a stream is written to .h5 or .hdf5")
+        count = simulator.environments
+        self._simulator = simulator
+        self._duration_us = duration_us
+        self._overwrite = overwrite
+        self._paths = (
+            (path,)
+            if count == 1
+            else tuple(path.with_stem(f"{path.stem}_{index:04d}") for index in range(count))
+        )
+        for each in self._paths:
+            _check_free(each, overwrite)
+        self._camera_index = {camera.name: index for index, camera in enumerate(simulator.cameras)}
+        self._writers: list[_evis.Writer] = []
+        self._totals: dict[str, float] = {}
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files, one per environment."""
+        return self._paths
+
+    def _open(self) -> list[_evis.Writer]:
+        # Not before the first packet is there: a run that fails at once leaves no file and keeps an old one.
+        while len(self._writers) < len(self._paths):
+            environment = len(self._writers)
+            self._writers.append(
+                _evis.Writer(
+                    self._paths[environment],
+                    cameras=[asdict(camera) for camera in self._simulator.cameras],
+                    seed=self._simulator.seed,
+                    method="native",
+                    environment=environment,
+                    config_toml=self._simulator.config_toml,
+                    duration_us=self._duration_us,
+                    t_offset_us=0,
+                    labels=list(self._simulator.labels),
+                    overwrite=self._overwrite,
+                )
+            )
+        return self._writers
+
+    def write(self, packet: Packet) -> None:
+        """Append a packet; packets are written in order.
+
+        Raises
+        ------
+        OSError
+            If the disk refuses.
+        FormatError
+            If the packet does not continue what was written.
+        """
+        writers = self._open()
+        for view in packet.views:
+            writer = writers[view.environment]
+            camera = self._camera_index[view.camera.name]
+            writer.write_events(camera, np.ascontiguousarray(view.events))
+            for labels in view.labels.values():
+                for t_us, t_other_us, image in zip(
+                    labels.t_us.tolist(), labels.t_other_us.tolist(), labels.images, strict=True
+                ):
+                    writer.write_label(camera, labels.kind, t_us, t_other_us, image)
+            writer.write_poses(camera, view.poses.t_us, view.poses.position, view.poses.rotation)
+        for name, amount in asdict(packet.report).items():
+            self._totals[name] = self._totals.get(name, 0) + amount
+
+    def close(self) -> None:
+        """Finish the files; closing twice does nothing."""
+        writers = self._open()
+        report = json.dumps(self._totals)
+        self._writers, self._paths = [], ()
+        for writer in writers:
+            writer.finish(report)
+
+    def __enter__(self) -> Writer:
+        """Return the writer."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish the files, or leave them incomplete after an exception."""
+        if kind is None:
+            self.close()
+            return
+        writers, self._writers, self._paths = self._writers, [], ()
+        for writer in writers:
+            writer.abandon()
+
+
+def save(
+    path: str | PathLike[str],
+    source: Stream | EventArray | Mapping[str, EventArray] | Recording,
+    *,
+    overwrite: bool = False,
+) -> tuple[Path, ...]:
+    """Write events to a file.
+
+    Parameters
+    ----------
+    path : path
+        ``.h5`` or ``.hdf5`` for everything; ``.npz`` or ``.npy`` for the events of one camera.
+    source : Stream, EventArray, mapping of str to EventArray, or Recording
+        A stream is simulated while it is written; each second what is there is flushed, and Ctrl-C keeps it.
+        A mapping goes from camera names to events.
+    overwrite : bool
+        Replace a file that exists.
+
+    Returns
+    -------
+    tuple of Path
+        The files written: one per environment.
+
+    Raises
+    ------
+    FileExistsError
+        If a file exists, unless ``overwrite``.
+    OSError
+        If the disk refuses.
+    ConfigError
+        If the ending is another, or the format cannot hold the source.
+    """
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending in HDF5_ENDINGS:
+        if isinstance(source, Stream):
+            return _save_stream(path, source, overwrite)
+        _check_free(path, overwrite)
+        if isinstance(source, Recording):
+            _save_recording(path, source, overwrite)
+        else:
+            cameras = {"camera": source} if isinstance(source, EventArray) else source
+            _save_cameras(path, cameras, overwrite)
+    elif ending in (".npz", ".npy"):
+        _check_free(path, overwrite)
+        _save_arrays(path, _single(source))
+    else:
+        raise ConfigError(f"path ends with '{path.suffix}'; it must end with .h5, .hdf5, .npz or .npy")
+    return (path,)
+
+
+def _check_free(path: Path, overwrite: bool) -> None:
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"{path} exists; choose another name, or pass overwrite=True")
+
+
+def _save_stream(path: Path, stream: Stream, overwrite: bool) -> tuple[Path, ...]:
+    with stream:
+        writer = Writer(path, stream.simulator, duration_us=stream.end_us, overwrite=overwrite)
+        paths = writer.paths
+        with writer:
+            for packet in stream:
+                writer.write(packet)
+    return paths
+
+
+def _open_plain(path: Path, cameras: Sequence[dict[str, Any]], end_us: int, overwrite: bool) -> _evis.Writer:
+    return _evis.Writer(
+        path,
+        cameras=list(cameras),
+        seed=0,
+        method="",
+        environment=0,
+        config_toml="",
+        duration_us=end_us,
+        t_offset_us=0,
+        labels=[],
+        overwrite=overwrite,
+    )
+
+
+def _save_cameras(path: Path, cameras: Mapping[str, EventArray], overwrite: bool) -> None:
+    if not cameras:
+        raise ConfigError("source is an empty mapping; it must hold at least one camera")
+    end_us = max((int(events.t[-1]) + 1 for events in cameras.values() if len(events)), default=0)
+    infos = [camera_of(events, name) for name, events in cameras.items()]
+    writer = _open_plain(path, infos, end_us, overwrite)
+    for index, events in enumerate(cameras.values()):
+        writer.write_events(index, events.to_numpy())
+    writer.finish("{}")
+
+
+def _save_recording(path: Path, recording: Recording, overwrite: bool) -> None:
+    writer = _evis.Writer(
+        path,
+        cameras=[asdict(camera) for camera in recording.cameras],
+        seed=recording.seed,
+        method=recording.method,
+        environment=recording.environment,
+        config_toml=recording.config_toml,
+        duration_us=None,
+        t_offset_us=recording.t_offset_us,
+        labels=list(recording.labels_present),
+        overwrite=overwrite,
+    )
+    for index, view in enumerate(recording.values()):
+        writer.write_events(index, view.events.to_numpy())
+        for kind, images in view.labels.items():
+            for position in range(len(images)):
+                t_us, t_other_us = images.interval_us(position)
+                writer.write_label(index, kind, t_us, t_other_us, images[position])
+        writer.write_poses(index, view.poses.t_us, view.poses.position, view.poses.rotation)
+    writer.finish(json.dumps(recording.report or {}))
+
+
+def _single(source: Stream | EventArray | Mapping[str, EventArray] | Recording) -> EventArray:
+    """Return the one camera's events of ``source``, for formats that hold no more."""
+    if isinstance(source, EventArray):
+        return source
+    if isinstance(source, Stream):
+        with source:
+            cameras, environments = source.simulator.cameras, source.simulator.environments
+            if len(cameras) * environments != 1:
+                raise ConfigError(
+                    f"the stream has {len(cameras)} cameras in {environments} environments; NumPy files hold "
+                    "one camera: write to .h5"
+                )
+            parts = [packet.events for packet in source]
+            events = np.concatenate(parts) if parts else np.empty(0, EventCD)
+            return EventArray._trusted(events, cameras[0].width, cameras[0].height)
+    if len(source) != 1:
+        raise ConfigError(f"source holds {len(source)} cameras; NumPy files hold one: write to .h5")
+    if isinstance(source, Recording):
+        return source.events
+    return next(iter(source.values()))
+
+
+def _save_arrays(path: Path, events: EventArray) -> None:
+    # Under another name first: a failure leaves no half-written file.
+    draft = path.with_name(f".{path.name}.draft")
+    try:
+        with draft.open("wb") as file:
+            if path.suffix.lower() == ".npy":
+                np.save(file, events.to_numpy(), allow_pickle=False)
+            else:
+                t, x, y, p = events.columns
+                np.savez_compressed(file, t=t, x=x, y=y, p=p, width=events.width, height=events.height)
+        os.replace(draft, path)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,446 @@
+"""What a stream yields."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _evis
+from ._events import EventArray, Events
+from ._evis import ConfigError, EvisError
+
+LABEL_KINDS: Mapping[str, tuple[np.dtype[Any], int]] = MappingProxyType(
+    {name: (np.dtype(dtype), channels) for name, dtype, channels in _evis.label_kinds()}
+)
+"""Per label: its dtype, and its values per pixel."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInfo:
+    """A rendered camera: a pinhole with pixel centres at +0.5.
+
+    Attributes
+    ----------
+    name : str
+        Name of the camera.
+    width, height : int
+        Pixels.
+    fx, fy : float
+        Focal lengths in pixels.
+    cx, cy : float
+        Principal point in pixels from the left and the top edge; OpenCV, ROS and DSEC want 0.5 less.
+    """
+
+    name: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @property
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """Intrinsic matrix, float64 (3, 3); x right, y down, z forward, pixel centres at +0.5."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """Poses of a camera over time, ``world_from_camera``: metres, +Y up, the camera looks along its -Z.
+
+    Attributes
+    ----------
+    t_us : numpy.ndarray
+        int64 (N,), microseconds.
+    position : numpy.ndarray
+        float64 (N, 3), metres.
+    rotation : numpy.ndarray
+        float64 (N, 4), unit quaternions (x, y, z, w).
+    """
+
+    t_us: npt.NDArray[np.int64]
+    position: npt.NDArray[np.float64]
+    rotation: npt.NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Count the poses."""
+        return len(self.t_us)
+
+    @property
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """Matrices ``world_from_camera``, float64 (N, 4, 4)."""
+        x, y, z, w = self.rotation.T
+        made = np.zeros((len(self), 4, 4))
+        made[:, 0, :3] = np.stack([0.5 - y * y - z * z, x * y - z * w, x * z + y * w], axis=-1)
+        made[:, 1, :3] = np.stack([x * y + z * w, 0.5 - x * x - z * z, y * z - x * w], axis=-1)
+        made[:, 2, :3] = np.stack([x * z - y * w, y * z + x * w, 0.5 - x * x - y * y], axis=-1)
+        made *= 2.0
+        made[:, :3, 3] = self.position
+        made[:, 3, 3] = 1.0
+        return made
+
+
+@dataclass(frozen=True, slots=True)
+class Labels:
+    """Images of one kind of label, by time.
+
+    Attributes
+    ----------
+    kind : str
+        ``depth`` (float32 (H, W), planar z in metres, +inf where nothing), ``flow_forward`` and
+        ``flow_backward`` (float32 (H, W, 2), pixels, x right, y down), ``flow_forward_valid`` and
+        ``flow_backward_valid`` (uint8 (H, W)), ``instance`` and ``semantic`` (uint32 (H, W), 0 where
+        nothing), ``normal`` (float32 (H, W, 3), world axes) or ``hdr`` (float32 (H, W, 3), linear RGB).
+    t_us : numpy.ndarray
+        int64 (N,), microseconds since the stream's start.
+    t_other_us : numpy.ndarray
+        int64 (N,), the other end of a flow's interval; equal to `t_us` for every other kind.
+    images : tuple of numpy.ndarray
+        N images, never copied.
+    """
+
+    kind: str
+    t_us: npt.NDArray[np.int64]
+    t_other_us: npt.NDArray[np.int64]
+    images: tuple[npt.NDArray[Any], ...]
+    _size: tuple[int, int]
+
+    def __len__(self) -> int:
+        """Count the images."""
+        return len(self.images)
+
+    def __iter__(self) -> Iterator[tuple[int, npt.NDArray[Any]]]:
+        """Iterate over (t_us, image)."""
+        return zip(self.t_us.tolist(), self.images, strict=True)
+
+    @property
+    def data(self) -> npt.NDArray[Any]:
+        """All images as one array (N, H, W) or (N, H, W, C); a copy where N > 1."""
+        if len(self.images) == 1:
+            return self.images[0][np.newaxis]
+        if self.images:
+            return np.stack(self.images)
+        dtype, channels = LABEL_KINDS[self.kind]
+        width, height = self._size
+        return np.empty((0, height, width) if channels == 1 else (0, height, width, channels), dtype)
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One camera of one environment, during a packet.
+
+    Attributes
+    ----------
+    environment : int
+        Index of the environment.
+    camera : CameraInfo
+        The camera.
+    events : numpy.ndarray
+        `EventCD` (N,), sorted by (t, y, x); owns the engine's memory, never copied.
+    labels : mapping of str to Labels
+        One entry per label asked for, also where no image falls into the packet.
+    poses : Poses
+        Poses of the camera at the label rate.
+    """
+
+    environment: int
+    camera: CameraInfo
+    events: Events
+    labels: Mapping[str, Labels]
+    poses: Poses
+
+    @property
+    def t(self) -> npt.NDArray[np.int64]:
+        """Microseconds since the stream's start, int64 (N,); a view of `events`."""
+        return self.events["t"]
+
+    @property
+    def x(self) -> npt.NDArray[np.uint16]:
+        """Columns, from the left, uint16 (N,); a view of `events`."""
+        return self.events["x"]
+
+    @property
+    def y(self) -> npt.NDArray[np.uint16]:
+        """Rows, from the top, uint16 (N,); a view of `events`."""
+        return self.events["y"]
+
+    @property
+    def p(self) -> npt.NDArray[np.int16]:
+        """Polarities, ON = 1 and OFF = 0, int16 (N,); a view of `events`."""
+        return self.events["p"]
+
+    @property
+    def event_array(self) -> EventArray:
+        """The events with the sensor's size; not copied."""
+        return EventArray._trusted(self.events, self.camera.width, self.camera.height)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Counts and measured times of a packet.
+
+    Attributes
+    ----------
+    events : int
+        Events of all views.
+    dropped : int
+        Events that could not be delivered; always 0, or the run has failed.
+    clamped : int
+        Pixels and intervals whose event count hit the limit.
+    instants : int
+        Instants sampled.
+    reruns : int
+        Submissions run again because a buffer was too small.
+    host_ms, device_wait_ms, pack_ms, total_ms : float
+        Measured milliseconds: on the host, waiting for the device, packing events, and all together.
+    """
+
+    events: int
+    dropped: int
+    clamped: int
+    instants: int
+    reruns: int
+    host_ms: float
+    device_wait_ms: float
+    pack_ms: float
+    total_ms: float
+
+
+class _OneView:
+    """Shortcuts that need exactly one view."""
+
+    __slots__ = ()
+
+    @property
+    def view(self) -> View:
+        """The one view, where there is one camera and one environment.
+
+        Raises
+        ------
+        EvisError
+            If there are several; says how to choose one.
+        """
+        raise NotImplementedError
+
+    @property
+    def t(self) -> npt.NDArray[np.int64]:
+        """Microseconds since the stream's start, int64 (N,); one view only."""
+        return self.view.t
+
+    @property
+    def x(self) -> npt.NDArray[np.uint16]:
+        """Columns, from the left, uint16 (N,); one view only."""
+        return self.view.x
+
+    @property
+    def y(self) -> npt.NDArray[np.uint16]:
+        """Rows, from the top, uint16 (N,); one view only."""
+        return self.view.y
+
+    @property
+    def p(self) -> npt.NDArray[np.int16]:
+        """Polarities, ON = 1 and OFF = 0, int16 (N,); one view only."""
+        return self.view.p
+
+
+class EnvironmentPacket(_OneView, Mapping[str, View]):
+    """One environment's part of a packet: a mapping from camera names to `View`.
+
+    With one camera, `events`, `labels` and `poses` are that camera's own; with several, they are mappings
+    by camera name.
+    """
+
+    __slots__ = ("_views", "index")
+
+    def __init__(self, index: int, views: tuple[View, ...]) -> None:
+        self.index = index
+        self._views = {view.camera.name: view for view in views}
+
+    def __getitem__(self, camera: str) -> View:
+        """Return the view of ``camera``."""
+        try:
+            return self._views[camera]
+        except KeyError:
+            raise ConfigError(f"no camera named '{camera}'; there is {', '.join(self._views)}") from None
+
+    def __contains__(self, camera: object) -> bool:
+        """Tell whether there is a camera of this name."""
+        return camera in self._views
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over camera names."""
+        return iter(self._views)
+
+    def __len__(self) -> int:
+        """Count the cameras."""
+        return len(self._views)
+
+    @property
+    def view(self) -> View:
+        """The one view, where there is one camera."""
+        if len(self._views) != 1:
+            names = ", ".join(self._views)
+            raise EvisError(f"there are {len(self._views)} cameras ({names}): choose one, packet['NAME']")
+        return next(iter(self._views.values()))
+
+    @property
+    def events(self) -> Events | Any:
+        """`EventCD` (N,) with one camera; a mapping from camera names to such arrays with several."""
+        if len(self._views) == 1:
+            return self.view.events
+        return {name: view.events for name, view in self._views.items()}
+
+    @property
+    def labels(self) -> Mapping[str, Labels] | Any:
+        """Labels by kind with one camera; a mapping from camera names to such mappings with several."""
+        if len(self._views) == 1:
+            return self.view.labels
+        return {name: view.labels for name, view in self._views.items()}
+
+    @property
+    def poses(self) -> Poses | Any:
+        """Poses with one camera; a mapping from camera names to poses with several."""
+        if len(self._views) == 1:
+            return self.view.poses
+        return {name: view.poses for name, view in self._views.items()}
+
+    def __repr__(self) -> str:
+        """Count the events by camera."""
+        counts = ", ".join(f"{name}: {len(view.events)} events" for name, view in self._views.items())
+        return f"EnvironmentPacket({self.index}, {counts})"
+
+
+class Packet(_OneView):
+    """Everything that happened in ``[start_us, end_us)``, all environments and cameras.
+
+    ======================  =====================================================
+    one camera              ``packet.events``, ``packet.t``, ``packet.labels``
+    several cameras         ``packet["left"].events``, ``packet.events["left"]``
+    several environments    ``packet[3].events``, ``packet[3]["left"].events``
+    everything              ``for view in packet.views: ...``
+    ======================  =====================================================
+
+    Attributes
+    ----------
+    start_us, end_us : int
+        First microsecond of the packet, and one past its last.
+    views : tuple of View
+        One per environment and camera, environment-major.
+    report : Report
+        Counts and measured times.
+    """
+
+    __slots__ = ("_environments", "end_us", "report", "start_us", "views")
+
+    def __init__(self, start_us: int, end_us: int, views: tuple[View, ...], report: Report) -> None:
+        self.start_us = start_us
+        self.end_us = end_us
+        self.views = views
+        self.report = report
+        grouped: dict[int, list[View]] = {}
+        for view in views:
+            grouped.setdefault(view.environment, []).append(view)
+        self._environments = tuple(
+            EnvironmentPacket(index, tuple(group)) for index, group in sorted(grouped.items())
+        )
+
+    @property
+    def environments(self) -> tuple[EnvironmentPacket, ...]:
+        """The environments, by index."""
+        return self._environments
+
+    def environment(self, index: int) -> EnvironmentPacket:
+        """Return environment ``index``; the same as ``packet[index]``."""
+        try:
+            return self._environments[index]
+        except IndexError:
+            raise ConfigError(
+                f"environment is {index}; it must be between 0 and {len(self._environments) - 1}"
+            ) from None
+
+    @overload
+    def __getitem__(self, key: int) -> EnvironmentPacket: ...
+    @overload
+    def __getitem__(self, key: str) -> View: ...
+    def __getitem__(self, key: int | str) -> EnvironmentPacket | View:
+        """Return an environment by index, or, where there is one environment, a camera's view by name."""
+        if isinstance(key, str):
+            return self._only[key]
+        return self.environment(key)
+
+    def __len__(self) -> int:
+        """Count the environments."""
+        return len(self._environments)
+
+    def __iter__(self) -> Iterator[EnvironmentPacket]:
+        """Iterate over the environments."""
+        return iter(self._environments)
+
+    @property
+    def _only(self) -> EnvironmentPacket:
+        if len(self._environments) != 1:
+            raise EvisError(
+                f"there are {len(self._environments)} environments: choose one, packet[INDEX], "
+                "or iterate over packet.views"
+            )
+        return self._environments[0]
+
+    @property
+    def view(self) -> View:
+        """The one view, where there is one camera and one environment."""
+        return self._only.view
+
+    @property
+    def events(self) -> Events | Any:
+        """`EventCD` (N,) with one camera, a mapping by camera name with several; one environment only."""
+        return self._only.events
+
+    @property
+    def labels(self) -> Mapping[str, Labels] | Any:
+        """Labels by kind with one camera, a mapping by camera name with several; one environment only."""
+        return self._only.labels
+
+    @property
+    def poses(self) -> Poses | Any:
+        """Poses with one camera, a mapping by camera name with several; one environment only."""
+        return self._only.poses
+
+    def __repr__(self) -> str:
+        """Say when, and count views and events."""
+        span = f"{self.start_us} to {self.end_us} us"
+        return f"Packet({span}, {len(self.views)} views, {self.report.events} events)"
+
+
+def labels_from(
+    frames: list[_evis.Label], kinds: tuple[str, ...], size: tuple[int, int]
+) -> Mapping[str, Labels]:
+    """Group the engine's label images by kind; every kind of ``kinds`` gets an entry."""
+    grouped: dict[str, list[_evis.Label]] = {kind: [] for kind in kinds}
+    for frame in frames:
+        grouped.setdefault(frame.kind, []).append(frame)
+    return {
+        kind: Labels(
+            kind,
+            np.array([frame.t_us for frame in group], dtype=np.int64),
+            np.array([frame.t_other_us for frame in group], dtype=np.int64),
+            tuple(frame.data for frame in group),
+            size,
+        )
+        for kind, group in grouped.items()
+    }
+
+
+def packet_from(raw: _evis.Packet, cameras: tuple[CameraInfo, ...], kinds: tuple[str, ...]) -> Packet:
+    """Dress the engine's packet."""
+    views = []
+    for view in raw.views:
+        camera = cameras[view.camera]
+        labels = labels_from(view.labels, kinds, (camera.width, camera.height))
+        views.append(View(view.environment, camera, view.events, labels, Poses(*view.poses)))
+    return Packet(raw.start_us, raw.end_us, tuple(views), Report(**raw.report))

@@ -1,0 +1,187 @@
+"""Scenes and the cameras in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any
+
+from . import _evis, _toml
+from ._evis import ConfigError
+from .motion import HERE, Placement, fields_of
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EventCamera:
+    """An event camera: a pinhole that looks along its -Z, with +Y up (glTF axes), in metres.
+
+    The lens is a vertical field of view or pinhole intrinsics, not both.
+
+    Attributes
+    ----------
+    name : str
+        Unique within the scene.
+    width, height : int, optional
+        Pixels; 640x480 where not given.
+    fov_y_degrees : float, optional
+        Vertical field of view; 60 where neither it nor intrinsics are given.
+    fx, fy, cx, cy : float, optional
+        Intrinsics in pixels, all four, for this width and height; pixel centres lie at +0.5.
+    pose : Placement
+        Where it is, what carries it, and how it moves; ``parent_from_camera``.
+    near : float, optional
+        Near plane in metres.
+    threshold_on, threshold_off : float, optional
+        Thresholds of this camera, where they differ from the run's.
+    """
+
+    name: str
+    width: int | None = None
+    height: int | None = None
+    fov_y_degrees: float | None = None
+    fx: float | None = None
+    fy: float | None = None
+    cx: float | None = None
+    cy: float | None = None
+    pose: Placement = HERE
+    near: float | None = None
+    threshold_on: float | None = None
+    threshold_off: float | None = None
+
+    def table(self) -> dict[str, Any]:
+        """Return the camera as a scene file has it."""
+        table = fields_of(self)
+        width, height = table.pop("width", None), table.pop("height", None)
+        if (width is None) != (height is None):
+            raise ConfigError(f"camera '{self.name}' has a width or a height alone; it takes both or none")
+        if width is not None:
+            table["size"] = (width, height)
+        return {**table.pop("pose").table(), **table}
+
+
+class Scene:
+    """What the world holds and where everything is at any time; immutable, shared by simulators.
+
+    Right-handed, metres, +Y up; colours are linear (Rec. 709 primaries). Made by `builtin`, `load`,
+    `from_toml` or a `SceneBuilder`.
+    """
+
+    __slots__ = ("_raw",)
+
+    def __init__(self, raw: _evis.Scene) -> None:
+        self._raw = raw
+
+    @classmethod
+    def builtin(cls, name: str, *, seed: int = 0) -> Scene:
+        """Make a built-in scene; `evis.scenes` lists them.
+
+        Parameters
+        ----------
+        name : str
+            ``warehouse``, ``spinner``, ``street`` or ``desk``.
+        seed : int
+            Varies what is random in the scene; at least 0.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such scene; lists those that exist.
+        """
+        if not 0 <= seed < 2**64:
+            raise ConfigError(f"seed is {seed}; it must be between 0 and 2**64 - 1")
+        return cls(_evis.Scene.builtin(name, seed))
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Scene:
+        """Load a ``.toml``, ``.gltf`` or ``.glb`` file.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be read.
+        FormatError
+            If its content is not usable; says where and why.
+        ConfigError
+            If the file's ending is another, or the scene breaks a rule.
+        """
+        return cls(_evis.Scene.load(path))
+
+    @classmethod
+    def from_toml(cls, text: str, *, base: str | PathLike[str] = ".") -> Scene:
+        """Read a scene file's text.
+
+        Parameters
+        ----------
+        text : str
+            The text of a TOML scene file.
+        base : path
+            Folder at which relative paths in it start.
+
+        Raises
+        ------
+        OSError
+            If a file that it names cannot be read.
+        FormatError
+            If the text is not usable; an unknown key is named with the nearest known one.
+        ConfigError
+            If the scene breaks a rule.
+        """
+        return cls(_evis.Scene.from_toml(text, base, []))
+
+    def with_cameras(self, cameras: Sequence[EventCamera]) -> Scene:
+        """Return this scene with more cameras; this one stays as it is.
+
+        Parameters
+        ----------
+        cameras : sequence of EventCamera
+            Their parents are nodes of this scene (see `nodes`).
+
+        Raises
+        ------
+        ConfigError, FormatError
+            If a name is taken, a parent does not exist, or a value cannot be used.
+        """
+        parents = [camera.pose.parent for camera in cameras]
+        orphans = [replace(camera, pose=replace(camera.pose, parent=None)) for camera in cameras]
+        text = _toml.document({"cameras": [camera.table() for camera in orphans]})
+        return Scene(self._raw.with_cameras(text, parents))
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return self._raw.name
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the scene's event cameras, in the order in which they are rendered."""
+        return tuple(self._raw.cameras)
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of the scene's nodes, parents before children."""
+        return tuple(self._raw.nodes)
+
+    @property
+    def environments(self) -> int:
+        """Environments of a batch: variants of the scene, at least 1."""
+        return self._raw.environments
+
+    @property
+    def duration(self) -> float | None:
+        """Seconds that the scene's motion lasts; None where it has no end."""
+        return self._raw.duration_s
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the loader had to say, once each."""
+        return tuple(self._raw.warnings)
+
+    def __repr__(self) -> str:
+        """Say what it holds."""
+        return f"Scene({self.name!r}, {len(self.nodes)} nodes, cameras {', '.join(self.cameras) or 'none'})"
+
+
+def scenes() -> dict[str, str]:
+    """Names of the built-in scenes, and what each shows."""
+    return dict(_evis.builtin_scenes())

@@ -1,0 +1,339 @@
+"""The simulator and its stream."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal, TypeAlias
+
+from . import _evis
+from ._evis import ConfigError
+from ._packets import CameraInfo, Packet, packet_from
+from ._scene import EventCamera, Scene
+from ._sensor import Sensor
+
+LabelName: TypeAlias = Literal[
+    "depth",
+    "flow",
+    "flow_forward",
+    "flow_forward_valid",
+    "flow_backward",
+    "flow_backward_valid",
+    "instance",
+    "semantic",
+    "normal",
+    "hdr",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A graphics device that can run EVIS.
+
+    Attributes
+    ----------
+    index : int
+        Position in the list; ``Simulator(device=index)`` takes it.
+    name : str
+        Name that the driver gives; any part of it also chooses the device.
+    backend : str
+        ``vulkan``, ``metal`` or ``dx12``.
+    kind : str
+        ``cpu``, ``integrated``, ``discrete``, ``virtual`` or ``other``.
+    driver : str
+        Driver name and version.
+    """
+
+    index: int
+    name: str
+    backend: str
+    kind: str
+    driver: str
+
+
+def devices() -> tuple[Device, ...]:
+    """List the devices that can run EVIS; empty where there is no driver."""
+    return tuple(Device(**device) for device in _evis.list_devices())
+
+
+def micros(what: str, seconds: float) -> int:
+    """Round ``seconds`` to whole microseconds."""
+    if not math.isfinite(seconds) or abs(seconds) > 9e12:
+        raise ConfigError(f"{what} is {seconds}; it must be a finite number of seconds")
+    return round(seconds * 1e6)
+
+
+class Simulator:
+    """Renders a scene as event cameras see it.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to render; several simulators may share it.
+    sensor : Sensor, optional
+        Sensor of every camera that does not set its own thresholds; ideal, 0.2 / 0.2, where not given.
+    rate_hz : float
+        Sampled instants per second, on a grid fixed in absolute time.
+    samples : int
+        Samples per pixel and instant, 1 to 256, averaged in linear light.
+    antialias : {"samples", "edges"}
+        ``samples``: visibility and shading at every sample. ``edges``: visibility at 4, shading once.
+    cameras : sequence of str or EventCamera, optional
+        Cameras to render: names of the scene's own, or cameras to add to it; all of the scene's if not
+        given.
+    size : (int, int), optional
+        Width and height in pixels of every camera; if not given, each camera's own (640x480 where it has
+        none).
+    labels : sequence of str
+        Any of ``depth``, ``flow``, ``instance``, ``semantic``, ``normal``, ``hdr``; ``flow`` stands for
+        ``flow_forward`` and ``flow_backward`` with their validity masks.
+    label_rate_hz : float
+        Label images and poses per second.
+    start : float
+        Scene time in seconds at which the stream starts; the stream's own time starts at 0.
+    seed : int
+        Seed of everything random.
+    reference_luminance : float, optional
+        Y_ref of the sensor's formula; the value that brings the first camera's log-mean to 0.18 if not given.
+    device : Device, str or int, optional
+        A device, its index, or a part of its name; the fastest kind where not given.
+
+    Raises
+    ------
+    ConfigError
+        If a value cannot be used or a camera does not exist.
+    DeviceError
+        If there is no such device.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        sensor: Sensor | None = None,
+        rate_hz: float = 1000.0,
+        samples: int = 4,
+        antialias: Literal["samples", "edges"] = "samples",
+        cameras: Sequence[str | EventCamera] | None = None,
+        size: tuple[int, int] | None = None,
+        labels: Iterable[LabelName] = (),
+        label_rate_hz: float = 50.0,
+        start: float = 0.0,
+        seed: int = 0,
+        reference_luminance: float | None = None,
+        device: Device | str | int | None = None,
+    ) -> None:
+        sensor = Sensor() if sensor is None else sensor
+        if isinstance(cameras, str) or isinstance(labels, str):
+            raise ConfigError("cameras and labels are sequences: write ['NAME'], not 'NAME'")
+        names: list[str] = []
+        if cameras is not None:
+            if not cameras:
+                raise ConfigError("cameras is empty; it must name a camera, or be None for all")
+            added = [camera for camera in cameras if isinstance(camera, EventCamera)]
+            scene = scene.with_cameras(added) if added else scene
+            names = [camera.name if isinstance(camera, EventCamera) else camera for camera in cameras]
+        self._scene = scene
+        self._sensor = sensor
+        self._engine = _evis.Simulator(
+            scene._raw,
+            threshold_on=sensor.threshold_on,
+            threshold_off=sensor.threshold_off,
+            log_eps=sensor.log_eps,
+            trigger=sensor.trigger,
+            method="native",
+            rate_hz=rate_hz,
+            samples=_whole("samples", samples, 2**32),
+            antialias=antialias,
+            cameras=names,
+            size=_size(size),
+            start_us=micros("start", start),
+            seed=_whole("seed", seed, 2**63),
+            labels=list(labels),
+            label_rate_hz=label_rate_hz,
+            reference_luminance=reference_luminance,
+            device=_selector(device),
+        )
+        self._start_us = micros("start", start)
+        self._seed = int(seed)
+        self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
+        self._labels = tuple(self._engine.labels)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene, with the cameras that were added."""
+        return self._scene
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor."""
+        return self._sensor
+
+    @property
+    def cameras(self) -> tuple[CameraInfo, ...]:
+        """The rendered cameras, in order."""
+        return self._cameras
+
+    @property
+    def environments(self) -> int:
+        """Environments rendered side by side."""
+        return self._engine.environments
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Kinds of labels that packets carry."""
+        return self._labels
+
+    @property
+    def seed(self) -> int:
+        """Seed of everything random."""
+        return self._seed
+
+    @property
+    def config_toml(self) -> str:
+        """The settings in force as TOML, as event files store them."""
+        return self._engine.config_toml
+
+    @property
+    def reference_luminance(self) -> float | None:
+        """Y_ref in force: the one given, or the one found at the start."""
+        return self._engine.reference_luminance
+
+    @property
+    def device(self) -> Device:
+        """The device that renders."""
+        return Device(**self._engine.device)
+
+    @property
+    def now_us(self) -> int:
+        """Stream time up to which `step` has come, in microseconds."""
+        return self._engine.now_us
+
+    def step(self, until_us: int) -> Packet:
+        """Run to ``until_us`` and return everything from now on; the GIL is released meanwhile.
+
+        Ctrl-C ends it between intervals and loses nothing: the next step goes on from `now_us`.
+
+        Parameters
+        ----------
+        until_us : int
+            Stream time in microseconds, later than `now_us`.
+
+        Returns
+        -------
+        Packet
+            Everything in ``[now_us, until_us)``.
+
+        Raises
+        ------
+        ConfigError
+            If ``until_us`` does not lie after `now_us`.
+        DeviceError
+            If the device failed.
+        EvisError
+            If a stream has taken the engine.
+        """
+        return packet_from(self._engine.step(until_us), self._cameras, self._labels)
+
+    def stream(self, *, duration: float | None = None, packet_us: int = 10_000) -> Stream:
+        """Stream packets, rendered ahead while Python works.
+
+        The stream takes the engine: afterwards this simulator neither steps nor streams. Events and labels
+        do not depend on ``packet_us``. Ctrl-C stops between intervals.
+
+        Parameters
+        ----------
+        duration : float, optional
+            Seconds from now; to the end of the scene's motion where not given.
+        packet_us : int
+            Length of a packet in microseconds; the last one may be shorter.
+
+        Returns
+        -------
+        Stream
+            An iterator of `Packet`; use it in ``with`` to stop early.
+
+        Raises
+        ------
+        ConfigError
+            If a value is not positive, or the scene has no end and no duration is given.
+        EvisError
+            If a stream has taken the engine before.
+        """
+        if duration is None:
+            end = self._scene.duration
+            if end is None:
+                raise ConfigError("this scene's motion has no end: give duration, in seconds")
+            left_us = micros("duration", end) - self._start_us - self.now_us
+        else:
+            left_us = micros("duration", duration)
+        end_us = self.now_us + left_us
+        return Stream(self, self._engine.stream(left_us, packet_us), end_us)
+
+    def __repr__(self) -> str:
+        """Say what renders where."""
+        cameras = ", ".join(f"{camera.name} {camera.width}x{camera.height}" for camera in self._cameras)
+        return f"Simulator({self._scene.name!r}, {self.environments} x [{cameras}] on {self.device.name})"
+
+
+class Stream(Iterator[Packet]):
+    """Packets in order, made by `Simulator.stream`. Leaving it, by ``with`` or `close`, stops the engine."""
+
+    def __init__(self, simulator: Simulator, engine: _evis.Stream, end_us: int) -> None:
+        self._simulator = simulator
+        self._end_us = end_us
+        self._engine = engine
+
+    @property
+    def simulator(self) -> Simulator:
+        """The simulator that it came from."""
+        return self._simulator
+
+    @property
+    def end_us(self) -> int:
+        """Stream time at which the stream ends, in microseconds."""
+        return self._end_us
+
+    def __next__(self) -> Packet:
+        """Wait for the next packet; the GIL is released meanwhile."""
+        raw = next(self._engine)
+        return packet_from(raw, self._simulator.cameras, self._simulator.labels)
+
+    def close(self) -> None:
+        """Stop the engine after the interval in work; closing twice does nothing."""
+        self._engine.close()
+
+    def __enter__(self) -> Stream:
+        """Return the stream."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop the engine."""
+        self.close()
+
+
+def _size(size: tuple[int, int] | None) -> tuple[int, int] | None:
+    if size is None:
+        return None
+    width, height = size
+    return _whole("width", width, 2**32), _whole("height", height, 2**32)
+
+
+def _selector(device: Device | str | int | None) -> str | None:
+    if device is None:
+        return None
+    return str(device.index) if isinstance(device, Device) else str(device)
+
+
+def _whole(what: str, value: int, limit: int) -> int:
+    """Check that ``value`` fits an unsigned integer, so that the error names the setting."""
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise ConfigError(f"{what} is {value!r}; it must be a whole number")
+    number = value.__index__()
+    if not 0 <= number < limit:
+        raise ConfigError(f"{what} is {number}; it must be between 0 and {limit - 1}")
+    return number

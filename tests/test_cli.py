@@ -1,0 +1,38 @@
+"""The wheel's command is the program `evis-rs`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import evis
+
+
+def run(*args: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "evis", *args], capture_output=True, text=True, check=False)
+
+
+def test_version_is_the_packages():
+    done = run("--version")
+    assert done.returncode == 0
+    assert done.stdout.split() == ["evis", evis.__version__]
+
+
+def test_the_command_is_installed():
+    command = Path(sys.executable).with_name("evis")
+    done = subprocess.run([command, "--version"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert evis.__version__ in done.stdout
+
+
+def test_bad_input_exits_with_2():
+    assert run("run", "no-such-scene", "-o", "out.h5").returncode == 2
+    assert run("no-such-command").returncode == 2
+
+
+def test_scenes_are_listed():
+    done = run("scenes")
+    assert done.returncode == 0
+    for name in evis.scenes():
+        assert name in done.stdout

@@ -1,0 +1,93 @@
+"""One camera is one line; cameras go by name, environments by index."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import evis
+from evis import _packets
+
+
+def view(environment: int, name: str, count: int) -> evis.View:
+    events = np.zeros(count, evis.EventCD)
+    events["t"] = np.arange(count)
+    camera = evis.CameraInfo(name, 64, 48, 50.0, 50.0, 32.0, 24.0)
+    poses = evis.Poses(np.zeros(1, np.int64), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
+    return evis.View(environment, camera, events, {}, poses)
+
+
+def packet(*views: evis.View) -> evis.Packet:
+    report = evis.Report(sum(len(v.events) for v in views), 0, 0, 10, 0, 0.0, 0.0, 0.0, 0.0)
+    return evis.Packet(0, 10_000, views, report)
+
+
+def test_one_camera_needs_no_name():
+    single = packet(view(0, "left", 5))
+    assert len(single.events) == 5
+    assert single.events is single.view.events
+    assert single.t.tolist() == [0, 1, 2, 3, 4]
+    assert single.x.dtype == np.uint16
+    assert single.y.dtype == np.uint16
+    assert single.p.dtype == np.int16
+    assert single["left"] is single.view
+    assert single[0].events is single.events
+    assert len(single.poses) == 1
+    assert (single.view.event_array.width, single.view.event_array.height) == (64, 48)
+
+
+def test_cameras_go_by_name():
+    stereo = packet(view(0, "left", 5), view(0, "right", 3))
+    assert list(stereo.events) == ["left", "right"]
+    assert len(stereo.events["right"]) == 3
+    assert len(stereo["right"].events) == 3
+    with pytest.raises(evis.EvisError, match=r"2 cameras \(left, right\)"):
+        _ = stereo.t
+    with pytest.raises(evis.ConfigError, match="no camera named 'up'; there is left, right"):
+        _ = stereo["up"]
+
+
+def test_environments_go_by_index():
+    batch = packet(*(view(k, name, k + 1) for k in range(3) for name in ("left", "right")))
+    assert len(batch) == 3
+    assert [len(environment["left"].events) for environment in batch] == [1, 2, 3]
+    assert len(batch[2].events["right"]) == 3
+    assert batch.environment(1) is batch[1]
+    assert [(v.environment, v.camera.name) for v in batch.views][:2] == [(0, "left"), (0, "right")]
+    with pytest.raises(evis.EvisError, match="3 environments"):
+        _ = batch.events
+    with pytest.raises(evis.ConfigError, match="between 0 and 2"):
+        batch.environment(3)
+
+
+def test_labels_are_arrays_with_times():
+    class Frame:
+        kind = "flow_forward"
+        t_us = 20_000
+        t_other_us = 40_000
+        data = np.ones((48, 64, 2), np.float32)
+
+    labels = _packets.labels_from([Frame()], ("depth", "flow_forward"), (64, 48))  # type: ignore[list-item]
+    assert labels["flow_forward"].data.shape == (1, 48, 64, 2)
+    assert np.shares_memory(labels["flow_forward"].data, Frame.data)
+    assert labels["flow_forward"].t_other_us.tolist() == [40_000]
+    assert labels["depth"].data.shape == (0, 48, 64)
+    assert labels["depth"].data.dtype == np.float32
+    two = _packets.labels_from([Frame(), Frame()], (), (64, 48))  # type: ignore[list-item]
+    assert two["flow_forward"].data.shape == (2, 48, 64, 2)
+    assert [t for t, _ in two["flow_forward"]] == [20_000, 20_000]
+
+
+def test_pose_matrices_turn_and_move():
+    half = np.sqrt(0.5)
+    poses = evis.Poses(np.zeros(1, np.int64), np.array([[1.0, 2.0, 3.0]]), np.array([[0.0, half, 0.0, half]]))
+    moved = poses.matrix[0] @ np.array([0.0, 0.0, -1.0, 1.0])
+    # A quarter turn to the left about +Y: what lay ahead (-Z) lies at -X.
+    assert np.allclose(moved, [0.0, 2.0, 3.0, 1.0])
+
+
+def test_label_kinds_come_from_the_engine():
+    assert _packets.LABEL_KINDS["depth"] == (np.dtype("<f4"), 1)
+    assert _packets.LABEL_KINDS["normal"] == (np.dtype("<f4"), 3)
+    assert _packets.LABEL_KINDS["instance"] == (np.dtype("<u4"), 1)
+    assert _packets.LABEL_KINDS["flow_forward_valid"] == (np.dtype("u1"), 1)

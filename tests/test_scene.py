@@ -1,0 +1,170 @@
+"""Scenes by name, by file, by text and by Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import evis
+from evis import _builder, _toml
+from evis.motion import Ballistic, Chain, ConstantVelocity, FigureEight, Keys, Placement, Spin, Waveform
+
+TEXT = """
+name = "pair"
+ambient = [1, 1, 1]
+duration_s = 2
+materials = [{ name = "grey", color = [0.5, 0.5, 0.5] }]
+primitives = [{ name = "cube", shape = "box", size = [1, 1, 1], material = "grey" }]
+cameras = [
+  { name = "left", position = [-0.1, 0, 3], size = [64, 48] },
+  { name = "right", position = [0.1, 0, 3], size = [64, 48] },
+]
+environments = [{ count = 3, time_step_s = 0.5 }]
+"""
+
+
+def everything() -> evis.SceneBuilder:
+    """A scene that uses every kind of table but files."""
+    builder = evis.SceneBuilder("everything", duration=2.0, background="#102030", ambient=(0.1, 0.1, 0.1))
+    builder.texture("pixels", np.zeros((8, 4), np.uint8), wrap="clamp", filter="nearest")
+    builder.texture("bricks", pattern="bricks", size=64, seed=3, colors=((0.5, 0.5, 0.5), "#ffffff"))
+    builder.material(
+        "screen", model="unlit", texture="pixels", waveform=Waveform(shape="sine", frequency_hz=50.0)
+    )
+    builder.material("wall", texture="bricks", emissive=(1, 1, 1), emissive_strength=0.1, double_sided=True)
+    builder.material("metal", model="metallic_roughness", color="#808080", metallic=1.0, roughness=0.3)
+    builder.plane("floor", size=(10, 10), material="wall", uv_repeat=(4, 4))
+    builder.card("screen", size=(1, 1), material="screen", pose=Placement(motion=Spin(degrees_per_s=90.0)))
+    builder.box("box", size=(1, 1, 1), material="wall", semantic_id=2)
+    fall = Ballistic(velocity=np.array([1.0, 3.0, 0.0]), launch_s=0.1)
+    builder.sphere("ball", radius=0.2, material="metal", segments=(16, 8), pose=Placement(motion=fall))
+    turn = Chain(motions=[Placement(motion=Spin(degrees_per_s=10.0)), Placement(position=(1, 0, 0))])
+    builder.cylinder("pole", radius=0.1, height=2.0, material="metal", pose=Placement(motion=turn))
+    keys = Keys(times_s=[0.0, 1.0], positions=np.eye(2, 3), interpolation="catmull_rom")
+    builder.capsule("pill", radius=0.1, height=1.0, material="metal", pose=Placement(motion=keys, scale=2.0))
+    eight = FigureEight(size=(1, 0.5), period_s=4.0, look_at=(0, 0, 0))
+    builder.node("rig", pose=Placement(position=(0, 1, 3), motion=eight))
+    drift = Placement(parent="rig", motion=ConstantVelocity(velocity=(0, 0, 0.1)))
+    builder.camera(evis.EventCamera(name="eye", width=64, height=48, pose=drift, threshold_on=0.3))
+    builder.camera(evis.EventCamera(name="other", width=64, height=48, fx=50.0, fy=50.0, cx=32.0, cy=24.0))
+    sun = Placement(position=(0, 5, 0), look_at=(0, 0, 1))
+    flicker = Waveform(shape="pwm", frequency_hz=100.0, duty=0.25)
+    builder.light("sun", kind="directional", intensity=3.0, casts_shadow=True, pose=sun)
+    builder.light("lamp", kind="spot", intensity=10.0, outer_degrees=30.0, waveform=flicker, pose=sun)
+    builder.environments(2, time_step_s=0.1, offsets={"box": Placement(position=(0, 0, 0.1))})
+    return builder
+
+
+def test_text_gives_cameras_and_environments():
+    scene = evis.Scene.from_toml(TEXT)
+    assert (scene.name, scene.cameras, scene.environments, scene.duration) == (
+        "pair",
+        ("left", "right"),
+        3,
+        2.0,
+    )
+    assert "cube" in scene.nodes
+
+
+def test_a_file_is_the_same_as_its_text(tmp_path: Path):
+    (tmp_path / "pair.toml").write_text(TEXT)
+    assert repr(evis.Scene.load(tmp_path / "pair.toml")) == repr(evis.Scene.from_toml(TEXT))
+
+
+def test_an_unknown_key_is_named_with_the_nearest():
+    with pytest.raises(evis.FormatError, match="duration_s"):
+        evis.Scene.from_toml(TEXT.replace("duration_s", "durations"))
+    with pytest.raises(evis.FormatError):
+        evis.Scene.from_toml("name = ")
+
+
+def test_the_builder_knows_the_whole_vocabulary():
+    scene = everything().build()
+    assert scene.cameras == ("eye", "other")
+    assert scene.environments == 2
+    assert {"floor", "screen", "ball", "pole", "pill", "rig", "sun", "lamp"} <= set(scene.nodes)
+    assert repr(evis.Scene.from_toml(everything().toml())) == repr(scene)
+
+
+def test_the_builder_passes_errors_on():
+    builder = everything()
+    builder.box("bad", size=(1, 1, 1), material="no such material")
+    with pytest.raises(evis.EvisError, match="no such material"):
+        builder.build()
+    builder = everything()
+    builder.box("bad", size=(1, 1, 1), material="wall", semantics=3)
+    with pytest.raises(evis.FormatError, match="semantic_id"):
+        builder.build()
+    with pytest.raises(evis.ConfigError, match="exactly one"):
+        builder.texture("both", np.zeros((4, 4)), pattern="bricks")
+    with pytest.raises(evis.ConfigError, match="shape"):
+        builder.texture("flat", np.zeros(4))
+    with pytest.raises(evis.ConfigError, match="outside"):
+        builder.texture("dark", np.full((4, 4), -1.0))
+    with pytest.raises(evis.ConfigError, match="width or a height"):
+        builder.camera(evis.EventCamera(name="half", width=64))
+
+
+def test_pixels_become_linear_light():
+    grey = np.full((2, 3), 188, np.uint8)
+    # IEC 61966-2-1: code 188 is 0.5029 of full light.
+    assert np.allclose(_builder.linear_rgba("x", grey, None)[..., 0], 0.50289, atol=1e-4)
+    assert np.allclose(_builder.linear_rgba("x", grey, "linear")[..., 0], 188 / 255)
+    light = np.random.default_rng(0).random((2, 3, 4)).astype(np.float32)
+    assert np.array_equal(_builder.linear_rgba("x", light, None), light)
+    assert _builder.linear_rgba("x", light[..., :3], None)[..., 3].tolist() == [[1, 1, 1], [1, 1, 1]]
+
+
+def test_pixels_reach_the_screen(device: evis.Device):
+    """A card that fills the picture shows its four colours where they belong: upright and not mirrored."""
+    pixels = np.array([[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]]], np.float32)
+    builder = evis.SceneBuilder("card")
+    builder.texture("quad", pixels, filter="nearest")
+    builder.material("quad", model="unlit", texture="quad")
+    builder.card("card", size=(4, 4), material="quad")
+    pose = Placement(position=(0, 0, 1))
+    builder.camera(evis.EventCamera(name="eye", width=32, height=32, fov_y_degrees=90.0, pose=pose))
+    sim = evis.Simulator(builder.build(), labels=["hdr"], samples=1)
+    image = sim.step(1_000).labels["hdr"].images[0]
+    corners = image[[8, 8, 24, 24], [8, 24, 8, 24]]
+    assert np.allclose(corners, pixels.reshape(4, 3), atol=1e-3)
+
+
+def test_cameras_hang_on_nodes():
+    scene = everything().build()
+    more = scene.with_cameras([evis.EventCamera(name="third", pose=Placement(parent="rig"))])
+    assert more.cameras == ("eye", "other", "third")
+    assert scene.cameras == ("eye", "other")
+    with pytest.raises(evis.ConfigError, match="no node named 'arm'"):
+        scene.with_cameras([evis.EventCamera(name="third", pose=Placement(parent="arm"))])
+    with pytest.raises(evis.ConfigError, match="'eye' already"):
+        scene.with_cameras([evis.EventCamera(name="eye")])
+
+
+@pytest.mark.parametrize(
+    ("item", "text"),
+    [
+        (True, "true"),
+        (np.bool_(False), "false"),
+        (3, "3"),
+        (np.uint8(3), "3"),
+        (0.1, "0.1"),
+        (1e300, "1e+300"),
+        (float("inf"), "inf"),
+        ('a "b"\n\x7f', '"a \\"b\\"\\n\\u007f"'),
+        ("\U0001f600", '"\U0001f600"'),
+        (Path("a") / "b.glb", '"a/b.glb"'),
+        ((1, 2.5), "[1, 2.5]"),
+        (np.eye(2), "[[1.0, 0.0], [0.0, 1.0]]"),
+        ({"a": 1, "b c": [], "d": None}, '{ a = 1, "b c" = [] }'),
+    ],
+)
+def test_python_values_become_toml(item: object, text: str):
+    assert _toml.value("item", item) == text
+
+
+def test_other_values_are_refused():
+    with pytest.raises(evis.ConfigError, match="item is <object"):
+        _toml.value("item", object())

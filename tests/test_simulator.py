@@ -1,0 +1,280 @@
+"""The engine through Python: streams, steps, determinism, threads."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from test_door import interrupted
+
+import evis
+
+SMALL: dict[str, Any] = {"size": (64, 48), "rate_hz": 500.0, "samples": 1}
+
+
+def streamed(
+    scene: evis.Scene, *, duration: float = 0.06, packet_us: int = 10_000, **settings: Any
+) -> list[evis.Packet]:
+    sim = evis.Simulator(scene, **{**SMALL, **settings})
+    with sim.stream(duration=duration, packet_us=packet_us) as stream:
+        return list(stream)
+
+
+def columns(packets: list[evis.Packet]) -> list[npt.NDArray[Any]]:
+    """Everything that must not depend on the packet length."""
+    views = [packet.view for packet in packets]
+    events = np.concatenate([view.events for view in views])
+    found = [events[name] for name in ("t", "x", "y", "p")]
+    for kind in views[0].labels:
+        found.append(np.concatenate([view.labels[kind].t_us for view in views]))
+        found.append(np.concatenate([view.labels[kind].data for view in views]))
+    found.append(np.concatenate([view.poses.matrix for view in views]))
+    return found
+
+
+def same(one: list[npt.NDArray[Any]], other: list[npt.NDArray[Any]]) -> bool:
+    return len(one) == len(other) and all(
+        a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in zip(one, other, strict=True)
+    )
+
+
+def test_packets_tile_time(spinner: evis.Scene):
+    packets = streamed(spinner, duration=0.025)
+    assert [(packet.start_us, packet.end_us) for packet in packets] == [
+        (0, 10_000),
+        (10_000, 20_000),
+        (20_000, 25_000),
+    ]
+    for packet in packets:
+        assert ((packet.t >= packet.start_us) & (packet.t < packet.end_us)).all()
+    assert sum(len(packet.events) for packet in packets) > 0
+    assert sum(packet.report.events for packet in packets) == sum(len(packet.events) for packet in packets)
+    assert all(packet.report.dropped == 0 for packet in packets)
+
+
+def test_events_are_the_engines_own_memory(spinner: evis.Scene):
+    packet = max(streamed(spinner), key=lambda packet: packet.report.events)
+    assert packet.events.dtype == evis.EventCD
+    assert not packet.events.flags.owndata
+    assert packet.events.base is not None
+    assert np.shares_memory(packet.t, packet.events)
+    assert np.shares_memory(np.from_dlpack(packet.x), packet.events)
+    order = np.lexsort((packet.x, packet.y, packet.t))
+    assert (order == np.arange(len(order))).all()
+    assert packet.x.max() < 64
+    assert packet.y.max() < 48
+    assert set(np.unique(packet.p)) <= {0, 1}
+
+
+def test_bytes_do_not_depend_on_the_packet_length(spinner: evis.Scene):
+    labels = ("depth", "flow", "instance")
+    whole = columns(streamed(spinner, packet_us=60_000, labels=labels))
+    assert len(whole[0]) > 0
+    for packet_us in (7_001, 10_000):
+        assert same(columns(streamed(spinner, packet_us=packet_us, labels=labels)), whole)
+    other = columns(streamed(spinner, labels=labels, start=0.01))
+    assert not same(other, whole), "canary: another stream has other bytes"
+
+
+def test_steps_give_the_stream(spinner: evis.Scene):
+    sim = evis.Simulator(spinner, **SMALL)
+    stepped = [sim.step(until_us) for until_us in (5_000, 30_000, 60_000)]
+    assert sim.now_us == 60_000
+    assert [packet.start_us for packet in stepped] == [0, 5_000, 30_000]
+    assert same(columns(stepped), columns(streamed(spinner)))
+    with pytest.raises(evis.ConfigError):
+        sim.step(60_000)
+
+
+def test_labels_have_shapes_and_times(spinner: evis.Scene):
+    packets = streamed(spinner, labels=("depth", "flow", "normal", "hdr", "semantic"), label_rate_hz=100.0)
+    labels = packets[0].labels
+    flows = ["flow_forward", "flow_forward_valid", "flow_backward", "flow_backward_valid"]
+    assert list(labels) == ["depth", *flows, "semantic", "normal", "hdr"]
+    assert labels["depth"].data.shape == (1, 48, 64)
+    assert labels["depth"].data.dtype == np.float32
+    assert labels["flow_forward"].images[0].shape == (48, 64, 2)
+    assert labels["flow_forward_valid"].images[0].dtype == np.uint8
+    assert labels["normal"].images[0].shape == (48, 64, 3)
+    assert labels["semantic"].images[0].dtype == np.uint32
+    times = np.concatenate([packet.labels["depth"].t_us for packet in packets])
+    assert times.tolist() == list(range(0, 60_000, 10_000))
+    assert np.concatenate([packet.poses.t_us for packet in packets]).tolist() == times.tolist()
+    assert np.allclose(np.linalg.norm(packets[0].poses.rotation, axis=1), 1.0)
+
+
+def test_cameras_can_be_added(spinner: evis.Scene):
+    left = evis.EventCamera(
+        name="extra left", width=48, height=32, pose=evis.Placement(position=(-0.05, 0.0, 3.0))
+    )
+    right = evis.EventCamera(
+        name="extra right",
+        width=32,
+        height=32,
+        pose=evis.Placement(position=(0.05, 0.0, 3.0)),
+        fov_y_degrees=40.0,
+    )
+    sim = evis.Simulator(spinner, cameras=[left, right], rate_hz=500.0, samples=1)
+    assert [(camera.name, camera.width, camera.height) for camera in sim.cameras] == [
+        ("extra left", 48, 32),
+        ("extra right", 32, 32),
+    ]
+    packet = sim.step(20_000)
+    assert packet["extra left"].poses.position[0].tolist() == [-0.05, 0.0, 3.0]
+    assert list(packet.events) == ["extra left", "extra right"]
+    assert "extra left" not in spinner.cameras, "the scene that was given stays as it was"
+
+
+def test_a_stream_takes_the_engine(spinner: evis.Scene):
+    sim = evis.Simulator(spinner, **SMALL)
+    with sim.stream(duration=10.0) as stream:
+        next(stream)
+        with pytest.raises(evis.EvisError, match="new Simulator"):
+            sim.step(10_000)
+    assert list(stream) == [], "a closed stream has ended"
+    with pytest.raises(evis.EvisError, match="new Simulator"):
+        sim.stream(duration=1.0)
+
+
+def test_python_runs_while_a_step_renders(spinner: evis.Scene):
+    sim = evis.Simulator(spinner, size=(320, 240), samples=4)
+    progress = 0
+    stop = threading.Event()
+
+    def count() -> None:
+        nonlocal progress
+        while not stop.is_set():
+            progress += 1
+            time.sleep(0.0005)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    before = progress
+    sim.step(50_000)
+    during = progress - before
+    stop.set()
+    thread.join()
+    assert during > 3
+
+
+def test_the_stream_renders_ahead(spinner: evis.Scene):
+    sim = evis.Simulator(spinner, **SMALL)
+    with sim.stream(duration=1.0) as stream:
+        next(stream)
+        time.sleep(0.5)
+        began = time.perf_counter()
+        next(stream)
+        waited_s = time.perf_counter() - began
+    # No measure of speed: a packet that was rendered meanwhile needs only to be handed over.
+    assert waited_s < 0.25
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"rate_hz": 0.0}, "rate is 0"),
+        ({"samples": 0}, "samples is 0"),
+        ({"samples": -1}, "samples is -1"),
+        ({"size": (0, 48)}, "width is 0"),
+        ({"start": -1.0}, "start is -1"),
+        ({"start": float("nan")}, "start is nan"),
+        ({"seed": -1}, "seed is -1"),
+        ({"label_rate_hz": 0.0}, "label_rate is 0"),
+        ({"labels": ["colour"]}, "'depth' or"),
+        ({"labels": "depth"}, "sequences"),
+        ({"antialias": "none"}, "'samples' or 'edges'"),
+        ({"sensor": evis.Sensor(threshold_on=0.0)}, "threshold_on is 0"),
+        ({"sensor": evis.Sensor(trigger="edge")}, "'crossing' or 'latch'"),  # type: ignore[arg-type]
+        ({"reference_luminance": 0.0}, "reference_luminance is 0"),
+        ({"cameras": []}, "cameras is empty"),
+    ],
+)
+def test_unusable_settings_are_named(settings: dict[str, Any], message: str):
+    # No device needed: settings are checked before one is looked for.
+    scene = evis.Scene.builtin("spinner")
+    with pytest.raises(evis.ConfigError, match=message):
+        evis.Simulator(scene, **settings)
+
+
+def test_unknown_cameras_and_devices_are_refused(spinner: evis.Scene):
+    with pytest.raises(evis.ConfigError, match="no camera named 'top'; there is"):
+        evis.Simulator(spinner, cameras=["top"])
+    with pytest.raises(evis.DeviceError):
+        evis.Simulator(spinner, device="no such device")
+
+
+def test_unusable_stream_lengths_are_refused(spinner: evis.Scene):
+    sim = evis.Simulator(spinner, **SMALL)
+    for settings in ({"duration": 0.0}, {"duration": -1.0}, {"duration": 1.0, "packet_us": 0}):
+        with pytest.raises(evis.ConfigError):
+            sim.stream(**settings)
+    with sim.stream(duration=0.01) as stream:
+        assert len(list(stream)) == 1, "a refused stream leaves the engine where it was"
+
+
+def test_unknown_scenes_are_refused():
+    with pytest.raises(evis.ConfigError, match="warehouse"):
+        evis.Scene.builtin("barehouse")
+    with pytest.raises(evis.ConfigError, match=r"\.toml, \.gltf or \.glb"):
+        evis.Scene.load("scene.obj")
+    assert {"warehouse", "spinner", "street", "desk"} <= set(evis.scenes())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_ctrl_c_stops_a_stream_and_keeps_its_file(device: evis.Device, tmp_path: Path):
+    path = tmp_path / "out.h5"
+    script = f"""
+        import time
+        import evis
+
+        sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48), samples=1)
+        try:
+            with sim.stream(duration=100_000.0) as stream, evis.Writer({str(path)!r}, sim) as writer:
+                for number, packet in enumerate(stream):
+                    writer.write(packet)
+                    if number == 3:
+                        print("ready", flush=True)
+        except KeyboardInterrupt:
+            print("stopped", flush=True)
+    """
+    began = time.perf_counter()
+    assert "stopped" in interrupted(script)
+    assert time.perf_counter() - began < 30.0
+    recording = evis.load(path)
+    assert not recording.complete
+    assert len(recording.events) > 0
+    assert recording.poses.t_us[-1] >= 20_000
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_ctrl_c_ends_a_long_step_and_loses_nothing(device: evis.Device):
+    script = """
+        import time
+        import evis
+
+        def simulator():
+            return evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48), rate_hz=500.0, samples=1)
+
+        sim = simulator()
+        sim.step(10_000)
+        print("ready", flush=True)
+        began = time.perf_counter()
+        try:
+            sim.step(1_000_000_000)
+        except KeyboardInterrupt:
+            print("stopped after", time.perf_counter() - began, flush=True)
+        assert sim.now_us == 10_000, sim.now_us
+        other = simulator()
+        other.step(10_000)
+        assert sim.step(50_000).events.tobytes() == other.step(50_000).events.tobytes()
+        print("the same", flush=True)
+    """
+    text = interrupted(script)
+    assert "stopped after" in text, text
+    assert "the same" in text, text
