@@ -409,7 +409,7 @@ impl SceneBuilder {
     ) -> Result<&mut Self, SceneError> {
         not_negative("intensity", settings.intensity.into(), "a factor")?;
         finite("rotation_degrees", settings.rotation_degrees.into())?;
-        let environment = load_environment(path, settings)?;
+        let environment = load_environment(path, settings, &mut self.scene.warnings)?;
         Ok(self.environment(environment))
     }
 
@@ -802,17 +802,22 @@ impl SceneBuilder {
         Ok(self)
     }
 
-    /// The finished scene.
+    /// The finished scene, validated; it gets a framing camera where it has none.
     ///
     /// # Errors
-    /// A scene whose cameras share a name.
+    /// Cameras that share a name; see [`Scene::validate`].
     pub fn build(self) -> Result<Scene, SceneError> {
-        let mut names: Vec<&str> = self.scene.cameras.iter().map(|c| c.name.as_str()).collect();
+        let mut scene = self.scene;
+        let mut names: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
         names.sort_unstable();
         if let Some([name, _]) = names.array_windows().find(|[a, b]| a == b) {
             return rule(format!("two cameras are named '{name}'; each needs its own name"));
         }
-        Ok(self.scene)
+        scene.validate()?;
+        if scene.cameras.is_empty() {
+            scene.add_framing_camera();
+        }
+        Ok(scene)
     }
 
     fn place(&mut self, name: String, placement: &Placement, node: Node) -> Result<usize, SceneError> {
@@ -837,16 +842,27 @@ impl SceneBuilder {
 
 // The three loaders live with their formats; this is the one place that calls them.
 
-fn load_gltf(path: &FilePath, _animation: Option<&str>) -> Result<Scene, SceneError> {
-    Err(SceneError::invalid(path, "glTF is not built in yet"))
+fn load_gltf(path: &FilePath, animation: Option<&str>) -> Result<Scene, SceneError> {
+    let options = crate::gltf::Options { animation: animation.map(str::to_owned), standalone: false };
+    crate::gltf::load(path, &options)
 }
 
-fn load_image(path: &FilePath, _color_space: ColorSpace) -> Result<Image, SceneError> {
-    Err(SceneError::invalid(path, "image files are not built in yet"))
+fn load_image(path: &FilePath, color_space: ColorSpace) -> Result<Image, SceneError> {
+    let transfer = match color_space {
+        ColorSpace::Srgb => crate::image::Transfer::Srgb,
+        ColorSpace::Linear => crate::image::Transfer::Linear,
+    };
+    crate::image::load(path, transfer)
 }
 
-fn load_environment(path: &FilePath, _settings: EnvironmentSettings) -> Result<Environment, SceneError> {
-    Err(SceneError::invalid(path, "environment maps are not built in yet"))
+fn load_environment(
+    path: &FilePath,
+    settings: EnvironmentSettings,
+    warnings: &mut Vec<String>,
+) -> Result<Environment, SceneError> {
+    let EnvironmentSettings { intensity, rotation_degrees, visible } = settings;
+    let environment = Environment::load_with_warnings(path, warnings)?;
+    Ok(Environment { intensity, rotation: rotation_degrees.to_radians(), visible, ..environment })
 }
 
 fn rule<T>(message: String) -> Result<T, SceneError> {
