@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::RESERVED_NAMES;
 use super::store::{Column, FileState, Store, compress};
+use super::{RESERVED_NAMES, Recording};
 use crate::format::FormatError;
 
 /// What [`repair`] did.
@@ -70,6 +70,8 @@ pub fn repair(path: &Path) -> Result<RepairReport, FormatError> {
     if !report.nothing_to_do() || store.is_truncated() {
         store.publish(FileState::Closed)?;
     }
+    // Groups, names and texts cannot be rebuilt; whether they are there, the reader knows.
+    Recording::open(path)?;
     Ok(report)
 }
 
@@ -157,7 +159,7 @@ fn millis(t: &[u8]) -> u64 {
 mod tests {
     use super::*;
     use crate::event::{Event, Polarity};
-    use crate::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
+    use crate::format::hdf5::{RecordingHeader, RecordingWriter};
     use crate::packet::CameraInfo;
 
     fn stored_index(path: &Path) -> Vec<u64> {
