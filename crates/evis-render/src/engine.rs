@@ -11,7 +11,7 @@ use evis_scene::{Scene, SceneState};
 
 use crate::config::{Antialias, RunConfig};
 use crate::error::EngineError;
-use crate::frame::{FrameData, rigid};
+use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::frame_buffers::FrameBuffers;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
@@ -21,7 +21,7 @@ use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
 use crate::pass::trigger::TriggerPasses;
-use crate::shadow::ShadowRoom;
+use crate::shadow::{ShadowPlan, ShadowRoom};
 use crate::sizes::{self, DeviceLimits};
 use crate::targets::Targets;
 use crate::uniforms::{Status, ViewSensor};
@@ -49,6 +49,7 @@ pub struct Context {
     pub(crate) trigger: TriggerPasses,
     pub(crate) surroundings: wgpu::BindGroup,
     pub(crate) background_luminance: f64,
+    pub(crate) light_count: u32,
     pub(crate) shadows: Option<ShadowRoom>,
     pub(crate) frame_data: FrameData,
     pub(crate) frame_buffers: FrameBuffers,
@@ -65,39 +66,19 @@ impl Context {
         frame * self.gpu_scene.objects.len() as u32
     }
 
+    /// Offset of frame `frame` in its uniform buffer.
+    pub(crate) fn frame_offset(&self, frame: u32) -> u32 {
+        frame * raster::frame_stride(self.light_count) as u32
+    }
+
     /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
     pub(crate) fn upload_frames(&mut self, views: &[View], times_us: &[i64]) -> wgpu::BindGroup {
         let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
         let plan = self.shadows.as_ref().map(|s| &s.plan);
-        let moving = plan.is_some_and(|p| p.moving);
-        self.frame_data.build(&self.scene, &self.gpu_scene.objects, views, &times_s, plan, moving);
-        let (group, matrices_moved) = self.frame_buffers.upload(
-            &self.gpu.device,
-            &self.gpu.queue,
-            &self.layouts,
-            &self.gpu_scene.morph_data,
-            &self.frame_data,
-        );
-        if moving && matrices_moved {
-            self.bind_surroundings();
-        }
-        group
-    }
-
-    /// Makes group 2 anew, after a buffer that it binds was replaced.
-    pub(crate) fn bind_surroundings(&mut self) {
-        let device = &self.gpu.device;
-        let matrices = self.frame_buffers.shadow_matrices.get();
-        self.surroundings = match &self.shadows {
-            Some(room) => {
-                let matrices = room.still_matrices.as_ref().unwrap_or(matrices);
-                self.gpu_scene.surroundings.group(device, &self.layouts, &room.array, matrices)
-            }
-            None => {
-                let none = ShadowRoom::empty(device);
-                self.gpu_scene.surroundings.group(device, &self.layouts, &none, matrices)
-            }
-        };
+        let moving = plan.is_some_and(ShadowPlan::moves);
+        let request = FrameRequest { views, times_s: &times_s, shadows: plan, shadow_maps: moving };
+        self.frame_data.build(&self.scene, &self.gpu_scene, &request);
+        self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
     }
 
     /// Draws the shadow maps of instant `k`, where they move.
@@ -109,23 +90,24 @@ impl Context {
         instants: u32,
         k: u32,
     ) {
-        let Some(room) = self.shadows.as_ref().filter(|room| room.plan.moving) else { return };
+        let Some(room) = self.shadows.as_ref().filter(|room| room.plan.moves()) else { return };
         let lights = room.plan.nodes.len() as u32;
-        let environments = environments_of(views);
-        for e in 0..environments {
-            for l in 0..lights {
-                let map = (e * instants + k) * lights + l;
-                let frames = views.len() * instants as usize;
+        let frames = views.len() * instants as usize;
+        for (e, environment) in environments_of(views).into_iter().enumerate() {
+            for light in 0..lights {
+                let map = (e as u32 * instants + k) * lights + light;
                 let first = FrameData::shadow_record(frames, self.gpu_scene.objects.len(), map as usize);
-                room.encode(self, encoder, frame_group, e * lights + l, first);
+                room.encode_instant(self, encoder, frame_group, environment as u32, light, first);
             }
         }
     }
 }
 
-/// Different environments among `views`, which are environment-major.
-pub(crate) fn environments_of(views: &[View]) -> u32 {
-    1 + views.windows(2).filter(|w| w[0].environment != w[1].environment).count() as u32
+/// The environments of `views`, which are environment-major.
+pub(crate) fn environments_of(views: &[View]) -> Vec<usize> {
+    let mut environments: Vec<usize> = views.iter().map(|v| v.environment).collect();
+    environments.dedup();
+    environments
 }
 
 /// What came back of one view and was not yet delivered.
@@ -215,17 +197,13 @@ impl Engine {
         let visible = scene.environment.as_ref().is_some_and(|e| e.visible);
         let sky = visible.then(|| {
             let target = [Some(raster::LUMINANCE_FORMAT.into())];
-            sky::pipeline(device, &layouts, "fs_luminance", &target, sample_count)
+            sky::pipeline(device, &layouts, "fs_luminance", &target, sample_count, constants.light_count)
         });
         let label_room =
             LabelRoom::new(device, &layouts, &scene, &gpu_scene, &views, config, &constants, device_limits)?;
-        let frame_buffers = FrameBuffers::new(device);
-        let surroundings = gpu_scene.surroundings.group(
-            device,
-            &layouts,
-            &ShadowRoom::empty(device),
-            frame_buffers.shadow_matrices.get(),
-        );
+        let shadow_maps =
+            shadows.as_ref().map_or_else(|| ShadowRoom::empty(device), |room| room.array.clone());
+        let surroundings = gpu_scene.surroundings.group(device, &layouts, &shadow_maps);
         let [r, g, b] = scene.background.map(f64::from);
         let mut context = Context {
             gpu: gpu.clone(),
@@ -242,10 +220,10 @@ impl Engine {
             background_luminance: 0.2126 * r + 0.7152 * g + 0.0722 * b,
             shadows,
             frame_data: FrameData::default(),
-            frame_buffers,
+            frame_buffers: FrameBuffers::new(device, constants.light_count),
+            light_count: constants.light_count,
             scene,
         };
-        context.bind_surroundings();
         crate::shadow::draw_still_maps(&mut context);
 
         let sizes = classes(&context.views);

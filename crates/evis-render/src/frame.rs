@@ -3,75 +3,74 @@
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
-use crate::gpu_scene::Object;
-use crate::pass::raster::FRAME_STRIDE;
-use crate::shadow::ShadowPlan;
-use crate::uniforms::{Frame, LightRecord, ObjectRecord, ShadowMatrix};
-use crate::view::View;
+use crate::gpu_scene::{DrawItem, GpuScene, Object};
+use crate::pass::raster::frame_stride;
+use crate::shadow::{LightView, ShadowPlan};
+use crate::uniforms::{Frame, InstanceRecord, LightRecord, ObjectRecord};
+use crate::view::{PixelLens, View};
 
 /// Host side of a submission: one frame per view and instant.
 #[derive(Default)]
 pub struct FrameData {
-    /// [`Frame`]s at [`FRAME_STRIDE`].
+    /// [`Frame`]s with their lights, at [`frame_stride`].
     pub frames: Vec<u8>,
     /// Per frame, then per shadow map: one record per object.
+    pub instances: Vec<InstanceRecord>,
+    /// As `instances`.
     pub objects: Vec<ObjectRecord>,
     /// Three rows per joint.
     pub joints: Vec<[f32; 4]>,
     /// Weights.
     pub morph_weights: Vec<f32>,
-    /// Lights per environment and instant.
-    pub lights: Vec<LightRecord>,
-    /// Shadow maps per environment and instant.
-    pub shadow_matrices: Vec<ShadowMatrix>,
+    /// Per frame: what is in view, nearest first.
+    pub visible: Vec<Vec<DrawItem>>,
     state: SceneState,
     joint_scratch: Vec<DMat4>,
 }
 
+/// What a submission's frames are made of.
+pub struct FrameRequest<'a> {
+    /// Environment-major.
+    pub views: &'a [View],
+    /// Scene time, seconds.
+    pub times_s: &'a [f64],
+    /// Lights that throw shadows.
+    pub shadows: Option<&'a ShadowPlan>,
+    /// Whether records that draw shadow maps are made too, of every environment, instant and light.
+    pub shadow_maps: bool,
+}
+
 impl FrameData {
-    /// Fills for `views` at `times_s` (scene time, seconds). Frame of view v and instant k: `v * times + k`.
-    /// Where `shadow_maps` is set, shadow matrices and the records that draw them are made too: those of
-    /// environment e (counted within `views`), instant k and light l start at [`FrameData::shadow_record`].
-    pub fn build(
-        &mut self,
-        scene: &Scene,
-        objects: &[Object],
-        views: &[View],
-        times_s: &[f64],
-        shadows: Option<&ShadowPlan>,
-        shadow_maps: bool,
-    ) {
-        let frame_count = views.len() * times_s.len();
+    /// Fills for `request`. Frame of view v and instant k: `v * times + k`.
+    pub fn build(&mut self, scene: &Scene, gpu_scene: &GpuScene, request: &FrameRequest<'_>) {
+        let objects = &gpu_scene.objects;
+        let (views, times) = (request.views, request.times_s.len());
+        let frame_count = views.len() * times;
+        let light_count = scene.nodes.iter().filter(|n| n.light.is_some()).count() as u32;
+        let stride = frame_stride(light_count) as usize;
         self.frames.clear();
-        self.frames.resize(frame_count * FRAME_STRIDE as usize, 0);
+        self.frames.resize(frame_count * stride, 0);
+        self.instances.clear();
+        self.instances.resize(frame_count * objects.len(), InstanceRecord::default());
         self.objects.clear();
         self.objects.resize(frame_count * objects.len(), ObjectRecord::default());
         self.joints.clear();
         self.morph_weights.clear();
-        self.lights.clear();
-        self.shadow_matrices.clear();
+        self.visible.resize_with(frame_count, Vec::new);
 
-        let first_environment = views.first().map_or(0, |v| v.environment);
         let mut state = std::mem::take(&mut self.state);
-        // Views are environment-major: one evaluation serves all cameras of an environment at an instant.
         let mut first = 0;
+        // One evaluation serves all cameras of an environment at an instant.
         while first < views.len() {
             let environment = views[first].environment;
             let end = first + views[first..].iter().take_while(|v| v.environment == environment).count();
-            for (k, &time_s) in times_s.iter().enumerate() {
+            for (k, &time_s) in request.times_s.iter().enumerate() {
                 scene.evaluate_variant(scene.variants.get(environment), time_s, &mut state);
-                let mut bases = self.push_state(scene, objects, &state, shadows, shadow_maps);
-                let lights = shadows.map_or(0, |plan| plan.nodes.len());
-                if shadow_maps {
-                    bases.shadow_layer_base = ((environment - first_environment) * lights) as u32;
-                } else {
-                    // Maps of a still world were drawn once, for every environment.
-                    bases.shadow_layer_base = (environment * lights) as u32;
-                    bases.shadow_matrix_base = bases.shadow_layer_base;
-                }
+                let shared = self.push_state(scene, objects, &state, request, environment);
                 for (v, view) in views[first..end].iter().enumerate() {
-                    let index = (first + v) * times_s.len() + k;
-                    self.write_view(scene, objects, &state, view, index, &bases);
+                    let index = (first + v) * times + k;
+                    let bytes = index * stride..(index + 1) * stride;
+                    self.write_view(scene, gpu_scene, &state, view, index, bytes, &shared);
                 }
             }
             first = end;
@@ -84,15 +83,15 @@ impl FrameData {
         ((frames + map) * objects) as u32
     }
 
-    /// What all views of an environment share at an instant: joints, weights, lights, shadow maps.
+    /// What all views of an environment share at an instant.
     fn push_state(
         &mut self,
         scene: &Scene,
         objects: &[Object],
         state: &SceneState,
-        shadows: Option<&ShadowPlan>,
-        shadow_maps: bool,
-    ) -> Bases {
+        request: &FrameRequest<'_>,
+        environment: usize,
+    ) -> Shared {
         let mut skin_bases = vec![0; scene.skins.len()];
         for (skin, base) in skin_bases.iter_mut().enumerate() {
             *base = (self.joints.len() / 3) as u32;
@@ -104,86 +103,121 @@ impl FrameData {
             weight_bases[node] = self.morph_weights.len() as u32;
             self.morph_weights.extend(weights);
         }
-        let light_base = self.lights.len() as u32;
-        for (node_index, node) in scene.nodes.iter().enumerate() {
-            let Some(light) = node.light else { continue };
-            let world = state.world_from_node[node_index];
-            let shadow = shadows.and_then(|plan| plan.layer_of(node_index));
-            self.lights.push(light_record(scene, state, light, &world, shadow));
-        }
-        let mut bases = Bases {
-            skin_bases,
-            weight_bases,
-            light_base,
-            shadow_matrix_base: self.shadow_matrices.len() as u32,
-            shadow_layer_base: 0,
-            world: Vec::new(),
-        };
-        bases.world = objects
+        let light_views: Vec<LightView> =
+            request.shadows.map_or(Vec::new(), |plan| plan.matrices(scene, state).collect());
+        let lights = scene
+            .nodes
+            .iter()
+            .enumerate()
+            .filter_map(|(index, node)| {
+                let layer = request.shadows.and_then(|plan| plan.layer_of(index));
+                let shadow = layer.map(|l| (l, light_views[l as usize]));
+                Some(light_record(scene, state, node.light?, &state.world_from_node[index], shadow))
+            })
+            .collect();
+        let world: Vec<DMat4> = objects
             .iter()
             .map(|o| if o.skin.is_some() { DMat4::IDENTITY } else { state.world_from_node[o.node] })
             .collect();
-        if let Some(plan) = shadows.filter(|_| shadow_maps) {
-            for matrix in plan.matrices(scene, state) {
-                self.shadow_matrices.push(ShadowMatrix {
-                    clip_from_world: columns(&matrix.clip_from_world),
-                    texel: [matrix.texel as f32, 0.0, 0.0, 0.0],
-                });
-                for (object, world) in objects.iter().zip(&bases.world) {
-                    self.objects.push(record(
-                        object,
-                        state,
-                        &bases,
-                        world,
-                        &(matrix.clip_from_world * *world),
-                    ));
-                }
+        let records: Vec<ObjectRecord> =
+            objects.iter().map(|o| object_record(o, state, &skin_bases, &weight_bases)).collect();
+        if request.shadow_maps {
+            for view in &light_views {
+                self.instances.extend(world.iter().map(|w| instance_record(w, &(view.clip_from_world * *w))));
+                self.objects.extend(&records);
             }
         }
-        bases
+        let shadow_layer_base = (environment * light_views.len()) as u32;
+        Shared { lights, world, records, shadow_layer_base }
     }
 
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one view of one instant, from everything that came before"
+    )]
     fn write_view(
         &mut self,
         scene: &Scene,
-        objects: &[Object],
+        gpu_scene: &GpuScene,
         state: &SceneState,
         view: &View,
         index: usize,
-        bases: &Bases,
+        bytes: std::ops::Range<usize>,
+        shared: &Shared,
     ) {
         let world_from_camera = rigid(&state.world_from_node[view.node]);
-        let clip_from_world = view.lens.clip_from_camera() * world_from_camera.inverse();
-        let frame = frame(scene, view, &world_from_camera, bases);
-        let at = index * FRAME_STRIDE as usize;
-        self.frames[at..at + size_of::<Frame>()].copy_from_slice(bytemuck::bytes_of(&frame));
-        let records = &mut self.objects[index * objects.len()..(index + 1) * objects.len()];
-        for ((slot, object), world) in records.iter_mut().zip(objects).zip(&bases.world) {
-            *slot = record(object, state, bases, world, &(clip_from_world * *world));
+        let camera_from_world = world_from_camera.inverse();
+        let clip_from_world = view.lens.clip_from_camera() * camera_from_world;
+        let frame = frame(scene, view, &world_from_camera, shared.shadow_layer_base);
+        let (head, tail) = self.frames[bytes].split_at_mut(size_of::<Frame>());
+        head.copy_from_slice(bytemuck::bytes_of(&frame));
+        let lights: &[u8] = bytemuck::cast_slice(&shared.lights);
+        tail[..lights.len()].copy_from_slice(lights);
+        let count = gpu_scene.objects.len();
+        let range = index * count..(index + 1) * count;
+        self.objects[range.clone()].copy_from_slice(&shared.records);
+        for (slot, world) in self.instances[range].iter_mut().zip(&shared.world) {
+            *slot = instance_record(world, &(clip_from_world * *world));
+        }
+        visible_items(gpu_scene, &view.lens, &camera_from_world, &shared.world, &mut self.visible[index]);
+    }
+}
+
+struct Shared {
+    lights: Vec<LightRecord>,
+    /// Per object.
+    world: Vec<DMat4>,
+    records: Vec<ObjectRecord>,
+    shadow_layer_base: u32,
+}
+
+/// What `lens` may see, nearest first: what is hidden is then rarely shaded. The order is a function of poses
+/// alone, so it gives the same bytes in every run.
+fn visible_items(
+    scene: &GpuScene,
+    lens: &PixelLens,
+    camera_from_world: &DMat4,
+    world: &[DMat4],
+    items: &mut Vec<DrawItem>,
+) {
+    // (far end of the object, draw, object). By the far end, floors and walls come after what stands on them.
+    let mut found: Vec<(f64, u32, u32)> = Vec::new();
+    for (draw_index, draw) in scene.draws.iter().enumerate() {
+        for object in draw.objects.clone() {
+            let key = match scene.objects[object as usize].bounds {
+                None => Some(0.0),
+                Some((center, radius)) => {
+                    let world = &world[object as usize];
+                    let scale = [world.x_axis, world.y_axis, world.z_axis]
+                        .iter()
+                        .map(|a| a.truncate().length())
+                        .fold(0.0, f64::max);
+                    let center = camera_from_world.transform_point3(world.transform_point3(center));
+                    // A node may shear: a sphere grows by no more than the sum of its axes.
+                    let radius = radius * scale * 3f64.sqrt();
+                    lens.may_see(center, radius).then_some(-center.z + radius)
+                }
+            };
+            if let Some(key) = key {
+                found.push((key, draw_index as u32, object));
+            }
+        }
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+    items.clear();
+    for (_, draw, object) in found {
+        match items.last_mut() {
+            Some(item) if item.draw == draw && item.objects.end == object => item.objects.end += 1,
+            _ => items.push(DrawItem { draw, objects: object..object + 1 }),
         }
     }
 }
 
-struct Bases {
-    skin_bases: Vec<u32>,
-    weight_bases: Vec<u32>,
-    light_base: u32,
-    shadow_matrix_base: u32,
-    shadow_layer_base: u32,
-    /// Per object.
-    world: Vec<DMat4>,
-}
-
-fn record(object: &Object, state: &SceneState, bases: &Bases, world: &DMat4, clip: &DMat4) -> ObjectRecord {
-    let [world_row_0, world_row_1, world_row_2] = rows(world);
+fn object_record(object: &Object, state: &SceneState, skins: &[u32], weights: &[u32]) -> ObjectRecord {
     let morph = object.morph;
     ObjectRecord {
-        clip_from_object: columns(clip),
-        world_row_0,
-        world_row_1,
-        world_row_2,
-        joint_base: object.skin.map_or(0, |s| bases.skin_bases[s]),
-        morph_weight_base: bases.weight_bases[object.node],
+        joint_base: object.skin.map_or(0, |s| skins[s]),
+        morph_weight_base: weights[object.node],
         morph_data_base: morph.map_or(0, |m| m.data_base),
         morph_target_count: morph.map_or(0, |m| m.targets.min(state.morph_weights[object.node].len() as u32)),
         morph_vertex_count: morph.map_or(0, |m| m.vertices),
@@ -193,7 +227,12 @@ fn record(object: &Object, state: &SceneState, bases: &Bases, world: &DMat4, cli
     }
 }
 
-fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, bases: &Bases) -> Frame {
+fn instance_record(world: &DMat4, clip: &DMat4) -> InstanceRecord {
+    let [world_row_0, world_row_1, world_row_2] = rows(world);
+    InstanceRecord { clip_from_object: columns(clip), world_row_0, world_row_1, world_row_2 }
+}
+
+fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, shadow_layer_base: u32) -> Frame {
     let p = world_from_camera.w_axis;
     let axis = |a: glam::DVec4, w: f64| [a.x as f32, a.y as f32, a.z as f32, w as f32];
     let [r, g, b] = scene.background;
@@ -206,10 +245,10 @@ fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, bases: &Bases) -
         ray: view.lens.ray().map(|v| v as f32),
         background: [r, g, b, environment.map_or(0.0, |e| e.intensity)],
         ambient: [ar, ag, ab, environment.map_or(0.0, |e| e.rotation)],
-        light_base: bases.light_base,
-        shadow_matrix_base: bases.shadow_matrix_base,
-        shadow_layer_base: bases.shadow_layer_base,
-        pad: 0,
+        shadow_layer_base,
+        pad_0: 0,
+        pad_1: 0,
+        pad_2: 0,
     }
 }
 
@@ -218,18 +257,19 @@ fn light_record(
     state: &SceneState,
     light: usize,
     world: &DMat4,
-    shadow: Option<u32>,
+    shadow: Option<(u32, LightView)>,
 ) -> LightRecord {
     let l = &scene.lights[light];
     let position = world.w_axis;
     let direction = (-world.z_axis.truncate()).normalize_or(DVec3::NEG_Z);
+    let texel = shadow.map_or(0.0, |(_, view)| view.texel as f32);
     let (kind, spot) = match l.kind {
-        LightKind::Directional => (0.0, [0.0; 4]),
+        LightKind::Directional => (0.0, [0.0, 0.0, texel, 0.0]),
         LightKind::Point => (1.0, [0.0; 4]),
         LightKind::Spot { inner, outer } => {
             // KHR_lights_punctual: lightAngleScale and lightAngleOffset.
             let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
-            (2.0, [scale, -outer.cos() * scale, 0.0, 0.0])
+            (2.0, [scale, -outer.cos() * scale, texel, 0.0])
         }
     };
     let factor = l.intensity * state.light_factor[light];
@@ -245,9 +285,10 @@ fn light_record(
             l.color[0] * factor,
             l.color[1] * factor,
             l.color[2] * factor,
-            shadow.map_or(-1.0, |s| s as f32),
+            shadow.map_or(-1.0, |(layer, _)| layer as f32),
         ],
         spot,
+        shadow_clip_from_world: shadow.map_or([[0.0; 4]; 4], |(_, view)| columns(&view.clip_from_world)),
     }
 }
 

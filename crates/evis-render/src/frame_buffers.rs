@@ -1,9 +1,9 @@
 //! Device buffers that a submission's [`FrameData`] goes into; they grow and never shrink.
 
 use crate::frame::FrameData;
-use crate::pass;
-use crate::pass::raster::{FRAME_BINDINGS, SurfaceLayouts};
-use crate::uniforms::Frame;
+use crate::gpu::Gpu;
+use crate::pass::raster::{self, FRAME_BINDINGS, SurfaceLayouts};
+use crate::pass::{self};
 
 /// A buffer that grows to what is written into it.
 pub struct GrowingBuffer {
@@ -46,56 +46,55 @@ fn create(device: &wgpu::Device, label: &str, usage: wgpu::BufferUsages, size: u
     })
 }
 
-/// Buffers of group 0, and the shadow matrices.
+/// Buffers of group 0, and the instances' matrices.
 pub struct FrameBuffers {
     frames: GrowingBuffer,
+    /// [`crate::uniforms::InstanceRecord`]s: vertex attributes, and storage for labels.
+    pub instances: GrowingBuffer,
     objects: GrowingBuffer,
     joints: GrowingBuffer,
     morph_weights: GrowingBuffer,
-    lights: GrowingBuffer,
-    /// Matrices of moving shadows.
-    pub shadow_matrices: GrowingBuffer,
+    frame_bytes: u64,
     group: Option<wgpu::BindGroup>,
 }
 
 impl FrameBuffers {
-    /// Empty ones.
-    pub fn new(device: &wgpu::Device) -> Self {
+    /// Empty ones, for frames of `light_count` lights.
+    pub fn new(device: &wgpu::Device, light_count: u32) -> Self {
         let storage = |label| GrowingBuffer::new(device, label, wgpu::BufferUsages::STORAGE);
+        let instances = wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE;
         Self {
             frames: GrowingBuffer::new(device, "frames", wgpu::BufferUsages::UNIFORM),
+            instances: GrowingBuffer::new(device, "instances", instances),
             objects: storage("objects"),
             joints: storage("joints"),
             morph_weights: storage("morph weights"),
-            lights: storage("lights"),
-            shadow_matrices: storage("shadow matrices"),
+            frame_bytes: raster::frame_bytes(light_count),
             group: None,
         }
     }
 
-    /// Uploads `data` and returns group 0, and whether the shadow matrices moved to a new buffer.
+    /// Uploads `data` and returns group 0.
     pub fn upload(
         &mut self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
+        gpu: &Gpu,
         layouts: &SurfaceLayouts,
         morph_data: &wgpu::Buffer,
         data: &FrameData,
-    ) -> (wgpu::BindGroup, bool) {
+    ) -> wgpu::BindGroup {
+        let (device, queue) = (&gpu.device, &gpu.queue);
+        self.instances.write(device, queue, bytemuck::cast_slice(&data.instances));
         let mut stale = self.frames.write(device, queue, &data.frames);
         stale |= self.objects.write(device, queue, bytemuck::cast_slice(&data.objects));
         stale |= self.joints.write(device, queue, bytemuck::cast_slice(&data.joints));
         stale |= self.morph_weights.write(device, queue, bytemuck::cast_slice(&data.morph_weights));
-        stale |= self.lights.write(device, queue, bytemuck::cast_slice(&data.lights));
-        let shadows_moved =
-            self.shadow_matrices.write(device, queue, bytemuck::cast_slice(&data.shadow_matrices));
         let group = match self.group.take().filter(|_| !stale) {
             Some(group) => group,
             None => {
                 let frame = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                     buffer: self.frames.get(),
                     offset: 0,
-                    size: std::num::NonZeroU64::new(size_of::<Frame>() as u64),
+                    size: std::num::NonZeroU64::new(self.frame_bytes),
                 });
                 let resources = vec![
                     frame,
@@ -103,12 +102,11 @@ impl FrameBuffers {
                     self.joints.get().as_entire_binding(),
                     self.morph_weights.get().as_entire_binding(),
                     morph_data.as_entire_binding(),
-                    self.lights.get().as_entire_binding(),
                 ];
                 pass::group(device, "frame", &layouts.frame, FRAME_BINDINGS, resources)
             }
         };
         self.group = Some(group.clone());
-        (group, shadows_moved)
+        group
     }
 }

@@ -4,12 +4,13 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 
 use evis_scene::{AlphaMode, Scene, SceneState, ShadingModel, TextureRef, Wrap};
+use glam::{DVec3, Vec3};
 use wgpu::util::DeviceExt as _;
 
 use crate::pass::raster::{MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, SurfaceLayouts};
 use crate::pass::{self};
 use crate::uniforms::MaterialUniform;
-use crate::variant::{Attribute, SurfaceVariant};
+use crate::variant::{Attribute, INSTANCE_SLOT, SurfaceVariant};
 
 /// Consecutive objects that share pipeline, material and triangles: one instanced draw.
 #[derive(Clone, Debug)]
@@ -22,6 +23,15 @@ pub struct Draw {
     pub indices: Range<u32>,
     /// First vertex.
     pub base_vertex: i32,
+    /// Objects, in record order.
+    pub objects: Range<u32>,
+}
+
+/// A part of a [`Draw`]: what a pass really draws.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DrawItem {
+    /// Index into [`GpuScene::draws`].
+    pub draw: u32,
     /// Objects, in record order.
     pub objects: Range<u32>,
 }
@@ -41,6 +51,10 @@ pub struct Object {
     pub instance_id: u32,
     /// Semantic label.
     pub semantic_id: u32,
+    /// Centre and radius of a sphere around its vertices, in the node's frame; `None` where it deforms.
+    pub bounds: Option<(DVec3, f64)>,
+    /// Whether it ever moves or deforms.
+    pub moving: bool,
 }
 
 /// Where a primitive's displacements lie.
@@ -56,8 +70,8 @@ pub struct Morph {
 
 /// A scene on the device.
 pub struct GpuScene {
-    /// Per attribute; `None` where no primitive has it.
-    pub vertices: [Option<wgpu::Buffer>; 8],
+    /// Per slot; `None` where no primitive has it.
+    pub vertices: [Option<wgpu::Buffer>; INSTANCE_SLOT],
     /// All indices.
     pub indices: wgpu::Buffer,
     /// All displacements.
@@ -83,19 +97,17 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
-    /// Group 2 with `shadow_maps` and their matrices.
+    /// Group 2 with `shadow_maps`.
     pub fn group(
         &self,
         device: &wgpu::Device,
         layouts: &SurfaceLayouts,
         shadow_maps: &wgpu::TextureView,
-        shadow_matrices: &wgpu::Buffer,
     ) -> wgpu::BindGroup {
         use wgpu::BindingResource::{Sampler, TextureView};
         let resources = vec![
             TextureView(shadow_maps),
             Sampler(&self.shadow_sampler),
-            shadow_matrices.as_entire_binding(),
             TextureView(&self.irradiance),
             TextureView(&self.specular),
             TextureView(&self.sky),
@@ -127,7 +139,7 @@ impl GpuScene {
             })
         };
         let vertices = std::array::from_fn(|slot| {
-            let bytes = &geometry.attributes[slot];
+            let bytes = &geometry.slots[slot];
             (!bytes.is_empty()).then(|| buffer("vertices", bytes, wgpu::BufferUsages::VERTEX))
         });
         Self {
@@ -145,6 +157,23 @@ impl GpuScene {
         }
     }
 
+    /// Everything that `wanted` says of an object, in draw order.
+    pub fn items(&self, wanted: impl Fn(&Object) -> bool) -> Vec<DrawItem> {
+        let mut items: Vec<DrawItem> = Vec::new();
+        for (index, draw) in self.draws.iter().enumerate() {
+            let draw_index = index as u32;
+            for object in draw.objects.clone().filter(|&o| wanted(&self.objects[o as usize])) {
+                match items.last_mut() {
+                    Some(item) if item.draw == draw_index && item.objects.end == object => {
+                        item.objects.end += 1;
+                    }
+                    _ => items.push(DrawItem { draw: draw_index, objects: object..object + 1 }),
+                }
+            }
+        }
+        items
+    }
+
     /// The variants that are drawn.
     pub fn variants(&self) -> BTreeSet<SurfaceVariant> {
         self.draws.iter().map(|d| d.variant).collect()
@@ -153,7 +182,7 @@ impl GpuScene {
 
 /// All primitives' vertices, end to end.
 struct Geometry {
-    attributes: [Vec<u8>; 8],
+    slots: [Vec<u8>; INSTANCE_SLOT],
     indices: Vec<u32>,
     morph_data: Vec<f32>,
     /// Per mesh and primitive.
@@ -176,11 +205,10 @@ impl Geometry {
             primitives().any(|p| p.uvs[1].is_some()),
             primitives().any(|p| p.colors.is_some()),
             primitives().any(|p| p.tangents.is_some()),
-            primitives().any(|p| p.joints.is_some()),
-            primitives().any(|p| p.joint_weights.is_some()),
+            primitives().any(|p| p.joints.is_some() && p.joint_weights.is_some()),
         ];
         let mut out = Self {
-            attributes: Default::default(),
+            slots: Default::default(),
             indices: Vec::new(),
             morph_data: Vec::new(),
             places: Vec::new(),
@@ -190,11 +218,8 @@ impl Geometry {
             let mut places = Vec::new();
             for primitive in &mesh.primitives {
                 let count = primitive.positions.len();
-                for (slot, attribute) in
-                    Attribute::ALL.into_iter().enumerate().filter(|(slot, _)| used[*slot])
-                {
-                    let bytes = &mut out.attributes[slot];
-                    match attribute {
+                for (slot, bytes) in out.slots.iter_mut().enumerate().filter(|(slot, _)| used[*slot]) {
+                    match Attribute::ALL[slot] {
                         Attribute::Position => {
                             bytes.extend(bytemuck::cast_slice::<_, u8>(&primitive.positions))
                         }
@@ -205,10 +230,7 @@ impl Geometry {
                         Attribute::Tangent => {
                             fill(bytes, primitive.tangents.as_deref(), [1.0, 0.0, 0.0, 1.0], count);
                         }
-                        Attribute::Joints => fill(bytes, primitive.joints.as_deref(), [0u16; 4], count),
-                        Attribute::JointWeights => {
-                            fill(bytes, primitive.joint_weights.as_deref(), [1.0, 0.0, 0.0, 0.0], count);
-                        }
+                        Attribute::Joints | Attribute::JointWeights => fill_joints(bytes, primitive, count),
                     }
                 }
                 let first_index = out.indices.len() as u32;
@@ -247,6 +269,16 @@ fn fill<T: bytemuck::Pod>(bytes: &mut Vec<u8>, values: Option<&[T]>, default: T,
     }
 }
 
+/// Joints and their weights, vertex by vertex: they share a slot.
+fn fill_joints(bytes: &mut Vec<u8>, primitive: &evis_scene::Primitive, count: usize) {
+    for v in 0..count {
+        let joints = primitive.joints.as_ref().and_then(|j| j.get(v)).copied().unwrap_or_default();
+        let weights = primitive.joint_weights.as_ref().and_then(|w| w.get(v)).copied();
+        bytes.extend(bytemuck::bytes_of(&joints));
+        bytes.extend(bytemuck::bytes_of(&weights.unwrap_or([1.0, 0.0, 0.0, 0.0])));
+    }
+}
+
 fn draw_list(scene: &Scene, state: &SceneState, geometry: &Geometry) -> (Vec<Draw>, Vec<Object>) {
     // (variant, material, mesh, primitive, node): equal but for the node means one instanced draw.
     let mut keys = Vec::new();
@@ -277,6 +309,9 @@ fn draw_list(scene: &Scene, state: &SceneState, geometry: &Geometry) -> (Vec<Dra
             material,
             skin: node.skin.filter(|_| variant.skinned),
             morph: place.morph,
+            bounds: (!variant.skinned && !variant.morphed)
+                .then(|| bounding_sphere(&scene.meshes[mesh].primitives[primitive].positions)),
+            moving: node.skin.is_some() || node.morph.is_some() || moves(scene, node_index),
             instance_id: node.instance_id,
             semantic_id: node.semantic_id,
         });
@@ -293,6 +328,28 @@ fn draw_list(scene: &Scene, state: &SceneState, geometry: &Geometry) -> (Vec<Dra
         last = Some((variant, material, mesh, primitive));
     }
     (draws, objects)
+}
+
+/// Whether `node` or a parent of it has any motion.
+pub fn moves(scene: &Scene, mut node: usize) -> bool {
+    loop {
+        if !scene.nodes[node].motion.is_fixed() {
+            return true;
+        }
+        match scene.nodes[node].parent {
+            Some(parent) => node = parent,
+            None => return false,
+        }
+    }
+}
+
+/// Centre and radius of a sphere around `points`: of their box, which is near enough for culling.
+fn bounding_sphere(points: &[[f32; 3]]) -> (DVec3, f64) {
+    let points = || points.iter().map(|&p| Vec3::from(p).as_dvec3());
+    let low = points().fold(DVec3::INFINITY, DVec3::min);
+    let high = points().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let center = (low + high) / 2.0;
+    (center, points().map(|p| p.distance(center)).fold(0.0, f64::max))
 }
 
 fn upload_materials(

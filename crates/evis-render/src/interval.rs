@@ -4,8 +4,8 @@ use evis_core::TimeGrid;
 
 use crate::engine::Context;
 use crate::gpu::Gpu;
-use crate::gpu_scene::Draw;
-use crate::pass::raster::{FRAME_STRIDE, Pipelines};
+use crate::gpu_scene::{Draw, DrawItem};
+use crate::pass::raster::Pipelines;
 use crate::pass::trigger::{
     BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS, TriggerPasses,
 };
@@ -13,6 +13,7 @@ use crate::pass::{self};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
 use crate::targets::Targets;
 use crate::uniforms::{BlockParams, PixelMemory, ScanParams, Status, TriggerParams, ViewSensor};
+use crate::variant::INSTANCE_SLOT;
 use crate::view::View;
 
 /// Some instants of one group.
@@ -111,7 +112,13 @@ impl Group {
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let pixels = u64::from(padded_pixels(targets.width, targets.height)) * views.len() as u64;
-        let memory = || buffer("pixel memory", pixels * size_of::<PixelMemory>() as u64, storage | wgpu::BufferUsages::COPY_SRC);
+        let memory = || {
+            buffer(
+                "pixel memory",
+                pixels * size_of::<PixelMemory>() as u64,
+                storage | wgpu::BufferUsages::COPY_SRC,
+            )
+        };
         let group = Self {
             targets: targets_index,
             memory: [memory(), memory()],
@@ -267,11 +274,15 @@ pub fn encode_luminance(
             let (width, height) = (targets.width as f32, targets.height as f32);
             pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
             let surroundings = Some(&context.surroundings);
-            let base = context.object_base(frame);
-            draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, frame, base);
+            let what = Drawing {
+                items: &context.frame_data.visible[frame as usize],
+                frame,
+                first_record: context.object_base(frame),
+            };
+            draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);
             if let Some(sky) = &context.sky {
                 pass.set_pipeline(sky);
-                pass.set_bind_group(0, frame_group, &[frame * FRAME_STRIDE as u32]);
+                pass.set_bind_group(0, frame_group, &[context.frame_offset(frame)]);
                 pass.set_bind_group(2, &context.surroundings, &[]);
                 pass.draw(0..3, 0..1);
             }
@@ -294,15 +305,24 @@ pub fn depth_attachment(
     }
 }
 
-/// Draws every surface of frame `frame`, whose records start at `object_base`.
+/// What [`draw_surfaces`] draws.
+pub struct Drawing<'a> {
+    /// In order.
+    pub items: &'a [DrawItem],
+    /// Frame, for group 0.
+    pub frame: u32,
+    /// Record of the first object.
+    pub first_record: u32,
+}
+
+/// Draws surfaces, changing no more state than it must.
 pub fn draw_surfaces(
     context: &Context,
     pass: &mut wgpu::RenderPass<'_>,
     pipelines: &Pipelines,
     frame_group: &wgpu::BindGroup,
     surroundings: Option<&wgpu::BindGroup>,
-    frame: u32,
-    object_base: u32,
+    what: &Drawing<'_>,
 ) {
     let scene = &context.gpu_scene;
     for (slot, buffer) in scene.vertices.iter().enumerate() {
@@ -310,21 +330,23 @@ pub fn draw_surfaces(
             pass.set_vertex_buffer(slot as u32, buffer.slice(..));
         }
     }
+    pass.set_vertex_buffer(INSTANCE_SLOT as u32, context.frame_buffers.instances.get().slice(..));
     pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-    pass.set_bind_group(0, frame_group, &[frame * FRAME_STRIDE as u32]);
+    pass.set_bind_group(0, frame_group, &[context.frame_offset(what.frame)]);
     if let Some(surroundings) = surroundings {
         pass.set_bind_group(2, surroundings, &[]);
     }
     let mut last: Option<&Draw> = None;
-    for draw in &scene.draws {
+    for item in what.items {
+        let draw = &scene.draws[item.draw as usize];
         if last.is_none_or(|l| l.variant != draw.variant) {
             pass.set_pipeline(&pipelines[&draw.variant]);
         }
         if last.is_none_or(|l| l.material != draw.material) {
             pass.set_bind_group(1, &scene.materials[draw.material], &[]);
         }
-        let objects = draw.objects.start + object_base..draw.objects.end + object_base;
-        pass.draw_indexed(draw.indices.clone(), draw.base_vertex, objects);
+        let records = item.objects.start + what.first_record..item.objects.end + what.first_record;
+        pass.draw_indexed(draw.indices.clone(), draw.base_vertex, records);
         last = Some(draw);
     }
 }

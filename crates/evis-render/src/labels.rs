@@ -9,12 +9,12 @@ use crate::error::EngineError;
 use crate::frame::{columns, rigid};
 use crate::frame_buffers::GrowingBuffer;
 use crate::gpu_scene::GpuScene;
-use crate::interval::{Group, depth_attachment, draw_surfaces};
+use crate::interval::{Drawing, Group, depth_attachment, draw_surfaces};
 use crate::pass::labels::{
     APPEARANCE_FORMATS, GEOMETRY_FORMATS, LABEL_BINDINGS, LabelTargets, SKY_FLOW_BINDINGS,
     appearance_pipelines, geometry_pipelines, label_layout, sky_flow_layout, targets,
 };
-use crate::pass::raster::{DEPTH_FORMAT, FRAME_STRIDE, Pipelines, SceneConstants, SurfaceLayouts};
+use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, UNIFORM_ALIGNMENT};
 use crate::pass::{self, sky};
 use crate::sizes::DeviceLimits;
 use crate::uniforms::{LabelFrame as LabelUniform, SkyFlow};
@@ -114,7 +114,7 @@ impl LabelRoom {
         };
         let sky_flow = flow.then(|| {
             let targets = targets(GEOMETRY_FORMATS, wanted.geometry);
-            sky::flow_pipeline(device, &layouts.frame, &sky_layout, &targets)
+            sky::flow_pipeline(device, &layouts.frame, &sky_layout, &targets, constants.light_count)
         });
         let visible = scene.environment.as_ref().is_some_and(|e| e.visible);
         let sky_color = (visible && wanted.appearance[0]).then(|| {
@@ -123,7 +123,7 @@ impl LabelRoom {
                 // The sky has no normal.
                 normal.write_mask = wgpu::ColorWrites::empty();
             }
-            sky::pipeline(device, layouts, "fs_color", &targets, 1)
+            sky::pipeline(device, layouts, "fs_color", &targets, 1, constants.light_count)
         });
         Ok(Some(Self {
             kinds,
@@ -277,9 +277,9 @@ impl LabelRoom {
         let half_size = [views[0].lens.width as f32 / 2.0, views[0].lens.height as f32 / 2.0];
         let label = LabelUniform { next_offset: objects, last_offset: 2 * objects, half_size };
         self.label_uniform.write(&gpu.device, &gpu.queue, bytemuck::bytes_of(&label));
-        let mut sky = vec![0u8; views.len() * FRAME_STRIDE as usize];
+        let mut sky = vec![0u8; views.len() * UNIFORM_ALIGNMENT as usize];
         let mut state = evis_scene::SceneState::default();
-        for (view, bytes) in views.iter().zip(sky.chunks_exact_mut(FRAME_STRIDE as usize)) {
+        for (view, bytes) in views.iter().zip(sky.chunks_exact_mut(UNIFORM_ALIGNMENT as usize)) {
             let mut matrix_at = |t_us: i64| {
                 let variant = context.scene.variants.get(view.environment);
                 context.scene.evaluate_variant(variant, context.scene_time_s(t_us), &mut state);
@@ -301,7 +301,10 @@ impl LabelRoom {
             "label",
             &self.label_layout,
             LABEL_BINDINGS,
-            vec![bound(self.label_uniform.get(), size_of::<LabelUniform>())],
+            vec![
+                self.label_uniform.get().as_entire_binding(),
+                context.frame_buffers.instances.get().as_entire_binding(),
+            ],
         );
         let sky_group = pass::group(
             &gpu.device,
@@ -338,21 +341,17 @@ impl LabelRoom {
             depth_stencil_attachment: Some(depth_attachment(depth, wgpu::StoreOp::Discard)),
             ..Default::default()
         });
-        pass.set_bind_group(3, label_group, &[0]);
-        let base = context.object_base(frame);
-        draw_surfaces(
-            context,
-            &mut pass,
-            &self.geometry,
-            frame_group,
-            Some(&context.surroundings),
+        pass.set_bind_group(3, label_group, &[]);
+        let what = Drawing {
+            items: &context.frame_data.visible[frame as usize],
             frame,
-            base,
-        );
+            first_record: context.object_base(frame),
+        };
+        draw_surfaces(context, &mut pass, &self.geometry, frame_group, Some(&context.surroundings), &what);
         if let Some(sky) = sky {
             pass.set_pipeline(sky);
-            pass.set_bind_group(0, frame_group, &[frame * FRAME_STRIDE as u32]);
-            pass.set_bind_group(1, sky_group, &[view * FRAME_STRIDE as u32]);
+            pass.set_bind_group(0, frame_group, &[context.frame_offset(frame)]);
+            pass.set_bind_group(1, sky_group, &[view * UNIFORM_ALIGNMENT as u32]);
             pass.draw(0..3, 0..1);
         }
     }
@@ -375,19 +374,15 @@ impl LabelRoom {
             depth_stencil_attachment: Some(depth_attachment(depth, wgpu::StoreOp::Discard)),
             ..Default::default()
         });
-        let base = context.object_base(frame);
-        draw_surfaces(
-            context,
-            &mut pass,
-            &self.appearance,
-            frame_group,
-            Some(&context.surroundings),
+        let what = Drawing {
+            items: &context.frame_data.visible[frame as usize],
             frame,
-            base,
-        );
+            first_record: context.object_base(frame),
+        };
+        draw_surfaces(context, &mut pass, &self.appearance, frame_group, Some(&context.surroundings), &what);
         if let Some(sky) = &self.sky_color {
             pass.set_pipeline(sky);
-            pass.set_bind_group(0, frame_group, &[frame * FRAME_STRIDE as u32]);
+            pass.set_bind_group(0, frame_group, &[context.frame_offset(frame)]);
             pass.set_bind_group(2, &context.surroundings, &[]);
             pass.draw(0..3, 0..1);
         }

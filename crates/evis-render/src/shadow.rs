@@ -1,13 +1,13 @@
 //! Shadow maps: which lights have one, and the matrices that fit them to the world, not to the view, so that
 //! a shadow's edge moves only with its light and its caster.
 
-use evis_scene::{LightKind, Motion, Scene, SceneState};
+use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3, DVec4};
 
 use crate::engine::Context;
-use crate::frame::FrameData;
-use crate::gpu_scene::GpuScene;
-use crate::interval::{depth_attachment, draw_surfaces};
+use crate::frame::{FrameData, FrameRequest};
+use crate::gpu_scene::{DrawItem, GpuScene, moves};
+use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::shadow_map;
 use crate::view::View;
@@ -20,8 +20,10 @@ pub const SHADOW_MAP_EDGE: u32 = 2048;
 pub struct ShadowPlan {
     /// Nodes of the lights, in layer order.
     pub nodes: Vec<usize>,
-    /// Whether a caster or a light moves: then there is a map per instant, else one for the whole run.
-    pub moving: bool,
+    /// Per light: whether it moves.
+    light_moves: Vec<bool>,
+    /// Whether any caster moves.
+    caster_moves: bool,
     /// Bounds of the world over the run.
     bounds: (DVec3, DVec3),
 }
@@ -53,24 +55,16 @@ impl ShadowPlan {
         if nodes.is_empty() {
             return None;
         }
-        let fixed = |mut index: usize| {
-            loop {
-                let node = &scene.nodes[index];
-                if !matches!(node.motion, Motion::Fixed(_)) {
-                    return false;
-                }
-                match node.parent {
-                    Some(parent) => index = parent,
-                    None => return true,
-                }
-            }
-        };
-        let moving = scene.nodes.iter().enumerate().any(|(index, node)| {
-            let deforms = node.skin.is_some() || node.morph.is_some();
-            let caster = node.mesh.is_some();
-            (caster && (deforms || !fixed(index))) || (nodes.contains(&index) && !fixed(index))
+        let caster_moves = scene.nodes.iter().enumerate().any(|(index, node)| {
+            node.mesh.is_some() && (node.skin.is_some() || node.morph.is_some() || moves(scene, index))
         });
-        Some(Self { nodes, moving, bounds })
+        let light_moves = nodes.iter().map(|&node| moves(scene, node)).collect();
+        Some(Self { nodes, light_moves, caster_moves, bounds })
+    }
+
+    /// Whether any map changes: then it is made anew at every instant, else once for the whole run.
+    pub fn moves(&self) -> bool {
+        self.caster_moves || self.light_moves.contains(&true)
     }
 
     /// Layer of the light at `node`, within a frame.
@@ -151,15 +145,22 @@ impl ShadowPlan {
 }
 
 /// Shadow maps on the device.
+///
+/// What stands still is drawn once into maps that are kept; at each instant these are copied and only what moves is
+/// drawn on top. Where a light moves, everything is drawn.
 pub struct ShadowRoom {
     /// What is drawn, and when.
     pub plan: ShadowPlan,
     /// All layers: environment-major, then light.
     pub array: wgpu::TextureView,
+    texture: wgpu::Texture,
     layers: Vec<wgpu::TextureView>,
+    /// Maps of what stands still; absent where nothing moves, whose maps are `array` itself.
+    still: Option<(wgpu::Texture, Vec<wgpu::TextureView>)>,
     pipelines: Pipelines,
-    /// Matrices of a world that stands still.
-    pub still_matrices: Option<wgpu::Buffer>,
+    still_items: Vec<DrawItem>,
+    moving_items: Vec<DrawItem>,
+    all_items: Vec<DrawItem>,
 }
 
 impl ShadowRoom {
@@ -174,19 +175,29 @@ impl ShadowRoom {
         let plan = ShadowPlan::new(scene, scene_bounds(scene)?)?;
         let count = plan.nodes.len() as u32 * environments;
         let texture = map_texture(device, SHADOW_MAP_EDGE, count);
-        let layers = (0..count)
-            .map(|layer| {
-                texture.create_view(&wgpu::TextureViewDescriptor {
-                    dimension: Some(wgpu::TextureViewDimension::D2),
-                    base_array_layer: layer,
-                    array_layer_count: Some(1),
-                    ..Default::default()
-                })
-            })
-            .collect();
-        let constants = SceneConstants { light_count: 0, shadows: false, environment: false, lod_bias: 0.0 };
+        let still = plan.moves().then(|| {
+            let texture = map_texture(device, SHADOW_MAP_EDGE, count);
+            let layers = layer_views(&texture, count);
+            (texture, layers)
+        });
+        let constants = SceneConstants {
+            light_count: scene.nodes.iter().filter(|n| n.light.is_some()).count() as u32,
+            shadows: false,
+            environment: false,
+            lod_bias: 0.0,
+        };
         let pipelines = shadow_map::pipelines(device, layouts, gpu_scene.variants().into_iter(), &constants);
-        Some(Self { plan, array: array_view(&texture), layers, pipelines, still_matrices: None })
+        Some(Self {
+            plan,
+            array: array_view(&texture),
+            layers: layer_views(&texture, count),
+            texture,
+            still,
+            pipelines,
+            still_items: gpu_scene.items(|o| !o.moving),
+            moving_items: gpu_scene.items(|o| o.moving),
+            all_items: gpu_scene.items(|_| true),
+        })
     }
 
     /// A map for scenes without shadows: a binding may not be empty.
@@ -194,65 +205,113 @@ impl ShadowRoom {
         array_view(&map_texture(device, 1, 1))
     }
 
-    /// Draws layer `layer` from the records that start at `first`.
-    pub fn encode(
+    /// Makes the map of `light` in `environment` for one instant, whose records start at `first`.
+    pub fn encode_instant(
         &self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
         frame_group: &wgpu::BindGroup,
-        layer: u32,
+        environment: u32,
+        light: u32,
         first: u32,
     ) {
+        let layer = environment * self.plan.nodes.len() as u32 + light;
+        let target = &self.layers[layer as usize];
+        match &self.still {
+            Some((still, _)) if !self.plan.light_moves[light as usize] => {
+                let at = |texture| wgpu::TexelCopyTextureInfo {
+                    texture,
+                    mip_level: 0,
+                    origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
+                    aspect: wgpu::TextureAspect::All,
+                };
+                let size = wgpu::Extent3d {
+                    width: SHADOW_MAP_EDGE,
+                    height: SHADOW_MAP_EDGE,
+                    depth_or_array_layers: 1,
+                };
+                encoder.copy_texture_to_texture(at(still), at(&self.texture), size);
+                self.draw(
+                    context,
+                    encoder,
+                    frame_group,
+                    target,
+                    wgpu::LoadOp::Load,
+                    &self.moving_items,
+                    first,
+                );
+            }
+            _ => {
+                let clear = wgpu::LoadOp::Clear(0.0);
+                self.draw(context, encoder, frame_group, target, clear, &self.all_items, first);
+            }
+        }
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "a pass names all that it reads and writes")]
+    fn draw(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        frame_group: &wgpu::BindGroup,
+        target: &wgpu::TextureView,
+        load: wgpu::LoadOp<f32>,
+        items: &[DrawItem],
+        first: u32,
+    ) {
+        let mut attachment = depth_attachment(target, wgpu::StoreOp::Store);
+        attachment.depth_ops = Some(wgpu::Operations { load, store: wgpu::StoreOp::Store });
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("shadow map"),
             color_attachments: &[],
-            depth_stencil_attachment: Some(depth_attachment(
-                &self.layers[layer as usize],
-                wgpu::StoreOp::Store,
-            )),
+            depth_stencil_attachment: Some(attachment),
             ..Default::default()
         });
-        draw_surfaces(context, &mut pass, &self.pipelines, frame_group, None, 0, first);
+        let what = Drawing { items, frame: 0, first_record: first };
+        draw_surfaces(context, &mut pass, &self.pipelines, frame_group, None, &what);
     }
 }
 
-/// Draws the maps of a world that stands still, once, for every environment.
+/// Draws the maps of what stands still, once, for every environment.
 pub fn draw_still_maps(context: &mut Context) {
-    let Some(mut room) = context.shadows.take() else { return };
-    if !room.plan.moving {
-        // One view per environment, at the start, is enough to place every caster.
-        let mut views: Vec<View> = context.views.clone();
-        views.dedup_by_key(|v| v.environment);
-        let mut data = FrameData::default();
-        let time_s = context.scene_time_s(0);
-        let objects = &context.gpu_scene.objects;
-        data.build(&context.scene, objects, &views, &[time_s], Some(&room.plan), true);
-        let gpu = &context.gpu;
-        let (group, _) = context.frame_buffers.upload(
-            &gpu.device,
-            &gpu.queue,
-            &context.layouts,
-            &context.gpu_scene.morph_data,
-            &data,
-        );
-        let bytes: &[u8] = bytemuck::cast_slice(&data.shadow_matrices);
-        let matrices = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("still shadow matrices"),
-            size: bytes.len() as u64,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        gpu.queue.write_buffer(&matrices, 0, bytes);
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        for map in 0..data.shadow_matrices.len() {
-            let first = FrameData::shadow_record(views.len(), objects.len(), map);
-            room.encode(context, &mut encoder, &group, map as u32, first);
-        }
-        gpu.queue.submit([encoder.finish()]);
-        room.still_matrices = Some(matrices);
+    let Some(room) = context.shadows.take() else { return };
+    // One view per environment, at the start, is enough to place every caster.
+    let mut views: Vec<View> = context.views.clone();
+    views.dedup_by_key(|v| v.environment);
+    let request = FrameRequest {
+        views: &views,
+        times_s: &[context.scene_time_s(0)],
+        shadows: Some(&room.plan),
+        shadow_maps: true,
+    };
+    context.frame_data.build(&context.scene, &context.gpu_scene, &request);
+    let group = context.frame_buffers.upload(
+        &context.gpu,
+        &context.layouts,
+        &context.gpu_scene.morph_data,
+        &context.frame_data,
+    );
+    let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+    let targets = room.still.as_ref().map_or(&room.layers, |(_, layers)| layers);
+    for (map, target) in targets.iter().enumerate() {
+        let first = FrameData::shadow_record(views.len(), context.gpu_scene.objects.len(), map);
+        room.draw(context, &mut encoder, &group, target, wgpu::LoadOp::Clear(0.0), &room.still_items, first);
     }
+    context.gpu.queue.submit([encoder.finish()]);
     context.shadows = Some(room);
-    context.bind_surroundings();
+}
+
+fn layer_views(texture: &wgpu::Texture, count: u32) -> Vec<wgpu::TextureView> {
+    (0..count)
+        .map(|layer| {
+            texture.create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(wgpu::TextureViewDimension::D2),
+                base_array_layer: layer,
+                array_layer_count: Some(1),
+                ..Default::default()
+            })
+        })
+        .collect()
 }
 
 fn map_texture(device: &wgpu::Device, edge: u32, layers: u32) -> wgpu::Texture {
@@ -263,7 +322,10 @@ fn map_texture(device: &wgpu::Device, edge: u32, layers: u32) -> wgpu::Texture {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: DEPTH_FORMAT,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC
+            | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     })
 }
@@ -289,7 +351,12 @@ mod tests {
     use super::*;
 
     fn plan() -> ShadowPlan {
-        ShadowPlan { nodes: vec![0], moving: false, bounds: (DVec3::splat(-2.0), DVec3::new(2.0, 3.0, 4.0)) }
+        ShadowPlan {
+            nodes: vec![0],
+            light_moves: vec![false],
+            caster_moves: false,
+            bounds: (DVec3::splat(-2.0), DVec3::new(2.0, 3.0, 4.0)),
+        }
     }
 
     #[test]

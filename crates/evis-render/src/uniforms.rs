@@ -3,7 +3,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// `Frame` in `common/frame.wgsl`.
+/// `Frame` in `common/frame.wgsl`, up to its lights: [`LightRecord`]s follow.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Frame {
@@ -19,20 +19,20 @@ pub struct Frame {
     pub background: [f32; 4],
     /// Ambient irradiance / pi; w: environment rotation.
     pub ambient: [f32; 4],
-    /// First light record.
-    pub light_base: u32,
-    /// First shadow matrix.
-    pub shadow_matrix_base: u32,
-    /// First shadow layer.
+    /// First shadow layer of the environment.
     pub shadow_layer_base: u32,
     /// Zero.
-    pub pad: u32,
+    pub pad_0: u32,
+    /// Zero.
+    pub pad_1: u32,
+    /// Zero.
+    pub pad_2: u32,
 }
 
-/// `ObjectRecord` in `common/object.wgsl`.
+/// `InstanceRecord` in `common/object.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct ObjectRecord {
+pub struct InstanceRecord {
     /// Columns of the matrix.
     pub clip_from_object: [[f32; 4]; 4],
     /// First row of `world_from_object`.
@@ -41,6 +41,12 @@ pub struct ObjectRecord {
     pub world_row_1: [f32; 4],
     /// Third row.
     pub world_row_2: [f32; 4],
+}
+
+/// `ObjectRecord` in `common/object.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ObjectRecord {
     /// First joint, in joints.
     pub joint_base: u32,
     /// First weight.
@@ -73,7 +79,7 @@ pub struct MaterialUniform {
     pub uv_rows: [[f32; 4]; 10],
 }
 
-/// `Light` in `raster/lighting.wgsl`.
+/// `Light` in `common/frame.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct LightRecord {
@@ -81,20 +87,12 @@ pub struct LightRecord {
     pub position_kind: [f32; 4],
     /// Direction; w: 1 / range².
     pub direction_range: [f32; 4],
-    /// Colour times intensity; w: shadow layer within the frame, -1 for none.
+    /// Colour times intensity; w: shadow layer within the environment, -1 for none.
     pub radiance_shadow: [f32; 4],
-    /// Angular scale and offset.
+    /// Angular scale and offset; world size of a shadow texel per unit of clip w.
     pub spot: [f32; 4],
-}
-
-/// `ShadowMatrix` in `raster/shadow.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct ShadowMatrix {
-    /// Columns of the matrix.
-    pub clip_from_world: [[f32; 4]; 4],
-    /// World size of a texel per unit of clip w.
-    pub texel: [f32; 4],
+    /// Columns of the shadow map's matrix.
+    pub shadow_clip_from_world: [[f32; 4]; 4],
 }
 
 /// `LabelFrame` in `labels/geometry.wgsl`.

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use evis_scene::{AlphaMode, Material, Primitive, ShadingModel};
 
-/// Vertex attributes, in slot order. A slot is a vertex buffer of its own.
+/// Vertex attributes, in the order of their shader locations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
     /// vec3.
@@ -26,7 +26,7 @@ pub enum Attribute {
 }
 
 impl Attribute {
-    /// All attributes; the position in this list is slot and shader location.
+    /// All attributes; the position in this list is the shader location.
     pub const ALL: [Self; 8] = [
         Self::Position,
         Self::Normal,
@@ -37,6 +37,23 @@ impl Attribute {
         Self::Joints,
         Self::JointWeights,
     ];
+
+    /// Vertex buffer slot: joints and their weights share one, so that the instances' slot is the eighth and last
+    /// that every device has.
+    pub const fn slot(self) -> usize {
+        match self {
+            Self::JointWeights => Self::Joints as usize,
+            other => other as usize,
+        }
+    }
+
+    /// Bytes from the start of a vertex in its slot.
+    pub const fn offset(self) -> u64 {
+        match self {
+            Self::JointWeights => Self::Joints.format().size(),
+            _ => 0,
+        }
+    }
 
     /// Vertex format.
     pub const fn format(self) -> wgpu::VertexFormat {
@@ -146,6 +163,13 @@ impl SurfaceVariant {
     }
 }
 
+/// Slot of the per-instance matrices.
+pub const INSTANCE_SLOT: usize = 7;
+/// First shader location of the per-instance matrices: four columns, then three rows.
+pub const INSTANCE_LOCATION: u32 = 8;
+/// Vectors of `InstanceRecord`.
+pub const INSTANCE_VECTORS: u32 = 7;
+
 /// What a pass asks of the vertex stage beyond the variant's shading.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Interface {
@@ -171,17 +195,32 @@ pub fn attributes(variant: &SurfaceVariant, interface: Interface) -> Vec<Attribu
         .collect()
 }
 
+/// WGSL declarations that every shader reading a `Frame` needs.
+pub fn frame_prelude(light_count: u32) -> String {
+    format!("const LIGHT_CAPACITY: u32 = {}u;\n", light_count.max(1))
+}
+
 /// WGSL declarations of `VertexIn`, `Varyings` and their accessors: an attribute that the variant does not use
 /// is neither fetched nor interpolated, its accessor returns a constant.
-pub fn prelude(variant: &SurfaceVariant, interface: Interface) -> String {
+pub fn prelude(variant: &SurfaceVariant, interface: Interface, light_count: u32) -> String {
     let used = attributes(variant, interface);
     let has = |a: Attribute| used.contains(&a);
-    let mut out = String::from("struct VertexIn {\n");
+    let mut out = frame_prelude(light_count);
+    out.push_str("struct VertexIn {\n");
     for (location, a) in Attribute::ALL.iter().enumerate().filter(|(_, a)| has(**a)) {
         let (name, kind, _) = a.wgsl();
         let _ = writeln!(out, "    @location({location}) {name}: {kind},");
     }
+    for i in 0..INSTANCE_VECTORS {
+        let _ = writeln!(out, "    @location({}) instance_{i}: vec4<f32>,", INSTANCE_LOCATION + i);
+    }
     out.push_str("};\n");
+    out.push_str(
+        "fn input_clip(v: VertexIn) -> mat4x4<f32> {\n    \
+         return mat4x4<f32>(v.instance_0, v.instance_1, v.instance_2, v.instance_3);\n}\n\
+         fn input_instance(v: VertexIn) -> InstanceRecord {\n    \
+         return InstanceRecord(input_clip(v), v.instance_4, v.instance_5, v.instance_6);\n}\n",
+    );
     for a in Attribute::ALL {
         let (name, kind, default) = a.wgsl();
         let value = if has(a) { format!("v.{name}") } else { default.to_owned() };
@@ -195,12 +234,19 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface) -> String {
         ("uv0", "vec2<f32>", "", "input_uv0(in)", "vec2<f32>(0.0)", has(Attribute::Uv0)),
         ("uv1", "vec2<f32>", "", "input_uv1(in)", "vec2<f32>(0.0)", has(Attribute::Uv1)),
         ("color", "vec4<f32>", "", "input_color(in)", "vec4<f32>(1.0)", has(Attribute::Color)),
-        ("normal", "vec3<f32>", "", "world_normal(object, local.normal)", "vec3<f32>(0.0, 0.0, 1.0)", normal),
+        (
+            "normal",
+            "vec3<f32>",
+            "",
+            "world_normal(input_instance(in), local.normal)",
+            "vec3<f32>(0.0, 0.0, 1.0)",
+            normal,
+        ),
         (
             "world",
             "vec3<f32>",
             "",
-            "world_from_object(object, local.position)",
+            "world_from_object(input_instance(in), local.position)",
             "vec3<f32>(0.0)",
             shading && variant.lit(),
         ),
@@ -208,7 +254,7 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface) -> String {
             "tangent",
             "vec4<f32>",
             "",
-            "vec4<f32>(world_tangent(object, local.tangent), input_tangent(in).w)",
+            "vec4<f32>(world_tangent(input_instance(in), local.tangent), input_tangent(in).w)",
             "vec4<f32>(1.0, 0.0, 0.0, 1.0)",
             has(Attribute::Tangent),
         ),
@@ -216,7 +262,7 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface) -> String {
             "emission_factor",
             "f32",
             "@interpolate(flat) ",
-            "object.emission_factor",
+            "objects[instance].emission_factor",
             "1.0",
             shading && variant.emission_waveform,
         ),
@@ -233,7 +279,7 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface) -> String {
         let _ = writeln!(out, "fn vary_{name}(v: Varyings) -> {kind} {{ return {value}; }}");
     }
     out.push_str(
-        "fn set_varyings(object: ObjectRecord, in: VertexIn, local: LocalVertex, clip: vec4<f32>) -> Varyings {\n    \
+        "fn set_varyings(instance: u32, in: VertexIn, local: LocalVertex, clip: vec4<f32>) -> Varyings {\n    \
          var out: Varyings;\n    out.position = clip;\n",
     );
     for (name, _, _, value, _, used) in &varyings {

@@ -91,6 +91,23 @@ impl PixelLens {
         ]
     }
 
+    /// Whether a sphere in camera space may touch the image. A pixel's margin covers sample offsets and rounding.
+    pub fn may_see(&self, center: DVec3, radius: f64) -> bool {
+        let [cx, cy] = self.center;
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let depth = -center.z;
+        // Tangents of the field to each side; the sphere is outside where it lies beyond one of the planes.
+        let sides = [
+            (center.x, (w - cx + 1.0) / self.focal[0]),
+            (-center.x, (cx + 1.0) / self.focal[0]),
+            (center.y, (cy + 1.0) / self.focal[1]),
+            (-center.y, (h - cy + 1.0) / self.focal[1]),
+        ];
+        let outside = |(across, tangent): (f64, f64)| across - depth * tangent > radius * tangent.hypot(1.0);
+        // The comparison is false for NaN: what cannot be placed is drawn.
+        !(depth + radius < self.near || sides.into_iter().any(outside))
+    }
+
     /// Pixel coordinates of a point in camera space; `None` behind the camera.
     pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
         (point.z < 0.0).then(|| {
@@ -196,6 +213,30 @@ mod tests {
             assert!((clip.w + point.z).abs() < 1e-12, "w is planar depth");
             assert!((ndc.z - lens.near / -point.z).abs() < 1e-12, "reverse z");
         }
+    }
+
+    #[test]
+    fn a_sphere_is_culled_only_where_no_pixel_sees_it() {
+        let lens = lens();
+        let mut culled = 0;
+        for i in 0..4000 {
+            let f = |k: i32| f64::from((i * k) % 997) / 997.0 * 2.0 - 1.0;
+            let (center, radius) = (DVec3::new(f(31) * 4.0, f(17) * 4.0, f(7) * 4.0), 0.05 + f(3).abs());
+            // Points on the sphere and inside it.
+            let seen = (0..200).any(|j| {
+                let (a, b) = (f64::from(j) * 2.399_963, 1.0 - f64::from(j) / 99.5);
+                let ring = (1.0 - b * b).max(0.0).sqrt();
+                let p = center + radius * DVec3::new(ring * a.cos(), b, ring * a.sin());
+                -p.z > lens.near
+                    && lens
+                        .project(p)
+                        .is_some_and(|[x, y]| (0.0..640.0).contains(&x) && (0.0..480.0).contains(&y))
+            });
+            let kept = lens.may_see(center, radius);
+            assert!(kept || !seen, "{center} {radius}");
+            culled += usize::from(!kept);
+        }
+        assert!(culled > 1000, "culls something: {culled}");
     }
 
     #[test]

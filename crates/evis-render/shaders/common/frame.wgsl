@@ -1,3 +1,4 @@
+// The prelude declares LIGHT_CAPACITY: the scene's lights, at least 1.
 // One view at one instant. Twin: uniforms.rs, Frame.
 struct Frame {
     // Camera axes in world space; w of right, up, back: camera position x, y, z.
@@ -10,21 +11,37 @@ struct Frame {
     background: vec4<f32>,
     // Irradiance / pi from everywhere; w: environment rotation about +Y, radians.
     ambient: vec4<f32>,
-    // First light of this environment and instant.
-    light_base: u32,
-    // First shadow matrix of this environment and instant, and first layer of this environment.
-    shadow_matrix_base: u32,
+    // First shadow map layer of this environment.
     shadow_layer_base: u32,
-    pad: u32,
+    pad_0: u32,
+    pad_1: u32,
+    pad_2: u32,
+    lights: array<Light, LIGHT_CAPACITY>,
 };
 
-fn camera_position(frame: Frame) -> vec3<f32> {
+// A punctual light (KHR_lights_punctual), in the frame's uniform at a constant index once the loop is unrolled:
+// software drivers read that once for all lanes. Twin: uniforms.rs, LightRecord.
+struct Light {
+    // World position; w: kind (0 directional, 1 point, 2 spot).
+    position_kind: vec4<f32>,
+    // World direction in which it shines; w: 1 / range^2, 0 for no limit.
+    direction_range: vec4<f32>,
+    // rgb: colour * intensity * waveform; w: shadow map layer within the environment, -1 for none.
+    radiance_shadow: vec4<f32>,
+    // Spot: scale and offset of the angular falloff; z: world size of a shadow texel per unit of clip w.
+    spot: vec4<f32>,
+    shadow_clip_from_world: mat4x4<f32>,
+};
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+
+fn camera_position() -> vec3<f32> {
     return vec3<f32>(
         frame.world_from_camera_right.w, frame.world_from_camera_up.w, frame.world_from_camera_back.w);
 }
 
 // World direction of the ray through `ndc` (x right, y up); not normalised, -1 along the optical axis.
-fn ray_direction(frame: Frame, ndc: vec2<f32>) -> vec3<f32> {
+fn ray_direction(ndc: vec2<f32>) -> vec3<f32> {
     let d = ndc * frame.ray.xy + frame.ray.zw;
     return frame.world_from_camera_right.xyz * d.x
         + frame.world_from_camera_up.xyz * d.y

@@ -1,10 +1,17 @@
-// One primitive of one node in one view at one instant. Twin: uniforms.rs, ObjectRecord.
-struct ObjectRecord {
+// One primitive of one node in one view at one instant.
+
+// Matrices, as per-instance vertex attributes: drivers fetch those once per draw, not once per vertex and lane.
+// Twin: uniforms.rs, InstanceRecord.
+struct InstanceRecord {
     clip_from_object: mat4x4<f32>,
     // Rows of world_from_object (identity for skinned objects, whose joints are in world space).
     world_row_0: vec4<f32>,
     world_row_1: vec4<f32>,
     world_row_2: vec4<f32>,
+};
+
+// The rest, read where a variant needs it. Twin: uniforms.rs, ObjectRecord.
+struct ObjectRecord {
     joint_base: u32,
     morph_weight_base: u32,
     morph_data_base: u32,
@@ -16,13 +23,13 @@ struct ObjectRecord {
     emission_factor: f32,
 };
 
-fn world_from_object(object: ObjectRecord, position: vec3<f32>) -> vec3<f32> {
+fn world_from_object(object: InstanceRecord, position: vec3<f32>) -> vec3<f32> {
     let p = vec4<f32>(position, 1.0);
     return vec3<f32>(dot(object.world_row_0, p), dot(object.world_row_1, p), dot(object.world_row_2, p));
 }
 
 // Normals take the cofactor matrix: the inverse transpose without the division, its sign undone for mirrors.
-fn world_normal(object: ObjectRecord, normal: vec3<f32>) -> vec3<f32> {
+fn world_normal(object: InstanceRecord, normal: vec3<f32>) -> vec3<f32> {
     let r0 = object.world_row_0.xyz;
     let r1 = object.world_row_1.xyz;
     let r2 = object.world_row_2.xyz;
@@ -31,7 +38,7 @@ fn world_normal(object: ObjectRecord, normal: vec3<f32>) -> vec3<f32> {
     return select(n, -n, dot(r0, c0) < 0.0);
 }
 
-fn world_tangent(object: ObjectRecord, tangent: vec3<f32>) -> vec3<f32> {
+fn world_tangent(object: InstanceRecord, tangent: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(
         dot(object.world_row_0.xyz, tangent),
         dot(object.world_row_1.xyz, tangent),

@@ -11,6 +11,7 @@ struct LabelFrame {
 };
 
 @group(3) @binding(0) var<uniform> label: LabelFrame;
+@group(3) @binding(1) var<storage, read> instances: array<InstanceRecord>;
 
 // Written where a flow is not defined: the point lies behind the other camera.
 const NO_FLOW: vec2<f32> = vec2<f32>(1e30, 1e30);
@@ -33,18 +34,14 @@ struct GeometryOut {
 
 @vertex
 fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex_index) vertex: u32) -> GeometryVaryings {
-    let here = objects[instance];
-    let next = objects[instance + label.next_offset];
-    let last = objects[instance + label.last_offset];
-    let p_here = deform(here, in, vertex).position;
-    let p_next = deform(next, in, vertex).position;
-    let p_last = deform(last, in, vertex).position;
+    let next = instance + label.next_offset;
+    let last = instance + label.last_offset;
     var out: GeometryVaryings;
-    out.here = here.clip_from_object * vec4<f32>(p_here, 1.0);
+    out.here = input_clip(in) * vec4<f32>(deform(instance, in, vertex).position, 1.0);
     out.position = out.here;
-    out.next = next.clip_from_object * vec4<f32>(p_next, 1.0);
-    out.last = last.clip_from_object * vec4<f32>(p_last, 1.0);
-    out.ids = vec2<u32>(here.instance_id, here.semantic_id);
+    out.next = instances[next].clip_from_object * vec4<f32>(deform(next, in, vertex).position, 1.0);
+    out.last = instances[last].clip_from_object * vec4<f32>(deform(last, in, vertex).position, 1.0);
+    out.ids = vec2<u32>(objects[instance].instance_id, objects[instance].semantic_id);
     out.uv = vec4<f32>(input_uv0(in), input_uv1(in));
     out.alpha = input_color(in).a;
     return out;

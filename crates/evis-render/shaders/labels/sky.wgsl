@@ -8,7 +8,6 @@ struct SkyFlow {
     pad: vec2<f32>,
 };
 
-@group(0) @binding(0) var<uniform> frame: Frame;
 @group(1) @binding(0) var<uniform> sky: SkyFlow;
 
 struct SkyVaryings {
@@ -38,7 +37,7 @@ struct SkyOut {
 
 @fragment
 fn fs_main(v: SkyVaryings) -> SkyOut {
-    let d = vec4<f32>(ray_direction(frame, v.ndc), 0.0);
+    let d = vec4<f32>(ray_direction(v.ndc), 0.0);
     return SkyOut(
         0.0,
         vec4<f32>(

@@ -1,18 +1,5 @@
-// Punctual lights (KHR_lights_punctual). Twin of the struct: uniforms.rs, LightRecord.
-struct Light {
-    // World position; w: kind (0 directional, 1 point, 2 spot).
-    position_kind: vec4<f32>,
-    // World direction in which it shines; w: 1 / range^2, 0 for no limit.
-    direction_range: vec4<f32>,
-    // rgb: colour * intensity * waveform; w: shadow map index within the frame, -1 for none.
-    radiance_shadow: vec4<f32>,
-    // Spot: scale and offset of the angular falloff.
-    spot: vec4<f32>,
-};
-
+// Punctual lights (KHR_lights_punctual).
 override LIGHT_COUNT: u32 = 0;
-
-@group(0) @binding(5) var<storage, read> lights: array<Light>;
 
 struct Incident {
     // Unit vector from the surface to the light.

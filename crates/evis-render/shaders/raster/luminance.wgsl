@@ -3,8 +3,8 @@
 
 @vertex
 fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex_index) vertex: u32) -> Varyings {
-    let local = deform(objects[instance], in, vertex);
-    return set_varyings(objects[instance], in, local, objects[instance].clip_from_object * vec4<f32>(local.position, 1.0));
+    let local = deform(instance, in, vertex);
+    return set_varyings(instance, in, local, input_clip(in) * vec4<f32>(local.position, 1.0));
 }
 
 @fragment

@@ -3,8 +3,6 @@
 #import raster/environment.wgsl
 // The environment behind everything: a triangle over the whole tile at the far plane (reverse z: 0).
 
-@group(0) @binding(0) var<uniform> frame: Frame;
-
 struct SkyVaryings {
     @builtin(position) position: vec4<f32>,
     @location(0) ndc: vec2<f32>,
@@ -18,10 +16,10 @@ fn vs_main(@builtin(vertex_index) i: u32) -> SkyVaryings {
 
 @fragment
 fn fs_luminance(v: SkyVaryings) -> @location(0) f32 {
-    return luminance(environment_sky(frame, ray_direction(frame, v.ndc)));
+    return luminance(environment_sky(ray_direction(v.ndc)));
 }
 
 @fragment
 fn fs_color(v: SkyVaryings) -> @location(0) vec4<f32> {
-    return vec4<f32>(environment_sky(frame, ray_direction(frame, v.ndc)), 1.0);
+    return vec4<f32>(environment_sky(ray_direction(v.ndc)), 1.0);
 }

@@ -11,14 +11,11 @@
 override SHADING_MODEL: u32 = 0;
 
 fn lit_by(i: u32, position: vec3<f32>, normal: vec3<f32>) -> Incident {
-    let light = lights[frame.light_base + i];
-    var incident = incident_light(light, position);
+    var incident = incident_light(frame.lights[i], position);
     if (SHADOWS) {
-        if (light.radiance_shadow.w >= 0.0 && dot(normal, incident.to_light) > 0.0) {
-            let index = u32(light.radiance_shadow.w);
-            incident.irradiance *= shadow_visibility(
-                frame.shadow_matrix_base + index, frame.shadow_layer_base + index,
-                position, normal, incident.to_light);
+        if (frame.lights[i].radiance_shadow.w >= 0.0 && dot(normal, incident.to_light) > 0.0) {
+            let layer = frame.shadow_layer_base + u32(frame.lights[i].radiance_shadow.w);
+            incident.irradiance *= shadow_visibility(frame.lights[i], layer, position, normal, incident.to_light);
         }
     }
     return incident;
@@ -34,7 +31,7 @@ fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     }
     var out = irradiance * (1.0 / PI) + frame.ambient.rgb;
     if (ENVIRONMENT) {
-        out += environment_irradiance(frame, n);
+        out += environment_irradiance(n);
     }
     return out * base;
 }
@@ -42,7 +39,7 @@ fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
 fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     let n = shading_normal(v, front);
     let position = vary_world(v);
-    let to_eye = normalize(camera_position(frame) - position);
+    let to_eye = normalize(camera_position() - position);
     let mr = metallic_roughness(v);
     // Below 0.045 the highlight of a punctual light is narrower than f32 resolves.
     let alpha = max(mr.y * mr.y, 0.002);
@@ -66,8 +63,8 @@ fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec
         let lut = split_sum(n_v, mr.y);
         let specular = f0 * lut.x + lut.y;
         let r = reflect(-to_eye, n);
-        indirect += environment_irradiance(frame, n) * diffuse_color * (1.0 - specular)
-            + environment_specular(frame, r, mr.y) * specular;
+        indirect += environment_irradiance(n) * diffuse_color * (1.0 - specular)
+            + environment_specular(r, mr.y) * specular;
     }
     return out + indirect * occlusion;
 }

@@ -6,7 +6,6 @@
 override SKINNED: bool = false;
 override MORPHED: bool = false;
 
-@group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> objects: array<ObjectRecord>;
 // Rows of world_from_joint * inverse_bind, three per joint.
 @group(0) @binding(2) var<storage, read> joints: array<vec4<f32>>;
@@ -49,14 +48,15 @@ fn blended_joint(object: ObjectRecord, index: vec4<u32>, weight: vec4<f32>) -> J
 
 // The vertex after morphing and skinning, in the space that the object's record starts from.
 // `vertex` is the draw's vertex index; morph_data_base is biased by the primitive's first vertex (wrapping).
-fn deform(object: ObjectRecord, in: VertexIn, vertex: u32) -> LocalVertex {
+fn deform(instance: u32, in: VertexIn, vertex: u32) -> LocalVertex {
     var v = LocalVertex(input_position(in), input_normal(in), input_tangent(in).xyz);
     if (MORPHED) {
+        let object = objects[instance];
         v.position += morph_delta(object, vertex, 0u);
         v.normal += morph_delta(object, vertex, 1u);
     }
     if (SKINNED) {
-        let rows = blended_joint(object, input_joints(in), input_joint_weights(in));
+        let rows = blended_joint(objects[instance], input_joints(in), input_joint_weights(in));
         let p = vec4<f32>(v.position, 1.0);
         v.position = vec3<f32>(dot(rows.r0, p), dot(rows.r1, p), dot(rows.r2, p));
         v.normal = vec3<f32>(dot(rows.r0.xyz, v.normal), dot(rows.r1.xyz, v.normal), dot(rows.r2.xyz, v.normal));

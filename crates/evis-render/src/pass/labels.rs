@@ -5,10 +5,10 @@ use super::{Access, Binding, bind, layout};
 use crate::variant::{Interface, SurfaceVariant};
 
 /// Group 3 of the geometry labels.
-pub const LABEL_BINDINGS: &[Binding] = &[bind(0, "label", Access::DynamicUniform(16))];
+pub const LABEL_BINDINGS: &[Binding] =
+    &[bind(0, "label", Access::Uniform), bind(1, "instances", Access::Read)];
 /// Group 1 of the sky's flow.
-pub const SKY_FLOW_BINDINGS: &[Binding] =
-    &[bind(0, "sky", Access::DynamicUniform(size_of::<crate::uniforms::SkyFlow>() as u64))];
+pub const SKY_FLOW_BINDINGS: &[Binding] = &[bind(0, "sky", Access::DynamicUniform)];
 
 /// Targets of the geometry labels: inverse depth, flow forward and backward, ids.
 pub const GEOMETRY_FORMATS: [wgpu::TextureFormat; 3] =

@@ -13,8 +13,8 @@ use crate::shader;
 pub enum Access {
     /// Uniform buffer.
     Uniform,
-    /// Uniform buffer at a dynamic offset; bytes bound.
-    DynamicUniform(u64),
+    /// Uniform buffer at a dynamic offset.
+    DynamicUniform,
     /// Storage buffer, read only.
     Read,
     /// Storage buffer, written.
@@ -75,21 +75,18 @@ pub fn layout(
 
 fn binding_type(access: Access) -> wgpu::BindingType {
     use wgpu::{BufferBindingType, TextureSampleType, TextureViewDimension};
-    let buffer = |ty, has_dynamic_offset, size| wgpu::BindingType::Buffer {
-        ty,
-        has_dynamic_offset,
-        min_binding_size: std::num::NonZeroU64::new(size),
-    };
+    let buffer =
+        |ty, has_dynamic_offset| wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
     let texture = |sample_type, view_dimension, multisampled| wgpu::BindingType::Texture {
         sample_type,
         view_dimension,
         multisampled,
     };
     match access {
-        Access::Uniform => buffer(BufferBindingType::Uniform, false, 0),
-        Access::DynamicUniform(size) => buffer(BufferBindingType::Uniform, true, size),
-        Access::Read => buffer(BufferBindingType::Storage { read_only: true }, false, 0),
-        Access::Write => buffer(BufferBindingType::Storage { read_only: false }, false, 0),
+        Access::Uniform => buffer(BufferBindingType::Uniform, false),
+        Access::DynamicUniform => buffer(BufferBindingType::Uniform, true),
+        Access::Read => buffer(BufferBindingType::Storage { read_only: true }, false),
+        Access::Write => buffer(BufferBindingType::Storage { read_only: false }, false),
         Access::Texture => {
             texture(TextureSampleType::Float { filterable: true }, TextureViewDimension::D2, false)
         }
@@ -115,10 +112,18 @@ fn binding_type(access: Access) -> wgpu::BindingType {
 
 /// Compiles `file` with `prelude` before it.
 pub fn module(device: &wgpu::Device, file: &str, prelude: &str) -> wgpu::ShaderModule {
-    device.create_shader_module(wgpu::ShaderModuleDescriptor {
+    let descriptor = wgpu::ShaderModuleDescriptor {
         label: Some(file),
         source: wgpu::ShaderSource::Wgsl(shader::compose(file, prelude).into()),
-    })
+    };
+    // Injected loop counters keep drivers from unrolling the loops over samples and lights.
+    // SAFETY: every loop of our shaders counts to a bound that the host sets; bounds checks stay on.
+    unsafe {
+        device.create_shader_module_trusted(
+            descriptor,
+            wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() },
+        )
+    }
 }
 
 /// A pipeline layout of `groups`, in order.

@@ -4,23 +4,37 @@
 use std::collections::HashMap;
 
 use super::{Access, Binding, bind, layout, module, pipeline_layout};
-use crate::variant::{Attribute, Interface, SurfaceVariant, attributes, prelude};
+use crate::uniforms::{Frame, InstanceRecord, LightRecord};
+use crate::variant::{
+    Attribute, INSTANCE_LOCATION, INSTANCE_SLOT, INSTANCE_VECTORS, Interface, SurfaceVariant, attributes,
+    prelude,
+};
 
 /// Luminance targets. 16 bits would quantise time: a step of 2^-11 at C = 0.2 is a quarter of a percent of a threshold.
 pub const LUMINANCE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 /// Reverse z with an infinite far plane.
 pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// Distance between frames in their uniform buffer: WebGPU's guaranteed dynamic offset alignment.
-pub const FRAME_STRIDE: u64 = 256;
+/// Distance between entries of a uniform buffer: WebGPU's guaranteed dynamic offset alignment.
+pub const UNIFORM_ALIGNMENT: u64 = 256;
+
+/// Bytes of a frame with its lights, as bound.
+pub const fn frame_bytes(light_count: u32) -> u64 {
+    let lights = if light_count == 0 { 1 } else { light_count as u64 };
+    size_of::<Frame>() as u64 + lights * size_of::<LightRecord>() as u64
+}
+
+/// Distance between frames in their uniform buffer.
+pub const fn frame_stride(light_count: u32) -> u64 {
+    frame_bytes(light_count).next_multiple_of(UNIFORM_ALIGNMENT)
+}
 
 /// Group 0: one view at one instant, and what its vertices need.
 pub const FRAME_BINDINGS: &[Binding] = &[
-    bind(0, "frame", Access::DynamicUniform(size_of::<crate::uniforms::Frame>() as u64)),
+    bind(0, "frame", Access::DynamicUniform),
     bind(1, "objects", Access::Read),
     bind(2, "joints", Access::Read),
     bind(3, "morph_weights", Access::Read),
     bind(4, "morph_data", Access::Read),
-    bind(5, "lights", Access::Read),
 ];
 
 /// Group 1: a material.
@@ -42,12 +56,11 @@ pub const MATERIAL_BINDINGS: &[Binding] = &[
 pub const SURROUNDINGS_BINDINGS: &[Binding] = &[
     bind(0, "shadow_maps", Access::DepthLayers),
     bind(1, "shadow_sampler", Access::ComparisonSampler),
-    bind(2, "shadow_matrices", Access::Read),
-    bind(3, "irradiance_cube", Access::Cube),
-    bind(4, "specular_cube", Access::Cube),
-    bind(5, "sky_cube", Access::Cube),
-    bind(6, "cube_sampler", Access::Sampler),
-    bind(7, "brdf_lut", Access::Texture),
+    bind(2, "irradiance_cube", Access::Cube),
+    bind(3, "specular_cube", Access::Cube),
+    bind(4, "sky_cube", Access::Cube),
+    bind(5, "cube_sampler", Access::Sampler),
+    bind(6, "brdf_lut", Access::Texture),
 ];
 
 /// Layouts of the groups that surface passes share.
@@ -112,7 +125,7 @@ pub fn surface_pipeline(
     variant: &SurfaceVariant,
     scene: &SceneConstants,
 ) -> wgpu::RenderPipeline {
-    let module = module(device, what.file, &prelude(variant, what.interface));
+    let module = module(device, what.file, &prelude(variant, what.interface, scene.light_count));
     let flag = |b: bool| f64::from(u8::from(b));
     let all = [
         ("SKINNED", flag(variant.skinned)),
@@ -135,23 +148,33 @@ pub fn surface_pipeline(
         all.into_iter().filter(|(name, _)| source.contains(&format!("override {name}:"))).collect();
     let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
     let used = attributes(variant, what.interface);
-    let formats: Vec<_> = Attribute::ALL
-        .iter()
-        .enumerate()
-        .map(|(slot, a)| wgpu::VertexAttribute {
-            format: a.format(),
-            offset: 0,
-            shader_location: slot as u32,
+    let mut slots: [Vec<wgpu::VertexAttribute>; INSTANCE_SLOT + 1] = Default::default();
+    for (location, attribute) in Attribute::ALL.into_iter().enumerate().filter(|(_, a)| used.contains(a)) {
+        slots[attribute.slot()].push(wgpu::VertexAttribute {
+            format: attribute.format(),
+            offset: attribute.offset(),
+            shader_location: location as u32,
+        });
+    }
+    slots[INSTANCE_SLOT] = (0..INSTANCE_VECTORS)
+        .map(|i| wgpu::VertexAttribute {
+            format: wgpu::VertexFormat::Float32x4,
+            offset: u64::from(i) * 16,
+            shader_location: INSTANCE_LOCATION + i,
         })
         .collect();
-    let buffers: Vec<_> = Attribute::ALL
+    let buffers: Vec<_> = slots
         .iter()
         .enumerate()
-        .map(|(slot, a)| {
-            used.contains(a).then(|| wgpu::VertexBufferLayout {
-                array_stride: a.format().size(),
-                step_mode: wgpu::VertexStepMode::Vertex,
-                attributes: std::slice::from_ref(&formats[slot]),
+        .map(|(slot, attributes)| {
+            (!attributes.is_empty()).then(|| wgpu::VertexBufferLayout {
+                array_stride: slot_stride(slot),
+                step_mode: if slot == INSTANCE_SLOT {
+                    wgpu::VertexStepMode::Instance
+                } else {
+                    wgpu::VertexStepMode::Vertex
+                },
+                attributes,
             })
         })
         .collect();
@@ -186,6 +209,14 @@ pub fn surface_pipeline(
         multiview_mask: None,
         cache: None,
     })
+}
+
+/// Bytes from one vertex (or instance) to the next in `slot`.
+fn slot_stride(slot: usize) -> u64 {
+    if slot == INSTANCE_SLOT {
+        return size_of::<InstanceRecord>() as u64;
+    }
+    Attribute::ALL.iter().filter(|a| a.slot() == slot).map(|a| a.format().size()).sum()
 }
 
 /// Pipelines by variant.

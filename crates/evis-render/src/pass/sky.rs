@@ -2,6 +2,7 @@
 
 use super::raster::{DEPTH_FORMAT, SurfaceLayouts};
 use super::{module, pipeline_layout};
+use crate::variant::frame_prelude;
 
 /// The sky pipeline writing `format` through fragment entry point `entry`.
 pub fn pipeline(
@@ -10,6 +11,7 @@ pub fn pipeline(
     entry: &str,
     targets: &[Option<wgpu::ColorTargetState>],
     sample_count: u32,
+    light_count: u32,
 ) -> wgpu::RenderPipeline {
     // Group 1 is a material elsewhere; the sky has none.
     let groups = [Some(&layouts.frame), None, Some(&layouts.surroundings)];
@@ -18,7 +20,7 @@ pub fn pipeline(
         bind_group_layouts: &groups,
         immediate_size: 0,
     });
-    full_tile(device, "raster/sky.wgsl", &layout, entry, targets, sample_count)
+    full_tile(device, "raster/sky.wgsl", &layout, entry, targets, sample_count, light_count)
 }
 
 /// The pipeline of `labels/sky.wgsl`: flow at infinity.
@@ -27,9 +29,10 @@ pub fn flow_pipeline(
     frame: &wgpu::BindGroupLayout,
     sky: &wgpu::BindGroupLayout,
     targets: &[Option<wgpu::ColorTargetState>],
+    light_count: u32,
 ) -> wgpu::RenderPipeline {
     let layout = pipeline_layout(device, "sky flow", &[frame, sky]);
-    full_tile(device, "labels/sky.wgsl", &layout, "fs_main", targets, 1)
+    full_tile(device, "labels/sky.wgsl", &layout, "fs_main", targets, 1, light_count)
 }
 
 fn full_tile(
@@ -39,8 +42,9 @@ fn full_tile(
     entry: &str,
     targets: &[Option<wgpu::ColorTargetState>],
     sample_count: u32,
+    light_count: u32,
 ) -> wgpu::RenderPipeline {
-    let module = module(device, file, "");
+    let module = module(device, file, &frame_prelude(light_count));
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(file),
         layout: Some(layout),

@@ -165,7 +165,7 @@ fn bindings_are_what_the_shaders_say() {
                 .and_then(|g| g.iter().find(|b| b.binding == place.binding))
                 .unwrap_or_else(|| panic!("{file}: {name} at {place:?} is not declared"));
             let access = match declared.access {
-                Access::DynamicUniform(_) => Access::Uniform,
+                Access::DynamicUniform => Access::Uniform,
                 other => other,
             };
             assert_eq!((declared.name, access), (name, access_of(&module, variable)), "{file} {place:?}");
@@ -198,30 +198,32 @@ macro_rules! same_layout {
 
 #[test]
 fn host_and_shader_structs_have_one_layout() {
+    // A frame is followed by its lights: one struct in WGSL, two on the host.
+    let (mut fields, size) = wgsl_struct("raster/luminance.wgsl", "Frame");
+    assert_eq!(fields.pop(), Some(("lights".to_owned(), size_of::<uniforms::Frame>() as u32)));
+    assert_eq!(u64::from(size), crate::pass::raster::frame_bytes(3));
+    let head = [
+        ("world_from_camera_right", offset_of!(uniforms::Frame, world_from_camera_right)),
+        ("world_from_camera_up", offset_of!(uniforms::Frame, world_from_camera_up)),
+        ("world_from_camera_back", offset_of!(uniforms::Frame, world_from_camera_back)),
+        ("ray", offset_of!(uniforms::Frame, ray)),
+        ("background", offset_of!(uniforms::Frame, background)),
+        ("ambient", offset_of!(uniforms::Frame, ambient)),
+        ("shadow_layer_base", offset_of!(uniforms::Frame, shadow_layer_base)),
+        ("pad_0", offset_of!(uniforms::Frame, pad_0)),
+        ("pad_1", offset_of!(uniforms::Frame, pad_1)),
+        ("pad_2", offset_of!(uniforms::Frame, pad_2)),
+    ];
+    assert_eq!(fields, head.map(|(name, offset)| (name.to_owned(), offset as u32)));
     same_layout!(
         "raster/luminance.wgsl",
-        "Frame",
-        uniforms::Frame {
-            world_from_camera_right,
-            world_from_camera_up,
-            world_from_camera_back,
-            ray,
-            background,
-            ambient,
-            light_base,
-            shadow_matrix_base,
-            shadow_layer_base,
-            pad,
-        }
+        "InstanceRecord",
+        uniforms::InstanceRecord { clip_from_object, world_row_0, world_row_1, world_row_2 }
     );
     same_layout!(
         "raster/luminance.wgsl",
         "ObjectRecord",
         uniforms::ObjectRecord {
-            clip_from_object,
-            world_row_0,
-            world_row_1,
-            world_row_2,
             joint_base,
             morph_weight_base,
             morph_data_base,
@@ -240,9 +242,14 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "raster/luminance.wgsl",
         "Light",
-        uniforms::LightRecord { position_kind, direction_range, radiance_shadow, spot }
+        uniforms::LightRecord {
+            position_kind,
+            direction_range,
+            radiance_shadow,
+            spot,
+            shadow_clip_from_world
+        }
     );
-    same_layout!("raster/luminance.wgsl", "ShadowMatrix", uniforms::ShadowMatrix { clip_from_world, texel });
     same_layout!(
         "labels/geometry.wgsl",
         "LabelFrame",
