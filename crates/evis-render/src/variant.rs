@@ -175,8 +175,8 @@ pub const INSTANCE_VECTORS: u32 = 7;
 pub struct Interface {
     /// World normals are written as a label, also of unlit surfaces.
     pub normal_label: bool,
-    /// Only position, and what an alpha mask needs.
-    pub depth_only: bool,
+    /// Whether surfaces are shaded; else only position is needed, and what an alpha mask reads.
+    pub shades: bool,
 }
 
 /// Attributes that `variant` fetches under `interface`.
@@ -185,11 +185,11 @@ pub fn attributes(variant: &SurfaceVariant, interface: Interface) -> Vec<Attribu
         .into_iter()
         .filter(|a| match a {
             Attribute::Position => true,
-            Attribute::Normal => !interface.depth_only && (variant.lit() || interface.normal_label),
-            Attribute::Uv0 => variant.textured() && (!interface.depth_only || variant.mask),
-            Attribute::Uv1 => variant.uv1 && (!interface.depth_only || variant.mask),
-            Attribute::Color => variant.color && (!interface.depth_only || variant.mask),
-            Attribute::Tangent => variant.normal_texture && !interface.depth_only,
+            Attribute::Normal => interface.shades && (variant.lit() || interface.normal_label),
+            Attribute::Uv0 => variant.textured() && (interface.shades || variant.mask),
+            Attribute::Uv1 => variant.uv1 && (interface.shades || variant.mask),
+            Attribute::Color => variant.color && (interface.shades || variant.mask),
+            Attribute::Tangent => variant.normal_texture && interface.shades,
             Attribute::Joints | Attribute::JointWeights => variant.skinned,
         })
         .collect()
@@ -200,12 +200,40 @@ pub fn frame_prelude(light_count: u32) -> String {
     format!("const LIGHT_CAPACITY: u32 = {}u;\n", light_count.max(1))
 }
 
+/// Up to this many lights are summed without a loop: a uniform at a constant index is read once for all lanes by
+/// software drivers, which unroll no loop of this size themselves.
+const UNROLLED_LIGHTS: u32 = 16;
+
+/// WGSL sums over all lights.
+fn light_sums(light_count: u32) -> String {
+    let mut out = String::new();
+    for model in ["diffuse", "metallic_roughness"] {
+        let _ = writeln!(out, "fn lit_{model}(s: Surface) -> vec3<f32> {{\n    var sum = vec3<f32>(0.0);");
+        if light_count <= UNROLLED_LIGHTS {
+            for i in 0..light_count {
+                let _ = writeln!(out, "    sum += light_{model}(frame.lights[{i}], s);");
+            }
+        } else {
+            let _ = writeln!(
+                out,
+                "    for (var i = 0u; i < LIGHT_CAPACITY; i++) {{\n        \
+                 sum += light_{model}(frame.lights[i], s);\n    }}"
+            );
+        }
+        out.push_str("    return sum;\n}\n");
+    }
+    out
+}
+
 /// WGSL declarations of `VertexIn`, `Varyings` and their accessors: an attribute that the variant does not use
 /// is neither fetched nor interpolated, its accessor returns a constant.
 pub fn prelude(variant: &SurfaceVariant, interface: Interface, light_count: u32) -> String {
     let used = attributes(variant, interface);
     let has = |a: Attribute| used.contains(&a);
     let mut out = frame_prelude(light_count);
+    if interface.shades {
+        out.push_str(&light_sums(if variant.lit() { light_count } else { 0 }));
+    }
     out.push_str("struct VertexIn {\n");
     for (location, a) in Attribute::ALL.iter().enumerate().filter(|(_, a)| has(**a)) {
         let (name, kind, _) = a.wgsl();
@@ -228,7 +256,7 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface, light_count: u32)
     }
 
     let normal = has(Attribute::Normal);
-    let shading = !interface.depth_only;
+    let shading = interface.shades;
     // (name, type, qualifier, value in the vertex stage, default, used)
     let varyings = [
         ("uv0", "vec2<f32>", "", "input_uv0(in)", "vec2<f32>(0.0)", has(Attribute::Uv0)),

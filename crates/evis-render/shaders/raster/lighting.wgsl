@@ -1,5 +1,5 @@
+#import common/frame.wgsl
 // Punctual lights (KHR_lights_punctual).
-override LIGHT_COUNT: u32 = 0;
 
 struct Incident {
     // Unit vector from the surface to the light.

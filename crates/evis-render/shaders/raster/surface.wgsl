@@ -10,63 +10,77 @@
 // 0 unlit, 1 Lambert, 2 glTF metallic-roughness.
 override SHADING_MODEL: u32 = 0;
 
-fn lit_by(i: u32, position: vec3<f32>, normal: vec3<f32>) -> Incident {
-    var incident = incident_light(frame.lights[i], position);
+fn lit_by(light: Light, position: vec3<f32>, normal: vec3<f32>) -> Incident {
+    var incident = incident_light(light, position);
     if (SHADOWS) {
-        if (frame.lights[i].radiance_shadow.w >= 0.0 && dot(normal, incident.to_light) > 0.0) {
-            let layer = frame.shadow_layer_base + u32(frame.lights[i].radiance_shadow.w);
-            incident.irradiance *= shadow_visibility(frame.lights[i], layer, position, normal, incident.to_light);
+        if (light.radiance_shadow.w >= 0.0 && dot(normal, incident.to_light) > 0.0) {
+            let layer = frame.shadow_layer_base + u32(light.radiance_shadow.w);
+            incident.irradiance *= shadow_visibility(light, layer, position, normal, incident.to_light);
         }
     }
     return incident;
 }
 
-fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
-    let n = shading_normal(v, front);
-    let position = vary_world(v);
-    var irradiance = vec3<f32>(0.0);
-    for (var i = 0u; i < LIGHT_COUNT; i++) {
-        let incident = lit_by(i, position, n);
-        irradiance += incident.irradiance * max(dot(n, incident.to_light), 0.0);
+// Everything about a surface point that its lights need.
+struct Surface {
+    position: vec3<f32>,
+    normal: vec3<f32>,
+    to_eye: vec3<f32>,
+    n_v: f32,
+    diffuse_color: vec3<f32>,
+    f0: vec3<f32>,
+    alpha: f32,
+};
+
+// One light's share; the prelude's lit_diffuse() and lit_metallic_roughness() sum these over all lights.
+fn light_diffuse(light: Light, s: Surface) -> vec3<f32> {
+    let incident = lit_by(light, s.position, s.normal);
+    return incident.irradiance * (max(dot(s.normal, incident.to_light), 0.0) * (1.0 / PI));
+}
+
+fn light_metallic_roughness(light: Light, s: Surface) -> vec3<f32> {
+    let incident = lit_by(light, s.position, s.normal);
+    let n_l = dot(s.normal, incident.to_light);
+    if (n_l <= 0.0) {
+        return vec3<f32>(0.0);
     }
-    var out = irradiance * (1.0 / PI) + frame.ambient.rgb;
+    let h = normalize(incident.to_light + s.to_eye);
+    let fresnel = schlick(s.f0, dot(s.to_eye, h));
+    let specular = fresnel * ggx_specular(s.alpha, n_l, s.n_v, max(dot(s.normal, h), 0.0));
+    return incident.irradiance * n_l * ((1.0 - fresnel) * s.diffuse_color * (1.0 / PI) + specular);
+}
+
+fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
+    var s: Surface;
+    s.position = vary_world(v);
+    s.normal = shading_normal(v, front);
+    var out = lit_diffuse(s) + frame.ambient.rgb;
     if (ENVIRONMENT) {
-        out += environment_irradiance(n);
+        out += environment_irradiance(s.normal);
     }
     return out * base;
 }
 
 fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
-    let n = shading_normal(v, front);
-    let position = vary_world(v);
-    let to_eye = normalize(camera_position() - position);
     let mr = metallic_roughness(v);
+    var s: Surface;
+    s.position = vary_world(v);
+    s.normal = shading_normal(v, front);
+    s.to_eye = normalize(camera_position() - s.position);
+    s.n_v = max(dot(s.normal, s.to_eye), 1e-4);
+    s.diffuse_color = base * (1.0 - mr.x);
+    s.f0 = mix(vec3<f32>(0.04), base, mr.x);
     // Below 0.045 the highlight of a punctual light is narrower than f32 resolves.
-    let alpha = max(mr.y * mr.y, 0.002);
-    let f0 = mix(vec3<f32>(0.04), base, mr.x);
-    let diffuse_color = base * (1.0 - mr.x);
-    let n_v = max(dot(n, to_eye), 1e-4);
-    var out = vec3<f32>(0.0);
-    for (var i = 0u; i < LIGHT_COUNT; i++) {
-        let incident = lit_by(i, position, n);
-        let n_l = dot(n, incident.to_light);
-        if (n_l > 0.0) {
-            let h = normalize(incident.to_light + to_eye);
-            let fresnel = schlick(f0, dot(to_eye, h));
-            let specular = fresnel * ggx_specular(alpha, n_l, n_v, max(dot(n, h), 0.0));
-            out += incident.irradiance * n_l * ((1.0 - fresnel) * diffuse_color * (1.0 / PI) + specular);
-        }
-    }
-    let occlusion = ambient_occlusion(v);
-    var indirect = frame.ambient.rgb * (diffuse_color + f0);
+    s.alpha = max(mr.y * mr.y, 0.002);
+    var indirect = frame.ambient.rgb * (s.diffuse_color + s.f0);
     if (ENVIRONMENT) {
-        let lut = split_sum(n_v, mr.y);
-        let specular = f0 * lut.x + lut.y;
-        let r = reflect(-to_eye, n);
-        indirect += environment_irradiance(n) * diffuse_color * (1.0 - specular)
+        let lut = split_sum(s.n_v, mr.y);
+        let specular = s.f0 * lut.x + lut.y;
+        let r = reflect(-s.to_eye, s.normal);
+        indirect += environment_irradiance(s.normal) * s.diffuse_color * (1.0 - specular)
             + environment_specular(r, mr.y) * specular;
     }
-    return out + indirect * occlusion;
+    return lit_metallic_roughness(s) + indirect * ambient_occlusion(v);
 }
 
 // Linear radiance towards the camera. Discards where the alpha mask says so.

@@ -17,7 +17,7 @@ pub fn pipelines(
                 fragment: v.mask.then_some("fs_masked"),
                 groups: &[&layouts.frame, &layouts.material],
                 targets: &[],
-                interface: Interface { depth_only: true, ..Default::default() },
+                interface: Interface::default(),
                 sample_count: 1,
                 // Reverse z: away from the light is towards 0.
                 bias: wgpu::DepthBiasState { constant: -2, slope_scale: -1.5, clamp: 0.0 },

@@ -57,6 +57,12 @@ fn draws_surfaces(file: &str) -> bool {
     compose(file, "").contains("VertexIn")
 }
 
+/// The interface that the file's pass asks for.
+fn interface(file: &str) -> Interface {
+    let shades = compose(file, "").contains("fn surface_radiance(");
+    Interface { normal_label: file.starts_with("labels/appearance"), shades }
+}
+
 fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Module {
     let prelude = if draws_surfaces(file) { prelude(variant, interface, 3) } else { frame_prelude(3) };
     let text = compose(file, &prelude);
@@ -93,13 +99,8 @@ fn every_shader_validates_in_every_variant() {
     for (file, _) in entries() {
         let cases = if draws_surfaces(file) { variants() } else { vec![SurfaceVariant::default()] };
         for variant in &cases {
-            for depth_only in [false, true] {
-                let interface = Interface { normal_label: file.starts_with("labels/appearance"), depth_only };
-                let needs_shading = file.contains("luminance") || file.contains("appearance");
-                if depth_only && needs_shading {
-                    continue;
-                }
-                let module = parse(file, variant, interface);
+            for normal_label in [false, true] {
+                let module = parse(file, variant, Interface { normal_label, ..interface(file) });
                 validator.validate(&module).unwrap_or_else(|e| panic!("{file} {variant:?}: {e:?}"));
                 validated += 1;
             }
@@ -155,7 +156,7 @@ fn access_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Access {
 #[test]
 fn bindings_are_what_the_shaders_say() {
     for (file, groups) in entries() {
-        let module = parse(file, &every_feature(), Interface::default());
+        let module = parse(file, &every_feature(), interface(file));
         let mut found = 0;
         for (_, variable) in module.global_variables.iter() {
             let Some(place) = variable.binding else { continue };
@@ -177,7 +178,7 @@ fn bindings_are_what_the_shaders_say() {
 
 /// Field names, offsets and size of `name` as naga sees them in `file`.
 fn wgsl_struct(file: &str, name: &str) -> (Vec<(String, u32)>, u32) {
-    let module = parse(file, &every_feature(), Interface::default());
+    let module = parse(file, &every_feature(), interface(file));
     let (_, ty) = module
         .types
         .iter()
@@ -309,7 +310,7 @@ fn canary_a_swapped_field_is_seen() {
 
 /// A scalar constant of `file`.
 fn constant(file: &str, name: &str) -> f64 {
-    let module = parse(file, &every_feature(), Interface::default());
+    let module = parse(file, &every_feature(), interface(file));
     let (_, constant) = module
         .constants
         .iter()
