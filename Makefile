@@ -26,7 +26,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 # What `make demo` simulates.
 DEMO_SCENE ?= warehouse
-DEMO_ARGS ?= --duration 2 --labels depth,flow,instance,hdr --label-rate 25
+DEMO_ARGS ?= --duration 1 --labels depth,flow,instance,hdr --label-rate 25
 
 .PHONY: help setup demo test test-rust test-python check format bench wheel smoke docs bless clean
 
@@ -58,11 +58,13 @@ test-python: wheel
 	tools/install "$(BIN)" test
 	$(BIN)/python -m pytest
 
-check: wheel ## Formatting, lints, types, stubs, and the tests that need no device.
-	tools/install "$(BIN)" test
+# Rust first, the wheel after it: maturin configures pyo3 in its own way, and each change of hands builds it again.
+check: setup ## Formatting, lints, types, stubs, and the tests that need no device.
 	cargo fmt --all --check
 	cargo clippy $(CARGO_FLAGS) --all-targets -- -D warnings
 	cargo test $(CARGO_FLAGS) --lib --quiet
+	$(MAKE) wheel
+	tools/install "$(BIN)" test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

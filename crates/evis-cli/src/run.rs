@@ -152,13 +152,15 @@ fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
         text::complain(&format!("duration: {duration_s} s ({origin})"));
         duration_s
     });
+    // Environments may run ahead of the scene's clock.
+    let ahead_s = scene.variants.iter().map(|v| v.time_offset_s).fold(0.0, f64::max);
+    let until_s = start_s + duration_s + ahead_s;
     if let Some(own_s) = own_s
-        && start_s + duration_s > own_s + 1.0e-6
+        && until_s > own_s + 1.0e-6
     {
         warnings.add(format!(
-            "the scene's motion ends at {own_s} s and the stream at {} s; after its end everything rests where \
-             it was",
-            start_s + duration_s
+            "the scene's motion ends at {own_s} s and the stream at {until_s} s of the scene's time; after its end \
+             everything rests where it was"
         ));
     }
     to_us(duration_s).max(1)

@@ -61,18 +61,53 @@ fn times_beyond_the_scene_are_told_once() {
     assert_eq!(json(&output)["warnings"].as_array().unwrap().len(), 1);
 }
 
-#[cfg(unix)]
 #[test]
-fn ctrl_c_finishes_the_file() {
-    use std::io::Read;
-    use std::process::{Command, Stdio};
-    use std::time::{Duration, Instant};
-
-    let folder = Folder::new("ctrl-c");
+fn every_environment_gets_its_file() {
+    let folder = Folder::new("environments");
     if no_device(&folder) {
         return;
     }
-    let mut child = common::program(&folder)
+    let scene = r#"
+        [[environments]]
+        count = 2
+        time_step_s = 0.1
+
+        [[cameras]]
+        name = "eye"
+        position = [0.0, 0.0, 3.0]
+
+        [[materials]]
+        name = "bright"
+        model = "unlit"
+
+        [[primitives]]
+        name = "box"
+        shape = "box"
+        size = [1.0, 1.0, 1.0]
+        material = "bright"
+        motion = { kind = "spin", degrees_per_s = 360.0 }
+    "#;
+    std::fs::write(folder.file("two.toml"), scene).unwrap();
+    let output = evis(&folder, &format!("run two.toml -o a.h5 {SMALL} --json"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert_eq!(folder.names(), ["a_0000.h5", "a_0001.h5", "two.toml"]);
+    for (file, environment) in [("a_0000.h5", 0), ("a_0001.h5", 1)] {
+        let info = json(&evis(&folder, &format!("info {file} --json")));
+        assert_eq!((&info["complete"], &info["environment"]), (&true.into(), &environment.into()));
+    }
+    let again = evis(&folder, &format!("run two.toml -o a.h5 {SMALL}"));
+    assert_eq!(code(&again), 2, "{}", stderr(&again));
+    assert!(stderr(&again).contains("a_0000.h5"), "{}", stderr(&again));
+}
+
+/// Starts a run that would take hours and waits until its file is there.
+#[cfg(unix)]
+#[expect(clippy::unwrap_used, reason = "a helper of tests")]
+fn long_run(folder: &Folder) -> std::process::Child {
+    use std::process::Stdio;
+    use std::time::{Duration, Instant};
+
+    let mut child = common::program(folder)
         .args("run spinner -o a.h5 --size 64x48 --duration 100000 --samples 1 --rate 1000".split(' '))
         .stderr(Stdio::piped())
         .stdout(Stdio::null())
@@ -84,8 +119,21 @@ fn ctrl_c_finishes_the_file() {
         assert!(child.try_wait().unwrap().is_none(), "the run ended by itself");
         std::thread::sleep(Duration::from_millis(20));
     }
-    std::thread::sleep(Duration::from_millis(200));
-    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    child
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_finishes_the_file() {
+    use std::io::Read;
+
+    let folder = Folder::new("ctrl-c");
+    if no_device(&folder) {
+        return;
+    }
+    let mut child = long_run(&folder);
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     let status = child.wait().unwrap();
     let mut message = String::new();
     child.stderr.take().unwrap().read_to_string(&mut message).unwrap();
@@ -93,4 +141,22 @@ fn ctrl_c_finishes_the_file() {
     let info = json(&evis(&folder, "info a.h5 --json"));
     assert_eq!(info["complete"], true);
     assert!(info["events"].as_u64().unwrap() > 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_killed_run_leaves_what_it_had_flushed() {
+    let folder = Folder::new("killed");
+    if no_device(&folder) {
+        return;
+    }
+    let mut child = long_run(&folder);
+    std::thread::sleep(std::time::Duration::from_millis(1500));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let cut = json(&evis(&folder, "info a.h5 --json"));
+    assert_eq!(cut["complete"], false);
+    assert!(cut["events"].as_u64().unwrap() > 0, "{cut}");
+    let repaired = json(&evis(&folder, "info a.h5 --repair --json"));
+    assert_eq!((&repaired["repaired"]["reopened"], &repaired["events"]), (&true.into(), &cut["events"]));
 }
