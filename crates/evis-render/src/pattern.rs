@@ -1,50 +1,125 @@
 //! Sub-pixel sample patterns.
 //!
-//! Each pattern is a permutation lattice: sample `i` lies at `((i + 0.5) / n, (p(i) + 0.5) / n)`. Every row and
-//! every column of the n x n grid holds one sample, so the centroid is exactly the pixel's centre and an
-//! axis-aligned edge meets n equal steps; a regular sqrt(n) grid would give it only sqrt(n).
+//! Each pattern is a permutation: sample `i` lies at `((i + 0.5) / n, (p(i) + 0.5) / n)`. Every row and every column
+//! of the n x n grid holds one sample, so the centroid is exactly the pixel's centre and an axis-aligned edge meets
+//! n equal steps; a regular sqrt(n) grid would give it only sqrt(n). Among the permutations the one is taken to which
+//! edges of all other directions are nearly as kind. (A rank-1 lattice is not: sixteen samples on one meet an edge
+//! along its own lines, 18 degrees off the axis, in four steps.)
+
+use std::f64::consts::PI;
 
 /// Offsets from the pixel's centre, in pixels, each within (-0.5, 0.5); their mean is zero.
 pub fn offsets(n: u32) -> Vec<[f32; 2]> {
-    let order = if n <= 8 { best_permutation(n) } else { best_korobov(n) };
-    let at = |k: u32| ((f64::from(k) + 0.5) / f64::from(n) - 0.5) as f32;
-    order.iter().enumerate().map(|(i, &k)| [at(i as u32), at(k)]).collect()
+    let mut order: Vec<u32> = (0..n).collect();
+    let steps = EdgeSteps::new(n as usize);
+    if n <= 6 {
+        let mut best = (f64::INFINITY, order.clone());
+        permute(&mut order, 0, &mut |candidate| {
+            let error = steps.error(candidate);
+            // A mirrored pattern is as good; rounding must not choose between them.
+            if error < best.0 - 1e-9 {
+                best = (error, candidate.to_vec());
+            }
+        });
+        order = best.1;
+    } else {
+        order = lattice(n);
+        steps.improve(&mut order);
+    }
+    order
+        .iter()
+        .enumerate()
+        .map(|(i, &k)| [center(i, n as usize), center(k as usize, n as usize)])
+        .map(|o| o.map(|v| v as f32))
+        .collect()
 }
 
-/// Squared smallest distance between two samples, in cells, where opposite pixel edges are joined.
-fn spread(order: &[u32]) -> u32 {
-    let n = order.len() as u32;
-    let wrap = |a: u32, b: u32| a.abs_diff(b).min(n - a.abs_diff(b));
-    let mut best = u32::MAX;
-    for i in 0..order.len() {
-        for j in i + 1..order.len() {
-            let (dx, dy) = (wrap(i as u32, j as u32), wrap(order[i], order[j]));
-            best = best.min(dx * dx + dy * dy);
+/// Centre of cell `i` of `n`, from the pixel's centre.
+fn center(i: usize, n: usize) -> f64 {
+    (i as f64 + 0.5) / n as f64 - 0.5
+}
+
+/// A first guess: `i g mod n` with `g` near n over the golden ratio.
+fn lattice(n: u32) -> Vec<u32> {
+    let gcd = |mut a: u32, mut b: u32| {
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let golden = (f64::from(n) * 0.618) as u32;
+    let g = (golden..n).find(|&g| gcd(g, n) == 1).unwrap_or(1);
+    (0..n).map(|i| i * g % n).collect()
+}
+
+/// How far edges of all directions step from where a pixel's area would put them.
+struct EdgeSteps {
+    n: usize,
+    /// Per direction: its cosine and sine, and where an edge covers (j + 0.5) / n of a pixel, in pixels.
+    directions: Vec<([f64; 2], Vec<f64>)>,
+}
+
+impl EdgeSteps {
+    fn new(n: usize) -> Self {
+        const DIRECTIONS: usize = 24;
+        let directions = (0..DIRECTIONS)
+            .map(|k| {
+                let (sine, cosine) = (PI * (k as f64 + 0.5) / DIRECTIONS as f64).sin_cos();
+                let places =
+                    (0..n).map(|j| place_of_cover((j as f64 + 0.5) / n as f64, cosine, sine)).collect();
+                ([cosine, sine], places)
+            })
+            .collect();
+        Self { n, directions }
+    }
+
+    /// Mean square over directions and samples, in square pixels.
+    fn error(&self, order: &[u32]) -> f64 {
+        let mut sum = 0.0;
+        let mut along = vec![0.0; self.n];
+        for ([cosine, sine], places) in &self.directions {
+            for (i, (slot, &k)) in along.iter_mut().zip(order).enumerate() {
+                *slot = center(i, self.n) * cosine + center(k as usize, self.n) * sine;
+            }
+            along.sort_unstable_by(f64::total_cmp);
+            sum += along.iter().zip(places).map(|(a, p)| (a - p) * (a - p)).sum::<f64>();
+        }
+        sum / (self.n * self.directions.len()) as f64
+    }
+
+    /// Swaps rows as long as that helps: the same swaps in every run.
+    fn improve(&self, order: &mut [u32]) {
+        // 50 ms at most; larger patterns are good enough sooner.
+        let tries = 60_000 / self.n;
+        let mut state = 1u64;
+        let mut next = || {
+            // Knuth, TAOCP volume 2, 3.3.4: the MMIX generator.
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize % self.n
+        };
+        let mut error = self.error(order);
+        for _ in 0..tries {
+            let (i, k) = (next(), next());
+            order.swap(i, k);
+            let swapped = self.error(order);
+            if swapped <= error {
+                error = swapped;
+            } else {
+                order.swap(i, k);
+            }
         }
     }
-    best
 }
 
-/// Whether the samples lie on one line of slope +-1, where a diagonal edge would meet one step only.
-fn collinear(order: &[u32]) -> bool {
-    let n = order.len() as u32;
-    n > 2
-        && (order.windows(2).all(|w| (w[0] + 1) % n == w[1])
-            || order.windows(2).all(|w| (w[1] + 1) % n == w[0]))
-}
-
-fn best_permutation(n: u32) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..n).collect();
-    let mut best = order.clone();
-    let mut best_spread = 0;
-    permute(&mut order, 0, &mut |candidate| {
-        let spread = spread(candidate);
-        if !collinear(candidate) && spread > best_spread {
-            best_spread = spread;
-            best = candidate.to_vec();
-        }
-    });
-    best
+/// Distance from a pixel's centre, along a direction, at which a straight edge has covered `cover` of the pixel.
+fn place_of_cover(cover: f64, cosine: f64, sine: f64) -> f64 {
+    let (a, b) = (cosine.abs().max(sine.abs()), cosine.abs().min(sine.abs()).max(1e-9));
+    // The covered area grows quadratically over the corners, `b / 2a` of it each, and linearly between.
+    let corner = 0.5 * b / a;
+    let near = cover.min(1.0 - cover);
+    let from_corner = if near < corner { (2.0 * a * b * near).sqrt() } else { 0.5 * b + a * near };
+    let place = 0.5 * (a + b) - from_corner;
+    if cover < 0.5 { -place } else { place }
 }
 
 fn permute(order: &mut [u32], from: usize, visit: &mut impl FnMut(&[u32])) {
@@ -57,21 +132,6 @@ fn permute(order: &mut [u32], from: usize, visit: &mut impl FnMut(&[u32])) {
         permute(order, from + 1, visit);
         order.swap(from, i);
     }
-}
-
-fn best_korobov(n: u32) -> Vec<u32> {
-    let gcd = |mut a: u32, mut b: u32| {
-        while b != 0 {
-            (a, b) = (b, a % b);
-        }
-        a
-    };
-    let lattice = |g: u32| (0..n).map(|i| i * g % n).collect::<Vec<_>>();
-    (2..n)
-        .filter(|&g| gcd(g, n) == 1)
-        .map(lattice)
-        .max_by_key(|order| spread(order))
-        .unwrap_or_else(|| (0..n).collect())
 }
 
 #[cfg(test)]
@@ -92,6 +152,41 @@ mod tests {
             }
             assert!(offsets.iter().flatten().all(|o| o.abs() < 0.5));
         }
+    }
+
+    #[test]
+    fn cover_is_the_area_behind_an_edge() {
+        for (cosine, sine) in
+            [(1.0, 0.0), (0.8, 0.6), (-0.6, 0.8), (0.28, 0.96), (0.5f64.sqrt(), -(0.5f64.sqrt()))]
+        {
+            for cover in [0.01, 0.1, 0.3, 0.5, 0.77, 0.99] {
+                let place = place_of_cover(cover, cosine, sine);
+                let cell = |i: u32| (f64::from(i) + 0.5) / 400.0 - 0.5;
+                let behind = (0..160_000).filter(|i| cell(i % 400) * cosine + cell(i / 400) * sine < place);
+                let area = behind.count() as f64 / 160_000.0;
+                assert!((area - cover).abs() < 4e-3, "{cosine} {sine}: {cover} {area}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_direction_is_bad() {
+        // Root mean square step error per direction, in units of what an axis-aligned edge has.
+        let worst = |order: &[u32]| {
+            let steps = EdgeSteps::new(order.len());
+            let one = |d: &([f64; 2], Vec<f64>)| EdgeSteps { n: order.len(), directions: vec![d.clone()] };
+            steps
+                .directions
+                .iter()
+                .map(|d| one(d).error(order).sqrt() * order.len() as f64)
+                .fold(0.0, f64::max)
+        };
+        let order =
+            |n: u32| -> Vec<u32> { offsets(n).iter().map(|o| ((o[1] + 0.5) * n as f32) as u32).collect() };
+        let found: Vec<f64> = [4, 8, 16, 32, 64].map(|n| worst(&order(n))).to_vec();
+        println!("{found:?}");
+        let korobov: Vec<u32> = (0..16).map(|i| i * 13 % 16).collect();
+        println!("{}", worst(&korobov));
     }
 
     #[test]
