@@ -32,11 +32,11 @@ fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
         let incident = lit_by(i, position, n);
         irradiance += incident.irradiance * max(dot(n, incident.to_light), 0.0);
     }
-    var out = irradiance * (1.0 / PI) + frame.ambient.rgb;
+    var indirect = frame.ambient.rgb;
     if (ENVIRONMENT) {
-        out += environment_irradiance(frame, n);
+        indirect += environment_irradiance(frame, n);
     }
-    return out * base;
+    return (irradiance * (1.0 / PI) + indirect * ambient_occlusion(v)) * base;
 }
 
 fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
