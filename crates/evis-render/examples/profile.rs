@@ -30,6 +30,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let t = packet.report.times;
     let instants = packet.report.instants.max(1) as f64;
     println!("{:?}", packet.report);
-    println!("{:.2} ms per instant (host {:.2}, wait {:.2}, pack {:.2})", t.total_ms / instants, t.host_ms / instants, t.device_wait_ms / instants, t.pack_ms / instants);
+    println!(
+        "{:.2} ms per instant (host {:.2}, wait {:.2}, pack {:.2})",
+        t.total_ms / instants,
+        t.host_ms / instants,
+        t.device_wait_ms / instants,
+        t.pack_ms / instants
+    );
     Ok(())
 }

@@ -111,7 +111,13 @@ impl Group {
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let pixels = u64::from(padded_pixels(targets.width, targets.height)) * views.len() as u64;
-        let memory = || buffer("pixel memory", pixels * size_of::<PixelMemory>() as u64, storage | wgpu::BufferUsages::COPY_SRC);
+        let memory = || {
+            buffer(
+                "pixel memory",
+                pixels * size_of::<PixelMemory>() as u64,
+                storage | wgpu::BufferUsages::COPY_SRC,
+            )
+        };
         let group = Self {
             targets: targets_index,
             memory: [memory(), memory()],
