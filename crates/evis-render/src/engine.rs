@@ -521,7 +521,7 @@ impl Engine {
                 &offsets,
                 base_us,
                 span_us,
-                self.groups[unit.group].views.iter().map(|&v| v),
+                self.groups[unit.group].views.iter().copied(),
                 |v, e| {
                     unpack::append(&mut self.arrived[v].events, e);
                 },
