@@ -1,7 +1,7 @@
 //! Floor 4: the product against closed forms. Drifting gratings, step edges under the box filter, flicker, and
 //! motion vectors, each with the pixel's own integral in the formula. `-- --nocapture` prints the measured figures.
 
-#![expect(clippy::unwrap_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
