@@ -30,6 +30,9 @@ use crate::view::View;
 
 /// Submissions in flight: the device works on one while the host prepares the next and unpacks the last.
 const RING: usize = 3;
+/// Submissions are kept near this long, so that a stop, which is seen between them, is seen soon. How instants are
+/// grouped never shows in the events.
+const SUBMISSION_MS: f64 = 80.0;
 /// Events that a submission's buffer holds at first.
 const FIRST_CAPACITY: u32 = 1 << 18;
 
@@ -125,6 +128,7 @@ enum Work {
 
 struct InFlight {
     work: Work,
+    submitted: Instant,
     submission: wgpu::SubmissionIndex,
     mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
 }
@@ -141,6 +145,9 @@ pub struct Engine {
     capacity: u32,
     most_capacity: u32,
     last_count: u32,
+    /// Measured milliseconds per instant of a group, of late.
+    instant_ms: f64,
+    collected: Option<Instant>,
     /// Per group: events before this are complete.
     complete_us: Vec<i64>,
     next_label: i64,
@@ -277,6 +284,9 @@ impl Engine {
             capacity: FIRST_CAPACITY.min(most_capacity),
             most_capacity,
             last_count: 0,
+            // Unknown: begins with two instants.
+            instant_ms: SUBMISSION_MS / 2.0,
+            collected: None,
             complete_us: vec![0; groups.len()],
             next_label: 0,
             next_label_group: 0,
@@ -381,7 +391,8 @@ impl Engine {
         if label_due {
             self.submit_label()?;
         } else if next <= last {
-            let most = i64::from(self.targets[self.groups[group].targets].plan.instants);
+            let planned = f64::from(self.targets[self.groups[group].targets].plan.instants);
+            let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
             let unit = Unit { group, first: next, instants: most.min(last - next + 1) as u32 };
             self.submit_unit(unit)?;
         } else {
@@ -392,6 +403,7 @@ impl Engine {
     }
 
     fn submit_unit(&mut self, unit: Unit) -> Result<(), EngineError> {
+        let submitted = Instant::now();
         let group = &mut self.groups[unit.group];
         let header = group.header_bytes();
         let slot = match self.free.iter().position(|s| s.fits(self.capacity, header)) {
@@ -420,6 +432,7 @@ impl Engine {
         group.next = unit.first + i64::from(unit.instants);
         self.in_flight.push_back(InFlight {
             work: Work::Events { unit, slot, predicted },
+            submitted,
             submission,
             mapped,
         });
@@ -427,12 +440,13 @@ impl Engine {
     }
 
     fn submit_label(&mut self) -> Result<(), EngineError> {
+        let submitted = Instant::now();
         let Some(room) = &mut self.label_room else { return Ok(()) };
         let group = self.next_label_group;
         let (job, submission) =
             room.submit(&mut self.context, &self.groups[group], group, self.next_label, &self.label_grid);
         let mapped = map(&job.staging);
-        self.in_flight.push_back(InFlight { work: Work::Labels(job), submission, mapped });
+        self.in_flight.push_back(InFlight { work: Work::Labels(job), submitted, submission, mapped });
         self.next_label_group += 1;
         if self.next_label_group == self.groups.len() {
             self.next_label_group = 0;
@@ -449,6 +463,12 @@ impl Engine {
         let waiting = Instant::now();
         self.wait(&oldest)?;
         self.report.times.device_wait_ms += milliseconds(waiting);
+        // The device works in order: on this one since it was submitted, or since the one before it was done.
+        let began = self.collected.map_or(oldest.submitted, |done| done.max(oldest.submitted));
+        self.collected = Some(Instant::now());
+        if let Work::Events { unit, .. } = &oldest.work {
+            self.instant_ms = 0.5 * (self.instant_ms + milliseconds(began) / f64::from(unit.instants));
+        }
         match oldest.work {
             Work::Events { unit, slot, predicted } => self.take_events(unit, slot, predicted),
             Work::Labels(job) => {
