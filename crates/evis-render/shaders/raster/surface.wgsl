@@ -10,7 +10,8 @@
 // 0 unlit, 1 Lambert, 2 glTF metallic-roughness.
 override SHADING_MODEL: u32 = 0;
 
-fn lit_by(i: u32, position: vec3<f32>, normal: vec3<f32>) -> Incident {
+// `normal` is the shading normal, `surface` that of the surface itself, which the shadow's bias follows.
+fn lit_by(i: u32, position: vec3<f32>, normal: vec3<f32>, surface: vec3<f32>) -> Incident {
     let light = lights[frame.light_base + i];
     var incident = incident_light(light, position);
     if (SHADOWS) {
@@ -18,18 +19,19 @@ fn lit_by(i: u32, position: vec3<f32>, normal: vec3<f32>) -> Incident {
             let index = u32(light.radiance_shadow.w);
             incident.irradiance *= shadow_visibility(
                 frame.shadow_matrix_base + index, frame.shadow_layer_base + index,
-                position, normal, incident.to_light);
+                position, surface, incident.to_light);
         }
     }
     return incident;
 }
 
 fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
+    let surface = surface_normal(v, front);
     let n = shading_normal(v, front);
     let position = vary_world(v);
     var irradiance = vec3<f32>(0.0);
     for (var i = 0u; i < LIGHT_COUNT; i++) {
-        let incident = lit_by(i, position, n);
+        let incident = lit_by(i, position, n, surface);
         irradiance += incident.irradiance * max(dot(n, incident.to_light), 0.0);
     }
     var indirect = frame.ambient.rgb;
@@ -40,6 +42,7 @@ fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
 }
 
 fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
+    let surface = surface_normal(v, front);
     let n = shading_normal(v, front);
     let position = vary_world(v);
     let to_eye = normalize(camera_position(frame) - position);
@@ -51,7 +54,7 @@ fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec
     let n_v = max(dot(n, to_eye), 1e-4);
     var out = vec3<f32>(0.0);
     for (var i = 0u; i < LIGHT_COUNT; i++) {
-        let incident = lit_by(i, position, n);
+        let incident = lit_by(i, position, n, surface);
         let n_l = dot(n, incident.to_light);
         if (n_l > 0.0) {
             let h = normalize(incident.to_light + to_eye);
