@@ -73,6 +73,12 @@ fn ambient_occlusion(v: Varyings) -> f32 {
     return 1.0;
 }
 
+// Unit normal of the surface in world space, facing the viewer; normal maps do not count.
+fn surface_normal(v: Varyings, front: bool) -> vec3<f32> {
+    let n = normalize(vary_normal(v));
+    return select(-n, n, front);
+}
+
 // Unit normal in world space, facing the viewer.
 fn shading_normal(v: Varyings, front: bool) -> vec3<f32> {
     var n = normalize(vary_normal(v));

@@ -10,12 +10,12 @@
 // 0 unlit, 1 Lambert, 2 glTF metallic-roughness.
 override SHADING_MODEL: u32 = 0;
 
-fn lit_by(light: Light, position: vec3<f32>, normal: vec3<f32>) -> Incident {
-    var incident = incident_light(light, position);
+fn lit_by(light: Light, s: Surface) -> Incident {
+    var incident = incident_light(light, s.position);
     if (SHADOWS) {
-        if (light.radiance_shadow.w >= 0.0 && dot(normal, incident.to_light) > 0.0) {
+        if (light.radiance_shadow.w >= 0.0 && dot(s.normal, incident.to_light) > 0.0) {
             let layer = frame.shadow_layer_base + u32(light.radiance_shadow.w);
-            incident.irradiance *= shadow_visibility(light, layer, position, normal, incident.to_light);
+            incident.irradiance *= shadow_visibility(light, layer, s.position, s.surface_normal, incident.to_light);
         }
     }
     return incident;
@@ -24,7 +24,10 @@ fn lit_by(light: Light, position: vec3<f32>, normal: vec3<f32>) -> Incident {
 // Everything about a surface point that its lights need.
 struct Surface {
     position: vec3<f32>,
+    // For shading, normal map included.
     normal: vec3<f32>,
+    // Of the surface itself: the shadow's bias follows it.
+    surface_normal: vec3<f32>,
     to_eye: vec3<f32>,
     n_v: f32,
     diffuse_color: vec3<f32>,
@@ -34,12 +37,12 @@ struct Surface {
 
 // One light's share; the prelude's lit_diffuse() and lit_metallic_roughness() sum these over all lights.
 fn light_diffuse(light: Light, s: Surface) -> vec3<f32> {
-    let incident = lit_by(light, s.position, s.normal);
+    let incident = lit_by(light, s);
     return incident.irradiance * (max(dot(s.normal, incident.to_light), 0.0) * (1.0 / PI));
 }
 
 fn light_metallic_roughness(light: Light, s: Surface) -> vec3<f32> {
-    let incident = lit_by(light, s.position, s.normal);
+    let incident = lit_by(light, s);
     let n_l = dot(s.normal, incident.to_light);
     if (n_l <= 0.0) {
         return vec3<f32>(0.0);
@@ -54,6 +57,7 @@ fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     var s: Surface;
     s.position = vary_world(v);
     s.normal = shading_normal(v, front);
+    s.surface_normal = surface_normal(v, front);
     var indirect = frame.ambient.rgb;
     if (ENVIRONMENT) {
         indirect += environment_irradiance(s.normal);
@@ -66,6 +70,7 @@ fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec
     var s: Surface;
     s.position = vary_world(v);
     s.normal = shading_normal(v, front);
+    s.surface_normal = surface_normal(v, front);
     s.to_eye = normalize(camera_position() - s.position);
     s.n_v = max(dot(s.normal, s.to_eye), 1e-4);
     s.diffuse_color = base * (1.0 - mr.x);

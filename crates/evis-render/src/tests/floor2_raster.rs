@@ -283,6 +283,7 @@ fn shadows_equal_their_twin() {
     let canaries: &[fn(&mut Scene)] = &[scenes::wrong_caster];
     let case = Case { canaries, shadow_reach: Some(0.35), ..Case::default() };
     check("still shadow", Case { scene: scenes::sunlight, ..case });
+    check("low sun", Case { scene: scenes::evening, ..case });
     check("moving shadow", Case { scene: scenes::moving_spotlight, t_us: 12_000, ..case });
 }
 

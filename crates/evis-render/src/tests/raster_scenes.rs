@@ -389,6 +389,11 @@ pub fn sunlight() -> Scene {
     shadows(Light::directional("sun", 3.0), [1.0, 2.0, 0.6], false)
 }
 
+/// Low light across the texels' diagonal: where a filter of several texels darkens its own surface first.
+pub fn evening() -> Scene {
+    shadows(Light::directional("sun", 3.0), [2.0, 0.2, 1.7], false)
+}
+
 pub fn moving_spotlight() -> Scene {
     shadows(Light::spot("lamp", 12.0, 25.0, 35.0), [0.9, 2.2, 0.5], true)
 }

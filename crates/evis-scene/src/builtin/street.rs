@@ -59,12 +59,13 @@ fn ground(scene: &mut SceneBuilder, seed: u64) -> Result<(), SceneError> {
         let shape = Shape::Plane { size: [width, length] };
         scene.shape_with(format!("pavement {side}"), shape, pavement, settings, place)?;
         let settings = ShapeSettings::semantic(class::GROUND).repeat(length / 1.6, 1.0);
-        // The kerb is a strip that stands along the road, facing it.
+        // The kerb is a strip that stands along the road, facing it. It reaches below the road: edges that only
+        // touch, with other vertices on either side, let single pixels of sky through.
         let place =
-            Placement::at([sign * ROAD, 0.07, middle]).turned(DQuat::from_rotation_y(-sign * FRAC_PI_2));
+            Placement::at([sign * ROAD, 0.04, middle]).turned(DQuat::from_rotation_y(-sign * FRAC_PI_2));
         scene.shape_with(
             format!("kerb {side}"),
-            Shape::Card { size: [length, 0.14] },
+            Shape::Card { size: [length, 0.2] },
             pavement,
             settings,
             place,
