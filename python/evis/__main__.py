@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import sys
+import tempfile
 
 from . import _evis
 
@@ -15,6 +16,9 @@ def main() -> int:
     # The program looks for Ctrl-C itself; Python's handler would only report it once more afterwards.
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if sys.platform == "linux":
+        # Mesa's drivers complain where this is missing, as in containers; nothing of ours is put there.
+        os.environ.setdefault("XDG_RUNTIME_DIR", tempfile.gettempdir())
     if "EVIS_FFMPEG" not in os.environ:
         # The extra `video` brings an ffmpeg; without it, one on PATH is looked for.
         with contextlib.suppress(ImportError, RuntimeError):
