@@ -130,3 +130,21 @@ fn a_buffer_that_proves_too_small_costs_a_rerun_and_no_event() {
     let (split, reruns) = run(16, busiest, &mut config);
     assert!(reruns > 0 && split == expected, "split submissions");
 }
+
+#[test]
+fn a_device_from_outside_gives_the_same_bytes() {
+    let Some(gpu) = super::device() else { return };
+    // WebGPU's default limits and no features: what any host's device has.
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::PRIMARY;
+    let instance = wgpu::Instance::new(descriptor);
+    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
+    let (device, queue) =
+        pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap();
+    let given = Gpu::from_device(device.clone(), queue.clone());
+    let (scene, config) = (scene(), config());
+    assert!(stream(&given, &scene, &config, 10_000) == stream(&gpu, &scene, &config, 10_000));
+    // The host goes on using it.
+    queue.submit([]);
+    device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+}
