@@ -292,6 +292,11 @@ impl Engine {
         })
     }
 
+    /// What `bench` measures stage by stage.
+    pub(crate) fn parts(&mut self) -> (&mut Context, &[Targets], &mut [Group]) {
+        (&mut self.context, &self.targets, &mut self.groups)
+    }
+
     /// Starts with buffers of `capacity` events, never more than `most`: tests make them overflow.
     #[cfg(test)]
     pub fn limit_buffers(&mut self, capacity: u32, most: u32) {
