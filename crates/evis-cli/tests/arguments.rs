@@ -1,5 +1,7 @@
 //! Bad input: exit code 2, a message that names value and remedy, and nothing left behind.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 mod common;
 
 use common::{Folder, code, evis, json, stderr, stdout, write_recording};

@@ -1,5 +1,7 @@
 //! `info` and `preview` on a recording that the test has written.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 mod common;
 
 use common::{

@@ -1,5 +1,7 @@
 //! Whole runs, from a built-in scene to a file; they need a device.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 mod common;
 
 use common::{Folder, code, evis, json, no_device, stderr};
@@ -102,7 +104,6 @@ fn every_environment_gets_its_file() {
 
 /// Starts a run that would take hours and waits until its file is there.
 #[cfg(unix)]
-#[expect(clippy::unwrap_used, reason = "a helper of tests")]
 fn long_run(folder: &Folder) -> std::process::Child {
     use std::process::Stdio;
     use std::time::{Duration, Instant};

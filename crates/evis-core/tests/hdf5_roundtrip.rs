@@ -1,5 +1,7 @@
 //! Recordings as files: what is written comes back, and what is wrong is refused with a reason.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::fs;
 use std::panic::catch_unwind;
 use std::path::{Path, PathBuf};

@@ -310,6 +310,20 @@ impl Engine {
         &self.stop
     }
 
+    /// Mean luminance of view `view` at stream time `t_us`, for comparison with the CPU twin.
+    #[cfg(test)]
+    pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
+        let group = self.groups.iter().find(|group| group.views.contains(&view));
+        let targets = group.map_or(0, |group| group.targets);
+        mean_luminance(&mut self.context, &self.targets[targets], view, t_us)
+    }
+
+    /// Sample offsets in pixels, in layer order.
+    #[cfg(test)]
+    pub fn offsets(&self) -> &[[f32; 2]] {
+        &self.context.offsets
+    }
+
     /// Stream time up to which packets were delivered.
     pub fn now_us(&self) -> i64 {
         self.delivered_us
@@ -512,7 +526,7 @@ impl Engine {
                 &offsets,
                 base_us,
                 span_us,
-                self.groups[unit.group].views.iter().map(|&v| v),
+                self.groups[unit.group].views.iter().copied(),
                 |v, e| {
                     unpack::append(&mut self.arrived[v].events, e);
                 },
@@ -673,18 +687,40 @@ fn measure_reference(
     let Some((t, views)) = members.iter().find(|(_, views)| views.contains(&0)).or(members.first()) else {
         return Ok(1.0);
     };
-    let targets = &targets[*t];
-    let view = [context.views[views[0]].clone()];
-    let frame_group = context.upload_frames(&view, &[0]);
+    let image = mean_luminance(context, &targets[*t], views[0], 0)?;
+    let (mut sum, mut lit) = (0.0, 0u64);
+    for luminance in image {
+        if luminance > 0.0 && luminance.is_finite() {
+            sum += luminance.ln();
+            lit += 1;
+        }
+    }
+    if lit == 0 {
+        return Ok(1.0);
+    }
+    let reference = ((sum / lit as f64).exp() / 0.18) as f32;
+    Ok(if reference.is_finite() && reference > 0.0 { reference } else { 1.0 })
+}
+
+/// Renders view `view` at stream time `t_us` and reads it back: mean over the samples, row-major from the top.
+fn mean_luminance(
+    context: &mut Context,
+    targets: &Targets,
+    view: usize,
+    t_us: i64,
+) -> Result<Vec<f64>, EngineError> {
+    let view = [context.views[view].clone()];
+    let frame_group = context.upload_frames(&view, &[t_us]);
     let device = &context.gpu.device;
     let mut encoder = device.create_command_encoder(&Default::default());
     context.encode_moving_shadows(&mut encoder, &frame_group, &view, 1, 0);
     interval::encode_luminance(context, &mut encoder, targets, &frame_group, 1, 1, 0);
     let samples = context.offsets.len() as u32;
-    let row = (targets.width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let layer_bytes = u64::from(row) * u64::from(targets.height);
+    let (width, height) = (targets.width, targets.height);
+    let row = (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let layer_bytes = u64::from(row) * u64::from(height);
     let staging = device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("reference luminance"),
+        label: Some("luminance for the host"),
         size: layer_bytes * u64::from(samples),
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
@@ -696,37 +732,31 @@ fn measure_reference(
             layout: wgpu::TexelCopyBufferLayout {
                 offset: 0,
                 bytes_per_row: Some(row),
-                rows_per_image: Some(targets.height),
+                rows_per_image: Some(height),
             },
         },
-        wgpu::Extent3d { width: targets.width, height: targets.height, depth_or_array_layers: samples },
+        wgpu::Extent3d { width, height, depth_or_array_layers: samples },
     );
     let submission = context.gpu.queue.submit([encoder.finish()]);
     let mapped = map(&staging);
     wait_mapped(&context.gpu, &submission, &mapped)?;
     let bytes = staging
         .get_mapped_range(..)
-        .map_err(|e| EngineError::Device(format!("cannot read the first image back: {e}")))?;
-    let at = |s: u32, y: u32, x: u32| {
-        let offset = u64::from(s) * layer_bytes + u64::from(y) * u64::from(row) + u64::from(x) * 4;
-        let offset = offset as usize;
-        f64::from(bytemuck::pod_read_unaligned::<f32>(&bytes[offset..offset + 4]))
-    };
-    let (mut sum, mut lit) = (0.0, 0u64);
-    for y in 0..targets.height {
-        for x in 0..targets.width {
-            let luminance = (0..samples).map(|s| at(s, y, x)).sum::<f64>() / f64::from(samples);
-            if luminance > 0.0 && luminance.is_finite() {
-                sum += luminance.ln();
-                lit += 1;
-            }
+        .map_err(|e| EngineError::Device(format!("cannot read the luminance back: {e}")))?;
+    let mut image = Vec::with_capacity(width as usize * height as usize);
+    for y in 0..height {
+        for x in 0..width {
+            let sum: f64 = (0..samples)
+                .map(|s| {
+                    let at = u64::from(s) * layer_bytes + u64::from(y) * u64::from(row) + u64::from(x) * 4;
+                    let at = at as usize;
+                    f64::from(bytemuck::pod_read_unaligned::<f32>(&bytes[at..at + 4]))
+                })
+                .sum();
+            image.push(sum / f64::from(samples));
         }
     }
-    if lit == 0 {
-        return Ok(1.0);
-    }
-    let reference = ((sum / lit as f64).exp() / 0.18) as f32;
-    Ok(if reference.is_finite() && reference > 0.0 { reference } else { 1.0 })
+    Ok(image)
 }
 
 fn milliseconds(since: Instant) -> f64 {

@@ -292,10 +292,11 @@ fn light_record(
     }
 }
 
-/// A camera's pose without scale: a scaled parent moves a camera but does not stretch its image.
+/// A pose without scale: a scaled parent moves a camera or light but does not stretch what it sees or lights.
 pub fn rigid(world_from_node: &DMat4) -> DMat4 {
-    let (_, rotation, translation) = world_from_node.to_scale_rotation_translation();
-    DMat4::from_rotation_translation(rotation.normalize(), translation)
+    // Without axes there is nothing to see or light; any rotation will do.
+    evis_scene::rigid(world_from_node)
+        .unwrap_or_else(|| DMat4::from_translation(world_from_node.w_axis.truncate()))
 }
 
 /// Columns in f32.

@@ -5,7 +5,7 @@ use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3, DVec4};
 
 use crate::engine::Context;
-use crate::frame::{FrameData, FrameRequest};
+use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::gpu_scene::{DrawItem, GpuScene, moves};
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
@@ -97,8 +97,9 @@ impl ShadowPlan {
     }
 
     fn directional(&self, world_from_light: &DMat4) -> LightView {
-        let (_, rotation, _) = world_from_light.to_scale_rotation_translation();
-        let light_from_world = DMat4::from_quat(rotation.normalize().inverse());
+        let mut world_from_light = rigid(world_from_light);
+        world_from_light.w_axis = DVec4::W;
+        let light_from_world = world_from_light.inverse();
         let (mut low, mut high) = (DVec3::splat(f64::INFINITY), DVec3::splat(f64::NEG_INFINITY));
         for corner in self.corners() {
             let p = light_from_world.transform_point3(corner);
@@ -124,8 +125,7 @@ impl ShadowPlan {
     }
 
     fn spot(&self, world_from_light: &DMat4, outer: f64) -> LightView {
-        let (_, rotation, position) = world_from_light.to_scale_rotation_translation();
-        let light_from_world = DMat4::from_rotation_translation(rotation.normalize(), position).inverse();
+        let light_from_world = rigid(world_from_light).inverse();
         // The cone touches the map's edge; a small margin keeps the filter inside.
         let tangent = outer.min(1.5).tan() * 1.02;
         let near =

@@ -1,7 +1,7 @@
 //! Floor 4: the product against closed forms. Drifting gratings, step edges under the box filter, flicker, and
 //! motion vectors, each with the pixel's own integral in the formula. `-- --nocapture` prints the measured figures.
 
-#![expect(clippy::unwrap_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
@@ -9,8 +9,11 @@ use std::sync::{Arc, OnceLock};
 use evis_core::{Event, LabelData, LabelKind, SensorConfig, TriggerRule};
 use evis_render::{Gpu, RunConfig, Simulator};
 use evis_scene::builder::{EventCamera, Labels, Placement, Sampling, SceneBuilder};
-use evis_scene::motion::Path;
-use evis_scene::{Image, Material, Mesh, Primitive, Scene, Trs, Wrap};
+use evis_scene::motion::{Curve, Interpolation, Path, WaveShape, Waveform};
+use evis_scene::primitive::Shape;
+use evis_scene::{
+    Image, Material, Mesh, MorphTarget, Motion, Node, Primitive, Scene, Skin, TextureRef, Trs, Wrap,
+};
 use glam::{DMat4, DQuat, DVec3};
 use half::f16;
 
@@ -151,6 +154,8 @@ struct Comparison {
     p95_us: f64,
     /// Mean time error.
     bias_us: f64,
+    /// |time error|, sorted.
+    errors_us: Vec<f64>,
 }
 
 /// What a comparison must keep to.
@@ -158,6 +163,10 @@ struct Limits {
     median_us: f64,
     p95_us: f64,
     excluded: f64,
+}
+
+fn quantile(sorted: &[f64], q: f64) -> f64 {
+    sorted.get((q * sorted.len() as f64) as usize).copied().unwrap_or(f64::NAN)
 }
 
 fn by_pixel(events: &[Event], width: u32, height: u32) -> Vec<Vec<(i64, bool)>> {
@@ -185,16 +194,16 @@ fn compare(events: &[Event], size: (u32, u32), truth: &[Truth], end_us: i64) -> 
     let bias_us = errors.iter().sum::<f64>() / errors.len() as f64;
     let mut sizes: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
     sizes.sort_by(f64::total_cmp);
-    let quantile = |q: f64| sizes.get((q * sizes.len() as f64) as usize).copied().unwrap_or(f64::NAN);
     let included: f64 = truth.iter().map(|t| t.horizon_us).sum();
     Comparison {
         expected,
         got,
         wrong_pixels,
         excluded: 1.0 - included / (truth.len() as f64 * end_us as f64),
-        median_us: quantile(0.5),
-        p95_us: quantile(0.95),
+        median_us: quantile(&sizes, 0.5),
+        p95_us: quantile(&sizes, 0.95),
         bias_us,
+        errors_us: sizes,
     }
 }
 
@@ -458,8 +467,11 @@ const SMOOTH: Limits = Limits { median_us: 20.0, p95_us: 150.0, excluded: 0.05 }
 /// The band is what sampling an extremum at 1 kHz may miss of it.
 const GRATING_BAND: f64 = 4e-3;
 
+/// Scene and closed form of a grating: image size, drift, period, footprint, end.
+type Make = fn((u32, u32), Drift, f64, Footprint, i64) -> (Arc<Scene>, Form);
+
 struct Grating {
-    make: fn((u32, u32), Drift, f64, Footprint, i64) -> (Arc<Scene>, Form),
+    make: Make,
     drift: Drift,
     samples: u32,
     end_us: i64,
@@ -468,11 +480,7 @@ struct Grating {
 impl Grating {
     const SIZE: (u32, u32) = (48, 12);
 
-    fn new(
-        make: fn((u32, u32), Drift, f64, Footprint, i64) -> (Arc<Scene>, Form),
-        speed: f64,
-        samples: u32,
-    ) -> Self {
+    fn new(make: Make, speed: f64, samples: u32) -> Self {
         // The fastest also moves obliquely.
         let drift = Drift { speed, angle: if speed > 200.0 { f64::to_radians(30.0) } else { 0.0 } };
         Self { make, drift, samples, end_us: if speed > 200.0 { 150_000 } else { 300_000 } }
@@ -497,8 +505,8 @@ fn a_drifting_grating_fires_when_the_closed_form_does() {
     let vertices = [(40.0, 4), (100.0, 1), (100.0, 4), (300.0, 4), (300.0, 16)];
     let texels = [40.0, 100.0, 300.0].into_iter().flat_map(|v| [1, 4, 16].map(|n| (v, n)));
     for (kind, make, cases) in [
-        ("vertex colours", vertex_grating as fn(_, _, _, _, _) -> _, vertices.to_vec()),
-        ("texture", texture_grating as fn(_, _, _, _, _) -> _, texels.collect()),
+        ("vertex colours", vertex_grating as Make, vertices.to_vec()),
+        ("texture", texture_grating as Make, texels.collect()),
     ] {
         for (speed, samples) in cases {
             let grating = Grating::new(make, speed, samples);
@@ -555,45 +563,466 @@ fn step_edge(size: (u32, u32), drift: Drift, [left, right]: [f64; 2], start: f64
     (scene, Box::new(form))
 }
 
+struct Edge {
+    speed: f64,
+    degrees: f64,
+    light: [f64; 2],
+    samples: u32,
+    rate_hz: f64,
+}
+
+impl Edge {
+    /// Against the closed form, after `late_us` was added to every event.
+    fn compare(&self, gpu: &Gpu, late_us: i64) -> Comparison {
+        let size = (48, 12);
+        let end_us = (33.3e6 / self.speed).round().min(300_000.0) as i64;
+        let drift = Drift { speed: self.speed, angle: self.degrees.to_radians() };
+        let (scene, form) = step_edge(size, drift, self.light, -14.7);
+        let mut events =
+            run(gpu, &scene, RunConfig { rate_hz: self.rate_hz, ..config(self.samples) }, end_us);
+        events.iter_mut().for_each(|e| e.t += late_us);
+        let solve = Solve { threshold: threshold(), end_us, band: 4e-3, margin_us: 0.5e6 / self.speed };
+        let mut expected = truth(size, drift, solve, &form);
+        // A pixel that the edge parts at the start measures everything from a reference with the samples' error.
+        for (i, pixel) in expected.iter_mut().enumerate() {
+            let from_center = |i: u32, n: u32| f64::from(i) + 0.5 - f64::from(n) / 2.0;
+            let i = i as u32;
+            let luminance = form(from_center(i % size.0, size.0), from_center(i / size.0, size.1), 0.0);
+            if self.light.iter().all(|l| (l - luminance).abs() > 1e-9) {
+                *pixel = Truth { crossings: Vec::new(), horizon_us: 0.0 };
+            }
+        }
+        compare(&events, size, &expected, end_us)
+    }
+
+    /// Holds it to `p95_px`, the 95th percentile in pixels of motion; returns all errors in pixels.
+    fn check(&self, gpu: &Gpu, p95_px: f64) -> Vec<f64> {
+        let Self { speed, degrees, light, samples, rate_hz } = self;
+        let got = self.compare(gpu, 0);
+        let px = 1e-6 * speed;
+        let name = format!("edge {light:?}, {speed} px/s, {degrees} deg, {samples} samples, {rate_hz} Hz");
+        println!("{name}: median {:.3} px, p95 {:.3} px; {got}", got.median_us * px, got.p95_us * px);
+        let limits = Limits { median_us: f64::INFINITY, p95_us: p95_px / px, excluded: 0.05 };
+        got.check(&limits).unwrap_or_else(|e| panic!("{name}: {e}"));
+        got.errors_us.iter().map(|e| e * px).collect()
+    }
+}
+
 #[test]
 fn a_step_edge_fires_where_the_closed_form_does() {
     let Some(gpu) = device() else { return };
-    let size = (48, 12);
     for samples in [4, 16] {
-        // Pixels of motion.
         let limit = if samples == 4 { 0.2 } else { 0.07 };
-        for (speed, end_us) in [(37.0, 400_000), (100.0, 250_000), (230.0, 150_000)] {
-            for degrees in [0.0, 20.0] {
-                for light in [[0.3, 0.1], [0.05, 0.5]] {
-                    let drift = Drift { speed, angle: f64::to_radians(degrees) };
-                    let (scene, form) = step_edge(size, drift, light, -14.7);
-                    let events = run(&gpu, &scene, config(samples), end_us);
-                    // A pixel that the edge parts at the start or the end is judged by what it should fire before
-                    // or after by more than the tolerance in time.
-                    let solve =
-                        Solve { threshold: threshold(), end_us, band: 4e-3, margin_us: 0.5e6 / speed };
-                    let mut expected = truth(size, drift, solve, &form);
-                    // The reference of a pixel that the edge parts at the start has the samples' own error.
-                    for (i, pixel) in expected.iter_mut().enumerate() {
-                        let (x, y) = (i as u32 % size.0, i as u32 / size.0);
-                        let x = f64::from(x) + 0.5 - f64::from(size.0) / 2.0;
-                        let y = f64::from(y) + 0.5 - f64::from(size.1) / 2.0;
-                        let luminance = form(x, y, 0.0);
-                        if light.iter().all(|l| (l - luminance).abs() > 1e-9) {
-                            *pixel = Truth { crossings: Vec::new(), horizon_us: 0.0 };
-                        }
-                    }
-                    let got = compare(&events, size, &expected, end_us);
-                    let pixels = got.p95_us * 1e-6 * speed;
-                    let name = format!("edge {light:?}, {speed} px/s, {degrees} deg, {samples} samples");
-                    println!("{name}: p95 {pixels:.3} px; {got}");
-                    let limits =
-                        Limits { median_us: f64::INFINITY, p95_us: limit / speed * 1e6, excluded: 0.1 };
-                    if let Err(e) = got.check(&limits) {
-                        println!("FAIL {e}");
-                    }
-                }
+        // Equal samples meet an oblique edge in uneven steps: 0.19 px with 4 and 0.075 px with 16, on the average of
+        // all directions, is the best that a search found any pattern to do.
+        let oblique_limit = if samples == 4 { 0.2 } else { 0.12 };
+        let mut all = Vec::new();
+        for speed in [37.0, 100.0, 230.0] {
+            for light in [[0.3, 0.1], [0.05, 0.5]] {
+                // Between instants the logarithm is taken as straight: 0.23 px of motion each is too much of a
+                // 1:10 edge for what 16 samples see.
+                let rate_hz = if speed > 200.0 && samples == 16 { 2000.0 } else { 1000.0 };
+                all.extend(Edge { speed, degrees: 0.0, light, samples, rate_hz }.check(&gpu, limit));
+                all.extend(Edge { speed, degrees: 20.0, light, samples, rate_hz }.check(&gpu, oblique_limit));
             }
+        }
+        all.sort_by(f64::total_cmp);
+        let [median, p95] = [0.5, 0.95].map(|q| quantile(&all, q));
+        println!("edges, {samples} samples, all {}: median {median:.3} px, p95 {p95:.3} px", all.len());
+        assert!(p95 < limit, "{samples} samples: {p95} px");
+    }
+    // What the straight line between instants costs; printed, and no more than coarsely bounded.
+    Edge { speed: 230.0, degrees: 0.0, light: [0.05, 0.5], samples: 16, rate_hz: 1000.0 }.check(&gpu, 0.12);
+    // Canary: 0.06 px late.
+    let edge = Edge { speed: 100.0, degrees: 0.0, light: [0.3, 0.1], samples: 16, rate_hz: 1000.0 };
+    let limits = Limits { median_us: f64::INFINITY, p95_us: 700.0, excluded: 0.05 };
+    println!("canary, edge 600 us late: {}", edge.compare(&gpu, 600).check(&limits).unwrap_err());
+}
+
+// ------------------------------------------------------------------------------------------------------- flicker
+
+fn flicker_scene(waveform: Waveform) -> Arc<Scene> {
+    let mut builder = SceneBuilder::new("flicker");
+    let material =
+        Material { emission_waveform: Some(waveform), ..Material::unlit("lamp").colored([0.6; 3]) };
+    let material = builder.material(material).unwrap();
+    builder
+        .shape("lamp", Shape::Card { size: [4.0, 4.0] }, material, Placement::at([0.0, 0.0, -1.0]))
+        .unwrap();
+    finish(builder, (8, 4))
+}
+
+/// The trigger in f64 on a signal that is known at the instants only; also how close a decision came to a tie.
+fn sampled_truth(sensor: &SensorConfig, instants: &[(i64, f64)]) -> (Vec<(i64, bool)>, f64) {
+    let (mut events, mut closest) = (Vec::new(), f64::INFINITY);
+    let mut reference = instants[0].1;
+    for pair in instants.windows(2) {
+        let [(t0, l0), (t1, l1)] = [pair[0], pair[1]];
+        let (sign, threshold) = if l1 >= reference {
+            (1.0, f64::from(sensor.threshold_on))
+        } else {
+            (-1.0, f64::from(sensor.threshold_off))
+        };
+        let steps = sign * (l1 - reference) / threshold;
+        if steps > 0.5 {
+            closest = closest.min((steps - steps.round()).abs() * threshold);
+        }
+        if steps < 1.0 {
+            continue;
+        }
+        if sensor.trigger == TriggerRule::Latch {
+            events.push((t1, sign > 0.0));
+            reference = l1;
+            continue;
+        }
+        for k in 1..=steps.floor() as i32 {
+            let level = reference + sign * threshold * f64::from(k);
+            let fraction = ((level - l0) / (l1 - l0)).clamp(0.0, 1.0);
+            events.push((t0 + (fraction * (t1 - t0) as f64).floor() as i64, sign > 0.0));
+        }
+        reference += sign * threshold * steps.floor();
+    }
+    (events, closest)
+}
+
+/// Same count and polarities, times within a microsecond.
+fn same_events(got: &[(i64, bool)], expected: &[(i64, bool)]) -> bool {
+    got.len() == expected.len() && got.iter().zip(expected).all(|(a, b)| a.1 == b.1 && (a.0 - b.0).abs() <= 1)
+}
+
+#[test]
+fn flicker_fires_as_its_waveform_says() {
+    let Some(gpu) = device() else { return };
+    let end_us = 200_000;
+    // No jump falls on an instant.
+    let phase = 0.105;
+    for (name, shape, frequency_hz) in [
+        ("sine", WaveShape::Sine, 23.0),
+        ("square", WaveShape::Square, 70.0),
+        ("pwm", WaveShape::Pwm { duty: 0.3 }, 110.0),
+    ] {
+        let waveform = Waveform { shape, frequency_hz, phase, low: 0.25, high: 1.75 };
+        // The waveform's own definition, written once more.
+        let luminance = |t: f64| {
+            let cycle = (frequency_hz * t + phase).fract();
+            let high = match shape {
+                WaveShape::Sine => return 0.6 * (1.0 + 0.75 * (TAU * cycle).sin()),
+                WaveShape::Square => cycle < 0.5,
+                WaveShape::Pwm { duty } => cycle < duty,
+            };
+            0.6 * if high { 1.75 } else { 0.25 }
+        };
+        let scene = flicker_scene(waveform);
+        for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
+            // With equal thresholds a signal that returns meets its first threshold exactly: a tie, decided by
+            // rounding. These two have no small multiple in common.
+            let sensor = SensorConfig { trigger: rule, threshold_off: 0.2317, ..SensorConfig::default() };
+            let events = run(&gpu, &scene, RunConfig { sensor: sensor.clone(), ..config(4) }, end_us);
+            let instants: Vec<_> =
+                (0..=end_us / 1000).map(|k| (k * 1000, log_luma(luminance(k as f64 * 1e-3)))).collect();
+            let (mut expected, closest) = sampled_truth(&sensor, &instants);
+            expected.retain(|e| e.0 < end_us);
+            println!(
+                "flicker, {name}, {rule:?}: {} events per pixel, closest tie {closest:.1e}",
+                expected.len()
+            );
+            assert!(expected.len() > 20 && closest > 1e-5, "{closest}");
+            for pixel in by_pixel(&events, 8, 4) {
+                assert!(same_events(&pixel, &expected), "{name} {rule:?}:\n{pixel:?}\n{expected:?}");
+            }
+            // Canaries.
+            assert!(!same_events(&expected[1..], &expected), "a missing event must be seen");
+            let late: Vec<_> = expected.iter().map(|e| (e.0 + 2, e.1)).collect();
+            assert!(!same_events(&late, &expected), "two microseconds must be seen");
+        }
+    }
+    // A sine that is slow for its sampling also meets the continuous closed form.
+    let waveform = Waveform { shape: WaveShape::Sine, frequency_hz: 8.0, phase: 0.1, low: 0.4, high: 1.6 };
+    let events = run(&gpu, &flicker_scene(waveform), config(1), end_us);
+    let solve = Solve { threshold: threshold(), end_us, band: GRATING_BAND, margin_us: 500.0 };
+    let form: Form = Box::new(|_, _, t| 0.6 * (1.0 + 0.6 * (TAU * (8.0 * t + 0.1)).sin()));
+    let expected = truth((8, 4), Drift { speed: 0.0, angle: 0.0 }, solve, &form);
+    let got = compare(&events, (8, 4), &expected, end_us);
+    println!("flicker, sine of 8 Hz, continuous: {got}");
+    got.check(&SMOOTH).unwrap();
+}
+
+// ------------------------------------------------------------------------------------------------ motion vectors
+
+/// A rigid motion, in formulas of its own.
+#[derive(Clone, Copy)]
+struct Rigid {
+    start: DVec3,
+    velocity: DVec3,
+    axis: DVec3,
+    rate: f64,
+}
+
+impl Rigid {
+    fn path(&self) -> Path {
+        Path::Ballistic {
+            start: Trs { translation: self.start, ..Trs::default() },
+            velocity: self.velocity,
+            gravity: DVec3::ZERO,
+            spin_axis: self.axis,
+            spin_rate: self.rate,
+            launch_s: 0.0,
+        }
+    }
+
+    /// Rodrigues' rotation formula.
+    fn turn(&self, p: DVec3, angle: f64) -> DVec3 {
+        let (sine, cosine) = angle.sin_cos();
+        p * cosine + self.axis.cross(p) * sine + self.axis * (self.axis.dot(p) * (1.0 - cosine))
+    }
+
+    fn world(&self, p: DVec3, t: f64) -> DVec3 {
+        self.turn(p, self.rate * t) + self.start + self.velocity * t
+    }
+
+    fn local(&self, p: DVec3, t: f64) -> DVec3 {
+        self.turn(p - self.start - self.velocity * t, -self.rate * t)
+    }
+}
+
+const FLOW_SIZE: (u32, u32) = (80, 60);
+const BODY: Rigid = Rigid {
+    start: DVec3::new(-0.02, 0.01, -1.0),
+    velocity: DVec3::new(0.4, -0.25, 0.6),
+    axis: DVec3::new(0.48, 0.6, 0.64),
+    rate: 7.0,
+};
+const EYE: Rigid = Rigid {
+    start: DVec3::new(0.0, 0.0, 0.0),
+    velocity: DVec3::new(-0.2, 0.3, -0.4),
+    axis: DVec3::new(0.0, 0.8, 0.6),
+    rate: 1.5,
+};
+/// The second joint: its rest is to the right of the first.
+const JOINT: Rigid = Rigid {
+    start: DVec3::new(0.06, 0.0, -1.05),
+    velocity: DVec3::new(0.1, 0.5, -0.3),
+    axis: DVec3::new(0.0, 0.6, -0.8),
+    rate: -9.0,
+};
+const JOINT_REST: DVec3 = DVec3::new(0.08, 0.0, 0.0);
+
+/// Grid of so many cells along each edge.
+const CELLS: usize = 6;
+
+/// A card of 0.2 by 0.15 metres, skinned, morphing or both; `at` gives its vertices in the world.
+struct Card {
+    skinned: bool,
+    morphing: bool,
+}
+
+impl Card {
+    fn rest() -> Vec<DVec3> {
+        let part = |k: usize| k as f64 / CELLS as f64 - 0.5;
+        (0..(CELLS + 1) * (CELLS + 1))
+            .map(|i| DVec3::new(0.2 * part(i % (CELLS + 1)), 0.15 * part(i / (CELLS + 1)), 0.0))
+            .collect()
+    }
+
+    fn triangles() -> Vec<[usize; 3]> {
+        let row = CELLS + 1;
+        (0..CELLS * CELLS)
+            .map(|i| i % CELLS + i / CELLS * row)
+            .flat_map(|a| [[a, a + 1, a + row + 1], [a, a + row + 1, a + row]])
+            .collect()
+    }
+
+    fn deltas(p: DVec3) -> [DVec3; 2] {
+        [DVec3::Z * (0.03 - 3.0 * p.length_squared()), DVec3::new(0.3 * p.y, 0.2 * p.x, 0.4 * p.x)]
+    }
+
+    /// Share of the second joint.
+    fn share(p: DVec3) -> f64 {
+        (p.x / 0.2 + 0.5).clamp(0.0, 1.0)
+    }
+
+    fn scene(&self) -> Arc<Scene> {
+        let mut scene = Scene::default();
+        let texels = (0..64).map(|i| [f16::from_f64(f64::from((i + i / 8) % 2)); 4]).collect();
+        scene.images.push(Image { name: "checks".into(), width: 8, height: 8, texels });
+        scene.textures.push(evis_scene::Texture {
+            image: 0,
+            wrap_u: Wrap::Repeat,
+            wrap_v: Wrap::Repeat,
+            nearest: false,
+        });
+        scene.materials.push(Material {
+            base_color_texture: Some(TextureRef::new(0)),
+            double_sided: true,
+            ..Material::unlit("card")
+        });
+        let rest = Self::rest();
+        let f32s = |p: DVec3| p.as_vec3().to_array();
+        let mut part = Primitive {
+            positions: rest.iter().copied().map(f32s).collect(),
+            normals: vec![[0.0, 0.0, 1.0]; rest.len()],
+            uvs: [
+                Some(rest.iter().map(|p| [(p.x * 5.0 + 0.5) as f32, (0.5 - p.y * 6.0) as f32]).collect()),
+                None,
+            ],
+            indices: Self::triangles().concat().into_iter().map(|i| i as u32).collect(),
+            ..Primitive::default()
+        };
+        if self.morphing {
+            part.morph_targets = (0..2)
+                .map(|k| MorphTarget {
+                    positions: rest.iter().map(|&p| f32s(Self::deltas(p)[k])).collect(),
+                    normals: vec![[0.0; 3]; rest.len()],
+                })
+                .collect();
+        }
+        if self.skinned {
+            part.joints = Some(vec![[0, 1, 0, 0]; rest.len()]);
+            let weights = |&p: &DVec3| [(1.0 - Self::share(p)) as f32, Self::share(p) as f32, 0.0, 0.0];
+            part.joint_weights = Some(rest.iter().map(weights).collect());
+        }
+        let morph_weights = if self.morphing { vec![0.0; 2] } else { Vec::new() };
+        scene.meshes.push(Mesh { name: "card".into(), primitives: vec![part], morph_weights });
+        let moving = |rigid: Rigid| Motion::Path(Arc::new(rigid.path()));
+        // Straight from (0, 1) to (1, -0.5) in a tenth of a second.
+        let morph = self.morphing.then(|| Curve {
+            times: vec![0.0, 0.1],
+            values: vec![0.0, 1.0, 1.0, -0.5],
+            width: 2,
+            interpolation: Interpolation::Linear,
+        });
+        let node =
+            Node { name: "card".into(), motion: moving(BODY), mesh: Some(0), morph, ..Node::default() };
+        let node = scene.add_node(node);
+        if self.skinned {
+            let joints = [BODY, JOINT].map(|j| scene.add_node(Node { motion: moving(j), ..Node::default() }));
+            let inverse_bind = vec![DMat4::IDENTITY, DMat4::from_translation(-JOINT_REST)];
+            scene.skins.push(Skin { joints: joints.to_vec(), inverse_bind });
+            scene.nodes[node].skin = Some(0);
+        }
+        let camera = scene.add_node(Node { motion: moving(EYE), ..Node::default() });
+        let (w, h) = FLOW_SIZE;
+        scene.cameras.push(evis_scene::Camera {
+            name: "camera".into(),
+            node: camera,
+            lens: evis_scene::Lens::Intrinsics { fx: FOCAL, fy: 250.0, cx: 37.0, cy: 31.5 },
+            width: Some(w),
+            height: Some(h),
+            aspect: None,
+            near: 0.05,
+            threshold_on: None,
+            threshold_off: None,
+        });
+        scene.validate().unwrap();
+        Arc::new(scene)
+    }
+
+    /// Vertices before the camera at `t`.
+    fn seen(&self, t: f64) -> Vec<DVec3> {
+        let weights = [10.0 * t, 1.0 - 15.0 * t];
+        Self::rest()
+            .into_iter()
+            .map(|rest| {
+                let [a, b] = Self::deltas(rest);
+                let p = if self.morphing { rest + a * weights[0] + b * weights[1] } else { rest };
+                let world = if self.skinned {
+                    let share = Self::share(rest);
+                    BODY.world(p, t) * (1.0 - share) + JOINT.world(p - JOINT_REST, t) * share
+                } else {
+                    BODY.world(p, t)
+                };
+                EYE.local(world, t)
+            })
+            .collect()
+    }
+
+    /// What is seen through an image point at `t`, where it is at `other`, in pixels; whether it is the card.
+    fn moved(&self, x: f64, y: f64, here: &[DVec3], there: &[DVec3], t: f64, other: f64) -> ([f64; 2], bool) {
+        let ray = DVec3::new((x - 37.0) / FOCAL, -(y - 31.5) / 250.0, -1.0);
+        let nearest = Self::triangles()
+            .into_iter()
+            .filter_map(|[a, b, c]| {
+                // Moeller and Trumbore, from the camera's centre.
+                let (e1, e2) = (here[b] - here[a], here[c] - here[a]);
+                let p = ray.cross(e2);
+                let q = (-here[a]).cross(e1);
+                let u = (-here[a]).dot(p) / e1.dot(p);
+                let v = ray.dot(q) / e1.dot(p);
+                let distance = e2.dot(q) / e1.dot(p);
+                let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0;
+                let point = there[a] + (there[b] - there[a]) * u + (there[c] - there[a]) * v;
+                inside.then_some((distance, point))
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        // The sky turns with the camera.
+        let sky = EYE.turn(EYE.turn(ray, EYE.rate * t), -EYE.rate * other);
+        let point = nearest.map_or(sky, |n| n.1);
+        let pixel = [37.0 + FOCAL * point.x / -point.z, 31.5 - 250.0 * point.y / -point.z];
+        (pixel, nearest.is_some())
+    }
+}
+
+/// Largest difference in pixels between a flow label and the formula, over (card, sky); pixels compared and skipped.
+fn flow_error(card: &Card, flow: &[f32], valid: &[u8], t: f64, other: f64) -> ([f64; 2], [usize; 2], usize) {
+    let (here, there) = (card.seen(t), card.seen(other));
+    let (mut worst, mut compared, mut skipped) = ([0.0_f64; 2], [0; 2], 0);
+    for i in 0..(FLOW_SIZE.0 * FLOW_SIZE.1) as usize {
+        let x = (i % FLOW_SIZE.0 as usize) as f64 + 0.5;
+        let y = (i / FLOW_SIZE.0 as usize) as f64 + 0.5;
+        let at = |dx, dy| card.moved(x + dx, y + dy, &here, &there, t, other);
+        let (expected, hit) = at(0.0, 0.0);
+        // At a silhouette, coverage is decided on a grid of 1/256 px.
+        if [(0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)].iter().any(|d| at(d.0, d.1).1 != hit) {
+            skipped += 1;
+            continue;
+        }
+        assert_eq!(valid[i], 1, "pixel {x}, {y}");
+        let error = (f64::from(flow[2 * i]) - (expected[0] - x))
+            .hypot(f64::from(flow[2 * i + 1]) - (expected[1] - y));
+        let class = usize::from(!hit);
+        worst[class] = worst[class].max(error);
+        compared[class] += 1;
+    }
+    (worst, compared, skipped)
+}
+
+#[test]
+fn motion_vectors_equal_the_projection_of_the_moved_points() {
+    let Some(gpu) = device() else { return };
+    for (name, card) in [
+        ("rigid", Card { skinned: false, morphing: false }),
+        ("skinned", Card { skinned: true, morphing: false }),
+        ("morphing", Card { skinned: false, morphing: true }),
+        ("skinned and morphing", Card { skinned: true, morphing: true }),
+    ] {
+        use LabelKind::{FlowBackward, FlowBackwardValid, FlowForward, FlowForwardValid};
+        let labels = vec![FlowForward, FlowForwardValid, FlowBackward, FlowBackwardValid];
+        let config = RunConfig { labels, rate_hz: 100.0, ..config(1) };
+        let mut simulator = Simulator::new(&gpu, card.scene(), config).unwrap();
+        let packet = simulator.step(50_000).unwrap();
+        let find = |kind: LabelKind| {
+            packet.views[0].labels.iter().find(|l| l.kind == kind && l.t_us == 20_000).unwrap()
+        };
+        for (kind, valid) in [(FlowForward, FlowForwardValid), (FlowBackward, FlowBackwardValid)] {
+            let (frame, valid) = (find(kind), find(valid));
+            let (LabelData::F32(flow), LabelData::U8(valid)) = (&frame.data, &valid.data) else { panic!() };
+            assert_eq!(frame.t_other_us, if kind == FlowForward { 40_000 } else { 0 });
+            let other = frame.t_other_us as f64 * 1e-6;
+            let (worst, compared, skipped) = flow_error(&card, flow, valid, 0.02, other);
+            println!(
+                "{}, {name}: largest error {:.1e} px on {} pixels, sky {:.1e} px on {}, {skipped} silhouette \
+                 pixels skipped",
+                kind.name(),
+                worst[0],
+                compared[0],
+                worst[1],
+                compared[1]
+            );
+            assert!(worst.iter().all(|w| *w < 0.01), "{name}: {worst:?}");
+            assert!(compared.iter().all(|n| *n > 500) && skipped < 40, "{compared:?} {skipped}");
+            // Canary: an interval that is 1 % too long.
+            let (wrong, ..) = flow_error(&card, flow, valid, 0.02, other + 0.01 * (other - 0.02));
+            assert!(wrong.iter().all(|w| *w > 0.01), "canary: {wrong:?}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The reference for the raster passes, itself held against closed forms.
 
-#![expect(clippy::unwrap_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 

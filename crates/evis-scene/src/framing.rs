@@ -120,13 +120,18 @@ impl Scene {
     /// `world_from_camera` of camera `camera`, without any scale of its nodes; `None` where there is no such camera
     /// or its axes vanish.
     pub fn world_from_camera(&self, camera: usize, state: &SceneState) -> Option<DMat4> {
-        let world = state.world_from_node.get(self.cameras.get(camera)?.node)?;
-        let back = world.z_axis.truncate().try_normalize()?;
-        let up = world.y_axis.truncate();
-        let up = (up - back * up.dot(back)).try_normalize()?;
-        let right = up.cross(back);
-        Some(DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), world.w_axis))
+        rigid(state.world_from_node.get(self.cameras.get(camera)?.node)?)
     }
+}
+
+/// `world_from_node` without scale, shear and mirroring: a camera or light keeps its -Z (where it looks or shines)
+/// and, as far as that allows, its +Y. `None` where one of these axes vanishes.
+pub fn rigid(world_from_node: &DMat4) -> Option<DMat4> {
+    let back = world_from_node.z_axis.truncate().try_normalize()?;
+    let up = world_from_node.y_axis.truncate();
+    let up = (up - back * up.dot(back)).try_normalize()?;
+    let right = up.cross(back);
+    Some(DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), world_from_node.w_axis))
 }
 
 /// World position of vertex `i`, morphed and skinned; `None` where it does not exist.

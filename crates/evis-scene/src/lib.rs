@@ -22,6 +22,7 @@ pub mod toml_scene;
 mod validate;
 
 pub use error::SceneError;
+pub use framing::rigid;
 pub use model::*;
 pub use motion::Motion;
 pub use pose::{PoseSource, SceneMotion, SceneState};

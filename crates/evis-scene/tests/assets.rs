@@ -1,5 +1,7 @@
 //! Real models. `EVIS_ASSETS` names the folder that holds them.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

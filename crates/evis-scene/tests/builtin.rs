@@ -1,5 +1,7 @@
 //! The built-in scenes: complete, repeatable, and with pictures that make events.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::sync::LazyLock;
 
 use evis_scene::builtin::{class, load, names};

@@ -1,6 +1,6 @@
 //! Environment maps: orientation, energy, closed forms, and files good and bad.
 
-#![expect(clippy::unwrap_used, reason = "a test may panic")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::f64::consts::{PI, TAU};
 use std::io::Write;

@@ -1,6 +1,8 @@
 //! World matrices of animated nodes against an evaluation that shares no code with the crate: plain arrays, rotations
 //! as axis and angle, splines as polynomials, read straight from the file's numbers.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 mod common;
 
 use std::path::Path;

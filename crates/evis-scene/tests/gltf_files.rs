@@ -1,5 +1,7 @@
 //! Files: what is read from good ones, and what is said about bad ones.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 mod common;
 
 use std::io::Cursor;

@@ -1,5 +1,7 @@
 //! Curves, paths and waveforms against formulas written another way.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 

@@ -1,5 +1,7 @@
 //! Shapes made by code: closed, outward, of the right size, with pictures that stand upright.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::collections::HashMap;
 use std::f64::consts::PI;
 

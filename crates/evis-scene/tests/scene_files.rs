@@ -1,5 +1,7 @@
 //! Scene files: the same as builder calls, clear about mistakes, and never a panic.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::path::{Path, PathBuf};
 
 use evis_scene::builder::{EventCamera, Labels, Placement, SceneBuilder, ShapeSettings};

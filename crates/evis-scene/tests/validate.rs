@@ -1,5 +1,7 @@
 //! Every rule of a scene, broken once.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::sync::Arc;
 
 use evis_scene::motion::{Curve, Path, WaveShape, Waveform};

@@ -54,11 +54,11 @@ fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     var s: Surface;
     s.position = vary_world(v);
     s.normal = shading_normal(v, front);
-    var out = lit_diffuse(s) + frame.ambient.rgb;
+    var indirect = frame.ambient.rgb;
     if (ENVIRONMENT) {
-        out += environment_irradiance(s.normal);
+        indirect += environment_irradiance(s.normal);
     }
-    return out * base;
+    return (lit_diffuse(s) + indirect * ambient_occlusion(v)) * base;
 }
 
 fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {

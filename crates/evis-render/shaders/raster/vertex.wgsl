@@ -16,7 +16,8 @@ override MORPHED: bool = false;
 struct LocalVertex {
     position: vec3<f32>,
     normal: vec3<f32>,
-    tangent: vec3<f32>,
+    // w: the bitangent's sign.
+    tangent: vec4<f32>,
 };
 
 fn morph_delta(object: ObjectRecord, vertex: u32, part: u32) -> vec3<f32> {
@@ -49,7 +50,7 @@ fn blended_joint(object: ObjectRecord, index: vec4<u32>, weight: vec4<f32>) -> J
 // The vertex after morphing and skinning, in the space that the object's record starts from.
 // `vertex` is the draw's vertex index; morph_data_base is biased by the primitive's first vertex (wrapping).
 fn deform(instance: u32, in: VertexIn, vertex: u32) -> LocalVertex {
-    var v = LocalVertex(input_position(in), input_normal(in), input_tangent(in).xyz);
+    var v = LocalVertex(input_position(in), input_normal(in), input_tangent(in));
     if (MORPHED) {
         let object = objects[instance];
         v.position += morph_delta(object, vertex, 0u);
@@ -59,8 +60,8 @@ fn deform(instance: u32, in: VertexIn, vertex: u32) -> LocalVertex {
         let rows = blended_joint(objects[instance], input_joints(in), input_joint_weights(in));
         let p = vec4<f32>(v.position, 1.0);
         v.position = vec3<f32>(dot(rows.r0, p), dot(rows.r1, p), dot(rows.r2, p));
-        v.normal = vec3<f32>(dot(rows.r0.xyz, v.normal), dot(rows.r1.xyz, v.normal), dot(rows.r2.xyz, v.normal));
-        v.tangent = vec3<f32>(dot(rows.r0.xyz, v.tangent), dot(rows.r1.xyz, v.tangent), dot(rows.r2.xyz, v.tangent));
+        v.normal = cofactor_normal(rows.r0.xyz, rows.r1.xyz, rows.r2.xyz, v.normal);
+        v.tangent = linear_tangent(rows.r0.xyz, rows.r1.xyz, rows.r2.xyz, v.tangent);
     }
     return v;
 }

@@ -3,7 +3,9 @@
 mod floor0;
 mod floor1;
 mod floor2;
+mod floor2_raster;
 mod floor3;
+mod raster_scenes;
 
 use crate::gpu::Gpu;
 

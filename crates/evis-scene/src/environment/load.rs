@@ -66,7 +66,6 @@ fn read_rgb(decoder: impl ImageDecoder) -> Result<Result<Picture, image::ImageEr
 }
 
 #[cfg(test)]
-#[expect(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use image::{DynamicImage, ImageFormat, Rgb32FImage};
 
