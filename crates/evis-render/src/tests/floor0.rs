@@ -9,7 +9,7 @@ use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDIN
 use crate::pass::{Access, Binding, labels, trigger};
 use crate::shader::{self, compose};
 use crate::uniforms;
-use crate::variant::{Interface, SurfaceVariant, frame_prelude, prelude};
+use crate::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
 
 fn every_feature() -> SurfaceVariant {
     SurfaceVariant {
@@ -64,7 +64,11 @@ fn interface(file: &str) -> Interface {
 }
 
 fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Module {
-    let prelude = if draws_surfaces(file) { prelude(variant, interface, 3) } else { frame_prelude(3) };
+    let prelude = if draws_surfaces(file) {
+        prelude(variant, interface, &LightSet::of_kinds([0, 1, 2], false))
+    } else {
+        frame_prelude(3)
+    };
     let text = compose(file, &prelude);
     naga::front::wgsl::parse_str(&text).unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&text)))
 }
