@@ -426,6 +426,7 @@ pub fn trigger_steps<'a>(
             new.as_entire_binding(),
             targets.counts.as_entire_binding(),
             group.status.as_entire_binding(),
+            targets.fired.as_entire_binding(),
         ],
     );
     let block = pass::group(
@@ -467,6 +468,7 @@ pub fn trigger_steps<'a>(
             targets.block_sums.as_entire_binding(),
             group.status.as_entire_binding(),
             slot.events.as_entire_binding(),
+            targets.fired.as_entire_binding(),
         ],
     );
     let (block_x, block_y) = sizes::dispatch(blocks_per_view * views, WORKGROUP);

@@ -367,3 +367,34 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface, lights: &LightSet
     out.push_str("    return out;\n}\n");
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lit(model: u32, lights: &LightSet) -> String {
+        let variant = SurfaceVariant { model, ..Default::default() };
+        prelude(&variant, Interface { shades: true, ..Default::default() }, lights)
+    }
+
+    #[test]
+    fn a_world_position_is_interpolated_only_where_light_asks_for_it() {
+        let asks = |model, kinds: &[u8], shadows| {
+            lit(model, &LightSet::of_kinds(kinds.iter().copied(), shadows)).contains("out.world =")
+        };
+        assert!(!asks(1, &[0, 0], false), "sunlight is the same everywhere");
+        assert!(!asks(0, &[1], false), "unlit");
+        assert!(asks(2, &[0], false), "highlights need the direction to the eye");
+        assert!(asks(1, &[0], true), "shadows");
+        assert!(asks(1, &[0, 1], false), "point light");
+        assert!(asks(1, &[0; UNROLLED_LIGHTS as usize + 1], false), "kinds are not known beyond these");
+    }
+
+    #[test]
+    fn each_light_is_told_its_own_kind() {
+        let text = lit(1, &LightSet::of_kinds([0, 2, 1], false));
+        for (i, kind) in [(0, 0), (1, 2), (2, 1)] {
+            assert!(text.contains(&format!("of_kind(frame.lights[{i}], {kind}.0)")), "{text}");
+        }
+    }
+}

@@ -20,6 +20,7 @@ fn every_feature() -> SurfaceVariant {
         occlusion_texture: true,
         emissive_texture: true,
         uv1: true,
+        uv_transform: true,
         color: true,
         skinned: true,
         morphed: true,
@@ -76,7 +77,7 @@ fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Mo
 fn variants() -> Vec<SurfaceVariant> {
     let mut out = vec![SurfaceVariant::default(), every_feature()];
     for model in 0..3 {
-        for bit in 0..9 {
+        for bit in 0..10 {
             let mut v = SurfaceVariant { model, ..Default::default() };
             *[
                 &mut v.base_texture,
@@ -88,6 +89,7 @@ fn variants() -> Vec<SurfaceVariant> {
                 &mut v.mask,
                 &mut v.emission_waveform,
                 &mut v.metallic_roughness_texture,
+                &mut v.uv_transform,
             ][bit] = true;
             out.push(v);
         }
@@ -337,4 +339,5 @@ fn constants_agree() {
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();
     assert!((MAX_INSTANTS as usize) < params.times.len() * 4);
+    assert!(MAX_INSTANTS <= u32::BITS, "trigger/count.wgsl keeps one bit per instant");
 }
