@@ -1,6 +1,7 @@
 //! What `native` costs, as ratios to a bare raster of the same triangles, measured in turn in one run.
 //!
-//! `cargo bench --bench native` (or `make bench`) prints Markdown. `EVIS_BENCH_REPETITIONS` sets the repetitions.
+//! `cargo bench --bench native` (or `make bench`) prints Markdown; `-- ratios`, `-- overhead` and `-- memory` choose
+//! sections. `EVIS_BENCH_REPETITIONS` sets the repetitions.
 
 mod bare;
 mod support;
@@ -34,16 +35,26 @@ fn main() -> Result<(), Failure> {
         Err(_) => 12,
     };
     let (device, queue, driver) = open()?;
+    // Names of sections may follow; cargo adds options of its own.
+    let named: Vec<&String> = args.iter().skip(1).filter(|a| !a.starts_with('-')).collect();
+    let wanted = |section: &str| named.is_empty() || named.iter().any(|n| *n == section);
     print_header(&driver, repetitions);
-    let mut rows = Vec::new();
-    for detail in scenes::DETAILS {
-        let scene = Arc::new(scenes::build(detail)?);
-        rows.push(compare(&device, &queue, &scene, repetitions)?);
+    if wanted("ratios") {
+        let mut rows = Vec::new();
+        for detail in scenes::DETAILS {
+            let scene = Arc::new(scenes::build(detail)?);
+            rows.push(compare(&device, &queue, &scene, repetitions)?);
+        }
+        print_rows(&rows);
+        print_stages(&rows);
     }
-    print_rows(&rows);
-    print_stages(&rows);
-    overhead(&device, &queue)?;
-    memory()
+    if wanted("overhead") {
+        overhead(&device, &queue)?;
+    }
+    if wanted("memory") {
+        memory()?;
+    }
+    Ok(())
 }
 
 /// The device that `Gpu::open` takes, opened here so that both sides share it.
@@ -223,32 +234,48 @@ fn print_stages(rows: &[Row]) {
     }
 }
 
-/// Milliseconds per instant where there is next to nothing to draw.
+/// Milliseconds per instant where there is next to nothing to draw, and where nothing is drawn at all.
 fn overhead(device: &wgpu::Device, queue: &wgpu::Queue) -> Result<(), Failure> {
-    let gpu = Gpu::from_device(device.clone(), queue.clone());
-    let scene = Arc::new(scenes::build(scenes::DETAILS[0])?);
+    const SPAN: u32 = 8 * INSTANTS;
+    let few = scenes::Detail { grid: [2, 2], ..scenes::DETAILS[0] };
+    let scene = Arc::new(scenes::build(few)?);
     let config = RunConfig { size: Some((64, 64)), ..config() };
-    let mut simulator = Simulator::new(&gpu, scene, config)?;
-    simulator.step(1)?;
-    let (mut series, mut host_ms) = (Series::default(), f64::INFINITY);
-    const SPAN: i64 = 256;
-    for repetition in 1..=20 {
-        let (sample, packet) = measure(|| simulator.step(repetition * SPAN * 1000))?;
-        series.push(sample);
-        host_ms = host_ms.min(packet.report.times.host_ms);
+    let mut bare = Bare::new(device, queue, &scene, [64, 64])?;
+    let device = Gpu::from_device(device.clone(), queue.clone());
+    let mut all = [Gpu::noop()?, device]
+        .map(|gpu| Simulator::new(&gpu, scene.clone(), config.clone()).map(|s| (s, Series::default())));
+    let mut plain = Series::default();
+    for repetition in 0..20 {
+        let first = repetition * SPAN + 1;
+        for simulation in &mut all {
+            let (simulator, series) = simulation.as_mut().map_err(|e| e.to_string())?;
+            let until_us = i64::from(first + SPAN - 1) * (1e6 / RATE_HZ) as i64;
+            let (sample, _) = measure(|| simulator.step(until_us))?;
+            series.push(sample);
+        }
+        let times_s: Vec<f64> = (first..first + SPAN).map(|i| f64::from(i) / RATE_HZ).collect();
+        let submissions =
+            || times_s.chunks(INSTANTS as usize).try_for_each(|t| bare.render(&scene, t).map(drop));
+        plain.push(measure(submissions)?.0);
     }
-    let per_instant = |s: f64| s * 1e3 / SPAN as f64;
     println!(
-        "\n## Overhead: 64x64, 1 sample, 0.5k triangles, ms per sampled instant (target: host below 0.3)\n"
+        "\n## Overhead: 64x64, 1 sample, {} triangles, ms per sampled instant (target: host and submission below \
+         0.3)\n",
+        scenes::triangle_count(&scene)
     );
-    println!("| host (poses, uploads, recording, submission) | everything, wall | everything, CPU |");
-    println!("|--:|--:|--:|");
-    println!(
-        "| {:.3} | {:.3} | {:.3} |",
-        host_ms / SPAN as f64,
-        per_instant(series.wall()),
-        per_instant(series.cpu())
-    );
+    println!("| what | wall | CPU |\n|---|--:|--:|");
+    let [host, whole] = all.map(|s| s.map(|(_, series)| series).unwrap_or_default());
+    for (what, series) in [
+        ("engine on wgpu's `noop` device: poses, uploads, recording, submission, unpacking", host),
+        ("engine on this device: the same, the driver, pixels, triggers", whole),
+        ("bare raster on this device", plain),
+    ] {
+        let per_instant = |s: f64| s * 1e3 / f64::from(SPAN);
+        // The scheduler counts in ticks of some milliseconds: too coarse for the first row.
+        let cpu = per_instant(series.cpu());
+        let cpu = if cpu < 0.05 { "-".to_owned() } else { format!("{cpu:.3}") };
+        println!("| {what} | {:.3} | {cpu} |", per_instant(series.wall()));
+    }
     Ok(())
 }
 
