@@ -26,6 +26,7 @@ use crate::sizes::{self, DeviceLimits};
 use crate::targets::Targets;
 use crate::uniforms::{Status, ViewSensor};
 use crate::unpack;
+use crate::variant::LightSet;
 use crate::view::View;
 
 /// Submissions in flight: the device works on one while the host prepares the next and unpacks the last.
@@ -188,7 +189,7 @@ impl Engine {
         let environments = scene.variants.len().max(1);
         let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, environments as u32);
         let constants = SceneConstants {
-            light_count: scene.nodes.iter().filter(|n| n.light.is_some()).count() as u32,
+            lights: LightSet::new(&scene, shadows.is_some()),
             shadows: shadows.is_some(),
             environment: scene.environment.is_some(),
             lod_bias: -0.5 * (samples as f32).log2(),
@@ -204,7 +205,7 @@ impl Engine {
         let visible = scene.environment.as_ref().is_some_and(|e| e.visible);
         let sky = visible.then(|| {
             let target = [Some(raster::LUMINANCE_FORMAT.into())];
-            sky::pipeline(device, &layouts, "fs_luminance", &target, sample_count, constants.light_count)
+            sky::pipeline(device, &layouts, "fs_luminance", &target, sample_count, constants.lights.count)
         });
         let label_room =
             LabelRoom::new(device, &layouts, &scene, &gpu_scene, &views, config, &constants, device_limits)?;
@@ -227,8 +228,8 @@ impl Engine {
             background_luminance: 0.2126 * r + 0.7152 * g + 0.0722 * b,
             shadows,
             frame_data: FrameData::default(),
-            frame_buffers: FrameBuffers::new(device, constants.light_count),
-            light_count: constants.light_count,
+            frame_buffers: FrameBuffers::new(device, constants.lights.count),
+            light_count: constants.lights.count,
             scene,
         };
         crate::shadow::draw_still_maps(&mut context);
@@ -300,6 +301,11 @@ impl Engine {
             groups,
             context,
         })
+    }
+
+    /// What `bench` measures stage by stage.
+    pub(crate) fn parts(&mut self) -> (&mut Context, &[Targets], &mut [Group]) {
+        (&mut self.context, &self.targets, &mut self.groups)
     }
 
     /// Starts with buffers of `capacity` events, never more than `most`: tests make them overflow.

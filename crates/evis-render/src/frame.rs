@@ -7,6 +7,7 @@ use crate::gpu_scene::{DrawItem, GpuScene, Object};
 use crate::pass::raster::frame_stride;
 use crate::shadow::{LightView, ShadowPlan};
 use crate::uniforms::{Frame, InstanceRecord, LightRecord, ObjectRecord};
+use crate::variant::light_kind;
 use crate::view::{PixelLens, View};
 
 /// Host side of a submission: one frame per view and instant.
@@ -263,13 +264,14 @@ fn light_record(
     let position = world.w_axis;
     let direction = (-world.z_axis.truncate()).normalize_or(DVec3::NEG_Z);
     let texel = shadow.map_or(0.0, |(_, view)| view.texel as f32);
-    let (kind, spot) = match l.kind {
-        LightKind::Directional => (0.0, [0.0, 0.0, texel, 0.0]),
-        LightKind::Point => (1.0, [0.0; 4]),
+    let kind = f32::from(light_kind(&l.kind));
+    let spot = match l.kind {
+        LightKind::Directional => [0.0, 0.0, texel, 0.0],
+        LightKind::Point => [0.0; 4],
         LightKind::Spot { inner, outer } => {
             // KHR_lights_punctual: lightAngleScale and lightAngleOffset.
             let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
-            (2.0, [scale, -outer.cos() * scale, texel, 0.0])
+            [scale, -outer.cos() * scale, texel, 0.0]
         }
     };
     let factor = l.intensity * state.light_factor[light];

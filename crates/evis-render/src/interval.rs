@@ -225,7 +225,8 @@ pub fn encode(
         encode_luminance(context, encoder, targets, &frame_group, views.len() as u32, unit.instants, k);
     }
     // What the pixels feel.
-    encode_trigger(&context.gpu, &context.trigger, &context.grid, encoder, targets, group, unit, slot);
+    let steps = trigger_steps(&context.gpu, &context.trigger, &context.grid, targets, group, unit, slot);
+    encode_trigger(encoder, &steps);
     // What the host gets.
     let header = size_of::<Status>() as u64;
     encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, header);
@@ -368,18 +369,34 @@ fn encode_resolve(
     pass.dispatch_workgroups(targets.width.div_ceil(8), targets.height.div_ceil(8), 1);
 }
 
+/// One dispatch of the trigger.
+pub struct TriggerStep<'a> {
+    pipeline: &'a wgpu::ComputePipeline,
+    bindings: wgpu::BindGroup,
+    workgroups: (u32, u32, u32),
+}
+
+/// Records `steps` in order.
+pub fn encode_trigger(encoder: &mut wgpu::CommandEncoder, steps: &[TriggerStep<'_>]) {
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+    for step in steps {
+        let (x, y, z) = step.workgroups;
+        pass.set_pipeline(step.pipeline);
+        pass.set_bind_group(0, &step.bindings, &[]);
+        pass.dispatch_workgroups(x, y, z);
+    }
+}
+
 /// Count, prefix, scan, emit.
-#[expect(clippy::too_many_arguments, reason = "a pass names all that it reads and writes")]
-pub fn encode_trigger(
+pub fn trigger_steps<'a>(
     gpu: &Gpu,
-    passes: &TriggerPasses,
+    passes: &'a TriggerPasses,
     grid: &TimeGrid,
-    encoder: &mut wgpu::CommandEncoder,
     targets: &Targets,
     group: &Group,
     unit: &Unit,
     slot: &Slot,
-) {
+) -> [TriggerStep<'a>; 4] {
     let (device, queue) = (&gpu.device, &gpu.queue);
     let views = group.views.len() as u32;
     let stride = row_stride(targets.width);
@@ -409,6 +426,7 @@ pub fn encode_trigger(
             new.as_entire_binding(),
             targets.counts.as_entire_binding(),
             group.status.as_entire_binding(),
+            targets.fired.as_entire_binding(),
         ],
     );
     let block = pass::group(
@@ -450,19 +468,15 @@ pub fn encode_trigger(
             targets.block_sums.as_entire_binding(),
             group.status.as_entire_binding(),
             slot.events.as_entire_binding(),
+            targets.fired.as_entire_binding(),
         ],
     );
     let (block_x, block_y) = sizes::dispatch(blocks_per_view * views, WORKGROUP);
     let pixels = (stride / WORKGROUP, targets.height, views);
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-    for (stage, bindings, (x, y, z)) in [
-        (&passes.count, &count, pixels),
-        (&passes.block, &block, (block_x, block_y, 1)),
-        (&passes.scan, &scan, (1, 1, 1)),
-        (&passes.emit, &emit, pixels),
-    ] {
-        pass.set_pipeline(&stage.pipeline);
-        pass.set_bind_group(0, bindings, &[]);
-        pass.dispatch_workgroups(x, y, z);
-    }
+    [
+        TriggerStep { pipeline: &passes.count.pipeline, bindings: count, workgroups: pixels },
+        TriggerStep { pipeline: &passes.block.pipeline, bindings: block, workgroups: (block_x, block_y, 1) },
+        TriggerStep { pipeline: &passes.scan.pipeline, bindings: scan, workgroups: (1, 1, 1) },
+        TriggerStep { pipeline: &passes.emit.pipeline, bindings: emit, workgroups: pixels },
+    ]
 }

@@ -114,7 +114,7 @@ impl LabelRoom {
         };
         let sky_flow = flow.then(|| {
             let targets = targets(GEOMETRY_FORMATS, wanted.geometry);
-            sky::flow_pipeline(device, &layouts.frame, &sky_layout, &targets, constants.light_count)
+            sky::flow_pipeline(device, &layouts.frame, &sky_layout, &targets, constants.lights.count)
         });
         let visible = scene.environment.as_ref().is_some_and(|e| e.visible);
         let sky_color = (visible && wanted.appearance[0]).then(|| {
@@ -123,7 +123,7 @@ impl LabelRoom {
                 // The sky has no normal.
                 normal.write_mask = wgpu::ColorWrites::empty();
             }
-            sky::pipeline(device, layouts, "fs_color", &targets, 1, constants.light_count)
+            sky::pipeline(device, layouts, "fs_color", &targets, 1, constants.lights.count)
         });
         Ok(Some(Self {
             kinds,

@@ -2,6 +2,8 @@
 //!
 //! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop.
 
+#[doc(hidden)]
+pub mod bench;
 pub mod config;
 pub mod cpu;
 mod engine;

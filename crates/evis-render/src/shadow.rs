@@ -10,6 +10,7 @@ use crate::gpu_scene::{DrawItem, GpuScene, moves};
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::shadow_map;
+use crate::variant::LightSet;
 use crate::view::View;
 
 /// Texels per edge of a shadow map.
@@ -181,7 +182,7 @@ impl ShadowRoom {
             (texture, layers)
         });
         let constants = SceneConstants {
-            light_count: scene.nodes.iter().filter(|n| n.light.is_some()).count() as u32,
+            lights: LightSet::new(scene, true),
             shadows: false,
             environment: false,
             lod_bias: 0.0,

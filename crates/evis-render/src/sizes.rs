@@ -7,7 +7,7 @@ pub const WORKGROUP: u32 = 64;
 /// Bytes that luminance layers of one submission may take: a few such targets stay in a large cache,
 /// and more instants per submission no longer pay.
 pub const LUMINANCE_BUDGET: u64 = 48 << 20;
-/// Most instants in one submission.
+/// Most instants in one submission: a pixel's `fired` has a bit for each.
 pub const MAX_INSTANTS: u32 = 32;
 
 /// How views of one size share targets and submissions.

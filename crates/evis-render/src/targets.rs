@@ -23,6 +23,8 @@ pub struct Targets {
     pub multisampled: Option<wgpu::TextureView>,
     /// Events per pixel of the submission in work.
     pub counts: wgpu::Buffer,
+    /// Per pixel, the instants at which it fires: one bit each.
+    pub fired: wgpu::Buffer,
     /// Exclusive prefix within blocks.
     pub prefixes: wgpu::Buffer,
     /// Sums, then offsets, of blocks.
@@ -91,6 +93,7 @@ impl Targets {
             depth,
             multisampled,
             counts: storage("counts", pixels),
+            fired: storage("fired", pixels),
             prefixes: storage("prefixes", pixels),
             block_sums: storage("block sums", pixels / u64::from(BLOCK_PIXELS)),
         }

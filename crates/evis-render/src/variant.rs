@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use evis_scene::{AlphaMode, Material, Primitive, ShadingModel};
+use evis_scene::{AlphaMode, LightKind, Material, Primitive, Scene, ShadingModel, TextureRef};
 
 /// Vertex attributes, in the order of their shader locations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,6 +96,8 @@ pub struct SurfaceVariant {
     pub emissive_texture: bool,
     /// Some texture uses the second uv set.
     pub uv1: bool,
+    /// Some texture is read elsewhere than at the first uv set as it is.
+    pub uv_transform: bool,
     /// Vertex colours.
     pub color: bool,
     /// Skin.
@@ -138,6 +140,7 @@ impl SurfaceVariant {
             occlusion_texture: lit && usable(&material.occlusion_texture),
             emissive_texture: lit && usable(&material.emissive_texture),
             uv1: textures.iter().any(|t| t.is_some_and(|t| t.uv_set == 1)) && has_uv(1),
+            uv_transform: textures.iter().any(|t| t.is_some_and(|t| t != TextureRef::new(t.texture))),
             color: primitive.colors.is_some(),
             skinned: skinned && primitive.joints.is_some() && primitive.joint_weights.is_some(),
             morphed: !primitive.morph_targets.is_empty(),
@@ -204,14 +207,59 @@ pub fn frame_prelude(light_count: u32) -> String {
 /// software drivers, which unroll no loop of this size themselves.
 const UNROLLED_LIGHTS: u32 = 16;
 
-/// WGSL sums over all lights.
-fn light_sums(light_count: u32) -> String {
-    let mut out = String::new();
+/// The scene's lights, as far as shaders are made for them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LightSet {
+    /// Lights.
+    pub count: u32,
+    /// Kinds of the first ones, as in the device's records.
+    kinds: [u8; UNROLLED_LIGHTS as usize],
+    /// Whether shading asks where a surface point is, not only how it is turned.
+    positional: bool,
+}
+
+impl LightSet {
+    /// Of `scene`, with shadows or without.
+    pub fn new(scene: &Scene, shadows: bool) -> Self {
+        let lights = scene.nodes.iter().filter_map(|n| n.light);
+        Self::of_kinds(lights.map(|light| light_kind(&scene.lights[light].kind)), shadows)
+    }
+
+    /// Of lights of `kinds`.
+    pub fn of_kinds(kinds: impl IntoIterator<Item = u8>, shadows: bool) -> Self {
+        let mut set = Self { positional: shadows, ..Self::default() };
+        for kind in kinds {
+            if let Some(slot) = set.kinds.get_mut(set.count as usize) {
+                *slot = kind;
+            }
+            set.positional |= kind != 0 || set.count >= UNROLLED_LIGHTS;
+            set.count += 1;
+        }
+        set
+    }
+}
+
+/// 0 directional, 1 point, 2 spot.
+pub const fn light_kind(kind: &LightKind) -> u8 {
+    match kind {
+        LightKind::Directional => 0,
+        LightKind::Point => 1,
+        LightKind::Spot { .. } => 2,
+    }
+}
+
+/// WGSL sums over all lights. Each is told its kind as a constant: software drivers run both sides of a branch.
+fn light_sums(lights: &LightSet) -> String {
+    let light_count = lights.count;
+    let mut out = String::from(
+        "fn of_kind(light: Light, kind: f32) -> Light {\n    \
+         var known = light;\n    known.position_kind.w = kind;\n    return known;\n}\n",
+    );
     for model in ["diffuse", "metallic_roughness"] {
         let _ = writeln!(out, "fn lit_{model}(s: Surface) -> vec3<f32> {{\n    var sum = vec3<f32>(0.0);");
         if light_count <= UNROLLED_LIGHTS {
-            for i in 0..light_count {
-                let _ = writeln!(out, "    sum += light_{model}(frame.lights[{i}], s);");
+            for (i, kind) in lights.kinds.iter().enumerate().take(light_count as usize) {
+                let _ = writeln!(out, "    sum += light_{model}(of_kind(frame.lights[{i}], {kind}.0), s);");
             }
         } else {
             let _ = writeln!(
@@ -227,12 +275,13 @@ fn light_sums(light_count: u32) -> String {
 
 /// WGSL declarations of `VertexIn`, `Varyings` and their accessors: an attribute that the variant does not use
 /// is neither fetched nor interpolated, its accessor returns a constant.
-pub fn prelude(variant: &SurfaceVariant, interface: Interface, light_count: u32) -> String {
+pub fn prelude(variant: &SurfaceVariant, interface: Interface, lights: &LightSet) -> String {
     let used = attributes(variant, interface);
     let has = |a: Attribute| used.contains(&a);
-    let mut out = frame_prelude(light_count);
+    let mut out = frame_prelude(lights.count);
     if interface.shades {
-        out.push_str(&light_sums(if variant.lit() { light_count } else { 0 }));
+        let none = LightSet::default();
+        out.push_str(&light_sums(if variant.lit() { lights } else { &none }));
     }
     out.push_str("struct VertexIn {\n");
     for (location, a) in Attribute::ALL.iter().enumerate().filter(|(_, a)| has(**a)) {
@@ -276,7 +325,7 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface, light_count: u32)
             "",
             "world_from_object(input_instance(in), local.position)",
             "vec3<f32>(0.0)",
-            shading && variant.lit(),
+            shading && variant.lit() && (lights.positional || variant.model == 2),
         ),
         (
             "tangent",
@@ -317,4 +366,35 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface, light_count: u32)
     }
     out.push_str("    return out;\n}\n");
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lit(model: u32, lights: &LightSet) -> String {
+        let variant = SurfaceVariant { model, ..Default::default() };
+        prelude(&variant, Interface { shades: true, ..Default::default() }, lights)
+    }
+
+    #[test]
+    fn a_world_position_is_interpolated_only_where_light_asks_for_it() {
+        let asks = |model, kinds: &[u8], shadows| {
+            lit(model, &LightSet::of_kinds(kinds.iter().copied(), shadows)).contains("out.world =")
+        };
+        assert!(!asks(1, &[0, 0], false), "sunlight is the same everywhere");
+        assert!(!asks(0, &[1], false), "unlit");
+        assert!(asks(2, &[0], false), "highlights need the direction to the eye");
+        assert!(asks(1, &[0], true), "shadows");
+        assert!(asks(1, &[0, 1], false), "point light");
+        assert!(asks(1, &[0; UNROLLED_LIGHTS as usize + 1], false), "kinds are not known beyond these");
+    }
+
+    #[test]
+    fn each_light_is_told_its_own_kind() {
+        let text = lit(1, &LightSet::of_kinds([0, 2, 1], false));
+        for (i, kind) in [(0, 0), (1, 2), (2, 1)] {
+            assert!(text.contains(&format!("of_kind(frame.lights[{i}], {kind}.0)")), "{text}");
+        }
+    }
 }

@@ -16,6 +16,8 @@ override HAS_NORMAL_TEXTURE: bool = false;
 override HAS_OCCLUSION_TEXTURE: bool = false;
 override HAS_EMISSIVE_TEXTURE: bool = false;
 override ALPHA_MASK: bool = false;
+// Whether any texture is read elsewhere than at the first uv set as it is.
+override UV_TRANSFORM: bool = true;
 // log2 of the share of a pixel that one sample stands for: -0.5 * log2(samples).
 override LOD_BIAS: f32 = 0.0;
 
@@ -32,6 +34,9 @@ override LOD_BIAS: f32 = 0.0;
 @group(1) @binding(10) var emissive_sampler: sampler;
 
 fn material_uv(v: Varyings, slot: u32) -> vec2<f32> {
+    if (!UV_TRANSFORM) {
+        return vary_uv0(v);
+    }
     let row0 = material.uv_rows[slot * 2u];
     let row1 = material.uv_rows[slot * 2u + 1u];
     let uv = vec3<f32>(select(vary_uv0(v), vary_uv1(v), row0.w > 0.5), 1.0);

@@ -7,6 +7,8 @@
 @group(0) @binding(4) var<storage, read_write> memory_out: array<PixelMemory>;
 @group(0) @binding(5) var<storage, read_write> counts: array<u32>;
 @group(0) @binding(6) var<storage, read_write> status: Status;
+// Per pixel, bit k: it fires at instant k.
+@group(0) @binding(7) var<storage, read_write> fired: array<u32>;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -21,6 +23,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let sensor = sensors[id.z];
     var state = memory_in[index];
     var count = 0u;
+    var fires = 0u;
+    var clamped = 0u;
     var k = 0u;
     if (params.first == 1u) {
         let l = log_luma_at(sensor, id.xy, id.z, 0u);
@@ -30,12 +34,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (; k < params.instants; k++) {
         let l = log_luma_at(sensor, id.xy, id.z, k);
         let decision = decide(sensor, state, l);
-        if (decision.clamped) {
-            atomicAdd(&status.clamped, 1u);
-        }
+        clamped += u32(decision.clamped);
+        fires |= u32(decision.count != 0u) << k;
         count += decision.count;
         state = PixelMemory(decision.reference_log, l);
     }
+    if (clamped != 0u) {
+        atomicAdd(&status.clamped, clamped);
+    }
     counts[index] = count;
+    fired[index] = fires;
     memory_out[index] = state;
 }

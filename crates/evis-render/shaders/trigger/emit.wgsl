@@ -1,6 +1,7 @@
 #import trigger/sample.wgsl
 #import trigger/decide.wgsl
-// Walks the pixels that fire once more, through the same decision, and writes their events to their places.
+// Visits the instants at which a pixel fires, through the same decision, and writes its events to their places.
+// Between two of them the reference stays as it is, so all others can be passed over.
 
 @group(0) @binding(3) var<storage, read> memory_in: array<PixelMemory>;
 @group(0) @binding(4) var<storage, read> counts: array<u32>;
@@ -9,6 +10,7 @@
 @group(0) @binding(7) var<storage, read_write> status: Status;
 // x: microseconds since the submission's base; y: column | row << 13 | polarity << 26 | cause << 27 (0 signal).
 @group(0) @binding(8) var<storage, read_write> events: array<vec2<u32>>;
+@group(0) @binding(9) var<storage, read> fired: array<u32>;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -20,17 +22,20 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let sensor = sensors[id.z];
     let packed_pixel = id.x | (id.y << 13u);
     let base = block_offsets[index / BLOCK_PIXELS] + prefixes[index];
-    var state = memory_in[index];
-    var written = 0u;
-    var k = 0u;
+    let memory = memory_in[index];
+    var reference_log = memory.reference_log;
     if (params.first == 1u) {
-        let l = log_luma_at(sensor, id.xy, id.z, 0u);
-        state = PixelMemory(l, l);
-        k = 1u;
+        reference_log = log_luma_at(sensor, id.xy, id.z, 0u);
     }
-    for (; k < params.instants; k++) {
-        let l = log_luma_at(sensor, id.xy, id.z, k);
-        let decision = decide(sensor, state, l);
+    var written = 0u;
+    for (var left = fired[index]; left != 0u; left &= left - 1u) {
+        let k = firstTrailingBit(left);
+        var before = memory.log_luma;
+        if (k != 0u) {
+            before = log_luma_at(sensor, id.xy, id.z, k - 1u);
+        }
+        let after = log_luma_at(sensor, id.xy, id.z, k);
+        let decision = decide(sensor, PixelMemory(reference_log, before), after);
         let start = instant_time(k);
         let interval = instant_time(k + 1u) - start;
         for (var i = 1u; i <= decision.count && written < count; i++) {
@@ -38,7 +43,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             events[base + written] = vec2<u32>(t, packed_pixel | (decision.polarity << 26u));
             written++;
         }
-        state = PixelMemory(decision.reference_log, l);
+        reference_log = decision.reference_log;
     }
     if (written != count) {
         atomicAdd(&status.mismatched, 1u);

@@ -6,8 +6,8 @@ use std::collections::HashMap;
 use super::{Access, Binding, bind, layout, module, pipeline_layout};
 use crate::uniforms::{Frame, InstanceRecord, LightRecord};
 use crate::variant::{
-    Attribute, INSTANCE_LOCATION, INSTANCE_SLOT, INSTANCE_VECTORS, Interface, SurfaceVariant, attributes,
-    prelude,
+    Attribute, INSTANCE_LOCATION, INSTANCE_SLOT, INSTANCE_VECTORS, Interface, LightSet, SurfaceVariant,
+    attributes, prelude,
 };
 
 /// Luminance targets. 16 bits would quantise time: a step of 2^-11 at C = 0.2 is a quarter of a percent of a threshold.
@@ -89,7 +89,7 @@ impl SurfaceLayouts {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneConstants {
     /// Lights that reach every surface.
-    pub light_count: u32,
+    pub lights: LightSet,
     /// Whether any light throws shadows.
     pub shadows: bool,
     /// Whether there is an environment.
@@ -125,7 +125,7 @@ pub fn surface_pipeline(
     variant: &SurfaceVariant,
     scene: &SceneConstants,
 ) -> wgpu::RenderPipeline {
-    let module = module(device, what.file, &prelude(variant, what.interface, scene.light_count));
+    let module = module(device, what.file, &prelude(variant, what.interface, &scene.lights));
     let flag = |b: bool| f64::from(u8::from(b));
     let all = [
         ("SKINNED", flag(variant.skinned)),
@@ -136,6 +136,7 @@ pub fn surface_pipeline(
         ("HAS_OCCLUSION_TEXTURE", flag(variant.occlusion_texture)),
         ("HAS_EMISSIVE_TEXTURE", flag(variant.emissive_texture)),
         ("ALPHA_MASK", flag(variant.mask)),
+        ("UV_TRANSFORM", flag(variant.uv_transform)),
         ("LOD_BIAS", f64::from(scene.lod_bias)),
         ("SHADING_MODEL", f64::from(variant.model)),
         ("SHADOWS", flag(scene.shadows && variant.lit())),

@@ -13,6 +13,7 @@ pub const COUNT_BINDINGS: &[Binding] = &[
     bind(4, "memory_out", Access::Write),
     bind(5, "counts", Access::Write),
     bind(6, "status", Access::Write),
+    bind(7, "fired", Access::Write),
 ];
 /// `trigger/block.wgsl`.
 pub const BLOCK_BINDINGS: &[Binding] = &[
@@ -39,6 +40,7 @@ pub const EMIT_BINDINGS: &[Binding] = &[
     bind(6, "block_offsets", Access::Read),
     bind(7, "status", Access::Write),
     bind(8, "events", Access::Write),
+    bind(9, "fired", Access::Read),
 ];
 /// `trigger/resolve.wgsl`.
 pub const RESOLVE_BINDINGS: &[Binding] =

@@ -9,7 +9,7 @@ use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDIN
 use crate::pass::{Access, Binding, labels, trigger};
 use crate::shader::{self, compose};
 use crate::uniforms;
-use crate::variant::{Interface, SurfaceVariant, frame_prelude, prelude};
+use crate::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
 
 fn every_feature() -> SurfaceVariant {
     SurfaceVariant {
@@ -20,6 +20,7 @@ fn every_feature() -> SurfaceVariant {
         occlusion_texture: true,
         emissive_texture: true,
         uv1: true,
+        uv_transform: true,
         color: true,
         skinned: true,
         morphed: true,
@@ -64,7 +65,11 @@ fn interface(file: &str) -> Interface {
 }
 
 fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Module {
-    let prelude = if draws_surfaces(file) { prelude(variant, interface, 3) } else { frame_prelude(3) };
+    let prelude = if draws_surfaces(file) {
+        prelude(variant, interface, &LightSet::of_kinds([0, 1, 2], false))
+    } else {
+        frame_prelude(3)
+    };
     let text = compose(file, &prelude);
     naga::front::wgsl::parse_str(&text).unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&text)))
 }
@@ -72,7 +77,7 @@ fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Mo
 fn variants() -> Vec<SurfaceVariant> {
     let mut out = vec![SurfaceVariant::default(), every_feature()];
     for model in 0..3 {
-        for bit in 0..9 {
+        for bit in 0..10 {
             let mut v = SurfaceVariant { model, ..Default::default() };
             *[
                 &mut v.base_texture,
@@ -84,6 +89,7 @@ fn variants() -> Vec<SurfaceVariant> {
                 &mut v.mask,
                 &mut v.emission_waveform,
                 &mut v.metallic_roughness_texture,
+                &mut v.uv_transform,
             ][bit] = true;
             out.push(v);
         }
@@ -333,4 +339,5 @@ fn constants_agree() {
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();
     assert!((MAX_INSTANTS as usize) < params.times.len() * 4);
+    assert!(MAX_INSTANTS <= u32::BITS, "trigger/count.wgsl keeps one bit per instant");
 }

@@ -6,7 +6,7 @@ use evis_core::{SensorConfig, TimeGrid, TriggerRule};
 use crate::cpu::trigger::{log_luma, walk};
 use crate::engine::{map, wait_mapped};
 use crate::gpu::Gpu;
-use crate::interval::{Group, Slot, Unit, encode_trigger};
+use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
 use crate::pass::trigger::TriggerPasses;
 use crate::sizes::Plan;
 use crate::targets::Targets;
@@ -87,7 +87,8 @@ fn run(
     let passes = TriggerPasses::new(&gpu.device, rule, SAMPLES);
     let unit = Unit { group: 0, first: 0, instants: INSTANTS };
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encode_trigger(gpu, &passes, grid, &mut encoder, &targets, &group, &unit, &slot);
+    let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);
+    encode_trigger(&mut encoder, &steps);
     let header = group.header_bytes();
     encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, 16);
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, 16, 4 * (u64::from(VIEWS) + 1));
