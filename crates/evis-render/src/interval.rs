@@ -51,10 +51,12 @@ impl Unit {
 
     fn params(&self, grid: &TimeGrid, targets: &Targets, views: u32, capacity: u32) -> TriggerParams {
         let base = self.base_us(grid);
-        let mut times = [[0; 4]; 9];
-        for i in 0..self.instants as usize {
-            let t = grid.instant_us(self.first + i as i64) - base;
-            times[(i + 1) / 4][(i + 1) % 4] = t as u32;
+        let mut spans = [[0; 4]; sizes::MAX_INSTANTS as usize];
+        let mut before = 0;
+        for (i, span) in spans.iter_mut().enumerate().take(self.instants as usize) {
+            let t = (grid.instant_us(self.first + i as i64) - base) as u32;
+            *span = [before, t - before, 0, 0];
+            before = t;
         }
         TriggerParams {
             width: targets.width,
@@ -65,7 +67,7 @@ impl Unit {
             instants: self.instants,
             event_capacity: capacity,
             first: u32::from(self.first == 0),
-            times,
+            spans,
         }
     }
 }

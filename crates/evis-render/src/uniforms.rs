@@ -3,6 +3,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::sizes::MAX_INSTANTS;
+
 /// `Frame` in `common/frame.wgsl`, up to its lights: [`LightRecord`]s follow.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -141,8 +143,8 @@ pub struct TriggerParams {
     pub event_capacity: u32,
     /// 1: the first instant only sets the reference.
     pub first: u32,
-    /// Microseconds since the submission's base.
-    pub times: [[u32; 4]; 9],
+    /// Per instant: microseconds from the submission's base to the instant before it, and from there to it.
+    pub spans: [[u32; 4]; MAX_INSTANTS as usize],
 }
 
 /// `ViewSensor` in `trigger/layout.wgsl`.

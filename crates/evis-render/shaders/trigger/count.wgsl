@@ -11,7 +11,7 @@
 @group(0) @binding(7) var<storage, read_write> fired: array<u32>;
 
 @compute @workgroup_size(WORKGROUP)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) workgroup: vec3<u32>) {
     if (status.stalled != 0u) {
         return;
     }
@@ -20,7 +20,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         counts[index] = 0u;
         return;
     }
-    let sensor = sensors[id.z];
+    let sensor = sensors[workgroup.z];
     var state = memory_in[index];
     var count = 0u;
     var fires = 0u;

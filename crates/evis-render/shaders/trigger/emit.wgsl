@@ -13,13 +13,13 @@
 @group(0) @binding(9) var<storage, read> fired: array<u32>;
 
 @compute @workgroup_size(WORKGROUP)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) workgroup: vec3<u32>) {
     let index = (id.z * params.height + id.y) * params.stride + id.x;
     let count = counts[index];
     if (count == 0u || status.stalled != 0u) {
         return;
     }
-    let sensor = sensors[id.z];
+    let sensor = sensors[workgroup.z];
     let packed_pixel = id.x | (id.y << 13u);
     let base = block_offsets[index / BLOCK_PIXELS] + prefixes[index];
     let memory = memory_in[index];
@@ -36,10 +36,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         let after = log_luma_at(sensor, id.xy, id.z, k);
         let decision = decide(sensor, PixelMemory(reference_log, before), after);
-        let start = instant_time(k);
-        let interval = instant_time(k + 1u) - start;
+        let span = params.spans[k];
         for (var i = 1u; i <= decision.count && written < count; i++) {
-            let t = start + fire_time(decision, i, interval);
+            let t = span.x + fire_time(decision, i, span.y);
             events[base + written] = vec2<u32>(t, packed_pixel | (decision.polarity << 26u));
             written++;
         }

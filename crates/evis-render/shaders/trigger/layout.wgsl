@@ -16,8 +16,9 @@ struct TriggerParams {
     event_capacity: u32,
     // 1: the first instant only sets the reference.
     first: u32,
-    // Microseconds since the submission's base: [0] the instant before the first, then one per instant.
-    times: array<vec4<u32>, 9>,
+    // Per instant, in microseconds: x the instant before it, since the submission's base; y how long after that it
+    // is. One vector each: a component at a varying index costs software drivers a fetch of all four.
+    spans: array<vec4<u32>, 32>,
 };
 
 struct ViewSensor {

@@ -19,7 +19,3 @@ fn log_luma_at(sensor: ViewSensor, pixel: vec2<u32>, view: u32, instant: u32) ->
     let y = clamp(sum * (1.0 / f32(SAMPLES)), 0.0, LUMINANCE_LIMIT);
     return log(y * sensor.inverse_reference_luminance + sensor.log_eps);
 }
-
-fn instant_time(i: u32) -> u32 {
-    return params.times[i >> 2u][i & 3u];
-}
