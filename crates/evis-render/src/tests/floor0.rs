@@ -339,5 +339,5 @@ fn constants_agree() {
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();
     assert!((MAX_INSTANTS as usize) < params.times.len() * 4);
-    assert!(MAX_INSTANTS <= u32::BITS, "trigger/count.wgsl keeps one bit per instant");
+    const { assert!(MAX_INSTANTS <= u32::BITS, "trigger/count.wgsl keeps one bit per instant") };
 }
