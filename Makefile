@@ -26,7 +26,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 # What `make demo` simulates.
 DEMO_SCENE ?= warehouse
-DEMO_ARGS ?= --duration 1 --labels depth,flow,instance,hdr --label-rate 25
+DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 
 .PHONY: help setup demo test test-rust test-python check format bench wheel smoke docs bless clean
 

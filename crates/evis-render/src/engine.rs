@@ -189,7 +189,7 @@ impl Engine {
         let environments = scene.variants.len().max(1);
         let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, environments as u32);
         let constants = SceneConstants {
-            lights: LightSet::new(&scene, shadows.is_some()),
+            lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),
             shadows: shadows.is_some(),
             environment: scene.environment.is_some(),
             lod_bias: -0.5 * (samples as f32).log2(),

@@ -182,7 +182,7 @@ impl ShadowRoom {
             (texture, layers)
         });
         let constants = SceneConstants {
-            lights: LightSet::new(scene, true),
+            lights: LightSet::new(scene, |node| plan.layer_of(node)),
             shadows: false,
             environment: false,
             lod_bias: 0.0,

@@ -212,27 +212,29 @@ const UNROLLED_LIGHTS: u32 = 16;
 pub struct LightSet {
     /// Lights.
     pub count: u32,
-    /// Kinds of the first ones, as in the device's records.
-    kinds: [u8; UNROLLED_LIGHTS as usize],
+    /// Kind and shadow layer (-1 for none) of the first ones, as in the device's records.
+    known: [(u8, i8); UNROLLED_LIGHTS as usize],
     /// Whether shading asks where a surface point is, not only how it is turned.
     positional: bool,
 }
 
 impl LightSet {
-    /// Of `scene`, with shadows or without.
-    pub fn new(scene: &Scene, shadows: bool) -> Self {
-        let lights = scene.nodes.iter().filter_map(|n| n.light);
-        Self::of_kinds(lights.map(|light| light_kind(&scene.lights[light].kind)), shadows)
+    /// Of `scene`, whose light at node n throws a shadow into `layer_of(n)`.
+    pub fn new(scene: &Scene, layer_of: impl Fn(usize) -> Option<u32>) -> Self {
+        Self::of(scene.nodes.iter().enumerate().filter_map(|(index, node)| {
+            let kind = light_kind(&scene.lights[node.light?].kind);
+            Some((kind, layer_of(index).map_or(-1, |layer| layer as i8)))
+        }))
     }
 
-    /// Of lights of `kinds`.
-    pub fn of_kinds(kinds: impl IntoIterator<Item = u8>, shadows: bool) -> Self {
-        let mut set = Self { positional: shadows, ..Self::default() };
-        for kind in kinds {
-            if let Some(slot) = set.kinds.get_mut(set.count as usize) {
-                *slot = kind;
+    /// Of lights of these kinds and shadow layers.
+    pub fn of(lights: impl IntoIterator<Item = (u8, i8)>) -> Self {
+        let mut set = Self::default();
+        for (kind, layer) in lights {
+            if let Some(slot) = set.known.get_mut(set.count as usize) {
+                *slot = (kind, layer);
             }
-            set.positional |= kind != 0 || set.count >= UNROLLED_LIGHTS;
+            set.positional |= kind != 0 || layer >= 0 || set.count >= UNROLLED_LIGHTS;
             set.count += 1;
         }
         set
@@ -248,18 +250,21 @@ pub const fn light_kind(kind: &LightKind) -> u8 {
     }
 }
 
-/// WGSL sums over all lights. Each is told its kind as a constant: software drivers run both sides of a branch.
+/// WGSL sums over all lights. Each is told its kind and whether it throws shadows as constants: software drivers run
+/// both sides of a branch.
 fn light_sums(lights: &LightSet) -> String {
     let light_count = lights.count;
     let mut out = String::from(
-        "fn of_kind(light: Light, kind: f32) -> Light {\n    \
-         var known = light;\n    known.position_kind.w = kind;\n    return known;\n}\n",
+        "fn of_kind(light: Light, kind: f32, shadow_layer: f32) -> Light {\n    \
+         var known = light;\n    known.position_kind.w = kind;\n    \
+         known.radiance_shadow.w = shadow_layer;\n    return known;\n}\n",
     );
     for model in ["diffuse", "metallic_roughness"] {
         let _ = writeln!(out, "fn lit_{model}(s: Surface) -> vec3<f32> {{\n    var sum = vec3<f32>(0.0);");
         if light_count <= UNROLLED_LIGHTS {
-            for (i, kind) in lights.kinds.iter().enumerate().take(light_count as usize) {
-                let _ = writeln!(out, "    sum += light_{model}(of_kind(frame.lights[{i}], {kind}.0), s);");
+            for (i, (kind, layer)) in lights.known.iter().enumerate().take(light_count as usize) {
+                let light = format!("of_kind(frame.lights[{i}], {kind}.0, {layer}.0)");
+                let _ = writeln!(out, "    sum += light_{model}({light}, s);");
             }
         } else {
             let _ = writeln!(
@@ -380,7 +385,8 @@ mod tests {
     #[test]
     fn a_world_position_is_interpolated_only_where_light_asks_for_it() {
         let asks = |model, kinds: &[u8], shadows| {
-            lit(model, &LightSet::of_kinds(kinds.iter().copied(), shadows)).contains("out.world =")
+            let layer = if shadows { 0 } else { -1 };
+            lit(model, &LightSet::of(kinds.iter().map(|&kind| (kind, layer)))).contains("out.world =")
         };
         assert!(!asks(1, &[0, 0], false), "sunlight is the same everywhere");
         assert!(!asks(0, &[1], false), "unlit");
@@ -391,10 +397,10 @@ mod tests {
     }
 
     #[test]
-    fn each_light_is_told_its_own_kind() {
-        let text = lit(1, &LightSet::of_kinds([0, 2, 1], false));
-        for (i, kind) in [(0, 0), (1, 2), (2, 1)] {
-            assert!(text.contains(&format!("of_kind(frame.lights[{i}], {kind}.0)")), "{text}");
+    fn each_light_is_told_its_own_kind_and_shadow() {
+        let text = lit(1, &LightSet::of([(0, -1), (2, 1), (1, -1)]));
+        for (i, kind, layer) in [(0, 0, -1), (1, 2, 1), (2, 1, -1)] {
+            assert!(text.contains(&format!("of_kind(frame.lights[{i}], {kind}.0, {layer}.0)")), "{text}");
         }
     }
 }

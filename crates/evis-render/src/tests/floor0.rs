@@ -66,7 +66,7 @@ fn interface(file: &str) -> Interface {
 
 fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Module {
     let prelude = if draws_surfaces(file) {
-        prelude(variant, interface, &LightSet::of_kinds([0, 1, 2], false))
+        prelude(variant, interface, &LightSet::of([(0, 0), (1, -1), (2, 1)]))
     } else {
         frame_prelude(3)
     };
