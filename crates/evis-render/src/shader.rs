@@ -14,6 +14,7 @@ shaders![
     "common/frame.wgsl",
     "common/object.wgsl",
     "common/luminance.wgsl",
+    "common/sky_vertex.wgsl",
     "raster/vertex.wgsl",
     "raster/material.wgsl",
     "raster/lighting.wgsl",

@@ -1,4 +1,5 @@
 #import common/frame.wgsl
+#import common/sky_vertex.wgsl
 // Flow of what lies at infinity: it moves with the camera's rotation only.
 struct SkyFlow {
     // clip_from_world without translation, at the next and the last label.
@@ -9,17 +10,6 @@ struct SkyFlow {
 };
 
 @group(1) @binding(0) var<uniform> sky: SkyFlow;
-
-struct SkyVaryings {
-    @builtin(position) position: vec4<f32>,
-    @location(0) ndc: vec2<f32>,
-};
-
-@vertex
-fn vs_main(@builtin(vertex_index) i: u32) -> SkyVaryings {
-    let ndc = vec2<f32>(f32(i & 1u) * 4.0 - 1.0, f32(i >> 1u) * 4.0 - 1.0);
-    return SkyVaryings(vec4<f32>(ndc, 0.0, 1.0), ndc);
-}
 
 fn flow_at_infinity(clip: vec4<f32>, ndc: vec2<f32>) -> vec2<f32> {
     if (clip.w <= 0.0) {

@@ -1,18 +1,8 @@
 #import common/frame.wgsl
+#import common/sky_vertex.wgsl
 #import common/luminance.wgsl
 #import raster/environment.wgsl
-// The environment behind everything: a triangle over the whole tile at the far plane (reverse z: 0).
-
-struct SkyVaryings {
-    @builtin(position) position: vec4<f32>,
-    @location(0) ndc: vec2<f32>,
-};
-
-@vertex
-fn vs_main(@builtin(vertex_index) i: u32) -> SkyVaryings {
-    let ndc = vec2<f32>(f32(i & 1u) * 4.0 - 1.0, f32(i >> 1u) * 4.0 - 1.0);
-    return SkyVaryings(vec4<f32>(ndc, 0.0, 1.0), ndc);
-}
+// The environment behind everything.
 
 @fragment
 fn fs_luminance(v: SkyVaryings) -> @location(0) f32 {
