@@ -9,8 +9,10 @@ pub mod packet;
 pub mod sensor;
 pub mod time;
 pub mod trigger;
+pub mod truth;
 
 pub use event::{Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 pub use sensor::{ConfigError, Sensor, SensorConfig, TriggerRule};
 pub use time::TimeGrid;
+pub use truth::{Region, RegionSpan, Truth};

@@ -12,11 +12,11 @@ use glam::DVec3;
 
 use super::raster_scenes::{self as scenes, HEIGHT, WIDTH};
 use crate::config::{Antialias, RunConfig};
-use crate::cpu::texture::Textures;
-use crate::cpu::{Options, Pinhole, Raster, TextureFilter};
+
 use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::view;
+use evis_truth::rays::{Options, Pinhole, RayCaster, TextureFilter, Textures};
 
 /// Distance in pixels from an edge within which the device may see the other side.
 const REACH: f64 = 0.02;
@@ -98,10 +98,10 @@ fn changes<T: PartialEq>(at: [f64; 2], reach: f64, see: impl Fn([f64; 2]) -> T) 
 
 /// The twin's side of a comparison: a scene at one instant, and which of its pixels can be told exactly.
 struct Twin<'a> {
-    raster: Raster<'a>,
+    raster: RayCaster<'a>,
     /// Textures read at their base level, and half a level deeper than the device should.
-    base: Raster<'a>,
-    deeper: Raster<'a>,
+    base: RayCaster<'a>,
+    deeper: RayCaster<'a>,
     camera: Pinhole,
 }
 
@@ -113,7 +113,7 @@ impl<'a> Twin<'a> {
         level_bias: f64,
         shadows: bool,
     ) -> Self {
-        let with = |filter| Raster::new(scene, state, textures, Options { filter, shadows });
+        let with = |filter| RayCaster::new(scene, state, textures, Options { filter, shadows });
         Self {
             raster: with(TextureFilter::Mipmapped { level_bias }),
             base: with(TextureFilter::BaseLevel),
@@ -372,7 +372,7 @@ fn compare_labels(scene: &Scene, flow_scene: &Scene, labels: &[LabelFrame], t_us
     let mean = color.iter().map(|c| c.element_sum() / 3.0).sum::<f64>() / color.len() as f64;
     let flow = |t: i64| {
         let (other_camera, other_state) = at(flow_scene, t);
-        let other = crate::cpu::geometry::Geometry::new(flow_scene, &other_state);
+        let other = evis_truth::rays::geometry::Geometry::new(flow_scene, &other_state);
         raster.flow(&camera, &other, &other_camera)
     };
     let flows = [

@@ -1,4 +1,4 @@
-//! Twin of the luminance and label raster passes: a scene at one instant, seen ray by ray.
+//! A scene at one instant, seen ray by ray.
 
 use evis_scene::{AlphaMode, Material, Primitive, Scene, SceneState, TextureRef};
 use glam::{DVec2, DVec3, DVec4};
@@ -29,7 +29,7 @@ impl Default for Options {
 }
 
 /// A scene at one instant, ready for rays.
-pub struct Raster<'a> {
+pub struct RayCaster<'a> {
     scene: &'a Scene,
     textures: &'a Textures,
     options: Options,
@@ -54,7 +54,7 @@ pub struct Labels {
     pub triangle: Vec<Option<usize>>,
 }
 
-impl<'a> Raster<'a> {
+impl<'a> RayCaster<'a> {
     /// Prepares `scene` as `state` has it; `textures` are those of `scene`.
     pub fn new(scene: &'a Scene, state: &SceneState, textures: &'a Textures, options: Options) -> Self {
         let geometry = Geometry::new(scene, state);

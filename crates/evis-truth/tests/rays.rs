@@ -4,15 +4,15 @@
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
-use evis_render::cpu::bvh::{Bvh, intersect};
-use evis_render::cpu::geometry::Geometry;
-use evis_render::cpu::texture::Textures;
-use evis_render::cpu::{Options, Pinhole, Raster, TextureFilter};
 use evis_scene::environment::Environment;
 use evis_scene::{
     AlphaMode, Image, Light, LightKind, Material, Mesh, MorphTarget, Node, Primitive, Scene, SceneState,
     ShadingModel, Skin, Texture, TextureRef, Wrap,
 };
+use evis_truth::rays::Textures;
+use evis_truth::rays::bvh::{Bvh, intersect};
+use evis_truth::rays::geometry::Geometry;
+use evis_truth::rays::{Options, Pinhole, RayCaster, TextureFilter};
 use glam::{DMat4, DQuat, DVec3};
 use half::f16;
 
@@ -95,7 +95,7 @@ fn at_center(scene: &Scene, state: &SceneState) -> DVec3 {
 
 fn at_pixel(scene: &Scene, state: &SceneState, camera: &Pinhole, pixel: [f64; 2], options: Options) -> DVec3 {
     let textures = Textures::new(scene);
-    Raster::new(scene, state, &textures, options).radiance_at(camera, pixel)
+    RayCaster::new(scene, state, &textures, options).radiance_at(camera, pixel)
 }
 
 #[track_caller]
@@ -110,7 +110,7 @@ fn a_pixel_holds_the_mean_of_what_it_covers_in_linear_light() {
     scene.background = [0.5, 0.5, 0.5];
     let state = still(&scene);
     let textures = Textures::new(&scene);
-    let raster = Raster::new(&scene, &state, &textures, Options::default());
+    let raster = RayCaster::new(&scene, &state, &textures, Options::default());
     let n = 16;
     let offsets: Vec<[f64; 2]> = (0..n * n)
         .map(|i| [(i % n, n), (i / n, n)].map(|(k, n)| (f64::from(k) + 0.5) / f64::from(n) - 0.5))
@@ -134,7 +134,7 @@ fn labels_agree_with_a_tilted_plane() {
     let tilt = DQuat::from_rotation_y(0.5);
     state.world_from_node[0] = DMat4::from_rotation_translation(tilt, DVec3::new(0.0, 0.0, -1.0));
     let textures = Textures::new(&scene);
-    let raster = Raster::new(&scene, &state, &textures, Options::default());
+    let raster = RayCaster::new(&scene, &state, &textures, Options::default());
     let camera = camera();
     let labels = raster.labels(&camera);
     let normal = tilt * DVec3::Z;
@@ -229,7 +229,7 @@ fn back_faces_are_culled_and_mirrors_keep_their_outside() {
         state.world_from_node[0] = pose;
         near(at_center(&lit, &state), DVec3::new(1.0, 0.5, 0.25), 1e-7);
         let textures = Textures::new(&lit);
-        let labels = Raster::new(&lit, &state, &textures, Options::default()).labels(&camera());
+        let labels = RayCaster::new(&lit, &state, &textures, Options::default()).labels(&camera());
         near(labels.normal[12 * 32 + 16], DVec3::Z, 1e-12);
     }
 }
@@ -483,7 +483,7 @@ fn mip_levels_follow_the_exact_footprint() {
     let spread = |state: &SceneState, camera: &Pinhole, level_bias: f64| {
         let options = Options { filter: TextureFilter::Mipmapped { level_bias }, shadows: false };
         let textures = Textures::new(&scene);
-        let raster = Raster::new(&scene, state, &textures, options);
+        let raster = RayCaster::new(&scene, state, &textures, options);
         (0..64)
             .map(|i| (raster.radiance_at(camera, [10.0 + 0.17 * f64::from(i), 12.3]).x - 0.5).abs())
             .fold(0.0, f64::max)
@@ -597,7 +597,7 @@ fn flow_follows_the_same_point_of_matter() {
     let mut state = still(&scene);
     state.world_from_node[0] = DMat4::from_translation(DVec3::new(0.0, 0.0, -2.0));
     let textures = Textures::new(&scene);
-    let raster = Raster::new(&scene, &state, &textures, Options::default());
+    let raster = RayCaster::new(&scene, &state, &textures, Options::default());
     let camera = camera();
 
     // Everything stands still.
@@ -629,7 +629,7 @@ fn flow_follows_the_same_point_of_matter() {
     // The sky turns with the camera and does not feel its place; what ends up behind it has no flow.
     let mut empty = scene.clone();
     empty.nodes.iter_mut().for_each(|n| n.mesh = None);
-    let raster = Raster::new(&empty, &state, &textures, Options::default());
+    let raster = RayCaster::new(&empty, &state, &textures, Options::default());
     let pose = DMat4::from_rotation_translation(DQuat::from_rotation_y(0.01), DVec3::new(7.0, 8.0, 9.0));
     let flow = raster.flow(&camera, raster.geometry(), &Pinhole { world_from_camera: pose, ..camera });
     // Turning left moves the picture to the right by f tan(0.01) at the axis.

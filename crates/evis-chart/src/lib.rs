@@ -1,0 +1,1 @@
+//! Speed against accuracy: a ladder of settings, each timed and each scored against truth, and what they look like.
