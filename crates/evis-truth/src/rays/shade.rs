@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use evis_scene::environment::{Environment, split_sum};
+use evis_scene::environment::Environment;
 use evis_scene::{LightKind, Scene, SceneState, ShadingModel};
 use glam::{DMat4, DVec3};
 
@@ -11,8 +11,6 @@ use glam::{DMat4, DVec3};
 pub const ALPHA_MIN: f64 = 0.002;
 /// Smallest cosine between normal and view; interpolated normals can turn away from the eye.
 pub const N_DOT_V_MIN: f64 = 1e-4;
-/// Points per evaluation of the split sum, which a table only approximates.
-const SPLIT_SUM_SAMPLES: u32 = 256;
 
 /// A surface point, ready to be lit.
 #[derive(Clone, Copy, Debug)]
@@ -115,7 +113,8 @@ impl Lamp {
     }
 }
 
-/// Radiance of `surface` towards the eye; `visible` says what part of a lamp's light gets through.
+/// Radiance of `surface` towards the eye; `split_sum` gives scale and bias of F0 for n·v and roughness, `visible` says
+/// what part of a lamp's light gets through.
 ///
 /// Ambient light is EVIS's own: `ambient` is irradiance / pi, reflected by the diffuse colour and by F0 alike.
 pub fn radiance(
@@ -123,6 +122,7 @@ pub fn radiance(
     lamps: &[Lamp],
     ambient: DVec3,
     environment: Option<&Environment>,
+    split_sum: impl Fn(f64, f64) -> [f64; 2],
     mut visible: impl FnMut(&Lamp, &Incident) -> f64,
 ) -> DVec3 {
     let s = surface;
@@ -152,7 +152,7 @@ pub fn radiance(
             let mut indirect = ambient * (diffuse + f0);
             if let Some(environment) = environment {
                 // B. Karis, "Real Shading in Unreal Engine 4", 2013; what is not reflected reaches the diffuse base.
-                let [scale, bias] = split_sum(n_dot_v, s.roughness, SPLIT_SUM_SAMPLES);
+                let [scale, bias] = split_sum(n_dot_v, s.roughness);
                 let reflected = f0 * scale + bias;
                 let mirror = (2.0 * s.normal.dot(s.to_eye) * s.normal - s.to_eye).normalize();
                 indirect += environment.diffuse(s.normal) * diffuse * (1.0 - reflected)
