@@ -65,7 +65,9 @@ mod tests {
 
     #[test]
     fn lattices_are_centred_symmetric_and_fill_every_row() {
-        for (lattice, level) in [Lattice::First, Lattice::Second].iter().flat_map(|l| [0, 1, 2].map(|k| (l, k))) {
+        for (lattice, level) in
+            [Lattice::First, Lattice::Second].iter().flat_map(|l| [0, 1, 2].map(|k| (l, k)))
+        {
             let points = lattice.offsets(level);
             let n = points.len();
             assert_eq!(n, lattice.size(level));
@@ -73,7 +75,10 @@ mod tests {
                 let mut at: Vec<f64> = points.iter().map(|p| p[axis]).collect();
                 at.sort_by(f64::total_cmp);
                 for (i, v) in at.iter().enumerate() {
-                    assert!((v - ((i as f64 + 0.5) / n as f64 - 0.5)).abs() < 1e-12, "{lattice:?} {level}: {v}");
+                    assert!(
+                        (v - ((i as f64 + 0.5) / n as f64 - 0.5)).abs() < 1e-12,
+                        "{lattice:?} {level}: {v}"
+                    );
                 }
             }
             let has = |p: [f64; 2]| points.iter().any(|q| (q[0] - p[0]).abs() + (q[1] - p[1]).abs() < 1e-9);

@@ -140,9 +140,8 @@ fn spread(count: usize, width: u32, height: u32) -> Vec<[u16; 2]> {
     let at = |i: usize, step: f64, size: u32| {
         ((((i as f64 + 1.0) * step + 0.5).fract() * f64::from(size)) as u32).min(size - 1) as u16
     };
-    let mut pixels: Vec<[u16; 2]> = (0..count)
-        .map(|i| [at(i, 1.0 / PLASTIC, width), at(i, 1.0 / (PLASTIC * PLASTIC), height)])
-        .collect();
+    let mut pixels: Vec<[u16; 2]> =
+        (0..count).map(|i| [at(i, 1.0 / PLASTIC, width), at(i, 1.0 / (PLASTIC * PLASTIC), height)]).collect();
     pixels.sort_unstable_by_key(|[x, y]| (*y, *x));
     pixels.dedup();
     pixels

@@ -34,6 +34,17 @@ impl Default for Options {
     }
 }
 
+/// What a ray sees, told apart as its border would be seen: two rays with different kinds have an edge between them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Kind {
+    /// 1 + index of the object; 0 for the sky.
+    pub object: u32,
+    /// Flat face of the object, 0 where it is smooth; see [`Object::face`].
+    pub face: u32,
+    /// Lamps in shadow, by bit.
+    pub shadows: u32,
+}
+
 /// A scene at one instant, ready for rays.
 pub struct RayCaster<'a> {
     scene: &'a Scene,
@@ -100,11 +111,39 @@ impl<'a> RayCaster<'a> {
     pub fn radiance_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> DVec3 {
         let ray = camera.ray(pixel);
         match self.visible(camera, &ray) {
-            Some(hit) => self.shade(&hit, &ray),
-            None => match &self.scene.environment {
-                Some(environment) if environment.visible => environment.radiance(ray.direction),
-                _ => rgb(self.scene.background),
-            },
+            Some(hit) => self.shade(&hit, &ray, self.shadows_at(&hit, &ray)),
+            None => self.background(&ray),
+        }
+    }
+
+    /// Luminance at one image point, and of what kind it is.
+    pub fn look(&self, camera: &Pinhole, pixel: [f64; 2]) -> (f64, Kind) {
+        let ray = camera.ray(pixel);
+        match self.visible(camera, &ray) {
+            Some(hit) => {
+                let shadows = self.shadows_at(&hit, &ray);
+                (self.shade(&hit, &ray, shadows).dot(LUMA_WEIGHTS), self.kind_of(&hit, shadows))
+            }
+            None => (self.background(&ray).dot(LUMA_WEIGHTS), Kind::default()),
+        }
+    }
+
+    /// Of what kind one image point is; the same as of [`RayCaster::look`], for less.
+    pub fn kind(&self, camera: &Pinhole, pixel: [f64; 2]) -> Kind {
+        let ray = camera.ray(pixel);
+        self.visible(camera, &ray)
+            .map_or(Kind::default(), |hit| self.kind_of(&hit, self.shadows_at(&hit, &ray)))
+    }
+
+    fn kind_of(&self, hit: &Hit, shadows: u32) -> Kind {
+        let face = self.object(hit).face(hit.triangle);
+        Kind { object: hit.object as u32 + 1, face, shadows }
+    }
+
+    fn background(&self, ray: &Ray) -> DVec3 {
+        match &self.scene.environment {
+            Some(environment) if environment.visible => environment.radiance(ray.direction),
+            _ => rgb(self.scene.background),
         }
     }
 
@@ -113,16 +152,42 @@ impl<'a> RayCaster<'a> {
         self.visible(camera, &camera.ray(pixel))
     }
 
-    /// Which of the lamps that throw shadows, by bit, are hidden from a hit that faces them; lamps beyond the 32nd are
-    /// left out.
+    /// Which of the lamps that throw shadows, by [`Lamp::shadow_bit`], are hidden from a hit that faces them.
     pub fn shadows_at(&self, hit: &Hit, ray: &Ray) -> u32 {
+        if !self.options.shadows {
+            return 0;
+        }
         let position = ray.origin + ray.direction * hit.distance;
         let normal = self.interpolated_normal(hit);
-        let lamps = self.lamps.iter().filter(|l| l.casts_shadow).take(32);
-        lamps.enumerate().fold(0, |mask, (bit, lamp)| {
+        self.lamps.iter().filter(|l| l.shadow_bit != 0).fold(0, |mask, lamp| {
             let incident = lamp.incident(position);
             let faces = normal.dot(incident.to_light) > 0.0 && incident.irradiance != DVec3::ZERO;
-            mask | u32::from(faces && self.blocked(hit, position, &incident)) << bit
+            if faces && self.blocked(hit, position, &incident) { mask | lamp.shadow_bit } else { mask }
+        })
+    }
+
+    /// Whether the ray through an image point, up to what it hits, or any ray from there to a lamp that throws shadows,
+    /// passes one of `boxes` (low, high).
+    pub fn passes(&self, camera: &Pinhole, pixel: [f64; 2], boxes: &[(DVec3, DVec3)]) -> bool {
+        let ray = camera.ray(pixel);
+        let hit = self.visible(camera, &ray);
+        let far = hit.map_or(f64::INFINITY, |h| h.distance);
+        let meets = |origin: DVec3, direction: DVec3, far: f64| {
+            let inverse = direction.recip();
+            boxes.iter().any(|(low, high)| {
+                let (a, b) = ((*low - origin) * inverse, (*high - origin) * inverse);
+                let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z)).max(0.0);
+                enter <= a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(far)
+            })
+        };
+        if meets(ray.origin, ray.direction, far) {
+            return true;
+        }
+        let Some(hit) = hit else { return false };
+        let position = ray.origin + ray.direction * hit.distance;
+        self.lamps.iter().filter(|l| l.casts_shadow).any(|lamp| {
+            let incident = lamp.incident(position);
+            meets(position, incident.to_light, incident.distance)
         })
     }
 
@@ -282,7 +347,7 @@ impl<'a> RayCaster<'a> {
         mapped.normalize_or(normal) * side
     }
 
-    fn shade(&self, hit: &Hit, ray: &Ray) -> DVec3 {
+    fn shade(&self, hit: &Hit, ray: &Ray, shadows: u32) -> DVec3 {
         let Some((primitive, material)) = self.looks(hit) else { return DVec3::ZERO };
         let texel = |texture| self.texel(primitive, texture, hit, ray);
         let emission_factor = self.emission_factor.get(primitive.material).map_or(1.0, |f| f64::from(*f));
@@ -303,6 +368,7 @@ impl<'a> RayCaster<'a> {
             emission_factor,
         };
         let environment = self.scene.environment.as_ref();
+        let facing = self.interpolated_normal(hit);
         let split = |n_dot_v, roughness| split_sum::at(self.options.split_sum, n_dot_v, roughness);
         shade::radiance(
             &surface,
@@ -311,9 +377,13 @@ impl<'a> RayCaster<'a> {
             environment,
             split,
             |lamp, incident| {
-                let dark = self.options.shadows
-                    && lamp.casts_shadow
-                    && self.blocked(hit, surface.position, incident);
+                // A lamp that only the normal map faces was not asked before.
+                let unasked = lamp.shadow_bit == 0 || facing.dot(incident.to_light) <= 0.0;
+                let dark = shadows & lamp.shadow_bit != 0
+                    || self.options.shadows
+                        && lamp.casts_shadow
+                        && unasked
+                        && self.blocked(hit, surface.position, incident);
                 f64::from(u8::from(!dark))
             },
         )

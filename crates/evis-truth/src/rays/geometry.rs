@@ -53,6 +53,8 @@ pub struct Object {
     first_triangle: usize,
     /// Vertices of each triangle.
     triangles: Vec<[u32; 3]>,
+    /// Flat face of each triangle; empty where the whole object is smooth.
+    faces: Vec<u32>,
     body: Body,
 }
 
@@ -120,6 +122,7 @@ impl Matter {
                     instance_id: node.instance_id,
                     semantic_id: node.semantic_id,
                     first_triangle,
+                    faces: faces(primitive, &triangles),
                     triangles,
                     body: Body::Deforming,
                 };
@@ -170,6 +173,12 @@ impl Object {
     /// Vertices of triangle `triangle`, a number of the whole matter.
     pub fn corners(&self, triangle: usize) -> [usize; 3] {
         self.triangles[triangle - self.first_triangle].map(|c| c as usize)
+    }
+
+    /// Number of the flat face that triangle `triangle`, a number of the whole matter, belongs to: triangles whose
+    /// corners all have one normal belong together where that normal is the same. 0 for all others.
+    pub fn face(&self, triangle: usize) -> u32 {
+        self.faces.get(triangle - self.first_triangle).copied().unwrap_or(0)
     }
 
     /// World vertices at `state`, and whether the pose mirrors.
@@ -364,6 +373,33 @@ fn place(object: &Object, scene: &Scene, state: &SceneState) -> Placed {
         corners = (corners.0 - slack, corners.1 + slack);
     }
     Placed::Rigid { world, local, cofactor, sign, low: corners.0, high: corners.1 }
+}
+
+/// Most flat faces that are told apart in one object: a shape of more is as good as smooth.
+const MAX_FACES: usize = 64;
+
+/// Flat face of each triangle, see [`Object::face`]; empty where there are none or too many.
+fn faces(primitive: &Primitive, triangles: &[[u32; 3]]) -> Vec<u32> {
+    let mut normals: Vec<[f32; 3]> = Vec::new();
+    let mut faces = Vec::with_capacity(triangles.len());
+    for corners in triangles {
+        let [a, b, c] = corners.map(|c| primitive.normals.get(c as usize).copied().unwrap_or_default());
+        let close = |p: [f32; 3], q: [f32; 3]| p.iter().zip(q).all(|(p, q)| (p - q).abs() < 1e-3);
+        if !close(a, b) || !close(a, c) {
+            faces.push(0);
+            continue;
+        }
+        let known = normals.iter().position(|n| close(*n, a));
+        let face = known.unwrap_or_else(|| {
+            normals.push(a);
+            normals.len() - 1
+        });
+        if normals.len() > MAX_FACES {
+            return Vec::new();
+        }
+        faces.push(face as u32 + 1);
+    }
+    if normals.len() < 2 && !faces.contains(&0) { Vec::new() } else { faces }
 }
 
 /// The skin that deforms `object`, if any.

@@ -49,6 +49,8 @@ pub struct Lamp {
     range: Option<f64>,
     /// Whether something in between darkens it; points never are (they have no shadow maps).
     pub casts_shadow: bool,
+    /// One bit for each of the first 32 lamps that cast shadows, else 0.
+    pub shadow_bit: u32,
 }
 
 /// Light that arrives at a point.
@@ -64,13 +66,19 @@ pub struct Incident {
 
 /// The lights of `scene`, in node order.
 pub fn lamps(scene: &Scene, state: &SceneState) -> Vec<Lamp> {
-    let mut lamps = Vec::new();
+    let mut lamps: Vec<Lamp> = Vec::new();
+    let mut next_bit = 1_u32;
     for (index, node) in scene.nodes.iter().enumerate() {
         let Some((number, light)) = node.light.and_then(|l| Some((l, scene.lights.get(l)?))) else {
             continue;
         };
         let world = state.world_from_node.get(index).copied().unwrap_or(DMat4::IDENTITY);
         let factor = state.light_factor.get(number).copied().unwrap_or(1.0);
+        let casts_shadow = light.casts_shadow && light.kind != LightKind::Point;
+        let shadow_bit = if casts_shadow { next_bit } else { 0 };
+        if casts_shadow {
+            next_bit = next_bit.checked_mul(2).unwrap_or(0);
+        }
         lamps.push(Lamp {
             kind: light.kind,
             position: world.w_axis.truncate(),
@@ -78,7 +86,8 @@ pub fn lamps(scene: &Scene, state: &SceneState) -> Vec<Lamp> {
             direction: world.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z),
             strength: rgb(light.color) * f64::from(light.intensity) * f64::from(factor),
             range: light.range.map(f64::from).filter(|r| *r > 0.0),
-            casts_shadow: light.casts_shadow && light.kind != LightKind::Point,
+            casts_shadow,
+            shadow_bit,
         });
     }
     lamps
