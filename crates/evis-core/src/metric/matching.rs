@@ -18,8 +18,8 @@ const LEAVE_EVENT: u8 = 1;
 const PAIR: u8 = 2;
 
 /// Buffers that are used again, and the number of clusters that were cut.
-#[derive(Default)]
 pub(super) struct Matcher {
+    most_cells: usize,
     low: Vec<i64>,
     high: Vec<i64>,
     row: Vec<i64>,
@@ -48,6 +48,20 @@ impl<F: Fn(usize) -> i64> Sides<'_, F> {
     fn error(&self, event: usize, truth: usize) -> Option<i64> {
         let error = self.events.get(event)? - self.truth.get(truth)?;
         (error.abs() <= (self.tolerance)(truth)).then_some(error)
+    }
+}
+
+impl Default for Matcher {
+    fn default() -> Self {
+        Self {
+            most_cells: MOST_CELLS,
+            low: Vec::new(),
+            high: Vec::new(),
+            row: Vec::new(),
+            steps: Vec::new(),
+            rows: Vec::new(),
+            cut_clusters: 0,
+        }
     }
 }
 
@@ -138,9 +152,12 @@ impl Matcher {
             self.cut_clusters += u64::from(first_truth == truth.start && rows_end < truth.end);
             let last = self.rows.last().map_or(first_event, |row| row.to);
             self.fill(sides, first_event..last, first_truth);
-            let used = self.trace(sides, first_truth, pair);
+            // The end of a cut piece only shows its start what will be asked for there.
+            let rows = self.rows.len();
+            let kept = if rows_end < truth.end { rows.div_ceil(2) } else { rows };
+            let used = self.trace(sides, first_truth, kept, pair);
             first_event = used.map_or(first_event, |i| i + 1);
-            first_truth = rows_end;
+            first_truth += kept;
         }
     }
 
@@ -158,7 +175,9 @@ impl Matcher {
             while to < events.end && times.get(to).is_some_and(|t| *t <= high) {
                 to += 1;
             }
-            if !self.rows.is_empty() && (steps + (to - from) > MOST_CELLS || self.rows.len() >= MOST_ROWS) {
+            if !self.rows.is_empty()
+                && (steps + (to - from) > self.most_cells || self.rows.len() >= MOST_ROWS)
+            {
                 return j;
             }
             self.rows.push(Row { from, to, steps });
@@ -207,11 +226,12 @@ impl Matcher {
         }
     }
 
-    /// Walks back through the steps; tells the last event that was paired.
+    /// Walks back through the steps and pairs the first `kept` rows; tells the last event that was paired.
     fn trace<F: Fn(usize) -> i64>(
         &self,
         sides: &Sides<'_, F>,
         first_truth: usize,
+        kept: usize,
         pair: &mut impl FnMut(usize, usize, i64),
     ) -> Option<usize> {
         let mut last = None;
@@ -223,9 +243,11 @@ impl Matcher {
                     Some(&LEAVE_EVENT) => end -= 1,
                     Some(&PAIR) => {
                         end -= 1;
-                        last = last.or(Some(end));
-                        let error = sides.error(end, first_truth + j).unwrap_or_default();
-                        pair(end, first_truth + j, error);
+                        if j < kept {
+                            last = last.or(Some(end));
+                            let error = sides.error(end, first_truth + j).unwrap_or_default();
+                            pair(end, first_truth + j, error);
+                        }
                         break;
                     }
                     _ => break,
@@ -233,5 +255,100 @@ impl Matcher {
             }
         }
         last
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::Random;
+    use super::*;
+
+    /// Pairs and sum of errors of the best matching of what is left, by trying everything.
+    fn tried(events: &[i64], truth: &[(i64, i64)]) -> (usize, i64) {
+        let (Some((event, events_left)), Some(((t, tolerance), truth_left))) =
+            (events.split_first(), truth.split_first())
+        else {
+            return (0, 0);
+        };
+        let mut found = vec![tried(events_left, truth), tried(events, truth_left)];
+        let error = (event - t).abs();
+        if error <= *tolerance {
+            let (pairs, errors) = tried(events_left, truth_left);
+            found.push((pairs + 1, errors + error));
+        }
+        found.into_iter().max_by_key(|(pairs, errors)| (*pairs, -errors)).unwrap_or_default()
+    }
+
+    /// Pairs and sum of errors that `matcher` finds; the matching is checked to be one.
+    fn found(matcher: &mut Matcher, events: &[i64], truth: &[(i64, i64)]) -> (usize, i64) {
+        let times: Vec<i64> = truth.iter().map(|t| t.0).collect();
+        let mut pairs = Vec::new();
+        matcher.run(
+            events,
+            &times,
+            |j| truth[j].1,
+            |i, j, error| {
+                assert_eq!(error, events[i] - times[j]);
+                assert!(error.abs() <= truth[j].1);
+                pairs.push((i, j));
+            },
+        );
+        pairs.sort_unstable();
+        assert!(pairs.array_windows().all(|[a, b]| a.0 < b.0 && a.1 < b.1), "one to one, in order");
+        (pairs.len(), pairs.iter().map(|(i, j)| (events[*i] - times[*j]).abs()).sum())
+    }
+
+    fn random_case(random: &mut Random, scaled: bool) -> (Vec<i64>, Vec<(i64, i64)>) {
+        let span = 10 + random.below(120);
+        let tolerance = 1 + random.below(15) as i64;
+        let mut sorted = |count: u64| {
+            let mut times: Vec<i64> = (0..count).map(|_| random.below(span) as i64).collect();
+            times.sort_unstable();
+            times
+        };
+        let (events, truth) = (sorted(7), sorted(7));
+        let scale = |random: &mut Random| if scaled { 1 + random.below(6) as i64 } else { 1 };
+        let (n, m) = (random.below(8) as usize, random.below(8) as usize);
+        (events[..n].to_vec(), truth[..m].iter().map(|t| (*t, tolerance * scale(random))).collect())
+    }
+
+    #[test]
+    fn matching_equals_trying_everything() {
+        let mut random = Random(3);
+        let mut matcher = Matcher::default();
+        let mut greedy_fails = 0;
+        for case in 0..4000 {
+            let (events, truth) = random_case(&mut random, case % 2 == 1);
+            let best = tried(&events, &truth);
+            assert_eq!(found(&mut matcher, &events, &truth), best, "{events:?} {truth:?}");
+            greedy_fails += usize::from(greedy(&events, &truth) != best);
+        }
+        assert!(greedy_fails > 400, "canary: cases that need no thought: {greedy_fails} of 4000 did");
+        assert_eq!(matcher.cut_clusters, 0);
+    }
+
+    /// Each truth event takes the first event that it can.
+    fn greedy(events: &[i64], truth: &[(i64, i64)]) -> (usize, i64) {
+        let (mut next, mut pairs, mut errors) = (0, 0, 0);
+        for (t, tolerance) in truth {
+            if let Some(i) = (next..events.len()).find(|i| (events[*i] - t).abs() <= *tolerance) {
+                (next, pairs, errors) = (i + 1, pairs + 1, errors + (events[i] - t).abs());
+            }
+        }
+        (pairs, errors)
+    }
+
+    #[test]
+    fn clusters_that_are_cut_lose_next_to_nothing() {
+        let mut random = Random(4);
+        let mut matcher = Matcher { most_cells: 12, ..Matcher::default() };
+        let (mut pairs, mut best) = (0, 0);
+        for case in 0..2000 {
+            let (events, truth) = random_case(&mut random, case % 2 == 1);
+            pairs += found(&mut matcher, &events, &truth).0;
+            best += tried(&events, &truth).0;
+        }
+        assert!(pairs <= best && pairs * 100 > best * 98, "{pairs} of {best}");
+        assert!(matcher.cut_clusters > 100, "canary: {} were cut", matcher.cut_clusters);
     }
 }
