@@ -156,7 +156,7 @@ pub struct TimeError {
     /// Mean, in microseconds; positive where the stream is late.
     pub bias_us: f64,
     /// Median of the magnitude over the time to the nearest other truth event of the pixel (at least 1 µs), to one
-    /// part in a thousand. Pixels with a single truth event do not count; None where there are no others.
+    /// part in 256. Pixels with a single truth event do not count; None where there are no others.
     pub median_per_interval: Option<f64>,
 }
 
