@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::{LabelKind, TriggerRule};
 use evis_render::{Antialias, Method};
 
@@ -38,6 +39,8 @@ pub(crate) enum Command {
     Preview(PreviewArgs),
     /// Tell what a recording holds; repair one that was cut off.
     Info(InfoArgs),
+    /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
+    Score(ScoreArgs),
     /// List the built-in scenes.
     Scenes(ListArgs),
     /// List the devices that can run the engine.
@@ -194,6 +197,25 @@ pub(crate) struct InfoArgs {
     /// Make a file that was cut off readable for every reader, keeping what it holds.
     #[arg(long)]
     pub(crate) repair: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// `score`.
+#[derive(Debug, Args)]
+pub(crate) struct ScoreArgs {
+    /// The recording to score.
+    pub(crate) events: PathBuf,
+    /// A truth file, or a recording that is taken as truth.
+    #[arg(long, value_name = "TRUTH.h5")]
+    pub(crate) truth: PathBuf,
+    /// Camera to score [default: the only one, or the truth's].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+    /// Tolerance of a match in microseconds, 1 to 1000000; several separated by commas [default: 1000,300,100].
+    #[arg(long, value_name = "US", value_delimiter = ',', value_parser = tolerance_us, allow_hyphen_values = true)]
+    pub(crate) tolerance_us: Vec<i64>,
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,
@@ -378,6 +400,14 @@ fn seed(text: &str) -> Result<u64, String> {
         .ok()
         .filter(|n| i64::try_from(*n).is_ok())
         .ok_or_else(|| "it must be a whole number from 0 to 9223372036854775807".into())
+}
+
+fn tolerance_us(text: &str) -> Result<i64, String> {
+    text.trim()
+        .parse::<i64>()
+        .ok()
+        .filter(|us| (1..=MAX_TOLERANCE_US).contains(us))
+        .ok_or_else(|| format!("it must be a whole number from 1 to {MAX_TOLERANCE_US}, such as 1000"))
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {

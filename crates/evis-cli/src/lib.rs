@@ -11,6 +11,7 @@ mod preview;
 mod progress;
 mod run;
 mod scene_source;
+mod score;
 mod text;
 
 use clap::{CommandFactory, FromArgMatches};
@@ -35,6 +36,7 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Run(args) => run::run(&args),
         Command::Preview(args) => preview::preview(&args),
         Command::Info(args) => info::info(&args),
+        Command::Score(args) => score::run(&args),
         Command::Scenes(args) => list::scenes(&args),
         Command::Devices(args) => list::devices(&args),
     };
