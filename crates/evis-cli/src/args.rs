@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::metric::MAX_TOLERANCE_US;
-use evis_core::{LabelKind, TriggerRule};
+use evis_core::{Interpolation, LabelKind, TriggerRule};
 use evis_render::{Antialias, Method};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -88,6 +88,10 @@ pub(crate) struct RunArgs {
     /// How a change of brightness becomes events [default: crossing].
     #[arg(long, value_enum)]
     pub(crate) trigger: Option<TriggerArg>,
+
+    /// What is straight between two samples when --trigger crossing asks for a time [default: log].
+    #[arg(long, value_enum)]
+    pub(crate) interpolation: Option<InterpolationArg>,
 
     /// Rise of log intensity that fires an ON event [default: 0.2].
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
@@ -256,6 +260,23 @@ impl From<TriggerArg> for TriggerRule {
         match arg {
             TriggerArg::Crossing => Self::Crossing,
             TriggerArg::Latch => Self::Latch,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum InterpolationArg {
+    /// Log intensity.
+    Log,
+    /// Light: exact for edges that move evenly.
+    Light,
+}
+
+impl From<InterpolationArg> for Interpolation {
+    fn from(arg: InterpolationArg) -> Self {
+        match arg {
+            InterpolationArg::Log => Self::Log,
+            InterpolationArg::Light => Self::Light,
         }
     }
 }
