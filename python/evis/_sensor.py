@@ -9,7 +9,7 @@ Trigger: TypeAlias = Literal["crossing", "latch"]
 """``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample."""
 
 Interpolation: TypeAlias = Literal["log", "light"]
-"""What is straight between two samples: the signal, or the light (exact for an edge that moves evenly)."""
+"""What is straight between two samples: the signal, or the light (exact while an edge moves evenly through a pixel)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
