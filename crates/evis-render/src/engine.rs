@@ -192,7 +192,7 @@ impl Engine {
             lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),
             shadows: shadows.is_some(),
             environment: scene.environment.is_some(),
-            lod_bias: -0.5 * (samples as f32).log2(),
+            samples,
         };
         let sample_count = if edges { 4 } else { 1 };
         let luminance = raster::luminance_pipelines(

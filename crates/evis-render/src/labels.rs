@@ -99,7 +99,7 @@ impl LabelRoom {
         };
         let variants = || gpu_scene.variants().into_iter();
         // A label is one sample at the pixel's centre: it stands for a whole pixel.
-        let constants = SceneConstants { lod_bias: 0.0, ..*constants };
+        let constants = SceneConstants { samples: 1, ..*constants };
         let label_layout = label_layout(device);
         let sky_layout = sky_flow_layout(device);
         let geometry = if wanted.any_geometry() {

@@ -185,7 +185,7 @@ impl ShadowRoom {
             lights: LightSet::new(scene, |node| plan.layer_of(node)),
             shadows: false,
             environment: false,
-            lod_bias: 0.0,
+            samples: 1,
         };
         let pipelines = shadow_map::pipelines(device, layouts, gpu_scene.variants().into_iter(), &constants);
         Some(Self {

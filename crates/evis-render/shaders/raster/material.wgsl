@@ -18,8 +18,8 @@ override HAS_EMISSIVE_TEXTURE: bool = false;
 override ALPHA_MASK: bool = false;
 // Whether any texture is read elsewhere than at the first uv set as it is.
 override UV_TRANSFORM: bool = true;
-// log2 of the share of a pixel that one sample stands for: -0.5 * log2(samples).
-override LOD_BIAS: f32 = 0.0;
+// Shares of a pixel's footprint by which one sample reads a texture; see texture_samples() in pass/raster.rs.
+override TEXTURE_SAMPLES: f32 = 1.0;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var base_texture: texture_2d<f32>;
@@ -43,11 +43,25 @@ fn material_uv(v: Varyings, slot: u32) -> vec2<f32> {
     return vec2<f32>(dot(row0.xyz, uv), dot(row1.xyz, uv));
 }
 
+// Level of detail at which a sample reads a texture of `size` texels. It stands for its share of the
+// pixel's footprint, area for area: by the longer axis alone, as fixed-function sampling chooses, a surface seen at a slant
+// would lose along the shorter one what the samples resolve. As many places along the longer axis need no finer level.
+// Twin: evis_truth::rays::TextureFilter::Mipmapped.
+fn texture_level(uv: vec2<f32>, size: vec2<u32>) -> f32 {
+    let dx = dpdx(uv) * vec2<f32>(size);
+    let dy = dpdy(uv) * vec2<f32>(size);
+    let area = abs(dx.x * dy.y - dx.y * dy.x);
+    let longer = max(dot(dx, dx), dot(dy, dy));
+    // Off 0, where log2 is not defined: magnified beyond any level.
+    return 0.5 * log2(max(max(area / TEXTURE_SAMPLES, longer / (TEXTURE_SAMPLES * TEXTURE_SAMPLES)), 1e-12));
+}
+
 // Linear base colour and alpha: factor * texture * vertex colour.
 fn base_color(v: Varyings) -> vec4<f32> {
     var color = material.base_color * vary_color(v);
     if (HAS_BASE_TEXTURE) {
-        color *= textureSampleBias(base_texture, base_sampler, material_uv(v, 0u), LOD_BIAS);
+        let uv = material_uv(v, 0u);
+        color *= textureSampleLevel(base_texture, base_sampler, uv, texture_level(uv, textureDimensions(base_texture)));
     }
     return color;
 }
@@ -55,7 +69,9 @@ fn base_color(v: Varyings) -> vec4<f32> {
 fn emitted(v: Varyings) -> vec3<f32> {
     var color = material.emissive.rgb;
     if (HAS_EMISSIVE_TEXTURE) {
-        color *= textureSampleBias(emissive_texture, emissive_sampler, material_uv(v, 4u), LOD_BIAS).rgb;
+        let uv = material_uv(v, 4u);
+        let level = texture_level(uv, textureDimensions(emissive_texture));
+        color *= textureSampleLevel(emissive_texture, emissive_sampler, uv, level).rgb;
     }
     return color * vary_emission_factor(v);
 }
@@ -64,15 +80,18 @@ fn emitted(v: Varyings) -> vec3<f32> {
 fn metallic_roughness(v: Varyings) -> vec2<f32> {
     var value = material.factors.xy;
     if (HAS_METALLIC_ROUGHNESS_TEXTURE) {
-        value *= textureSampleBias(
-            metallic_roughness_texture, metallic_roughness_sampler, material_uv(v, 1u), LOD_BIAS).bg;
+        let uv = material_uv(v, 1u);
+        let level = texture_level(uv, textureDimensions(metallic_roughness_texture));
+        value *= textureSampleLevel(metallic_roughness_texture, metallic_roughness_sampler, uv, level).bg;
     }
     return vec2<f32>(clamp(value.x, 0.0, 1.0), clamp(value.y, 0.0, 1.0));
 }
 
 fn ambient_occlusion(v: Varyings) -> f32 {
     if (HAS_OCCLUSION_TEXTURE) {
-        let r = textureSampleBias(occlusion_texture, occlusion_sampler, material_uv(v, 3u), LOD_BIAS).r;
+        let uv = material_uv(v, 3u);
+        let level = texture_level(uv, textureDimensions(occlusion_texture));
+        let r = textureSampleLevel(occlusion_texture, occlusion_sampler, uv, level).r;
         return 1.0 + material.factors.w * (r - 1.0);
     }
     return 1.0;
@@ -95,7 +114,9 @@ fn shading_normal(v: Varyings, front: bool) -> vec3<f32> {
         if (length_squared > 1e-12) {
             let t = t_raw * inverseSqrt(length_squared);
             let b = cross(n, t) * t4.w;
-            let m = textureSampleBias(normal_texture, normal_sampler, material_uv(v, 2u), LOD_BIAS).xyz * 2.0 - 1.0;
+            let uv = material_uv(v, 2u);
+            let level = texture_level(uv, textureDimensions(normal_texture));
+            let m = textureSampleLevel(normal_texture, normal_sampler, uv, level).xyz * 2.0 - 1.0;
             n = normalize(t * (m.x * material.factors.z) + b * (m.y * material.factors.z) + n * m.z);
         }
     }

@@ -110,16 +110,16 @@ impl<'a> Twin<'a> {
         scene: &'a Scene,
         state: &SceneState,
         textures: &'a Textures,
-        level_bias: f64,
+        samples: f64,
         shadows: bool,
     ) -> Self {
         let with = |filter| {
             RayCaster::new(scene, state, textures, Options { filter, shadows, ..Options::default() })
         };
         Self {
-            raster: with(TextureFilter::Mipmapped { level_bias }),
+            raster: with(TextureFilter::Mipmapped { samples }),
             base: with(TextureFilter::BaseLevel),
-            deeper: with(TextureFilter::Mipmapped { level_bias: level_bias + 0.5 }),
+            deeper: with(TextureFilter::Mipmapped { samples: 0.5 * samples }),
             camera: pinhole(scene, state),
         }
     }
@@ -197,11 +197,11 @@ fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig) -> Engine {
 /// The twin's luminance of `scene` against `image`.
 fn compare(scene: &Scene, image: &[f64], offsets: &[[f64; 2]], case: &Case) -> Comparison {
     let (state, textures) = (state_at(scene, case.t_us), Textures::new(scene));
-    let level_bias = match case.antialias {
-        Antialias::Samples => -0.5 * (offsets.len() as f64).log2(),
-        Antialias::Edges => 0.0,
+    let samples = match case.antialias {
+        Antialias::Samples => f64::from(crate::pass::raster::texture_samples(offsets.len() as u32)),
+        Antialias::Edges => 1.0,
     };
-    let twin = Twin::new(scene, &state, &textures, level_bias, case.shadow_reach.is_some());
+    let twin = Twin::new(scene, &state, &textures, samples, case.shadow_reach.is_some());
     let expected = twin.raster.luminance(&twin.camera, offsets);
     let mean = expected.iter().sum::<f64>() / expected.len() as f64;
     let mut out = Comparison::default();

@@ -27,7 +27,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            filter: TextureFilter::Mipmapped { level_bias: 0.0 },
+            filter: TextureFilter::Mipmapped { samples: 1.0 },
             shadows: false,
             split_sum: SplitSum::Computed,
         }

@@ -9,10 +9,11 @@ use half::f16;
 pub enum TextureFilter {
     /// The bilinear interpolant of the base level: the signal itself.
     BaseLevel,
-    /// Trilinear, by the footprint of a pixel: what a raster engine shows.
+    /// Trilinear, by the footprint of a pixel: what the engine shows. Each of n samples stands for an n-th of the
+    /// footprint's area, and n places along its longer axis need no finer level.
     Mipmapped {
-        /// Added to the level; -log2(n) / 2 where each of n samples stands for an n-th of a pixel.
-        level_bias: f64,
+        /// How many samples share a pixel.
+        samples: f64,
     },
 }
 
@@ -50,11 +51,14 @@ impl Textures {
         let last = (chain.len() - 1) as f64;
         let level = match filter {
             TextureFilter::BaseLevel => 0.0,
-            TextureFilter::Mipmapped { level_bias } => {
-                // Vulkan 1.3, 16.5.3 "Scale Factor Operation, LOD Operation and Image Level(s) Selection".
+            TextureFilter::Mipmapped { samples } => {
                 let size = DVec2::new(chain[0].width as f64, chain[0].height as f64);
-                let rho = footprint.map(|d| (d * size).length());
-                (rho[0].max(rho[1]).log2() + level_bias).clamp(0.0, last)
+                let [dx, dy] = footprint.map(|d| d * size);
+                let area = (dx.x * dy.y - dx.y * dy.x).abs();
+                // One sample for the whole pixel gives Vulkan's own rule: 1.3, 16.5.3 "Scale Factor Operation, LOD
+                // Operation and Image Level(s) Selection".
+                let longer = dx.length_squared().max(dy.length_squared());
+                (0.5 * (area / samples).max(longer / (samples * samples)).log2()).clamp(0.0, last)
             }
         };
         let wraps = [texture.wrap_u, texture.wrap_v];
