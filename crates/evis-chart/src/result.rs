@@ -1,0 +1,513 @@
+//! What was measured: data that survives as JSON, and what it recommends.
+
+use std::path::Path;
+
+use evis_core::metric::{DEFAULT_TOLERANCES_US, Score};
+use evis_core::{ConfigError, SensorConfig};
+use serde::{Deserialize, Serialize};
+
+use crate::error::ChartError;
+use crate::front::{Place, pareto};
+use crate::ladder::{Setting, number};
+
+/// Version of the JSON; another one is refused.
+pub const VERSION: u32 = 1;
+
+/// Milliseconds of work per simulated second at which a simulation keeps up with the clock.
+pub const REAL_TIME_MS: f64 = 1000.0;
+
+/// Charts of one or several scenes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChartResult {
+    /// [`VERSION`].
+    pub evis_chart: u32,
+    /// One per scene.
+    pub scenes: Vec<SceneChart>,
+}
+
+/// Everything measured on one scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneChart {
+    /// The scene, as it was called.
+    pub scene: String,
+    /// The camera.
+    pub camera: String,
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Scene time at which the stream starts, in microseconds.
+    pub start_us: i64,
+    /// Length in microseconds.
+    pub duration_us: i64,
+    /// The camera's sensor; each point sets the trigger rule.
+    pub sensor: SensorConfig,
+    /// `Y_ref` in `ln(Y / Y_ref + eps)`, the same for truth and every point.
+    #[serde(with = "nan_as_null")]
+    pub reference_luminance: f64,
+    /// Version of EVIS that measured.
+    pub evis: String,
+    /// Day of the measurement, YYYY-MM-DD in UTC.
+    pub measured: String,
+    /// What rendered.
+    pub device: DeviceNote,
+    /// Runs of each setting.
+    pub repetitions: usize,
+    /// What the points were scored against.
+    pub truth: TruthNote,
+    /// Settings measured, in the ladder's order.
+    pub points: Vec<Point>,
+    /// Settings that could not be.
+    pub not_measured: Vec<NotMeasured>,
+}
+
+/// What rendered.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DeviceNote {
+    /// Name that the driver gives.
+    pub name: String,
+    /// Driver and version.
+    pub driver: String,
+    /// Cores of the host that the process may use.
+    pub cores: usize,
+}
+
+/// What the points were scored against.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TruthNote {
+    /// Pixels that it knows.
+    pub pixels: usize,
+    /// Their events.
+    pub events: usize,
+    /// Truth's own error, where it is known: two truths with different lattices, scored against each other.
+    pub floor: Option<Score>,
+    /// Where it comes from, as it says itself.
+    pub provenance: serde_json::Value,
+}
+
+/// One setting, timed and scored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// What was run.
+    pub setting: Setting,
+    /// Least milliseconds of preparation: pipelines and uploads, no part of the cost.
+    pub setup_ms: f64,
+    /// Wall milliseconds of work per simulated second, one per repetition.
+    pub wall_ms_per_s: Vec<f64>,
+    /// Events fired, all pixels.
+    pub events: u64,
+    /// Pixel intervals at the limit of events, where some are lost.
+    pub clamped: u64,
+    /// Hash of the events, the same for each repetition.
+    pub hash: String,
+    /// Against truth.
+    pub score: Score,
+}
+
+/// A setting that could not be measured, and why.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NotMeasured {
+    /// The setting.
+    pub setting: Setting,
+    /// Why.
+    pub reason: String,
+}
+
+/// An error of a stream, 0 at best.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Measure {
+    /// 1 - F1.
+    F1 {
+        /// One of [`DEFAULT_TOLERANCES_US`].
+        tolerance_us: i64,
+    },
+    /// Relative L1 of voxel grids.
+    Voxel,
+}
+
+/// F1 at the scaled tolerance of `tolerance_us`; NaN where it was not scored.
+pub fn f1(score: &Score, tolerance_us: i64) -> f64 {
+    score.at(tolerance_us).map_or(f64::NAN, |t| t.scaled.f1)
+}
+
+impl Measure {
+    /// This error of a stream; NaN where it is not defined.
+    pub fn of(self, score: &Score) -> f64 {
+        match self {
+            Self::F1 { tolerance_us } => 1.0 - f1(score, tolerance_us),
+            Self::Voxel => score.voxel_l1.unwrap_or(f64::NAN),
+        }
+    }
+}
+
+/// What a recommendation is to reach.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Goal {
+    /// The most accurate within so many milliseconds of work per simulated second.
+    Budget(f64),
+    /// The cheapest that reaches this F1.
+    TargetF1(f64),
+}
+
+impl Goal {
+    fn check(self) -> Result<(), ConfigError> {
+        match self {
+            Self::Budget(ms) if !(ms.is_finite() && ms > 0.0) => {
+                Err(ConfigError::new("budget", ms, "a number of milliseconds above 0, such as 1000"))
+            }
+            Self::TargetF1(f1) if !(f1 > 0.0 && f1 <= 1.0) => {
+                Err(ConfigError::new("target_f1", f1, "above 0 and at most 1, such as 0.98"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// How points are looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// Tolerance of F1 in microseconds, one of [`DEFAULT_TOLERANCES_US`].
+    pub tolerance_us: i64,
+    /// Milliseconds that each rendered frame costs on top, as a heavier renderer would.
+    pub render_ms: f64,
+}
+
+impl Default for Lens {
+    fn default() -> Self {
+        Self { tolerance_us: 1000, render_ms: 0.0 }
+    }
+}
+
+impl Lens {
+    /// Checks both values.
+    ///
+    /// # Errors
+    /// A tolerance that is not scored, a negative or infinite charge.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        if !DEFAULT_TOLERANCES_US.contains(&self.tolerance_us) {
+            return Err(ConfigError::new("f1", format!("{} us", self.tolerance_us), "100us, 300us or 1ms"));
+        }
+        if !(self.render_ms.is_finite() && (0.0..=1.0e6).contains(&self.render_ms)) {
+            return Err(ConfigError::new("render_ms", self.render_ms, "between 0 and 1000000 milliseconds"));
+        }
+        Ok(())
+    }
+}
+
+/// A setting to use, and why.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Recommendation {
+    /// What to run.
+    pub setting: Setting,
+    /// Its label.
+    pub label: String,
+    /// Milliseconds of work per simulated second.
+    pub cost_ms_per_s: f64,
+    /// F1 at the scaled tolerance.
+    pub f1: f64,
+    /// Relative L1 of voxel grids, where it is defined.
+    pub voxel_l1: Option<f64>,
+    /// The same in a sentence.
+    pub sentence: String,
+    /// The command that runs it.
+    pub command: String,
+}
+
+impl Point {
+    /// Least milliseconds of work per simulated second, `lens`'s charge included.
+    pub fn cost(&self, lens: Lens) -> f64 {
+        self.charged(self.wall_ms_per_s.iter().copied().fold(f64::INFINITY, f64::min), lens)
+    }
+
+    /// The slowest repetition's, likewise.
+    pub fn slowest(&self, lens: Lens) -> f64 {
+        self.charged(self.wall_ms_per_s.iter().copied().fold(f64::NEG_INFINITY, f64::max), lens)
+    }
+
+    fn charged(&self, ms_per_s: f64, lens: Lens) -> f64 {
+        ms_per_s + lens.render_ms * self.setting.rendered_hz
+    }
+}
+
+impl SceneChart {
+    /// Where each point lies.
+    pub fn places(&self, measure: Measure, lens: Lens) -> Vec<Place> {
+        let place = |p: &Point| Place { cost: p.cost(lens), error: measure.of(&p.score) };
+        self.points.iter().map(place).collect()
+    }
+
+    /// Indices of the points that no other one beats, by rising cost.
+    pub fn front(&self, measure: Measure, lens: Lens) -> Vec<usize> {
+        pareto(&self.places(measure, lens))
+    }
+
+    /// The setting that `goal` asks for.
+    ///
+    /// # Errors
+    /// A goal that makes no sense, or that no measured setting reaches: the nearest one is told.
+    pub fn recommend(&self, goal: Goal, lens: Lens) -> Result<Recommendation, ChartError> {
+        goal.check()?;
+        lens.check()?;
+        let places = self.places(Measure::F1 { tolerance_us: lens.tolerance_us }, lens);
+        let front = pareto(&places);
+        let (Some(&cheapest), Some(&best)) = (front.first(), front.last()) else {
+            return Err(ChartError::Unreachable(format!(
+                "no setting was measured on {}; nothing can be recommended",
+                self.scene
+            )));
+        };
+        let f1 = |i: usize| 1.0 - places[i].error;
+        let told = |i: usize| {
+            format!("{}: F1 {:.3}, {}", self.points[i].setting.label(), f1(i), cost(places[i].cost))
+        };
+        let (chosen, why) = match goal {
+            // Along the front cost rises and the error falls.
+            Goal::Budget(ms) => {
+                let within = front.iter().rev().find(|&&i| places[i].cost <= ms).copied();
+                let chosen = within.ok_or_else(|| {
+                    ChartError::Unreachable(format!(
+                        "no setting measured on {} costs at most {} of work per simulated second; the cheapest is \
+                         {}; raise --budget, or measure lower --rates",
+                        self.scene,
+                        milliseconds(ms),
+                        told(cheapest)
+                    ))
+                })?;
+                let real_time = if ms == REAL_TIME_MS { " (real time)" } else { "" };
+                let within = format!(
+                    "Most accurate within {} of work per simulated second{real_time}",
+                    milliseconds(ms)
+                );
+                (chosen, within)
+            }
+            Goal::TargetF1(target) => {
+                let reached = front.iter().find(|&&i| f1(i) >= target).copied();
+                let chosen = reached.ok_or_else(|| {
+                    ChartError::Unreachable(format!(
+                        "no setting measured on {} reaches F1 {target} within {}; the most accurate is {}; lower \
+                         --target-f1, or measure higher --rates or --samples",
+                        self.scene,
+                        tolerance(lens.tolerance_us),
+                        told(best)
+                    ))
+                })?;
+                (chosen, format!("Cheapest with F1 {target} or better"))
+            }
+        };
+        let point = &self.points[chosen];
+        let charge = if lens.render_ms > 0.0 {
+            format!(" (with {} per rendered frame)", milliseconds(lens.render_ms))
+        } else {
+            String::new()
+        };
+        Ok(Recommendation {
+            setting: point.setting.clone(),
+            label: point.setting.label(),
+            cost_ms_per_s: places[chosen].cost,
+            f1: f1(chosen),
+            voxel_l1: point.score.voxel_l1,
+            sentence: format!(
+                "{why}: {}, with F1 {:.3} within {} and {}{charge}.",
+                point.setting.label(),
+                f1(chosen),
+                tolerance(lens.tolerance_us),
+                cost(places[chosen].cost)
+            ),
+            command: self.command(&point.setting),
+        })
+    }
+
+    /// The command that runs `setting` on this scene.
+    pub fn command(&self, setting: &Setting) -> String {
+        let default = SensorConfig::default();
+        let scene = if self.scene.contains([' ', '\'']) {
+            format!("'{}'", self.scene.replace('\'', "'\\''"))
+        } else {
+            self.scene.clone()
+        };
+        let mut line = format!(
+            "evis run {scene} -o events.h5 --size {}x{} {}",
+            self.width,
+            self.height,
+            setting.run_flags()
+        );
+        for (flag, value, default) in [
+            ("--threshold-on", self.sensor.threshold_on, default.threshold_on),
+            ("--threshold-off", self.sensor.threshold_off, default.threshold_off),
+            ("--log-eps", self.sensor.log_eps, default.log_eps),
+        ] {
+            if value != default {
+                line += &format!(" {flag} {value}");
+            }
+        }
+        line
+    }
+}
+
+impl ChartResult {
+    /// Charts of `scenes`.
+    pub fn new(scenes: Vec<SceneChart>) -> Self {
+        Self { evis_chart: VERSION, scenes }
+    }
+
+    /// Indented JSON.
+    ///
+    /// # Errors
+    /// None that could be put right.
+    pub fn to_json(&self) -> Result<String, ChartError> {
+        serde_json::to_string_pretty(self).map_err(|e| ChartError::Draw(format!("no JSON: {e}")))
+    }
+
+    /// Reads JSON that [`ChartResult::to_json`] wrote; `path` names it in errors.
+    ///
+    /// # Errors
+    /// No JSON, not a chart, or a chart of another version; a chart without scenes or points.
+    pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
+        let invalid = |reason: String| ChartError::Invalid { path: path.into(), reason };
+        let value: serde_json::Value =
+            serde_json::from_str(text).map_err(|e| invalid(format!("this is no JSON: {e}")))?;
+        let version = value.get("evis_chart").and_then(serde_json::Value::as_u64).ok_or_else(|| {
+            invalid("this is no chart; `evis chart SCENE --json R.json` writes one".to_owned())
+        })?;
+        if version != u64::from(VERSION) {
+            return Err(invalid(format!(
+                "this chart has version {version}, and this program reads version {VERSION}; measure it again, or \
+                 read it with the program that wrote it"
+            )));
+        }
+        let chart: Self = serde_json::from_value(value)
+            .map_err(|e| invalid(format!("this chart is damaged ({e}); measure it again")))?;
+        chart.check().map_err(invalid)?;
+        Ok(chart)
+    }
+
+    /// Whether there is anything to draw.
+    fn check(&self) -> Result<(), String> {
+        if self.scenes.is_empty() {
+            return Err("this chart has no scene; measure one with `evis chart SCENE`".into());
+        }
+        for scene in &self.scenes {
+            if scene.points.is_empty() {
+                return Err(format!("no setting was measured on {}; there is nothing to draw", scene.scene));
+            }
+            let timed = |p: &Point| {
+                !p.wall_ms_per_s.is_empty() && p.wall_ms_per_s.iter().all(|ms| ms.is_finite() && *ms > 0.0)
+            };
+            if let Some(point) = scene.points.iter().find(|p| !timed(p)) {
+                return Err(format!(
+                    "{} on {} has no usable time ({:?}); measure it again",
+                    point.setting.label(),
+                    scene.scene,
+                    point.wall_ms_per_s
+                ));
+            }
+            let usable = |s: &Setting| {
+                [s.rate_hz, s.rendered_hz].into_iter().all(|hz| hz.is_finite() && hz > 0.0 && hz <= 1.0e6)
+            };
+            if let Some(point) = scene.points.iter().find(|p| !usable(&p.setting)) {
+                return Err(format!("a setting on {} has no usable rate: {:?}", scene.scene, point.setting));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `1 ms`, `300 µs`.
+pub(crate) fn tolerance(us: i64) -> String {
+    if us >= 1000 && us % 1000 == 0 { format!("{} ms", us / 1000) } else { format!("{us} µs") }
+}
+
+fn milliseconds(ms: f64) -> String {
+    format!("{} ms", number(ms))
+}
+
+/// `640 ms of work per simulated second`.
+fn cost(ms_per_s: f64) -> String {
+    let decimals = if ms_per_s >= 100.0 {
+        0
+    } else if ms_per_s >= 10.0 {
+        1
+    } else {
+        2
+    };
+    format!("{ms_per_s:.decimals$} ms of work per simulated second")
+}
+
+/// JSON knows no NaN.
+mod nan_as_null {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+    pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        value.is_finite().then_some(*value).serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::made_up::scene_chart;
+
+    #[test]
+    fn results_survive_as_json_and_other_versions_are_told() {
+        let chart = ChartResult::new(vec![scene_chart("spinner")]);
+        let text = chart.to_json().unwrap();
+        let path = Path::new("r.json");
+        assert_eq!(ChartResult::from_json(&text, path).unwrap(), chart);
+        let told = |text: &str| ChartResult::from_json(text, path).unwrap_err().to_string();
+        let newer = text.replacen("\"evis_chart\": 1", "\"evis_chart\": 7", 1);
+        assert_ne!(newer, text, "canary: the version is in the text");
+        assert!(told(&newer).contains("version 7") && told(&newer).contains("r.json"), "{}", told(&newer));
+        assert!(told("{}").contains("this is no chart"));
+        assert!(told("scene").contains("no JSON"));
+        assert!(told("{\"evis_chart\": 1, \"scenes\": []}").contains("no scene"));
+        let mut empty = chart.clone();
+        empty.scenes[0].points.clear();
+        assert!(told(&empty.to_json().unwrap()).contains("no setting was measured on spinner"));
+        let mut untimed = chart;
+        untimed.scenes[0].points[0].wall_ms_per_s = vec![0.0];
+        assert!(told(&untimed.to_json().unwrap()).contains("no usable time"));
+    }
+
+    #[test]
+    fn a_budget_buys_the_most_accurate_and_a_target_the_cheapest() {
+        let scene = scene_chart("spinner");
+        let lens = Lens::default();
+        let cost = |p: &Point| p.cost(lens);
+        let f1 = |p: &Point| f1(&p.score, 1000);
+        let rich = scene.recommend(Goal::Budget(1000.0), lens).unwrap();
+        assert!(rich.cost_ms_per_s <= 1000.0 && rich.sentence.contains("real time"), "{}", rich.sentence);
+        assert!(scene.points.iter().all(|p| cost(p) > 1000.0 || f1(p) <= rich.f1));
+        let good = scene.recommend(Goal::TargetF1(0.97), lens).unwrap();
+        assert!(good.f1 >= 0.97);
+        assert!(scene.points.iter().all(|p| f1(p) < 0.97 || cost(p) >= good.cost_ms_per_s));
+        assert!(scene.points.iter().any(|p| cost(p) < good.cost_ms_per_s), "canary: cheaper ones exist");
+        assert!(good.command.starts_with("evis run spinner -o events.h5 --size 160x120 --rate "));
+
+        // A heavier renderer makes each frame dearer, so fewer frames fit.
+        let heavy = scene.recommend(Goal::Budget(6000.0), Lens { render_ms: 10.0, ..lens }).unwrap();
+        let light = scene.recommend(Goal::Budget(6000.0), lens).unwrap();
+        assert!(heavy.setting.rendered_hz < light.setting.rendered_hz);
+        assert!(heavy.sentence.contains("10 ms per rendered frame"), "{}", heavy.sentence);
+    }
+
+    #[test]
+    fn goals_out_of_reach_name_the_nearest() {
+        let scene = scene_chart("spinner");
+        let told = |goal| scene.recommend(goal, Lens::default()).unwrap_err().to_string();
+        let poor = told(Goal::Budget(0.001));
+        assert!(poor.contains("0.001 ms") && poor.contains("the cheapest is 125 Hz ×1"), "{poor}");
+        let high = told(Goal::TargetF1(1.0));
+        assert!(high.contains("reaches F1 1 within 1 ms") && high.contains("4000 Hz ×16"), "{high}");
+        assert!(told(Goal::Budget(-1.0)).contains("budget is -1"));
+        assert!(told(Goal::TargetF1(f64::NAN)).contains("target_f1 is NaN"));
+        let lens = Lens { tolerance_us: 5, ..Lens::default() };
+        assert!(
+            scene.recommend(Goal::Budget(1.0), lens).unwrap_err().to_string().contains("100us, 300us or 1ms")
+        );
+    }
+}
