@@ -5,6 +5,7 @@
 
 pub mod event;
 pub mod format;
+pub mod metric;
 pub mod packet;
 pub mod sensor;
 pub mod time;

@@ -1,0 +1,155 @@
+//! One pixel: everything that the score counts there.
+
+use super::by_pixel::{Known, Mark};
+use super::matching::Matcher;
+use super::phase::Phase;
+use super::tally::Tally;
+use crate::truth::{Region, RegionSpan, Truth};
+
+/// Chance streams are shifted by more than this.
+const LEAST_SHIFT_US: i64 = 50_000;
+/// From this length on.
+const LONG_US: i64 = 200_000;
+
+/// Buffers that are used again.
+#[derive(Default)]
+pub(super) struct Scratch {
+    matcher: Matcher,
+    stream: Side,
+    shifted: Vec<i64>,
+    truth: Vec<i64>,
+    known: Vec<TruthDetail>,
+}
+
+/// Events of one polarity.
+#[derive(Default)]
+struct Side {
+    t_us: Vec<i64>,
+    region: Vec<Region>,
+}
+
+/// What a truth event brings to a match.
+#[derive(Clone, Copy)]
+pub(super) struct TruthDetail {
+    pub scale: f32,
+    pub region: Region,
+    /// Time to the nearest other truth event of the pixel, at least 1; 0 where there is none.
+    pub interval_us: i64,
+}
+
+/// Scores pixel `pixel` of the truth.
+pub(super) fn score_pixel(
+    truth: &Truth,
+    pixel: usize,
+    stream: &[Mark],
+    known: &[Known],
+    scratch: &mut Scratch,
+    tally: &mut Tally,
+) {
+    tally.sequence(
+        stream.is_empty() && known.is_empty(),
+        stream.iter().map(|m| m.is_on()).eq(known.iter().map(|k| k.mark.is_on())),
+    );
+    if stream.is_empty() && known.is_empty() {
+        return;
+    }
+    Phase::add(&mut tally.phase, stream, known);
+    let shift_us = chance_shift(truth, pixel);
+    for on in [true, false] {
+        scratch.take_stream(truth, pixel, stream, on);
+        scratch.take_truth(known, on);
+        scratch.shift(truth.duration_us, shift_us);
+        let Scratch { matcher, stream, shifted, truth, known } = &mut *scratch;
+        tally.regions(&stream.region, known);
+        for level in &mut tally.levels {
+            level.add(matcher, &stream.t_us, &stream.region, truth, known);
+            level.add_chance(matcher, shifted, truth, known);
+        }
+    }
+    tally.cut_clusters += std::mem::take(&mut scratch.matcher.cut_clusters);
+}
+
+impl Scratch {
+    fn take_stream(&mut self, truth: &Truth, pixel: usize, stream: &[Mark], on: bool) {
+        let mut regions = Regions::of(truth, pixel);
+        self.stream.t_us.clear();
+        self.stream.region.clear();
+        for mark in stream.iter().filter(|m| m.is_on() == on) {
+            self.stream.t_us.push(mark.t_us());
+            self.stream.region.push(regions.at(mark.t_us()));
+        }
+    }
+
+    fn take_truth(&mut self, known: &[Known], on: bool) {
+        self.truth.clear();
+        self.known.clear();
+        for (i, k) in known.iter().enumerate().filter(|(_, k)| k.mark.is_on() == on) {
+            let distance = |other: Option<usize>| {
+                other.and_then(|o| known.get(o)).map(|o| (o.mark.t_us() - k.mark.t_us()).abs().max(1))
+            };
+            let interval_us =
+                [distance(i.checked_sub(1)), distance(Some(i + 1))].into_iter().flatten().min().unwrap_or(0);
+            self.truth.push(k.mark.t_us());
+            self.known.push(TruthDetail { scale: k.scale, region: k.region, interval_us });
+        }
+    }
+
+    /// The stream's times, later by `shift_us`; what leaves at the end comes in at the start.
+    fn shift(&mut self, duration_us: i64, shift_us: i64) {
+        let times = &self.stream.t_us;
+        let (stays, wraps) = times.split_at(times.partition_point(|t| t + shift_us < duration_us));
+        self.shifted.clear();
+        self.shifted.extend(wraps.iter().map(|t| t + shift_us - duration_us));
+        self.shifted.extend(stays.iter().map(|t| t + shift_us));
+    }
+}
+
+/// Walks through a pixel's regions in order of time.
+struct Regions<'a> {
+    now: Region,
+    next: &'a [RegionSpan],
+}
+
+impl<'a> Regions<'a> {
+    fn of(truth: &'a Truth, pixel: usize) -> Self {
+        let next = match (truth.span_start.get(pixel), truth.span_start.get(pixel + 1)) {
+            (Some(&from), Some(&to)) => truth.spans.get(from as usize..to as usize).unwrap_or_default(),
+            _ => &[],
+        };
+        Self { now: Region::Interior, next }
+    }
+
+    /// [`Truth::region_at`] for times that never go back.
+    fn at(&mut self, t_us: i64) -> Region {
+        while let [first, rest @ ..] = self.next
+            && first.t_us <= t_us
+        {
+            (self.now, self.next) = (first.region, rest);
+        }
+        self.now
+    }
+}
+
+/// Least and largest shift of a chance stream.
+pub(super) fn chance_shifts(duration_us: i64) -> [i64; 2] {
+    if duration_us >= LONG_US {
+        [LEAST_SHIFT_US + 1, duration_us - LEAST_SHIFT_US - 1]
+    } else {
+        [duration_us / 4, duration_us - duration_us / 4 - 1]
+    }
+}
+
+fn chance_shift(truth: &Truth, pixel: usize) -> i64 {
+    let [least, largest] = chance_shifts(truth.duration_us);
+    let [x, y] = truth.pixels.get(pixel).copied().unwrap_or_default();
+    let choices = (largest - least).unsigned_abs() + 1;
+    least + (mixed(u64::from(y) << 16 | u64::from(x)) % choices) as i64
+}
+
+/// SplitMix64's output function (Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014).
+fn mixed(key: u64) -> u64 {
+    let mut z = key.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
