@@ -18,9 +18,13 @@ pub(crate) struct Tick {
 }
 
 impl LogAxis {
-    /// An axis that holds all of `values` that are above 0, with `margin` (a factor above 1) on both sides, at least a
-    /// factor of ten long.
-    pub(crate) fn around(values: impl IntoIterator<Item = f64>, margin: f64, [from, to]: [f64; 2]) -> Self {
+    /// An axis that holds all of `values` that are above 0, at least a factor of ten long, with these shares of it kept
+    /// free below and above.
+    pub(crate) fn around(
+        values: impl IntoIterator<Item = f64>,
+        margins: [f64; 2],
+        [from, to]: [f64; 2],
+    ) -> Self {
         let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
         for value in values.into_iter().filter(|v| v.is_finite() && *v > 0.0) {
             low = low.min(value);
@@ -29,11 +33,12 @@ impl LogAxis {
         if high == 0.0 {
             (low, high) = (0.1, 1.0);
         }
-        (low, high) = (low / margin, high * margin);
         let short = 10.0 * low / high;
         if short > 1.0 {
             (low, high) = (low / short.sqrt(), high * short.sqrt());
         }
+        let whole = (high / low).ln() / (1.0 - margins[0] - margins[1]);
+        (low, high) = (low * (-whole * margins[0]).exp(), high * (whole * margins[1]).exp());
         Self { low, high, from, to }
     }
 
@@ -58,7 +63,7 @@ impl LogAxis {
     /// Ticks at 1 to 9 times the powers of ten; short axes label 1, 2 and 5, long ones the powers alone.
     pub(crate) fn ticks(&self) -> Vec<Tick> {
         let decades = (self.high / self.low).log10();
-        let labelled: &[u32] = if decades < 2.1 { &[1, 2, 5] } else { &[1] };
+        let labelled: &[u32] = if decades < 2.6 { &[1, 2, 5] } else { &[1] };
         let mut ticks = Vec::new();
         for power in self.low.log10().floor() as i32..=self.high.log10().ceil() as i32 {
             for digit in 1..=9_u32 {
@@ -97,7 +102,7 @@ mod tests {
 
     #[test]
     fn decades_lie_evenly() {
-        let axis = LogAxis::around([1.0, 1000.0], 1.0, [0.0, 300.0]);
+        let axis = LogAxis::around([1.0, 1000.0], [0.0; 2], [0.0, 300.0]);
         for (value, pixel) in [(1.0, 0.0), (10.0, 100.0), (100.0, 200.0), (1000.0, 300.0), (0.0, 0.0)] {
             assert!((axis.at(value) - pixel).abs() < 1e-9, "{value}");
         }
@@ -109,7 +114,7 @@ mod tests {
     #[test]
     fn narrow_and_empty_ranges_still_make_an_axis() {
         for values in [vec![], vec![0.3], vec![f64::NAN, 0.0, -1.0]] {
-            let axis = LogAxis::around(values, 1.2, [0.0, 1.0]);
+            let axis = LogAxis::around(values, [0.1; 2], [0.0, 1.0]);
             assert!(axis.ticks().iter().filter(|t| t.label.is_some()).count() >= 3);
         }
     }

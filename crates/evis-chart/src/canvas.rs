@@ -2,6 +2,7 @@
 
 use std::sync::OnceLock;
 
+use ab_glyph::{Font, FontRef};
 use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::coord::Shift;
 use plotters::drawing::{DrawingArea, IntoDrawingArea};
@@ -50,32 +51,50 @@ struct Medium {
     size: f64,
     /// From a text's top anchor down to its baseline, in ems.
     baseline: f64,
+    /// Whether the backend sets a text as one piece.
+    whole: bool,
 }
 
 /// plotters divides sizes by 1.24, and sets the top at 0.76 em above the baseline.
-const SVG: Medium = Medium { size: 1.24, baseline: 0.76 };
+const SVG: Medium = Medium { size: 1.24, baseline: 0.76, whole: true };
 
 /// The bitmap's size is the font's height, and its baseline lies at half of it.
-const BITMAP: Medium = Medium { size: FONT_HEIGHT_EM, baseline: FONT_HEIGHT_EM / 2.0 };
+const BITMAP: Medium = Medium { size: FONT_HEIGHT_EM, baseline: FONT_HEIGHT_EM / 2.0, whole: false };
 
-/// Registers the font, once per process. plotters keeps fonts in a table of its own, by name.
-fn font() -> Result<(), ChartError> {
-    static REGISTERED: OnceLock<bool> = OnceLock::new();
-    let done = REGISTERED.get_or_init(|| {
-        plotters::style::register_font(FAMILY, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT).is_ok()
+/// The embedded font: Ubuntu Light, under the Ubuntu font licence, which lets it be embedded and pictures made with it
+/// be used freely. plotters keeps fonts in a table of its own, by name; it is registered there once per process.
+fn font() -> Result<&'static FontRef<'static>, ChartError> {
+    static FONT: OnceLock<Option<FontRef<'static>>> = OnceLock::new();
+    let found = FONT.get_or_init(|| {
+        let bytes = epaint_default_fonts::UBUNTU_LIGHT;
+        plotters::style::register_font(FAMILY, FontStyle::Normal, bytes).ok()?;
+        FontRef::try_from_slice(bytes).ok()
     });
-    if *done { Ok(()) } else { Err(ChartError::Draw("the embedded font cannot be read".into())) }
+    found.as_ref().ok_or_else(|| ChartError::Draw("the embedded font cannot be read".into()))
+}
+
+/// Where each glyph of `text` starts, in ems, and how long the text is.
+fn glyphs(font: &FontRef<'_>, text: &str) -> (Vec<(char, f64)>, f64) {
+    let per_em = f64::from(font.units_per_em().unwrap_or(1000.0));
+    let mut pen = 0.0;
+    let mut before = None;
+    let mut starts = Vec::with_capacity(text.len());
+    for c in text.chars() {
+        let glyph = font.glyph_id(c);
+        if let Some(before) = before {
+            pen += f64::from(font.kern_unscaled(before, glyph)) / per_em;
+        }
+        // plotters draws a glyph from its first inked column on and forgets the bearing before it.
+        starts.push((c, pen + f64::from(font.h_side_bearing_unscaled(glyph)) / per_em));
+        pen += f64::from(font.h_advance_unscaled(glyph)) / per_em;
+        before = Some(glyph);
+    }
+    (starts, pen)
 }
 
 /// Width of `text` in the embedded font at this em.
 pub(crate) fn text_width(text: &str, em: f64) -> f64 {
-    if font().is_err() {
-        return 0.0;
-    }
-    // Layout works in whole pixels: measured large, then scaled.
-    let large = 100.0;
-    let desc = FontDesc::new(FontFamily::Name(FAMILY), large * FONT_HEIGHT_EM, FontStyle::Normal);
-    desc.layout_box(text).map_or(0.0, |((left, _), (right, _))| f64::from(right - left) * em / large)
+    font().map_or(0.0, |font| glyphs(font, text).1 * em)
 }
 
 /// A sheet.
@@ -164,20 +183,37 @@ impl<DB: DrawingBackend> Canvas<DB> {
         set: Type,
         turn: FontTransform,
     ) -> Result<(), ChartError> {
-        let horizontal = match align {
-            Align::Left => HPos::Left,
-            Align::Centre => HPos::Center,
-            Align::Right => HPos::Right,
-        };
         let drop = set.em * self.medium.baseline;
-        let place = match turn {
-            FontTransform::Rotate270 => [x - drop, y],
-            _ => [x, y - drop],
+        // `along` runs with the text, from the place on.
+        let anchor = |along: f64| match turn {
+            FontTransform::Rotate270 => at([x - drop, y - along]),
+            _ => at([x + along, y - drop]),
         };
         let size = set.em * self.medium.size * FINE;
-        let desc = FontDesc::new(FontFamily::Name(FAMILY), size, FontStyle::Normal).transform(turn);
-        let style = TextStyle::from(desc).color(&set.colour).pos(Pos::new(horizontal, VPos::Top));
-        self.area.draw(&Text::new(text.to_owned(), at(place), style)).map_err(failed)
+        let desc = FontDesc::new(FontFamily::Name(FAMILY), size, FontStyle::Normal).transform(turn.clone());
+        let style = |horizontal| {
+            TextStyle::from(desc.clone()).color(&set.colour).pos(Pos::new(horizontal, VPos::Top))
+        };
+        if self.medium.whole {
+            let style = style(match align {
+                Align::Left => HPos::Left,
+                Align::Centre => HPos::Center,
+                Align::Right => HPos::Right,
+            });
+            return self.area.draw(&Text::new(text.to_owned(), anchor(0.0), style)).map_err(failed);
+        }
+        let (glyphs, length) = glyphs(font()?, text);
+        let start = match align {
+            Align::Left => 0.0,
+            Align::Centre => -length / 2.0,
+            Align::Right => -length,
+        };
+        for (glyph, from) in glyphs {
+            let place = anchor((start + from) * set.em);
+            let glyph = Text::new(glyph.to_string(), place, style(HPos::Left));
+            self.area.draw(&glyph).map_err(failed)?;
+        }
+        Ok(())
     }
 
     fn finish(self) -> Result<(), ChartError> {

@@ -7,7 +7,7 @@ use plotters::backend::DrawingBackend;
 use crate::axis::LogAxis;
 use crate::canvas::{self, Align, Canvas, Colour, Drawing, Type, text_width};
 use crate::error::ChartError;
-use crate::label::{Obstacles, Rect, Wanted, place};
+use crate::label::{Obstacles, Placed, Rect, Wanted, place};
 use crate::ladder::number;
 use crate::marker::{self, Style};
 use crate::result::{ChartResult, Lens, Measure, REAL_TIME_MS, SceneChart, tolerance};
@@ -284,8 +284,9 @@ impl<'a> Panel<'a> {
         let costs = places.iter().map(|p| p.cost).chain(slowest).chain([REAL_TIME_MS]);
         let floor = scene.truth.floor.as_ref().map(|s| measure.of(s)).filter(|e| *e > 0.0);
         let errors = places.iter().map(|p| p.error).chain(floor);
-        let x = LogAxis::around(costs, 1.35, [plot.left, plot.right]);
-        let y = LogAxis::around(errors, 1.35, [plot.bottom, plot.top]);
+        let x = LogAxis::around(costs, [0.05, 0.05], [plot.left, plot.right]);
+        // Room below for the word that says which way is better.
+        let y = LogAxis::around(errors, [0.12, 0.06], [plot.bottom, plot.top]);
         // No F1 lies below 0.
         let y = if matches!(measure, Measure::F1 { .. }) { y.up_to(1.0) } else { y };
         Self { figure, scene, measure, plot, x, y, floor }
@@ -293,13 +294,15 @@ impl<'a> Panel<'a> {
 
     fn draw<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {
         self.draw_grid(canvas)?;
-        self.draw_titles(canvas)?;
         self.draw_floor(canvas)?;
         self.draw_real_time(canvas)?;
+        self.draw_titles(canvas)?;
         self.draw_families(canvas)?;
         self.draw_front(canvas)?;
+        let labels = self.labels();
+        self.draw_label_grounds(canvas, &labels)?;
         self.draw_points(canvas)?;
-        self.draw_labels(canvas)
+        self.draw_labels(canvas, &labels)
     }
 
     fn draw_grid<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {
@@ -341,7 +344,8 @@ impl<'a> Panel<'a> {
         canvas.text_upward(&self.error_title(), [plot.left - 48.0, middle], AXIS_TITLE)?;
         let centre = (plot.left + plot.right) / 2.0;
         canvas.text(COST_TITLE, [centre, plot.bottom + 39.0], Align::Centre, AXIS_TITLE)?;
-        // Which way is better, in the corner where it is best.
+        // Which way is better, in the corner where it is best; no line runs through it.
+        canvas.fill(&self.hint().corners(), plotters::style::WHITE)?;
         let corner = [plot.left + 10.0, plot.bottom - 10.0];
         let tail = [corner[0] + 15.0, corner[1] - 15.0];
         canvas.line(&[tail, [corner[0] + 2.0, corner[1] - 2.0]], 1.5, SOFT_INK)?;
@@ -471,7 +475,8 @@ impl<'a> Panel<'a> {
         Ok(())
     }
 
-    fn draw_labels<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {
+    /// Labels that have found a place.
+    fn labels(&self) -> Vec<(Label, Placed)> {
         let at = self.at();
         let front = self.front();
         let mut named: Vec<(u8, usize, String, [f64; 2])> = Vec::new();
@@ -482,51 +487,60 @@ impl<'a> Panel<'a> {
                 (_, true) => 1,
                 _ => 2,
             };
-            let text = point.setting.published.clone().unwrap_or_else(|| point.setting.label());
+            // Beaten points say their rate; the marker tells the rest.
+            let setting = &point.setting;
+            let text = match &setting.published {
+                Some(name) => name.clone(),
+                None if rank == 2 => format!("{} Hz", number(setting.rate_hz)),
+                None => setting.label(),
+            };
             named.push((rank, i, text, at));
         }
         named.sort_by_key(|(rank, i, ..)| (*rank, *i));
-        // Two lines have names too, at their ends.
+        let mut labels: Vec<Label> = Vec::new();
+        // The lines have names too, anywhere along them, best at their ends.
         let x = self.x.at(REAL_TIME_MS);
-        let mut texts = vec![("real time".to_owned(), [x, self.plot.top + 6.0], true)];
-        if let Some(floor) = self.floor {
-            texts.push(("truth's own error".to_owned(), [self.plot.right - 60.0, self.y.at(floor)], true));
+        let steps = (0..12).map(f64::from);
+        let down = steps.clone().map(|k| [x, self.plot.top + 9.0 + k * 25.0]).collect();
+        labels.push(Label { text: "real time".into(), at: down, rim: 2.0, set: LABEL, required: true });
+        if let Some(y) = self.floor.map(|floor| self.y.at(floor)) {
+            let leftward = steps.map(|k| [self.plot.right - 50.0 - k * 25.0, y]).collect();
+            let text = "truth's own error".into();
+            labels.push(Label { text, at: leftward, rim: 1.5, set: HINT, required: true });
         }
-        texts.extend(named.into_iter().map(|(rank, _, text, at)| (text, at, rank < 2)));
-        let wanted: Vec<_> = texts
-            .iter()
-            .map(|(text, at, required)| Wanted {
-                at: *at,
-                width: text_width(text, LABEL.em) * WIDER,
-                height: LABEL.em,
-                required: *required,
-            })
-            .collect();
+        labels.extend(named.into_iter().map(|(rank, _, text, at)| Label {
+            text,
+            at: vec![at],
+            rim: if rank == 0 { marker::RING } else { marker::RADIUS },
+            set: if rank < 2 { LABEL } else { HINT },
+            required: rank < 2,
+        }));
+        let placed = self.place(&labels, x);
+        labels.into_iter().zip(placed).filter_map(|(label, placed)| Some((label, placed?))).collect()
+    }
 
-        let mut solid: Vec<_> =
-            at.iter().flatten().map(|at| Rect::around(*at, marker::RADIUS + 1.5)).collect();
-        solid.push(self.hint());
-        let mut lines: Vec<[[f64; 2]; 2]> = segments(&self.front_line()).collect();
-        lines.push([[x, self.plot.top], [x, self.plot.bottom]]);
-        lines.extend(self.family_lines().iter().flat_map(|(_, line)| segments(line).collect::<Vec<_>>()));
-        lines.extend(self.bars());
-        if let Some(floor) = self.floor {
-            let y = self.y.at(floor);
-            lines.push([[self.plot.left, y], [self.plot.right, y]]);
+    /// White under the labels: lines do not run through words.
+    fn draw_label_grounds<DB: DrawingBackend>(
+        &self,
+        canvas: &Canvas<DB>,
+        labels: &[(Label, Placed)],
+    ) -> Result<(), ChartError> {
+        for (_, Placed { rect, .. }) in labels {
+            canvas.fill(&rect.corners(), plotters::style::WHITE)?;
         }
-        let bounds = Rect::new(
-            self.plot.left + 4.0,
-            self.plot.top + 2.0,
-            self.plot.width() - 4.0,
-            self.plot.height() - 6.0,
-        );
-        let placed = place(&wanted, &Obstacles { bounds, solid: &solid, lines: &lines });
-        for ((text, at, _), rect) in texts.iter().zip(&placed) {
-            let Some(rect) = rect else { continue };
+        Ok(())
+    }
+
+    fn draw_labels<DB: DrawingBackend>(
+        &self,
+        canvas: &Canvas<DB>,
+        labels: &[(Label, Placed)],
+    ) -> Result<(), ChartError> {
+        for (label, Placed { rect, at }) in labels {
             let end = rect.nearest(*at);
             let away = (end[0] - at[0]).hypot(end[1] - at[1]);
-            if away > 13.0 {
-                let start = marker::RADIUS / away;
+            if away > label.rim + 8.0 {
+                let start = label.rim / away;
                 let from = [at[0] + (end[0] - at[0]) * start, at[1] + (end[1] - at[1]) * start];
                 canvas.line(&[from, end], 0.75, AXIS)?;
             }
@@ -538,10 +552,50 @@ impl<'a> Panel<'a> {
             } else {
                 (Align::Centre, (rect.left + rect.right) / 2.0)
             };
-            canvas.text(text, [x, rect.bottom - 2.2], align, LABEL)?;
+            canvas.text(&label.text, [x, rect.bottom - 2.2], align, label.set)?;
         }
         Ok(())
     }
+
+    fn place(&self, labels: &[Label], real_time_x: f64) -> Vec<Option<Placed>> {
+        let wanted: Vec<_> = labels
+            .iter()
+            .map(|label| Wanted {
+                at: label.at.clone(),
+                rim: label.rim,
+                width: text_width(&label.text, label.set.em) * WIDER,
+                height: label.set.em,
+                required: label.required,
+            })
+            .collect();
+        let at = self.at();
+        let mut solid: Vec<_> =
+            at.iter().flatten().map(|at| Rect::around(*at, marker::RADIUS + 1.5)).collect();
+        solid.push(self.hint());
+        let mut lines: Vec<[[f64; 2]; 2]> = segments(&self.front_line()).collect();
+        lines.push([[real_time_x, self.plot.top], [real_time_x, self.plot.bottom]]);
+        lines.extend(self.family_lines().iter().flat_map(|(_, line)| segments(line).collect::<Vec<_>>()));
+        if let Some(floor) = self.floor {
+            let y = self.y.at(floor);
+            lines.push([[self.plot.left, y], [self.plot.right, y]]);
+        }
+        let bounds = Rect::new(
+            self.plot.left + 4.0,
+            self.plot.top + 2.0,
+            self.plot.width() - 4.0,
+            self.plot.height() - 6.0,
+        );
+        place(&wanted, &Obstacles { bounds, solid: &solid, lines: &lines })
+    }
+}
+
+/// A label in a panel.
+struct Label {
+    text: String,
+    at: Vec<[f64; 2]>,
+    rim: f64,
+    set: Type,
+    required: bool,
 }
 
 const COST_TITLE: &str = "cost: milliseconds of work per simulated second";
@@ -611,15 +665,22 @@ fn scene_note(scene: &SceneChart) -> String {
     let known = if scene.truth.pixels as u64 >= pixels {
         "all pixels".to_owned()
     } else {
-        format!("{} of its pixels", scene.truth.pixels)
+        format!("{} of the pixels", grouped(scene.truth.pixels))
     };
     format!(
         "{}×{} pixels, {} s, {thresholds}; truth: {} events in {known}",
         scene.width,
         scene.height,
         number(scene.duration_us as f64 * 1.0e-6),
-        scene.truth.events
+        grouped(scene.truth.events)
     )
+}
+
+/// `12 345`, with spaces that do not break.
+fn grouped(n: usize) -> String {
+    let digits = n.to_string();
+    let space = |i: usize| i > 0 && (digits.len() - i).is_multiple_of(3) && digits.len() > 4;
+    digits.char_indices().flat_map(|(i, d)| space(i).then_some('\u{a0}').into_iter().chain([d])).collect()
 }
 
 /// What could not be measured, by reason.

@@ -26,7 +26,7 @@ pub enum ChartError {
     Score(String),
     /// Two repetitions of one setting gave different events.
     #[error(
-        "{label}: repetition {repetition} gave other events than the first ({found:016x}, not {expected:016x}); the \
+        "{label}: repetition {repetition} gave other events than the first ({found}, not {expected}); the \
          engine must give the same bytes each time, please report the scene, the device and its driver"
     )]
     NotRepeatable {
@@ -35,9 +35,9 @@ pub enum ChartError {
         /// Which repetition, counted from 1.
         repetition: usize,
         /// Hash of the first repetition's events.
-        expected: u64,
+        expected: String,
         /// Hash of this one's.
-        found: u64,
+        found: String,
     },
     /// No measured setting does what was asked.
     #[error("{0}")]

@@ -26,6 +26,11 @@ impl Rect {
         self.bottom - self.top
     }
 
+    pub(crate) fn corners(&self) -> [[f64; 2]; 4] {
+        let Self { left, top, right, bottom } = *self;
+        [[left, top], [right, top], [right, bottom], [left, bottom]]
+    }
+
     /// Shared area.
     pub(crate) fn overlap(&self, other: &Self) -> f64 {
         let wide = self.right.min(other.right) - self.left.max(other.left);
@@ -67,10 +72,12 @@ impl Rect {
 }
 
 /// A label to place.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Wanted {
-    /// The point that it names.
-    pub(crate) at: [f64; 2],
+    /// The point that it names; for a line, several of its points, the best ones first.
+    pub(crate) at: Vec<[f64; 2]>,
+    /// From the point's middle to its rim.
+    pub(crate) rim: f64,
     pub(crate) width: f64,
     pub(crate) height: f64,
     /// Placed at any distance; others are left out where there is no room beside their point.
@@ -87,24 +94,37 @@ pub(crate) struct Obstacles<'a> {
     pub(crate) lines: &'a [[[f64; 2]; 2]],
 }
 
-/// Distances from the point at which a label beside it is tried.
-const NEAR: [f64; 3] = [7.0, 11.0, 16.0];
+/// Distances from the point's rim at which a label beside it is tried.
+const NEAR: [f64; 3] = [3.0, 7.0, 12.0];
+
+/// A label's place.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Placed {
+    pub(crate) rect: Rect,
+    /// The point that it names, of those given.
+    pub(crate) at: [f64; 2],
+}
 
 /// Places `wanted` in their order: the first ones have the best places. A label that is left out is `None`.
-pub(crate) fn place(wanted: &[Wanted], obstacles: &Obstacles<'_>) -> Vec<Option<Rect>> {
+pub(crate) fn place(wanted: &[Wanted], obstacles: &Obstacles<'_>) -> Vec<Option<Placed>> {
     let mut placed: Vec<Rect> = Vec::new();
     let mut leaders: Vec<[[f64; 2]; 2]> = Vec::new();
     let mut out = Vec::new();
     for want in wanted {
-        let best = candidates(want, &obstacles.bounds)
-            .map(|rect| (cost(&rect, want, obstacles, &placed, &leaders), rect))
+        let places = want.at.iter().enumerate().flat_map(|(k, at)| {
+            let beside = candidates(want, *at, &obstacles.bounds);
+            let cost = |rect: &Rect| k as f64 + cost(rect, *at, obstacles, &placed, &leaders);
+            beside.map(|rect| (cost(&rect), Placed { rect, at: *at })).collect::<Vec<_>>()
+        });
+        let best = places
             .min_by(|a, b| a.0.total_cmp(&b.0))
-            .filter(|(cost, _)| want.required || *cost < OVERLAP);
-        if let Some((_, rect)) = best {
+            .filter(|(cost, _)| want.required || *cost < OVERLAP)
+            .map(|(_, placed)| placed);
+        if let Some(Placed { rect, at }) = best {
             placed.push(rect);
-            leaders.push([want.at, rect.nearest(want.at)]);
+            leaders.push([at, rect.nearest(at)]);
         }
-        out.push(best.map(|(_, rect)| rect));
+        out.push(best);
     }
     out
 }
@@ -114,23 +134,23 @@ const OVERLAP: f64 = 1.0e4;
 
 fn cost(
     rect: &Rect,
-    want: &Wanted,
+    at: [f64; 2],
     obstacles: &Obstacles<'_>,
     placed: &[Rect],
     leaders: &[[[f64; 2]; 2]],
 ) -> f64 {
-    let end = rect.nearest(want.at);
-    let leader = (end[0] - want.at[0]).hypot(end[1] - want.at[1]);
+    let end = rect.nearest(at);
+    let leader = (end[0] - at[0]).hypot(end[1] - at[1]);
     let over = |rects: &[Rect]| rects.iter().map(|r| r.overlap(rect)).sum::<f64>();
     let crossed = |lines: &[[[f64; 2]; 2]]| lines.iter().map(|[a, b]| rect.cut(*a, *b)).sum::<f64>();
     // A leader that runs through other labels misleads.
-    let through = placed.iter().map(|r| r.cut(want.at, end)).sum::<f64>();
+    let through = placed.iter().map(|r| r.cut(at, end)).sum::<f64>();
     let covered = over(placed) + over(obstacles.solid);
     let outside = if obstacles.bounds.holds(rect) { 0.0 } else { 1.0 };
     let hard = if covered > 0.0 { OVERLAP * (1.0 + covered) } else { 0.0 };
     // Right of the point and above it is where readers look first.
-    let left = if rect.right < want.at[0] { 0.8 } else { 0.0 };
-    let below = if rect.top > want.at[1] { 0.4 } else { 0.0 };
+    let left = if rect.right < at[0] { 0.8 } else { 0.0 };
+    let below = if rect.top > at[1] { 0.4 } else { 0.0 };
     hard + outside * OVERLAP * 1.0e6
         + leader
         + left
@@ -141,10 +161,10 @@ fn cost(
 }
 
 /// Places beside the point, and for required labels all over the bounds.
-fn candidates<'a>(want: &'a Wanted, bounds: &Rect) -> impl Iterator<Item = Rect> + 'a {
-    let [x, y] = want.at;
-    let (w, h) = (want.width, want.height);
+fn candidates(want: &Wanted, [x, y]: [f64; 2], bounds: &Rect) -> impl Iterator<Item = Rect> + use<> {
+    let (w, h, rim) = (want.width, want.height, want.rim);
     let beside = NEAR.into_iter().flat_map(move |gap| {
+        let gap = rim + gap;
         let slant = gap * 0.75;
         [
             Rect::new(x + gap, y - h / 2.0, w, h),
@@ -175,12 +195,16 @@ mod tests {
 
     const BOUNDS: Rect = Rect { left: 0.0, top: 0.0, right: 400.0, bottom: 300.0 };
 
+    fn label(at: [f64; 2]) -> Wanted {
+        Wanted { at: vec![at], rim: 4.0, width: 60.0, height: 12.0, required: true }
+    }
+
     fn crowd(count: usize, spread: f64) -> Vec<Wanted> {
         let at = |k: usize| {
             let (a, b) = ((k * 37 % 101) as f64 / 101.0, (k * 53 % 97) as f64 / 97.0);
             [200.0 + (a - 0.5) * spread, 150.0 + (b - 0.5) * spread]
         };
-        (0..count).map(|k| Wanted { at: at(k), width: 60.0, height: 12.0, required: true }).collect()
+        (0..count).map(|k| label(at(k))).collect()
     }
 
     fn clashes(rects: &[Rect]) -> usize {
@@ -188,18 +212,21 @@ mod tests {
         pairs.filter(|(a, b)| a.overlap(b) > 0.0).count()
     }
 
+    fn rects(placed: &[Option<Placed>]) -> Vec<Rect> {
+        placed.iter().flatten().map(|p| p.rect).collect()
+    }
+
     #[test]
     fn crowded_labels_do_not_cover_each_other_or_the_points() {
         let wanted = crowd(30, 80.0);
-        let solid: Vec<_> = wanted.iter().map(|w| Rect::around(w.at, 4.0)).collect();
-        let placed = place(&wanted, &Obstacles { bounds: BOUNDS, solid: &solid, lines: &[] });
-        let rects: Vec<_> = placed.into_iter().flatten().collect();
+        let solid: Vec<_> = wanted.iter().map(|w| Rect::around(w.at[0], 4.0)).collect();
+        let rects = rects(&place(&wanted, &Obstacles { bounds: BOUNDS, solid: &solid, lines: &[] }));
         assert_eq!(rects.len(), wanted.len(), "required labels are all there");
         assert_eq!(clashes(&rects), 0);
         assert!(rects.iter().all(|r| BOUNDS.holds(r)));
         assert!(rects.iter().all(|r| solid.iter().all(|s| s.overlap(r) == 0.0)));
         let naive: Vec<_> =
-            wanted.iter().map(|w| Rect::new(w.at[0] + 7.0, w.at[1] - 6.0, 60.0, 12.0)).collect();
+            wanted.iter().map(|w| Rect::new(w.at[0][0] + 7.0, w.at[0][1] - 6.0, 60.0, 12.0)).collect();
         assert!(clashes(&naive) > 10, "canary: beside each point they would clash");
     }
 
@@ -207,19 +234,26 @@ mod tests {
     fn labels_that_nobody_requires_are_left_out_where_there_is_no_room() {
         let mut wanted = crowd(30, 20.0);
         wanted.iter_mut().for_each(|w| w.required = false);
-        let placed = place(&wanted, &Obstacles { bounds: BOUNDS, solid: &[], lines: &[] });
-        let rects: Vec<_> = placed.iter().copied().flatten().collect();
+        let rects = rects(&place(&wanted, &Obstacles { bounds: BOUNDS, solid: &[], lines: &[] }));
         assert!(!rects.is_empty() && rects.len() < wanted.len());
         assert_eq!(clashes(&rects), 0);
     }
 
     #[test]
-    fn lines_are_avoided() {
-        let want = Wanted { at: [200.0, 150.0], width: 60.0, height: 12.0, required: true };
-        let alone = place(&[want], &Obstacles { bounds: BOUNDS, solid: &[], lines: &[] });
-        let line = [[[200.0, 150.0], [400.0, 150.0]]];
-        let avoiding = place(&[want], &Obstacles { bounds: BOUNDS, solid: &[], lines: &line });
-        let cut = |r: &Option<Rect>| r.map_or(0.0, |r| r.cut(line[0][0], line[0][1]));
-        assert!(cut(&alone[0]) > 0.0 && cut(&avoiding[0]) == 0.0);
+    fn lines_are_avoided_and_have_labels_of_their_own() {
+        let free = Obstacles { bounds: BOUNDS, solid: &[], lines: &[] };
+        let point = [200.0, 150.0];
+        let alone = rects(&place(&[label(point)], &free))[0];
+        let middle = [[alone.left, 6.0 + alone.top], [alone.right, 6.0 + alone.top]];
+        let avoiding = rects(&place(&[label(point)], &Obstacles { lines: &[middle], ..free }))[0];
+        assert!(alone.cut(middle[0], middle[1]) > 50.0, "canary: the line runs through the first choice");
+        assert_eq!(avoiding.cut(middle[0], middle[1]), 0.0);
+
+        // Beside its first point there is no room, beside another there is.
+        let line: Vec<_> = (0..10).map(|k| [200.0, 20.0 + f64::from(k) * 25.0]).collect();
+        let want = Wanted { at: line, rim: 1.0, required: false, ..label(point) };
+        let wall = [Rect::new(100.0, 0.0, 200.0, 60.0)];
+        let placed = place(&[want], &Obstacles { bounds: BOUNDS, solid: &wall, lines: &[] })[0].unwrap();
+        assert!(placed.at[1] > 45.0 && placed.rect.overlap(&wall[0]) == 0.0, "{placed:?}");
     }
 }

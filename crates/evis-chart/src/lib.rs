@@ -2,6 +2,7 @@
 
 mod axis;
 mod canvas;
+mod chart;
 pub mod draw;
 mod error;
 pub mod front;
@@ -10,11 +11,13 @@ pub mod ladder;
 #[cfg(test)]
 mod made_up;
 mod marker;
+pub mod measure;
 pub mod result;
 
 #[cfg(test)]
 mod tests;
 
+pub use chart::{ChartSettings, Progress, Stage, chart};
 pub use draw::{Look, PictureKind};
 pub use error::ChartError;
 pub use ladder::{Ladder, Setting};

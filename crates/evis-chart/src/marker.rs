@@ -9,6 +9,9 @@ use crate::error::ChartError;
 /// Half of a marker's size.
 pub(crate) const RADIUS: f64 = 4.6;
 
+/// From the middle to the outside of a ring.
+pub(crate) const RING: f64 = RADIUS + 4.2;
+
 /// A family's colour and shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Style {
@@ -87,8 +90,8 @@ pub(crate) fn draw<DB: DrawingBackend>(
 
 /// A ring around a published setting.
 pub(crate) fn ring<DB: DrawingBackend>(canvas: &Canvas<DB>, at: [f64; 2]) -> Result<(), ChartError> {
-    canvas.disc(at, RADIUS + 4.2, RGBColor(0x22, 0x22, 0x22))?;
-    canvas.disc(at, RADIUS + 3.0, plotters::style::WHITE)
+    canvas.disc(at, RING, RGBColor(0x22, 0x22, 0x22))?;
+    canvas.disc(at, RING - 1.2, plotters::style::WHITE)
 }
 
 fn shape<DB: DrawingBackend>(
