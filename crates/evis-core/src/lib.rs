@@ -3,6 +3,7 @@
 //! Public time is integer microseconds (`i64`) since the stream's start; `x` runs right and `y` down
 //! from the top-left pixel; polarity is ON = 1, OFF = 0.
 
+pub mod closed_form;
 pub mod event;
 pub mod format;
 pub mod metric;

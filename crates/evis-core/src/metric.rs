@@ -29,6 +29,8 @@ mod phase;
 mod pixels;
 mod table;
 mod tally;
+#[cfg(test)]
+mod tests;
 
 use serde::{Deserialize, Serialize};
 
@@ -99,8 +101,8 @@ pub struct Score {
     /// Least and largest shift of the chance streams in microseconds: more than 50 ms and less than the duration
     /// minus 50 ms; for truths shorter than 200 ms between a quarter and three quarters of the duration.
     pub chance_shift_us: [i64; 2],
-    /// Clusters of ambiguous events too large for one exact matching, which were matched piece by piece: each seam may
-    /// cost a match.
+    /// Clusters of ambiguous events too large for one exact matching (millions of possible pairs in one pixel), which
+    /// were matched piece by piece and may lack a pair at a seam.
     pub cut_clusters: u64,
 }
 
@@ -154,7 +156,7 @@ pub struct TimeError {
     /// Mean, in microseconds; positive where the stream is late.
     pub bias_us: f64,
     /// Median of the magnitude over the time to the nearest other truth event of the pixel (at least 1 µs), to one
-    /// part in a thousand. Pixels with a single truth event do not count; None where there are no others.
+    /// part in 256. Pixels with a single truth event do not count; None where there are no others.
     pub median_per_interval: Option<f64>,
 }
 

@@ -1,6 +1,18 @@
 //! The converged oracle: what an ideal event camera fires in a scene, computed without the engine.
 //!
-//! Rays in f64 against the scene's own triangles, a dense symmetric lattice of samples over each pixel's area,
-//! thresholds crossed in continuous time. Slow, exact, and with a stated error of its own.
+//! Rays in f64 against the scene's own triangles, a dense symmetric lattice of samples over each pixel's area, edges
+//! found exactly, thresholds crossed in continuous time. Slow, and with a stated error of its own: truths from two
+//! independent families of samples ([`Lattice`]) are scored against each other.
 
+mod clock;
+mod lattice;
+mod oracle;
+mod probe;
 pub mod rays;
+mod settings;
+mod signal;
+mod walk;
+
+pub use lattice::Lattice;
+pub use oracle::{cached, truth};
+pub use settings::{PixelChoice, TruthError, TruthSettings};

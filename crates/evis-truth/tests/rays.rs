@@ -10,7 +10,6 @@ use evis_scene::{
     ShadingModel, Skin, Texture, TextureRef, Wrap,
 };
 use evis_truth::rays::Textures;
-use evis_truth::rays::bvh::{Bvh, intersect};
 use evis_truth::rays::geometry::Geometry;
 use evis_truth::rays::{Options, Pinhole, RayCaster, TextureFilter};
 use glam::{DMat4, DQuat, DVec3};
@@ -183,17 +182,25 @@ fn the_tree_finds_what_every_triangle_finds() {
     primitive.indices.extend([0, 1, 999_999]);
     let scene = scene(vec![primitive], vec![unlit([1.0; 4])]);
     let geometry = Geometry::new(&scene, &still(&scene));
-    let bvh = Bvh::new(&geometry);
+    // Everything against every ray: Cramer's rule instead of the tree's own test.
+    let meets = |t: usize, origin: DVec3, direction: DVec3| {
+        let [a, b, c] = geometry.corners(t).map(|v| v.position);
+        let solved = glam::DMat3::from_cols(b - a, c - a, -direction).inverse() * (origin - a);
+        (solved.x >= 0.0 && solved.y >= 0.0 && solved.x + solved.y <= 1.0 && solved.z >= 0.0)
+            .then_some(solved.z)
+    };
     let mut hits = 0;
     for i in 0..400 {
         let origin = DVec3::new(0.02 * f64::from(i % 20) - 0.2, 0.02 * f64::from(i / 20) - 0.2, 3.0);
         let direction = [DVec3::NEG_Z, DVec3::new(0.05, -0.02, -1.0)][i as usize % 2];
-        let found = bvh.nearest(&geometry, origin, direction, 0.0, |_| true);
-        let truth = (0..geometry.triangles.len())
-            .filter_map(|t| intersect(&geometry, t, origin, direction))
-            .filter(|h| h.distance >= 0.0)
-            .min_by(|a, b| a.distance.total_cmp(&b.distance));
-        assert_eq!(found.map(|h| h.triangle), truth.map(|h| h.triangle));
+        let found = geometry.nearest(origin, direction, 0.0, f64::INFINITY, |_| true);
+        let truth = (0..geometry.matter().triangle_count())
+            .filter_map(|t| Some((t, meets(t, origin, direction)?)))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        assert_eq!(found.map(|h| h.triangle), truth.map(|t| t.0));
+        let far = truth.map_or(9.0, |t| t.1 - 1e-9);
+        assert!(!geometry.any(origin, direction, 0.0, far, |_| true), "nothing lies before the nearest");
+        assert_eq!(geometry.any(origin, direction, 0.0, far + 2e-9, |_| true), found.is_some());
         hits += usize::from(found.is_some());
     }
     assert!((100..400).contains(&hits), "{hits}");
@@ -249,7 +256,7 @@ fn masked_surfaces_have_holes() {
     scene.images.push(Image { name: String::new(), width: 2, height: 1, texels });
     scene.textures.push(Texture { image: 0, wrap_u: Wrap::Clamp, wrap_v: Wrap::Clamp, nearest: false });
     let state = still(&scene);
-    let base = Options { filter: TextureFilter::BaseLevel, shadows: false };
+    let base = Options { filter: TextureFilter::BaseLevel, shadows: false, ..Options::default() };
     let at = |x: f64| at_pixel(&scene, &state, &camera(), [x, 12.0], base).x;
     // Alpha is bilinear between 0.2 and 0.8 and passes 0.5 in the middle of the card.
     assert_eq!([at(7.0), at(15.9), at(16.1), at(25.0), at(27.0)], [0.0, 0.0, 1.0, 1.0, 0.0]);
@@ -447,7 +454,7 @@ fn textured(wrap: Wrap, nearest: bool, scale: f32) -> Scene {
 
 #[test]
 fn textures_are_upright_wrapped_and_bilinear() {
-    let base = Options { filter: TextureFilter::BaseLevel, shadows: false };
+    let base = Options { filter: TextureFilter::BaseLevel, shadows: false, ..Options::default() };
     let at = |scene: &Scene, u: f64, v: f64| {
         // Image point of (u, v) of the card, which spans pixels -9 to 41 and -13 to 37.
         at_pixel(scene, &still(scene), &camera(), [-9.0 + 50.0 * u, -13.0 + 50.0 * v], base).x
@@ -481,7 +488,8 @@ fn mip_levels_follow_the_exact_footprint() {
     scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
     let mut state = still(&scene);
     let spread = |state: &SceneState, camera: &Pinhole, level_bias: f64| {
-        let options = Options { filter: TextureFilter::Mipmapped { level_bias }, shadows: false };
+        let options =
+            Options { filter: TextureFilter::Mipmapped { level_bias }, shadows: false, ..Options::default() };
         let textures = Textures::new(&scene);
         let raster = RayCaster::new(&scene, state, &textures, options);
         (0..64)
@@ -550,7 +558,7 @@ fn normals_stay_upright_under_stretching() {
     state.world_from_node[0] = DMat4::from_scale(DVec3::new(2.0, 1.0, 1.0));
     let geometry = Geometry::new(&scene, &state);
     let expected = DVec3::new(-1.0, 0.0, 2.0).normalize();
-    near(geometry.objects[0].vertices[0].normal, expected, 1e-6);
+    near(geometry.corners(0)[0].normal, expected, 1e-6);
 }
 
 #[test]
@@ -564,7 +572,7 @@ fn morphs_and_skins_move_vertices_as_the_specification_says() {
     let mut state = still(&scene);
     state.morph_weights[0] = vec![0.25, 1.0];
     state.world_from_node[0] = DMat4::from_translation(DVec3::Y);
-    let vertex = Geometry::new(&scene, &state).objects[0].vertices[1];
+    let vertex = Geometry::new(&scene, &state).corners(0)[1];
     near(vertex.position, DVec3::new(1.0, 0.5, 0.25), 1e-12);
     near(vertex.normal, DVec3::X, 1e-12);
 
@@ -582,13 +590,12 @@ fn morphs_and_skins_move_vertices_as_the_specification_says() {
     let turned = DMat4::from_translation(DVec3::new(1.0, 0.0, 3.0)) * DMat4::from_rotation_z(FRAC_PI_2);
     state.world_from_node.extend([lifted, turned]);
     let geometry = Geometry::new(&scene, &state);
-    let vertices = &geometry.objects[0].vertices;
+    let vertices = geometry.corners(0);
     near(vertices[0].position, DVec3::new(-0.5, -0.5, 3.0), 1e-12);
     // (0.5, -0.5) is (-0.5, -0.5) from the joint's place; a quarter turn makes it (0.5, -0.5).
     near(vertices[1].position, DVec3::new(1.5, -0.5, 3.0), 1e-12);
     // Half way between (0.5, 0.5) and 1 + (-0.5, -0.5).
     near(vertices[2].position, DVec3::new(0.5, 0.0, 3.0), 1e-12);
-    assert!(!geometry.objects[0].mirrored);
 }
 
 #[test]
@@ -650,4 +657,41 @@ fn vertex_colors_multiply_and_unlit_follows_its_waveform() {
     // A quarter from the left, three quarters up, where the two triangles agree with the bilinear form's planes.
     let found = at_pixel(&scene, &state, &camera(), [16.0 - 12.5, 12.0 - 12.5], Options::default());
     near(found, DVec3::new(0.25 * 2.0 * 0.5, 0.75 * 0.5, 0.0), 1e-12);
+}
+
+#[test]
+fn what_may_move_is_hit_where_what_rests_would_be() {
+    // A mirrored, sheared card, a morphing one and a still one: once all still, once each free to move.
+    let mut morphing = card(0.4, 0.4);
+    morphing.morph_targets =
+        vec![MorphTarget { positions: vec![[0.1, 0.0, 0.3]; 4], normals: vec![[0.2, 0.0, 0.0]; 4] }];
+    let scene = scene(vec![card(0.5, 0.3), morphing, card(2.0, 2.0)], vec![unlit([1.0; 4])]);
+    let mut state = still(&scene);
+    state.world_from_node[0] = DMat4::from_scale_rotation_translation(
+        DVec3::new(-1.0, 1.5, 0.7),
+        DQuat::from_rotation_y(0.4),
+        DVec3::new(0.3, 0.1, 0.5),
+    );
+    state.world_from_node[1] = DMat4::from_translation(DVec3::new(-0.3, 0.0, 0.2));
+    state.morph_weights[1] = vec![0.7];
+    let still = Geometry::new(&scene, &state);
+    let matter = std::sync::Arc::new(evis_truth::rays::Matter::new(&scene, &self::still(&scene), |n| n < 2));
+    let moving = Geometry::at(&matter, &scene, &state);
+    let mut objects = [0; 3];
+    for i in 0..1600 {
+        let origin = DVec3::new(0.05 * f64::from(i % 40) - 1.0, 0.05 * f64::from(i / 40) - 1.0, 3.0);
+        let direction = DVec3::new(0.03, -0.02, -1.0);
+        let [a, b] = [&still, &moving].map(|g| g.nearest(origin, direction, 0.0, f64::INFINITY, |_| true));
+        let (Some(a), Some(b)) = (a, b) else { panic!("the last card fills the view") };
+        assert_eq!((a.triangle, a.object, a.front), (b.triangle, b.object, b.front));
+        assert!((a.distance - b.distance).abs() < 1e-12);
+        near(still.position(a.triangle, a.barycentric), moving.position(b.triangle, b.barycentric), 1e-12);
+        for (p, q) in still.corners(a.triangle).into_iter().zip(moving.corners(b.triangle)) {
+            near(p.normal, q.normal, 1e-12);
+            near(p.tangent.0, q.tangent.0, 1e-12);
+            assert_eq!(p.tangent.1, q.tangent.1);
+        }
+        objects[a.object] += 1;
+    }
+    assert!(objects.iter().all(|n| *n > 20), "each card is seen: {objects:?}");
 }

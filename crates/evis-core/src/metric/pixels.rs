@@ -1,7 +1,7 @@
 //! One pixel: everything that the score counts there.
 
 use super::by_pixel::{Known, Mark};
-use super::matching::Matcher;
+use super::matching::{Matcher, Scaled};
 use super::phase::Phase;
 use super::tally::Tally;
 use crate::truth::{Region, RegionSpan, Truth};
@@ -15,6 +15,7 @@ const LONG_US: i64 = 200_000;
 #[derive(Default)]
 pub(super) struct Scratch {
     matcher: Matcher,
+    windows: Scaled,
     stream: Side,
     shifted: Vec<i64>,
     truth: Vec<i64>,
@@ -26,6 +27,18 @@ pub(super) struct Scratch {
 struct Side {
     t_us: Vec<i64>,
     region: Vec<Region>,
+}
+
+/// A pixel's events of one polarity, in order of time.
+pub(super) struct PixelEvents<'a> {
+    /// Times of the stream, and where the pixel lies at each.
+    pub stream: &'a [i64],
+    pub regions: &'a [Region],
+    /// The stream's times, shifted for chance.
+    pub shifted: &'a [i64],
+    /// Times of the truth, and what is known of each event.
+    pub truth: &'a [i64],
+    pub known: &'a [TruthDetail],
 }
 
 /// What a truth event brings to a match.
@@ -59,11 +72,11 @@ pub(super) fn score_pixel(
         scratch.take_stream(truth, pixel, stream, on);
         scratch.take_truth(known, on);
         scratch.shift(truth.duration_us, shift_us);
-        let Scratch { matcher, stream, shifted, truth, known } = &mut *scratch;
+        let Scratch { matcher, windows, stream, shifted, truth, known } = &mut *scratch;
         tally.regions(&stream.region, known);
+        let events = PixelEvents { stream: &stream.t_us, regions: &stream.region, shifted, truth, known };
         for level in &mut tally.levels {
-            level.add(matcher, &stream.t_us, &stream.region, truth, known);
-            level.add_chance(matcher, shifted, truth, known);
+            level.add(matcher, windows, &events);
         }
     }
     tally.cut_clusters += std::mem::take(&mut scratch.matcher.cut_clusters);

@@ -1,18 +1,17 @@
 //! Counts over all pixels, and what they become in the end.
 
 use super::by_pixel::{ByPixel, Mark};
-use super::matching::Matcher;
+use super::matching::{Matcher, Plain, Scaled, count_pairs};
 use super::phase::Phase;
-use super::pixels::{TruthDetail, chance_shifts};
+use super::pixels::{PixelEvents, TruthDetail, chance_shifts};
 use super::{MatchScore, RegionScore, Score, ScoreSettings, TimeError, ToleranceScore};
 use crate::truth::{Region, Truth};
 
-/// Bits of an f32 that a ratio's bin leaves out: ten bits of its fraction stay, one part in a thousand.
-const RATIO_BITS: u32 = 13;
+/// Bits of an f32 that a ratio's bin leaves out: eight bits of its fraction stay, one part in 256.
+const RATIO_BITS: u32 = 15;
 
 /// Everything that is counted.
 pub(super) struct Tally {
-    /// Plain and scaled, by turns.
     pub levels: Vec<Level>,
     pub phase: Phase,
     pub cut_clusters: u64,
@@ -28,7 +27,13 @@ pub(super) struct Tally {
 /// What is counted at one tolerance.
 pub(super) struct Level {
     tolerance_us: i64,
-    scaled: bool,
+    plain: Counts,
+    scaled: Counts,
+}
+
+/// What is counted of one matching.
+#[derive(Default)]
+struct Counts {
     /// Pairs by magnitude of their error.
     magnitudes: Vec<u64>,
     /// Pairs by error over interval, in bins of equal relative width.
@@ -43,18 +48,13 @@ pub(super) struct Level {
 
 impl Tally {
     pub fn new(settings: &ScoreSettings, truth: &Truth) -> Self {
-        let level = |tolerance_us: i64, scaled| Level {
-            tolerance_us,
-            scaled,
-            magnitudes: Vec::new(),
-            ratios: Vec::new(),
-            error_sum_us: 0,
-            chance: 0,
-            matched: [0; 4],
-            matched_there: [0; 4],
+        let level = |tolerance_us: &i64| Level {
+            tolerance_us: *tolerance_us,
+            plain: Counts::default(),
+            scaled: Counts::default(),
         };
         Self {
-            levels: settings.tolerances_us.iter().flat_map(|t| [level(*t, false), level(*t, true)]).collect(),
+            levels: settings.tolerances_us.iter().map(level).collect(),
             phase: Phase::new(&truth.sensor, truth.duration_us),
             cut_clusters: 0,
             truth: [0; 4],
@@ -82,8 +82,6 @@ impl Tally {
         let (events, truth_events) = (stream.len() as u64, truth.events.len() as u64);
         let pixels = truth.pixels.len() as u64;
         let pixel_seconds = pixels as f64 * truth.duration_us as f64 / 1.0e6;
-        let scores: Vec<MatchScore> =
-            self.levels.iter().map(|level| self.match_score(level, pixel_seconds)).collect();
         Score {
             duration_us: truth.duration_us,
             pixels,
@@ -95,12 +93,10 @@ impl Tally {
             tolerances: self
                 .levels
                 .iter()
-                .step_by(2)
-                .zip(scores.as_chunks().0)
-                .map(|(level, [plain, scaled])| ToleranceScore {
+                .map(|level| ToleranceScore {
                     tolerance_us: level.tolerance_us,
-                    plain: plain.clone(),
-                    scaled: scaled.clone(),
+                    plain: self.match_score(&level.plain, pixel_seconds),
+                    scaled: self.match_score(&level.scaled, pixel_seconds),
                 })
                 .collect(),
             fired_pixels: self.fired,
@@ -113,11 +109,11 @@ impl Tally {
         }
     }
 
-    fn match_score(&self, level: &Level, pixel_seconds: f64) -> MatchScore {
+    fn match_score(&self, counts: &Counts, pixel_seconds: f64) -> MatchScore {
         let of = |counts: &[u64; 4], region| counts.get(region as usize).copied().unwrap_or(0);
         let regions = Region::ALL.into_iter().filter_map(|region| {
-            let (truth_events, matched) = (of(&self.truth, region), of(&level.matched, region));
-            let events = matched + of(&self.stream, region) - of(&level.matched_there, region);
+            let (truth_events, matched) = (of(&self.truth, region), of(&counts.matched, region));
+            let events = matched + of(&self.stream, region) - of(&counts.matched_there, region);
             (truth_events + events > 0).then(|| RegionScore {
                 region,
                 truth_events,
@@ -129,7 +125,7 @@ impl Tally {
             })
         });
         let sum = |counts: &[u64; 4]| counts.iter().sum::<u64>();
-        let (truth_events, events, matched) = (sum(&self.truth), sum(&self.stream), sum(&level.matched));
+        let (truth_events, events, matched) = (sum(&self.truth), sum(&self.stream), sum(&counts.matched));
         let (missed, spurious) = (truth_events - matched, events - matched);
         MatchScore {
             matched,
@@ -138,55 +134,51 @@ impl Tally {
             precision: share(matched, events),
             recall: share(matched, truth_events),
             f1: share(2 * matched, events + truth_events),
-            chance_f1: share(2 * level.chance, events + truth_events),
+            chance_f1: share(2 * counts.chance, events + truth_events),
             missed_per_pixel_s: missed as f64 / pixel_seconds,
             spurious_per_pixel_s: spurious as f64 / pixel_seconds,
-            time_error: (matched > 0).then(|| level.time_error(matched)),
+            time_error: (matched > 0).then(|| counts.time_error(matched)),
             regions: regions.collect(),
         }
     }
 }
 
 impl Level {
-    fn tolerance<'a>(&self, known: &'a [TruthDetail]) -> impl Fn(usize) -> i64 + use<'a> {
-        let (tolerance_us, scaled) = (self.tolerance_us, self.scaled);
-        move |j| match known.get(j) {
-            // Errors are whole microseconds: rounding down changes no comparison.
-            Some(detail) if scaled => (tolerance_us as f64 * f64::from(detail.scale)) as i64,
-            _ => tolerance_us,
+    /// Matches one pixel's events of one polarity.
+    pub fn add(&mut self, matcher: &mut Matcher, windows: &mut Scaled, pixel: &PixelEvents<'_>) {
+        let plain = Plain { truth: pixel.truth, tolerance_us: self.tolerance_us };
+        let chance = count_pairs(pixel.shifted, plain);
+        self.plain.chance += chance;
+        if pixel.known.iter().all(|k| k.scale <= 1.0) {
+            // Nothing is scaled here: one matching stands for both.
+            matcher.run(pixel.stream, &plain, |i, j, error_us| {
+                self.plain.pair(pixel, i, j, error_us);
+                self.scaled.pair(pixel, i, j, error_us);
+            });
+            self.scaled.chance += chance;
+            return;
         }
+        matcher.run(pixel.stream, &plain, |i, j, error_us| self.plain.pair(pixel, i, j, error_us));
+        // Errors are whole microseconds: rounding down changes no comparison.
+        let tolerance = |scale: f32| (self.tolerance_us as f64 * f64::from(scale)) as i64;
+        windows.set(pixel.truth.iter().zip(pixel.known).map(|(t, k)| (*t, tolerance(k.scale))));
+        matcher.run(pixel.stream, windows, |i, j, error_us| self.scaled.pair(pixel, i, j, error_us));
+        matcher.run(pixel.shifted, windows, |_, _, _| self.scaled.chance += 1);
     }
+}
 
-    pub fn add(
-        &mut self,
-        matcher: &mut Matcher,
-        events: &[i64],
-        regions: &[Region],
-        truth: &[i64],
-        known: &[TruthDetail],
-    ) {
-        matcher.run(events, truth, self.tolerance(known), |i, j, error_us| {
-            let (Some(detail), Some(region)) = (known.get(j), regions.get(i)) else { return };
-            bump(&mut self.matched, detail.region);
-            bump(&mut self.matched_there, *region);
-            self.error_sum_us += error_us;
-            let magnitude = error_us.unsigned_abs();
-            count(&mut self.magnitudes, magnitude as usize);
-            if detail.interval_us > 0 {
-                let ratio = magnitude as f32 / detail.interval_us as f32;
-                count(&mut self.ratios, (ratio.to_bits() >> RATIO_BITS) as usize);
-            }
-        });
-    }
-
-    pub fn add_chance(
-        &mut self,
-        matcher: &mut Matcher,
-        shifted: &[i64],
-        truth: &[i64],
-        known: &[TruthDetail],
-    ) {
-        matcher.run(shifted, truth, self.tolerance(known), |_, _, _| self.chance += 1);
+impl Counts {
+    fn pair(&mut self, pixel: &PixelEvents<'_>, i: usize, j: usize, error_us: i64) {
+        let (Some(known), Some(region)) = (pixel.known.get(j), pixel.regions.get(i)) else { return };
+        bump(&mut self.matched, known.region);
+        bump(&mut self.matched_there, *region);
+        self.error_sum_us += error_us;
+        let magnitude = error_us.unsigned_abs();
+        count(&mut self.magnitudes, magnitude as usize);
+        if known.interval_us > 0 {
+            let ratio = magnitude as f32 / known.interval_us as f32;
+            count(&mut self.ratios, (ratio.to_bits() >> RATIO_BITS) as usize);
+        }
     }
 
     fn time_error(&self, matched: u64) -> TimeError {

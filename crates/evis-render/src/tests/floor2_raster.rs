@@ -113,7 +113,9 @@ impl<'a> Twin<'a> {
         level_bias: f64,
         shadows: bool,
     ) -> Self {
-        let with = |filter| RayCaster::new(scene, state, textures, Options { filter, shadows });
+        let with = |filter| {
+            RayCaster::new(scene, state, textures, Options { filter, shadows, ..Options::default() })
+        };
         Self {
             raster: with(TextureFilter::Mipmapped { level_bias }),
             base: with(TextureFilter::BaseLevel),

@@ -1,170 +1,303 @@
-//! Rays against triangles: a median-split tree over boxes.
+//! Rays against triangles: a tree over boxes, split where the surface-area heuristic is least.
 
 use glam::DVec3;
 
-use super::geometry::Geometry;
-
-/// Triangles in a leaf.
+/// Triangles in a leaf, at most, where splitting does not pay.
 const LEAF: usize = 4;
+/// Bins per axis in which a split is looked for.
+const BINS: usize = 16;
+/// Deeper than this, ranges are halved: the stack below then always suffices.
+const HEURISTIC_DEPTH: usize = 40;
+/// 40 levels by heuristic and 32 halvings of at most 2^32 triangles.
+const STACK: usize = 80;
 
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
-    /// Index into [`Geometry::triangles`].
-    pub triangle: usize,
+pub struct Meeting {
+    /// The triangle's id.
+    pub id: u32,
     /// In lengths of the ray's direction.
     pub distance: f64,
-    /// Weights of the three corners.
-    pub barycentric: [f64; 3],
+    /// Weights of the second and third corner.
+    pub uv: [f64; 2],
     /// The ray runs against the triangle's counter-clockwise side.
     pub counter_clockwise: bool,
 }
 
-/// A tree over the triangles of a [`Geometry`].
+/// A tree over triangles.
 #[derive(Clone, Debug, Default)]
 pub struct Bvh {
     nodes: Vec<Node>,
-    order: Vec<usize>,
+    triangles: Vec<Triangle>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// Leaf: first and one past the last of `order`. Inner: left child is the next node, `end` the right one.
-    start: usize,
-    end: usize,
-    leaf: bool,
+    /// Leaf: first triangle. Inner: the right child; the left one is the next node.
+    start: u32,
+    /// Leaf: how many triangles, above 0. Inner: 0.
+    count: u32,
+}
+
+/// Corner, the two edges that leave it, and a name.
+#[derive(Clone, Copy, Debug)]
+struct Triangle {
+    a: DVec3,
+    ab: DVec3,
+    ac: DVec3,
+    id: u32,
 }
 
 impl Bvh {
-    /// Builds a tree; triangles with corners that are not finite are left out.
-    pub fn new(geometry: &Geometry) -> Self {
-        let boxes: Vec<(DVec3, DVec3)> = (0..geometry.triangles.len())
-            .map(|i| {
-                let [a, b, c] = geometry.corners(i).map(|v| v.position);
-                (a.min(b).min(c), a.max(b).max(c))
-            })
+    /// A tree over `(id, corners)`; triangles with corners that are not finite are left out.
+    pub fn new(triangles: impl Iterator<Item = (u32, [DVec3; 3])>) -> Self {
+        let mut items: Vec<Item> = triangles
+            .filter(|(_, corners)| corners.iter().all(|c| c.is_finite()))
+            .map(|(id, corners)| Item::new(id, corners))
             .collect();
-        let mut order: Vec<usize> = (0..boxes.len())
-            .filter(|&i| geometry.corners(i).iter().all(|v| v.position.is_finite()))
-            .collect();
-        let mut nodes = Vec::new();
-        let end = order.len();
-        if end > 0 {
-            split(&boxes, &mut order, 0, end, &mut nodes);
+        let mut tree = Self { nodes: Vec::new(), triangles: Vec::with_capacity(items.len()) };
+        if !items.is_empty() {
+            tree.build(&mut items, 0);
         }
-        Self { nodes, order }
+        tree
     }
 
-    /// The nearest hit farther than `near` that `accept` takes.
+    /// Corners of the box around everything; `None` where there is nothing.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        self.nodes.first().map(|n| (n.low, n.high))
+    }
+
+    /// The nearest meeting in `[near, far]` that `accept` takes; of equal distances the lowest id, as the depth test
+    /// of a raster pass keeps the first triangle.
     pub fn nearest(
         &self,
-        geometry: &Geometry,
         origin: DVec3,
         direction: DVec3,
         near: f64,
-        mut accept: impl FnMut(&Hit) -> bool,
-    ) -> Option<Hit> {
+        far: f64,
+        mut accept: impl FnMut(&Meeting) -> bool,
+    ) -> Option<Meeting> {
+        let mut best: Option<Meeting> = None;
+        self.walk(origin, direction, near, far, |meeting, far| {
+            let nearer = best.is_none_or(|b| {
+                meeting.distance < b.distance || (meeting.distance == b.distance && meeting.id < b.id)
+            });
+            if nearer && accept(meeting) {
+                best = Some(*meeting);
+                *far = meeting.distance;
+            }
+            false
+        });
+        best
+    }
+
+    /// Whether anything in `[near, far]` is met that `accept` takes.
+    pub fn any(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        near: f64,
+        far: f64,
+        mut accept: impl FnMut(&Meeting) -> bool,
+    ) -> bool {
+        self.walk(origin, direction, near, far, |meeting, _| accept(meeting))
+    }
+
+    /// Visits meetings, nearer boxes first, until `visit` says that it is done; `visit` may shorten the ray.
+    fn walk(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        near: f64,
+        mut far: f64,
+        mut visit: impl FnMut(&Meeting, &mut f64) -> bool,
+    ) -> bool {
+        if self.nodes.is_empty() {
+            return false;
+        }
         let inverse = direction.recip();
-        let mut best: Option<Hit> = None;
-        let mut stack = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
-        while let Some(index) = stack.pop() {
-            let node = &self.nodes[index];
-            let limit = best.map_or(f64::INFINITY, |hit| hit.distance);
+        let enters = |node: &Node, far: f64| {
             let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
             // A ray within a slab's face gives 0 * inf: min and max drop the NaN, which keeps the box.
             let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z)).max(near);
-            let leave = a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(limit);
-            if enter > leave {
-                continue;
-            }
-            if !node.leaf {
-                stack.extend([index + 1, node.end]);
-                continue;
-            }
-            for &triangle in &self.order[node.start..node.end] {
-                let Some(hit) = intersect(geometry, triangle, origin, direction) else { continue };
-                let nearer = best.is_none_or(|b| {
-                    // Equal distances: the first triangle, as the depth test of a raster pass keeps it.
-                    hit.distance < b.distance || (hit.distance == b.distance && triangle < b.triangle)
-                });
-                if hit.distance >= near && nearer && accept(&hit) {
-                    best = Some(hit);
+            let leave = a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(far);
+            (enter <= leave).then_some(enter)
+        };
+        let mut stack = [(0_u32, 0.0_f64); STACK];
+        let mut depth = 0;
+        let mut current = enters(&self.nodes[0], far).map(|_| 0_u32);
+        loop {
+            let Some(index) = current.take() else {
+                // The next box that the ray, perhaps shorter by now, still enters.
+                loop {
+                    if depth == 0 {
+                        return false;
+                    }
+                    depth -= 1;
+                    if stack[depth].1 <= far {
+                        current = Some(stack[depth].0);
+                        break;
+                    }
                 }
+                continue;
+            };
+            let node = &self.nodes[index as usize];
+            if node.count > 0 {
+                let from = node.start as usize;
+                for triangle in &self.triangles[from..from + node.count as usize] {
+                    if let Some(meeting) = triangle.meet(origin, direction)
+                        && meeting.distance >= near
+                        && meeting.distance <= far
+                        && visit(&meeting, &mut far)
+                    {
+                        return true;
+                    }
+                }
+                continue;
             }
+            let (left, right) = (index + 1, node.start);
+            let enter = [left, right].map(|child| enters(&self.nodes[child as usize], far));
+            current = match enter {
+                [Some(l), Some(r)] => {
+                    let (first, second) = if l <= r { (left, (right, r)) } else { (right, (left, l)) };
+                    stack[depth] = second;
+                    depth += 1;
+                    Some(first)
+                }
+                [Some(_), None] => Some(left),
+                [None, Some(_)] => Some(right),
+                [None, None] => None,
+            };
         }
-        best
     }
-}
 
-fn split(
-    boxes: &[(DVec3, DVec3)],
-    order: &mut [usize],
-    start: usize,
-    end: usize,
-    nodes: &mut Vec<Node>,
-) -> usize {
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for &i in &order[start..end] {
-        low = low.min(boxes[i].0);
-        high = high.max(boxes[i].1);
-    }
-    let index = nodes.len();
-    nodes.push(Node { low, high, start, end, leaf: end - start <= LEAF });
-    if end - start > LEAF {
-        let size = high - low;
-        let axis = if size.x >= size.y && size.x >= size.z { 0 } else { 1 + usize::from(size.z > size.y) };
-        let middle = (end - start) / 2;
-        order[start..end].select_nth_unstable_by(middle, |&a, &b| {
-            let centre = |i: usize| boxes[i].0[axis] + boxes[i].1[axis];
-            centre(a).total_cmp(&centre(b))
+    fn build(&mut self, items: &mut [Item], depth: usize) -> u32 {
+        let index = self.nodes.len();
+        let (low, high) = items.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), item| {
+            (low.min(item.low), high.max(item.high))
         });
-        split(boxes, order, start, start + middle, nodes);
-        let right = split(boxes, order, start + middle, end, nodes);
-        nodes[index].end = right;
+        let start = self.triangles.len() as u32;
+        self.nodes.push(Node { low, high, start, count: items.len() as u32 });
+        let Some(middle) = split(items, depth) else {
+            self.triangles.extend(items.iter().map(|i| i.triangle));
+            return index as u32;
+        };
+        let (left, right) = items.split_at_mut(middle);
+        self.build(left, depth + 1);
+        let right = self.build(right, depth + 1);
+        self.nodes[index].start = right;
+        self.nodes[index].count = 0;
+        index as u32
     }
-    index
 }
 
-/// T. Möller and B. Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997; both sides.
-pub fn intersect(geometry: &Geometry, triangle: usize, origin: DVec3, direction: DVec3) -> Option<Hit> {
-    let [a, b, c] = geometry.corners(triangle).map(|v| v.position);
-    let (ab, ac) = (b - a, c - a);
-    let p = direction.cross(ac);
-    let determinant = ab.dot(p);
-    if determinant == 0.0 {
+impl Triangle {
+    /// T. Möller and B. Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997; both sides.
+    fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
+        let p = direction.cross(self.ac);
+        let determinant = self.ab.dot(p);
+        if determinant == 0.0 {
+            return None;
+        }
+        let inverse = determinant.recip();
+        let s = origin - self.a;
+        let u = s.dot(p) * inverse;
+        // A hair of overlap, so that no ray slips between two triangles that share an edge.
+        let slack = 1e-12;
+        if !(u >= -slack && u <= 1.0 + slack) {
+            return None;
+        }
+        let q = s.cross(self.ab);
+        let v = direction.dot(q) * inverse;
+        (v >= -slack && u + v <= 1.0 + slack).then(|| Meeting {
+            id: self.id,
+            distance: self.ac.dot(q) * inverse,
+            uv: [u, v],
+            counter_clockwise: determinant > 0.0,
+        })
+    }
+}
+
+/// A triangle while the tree is built.
+struct Item {
+    low: DVec3,
+    high: DVec3,
+    centre: DVec3,
+    triangle: Triangle,
+}
+
+impl Item {
+    fn new(id: u32, [a, b, c]: [DVec3; 3]) -> Self {
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let triangle = Triangle { a, ab: b - a, ac: c - a, id };
+        Self { low, high, centre: 0.5 * (low + high), triangle }
+    }
+}
+
+/// Half of the area of a box's surface.
+fn area(low: DVec3, high: DVec3) -> f64 {
+    let size = (high - low).max(DVec3::ZERO);
+    size.x * size.y + size.y * size.z + size.z * size.x
+}
+
+/// Sorts `items` into two parts and returns where the second begins; `None` where they are better left together.
+/// (I. Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007.)
+fn split(items: &mut [Item], depth: usize) -> Option<usize> {
+    if items.len() <= LEAF {
         return None;
     }
-    let s = origin - a;
-    let q = s.cross(ab);
-    let u = s.dot(p) / determinant;
-    let v = direction.dot(q) / determinant;
-    // A hair of overlap, so that no ray slips between two triangles that share an edge.
-    let slack = 1e-12;
-    (u >= -slack && v >= -slack && u + v <= 1.0 + slack).then(|| Hit {
-        triangle,
-        distance: ac.dot(q) / determinant,
-        barycentric: [1.0 - u - v, u, v],
-        counter_clockwise: determinant > 0.0,
-    })
+    let (low, high) = items
+        .iter()
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), i| (l.min(i.centre), h.max(i.centre)));
+    let size = high - low;
+    let halve = |items: &mut [Item]| {
+        let axis = if size.x >= size.y && size.x >= size.z { 0 } else { 1 + usize::from(size.z > size.y) };
+        let middle = items.len() / 2;
+        items.select_nth_unstable_by(middle, |a, b| a.centre[axis].total_cmp(&b.centre[axis]));
+        Some(middle)
+    };
+    if depth >= HEURISTIC_DEPTH {
+        return halve(items);
+    }
+    let mut best = (f64::INFINITY, 0, 0);
+    for axis in 0..3 {
+        if size[axis] <= 0.0 {
+            continue;
+        }
+        let mut bins = [(DVec3::INFINITY, DVec3::NEG_INFINITY, 0_usize); BINS];
+        for item in items.iter() {
+            let bin = &mut bins[bin_of(item, axis, low, size)];
+            *bin = (bin.0.min(item.low), bin.1.max(item.high), bin.2 + 1);
+        }
+        let mut right = [(0.0, 0); BINS];
+        let mut sum = (DVec3::INFINITY, DVec3::NEG_INFINITY, 0);
+        for k in (1..BINS).rev() {
+            sum = (sum.0.min(bins[k].0), sum.1.max(bins[k].1), sum.2 + bins[k].2);
+            right[k] = (area(sum.0, sum.1), sum.2);
+        }
+        let mut sum = (DVec3::INFINITY, DVec3::NEG_INFINITY, 0);
+        for k in 1..BINS {
+            sum = (sum.0.min(bins[k - 1].0), sum.1.max(bins[k - 1].1), sum.2 + bins[k - 1].2);
+            if sum.2 == 0 || right[k].1 == 0 {
+                continue;
+            }
+            let cost = area(sum.0, sum.1) * sum.2 as f64 + right[k].0 * right[k].1 as f64;
+            if cost < best.0 {
+                best = (cost, axis, k);
+            }
+        }
+    }
+    let (_, axis, bin) = best;
+    if bin == 0 {
+        // All centres in one place.
+        return halve(items);
+    }
+    items.sort_unstable_by_key(|item| bin_of(item, axis, low, size) >= bin);
+    Some(items.partition_point(|item| bin_of(item, axis, low, size) < bin))
 }
 
-/// Change of the barycentrics of `hit` where `direction` changes by `change`: exact, on the triangle's plane.
-pub fn barycentric_change(
-    geometry: &Geometry,
-    hit: &Hit,
-    origin: DVec3,
-    direction: DVec3,
-    change: DVec3,
-) -> [f64; 3] {
-    let [a, b, c] = geometry.corners(hit.triangle).map(|v| v.position);
-    let (ab, ac) = (b - a, c - a);
-    let (s, q) = (origin - a, (origin - a).cross(ab));
-    // u = U(d) / D(d), v = V(d) / D(d), each linear in the direction.
-    let determinant = ab.dot(direction.cross(ac));
-    let slope = ab.dot(change.cross(ac));
-    let u = (s.dot(change.cross(ac)) - hit.barycentric[1] * slope) / determinant;
-    let v = (change.dot(q) - hit.barycentric[2] * slope) / determinant;
-    [-u - v, u, v]
+fn bin_of(item: &Item, axis: usize, low: DVec3, size: DVec3) -> usize {
+    (((item.centre[axis] - low[axis]) / size[axis] * BINS as f64) as usize).min(BINS - 1)
 }

@@ -4,10 +4,10 @@ use evis_scene::{AlphaMode, Material, Primitive, Scene, SceneState, TextureRef};
 use glam::{DVec2, DVec3, DVec4};
 use rayon::prelude::*;
 
-use super::bvh::{Bvh, Hit, barycentric_change};
-use super::geometry::{Geometry, Object};
+use super::geometry::{Geometry, Hit, Object};
 use super::pinhole::{Pinhole, Ray};
 use super::shade::{self, Lamp, Surface, rgb};
+use super::split_sum::{self, SplitSum};
 use super::texture::{TextureFilter, Textures};
 
 /// Rec. ITU-R BT.709-6, item 3.2.
@@ -20,12 +20,29 @@ pub struct Options {
     pub filter: TextureFilter,
     /// Lights that cast shadows do so, sharply: the limit that shadow maps approach.
     pub shadows: bool,
+    /// How the split sum is found.
+    pub split_sum: SplitSum,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { filter: TextureFilter::Mipmapped { level_bias: 0.0 }, shadows: false }
+        Self {
+            filter: TextureFilter::Mipmapped { level_bias: 0.0 },
+            shadows: false,
+            split_sum: SplitSum::Computed,
+        }
     }
+}
+
+/// What a ray sees, told apart as its border would be seen: two rays with different kinds have an edge between them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Kind {
+    /// 1 + index of the object; 0 for the sky.
+    pub object: u32,
+    /// Flat face of the object, 0 where it is smooth; see [`Object::face`].
+    pub face: u32,
+    /// Lamps in shadow, by bit.
+    pub shadows: u32,
 }
 
 /// A scene at one instant, ready for rays.
@@ -34,7 +51,6 @@ pub struct RayCaster<'a> {
     textures: &'a Textures,
     options: Options,
     geometry: Geometry,
-    bvh: Bvh,
     lamps: Vec<Lamp>,
     emission_factor: Vec<f32>,
 }
@@ -50,25 +66,26 @@ pub struct Labels {
     pub semantic: Vec<u32>,
     /// Interpolated world normal, towards the camera; zero where nothing.
     pub normal: Vec<DVec3>,
-    /// Which triangle ([`Geometry::triangles`]), to tell pixels near an edge.
+    /// Which triangle ([`Hit::triangle`]), to tell pixels near an edge.
     pub triangle: Vec<Option<usize>>,
 }
 
 impl<'a> RayCaster<'a> {
     /// Prepares `scene` as `state` has it; `textures` are those of `scene`.
     pub fn new(scene: &'a Scene, state: &SceneState, textures: &'a Textures, options: Options) -> Self {
-        let geometry = Geometry::new(scene, state);
-        let bvh = Bvh::new(&geometry);
+        Self::with_geometry(scene, state, textures, options, Geometry::new(scene, state))
+    }
+
+    /// As [`RayCaster::new`], with the geometry of `scene` at `state` given.
+    pub fn with_geometry(
+        scene: &'a Scene,
+        state: &SceneState,
+        textures: &'a Textures,
+        options: Options,
+        geometry: Geometry,
+    ) -> Self {
         let lamps = shade::lamps(scene, state);
-        Self {
-            scene,
-            textures,
-            options,
-            geometry,
-            bvh,
-            lamps,
-            emission_factor: state.emission_factor.clone(),
-        }
+        Self { scene, textures, options, geometry, lamps, emission_factor: state.emission_factor.clone() }
     }
 
     /// The triangles that rays are cast against.
@@ -94,17 +111,99 @@ impl<'a> RayCaster<'a> {
     pub fn radiance_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> DVec3 {
         let ray = camera.ray(pixel);
         match self.visible(camera, &ray) {
-            Some(hit) => self.shade(&hit, &ray),
-            None => match &self.scene.environment {
-                Some(environment) if environment.visible => environment.radiance(ray.direction),
-                _ => rgb(self.scene.background),
-            },
+            Some(hit) => self.shade(&hit, &ray, self.shadows_at(&hit, &ray)),
+            None => self.background(&ray),
+        }
+    }
+
+    /// Luminance at one image point, and of what kind it is.
+    pub fn look(&self, camera: &Pinhole, pixel: [f64; 2]) -> (f64, Kind) {
+        let ray = camera.ray(pixel);
+        match self.visible(camera, &ray) {
+            Some(hit) => {
+                let shadows = self.shadows_at(&hit, &ray);
+                (self.shade(&hit, &ray, shadows).dot(LUMA_WEIGHTS), self.kind_of(&hit, shadows))
+            }
+            None => (self.background(&ray).dot(LUMA_WEIGHTS), Kind::default()),
+        }
+    }
+
+    /// Of what kind one image point is; the same as of [`RayCaster::look`], for less.
+    pub fn kind(&self, camera: &Pinhole, pixel: [f64; 2]) -> Kind {
+        let ray = camera.ray(pixel);
+        self.visible(camera, &ray)
+            .map_or(Kind::default(), |hit| self.kind_of(&hit, self.shadows_at(&hit, &ray)))
+    }
+
+    fn kind_of(&self, hit: &Hit, shadows: u32) -> Kind {
+        let face = self.object(hit).face(hit.triangle);
+        Kind { object: hit.object as u32 + 1, face, shadows }
+    }
+
+    fn background(&self, ray: &Ray) -> DVec3 {
+        match &self.scene.environment {
+            Some(environment) if environment.visible => environment.radiance(ray.direction),
+            _ => rgb(self.scene.background),
         }
     }
 
     /// What is seen at one image point; the hit's distance is planar depth.
     pub fn hit_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> Option<Hit> {
         self.visible(camera, &camera.ray(pixel))
+    }
+
+    /// Which of the lamps that throw shadows, by [`Lamp::shadow_bit`], are hidden from a hit that faces them.
+    pub fn shadows_at(&self, hit: &Hit, ray: &Ray) -> u32 {
+        if !self.options.shadows {
+            return 0;
+        }
+        let position = ray.origin + ray.direction * hit.distance;
+        let normal = self.interpolated_normal(hit);
+        self.lamps.iter().filter(|l| l.shadow_bit != 0).fold(0, |mask, lamp| {
+            let incident = lamp.incident(position);
+            let faces = normal.dot(incident.to_light) > 0.0 && incident.irradiance != DVec3::ZERO;
+            if faces && self.blocked(hit, position, &incident) { mask | lamp.shadow_bit } else { mask }
+        })
+    }
+
+    /// Whether the ray through an image point, up to what it hits, or any ray from there to a lamp that throws shadows,
+    /// passes one of `boxes` (low, high).
+    pub fn passes(&self, camera: &Pinhole, pixel: [f64; 2], boxes: &[(DVec3, DVec3)]) -> bool {
+        let ray = camera.ray(pixel);
+        let hit = self.visible(camera, &ray);
+        let far = hit.map_or(f64::INFINITY, |h| h.distance);
+        let meets = |origin: DVec3, direction: DVec3, far: f64| {
+            let inverse = direction.recip();
+            boxes.iter().any(|(low, high)| {
+                let (a, b) = ((*low - origin) * inverse, (*high - origin) * inverse);
+                let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z)).max(0.0);
+                enter <= a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(far)
+            })
+        };
+        if meets(ray.origin, ray.direction, far) {
+            return true;
+        }
+        let Some(hit) = hit else { return false };
+        let position = ray.origin + ray.direction * hit.distance;
+        self.lamps.iter().filter(|l| l.casts_shadow).any(|lamp| {
+            let incident = lamp.incident(position);
+            meets(position, incident.to_light, incident.distance)
+        })
+    }
+
+    /// Whether `target`, a point of triangle `triangle`, is seen from `camera`: inside the picture, in front of the
+    /// near plane, with nothing before it.
+    pub fn sees(&self, camera: &Pinhole, triangle: usize, target: DVec3) -> bool {
+        let Some([x, y]) = camera.project(target) else { return false };
+        if !(0.0..camera.width as f64).contains(&x) || !(0.0..camera.height as f64).contains(&y) {
+            return false;
+        }
+        let ray = camera.ray([x, y]);
+        // What lies nearer than a part in a thousand is the surface itself, met again by rounding.
+        self.visible(camera, &ray).is_none_or(|hit| {
+            let depth = (target - ray.origin).dot(ray.direction) / ray.direction.length_squared();
+            hit.triangle == triangle || hit.distance > depth * (1.0 - 1e-3)
+        })
     }
 
     /// Labels of every pixel.
@@ -128,10 +227,7 @@ impl<'a> RayCaster<'a> {
         self.for_pixels(camera, |center| {
             let ray = camera.ray(center);
             let there = match self.visible(camera, &ray) {
-                Some(hit) => {
-                    let corners = other.corners(hit.triangle).map(|v| v.position);
-                    other_camera.project(blend(&hit, corners))
-                }
+                Some(hit) => other_camera.project(other.position(hit.triangle, hit.barycentric)),
                 None => other_camera.project_direction(ray.direction),
             }?;
             Some([there[0] - center[0], there[1] - center[1]])
@@ -147,26 +243,21 @@ impl<'a> RayCaster<'a> {
     }
 
     fn visible(&self, camera: &Pinhole, ray: &Ray) -> Option<Hit> {
-        self.bvh.nearest(&self.geometry, ray.origin, ray.direction, camera.near, |hit| {
+        self.geometry.nearest(ray.origin, ray.direction, camera.near, f64::INFINITY, |hit| {
             let Some((_, material)) = self.looks(hit) else { return false };
             // glTF 2.0, 3.9.6: without doubleSided, back faces are culled.
-            (material.double_sided || self.front(hit)) && self.solid(hit, ray)
+            (material.double_sided || hit.front) && self.solid(hit, ray)
         })
     }
 
     fn object(&self, hit: &Hit) -> &Object {
-        &self.geometry.objects[self.geometry.triangles[hit.triangle].object]
+        &self.geometry.matter().objects[hit.object]
     }
 
     fn looks(&self, hit: &Hit) -> Option<(&Primitive, &Material)> {
         let object = self.object(hit);
         let primitive = &self.scene.meshes[object.mesh].primitives[object.primitive];
         Some((primitive, self.scene.materials.get(primitive.material)?))
-    }
-
-    /// The viewer sees the outside.
-    fn front(&self, hit: &Hit) -> bool {
-        hit.counter_clockwise != self.object(hit).mirrored
     }
 
     /// glTF 2.0, 3.9.4: masked surfaces exist where alpha reaches the cutoff.
@@ -185,7 +276,7 @@ impl<'a> RayCaster<'a> {
     fn base_color(&self, primitive: &Primitive, material: &Material, hit: &Hit, ray: &Ray) -> DVec4 {
         let factor = DVec4::from_array(material.base_color.map(f64::from));
         let vertex = primitive.colors.as_ref().map_or(DVec4::ONE, |colors| {
-            let corners = self.geometry.triangles[hit.triangle].corners;
+            let corners = self.object(hit).corners(hit.triangle);
             blend(
                 hit,
                 corners.map(|c| colors.get(c).map_or(DVec4::ONE, |v| DVec4::from_array(v.map(f64::from)))),
@@ -204,30 +295,47 @@ impl<'a> RayCaster<'a> {
     ) -> Option<DVec4> {
         let texture = texture?;
         let uvs = primitive.uvs.get(texture.uv_set as usize)?.as_ref()?;
-        let corners = self.geometry.triangles[hit.triangle].corners;
+        let corners = self.object(hit).corners(hit.triangle);
         let [a, b, c] =
             corners.map(|i| uvs.get(i).map_or(DVec2::ZERO, |uv| DVec2::from_array(uv.map(f64::from))));
         // KHR_texture_transform.
         let [m0, m1, m2, m3, m4, m5] = texture.transform.map(f64::from);
         let turn = |v: DVec2| DVec2::new(m0 * v.x + m1 * v.y, m3 * v.x + m4 * v.y);
         let uv = turn(blend(hit, [a, b, c])) + DVec2::new(m2, m5);
-        let footprint = ray.per_pixel.map(|change| {
-            let [da, db, dc] = barycentric_change(&self.geometry, hit, ray.origin, ray.direction, change);
-            turn(a * da + b * db + c * dc)
-        });
+        let footprint = match self.options.filter {
+            TextureFilter::BaseLevel => [DVec2::ZERO; 2],
+            TextureFilter::Mipmapped { .. } => ray.per_pixel.map(|change| {
+                let [da, db, dc] = self.barycentric_change(hit, ray, change);
+                turn(a * da + b * db + c * dc)
+            }),
+        };
         Some(self.textures.sample(self.scene, texture.texture, uv, footprint, self.options.filter))
+    }
+
+    /// Change of the barycentrics of `hit` where the ray's direction changes by `change`: exact, on the triangle's
+    /// plane.
+    fn barycentric_change(&self, hit: &Hit, ray: &Ray, change: DVec3) -> [f64; 3] {
+        let [a, b, c] = self.geometry.corners(hit.triangle).map(|v| v.position);
+        let (ab, ac) = (b - a, c - a);
+        let (s, q) = (ray.origin - a, (ray.origin - a).cross(ab));
+        // u = U(d) / D(d), v = V(d) / D(d), each linear in the direction.
+        let determinant = ab.dot(ray.direction.cross(ac));
+        let slope = ab.dot(change.cross(ac));
+        let u = (s.dot(change.cross(ac)) - hit.barycentric[1] * slope) / determinant;
+        let v = (change.dot(q) - hit.barycentric[2] * slope) / determinant;
+        [-u - v, u, v]
     }
 
     fn interpolated_normal(&self, hit: &Hit) -> DVec3 {
         let normal = blend(hit, self.geometry.corners(hit.triangle).map(|v| v.normal)).normalize_or(DVec3::Z);
-        if self.front(hit) { normal } else { -normal }
+        if hit.front { normal } else { -normal }
     }
 
     /// glTF 2.0, 3.9.3: tangent-space normals, x and y scaled; back faces turn the result (3.9.6).
     fn shading_normal(&self, primitive: &Primitive, material: &Material, hit: &Hit, ray: &Ray) -> DVec3 {
         let facing = self.interpolated_normal(hit);
         let Some(texel) = self.texel(primitive, material.normal_texture, hit, ray) else { return facing };
-        let side = if self.front(hit) { 1.0 } else { -1.0 };
+        let side = if hit.front { 1.0 } else { -1.0 };
         let normal = facing * side;
         let corners = self.geometry.corners(hit.triangle);
         let tangent = blend(hit, corners.map(|v| v.tangent.0));
@@ -239,7 +347,7 @@ impl<'a> RayCaster<'a> {
         mapped.normalize_or(normal) * side
     }
 
-    fn shade(&self, hit: &Hit, ray: &Ray) -> DVec3 {
+    fn shade(&self, hit: &Hit, ray: &Ray, shadows: u32) -> DVec3 {
         let Some((primitive, material)) = self.looks(hit) else { return DVec3::ZERO };
         let texel = |texture| self.texel(primitive, texture, hit, ray);
         let emission_factor = self.emission_factor.get(primitive.material).map_or(1.0, |f| f64::from(*f));
@@ -260,11 +368,25 @@ impl<'a> RayCaster<'a> {
             emission_factor,
         };
         let environment = self.scene.environment.as_ref();
-        shade::radiance(&surface, &self.lamps, rgb(self.scene.ambient), environment, |lamp, incident| {
-            let dark =
-                self.options.shadows && lamp.casts_shadow && self.blocked(hit, surface.position, incident);
-            f64::from(u8::from(!dark))
-        })
+        let facing = self.interpolated_normal(hit);
+        let split = |n_dot_v, roughness| split_sum::at(self.options.split_sum, n_dot_v, roughness);
+        shade::radiance(
+            &surface,
+            &self.lamps,
+            rgb(self.scene.ambient),
+            environment,
+            split,
+            |lamp, incident| {
+                // A lamp that only the normal map faces was not asked before.
+                let unasked = lamp.shadow_bit == 0 || facing.dot(incident.to_light) <= 0.0;
+                let dark = shadows & lamp.shadow_bit != 0
+                    || self.options.shadows
+                        && lamp.casts_shadow
+                        && unasked
+                        && self.blocked(hit, surface.position, incident);
+                f64::from(u8::from(!dark))
+            },
+        )
     }
 
     /// Whether anything solid, from either side, lies between a surface and a light.
@@ -272,11 +394,9 @@ impl<'a> RayCaster<'a> {
         // Away from the surface by a part of its distance that f64 resolves and nothing in a scene is as thin as.
         let start = 1e-7 * (1.0 + position.abs().max_element());
         let ray = Ray { origin: position, direction: incident.to_light, per_pixel: [DVec3::ZERO; 2] };
-        self.bvh
-            .nearest(&self.geometry, ray.origin, ray.direction, start, |h| {
-                h.triangle != hit.triangle && self.solid(h, &ray)
-            })
-            .is_some_and(|h| h.distance < incident.distance)
+        self.geometry.any(ray.origin, ray.direction, start, incident.distance, |h| {
+            h.triangle != hit.triangle && self.solid(h, &ray)
+        })
     }
 }
 

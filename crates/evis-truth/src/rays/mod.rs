@@ -9,8 +9,11 @@ pub mod caster;
 pub mod geometry;
 pub mod pinhole;
 pub mod shade;
+pub mod split_sum;
 pub mod texture;
 
 pub use caster::{Labels, Options, RayCaster};
-pub use pinhole::Pinhole;
+pub use geometry::{Geometry, Hit, Matter};
+pub use pinhole::{Pinhole, Ray};
+pub use split_sum::SplitSum;
 pub use texture::{TextureFilter, Textures};

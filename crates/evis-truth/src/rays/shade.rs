@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use evis_scene::environment::{Environment, split_sum};
+use evis_scene::environment::Environment;
 use evis_scene::{LightKind, Scene, SceneState, ShadingModel};
 use glam::{DMat4, DVec3};
 
@@ -11,8 +11,6 @@ use glam::{DMat4, DVec3};
 pub const ALPHA_MIN: f64 = 0.002;
 /// Smallest cosine between normal and view; interpolated normals can turn away from the eye.
 pub const N_DOT_V_MIN: f64 = 1e-4;
-/// Points per evaluation of the split sum, which a table only approximates.
-const SPLIT_SUM_SAMPLES: u32 = 256;
 
 /// A surface point, ready to be lit.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +49,8 @@ pub struct Lamp {
     range: Option<f64>,
     /// Whether something in between darkens it; points never are (they have no shadow maps).
     pub casts_shadow: bool,
+    /// One bit for each of the first 32 lamps that cast shadows, else 0.
+    pub shadow_bit: u32,
 }
 
 /// Light that arrives at a point.
@@ -66,13 +66,19 @@ pub struct Incident {
 
 /// The lights of `scene`, in node order.
 pub fn lamps(scene: &Scene, state: &SceneState) -> Vec<Lamp> {
-    let mut lamps = Vec::new();
+    let mut lamps: Vec<Lamp> = Vec::new();
+    let mut next_bit = 1_u32;
     for (index, node) in scene.nodes.iter().enumerate() {
         let Some((number, light)) = node.light.and_then(|l| Some((l, scene.lights.get(l)?))) else {
             continue;
         };
         let world = state.world_from_node.get(index).copied().unwrap_or(DMat4::IDENTITY);
         let factor = state.light_factor.get(number).copied().unwrap_or(1.0);
+        let casts_shadow = light.casts_shadow && light.kind != LightKind::Point;
+        let shadow_bit = if casts_shadow { next_bit } else { 0 };
+        if casts_shadow {
+            next_bit = next_bit.checked_mul(2).unwrap_or(0);
+        }
         lamps.push(Lamp {
             kind: light.kind,
             position: world.w_axis.truncate(),
@@ -80,7 +86,8 @@ pub fn lamps(scene: &Scene, state: &SceneState) -> Vec<Lamp> {
             direction: world.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z),
             strength: rgb(light.color) * f64::from(light.intensity) * f64::from(factor),
             range: light.range.map(f64::from).filter(|r| *r > 0.0),
-            casts_shadow: light.casts_shadow && light.kind != LightKind::Point,
+            casts_shadow,
+            shadow_bit,
         });
     }
     lamps
@@ -115,7 +122,8 @@ impl Lamp {
     }
 }
 
-/// Radiance of `surface` towards the eye; `visible` says what part of a lamp's light gets through.
+/// Radiance of `surface` towards the eye; `split_sum` gives scale and bias of F0 for n·v and roughness, `visible` says
+/// what part of a lamp's light gets through.
 ///
 /// Ambient light is EVIS's own: `ambient` is irradiance / pi, reflected by the diffuse colour and by F0 alike.
 pub fn radiance(
@@ -123,6 +131,7 @@ pub fn radiance(
     lamps: &[Lamp],
     ambient: DVec3,
     environment: Option<&Environment>,
+    split_sum: impl Fn(f64, f64) -> [f64; 2],
     mut visible: impl FnMut(&Lamp, &Incident) -> f64,
 ) -> DVec3 {
     let s = surface;
@@ -152,7 +161,7 @@ pub fn radiance(
             let mut indirect = ambient * (diffuse + f0);
             if let Some(environment) = environment {
                 // B. Karis, "Real Shading in Unreal Engine 4", 2013; what is not reflected reaches the diffuse base.
-                let [scale, bias] = split_sum(n_dot_v, s.roughness, SPLIT_SUM_SAMPLES);
+                let [scale, bias] = split_sum(n_dot_v, s.roughness);
                 let reflected = f0 * scale + bias;
                 let mirror = (2.0 * s.normal.dot(s.to_eye) * s.normal - s.to_eye).normalize();
                 indirect += environment.diffuse(s.normal) * diffuse * (1.0 - reflected)

@@ -1,7 +1,7 @@
 //! Textures in f64: wrapping, bilinear and trilinear filtering as the Vulkan specification has them.
 
 use evis_scene::{Image, Scene, Wrap};
-use glam::{DVec2, DVec4};
+use glam::{DVec2, DVec4, Vec4};
 use half::f16;
 
 /// How a texture is read.
@@ -26,7 +26,8 @@ pub struct Textures {
 struct Level {
     width: usize,
     height: usize,
-    texels: Vec<DVec4>,
+    /// 16-bit floats at the base: 32 bits hold them exactly.
+    texels: Vec<Vec4>,
 }
 
 impl Textures {
@@ -73,7 +74,7 @@ fn chain(image: &Image) -> Vec<Level> {
     if image.texels.is_empty() || image.texels.len() != width * height {
         return Vec::new();
     }
-    let wide = |t: &[f16; 4]| DVec4::from_array(t.map(f16::to_f64));
+    let wide = |t: &[f16; 4]| Vec4::from_array(t.map(f16::to_f32));
     let mut levels = vec![Level { width, height, texels: image.texels.iter().map(wide).collect() }];
     while let Some(next) = levels.last().and_then(Level::halved) {
         levels.push(next);
@@ -94,10 +95,10 @@ impl Level {
                 let mut sum = DVec4::ZERO;
                 for (row, down) in cover(self.height, height, y) {
                     for (column, across) in cover(self.width, width, x) {
-                        sum += self.texels[row * self.width + column] * (down * across);
+                        sum += self.texels[row * self.width + column].as_dvec4() * (down * across);
                     }
                 }
-                texels.push(sum);
+                texels.push(sum.as_vec4());
             }
         }
         Some(Self { width, height, texels })
@@ -105,7 +106,7 @@ impl Level {
 
     fn texel(&self, x: f64, y: f64, wraps: [Wrap; 2]) -> DVec4 {
         let (x, y) = (wrap(x, self.width, wraps[0]), wrap(y, self.height, wraps[1]));
-        self.texels[y * self.width + x]
+        self.texels[y * self.width + x].as_dvec4()
     }
 
     fn nearest(&self, uv: DVec2, wraps: [Wrap; 2]) -> DVec4 {

@@ -1,0 +1,184 @@
+//! A scene at any time, ready for rays; what never moves is prepared once.
+
+use std::sync::{Arc, OnceLock};
+
+use evis_scene::{Lens, Motion, Scene, SceneError, SceneState, rigid};
+use glam::DVec3;
+
+use crate::rays::{Geometry, Matter, Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
+use crate::settings::TruthSettings;
+
+/// Rays as the oracle casts them: textures are their base level, shadows are sharp.
+const OPTIONS: Options =
+    Options { filter: TextureFilter::BaseLevel, shadows: true, split_sum: SplitSum::Tabulated };
+
+/// A scene over time, seen by one camera.
+pub struct Clock<'a> {
+    scene: &'a Scene,
+    textures: &'a Textures,
+    matter: Arc<Matter>,
+    camera: usize,
+    pinhole: Pinhole,
+    start_us: i64,
+    /// Times that every pixel looks at, each prepared when it is first asked for.
+    step_us: i64,
+    shared: Vec<OnceLock<Arc<Moment<'a>>>>,
+}
+
+/// A scene at one time.
+pub struct Moment<'a> {
+    /// Casts rays.
+    pub caster: RayCaster<'a>,
+    /// Where the camera is.
+    pub camera: Pinhole,
+}
+
+impl<'a> Clock<'a> {
+    /// `scene` as its camera number `camera` sees it.
+    ///
+    /// # Errors
+    /// A camera without a usable lens.
+    pub fn new(
+        scene: &'a Scene,
+        textures: &'a Textures,
+        camera: usize,
+        settings: &TruthSettings,
+    ) -> Result<Self, SceneError> {
+        let mut state = SceneState::default();
+        scene.evaluate(settings.start_us as f64 * 1e-6, &mut state);
+        let moves = moving_nodes(scene);
+        let matter = Arc::new(Matter::new(scene, &state, |node| moves[node]));
+        let pinhole = pinhole(scene, camera, settings)?;
+        let start_us = settings.start_us;
+        Ok(Self { scene, textures, matter, camera, pinhole, start_us, step_us: 0, shared: Vec::new() })
+    }
+
+    /// From now on, multiples of `step_us` up to `until_us` are prepared once and kept.
+    pub fn share(&mut self, step_us: i64, until_us: i64) {
+        self.step_us = step_us;
+        self.shared = (0..=until_us / step_us.max(1)).map(|_| OnceLock::new()).collect();
+    }
+
+    /// The camera's picture and lens, posed as at the start.
+    pub fn pinhole(&self) -> &Pinhole {
+        &self.pinhole
+    }
+
+    /// The scene `t_us` microseconds after the stream's start.
+    pub fn at(&self, t_us: f64) -> Arc<Moment<'a>> {
+        let whole = t_us as i64;
+        if self.step_us > 0 && t_us >= 0.0 && whole as f64 == t_us && whole % self.step_us == 0 {
+            let slot = usize::try_from(whole / self.step_us).unwrap_or(usize::MAX);
+            if let Some(shared) = self.shared.get(slot) {
+                return shared.get_or_init(|| Arc::new(self.prepare(t_us))).clone();
+            }
+        }
+        Arc::new(self.prepare(t_us))
+    }
+
+    fn prepare(&self, t_us: f64) -> Moment<'a> {
+        let mut state = SceneState::default();
+        self.scene.evaluate((self.start_us as f64 + t_us) * 1e-6, &mut state);
+        let geometry = Geometry::at(&self.matter, self.scene, &state);
+        let world_from_camera =
+            self.scene.world_from_camera(self.camera, &state).unwrap_or(self.pinhole.world_from_camera);
+        Moment {
+            caster: RayCaster::with_geometry(self.scene, &state, self.textures, OPTIONS, geometry),
+            camera: Pinhole { world_from_camera, ..self.pinhole },
+        }
+    }
+
+    /// Whether the camera, every light and every material stay as they are at the start.
+    pub fn rests_but_for_objects(&self) -> bool {
+        let moves = moving_nodes(self.scene);
+        let node = self.scene.cameras[self.camera].node;
+        let lights = self.scene.nodes.iter().zip(&moves).all(|(n, moves)| n.light.is_none() || !moves);
+        !moves[node]
+            && lights
+            && self.scene.lights.iter().all(|l| l.waveform.is_none())
+            && self.scene.materials.iter().all(|m| m.emission_waveform.is_none())
+    }
+
+    /// Shortest period of any light or material, in microseconds.
+    pub fn shortest_period_us(&self) -> Option<f64> {
+        let lights = self.scene.lights.iter().filter_map(|l| l.waveform);
+        let materials = self.scene.materials.iter().filter_map(|m| m.emission_waveform);
+        lights
+            .chain(materials)
+            .map(|w| 1e6 / w.frequency_hz)
+            .filter(|p| p.is_finite() && *p > 0.0)
+            .reduce(f64::min)
+    }
+}
+
+impl Moment<'_> {
+    /// Boxes of what is not still, each grown by `part` of its size.
+    pub fn moving_boxes(&self, part: f64) -> Vec<(DVec3, DVec3)> {
+        let grown = |(low, high): (DVec3, DVec3)| {
+            let margin = (high - low) * part + 1e-6;
+            (low - margin, high + margin)
+        };
+        self.caster.geometry().moving_boxes().map(grown).collect()
+    }
+}
+
+/// Per node: whether it may be elsewhere, or shaped otherwise, at another time.
+fn moving_nodes(scene: &Scene) -> Vec<bool> {
+    let mut moves: Vec<bool> = Vec::with_capacity(scene.nodes.len());
+    for node in &scene.nodes {
+        let own = !matches!(node.motion, Motion::Fixed(_)) || node.morph.is_some();
+        let inherited = node.parent.and_then(|p| moves.get(p)).copied().unwrap_or(false);
+        moves.push(own || inherited);
+    }
+    for (index, node) in scene.nodes.iter().enumerate() {
+        let skin = node.skin.and_then(|s| scene.skins.get(s));
+        if skin.is_some_and(|s| s.joints.iter().any(|j| moves.get(*j).copied().unwrap_or(false))) {
+            moves[index] = true;
+        }
+    }
+    moves
+}
+
+/// Lens of camera `camera` in pixels, at the size that `settings`, the camera or the defaults say.
+fn pinhole(scene: &Scene, camera: usize, settings: &TruthSettings) -> Result<Pinhole, SceneError> {
+    let camera = &scene.cameras[camera];
+    let (width, height) = match (settings.size, camera.width, camera.height) {
+        (Some(size), ..) => size,
+        (None, Some(width), Some(height)) => (width, height),
+        _ => {
+            let aspect = camera.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
+            (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
+        }
+    };
+    let (w, h) = (f64::from(width), f64::from(height));
+    let (focal, center) = match camera.lens {
+        Lens::FieldOfView { fov_y } => {
+            let focal = 0.5 * h / (0.5 * fov_y).tan();
+            ([focal, focal], [0.5 * w, 0.5 * h])
+        }
+        Lens::Intrinsics { fx, fy, cx, cy } => {
+            // Intrinsics belong to the camera's own size; another size sees the same field.
+            let x = w / f64::from(camera.width.unwrap_or(width));
+            let y = h / f64::from(camera.height.unwrap_or(height));
+            ([fx * x, fy * y], [cx * x, cy * y])
+        }
+    };
+    let usable = focal.iter().all(|f| f.is_finite() && *f > 0.0)
+        && center.iter().all(|c| c.is_finite())
+        && camera.near.is_finite()
+        && camera.near > 0.0;
+    let mut state = SceneState::default();
+    scene.evaluate(settings.start_us as f64 * 1e-6, &mut state);
+    let pose = state.world_from_node.get(camera.node).and_then(rigid);
+    let (true, Some(world_from_camera)) = (usable, pose) else {
+        return Err(SceneError::Rule(format!("camera '{}' has no usable lens or pose", camera.name)));
+    };
+    Ok(Pinhole {
+        world_from_camera,
+        focal,
+        center,
+        width: width as usize,
+        height: height as usize,
+        near: camera.near,
+    })
+}

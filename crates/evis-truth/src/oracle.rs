@@ -1,0 +1,277 @@
+//! From a scene and settings to a truth.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use evis_core::{CameraInfo, Event, SensorConfig, Truth};
+use evis_scene::{Scene, SceneError};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::clock::{Clock, Moment};
+use crate::lattice::Lattice;
+use crate::rays::{Pinhole, Textures};
+use crate::settings::{TruthError, TruthSettings};
+use crate::signal::Sampler;
+use crate::walk::{PixelTruth, Rules, walk};
+
+/// Pixels of motion between two looks at a pixel.
+const MOTION_PER_STEP: f64 = 0.25;
+/// Longest and shortest step, in microseconds.
+const STEP_US: (f64, f64) = (1000.0, 50.0);
+/// Instants at which the fastest motion is looked for.
+const SPEED_INSTANTS: usize = 16;
+/// Its margin for what these miss.
+const SPEED_MARGIN: f64 = 1.5;
+/// Pictures for the log-mean are this high, at most.
+const REFERENCE_ROWS: usize = 240;
+
+/// Where a truth comes from; stored with it.
+#[derive(Serialize)]
+struct Provenance<'a> {
+    evis: &'static str,
+    scene: &'a str,
+    settings: &'a TruthSettings,
+    step_us: i64,
+    readings: u64,
+    skipped_pixels: u64,
+    seconds: f64,
+}
+
+/// What `scene` makes an ideal sensor fire. `progress` is told the part that is done, from several threads, and stops
+/// the work by returning false.
+///
+/// # Errors
+/// A setting that cannot be used, a camera that does not exist or has no lens, or a stop.
+pub fn truth(
+    scene: &Scene,
+    settings: &TruthSettings,
+    progress: &(dyn Fn(f64) -> bool + Sync),
+) -> Result<Truth, TruthError> {
+    settings.check()?;
+    let started = std::time::Instant::now();
+    let camera = match &settings.camera {
+        Some(name) => scene.camera(name)?,
+        None if scene.cameras.is_empty() => {
+            return Err(SceneError::Rule("it has no camera; add one".into()).into());
+        }
+        None => 0,
+    };
+    let textures = Textures::new(scene);
+    let mut clock = Clock::new(scene, &textures, camera, settings)?;
+    let pinhole = *clock.pinhole();
+    let pixels = settings.pixels(pinhole.width as u32, pinhole.height as u32)?;
+
+    let step_us = settings.step_us.unwrap_or_else(|| step_us(&clock, settings.duration_us));
+    clock.share(step_us, settings.duration_us);
+    let info = &scene.cameras[camera];
+    let sensor = SensorConfig {
+        threshold_on: info.threshold_on.unwrap_or(settings.sensor.threshold_on),
+        threshold_off: info.threshold_off.unwrap_or(settings.sensor.threshold_off),
+        ..settings.sensor.clone()
+    };
+    evis_core::Sensor::new(sensor.clone())?;
+    let reference_luminance =
+        settings.reference_luminance.map_or_else(|| reference(&clock.at(0.0)), f64::from);
+    let rules = Rules { sensor, reference_luminance, step_us, duration_us: settings.duration_us };
+
+    let sampler = Sampler::new(settings.lattice);
+    let still = Stillness::new(&clock, settings.duration_us);
+    let (stopped, done, skipped) = (AtomicBool::new(false), AtomicU64::new(0), AtomicU64::new(0));
+    let walked: Vec<PixelTruth> = pixels
+        .par_iter()
+        .with_max_len(1)
+        .map(|&[x, y]| {
+            if stopped.load(Ordering::Relaxed) {
+                return PixelTruth::default();
+            }
+            let walked = if still.as_ref().is_some_and(|s| s.holds(&sampler, x, y)) {
+                skipped.fetch_add(1, Ordering::Relaxed);
+                PixelTruth::still()
+            } else {
+                walk(&clock, &sampler, &rules, x, y)
+            };
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            if !progress(done as f64 / pixels.len() as f64) {
+                stopped.store(true, Ordering::Relaxed);
+            }
+            walked
+        })
+        .collect();
+    if stopped.into_inner() {
+        return Err(TruthError::Stopped);
+    }
+    let provenance = Provenance {
+        evis: env!("CARGO_PKG_VERSION"),
+        scene: &scene.name,
+        settings,
+        step_us,
+        readings: walked.iter().map(|w| w.readings).sum(),
+        skipped_pixels: skipped.into_inner(),
+        seconds: started.elapsed().as_secs_f64(),
+    };
+    let provenance = serde_json::to_string(&provenance).unwrap_or_default();
+    Ok(assemble(camera_info(&info.name, &pinhole), rules, pixels, &walked, provenance))
+}
+
+fn camera_info(name: &str, pinhole: &Pinhole) -> CameraInfo {
+    CameraInfo {
+        name: name.to_owned(),
+        width: pinhole.width as u32,
+        height: pinhole.height as u32,
+        fx: pinhole.focal[0],
+        fy: pinhole.focal[1],
+        cx: pinhole.center[0],
+        cy: pinhole.center[1],
+    }
+}
+
+/// Sorts what the pixels fired into one stream.
+fn assemble(
+    camera: CameraInfo,
+    rules: Rules,
+    pixels: Vec<[u16; 2]>,
+    walked: &[PixelTruth],
+    provenance: String,
+) -> Truth {
+    let mut all: Vec<(Event, f32, evis_core::Region)> = Vec::new();
+    let (mut span_start, mut spans) = (vec![0], Vec::new());
+    for (&[x, y], walked) in pixels.iter().zip(walked) {
+        all.extend(walked.events.iter().map(|fired| {
+            (Event::new(fired.t_us.floor() as i64, x, y, fired.polarity), fired.speed, fired.region)
+        }));
+        spans.extend_from_slice(&walked.spans);
+        span_start.push(spans.len() as u32);
+    }
+    // Stable: events of one pixel at one microsecond keep their firing order.
+    all.sort_by_key(|(event, ..)| event.order());
+    Truth {
+        camera,
+        sensor: rules.sensor,
+        reference_luminance: rules.reference_luminance,
+        duration_us: rules.duration_us,
+        pixels,
+        events: all.iter().map(|a| a.0).collect(),
+        speed: all.iter().map(|a| a.1).collect(),
+        event_region: all.iter().map(|a| a.2).collect(),
+        span_start,
+        spans,
+        provenance,
+    }
+}
+
+/// `Y_ref` that brings the log-mean of what is lit to 0.18 (DESIGN, light), from a picture at `moment`.
+fn reference(moment: &Moment) -> f64 {
+    let camera = moment.camera;
+    // A smaller picture of the same field will do: its pixels' light is the mean of samples all over each.
+    let shrink = (camera.height as f64 / REFERENCE_ROWS as f64).max(1.0);
+    let (width, height) = ((camera.width as f64 / shrink) as usize, (camera.height as f64 / shrink) as usize);
+    let (sx, sy) = (camera.width as f64 / width.max(1) as f64, camera.height as f64 / height.max(1) as f64);
+    let points = Sampler::new(Lattice::First);
+    let logs: Vec<f64> = (0..width.max(1) * height.max(1))
+        .into_par_iter()
+        .filter_map(|i| {
+            let (x, y) = ((i % width.max(1)) as f64, (i / width.max(1)) as f64);
+            // Every ninth of 144 points: sixteen, well spread.
+            let points = points.points().iter().step_by(9);
+            let count = points.len() as f64;
+            let sum: f64 = points
+                .map(|[u, v]| moment.caster.look(&camera, [(x + 0.5 + u) * sx, (y + 0.5 + v) * sy]).0)
+                .sum();
+            let mean = sum / count;
+            (mean > 0.0 && mean.is_finite()).then(|| mean.ln())
+        })
+        .collect();
+    if logs.is_empty() {
+        return 1.0;
+    }
+    let reference = (logs.iter().sum::<f64>() / logs.len() as f64).exp() / 0.18;
+    if reference.is_finite() && reference > 0.0 { reference } else { 1.0 }
+}
+
+/// Time in which the fastest thing moves by a quarter of a pixel, and in which no light goes through much of a period.
+fn step_us(clock: &Clock, duration_us: i64) -> i64 {
+    let camera = clock.pinhole();
+    let stride = (camera.width / 40).max(1);
+    let fastest = (0..SPEED_INSTANTS)
+        .map(|k| duration_us as f64 * (k as f64 + 0.5) / SPEED_INSTANTS as f64)
+        .map(|t| {
+            let (now, later) = (clock.at(t), clock.at(t + 100.0));
+            let columns = (0..camera.width).step_by(stride);
+            let places: Vec<[f64; 2]> = columns
+                .flat_map(|x| {
+                    (0..camera.height).step_by(stride).map(move |y| [x as f64 + 0.5, y as f64 + 0.5])
+                })
+                .collect();
+            let speed = |at: &[f64; 2]| {
+                let there = match now.caster.hit_at(&now.camera, *at) {
+                    Some(h) => {
+                        later.camera.project(later.caster.geometry().position(h.triangle, h.barycentric))
+                    }
+                    None => later.camera.project_direction(now.camera.ray(*at).direction),
+                };
+                there.map_or(0.0, |[x, y]| (x - at[0]).hypot(y - at[1]) / 100e-6)
+            };
+            places.par_iter().map(speed).reduce(|| 0.0, f64::max)
+        })
+        .fold(0.0, f64::max);
+    let mut step = 1e6 * MOTION_PER_STEP / (SPEED_MARGIN * fastest).max(1.0);
+    if let Some(period) = clock.shortest_period_us() {
+        step = step.min(period / 32.0);
+    }
+    step.clamp(STEP_US.1, STEP_US.0) as i64
+}
+
+/// Where a camera rests, most pixels of most scenes never change. A pixel is still where no ray of its lattice, nor any
+/// from there to a lamp, passes a box through which something moves.
+struct Stillness<'a> {
+    now: std::sync::Arc<Moment<'a>>,
+    boxes: Vec<(glam::DVec3, glam::DVec3)>,
+}
+
+impl<'a> Stillness<'a> {
+    /// Instants at which moving boxes are looked up, and by which part of their size they are grown for what lies
+    /// between.
+    const INSTANTS: usize = 128;
+    const MARGIN: f64 = 0.1;
+
+    /// `None` where the whole picture may change.
+    fn new(clock: &Clock<'a>, duration_us: i64) -> Option<Self> {
+        if !clock.rests_but_for_objects() {
+            return None;
+        }
+        let mut boxes: Vec<(glam::DVec3, glam::DVec3)> = Vec::new();
+        for k in 0..=Self::INSTANTS {
+            let moment = clock.at(duration_us as f64 * k as f64 / Self::INSTANTS as f64);
+            for (i, (low, high)) in moment.moving_boxes(Self::MARGIN).into_iter().enumerate() {
+                match boxes.get_mut(i) {
+                    Some(known) => *known = (known.0.min(low), known.1.max(high)),
+                    None => boxes.push((low, high)),
+                }
+            }
+        }
+        Some(Self { now: clock.at(0.0), boxes })
+    }
+
+    fn holds(&self, sampler: &Sampler, x: u16, y: u16) -> bool {
+        let now = &self.now;
+        sampler.points().iter().all(|o| {
+            // A hair beyond the pixel, so that no sample of another lattice sees more.
+            let at = crate::signal::at(x, y, o.map(|v| v * 1.1));
+            !now.caster.passes(&now.camera, at, &self.boxes)
+        })
+    }
+}
+
+/// As [`truth`], kept in `folder` under a hash of scene and settings: asked for again, it is read.
+///
+/// # Errors
+/// As [`truth`]; a folder that cannot be read or written only costs the work.
+pub fn cached(
+    _folder: &Path,
+    scene: &Scene,
+    settings: &TruthSettings,
+    progress: &(dyn Fn(f64) -> bool + Sync),
+) -> Result<Truth, TruthError> {
+    truth(scene, settings, progress)
+}

@@ -1,0 +1,217 @@
+//! Light on one pixel: the mean of luminance over the pixel's area, as exactly as asked for.
+//!
+//! A lattice of samples gives the mean of what is smooth. Where an edge runs through the pixel (between objects, flat
+//! faces, or light and shadow) it gives the mean of each *kind* of surface only, and the area that each kind covers
+//! is found along lines across the edge, on which the edge itself is bisected.
+
+use std::collections::BTreeMap;
+
+use crate::clock::Moment;
+use crate::lattice::{LEVELS, Lattice};
+use crate::rays::caster::Kind;
+
+/// Places per line at which the kind is looked up before edges are bisected.
+const LINE_STEPS: usize = 16;
+/// Halvings of a step of a line: an edge is known to a millionth of a pixel.
+const BISECTIONS: u32 = 14;
+
+/// How the error of a lattice of n samples is estimated: this, times the spread of luminance within the pixel over its
+/// mean, over n^(3/4) (the discrepancy of convex sets), in log light. The measured errors of edges in all directions
+/// have this as their 90th percentile; see the test.
+const LATTICE_ERROR: f64 = 0.7;
+
+/// Mean light, and how well it is known.
+#[derive(Clone, Copy, Debug)]
+pub struct Reading {
+    /// Mean luminance over the pixel's area.
+    pub luminance: f64,
+    /// Estimated standard error, relative.
+    pub error: f64,
+}
+
+/// Samples of one family, prepared.
+pub struct Sampler {
+    lattice: Lattice,
+    offsets: [Vec<[f64; 2]>; LEVELS],
+}
+
+/// Sums over the samples of one kind.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    count: f64,
+    sum: f64,
+    squares: f64,
+    /// First moments of place, for the direction of an edge.
+    place: [f64; 2],
+}
+
+impl Sums {
+    fn add(&mut self, luminance: f64, [x, y]: [f64; 2]) {
+        self.count += 1.0;
+        self.sum += luminance;
+        self.squares += luminance * luminance;
+        self.place[0] += x;
+        self.place[1] += y;
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.count.max(1.0)
+    }
+
+    fn variance(&self) -> f64 {
+        (self.squares / self.count.max(1.0) - self.mean().powi(2)).max(0.0)
+    }
+}
+
+impl Sampler {
+    /// The samples of `lattice`.
+    pub fn new(lattice: Lattice) -> Self {
+        Self { lattice, offsets: [0, 1, 2].map(|level| lattice.offsets(level)) }
+    }
+
+    /// Points of the smallest lattice.
+    pub fn points(&self) -> &[[f64; 2]] {
+        &self.offsets[0]
+    }
+
+    /// Mean light on pixel (x, y) from the smallest lattice.
+    pub fn coarse(&self, moment: &Moment, x: u16, y: u16) -> Reading {
+        let n = self.offsets[0].len() as f64;
+        let mut all = Sums::default();
+        for o in &self.offsets[0] {
+            let (luminance, _) = moment.caster.look(&moment.camera, at(x, y, *o));
+            all.add(luminance, *o);
+        }
+        Reading { luminance: all.mean(), error: estimated_error(all.variance().sqrt(), all.mean(), n) }
+    }
+
+    /// Mean light on pixel (x, y), with as many samples as a relative error of `wanted` needs.
+    pub fn fine(&self, moment: &Moment, x: u16, y: u16, wanted: f64) -> Reading {
+        let mut reading = Reading { luminance: 0.0, error: f64::INFINITY };
+        for level in 0..LEVELS {
+            let mut kinds: BTreeMap<Kind, Sums> = BTreeMap::new();
+            for o in &self.offsets[level] {
+                let (luminance, kind) = moment.caster.look(&moment.camera, at(x, y, *o));
+                kinds.entry(kind).or_default().add(luminance, *o);
+            }
+            let n = self.offsets[level].len() as f64;
+            reading = if kinds.len() > 1 {
+                self.with_edges(moment, x, y, &kinds, n)
+            } else {
+                let all = kinds.into_values().next().unwrap_or_default();
+                Reading {
+                    luminance: all.mean(),
+                    error: estimated_error(all.variance().sqrt(), all.mean(), n),
+                }
+            };
+            if reading.error <= wanted {
+                break;
+            }
+        }
+        reading
+    }
+
+    /// The mean of the kinds' means, weighted by the area that each covers.
+    fn with_edges(&self, moment: &Moment, x: u16, y: u16, kinds: &BTreeMap<Kind, Sums>, n: f64) -> Reading {
+        let along = direction(kinds);
+        let mut areas: BTreeMap<Kind, f64> = BTreeMap::new();
+        let lines = self.lattice.lines();
+        // Of the pixel's shadow on the axis across the lines.
+        let half = 0.5 * (along[0].abs() + along[1].abs());
+        let mut total = 0.0;
+        for line in 0..lines {
+            let side = ((line as f64 + 0.5) / lines as f64 * 2.0 - 1.0) * half;
+            let Some([from, to]) = chord(along, side) else { continue };
+            total += to - from;
+            let kind_at = |s: f64| {
+                let o = [along[0] * s - along[1] * side, along[1] * s + along[0] * side];
+                moment.caster.kind(&moment.camera, at(x, y, o))
+            };
+            let mut start = from;
+            let mut kind = kind_at(from);
+            for step in 1..=LINE_STEPS {
+                let before = from + (to - from) * (step - 1) as f64 / LINE_STEPS as f64;
+                let here = from + (to - from) * step as f64 / LINE_STEPS as f64;
+                let next = kind_at(here);
+                if next == kind {
+                    continue;
+                }
+                let (mut low, mut high) = (before, here);
+                for _ in 0..BISECTIONS {
+                    let middle = 0.5 * (low + high);
+                    if kind_at(middle) == kind { low = middle } else { high = middle }
+                }
+                let edge = 0.5 * (low + high);
+                *areas.entry(kind).or_default() += edge - start;
+                (start, kind) = (edge, next);
+            }
+            *areas.entry(kind).or_default() += to - start;
+        }
+        // Kinds that only the lattice or only the lines met: slivers. Their light is that of the samples, or unknown;
+        // what is unknown is left out of the mean and told as error.
+        let (mut sum, mut known, mut variance) = (0.0, 0.0, 0.0);
+        let overall = kinds.values().fold(Sums::default(), |mut all, s| {
+            all.count += s.count;
+            all.sum += s.sum;
+            all.squares += s.squares;
+            all
+        });
+        for (kind, area) in &areas {
+            let Some(sums) = kinds.get(kind) else { continue };
+            sum += sums.mean() * area;
+            known += area;
+            variance += sums.variance() * area;
+        }
+        if known <= 0.0 || total <= 0.0 {
+            let spread = overall.variance().sqrt();
+            return Reading { luminance: overall.mean(), error: estimated_error(spread, overall.mean(), n) };
+        }
+        let luminance = sum / known;
+        let within = estimated_error((variance / known).sqrt(), luminance, n);
+        let spread = overall.variance().sqrt() / luminance.max(f64::MIN_POSITIVE);
+        // Lines miss curvature and corners by the square of their distance; measured on edges, 0.2 of it.
+        let edges = 0.2 * spread / (lines * lines) as f64 + spread * (1.0 - known / total);
+        Reading { luminance, error: within.hypot(edges) }
+    }
+}
+
+/// Image point at `offset` from the centre of pixel (x, y).
+pub fn at(x: u16, y: u16, offset: [f64; 2]) -> [f64; 2] {
+    [f64::from(x) + 0.5 + offset[0], f64::from(y) + 0.5 + offset[1]]
+}
+
+fn estimated_error(spread: f64, mean: f64, n: f64) -> f64 {
+    LATTICE_ERROR * spread / mean.max(f64::MIN_POSITIVE) / n.powf(0.75)
+}
+
+/// Unit direction across the edges: from the centre of the darker half of the kinds to that of the brighter.
+fn direction(kinds: &BTreeMap<Kind, Sums>) -> [f64; 2] {
+    let count: f64 = kinds.values().map(|s| s.count).sum();
+    let mean = kinds.values().map(|s| s.sum).sum::<f64>() / count.max(1.0);
+    // First moment of luminance, with each kind at its mean.
+    let [x, y] = kinds.values().fold([0.0; 2], |[x, y], s| {
+        let weight = s.mean() - mean;
+        [x + weight * s.place[0], y + weight * s.place[1]]
+    });
+    let length = x.hypot(y);
+    // Never quite along an axis: the pixel's corners would then all lie at the lines' ends.
+    if length > 1e-12 * mean.abs() * count { [x / length, y / length] } else { [0.8, 0.6] }
+}
+
+/// The part of the line `s * along + side * across` within the unit square about 0; `None` where there is none.
+fn chord(along: [f64; 2], side: f64) -> Option<[f64; 2]> {
+    let start = [-along[1] * side, along[0] * side];
+    let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..2 {
+        if along[axis].abs() < 1e-15 {
+            if start[axis].abs() > 0.5 {
+                return None;
+            }
+            continue;
+        }
+        let (a, b) = ((-0.5 - start[axis]) / along[axis], (0.5 - start[axis]) / along[axis]);
+        from = from.max(a.min(b));
+        to = to.min(a.max(b));
+    }
+    (from < to).then_some([from, to])
+}
