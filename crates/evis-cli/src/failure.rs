@@ -2,6 +2,7 @@
 
 use std::io::ErrorKind;
 
+use evis_chart::ChartError;
 use evis_core::format::FormatError;
 use evis_render::EngineError;
 
@@ -50,6 +51,16 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
             Some(FormatError::Exists { .. } | FormatError::Corrupt { .. } | FormatError::Invalid { .. })
         )
         || cause.is::<evis_scene::SceneError>()
+        || matches!(
+            cause.downcast_ref(),
+            Some(
+                ChartError::Config(_)
+                    | ChartError::Scene(_)
+                    | ChartError::Score(_)
+                    | ChartError::Unreachable(_)
+                    | ChartError::Invalid { .. }
+            )
+        )
         || matches!(cause.downcast_ref(), Some(EngineError::Config(_) | EngineError::Scene(_)))
         || cause.downcast_ref::<std::io::Error>().is_some_and(|io| {
             matches!(

@@ -135,7 +135,7 @@ fn config(args: &RunArgs) -> RunConfig {
     config
 }
 
-fn to_us(seconds: f64) -> i64 {
+pub(crate) fn to_us(seconds: f64) -> i64 {
     (seconds * 1.0e6).round() as i64
 }
 
@@ -179,7 +179,7 @@ fn check_output(path: &Path) -> anyhow::Result<()> {
 }
 
 /// Refuses a path whose folder does not exist or does not let us write.
-fn check_parent(path: &Path, flag: &str) -> anyhow::Result<()> {
+pub(crate) fn check_parent(path: &Path, flag: &str) -> anyhow::Result<()> {
     if path.is_dir() {
         return Err(bad_input(format!("{flag} {}: this is a folder; give a file name", path.display())));
     }
