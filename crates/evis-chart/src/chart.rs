@@ -55,7 +55,7 @@ impl Default for ChartSettings {
             size: Some((160, 120)),
             start_us: 0,
             duration_us: 250_000,
-            pixels: PixelChoice::Count(2000),
+            pixels: PixelChoice::Count(1000),
             reference_luminance: None,
             floor: true,
             cache: None,

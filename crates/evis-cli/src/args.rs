@@ -277,7 +277,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long, value_name = "N", value_parser = repetitions, allow_hyphen_values = true)]
     pub(crate) repetitions: Option<usize>,
 
-    /// Pixels that truth is made for, spread over the picture; `all` for all [default: 2000].
+    /// Pixels that truth is made for, spread over the picture; `all` for all [default: 1000].
     #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true)]
     pub(crate) truth_pixels: Option<PixelChoice>,
 
@@ -535,7 +535,7 @@ fn repetitions(text: &str) -> Result<usize, String> {
 fn truth_pixels(text: &str) -> Result<PixelChoice, String> {
     let count = || text.trim().parse::<usize>().ok().filter(|n| *n >= 1).map(PixelChoice::Count);
     if text.trim() == "all" { Some(PixelChoice::All) } else { count() }
-        .ok_or_else(|| "it must be a whole number above 0, such as 2000, or the word all".into())
+        .ok_or_else(|| "it must be a whole number above 0, such as 1000, or the word all".into())
 }
 
 fn sample_count(text: &str) -> Result<u32, String> {

@@ -177,7 +177,7 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
 pub(crate) fn cache_folder(asked: Option<&Path>) -> Option<PathBuf> {
     let folder = match asked {
         Some(folder) => folder.to_path_buf(),
-        None => user_cache()?.join("evis").join("truth"),
+        None => evis_chart::user_cache()?,
     };
     let usable = std::fs::create_dir_all(&folder).and_then(|()| {
         let probe = folder.join(format!(".probe-{}", std::process::id()));
@@ -192,14 +192,4 @@ pub(crate) fn cache_folder(asked: Option<&Path>) -> Option<PathBuf> {
         return None;
     }
     Some(folder)
-}
-
-/// The user's folder for what can be made again: the XDG base directory specification, or Windows' own.
-fn user_cache() -> Option<PathBuf> {
-    let folder = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    if cfg!(windows) {
-        return folder("LOCALAPPDATA");
-    }
-    // The specification says to ignore a relative path.
-    folder("XDG_CACHE_HOME").filter(|f| f.is_absolute()).or_else(|| Some(folder("HOME")?.join(".cache")))
 }
