@@ -191,6 +191,7 @@ def test_the_stream_renders_ahead(spinner: evis.Scene):
         ({"antialias": "none"}, "'samples' or 'edges'"),
         ({"sensor": evis.Sensor(threshold_on=0.0)}, "threshold_on is 0"),
         ({"sensor": evis.Sensor(trigger="edge")}, "'crossing' or 'latch'"),  # type: ignore[arg-type]
+        ({"sensor": evis.Sensor(interpolation="linear")}, "'log' or 'light'"),  # type: ignore[arg-type]
         ({"reference_luminance": 0.0}, "reference_luminance is 0"),
         ({"cameras": []}, "cameras is empty"),
     ],

@@ -114,6 +114,7 @@ class Simulator:
         threshold_off: float,
         log_eps: float,
         trigger: str,
+        interpolation: str,
         method: str,
         rate_hz: float,
         samples: int,

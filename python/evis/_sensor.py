@@ -8,6 +8,9 @@ from typing import Literal, TypeAlias
 Trigger: TypeAlias = Literal["crossing", "latch"]
 """``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample."""
 
+Interpolation: TypeAlias = Literal["log", "light"]
+"""What is straight between two samples: the signal, or the light (exact for an edge that moves evenly)."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sensor:
@@ -26,9 +29,12 @@ class Sensor:
         ``log_eps`` in the formula above; above 0.
     trigger : {"crossing", "latch"}
         How a change between two samples becomes events.
+    interpolation : {"log", "light"}
+        What is straight between two samples, where ``crossing`` asks when a threshold is crossed. ``latch`` does not.
     """
 
     threshold_on: float = 0.2
     threshold_off: float = 0.2
     log_eps: float = 1e-3
     trigger: Trigger = "crossing"
+    interpolation: Interpolation = "log"

@@ -143,6 +143,7 @@ class Simulator:
             threshold_off=sensor.threshold_off,
             log_eps=sensor.log_eps,
             trigger=sensor.trigger,
+            interpolation=sensor.interpolation,
             method="native",
             rate_hz=rate_hz,
             samples=_whole("samples", samples, 2**32),

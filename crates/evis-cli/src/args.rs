@@ -4,7 +4,8 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use evis_core::{LabelKind, TriggerRule};
+use evis_core::metric::MAX_TOLERANCE_US;
+use evis_core::{Interpolation, LabelKind, TriggerRule};
 use evis_render::{Antialias, Method};
 use evis_truth::PixelChoice;
 
@@ -41,6 +42,8 @@ pub(crate) enum Command {
     Chart(Box<ChartArgs>),
     /// Tell what a recording holds; repair one that was cut off.
     Info(InfoArgs),
+    /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
+    Score(ScoreArgs),
     /// List the built-in scenes.
     Scenes(ListArgs),
     /// List the devices that can run the engine.
@@ -88,6 +91,10 @@ pub(crate) struct RunArgs {
     /// How a change of brightness becomes events [default: crossing].
     #[arg(long, value_enum)]
     pub(crate) trigger: Option<TriggerArg>,
+
+    /// What is straight between two samples when --trigger crossing asks for a time [default: log].
+    #[arg(long, value_enum)]
+    pub(crate) interpolation: Option<InterpolationArg>,
 
     /// Rise of log intensity that fires an ON event [default: 0.2].
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
@@ -323,6 +330,25 @@ pub(crate) struct InfoArgs {
     pub(crate) json: bool,
 }
 
+/// `score`.
+#[derive(Debug, Args)]
+pub(crate) struct ScoreArgs {
+    /// The recording to score.
+    pub(crate) events: PathBuf,
+    /// A truth file, or a recording that is taken as truth.
+    #[arg(long, value_name = "TRUTH.h5")]
+    pub(crate) truth: PathBuf,
+    /// Camera to score [default: the only one, or the truth's].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+    /// Tolerance of a match in microseconds, 1 to 1000000; several separated by commas [default: 1000,300,100].
+    #[arg(long, value_name = "US", value_delimiter = ',', value_parser = tolerance_us, allow_hyphen_values = true)]
+    pub(crate) tolerance_us: Vec<i64>,
+    /// Print JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
 /// `scenes`, `devices`.
 #[derive(Debug, Args)]
 pub(crate) struct ListArgs {
@@ -358,6 +384,23 @@ impl From<TriggerArg> for TriggerRule {
         match arg {
             TriggerArg::Crossing => Self::Crossing,
             TriggerArg::Latch => Self::Latch,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum InterpolationArg {
+    /// Log intensity.
+    Log,
+    /// Light: exact for edges that move evenly.
+    Light,
+}
+
+impl From<InterpolationArg> for Interpolation {
+    fn from(arg: InterpolationArg) -> Self {
+        match arg {
+            InterpolationArg::Log => Self::Log,
+            InterpolationArg::Light => Self::Light,
         }
     }
 }
@@ -553,6 +596,14 @@ fn seed(text: &str) -> Result<u64, String> {
         .ok()
         .filter(|n| i64::try_from(*n).is_ok())
         .ok_or_else(|| "it must be a whole number from 0 to 9223372036854775807".into())
+}
+
+fn tolerance_us(text: &str) -> Result<i64, String> {
+    text.trim()
+        .parse::<i64>()
+        .ok()
+        .filter(|us| (1..=MAX_TOLERANCE_US).contains(us))
+        .ok_or_else(|| format!("it must be a whole number from 1 to {MAX_TOLERANCE_US}, such as 1000"))
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {

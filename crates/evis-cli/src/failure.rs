@@ -46,6 +46,7 @@ pub(crate) fn exit_code(error: &anyhow::Error) -> i32 {
 fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
     cause.is::<BadInput>()
         || cause.is::<evis_core::ConfigError>()
+        || cause.is::<evis_core::metric::MetricError>()
         || matches!(
             cause.downcast_ref(),
             Some(FormatError::Exists { .. } | FormatError::Corrupt { .. } | FormatError::Invalid { .. })

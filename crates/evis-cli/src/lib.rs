@@ -12,6 +12,7 @@ mod preview;
 mod progress;
 mod run;
 mod scene_source;
+mod score;
 mod text;
 
 use clap::{CommandFactory, FromArgMatches};
@@ -37,6 +38,7 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),
         Command::Info(args) => info::info(&args),
+        Command::Score(args) => score::run(&args),
         Command::Scenes(args) => list::scenes(&args),
         Command::Devices(args) => list::devices(&args),
     };

@@ -119,6 +119,9 @@ fn config(args: &RunArgs) -> RunConfig {
     if let Some(trigger) = args.trigger {
         config.sensor.trigger = trigger.into();
     }
+    if let Some(interpolation) = args.interpolation {
+        config.sensor.interpolation = interpolation.into();
+    }
     if let Some(method) = args.method {
         config.method = method.into();
     }

@@ -48,6 +48,7 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--samples 257", ["--samples", "'257'", "from 1 to 256"]),
         ("--seed -1", ["--seed", "'-1'", "from 0"]),
         ("--trigger lazy", ["--trigger", "'lazy'", "crossing, latch"]),
+        ("--interpolation linear", ["--interpolation", "'linear'", "log, light"]),
         ("--method fast", ["--method", "'fast'", "native"]),
         ("--labels depth,color", ["--labels", "'color'", "hdr"]),
     ] {

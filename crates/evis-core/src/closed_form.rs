@@ -12,6 +12,7 @@ use crate::packet::CameraInfo;
 use crate::sensor::{ConfigError, SensorConfig};
 use crate::truth::Truth;
 
+pub mod convergence;
 mod light;
 mod signals;
 mod solve;

@@ -15,6 +15,6 @@ pub mod truth;
 
 pub use event::{Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
-pub use sensor::{ConfigError, Sensor, SensorConfig, TriggerRule};
+pub use sensor::{ConfigError, Interpolation, Sensor, SensorConfig, TriggerRule};
 pub use time::TimeGrid;
 pub use truth::{Region, RegionSpan, Truth};

@@ -38,6 +38,7 @@ use crate::event::Event;
 use crate::sensor::SensorConfig;
 use crate::truth::{Region, Truth};
 
+pub(crate) use check::check_truth;
 pub use error::MetricError;
 pub use flow::{EndpointError, endpoint_error};
 pub use image::{Frame, mse, psnr, ssim};

@@ -32,6 +32,17 @@ pub enum TriggerRule {
     Latch,
 }
 
+/// What is straight between two samples, where the trigger asks when a crossing lies (`crossing` only).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Interpolation {
+    /// Log intensity: exact for exponentials (default).
+    #[default]
+    Log,
+    /// Light: exact for an edge that moves evenly under the box filter.
+    Light,
+}
+
 /// What a user asks of a sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -44,11 +55,19 @@ pub struct SensorConfig {
     pub log_eps: f32,
     /// Trigger rule.
     pub trigger: TriggerRule,
+    /// What is straight between samples.
+    pub interpolation: Interpolation,
 }
 
 impl Default for SensorConfig {
     fn default() -> Self {
-        Self { threshold_on: 0.2, threshold_off: 0.2, log_eps: 1e-3, trigger: TriggerRule::Crossing }
+        Self {
+            threshold_on: 0.2,
+            threshold_off: 0.2,
+            log_eps: 1e-3,
+            trigger: TriggerRule::Crossing,
+            interpolation: Interpolation::Log,
+        }
     }
 }
 

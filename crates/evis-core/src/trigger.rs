@@ -4,7 +4,7 @@
 //! "does a crossing lie inside this interval".
 
 use crate::event::Polarity;
-use crate::sensor::{SensorConfig, TriggerRule};
+use crate::sensor::{Interpolation, SensorConfig, TriggerRule};
 
 /// What survives an interval in one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,15 +73,72 @@ pub fn fire_time_us(config: &SensorConfig, decision: &Decision, k: u32, interval
         TriggerRule::Crossing => {
             let run = decision.rise_end - decision.rise_start;
             let level = k as f32 * decision.threshold - decision.rise_start;
-            let fraction = if run > 0.0 { (level / run).clamp(0.0, 1.0) } else { 1.0 };
+            let fraction = match config.interpolation {
+                _ if run.is_nan() || run <= 0.0 => 1.0,
+                Interpolation::Log => (level / run).clamp(0.0, 1.0),
+                Interpolation::Light => light_fraction(level.clamp(0.0, run), run, decision.polarity),
+            };
             ((fraction * interval_us as f32).floor() as u32).min(interval_us)
         }
     }
 }
 
+/// Part of the interval at which light that changes evenly has changed its logarithm by `level` of `run`, both
+/// magnitudes: `(e^±level - 1) / (e^±run - 1)`, from differences of logarithms only (`eps` cancels, and so would digits
+/// of the light itself). A rise is written with falling exponentials, which cannot overflow.
+#[inline]
+fn light_fraction(level: f32, run: f32, polarity: Polarity) -> f32 {
+    let fall = (-level).exp_m1() / (-run).exp_m1();
+    let fraction = if polarity == Polarity::On { fall * (level - run).exp() } else { fall };
+    fraction.clamp(0.0, 1.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn light_is_straight_between_samples() {
+        let config = SensorConfig { interpolation: Interpolation::Light, ..Default::default() };
+        let eps = f64::from(config.log_eps);
+        let log = |y: f64| (y + eps).ln();
+        let mut compared = 0;
+        for (y0, y1) in [(0.1, 0.5), (0.5, 0.1), (1.0, 1.3), (1e-6, 2e4), (3.0, 0.0), (0.0, 1e30)] {
+            let (l0, l1) = (log(y0), log(y1));
+            // The reference starts a little off the signal.
+            let state =
+                PixelState { reference_log: (l0 - 0.03 * (l1 - l0).signum()) as f32, log_luma: l0 as f32 };
+            let decision = decide(&config, state, l1 as f32);
+            let mut last = 0;
+            for k in 1..=decision.count {
+                let level =
+                    f64::from(state.reference_log) + 0.2_f32 as f64 * f64::from(k) * (l1 - l0).signum();
+                let expected = ((level.exp() - eps - y0) / (y1 - y0)).clamp(0.0, 1.0) * 1e5;
+                let got = fire_time_us(&config, &decision, k, 100_000);
+                assert!((f64::from(got) + 0.5 - expected).abs() < 1.5, "{y0} to {y1}: {got} us, {expected}");
+                assert!(got >= last, "in order");
+                last = got;
+                // Canary: the straight logarithm gives another time.
+                let log = fire_time_us(&SensorConfig::default(), &decision, k, 100_000);
+                compared += usize::from(log.abs_diff(got) > 100);
+            }
+        }
+        assert!(compared > 100, "{compared}");
+        // A tiny change is straight either way: no digit is lost where e^x is close to 1.
+        let rise = Decision {
+            count: 1,
+            polarity: Polarity::On,
+            rise_start: 0.199_99,
+            rise_end: 0.200_01,
+            threshold: 0.2,
+            reference_log: 0.2,
+        };
+        let log = fire_time_us(&SensorConfig::default(), &rise, 1, 1000);
+        assert!(fire_time_us(&config, &rise, 1, 1000).abs_diff(log) <= 1);
+        // Without a change there is no line: the end of the interval, as with the logarithm.
+        let flat = Decision { rise_start: 0.2, rise_end: 0.2, ..rise };
+        assert_eq!(fire_time_us(&config, &flat, 1, 1000), 1000);
+    }
 
     #[test]
     fn every_crossing_fires_at_its_own_time() {

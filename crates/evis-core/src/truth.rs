@@ -66,7 +66,8 @@ pub struct RegionSpan {
 pub struct Truth {
     /// The camera.
     pub camera: CameraInfo,
-    /// Thresholds and `eps` that the events were made with; the trigger rule is the crossing of the continuous signal.
+    /// Thresholds and `eps` that the events were made with, NaN where unknown; the trigger rule is the crossing of the
+    /// continuous signal.
     pub sensor: SensorConfig,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; NaN where unknown.
     pub reference_luminance: f64,
@@ -91,6 +92,35 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// Takes events that are known to be right as truth: all pixels of the camera, no image speeds, all interior.
+    pub fn from_events(
+        events: Vec<Event>,
+        camera: CameraInfo,
+        sensor: SensorConfig,
+        reference_luminance: f64,
+        duration_us: i64,
+    ) -> Self {
+        let side = |pixels: u32| u16::try_from(pixels.saturating_sub(1)).unwrap_or(u16::MAX);
+        let pixels = if camera.width == 0 || camera.height == 0 {
+            Vec::new()
+        } else {
+            (0..=side(camera.height)).flat_map(|y| (0..=side(camera.width)).map(move |x| [x, y])).collect()
+        };
+        Self {
+            camera,
+            sensor,
+            reference_luminance,
+            duration_us,
+            pixels,
+            events,
+            speed: Vec::new(),
+            event_region: Vec::new(),
+            span_start: Vec::new(),
+            spans: Vec::new(),
+            provenance: String::new(),
+        }
+    }
+
     /// Index into [`Truth::pixels`] of pixel (x, y).
     pub fn pixel_index(&self, x: u16, y: u16) -> Option<usize> {
         self.pixels.binary_search_by_key(&(y, x), |[x, y]| (*y, *x)).ok()

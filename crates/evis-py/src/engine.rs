@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity, TriggerRule};
+use evis_core::{CameraInfo, ConfigError, Event, Interpolation, LabelKind, Polarity, TriggerRule};
 use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig};
 use evis_scene::{Image, SceneError};
 use half::f16;
@@ -24,6 +24,10 @@ fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, F
 
 pub(crate) fn trigger(name: &str) -> Result<TriggerRule, Failure> {
     choose("trigger", name, &[("crossing", TriggerRule::Crossing), ("latch", TriggerRule::Latch)])
+}
+
+pub(crate) fn interpolation(name: &str) -> Result<Interpolation, Failure> {
+    choose("interpolation", name, &[("log", Interpolation::Log), ("light", Interpolation::Light)])
 }
 
 pub(crate) fn method(name: &str) -> Result<Method, Failure> {

@@ -50,7 +50,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, threshold_on, threshold_off, log_eps, trigger, method, rate_hz, samples, antialias, cameras,
+        scene, *, threshold_on, threshold_off, log_eps, trigger, interpolation, method, rate_hz, samples, antialias, cameras,
         size, start_us, seed, labels, label_rate_hz, reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
@@ -61,6 +61,7 @@ impl Simulator {
         threshold_off: f32,
         log_eps: f32,
         trigger: &str,
+        interpolation: &str,
         method: &str,
         rate_hz: f64,
         samples: u32,
@@ -75,7 +76,13 @@ impl Simulator {
         device: Option<String>,
     ) -> PyResult<Self> {
         let config = RunConfig {
-            sensor: SensorConfig { threshold_on, threshold_off, log_eps, trigger: engine::trigger(trigger)? },
+            sensor: SensorConfig {
+                threshold_on,
+                threshold_off,
+                log_eps,
+                trigger: engine::trigger(trigger)?,
+                interpolation: engine::interpolation(interpolation)?,
+            },
             method: engine::method(method)?,
             rate_hz,
             samples,

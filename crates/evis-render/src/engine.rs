@@ -215,7 +215,7 @@ impl Engine {
         let [r, g, b] = scene.background.map(f64::from);
         let mut context = Context {
             gpu: gpu.clone(),
-            trigger: TriggerPasses::new(device, config.sensor.trigger, samples),
+            trigger: TriggerPasses::new(device, &config.sensor, samples),
             gpu_scene,
             layouts,
             views,

@@ -1,6 +1,6 @@
 //! `trigger/*.wgsl`: count, prefix, scan, emit; and the resolve of `--aa edges`. Twin: `cpu/trigger.rs`.
 
-use evis_core::TriggerRule;
+use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
 use super::{Access, Binding, bind, compute_pipeline, layout};
 
@@ -77,13 +77,18 @@ pub struct TriggerPasses {
 }
 
 impl TriggerPasses {
-    /// Builds them for `samples` layers per instant.
-    pub fn new(device: &wgpu::Device, rule: TriggerRule, samples: u32) -> Self {
-        let rule = match rule {
+    /// Builds them for the rules of `sensor` and `samples` layers per instant.
+    pub fn new(device: &wgpu::Device, sensor: &SensorConfig, samples: u32) -> Self {
+        let rule = match sensor.trigger {
             TriggerRule::Crossing => 0.0,
             TriggerRule::Latch => 1.0,
         };
-        let constants = [("TRIGGER_RULE", rule), ("SAMPLES", f64::from(samples))];
+        let interpolation = match sensor.interpolation {
+            Interpolation::Log => 0.0,
+            Interpolation::Light => 1.0,
+        };
+        let constants =
+            [("TRIGGER_RULE", rule), ("INTERPOLATION", interpolation), ("SAMPLES", f64::from(samples))];
         Self {
             count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &constants),
             block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),

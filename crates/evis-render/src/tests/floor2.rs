@@ -1,7 +1,7 @@
 //! Floor 2: each pass equals its CPU twin, with planted boundary cases and a canary.
 
 use evis_core::trigger::PixelState;
-use evis_core::{SensorConfig, TimeGrid, TriggerRule};
+use evis_core::{Interpolation, SensorConfig, TimeGrid, TriggerRule};
 
 use crate::cpu::trigger::{log_luma, walk};
 use crate::engine::{map, wait_mapped};
@@ -17,6 +17,12 @@ const HEIGHT: u32 = 9;
 const VIEWS: u32 = 2;
 const SAMPLES: u32 = 3;
 const INSTANTS: u32 = 5;
+
+/// A rule and what it takes as straight between samples.
+type Rule = (TriggerRule, Interpolation);
+const CROSSING: Rule = (TriggerRule::Crossing, Interpolation::Log);
+const CROSSING_LIGHT: Rule = (TriggerRule::Crossing, Interpolation::Light);
+const LATCH: Rule = (TriggerRule::Latch, Interpolation::Log);
 
 /// A small hash to (0, 1): test inputs only.
 fn noise(i: u32) -> f32 {
@@ -57,7 +63,7 @@ struct Ran {
 
 fn run(
     gpu: &Gpu,
-    rule: TriggerRule,
+    (trigger, interpolation): Rule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
     grid: &TimeGrid,
@@ -84,7 +90,8 @@ fn run(
     }
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
-    let passes = TriggerPasses::new(&gpu.device, rule, SAMPLES);
+    let rules = SensorConfig { trigger, interpolation, ..Default::default() };
+    let passes = TriggerPasses::new(&gpu.device, &rules, SAMPLES);
     let unit = Unit { group: 0, first: 0, instants: INSTANTS };
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);
@@ -160,7 +167,7 @@ struct Comparison {
 
 fn compare(
     ran: &Ran,
-    rule: TriggerRule,
+    (trigger, interpolation): Rule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
     grid: &TimeGrid,
@@ -174,7 +181,8 @@ fn compare(
             threshold_on: sensor.threshold_on,
             threshold_off: sensor.threshold_off,
             log_eps: sensor.log_eps,
-            trigger: rule,
+            trigger,
+            interpolation,
         };
         let range = ran.offsets[view as usize] as usize..ran.offsets[view as usize + 1] as usize;
         let mut device = ran.records[range].iter().peekable();
@@ -229,12 +237,12 @@ fn trigger_passes_equal_their_twin() {
     let layers = layers();
     let sensors = sensors();
     let grid = TimeGrid::new(1000.0 / 3.0).unwrap();
-    for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
+    for rule in [CROSSING, CROSSING_LIGHT, LATCH] {
         let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 16);
         assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
         let got = compare(&ran, rule, &layers, &sensors, &grid);
         assert!(got.wrong.is_empty(), "{rule:?}: {} wrong, first {}", got.wrong.len(), got.wrong[0]);
-        assert!(got.events > 5000 || rule == TriggerRule::Latch && got.events > 1000, "{}", got.events);
+        assert!(got.events > 5000 || rule == LATCH && got.events > 1000, "{}", got.events);
         assert_eq!(got.compared as u32, WIDTH * HEIGHT * VIEWS);
         // The band is there, it is small, and times have no bias to one side.
         assert!(got.near > 0 && got.near < got.compared / 20, "{} near of {}", got.near, got.compared);
@@ -249,21 +257,24 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
     let layers = layers();
     let sensors = sensors();
     let grid = TimeGrid::new(1000.0 / 3.0).unwrap();
-    let mut ran = run(&gpu, TriggerRule::Crossing, &layers, &sensors, &grid, 1 << 16);
+    let mut ran = run(&gpu, CROSSING, &layers, &sensors, &grid, 1 << 16);
     let mut wrong = sensors.clone();
     wrong[1].threshold_off *= 1.01;
-    assert!(!compare(&ran, TriggerRule::Crossing, &layers, &wrong, &grid).wrong.is_empty());
+    assert!(!compare(&ran, CROSSING, &layers, &wrong, &grid).wrong.is_empty());
+    // What is straight between samples shows in the times alone.
+    let mixed = compare(&ran, CROSSING_LIGHT, &layers, &sensors, &grid);
+    assert!(mixed.wrong.len() > 1000 && mixed.flipped <= mixed.near, "{}", mixed.wrong.len());
     for record in &mut ran.records {
         record[0] += 2;
     }
-    assert!(!compare(&ran, TriggerRule::Crossing, &layers, &sensors, &grid).wrong.is_empty());
+    assert!(!compare(&ran, CROSSING, &layers, &sensors, &grid).wrong.is_empty());
 }
 
 #[test]
 fn a_full_buffer_stalls_and_writes_nothing() {
     let Some(gpu) = super::device() else { return };
     let grid = TimeGrid::new(1000.0).unwrap();
-    let ran = run(&gpu, TriggerRule::Crossing, &layers(), &sensors(), &grid, 64);
+    let ran = run(&gpu, CROSSING, &layers(), &sensors(), &grid, 64);
     assert_eq!(ran.status.stalled, 1);
     assert!(ran.status.event_count > 64, "the host learns how many events there are");
     assert!(ran.records.iter().all(|r| *r == [0, 0]), "nothing was emitted");

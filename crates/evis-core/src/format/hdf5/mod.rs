@@ -16,6 +16,8 @@
 //! that DSEC readers open the file unchanged. The file's attributes `width` and `height` are those of
 //! the first camera.
 //!
+//! A truth file (see [`crate::Truth::write`]) is a recording of one camera with a group `/truth`.
+//!
 //! `t` is u32 where the planned duration fits (as in DSEC), and i64 where it does not or is unknown.
 //!
 //! Killing the writer loses at most the last second: the file then opens in h5py with `swmr=True`, and
@@ -24,12 +26,14 @@
 mod reader;
 mod repair;
 mod store;
+mod truth;
 mod writer;
 
 use crate::packet::{CameraInfo, LabelData, LabelKind};
 
 pub use reader::Recording;
 pub use repair::{RepairReport, repair};
+pub use truth::stored_sensor;
 pub use writer::RecordingWriter;
 
 /// Version of the layout, in the attribute `/evis@version`.
@@ -40,7 +44,7 @@ const EVENTS_PER_CHUNK: usize = 65_536;
 /// gzip level of every data set.
 const GZIP_LEVEL: u32 = 2;
 /// Names that a camera may not have, since the root group uses them.
-const RESERVED_NAMES: [&str; 4] = ["events", "ms_to_idx", "t_offset", "evis"];
+const RESERVED_NAMES: [&str; 5] = ["events", "ms_to_idx", "t_offset", "evis", "truth"];
 
 /// What a recording says about itself; written when it is created.
 #[derive(Clone, Debug, PartialEq)]

@@ -66,12 +66,7 @@ impl Recording {
     /// As [`Recording::event_count`].
     pub fn events(&self, camera: usize) -> Result<Vec<Event>, FormatError> {
         let name = &self.camera(camera)?.name;
-        with_file(&self.path, |source| {
-            let columns = source.events(name)?;
-            let mut events = Vec::new();
-            columns.read(source, 0, columns.count, |block| events.extend_from_slice(block))?;
-            Ok(events)
-        })
+        with_file(&self.path, |source| source.all_events(name))
     }
 
     /// The events of camera `camera` with `start_us <= t < end_us`. Only the chunks around them are read.
@@ -211,15 +206,45 @@ impl Recording {
         Ok(if text.is_empty() { None } else { Some(text) })
     }
 
-    fn camera(&self, index: usize) -> Result<&CameraInfo, FormatError> {
-        self.header.cameras.get(index).ok_or_else(|| {
-            let names: Vec<_> = self.header.cameras.iter().map(|c| c.name.as_str()).collect();
-            FormatError::invalid(
+    /// Where the recording is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Index of the camera of this name; of the only camera where no name is given.
+    ///
+    /// # Errors
+    /// No such camera; several, and no name.
+    pub fn find_camera(&self, name: Option<&str>) -> Result<usize, FormatError> {
+        let cameras = &self.header.cameras;
+        match name {
+            Some(name) => cameras
+                .iter()
+                .position(|c| c.name == name)
+                .ok_or_else(|| self.no_camera(&format!("{name:?}"))),
+            None if cameras.len() == 1 => Ok(0),
+            None => Err(FormatError::invalid(
                 &self.path,
-                format!("there is no camera {index}"),
-                format!("the cameras are {}, from 0", names.join(", ")),
-            )
-        })
+                format!("there are {} cameras", cameras.len()),
+                format!("choose one of {}", self.camera_names()),
+            )),
+        }
+    }
+
+    fn camera(&self, index: usize) -> Result<&CameraInfo, FormatError> {
+        self.header.cameras.get(index).ok_or_else(|| self.no_camera(&index.to_string()))
+    }
+
+    pub(super) fn no_camera(&self, which: &str) -> FormatError {
+        FormatError::invalid(
+            &self.path,
+            format!("there is no camera {which}"),
+            format!("the cameras are {}, from 0", self.camera_names()),
+        )
+    }
+
+    fn camera_names(&self) -> String {
+        self.header.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ")
     }
 
     fn label_path(&self, camera: usize, kind: LabelKind) -> Result<String, FormatError> {
@@ -241,9 +266,9 @@ impl Recording {
 }
 
 /// An open file and what is needed to explain what is wrong with it.
-struct Source<'a> {
-    path: &'a Path,
-    file: H5File,
+pub(super) struct Source<'a> {
+    pub path: &'a Path,
+    pub file: H5File,
     bytes: u64,
 }
 
@@ -258,7 +283,7 @@ struct EventColumns {
 
 /// Opens `path` and runs `read`. The one door to the decoder: what it does with a damaged file, a panic
 /// included, comes out as an error.
-fn with_file<T>(
+pub(super) fn with_file<T>(
     path: &Path,
     read: impl FnOnce(&Source<'_>) -> Result<T, FormatError>,
 ) -> Result<T, FormatError> {
@@ -301,20 +326,20 @@ fn damaged(path: &Path, what: impl Into<String>) -> FormatError {
 }
 
 impl Source<'_> {
-    fn damaged(&self, what: impl Into<String>) -> FormatError {
+    pub fn damaged(&self, what: impl Into<String>) -> FormatError {
         damaged(self.path, what)
     }
 
-    fn check<T>(&self, name: &str, result: Result<T, Hdf5Error>) -> Result<T, FormatError> {
+    pub fn check<T>(&self, name: &str, result: Result<T, Hdf5Error>) -> Result<T, FormatError> {
         result.map_err(|e| self.damaged(format!("{name}: {e}")))
     }
 
-    fn dataset(&self, name: &str) -> Result<H5Dataset, FormatError> {
+    pub fn dataset(&self, name: &str) -> Result<H5Dataset, FormatError> {
         self.check(name, self.file.dataset(name))
     }
 
     /// Length of the first axis; refused where the file is too small to hold it.
-    fn rows(&self, dataset: &H5Dataset, name: &str) -> Result<u64, FormatError> {
+    pub fn rows(&self, dataset: &H5Dataset, name: &str) -> Result<u64, FormatError> {
         let shape = dataset.shape();
         let size = shape.iter().try_fold(dataset.element_size(), |n, &d| n.checked_mul(d));
         match size {
@@ -335,7 +360,7 @@ impl Source<'_> {
         self.check("a column", dataset.read_slice(&[from], &[count]))
     }
 
-    fn scalar<T: H5Type>(&self, name: &str) -> Result<T, FormatError> {
+    pub fn scalar<T: H5Type>(&self, name: &str) -> Result<T, FormatError> {
         let values = self.check(name, self.dataset(name)?.read_raw::<T>())?;
         values.first().copied().ok_or_else(|| self.damaged(format!("{name} has no value")))
     }
@@ -397,6 +422,13 @@ impl Source<'_> {
             t_offset_us,
             labels: labels.into_iter().collect(),
         })
+    }
+
+    pub fn all_events(&self, camera: &str) -> Result<Vec<Event>, FormatError> {
+        let columns = self.events(camera)?;
+        let mut events = Vec::new();
+        columns.read(self, 0, columns.count, |block| events.extend_from_slice(block))?;
+        Ok(events)
     }
 
     fn events(&self, camera: &str) -> Result<EventColumns, FormatError> {

@@ -85,6 +85,16 @@ impl RecordingWriter {
     /// header that makes no recording (no camera, a name that is taken or has a slash, an empty or huge
     /// image, a negative duration). Then the file at `path` is what it was before.
     pub fn create(path: &Path, header: &RecordingHeader, overwrite: bool) -> Result<Self, FormatError> {
+        Self::create_with(path, header, overwrite, |_| Ok(()))
+    }
+
+    /// The same for a file that has more than a recording, which `extra` lays out.
+    pub(super) fn create_with(
+        path: &Path,
+        header: &RecordingHeader,
+        overwrite: bool,
+        extra: impl FnOnce(&H5File) -> Result<(), Hdf5Error>,
+    ) -> Result<Self, FormatError> {
         check_header(path, header)?;
         if let Ok(existing) = fs::metadata(path) {
             if !existing.is_file() {
@@ -103,7 +113,7 @@ impl RecordingWriter {
         let draft = draft_path(path);
         let result = fs::File::create(&draft)
             .map_err(|e| FormatError::io(path, "create", e))
-            .and_then(|_| lay_out(&draft, header).map_err(|e| creation_error(path, &e)))
+            .and_then(|_| lay_out(&draft, header, extra).map_err(|e| creation_error(path, &e)))
             .and_then(|()| fs::rename(&draft, path).map_err(|e| FormatError::io(path, "create", e)));
         if let Err(error) = result {
             // The first error is the one to report; the draft may not even exist.
@@ -513,7 +523,7 @@ fn check_header(path: &Path, header: &RecordingHeader) -> Result<(), FormatError
         if !usable {
             return invalid(
                 format!("{name:?} cannot name a camera"),
-                "use a name without slash, other than events, ms_to_idx, t_offset and evis",
+                "use a name without slash, other than events, ms_to_idx, t_offset, truth and evis",
             );
         }
         if header.cameras.iter().take(i).any(|other| other.name == *name) {
@@ -569,9 +579,13 @@ fn creation_error(path: &Path, error: &Hdf5Error) -> FormatError {
 }
 
 /// Writes the empty file: groups, scalars, links and data sets without rows.
-fn lay_out(path: &Path, header: &RecordingHeader) -> Result<(), Hdf5Error> {
+fn lay_out(
+    path: &Path,
+    header: &RecordingHeader,
+    extra: impl FnOnce(&H5File) -> Result<(), Hdf5Error>,
+) -> Result<(), Hdf5Error> {
     let file = H5File::create(path)?;
-    match fill(&file, header) {
+    match fill(&file, header).and_then(|()| extra(&file)) {
         Ok(()) => file.close_no_sync(),
         Err(error) => {
             // Dropped, the crate would try to finalize the file and print that it cannot.
@@ -657,7 +671,7 @@ fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) 
 }
 
 /// A single value.
-fn scalar<T: H5Type>(group: &H5Group, name: &str, value: T) -> Result<(), Hdf5Error> {
+pub(super) fn scalar<T: H5Type>(group: &H5Group, name: &str, value: T) -> Result<(), Hdf5Error> {
     group.new_dataset::<T>().scalar().create(name)?.write_raw(&[value])
 }
 
