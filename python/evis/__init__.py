@@ -11,7 +11,7 @@ pixel; polarity is ON = 1, OFF = 0.
 10000 int64 ('x', 'y', 'p', 't')
 """
 
-from . import motion
+from . import metrics, motion
 from ._builder import SceneBuilder
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
@@ -20,6 +20,7 @@ from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Repo
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Sensor
 from ._simulator import Device, Simulator, Stream, devices
+from ._truth import Truth, load_truth
 from .motion import Placement, Waveform
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "Sensor",
     "Simulator",
     "Stream",
+    "Truth",
     "View",
     "Waveform",
     "Writer",
@@ -54,6 +56,8 @@ __all__ = [
     "as_event_cd",
     "devices",
     "load",
+    "load_truth",
+    "metrics",
     "motion",
     "save",
     "scenes",

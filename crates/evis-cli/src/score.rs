@@ -19,19 +19,9 @@ struct Scored<'a> {
 /// Scores a recording against truth.
 pub(crate) fn run(args: &ScoreArgs) -> anyhow::Result<i32> {
     let (stream, known) = (Recording::open(&args.events)?, Recording::open(&args.truth)?);
-    // A file of one camera needs no name. Without a name, the truth's one camera is looked for in the stream.
-    let cameras = &known.header().cameras;
-    let only = match cameras.as_slice() {
-        [only] => Some(only.name.as_str()),
-        _ => None,
-    };
     let named = args.camera.as_deref();
-    let truth = Truth::load(&args.truth, only.or(named))?;
-    let guessed = only.filter(|name| stream.header().cameras.iter().any(|c| c.name == *name));
-    let camera = match stream.header().cameras.as_slice() {
-        [_] if named.is_none() => 0,
-        _ => stream.find_camera(named.or(guessed))?,
-    };
+    let truth = Truth::load(&args.truth, choose(named, &known, &stream))?;
+    let camera = stream.find_camera(choose(named, &stream, &known))?;
     let info = stream.header().cameras.get(camera);
     let settings = ScoreSettings {
         tolerances_us: if args.tolerance_us.is_empty() {
@@ -54,4 +44,16 @@ pub(crate) fn run(args: &ScoreArgs) -> anyhow::Result<i32> {
         text::say(&score.to_string());
     }
     Ok(0)
+}
+
+/// Name of the camera to look for in `file`. A file of one camera needs no name: one that is given may be meant for the
+/// `other`; and where none is given, the other's only camera may be among several here.
+fn choose<'a>(named: Option<&'a str>, file: &'a Recording, other: &'a Recording) -> Option<&'a str> {
+    let has = |recording: &Recording, name: &str| recording.header().cameras.iter().any(|c| c.name == name);
+    let (cameras, others) = (file.header().cameras.as_slice(), other.header().cameras.as_slice());
+    match (named, cameras, others) {
+        (Some(name), [_], _) if !has(file, name) && has(other, name) => None,
+        (None, [_, _, ..], [only]) if has(file, &only.name) => Some(&only.name),
+        _ => named,
+    }
 }

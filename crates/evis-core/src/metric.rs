@@ -38,7 +38,6 @@ use crate::event::Event;
 use crate::sensor::SensorConfig;
 use crate::truth::{Region, Truth};
 
-pub(crate) use check::check_truth;
 pub use error::MetricError;
 pub use flow::{EndpointError, endpoint_error};
 pub use image::{Frame, mse, psnr, ssim};
@@ -192,6 +191,16 @@ impl MatchScore {
     /// The score in `region`; None where nothing happened there.
     pub fn region(&self, region: Region) -> Option<&RegionScore> {
         self.regions.iter().find(|r| r.region == region)
+    }
+}
+
+impl Truth {
+    /// Whether its parts fit together; one without events or pixels may.
+    ///
+    /// # Errors
+    /// What contradicts what.
+    pub fn check(&self) -> Result<(), MetricError> {
+        check::check_truth(self)
     }
 }
 

@@ -4,6 +4,7 @@ mod door;
 mod engine;
 mod errors;
 mod events;
+mod metrics;
 mod packet;
 mod recording;
 mod scene;
@@ -18,6 +19,10 @@ mod _evis {
     use crate::door::EnterEngine;
     use crate::errors::Failure;
 
+    #[pymodule_export]
+    use crate::metrics::{
+        Truth, endpoint_error, mse, psnr, score, score_table, sensor_of_settings, ssim, voxel_l1,
+    };
     #[pymodule_export]
     use crate::packet::{Label, Packet, View};
     #[pymodule_export]

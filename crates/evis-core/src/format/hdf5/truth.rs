@@ -20,7 +20,6 @@ use super::reader::{Source, with_file};
 use super::writer::scalar;
 use super::{EVENTS_PER_CHUNK, GZIP_LEVEL, Recording, RecordingHeader, RecordingWriter};
 use crate::format::FormatError;
-use crate::metric::check_truth;
 use crate::sensor::SensorConfig;
 use crate::truth::{Region, RegionSpan, Truth};
 
@@ -35,7 +34,7 @@ impl Truth {
     /// # Errors
     /// As [`RecordingWriter::create`], and a truth that contradicts itself.
     pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), FormatError> {
-        check_truth(self).map_err(|e| {
+        self.check().map_err(|e| {
             FormatError::invalid(path, e.to_string(), "write a truth whose parts fit together")
         })?;
         let header = RecordingHeader {
@@ -76,7 +75,7 @@ impl Truth {
                 "make the truth again, or copy it again from its source",
             )
         };
-        check_truth(&truth).map_err(|e| damaged(&e))?;
+        truth.check().map_err(|e| damaged(&e))?;
         Ok(truth)
     }
 
@@ -105,7 +104,7 @@ impl Truth {
         let after_last = events.last().map_or(1, |e| e.t.saturating_add(1));
         let duration_us = told_duration(recording)?.map_or(after_last, |told| told.max(after_last));
         let truth = Self::from_events(events, info, sensor, reference_luminance, duration_us);
-        check_truth(&truth).map_err(|e| {
+        truth.check().map_err(|e| {
             FormatError::corrupt(recording.path(), e.to_string(), "record it again, or copy it again")
         })?;
         Ok(truth)
