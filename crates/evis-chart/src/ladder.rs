@@ -1,6 +1,6 @@
 //! Which settings are measured.
 
-use evis_core::{ConfigError, TimeGrid, TriggerRule};
+use evis_core::{ConfigError, Interpolation, TimeGrid, TriggerRule};
 use evis_render::{Antialias, Method, RunConfig};
 use serde::{Deserialize, Serialize};
 
@@ -22,13 +22,31 @@ pub struct Setting {
     pub antialias: Antialias,
     /// Trigger rule.
     pub trigger: TriggerRule,
+    /// How crossings between two samples are found.
+    #[serde(default)]
+    pub interpolation: Interpolation,
 }
 
 impl Setting {
     /// Every instant is rendered.
     pub fn native(rate_hz: f64, samples: u32, antialias: Antialias, trigger: TriggerRule) -> Self {
         let method = "native".into();
-        Self { published: None, method, rate_hz, rendered_hz: rate_hz, samples, antialias, trigger }
+        let interpolation = Interpolation::Log;
+        Self {
+            published: None,
+            method,
+            rate_hz,
+            rendered_hz: rate_hz,
+            samples,
+            antialias,
+            trigger,
+            interpolation,
+        }
+    }
+
+    /// The same with crossings linear in light.
+    pub fn in_light(self) -> Self {
+        Self { interpolation: Interpolation::Light, ..self }
     }
 
     /// The method, where the engine has it.
@@ -44,6 +62,7 @@ impl Setting {
         config.samples = self.samples;
         config.antialias = self.antialias;
         config.sensor.trigger = self.trigger;
+        config.sensor.interpolation = self.interpolation;
         Some(config)
     }
 
@@ -66,14 +85,18 @@ impl Setting {
         if self.trigger == TriggerRule::Latch {
             label += " latch";
         }
+        if self.interpolation == Interpolation::Light {
+            label += " light";
+        }
         label
     }
 
     /// What it has in common with the points that a line joins it to: all but the rate.
     pub fn family(&self) -> String {
-        let trigger = match self.trigger {
-            TriggerRule::Crossing => "crossing",
-            TriggerRule::Latch => "latch",
+        let trigger = match (self.trigger, self.interpolation) {
+            (TriggerRule::Crossing, Interpolation::Log) => "crossing",
+            (TriggerRule::Crossing, Interpolation::Light) => "crossing in light",
+            (TriggerRule::Latch, _) => "latch",
         };
         let pixel = match (self.antialias, self.samples) {
             (Antialias::Edges, _) => "edges".to_owned(),
@@ -100,6 +123,9 @@ impl Setting {
         }
         if self.trigger == TriggerRule::Latch {
             flags += " --trigger latch";
+        }
+        if self.interpolation == Interpolation::Light {
+            flags += " --interpolation light";
         }
         flags
     }
@@ -130,6 +156,8 @@ pub struct Ladder {
     pub samples: Vec<u32>,
     /// Also one shaded sample with the coverage of four, at each rate.
     pub edges: bool,
+    /// Numbers of samples with which crossings are also linear in light, at each rate.
+    pub light_samples: Vec<u32>,
     /// Rates at which the trigger also latches, with each number of samples.
     pub latch_hz: Vec<f64>,
     /// Also the settings that the EVIS paper publishes.
@@ -142,6 +170,7 @@ impl Default for Ladder {
             rates_hz: vec![125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0],
             samples: vec![1, 4, 16],
             edges: true,
+            light_samples: vec![4],
             latch_hz: vec![1000.0],
             published: true,
         }
@@ -155,6 +184,7 @@ impl Ladder {
             rates_hz: vec![125.0, 500.0, 2000.0],
             samples: vec![1, 4],
             edges: false,
+            light_samples: vec![],
             latch_hz: vec![1000.0],
             published: true,
         }
@@ -168,7 +198,7 @@ impl Ladder {
         for &rate in self.rates_hz.iter().chain(&self.latch_hz) {
             TimeGrid::new(rate).map_err(|e| ConfigError { what: "rates".into(), ..e })?;
         }
-        for &samples in &self.samples {
+        for &samples in self.samples.iter().chain(&self.light_samples) {
             let base = RunConfig { samples, ..RunConfig::default() };
             base.check()?;
         }
@@ -185,10 +215,14 @@ impl Ladder {
                     add(Setting::native(rate_hz, samples, Antialias::Samples, trigger));
                 }
             }
-            if self.edges && trigger == TriggerRule::Crossing {
-                for &rate_hz in rates_hz {
-                    add(Setting::native(rate_hz, 4, Antialias::Edges, trigger));
-                }
+        }
+        let crossing = TriggerRule::Crossing;
+        for &rate_hz in self.rates_hz.iter().filter(|_| self.edges) {
+            add(Setting::native(rate_hz, 4, Antialias::Edges, crossing));
+        }
+        for &samples in &self.light_samples {
+            for &rate_hz in &self.rates_hz {
+                add(Setting::native(rate_hz, samples, Antialias::Samples, crossing).in_light());
             }
         }
         if self.published {
@@ -216,6 +250,7 @@ pub fn published() -> Vec<Setting> {
         samples: 4,
         antialias: Antialias::Samples,
         trigger: TriggerRule::Latch,
+        interpolation: Interpolation::Log,
     };
     let rendered = Setting {
         published: Some("EVIS 1000 Hz".into()),
@@ -231,7 +266,7 @@ mod tests {
     #[test]
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
-        assert_eq!(all.iter().filter(|s| s.engine_method().is_some()).count(), 6 * 4 + 3);
+        assert_eq!(all.iter().filter(|s| s.engine_method().is_some()).count(), 6 * 5 + 3);
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
         labels.sort();
         let before = labels.len();
@@ -250,6 +285,9 @@ mod tests {
         assert_eq!((run.rate_hz, run.antialias, run.size), (250.0, Antialias::Edges, Some((8, 6))));
         assert_eq!(edges.label(), "250 Hz edges");
         assert_eq!(edges.run_flags(), "--rate 250 --aa edges");
+        let light = Setting::native(500.0, 4, Antialias::Samples, TriggerRule::Crossing).in_light();
+        assert_eq!(light.run_config(&base).unwrap().sensor.interpolation, Interpolation::Light);
+        assert_eq!(light.run_flags(), "--rate 500 --samples 4 --interpolation light");
         let warp = &published()[1];
         assert_eq!(warp.label(), "splat 250×4 Hz ×4 latch");
         assert_eq!(warp.rate_hz, 1000.0);
@@ -260,8 +298,14 @@ mod tests {
 
     #[test]
     fn ladders_that_cannot_run_are_refused() {
-        let none =
-            Ladder { rates_hz: vec![], samples: vec![], edges: false, latch_hz: vec![], published: false };
+        let none = Ladder {
+            rates_hz: vec![],
+            samples: vec![],
+            edges: false,
+            light_samples: vec![],
+            latch_hz: vec![],
+            published: false,
+        };
         assert!(none.settings().unwrap_err().to_string().contains("at least one setting"));
         for bad in [0.0, -1.0, f64::NAN, 2.0e6] {
             let error =

@@ -50,6 +50,16 @@ pub struct Recommendation {
     pub command: String,
 }
 
+impl Recommendation {
+    /// As JSON.
+    ///
+    /// # Errors
+    /// None that could be put right.
+    pub fn to_json(&self) -> Result<String, ChartError> {
+        serde_json::to_string(self).map_err(|e| ChartError::Draw(format!("no JSON: {e}")))
+    }
+}
+
 impl SceneChart {
     /// The setting that `goal` asks for.
     ///

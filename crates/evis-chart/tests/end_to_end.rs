@@ -30,6 +30,7 @@ fn tiny() -> ChartSettings {
             rates_hz: vec![100.0, 1000.0],
             samples: vec![4],
             edges: false,
+            light_samples: vec![4],
             latch_hz: vec![],
             published: true,
         },
@@ -54,7 +55,7 @@ fn a_scene_becomes_a_chart() {
     let made = chart(&gpu, "spinner", &scene, &tiny(), &told).unwrap();
     assert!(stages.iter().all(|n| n.load(Ordering::Relaxed) > 0), "every stage tells of itself");
 
-    assert_eq!((made.width, made.height, made.points.len()), (32, 24, 3));
+    assert_eq!((made.width, made.height, made.points.len()), (32, 24, 5));
     assert_eq!(made.not_measured.len(), 4);
     assert!(made.truth.events > 0 && made.truth.floor.is_some());
     for point in &made.points {

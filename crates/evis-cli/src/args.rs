@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::{Interpolation, LabelKind, TriggerRule};
 use evis_render::{Antialias, Method};
-use evis_truth::PixelChoice;
+use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
 const MAX_SECONDS: f64 = 2_678_400.0;
@@ -40,6 +40,8 @@ pub(crate) enum Command {
     Preview(PreviewArgs),
     /// Measure settings on a scene: draw speed against accuracy, and recommend one.
     Chart(Box<ChartArgs>),
+    /// Compute what an ideal sensor fires in a scene, without the engine: exact, and slow.
+    Truth(Box<TruthArgs>),
     /// Tell what a recording holds; repair one that was cut off.
     Info(InfoArgs),
     /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
@@ -276,6 +278,10 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_edges: bool,
 
+    /// Leave out crossings that are linear in light.
+    #[arg(long)]
+    pub(crate) no_light: bool,
+
     /// Leave out the settings that the EVIS paper publishes.
     #[arg(long)]
     pub(crate) no_published: bool,
@@ -311,6 +317,73 @@ pub(crate) struct MeasuringArgs {
     /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
     #[arg(long, value_name = "NAME|INDEX")]
     pub(crate) device: Option<String>,
+
+    /// Seed of built-in scenes [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+}
+
+/// `truth`.
+#[derive(Debug, Args)]
+pub(crate) struct TruthArgs {
+    /// A built-in scene (see `scenes`), or a .toml, .gltf or .glb file.
+    pub(crate) scene: String,
+
+    /// The HDF5 file to write; `score` reads it, and it opens as a recording.
+    #[arg(short, long, value_name = "TRUTH.h5")]
+    pub(crate) output: PathBuf,
+
+    /// The camera [default: the first].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// Seconds [default: 0.25].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Scene time in seconds at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Pixels of the camera [default: the camera's own, else 640x480, or its aspect at 480 lines].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// Pixels to make truth for, spread over the picture; `all` for all [default: 1000].
+    #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true)]
+    pub(crate) pixels: Option<PixelChoice>,
+
+    /// Make truth for a rectangle instead: first column, first row, columns, rows.
+    #[arg(long, value_name = "X,Y,W,H", value_parser = crop, allow_hyphen_values = true, conflicts_with = "pixels")]
+    pub(crate) crop: Option<PixelChoice>,
+
+    /// Which samples; truths of both, scored against each other, tell their own error [default: first].
+    #[arg(long, value_enum)]
+    pub(crate) lattice: Option<LatticeArg>,
+
+    /// Rise of log intensity that fires an ON event [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_on: Option<f32>,
+
+    /// Fall of log intensity that fires an OFF event, a magnitude [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_off: Option<f32>,
+
+    /// eps in ln(Y / Y_ref + eps) [default: 0.001].
+    #[arg(long, value_name = "E", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) log_eps: Option<f32>,
+
+    /// Y_ref in ln(Y / Y_ref + eps) [default: brings the camera's log-mean at the start to 0.18].
+    #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) reference_luminance: Option<f32>,
+
+    /// Folder that keeps truths for the next time [default: the user's cache folder].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) cache: Option<PathBuf>,
+
+    /// Overwrite existing output.
+    #[arg(long)]
+    pub(crate) force: bool,
 
     /// Seed of built-in scenes [default: 0].
     #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
@@ -418,6 +491,23 @@ impl From<AntialiasArg> for Antialias {
         match arg {
             AntialiasArg::Samples => Self::Samples,
             AntialiasArg::Edges => Self::Edges,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum LatticeArg {
+    /// One family of samples.
+    First,
+    /// Another one, independent of it.
+    Second,
+}
+
+impl From<LatticeArg> for Lattice {
+    fn from(arg: LatticeArg) -> Self {
+        match arg {
+            LatticeArg::First => Self::First,
+            LatticeArg::Second => Self::Second,
         }
     }
 }
@@ -579,6 +669,19 @@ fn truth_pixels(text: &str) -> Result<PixelChoice, String> {
     let count = || text.trim().parse::<usize>().ok().filter(|n| *n >= 1).map(PixelChoice::Count);
     if text.trim() == "all" { Some(PixelChoice::All) } else { count() }
         .ok_or_else(|| "it must be a whole number above 0, such as 1000, or the word all".into())
+}
+
+fn crop(text: &str) -> Result<PixelChoice, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, width, height]) if width > 0 && height > 0 => {
+            Ok(PixelChoice::Crop { x, y, width, height })
+        }
+        _ => Err(
+            "it must be four whole numbers, first column, first row, columns and rows, such as 40,30,80,60"
+                .into(),
+        ),
+    }
 }
 
 fn sample_count(text: &str) -> Result<u32, String> {

@@ -150,6 +150,9 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
     if !args.samples.is_empty() {
         ladder.samples.clone_from(&args.samples);
     }
+    if args.no_light {
+        ladder.light_samples.clear();
+    }
     ladder.edges &= !args.no_edges;
     ladder.published &= !args.no_published;
     let default = ChartSettings::default();

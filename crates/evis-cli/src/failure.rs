@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use evis_chart::ChartError;
 use evis_core::format::FormatError;
 use evis_render::EngineError;
+use evis_truth::TruthError;
 
 /// Something that the user can put right: exit code 2.
 #[derive(Debug)]
@@ -52,6 +53,7 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
             Some(FormatError::Exists { .. } | FormatError::Corrupt { .. } | FormatError::Invalid { .. })
         )
         || cause.is::<evis_scene::SceneError>()
+        || matches!(cause.downcast_ref(), Some(TruthError::Config(_) | TruthError::Scene(_)))
         || matches!(
             cause.downcast_ref(),
             Some(

@@ -14,6 +14,7 @@ mod run;
 mod scene_source;
 mod score;
 mod text;
+mod truth;
 
 use clap::{CommandFactory, FromArgMatches};
 
@@ -37,6 +38,7 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Run(args) => run::run(&args),
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),
+        Command::Truth(args) => truth::truth(&args),
         Command::Info(args) => info::info(&args),
         Command::Score(args) => score::run(&args),
         Command::Scenes(args) => list::scenes(&args),

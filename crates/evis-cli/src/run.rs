@@ -170,7 +170,7 @@ fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
 }
 
 /// Refuses an output that could not be written, before any work.
-fn check_output(path: &Path) -> anyhow::Result<()> {
+pub(crate) fn check_output(path: &Path) -> anyhow::Result<()> {
     let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     if !matches!(ending.as_deref(), Some("h5" | "hdf5")) {
         return Err(bad_input(format!(
@@ -212,7 +212,7 @@ pub(crate) fn check_parent(path: &Path, flag: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn check_free(path: &Path, force: bool) -> anyhow::Result<()> {
+pub(crate) fn check_free(path: &Path, force: bool) -> anyhow::Result<()> {
     if path.exists() && !force {
         return Err(bad_input(format!(
             "--output {} exists already; --force overwrites it, or choose another name",

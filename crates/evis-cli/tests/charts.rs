@@ -6,7 +6,7 @@ mod common;
 
 use common::{Folder, code, evis, json, no_device, stderr, stdout};
 
-const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --repetitions 2 \
+const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --no-light --repetitions 2 \
                     --truth-pixels 120 --no-floor --cache cache";
 
 fn refused(folder: &Folder, line: &str, told: &[&str]) {
@@ -90,4 +90,32 @@ fn a_scene_is_charted_and_drawn_again() {
     let poor = evis(&folder, "chart --from r.json --budget 0.0001");
     assert_eq!(code(&poor), 2);
     assert!(stderr(&poor).contains("the cheapest is"), "{}", stderr(&poor));
+}
+
+#[test]
+fn truth_becomes_a_file_that_scores_a_run() {
+    let folder = Folder::new("truth");
+    let small = "--size 32x24 --duration 0.02";
+    for (arguments, told) in [
+        ("truth spinner -o t.txt", ["t.txt", ".h5"]),
+        ("truth spiner -o t.h5", ["spiner", "spinner"]),
+        ("truth spinner -o t.h5 --camera nobody --cache cache", ["camera", "nobody"]),
+        ("truth spinner -o t.h5 --crop 1,2,3", ["--crop", "such as 40,30,80,60"]),
+        ("truth spinner -o t.h5 --crop 0,0,9,9 --pixels 5", ["--crop", "--pixels"]),
+    ] {
+        std::fs::create_dir_all(folder.file("cache")).unwrap();
+        refused(&folder, arguments, &told);
+    }
+    let output = evis(&folder, &format!("truth spinner -o t.h5 {small} --crop 8,6,16,12 --cache cache"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert!(stdout(&output).contains("192 pixels"), "{}", stdout(&output));
+    refused(&folder, "truth spinner -o t.h5", &["t.h5", "--force"]);
+    if no_device(&folder) {
+        return;
+    }
+    let output = evis(&folder, &format!("run spinner -o e.h5 {small} --rate 1000 --samples 16"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let output = evis(&folder, "score e.h5 --truth t.h5 --json");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert_eq!(json(&output)["score"]["pixels"], 192);
 }
