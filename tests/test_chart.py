@@ -23,6 +23,8 @@ TINY: dict[str, Any] = {
     "repetitions": 2,
     "truth_pixels": 120,
     "cache": False,
+    # So small a picture moves little: only a keen sensor sees it.
+    "sensor": evis.Sensor(threshold_on=0.05, threshold_off=0.05),
 }
 
 
@@ -86,7 +88,7 @@ def test_what_cannot_be_measured_is_told(spinner: evis.Scene):
     with pytest.raises(evis.ConfigError, match="rates is 0"):
         evis.chart(spinner, **{**TINY, "rates_hz": [0]})
     with pytest.raises(evis.ConfigError, match="no events"):
-        evis.chart(spinner, sensor=evis.Sensor(threshold_on=50.0, threshold_off=50.0), **TINY)
+        evis.chart(spinner, **{**TINY, "sensor": evis.Sensor(threshold_on=50.0, threshold_off=50.0)})
     with pytest.raises(evis.ConfigError, match="at least one"):
         evis.Chart.of([])
 

@@ -187,9 +187,9 @@ class Chart:
     """Cost against error of many settings; made by `chart`, `from_json` or `load`.
 
     >>> import evis
-    >>> made = evis.chart(evis.Scene.builtin("spinner"), size=(32, 24), duration=0.02, rates_hz=[500],
-    ...                   samples=[4], edges=False, light_samples=[], published=False, repetitions=1,
-    ...                   floor=False, cache=False)
+    >>> made = evis.chart(evis.Scene.builtin("spinner"), size=(32, 24), duration=0.05, truth_pixels=200,
+    ...                   rates_hz=[500], samples=[4], edges=False, light_samples=[], published=False,
+    ...                   repetitions=1, floor=False, cache=False)
     >>> [point.setting.trigger for point in made.points]
     ['crossing', 'latch']
     """

@@ -83,22 +83,18 @@ impl SceneChart {
         let (chosen, why) = match goal {
             // Along the front cost rises and the error falls.
             Goal::Budget(ms) => {
+                let real_time = if ms == REAL_TIME_MS { " (real time)" } else { "" };
+                let budget = format!("{} of work per simulated second{real_time}", milliseconds(ms));
                 let within = front.iter().rev().find(|&&i| places[i].cost <= ms).copied();
                 let chosen = within.ok_or_else(|| {
                     ChartError::Unreachable(format!(
-                        "no setting measured on {} costs at most {} of work per simulated second; the cheapest is \
-                         {}; raise --budget, or measure lower --rates",
+                        "no setting measured on {} costs at most {budget}; the cheapest is {}; raise --budget, or \
+                         measure lower --rates",
                         self.scene,
-                        milliseconds(ms),
                         told(cheapest)
                     ))
                 })?;
-                let real_time = if ms == REAL_TIME_MS { " (real time)" } else { "" };
-                let within = format!(
-                    "Most accurate within {} of work per simulated second{real_time}",
-                    milliseconds(ms)
-                );
-                (chosen, within)
+                (chosen, format!("Most accurate within {budget}"))
             }
             Goal::TargetF1(target) => {
                 let reached = front.iter().find(|&&i| f1(i) >= target).copied();

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use evis_chart::{
     ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, Measure, Stage, chart, draw,
 };
+use evis_core::SensorConfig;
 use evis_render::Gpu;
 use evis_scene::builtin;
 use evis_truth::PixelChoice;
@@ -35,6 +36,8 @@ fn tiny() -> ChartSettings {
             published: true,
         },
         repetitions: 2,
+        // So small a picture moves little: only a keen sensor sees it.
+        sensor: SensorConfig { threshold_on: 0.05, threshold_off: 0.05, ..SensorConfig::default() },
         size: Some((32, 24)),
         duration_us: 20_000,
         pixels: PixelChoice::Count(120),

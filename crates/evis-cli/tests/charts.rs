@@ -7,7 +7,7 @@ mod common;
 use common::{Folder, code, evis, json, no_device, stderr, stdout};
 
 const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --no-light --repetitions 2 \
-                    --truth-pixels 120 --no-floor --cache cache";
+                    --truth-pixels 120 --no-floor --cache cache --threshold-on 0.05 --threshold-off 0.05";
 
 fn refused(folder: &Folder, line: &str, told: &[&str]) {
     let before = folder.names();
@@ -80,6 +80,7 @@ fn a_scene_is_charted_and_drawn_again() {
     assert!(std::fs::read_to_string(folder.file("b.svg")).unwrap().contains("charged 10 ms"));
     let command = stdout(&output).lines().last().unwrap().trim().to_owned();
     assert!(command.starts_with("evis-rs run spinner -o events.h5 --size 32x24 --rate "), "{command}");
+    assert!(command.ends_with("--threshold-on 0.05 --threshold-off 0.05"), "{command}");
 
     // The command that is recommended runs.
     let line = command.strip_prefix("evis-rs ").unwrap();
@@ -95,7 +96,7 @@ fn a_scene_is_charted_and_drawn_again() {
 #[test]
 fn truth_becomes_a_file_that_scores_a_run() {
     let folder = Folder::new("truth");
-    let small = "--size 32x24 --duration 0.02";
+    let small = "--size 32x24 --duration 0.02 --threshold-on 0.05 --threshold-off 0.05";
     for (arguments, told) in [
         ("truth spinner -o t.txt", ["t.txt", ".h5"]),
         ("truth spiner -o t.h5", ["spiner", "spinner"]),
