@@ -163,7 +163,9 @@ fn cost(
 /// Places beside the point, and for required labels all over the bounds.
 fn candidates(want: &Wanted, [x, y]: [f64; 2], bounds: &Rect) -> impl Iterator<Item = Rect> + use<> {
     let (w, h, rim) = (want.width, want.height, want.rim);
-    let beside = NEAR.into_iter().flat_map(move |gap| {
+    // What nobody requires stands so near that it needs no leader, or not at all.
+    let gaps = if want.required { NEAR.len() } else { 2 };
+    let beside = NEAR.into_iter().take(gaps).flat_map(move |gap| {
         let gap = rim + gap;
         let slant = gap * 0.75;
         [

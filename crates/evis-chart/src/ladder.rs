@@ -207,22 +207,23 @@ impl Ladder {
             Some(there) => there.published = setting.published.or(there.published.take()),
             None => all.push(setting),
         };
-        for (trigger, rates_hz) in
-            [(TriggerRule::Crossing, &self.rates_hz), (TriggerRule::Latch, &self.latch_hz)]
-        {
-            for &samples in &self.samples {
-                for &rate_hz in rates_hz {
-                    add(Setting::native(rate_hz, samples, Antialias::Samples, trigger));
-                }
+        let samples = Antialias::Samples;
+        for &count in &self.samples {
+            for &rate_hz in &self.rates_hz {
+                add(Setting::native(rate_hz, count, samples, TriggerRule::Crossing));
             }
         }
-        let crossing = TriggerRule::Crossing;
         for &rate_hz in self.rates_hz.iter().filter(|_| self.edges) {
-            add(Setting::native(rate_hz, 4, Antialias::Edges, crossing));
+            add(Setting::native(rate_hz, 4, Antialias::Edges, TriggerRule::Crossing));
         }
-        for &samples in &self.light_samples {
+        for &count in &self.light_samples {
             for &rate_hz in &self.rates_hz {
-                add(Setting::native(rate_hz, samples, Antialias::Samples, crossing).in_light());
+                add(Setting::native(rate_hz, count, samples, TriggerRule::Crossing).in_light());
+            }
+        }
+        for &count in &self.samples {
+            for &rate_hz in &self.latch_hz {
+                add(Setting::native(rate_hz, count, samples, TriggerRule::Latch));
             }
         }
         if self.published {

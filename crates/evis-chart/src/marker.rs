@@ -31,8 +31,8 @@ enum Shape {
     Plus,
 }
 
-/// Okabe and Ito, "Color Universal Design" (2008), without yellow, which white paper swallows; dark and light in turn.
-const COLOURS: [Colour; 7] = [
+/// Okabe and Ito, "Color Universal Design" (2008), with grey for yellow, which white paper swallows; dark and light in turn.
+const COLOURS: [Colour; 8] = [
     RGBColor(0xe6, 0x9f, 0x00),
     RGBColor(0x00, 0x72, 0xb2),
     RGBColor(0x00, 0x00, 0x00),
@@ -40,6 +40,7 @@ const COLOURS: [Colour; 7] = [
     RGBColor(0xd5, 0x5e, 0x00),
     RGBColor(0x56, 0xb4, 0xe9),
     RGBColor(0xcc, 0x79, 0xa7),
+    RGBColor(0x80, 0x80, 0x80),
 ];
 
 const SHAPES: [Shape; 8] = [
@@ -54,9 +55,10 @@ const SHAPES: [Shape; 8] = [
 ];
 
 impl Style {
-    /// The style of the `n`-th family: 7 and 8 share no factor, so 56 families differ.
+    /// The style of the `n`-th family: the first 8 differ in both, 64 in one.
     pub(crate) fn nth(n: usize) -> Self {
-        Self { colour: COLOURS[n % COLOURS.len()], shape: SHAPES[n % SHAPES.len()] }
+        let round = n / COLOURS.len();
+        Self { colour: COLOURS[n % COLOURS.len()], shape: SHAPES[(n + round) % SHAPES.len()] }
     }
 }
 
@@ -148,12 +150,13 @@ mod tests {
 
     #[test]
     fn many_families_differ_and_the_first_ones_in_shape_and_in_grey() {
-        let styles: Vec<_> = (0..56).map(Style::nth).collect();
+        let styles: Vec<_> = (0..64).map(Style::nth).collect();
         for (i, a) in styles.iter().enumerate() {
             assert!(styles[..i].iter().all(|b| a != b), "{a:?}");
         }
-        let shapes: Vec<_> = styles[..8].iter().map(|s| s.shape).collect();
-        assert!((0..8).all(|i| !shapes[..i].contains(&shapes[i])));
-        assert_eq!(Style::nth(0), Style::nth(56), "canary: they do repeat at last");
+        for (i, a) in styles[..8].iter().enumerate() {
+            assert!(styles[..i].iter().all(|b| a.shape != b.shape && a.colour != b.colour), "{a:?}");
+        }
+        assert_eq!(Style::nth(0), Style::nth(64), "canary: they do repeat at last");
     }
 }
