@@ -13,6 +13,7 @@ use plotters::style::{
 };
 
 use crate::error::ChartError;
+use crate::indexed;
 
 /// Backends count in whole pixels; this many of them make one of ours, for smooth curves and even gaps.
 const FINE: f64 = 4.0;
@@ -274,15 +275,5 @@ pub(crate) fn png(drawing: &impl Drawing) -> Result<Vec<u8>, ChartError> {
             }
         }
     }
-    let mut out = std::io::Cursor::new(Vec::new());
-    image::write_buffer_with_format(
-        &mut out,
-        &pixels,
-        columns as u32,
-        rows as u32,
-        image::ColorType::Rgb8,
-        image::ImageFormat::Png,
-    )
-    .map_err(failed)?;
-    Ok(out.into_inner())
+    indexed::png(columns as u32, rows as u32, &pixels)
 }

@@ -7,6 +7,7 @@ mod chart;
 pub mod draw;
 mod error;
 pub mod front;
+mod indexed;
 mod ink;
 mod label;
 pub mod ladder;

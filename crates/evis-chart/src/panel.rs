@@ -261,7 +261,7 @@ impl<'a> Panel<'a> {
         let x = self.x.at(REAL_TIME_MS);
         let steps = (0..12).map(f64::from);
         let down = steps.clone().map(|k| [x, self.plot.top + 9.0 + k * 25.0]).collect();
-        labels.push(Label { text: "real time".into(), at: down, rim: 2.0, set: LABEL, required: true });
+        labels.push(Label { text: "real time".into(), at: down, rim: 3.5, set: LABEL, required: true });
         if let Some(y) = self.floor.map(|floor| self.y.at(floor)) {
             let leftward = steps.map(|k| [self.plot.right - 50.0 - k * 25.0, y]).collect();
             let text = "truth's own error".into();

@@ -206,12 +206,12 @@ impl ChartResult {
         Self { evis_chart: VERSION, scenes }
     }
 
-    /// Indented JSON.
+    /// JSON in one line: full scores of many settings, for programs to read.
     ///
     /// # Errors
     /// None that could be put right.
     pub fn to_json(&self) -> Result<String, ChartError> {
-        serde_json::to_string_pretty(self).map_err(|e| ChartError::Draw(format!("no JSON: {e}")))
+        serde_json::to_string(self).map_err(|e| ChartError::Draw(format!("no JSON: {e}")))
     }
 
     /// Reads JSON that [`ChartResult::to_json`] wrote; `path` names it in errors.
@@ -308,7 +308,7 @@ mod tests {
         );
         assert_eq!(pairs.count(), chart.scenes[0].points.len());
         let told = |text: &str| ChartResult::from_json(text, path).unwrap_err().to_string();
-        let newer = text.replacen("\"evis_chart\": 1", "\"evis_chart\": 7", 1);
+        let newer = text.replacen("\"evis_chart\":1", "\"evis_chart\":7", 1);
         assert_ne!(newer, text, "canary: the version is in the text");
         assert!(told(&newer).contains("version 7") && told(&newer).contains("r.json"), "{}", told(&newer));
         assert!(told("{}").contains("this is no chart"));

@@ -22,6 +22,8 @@ fn the_svg_says_everything() {
         let folder = std::path::PathBuf::from(folder);
         std::fs::write(folder.join("two.svg"), &svg).unwrap();
         std::fs::write(folder.join("two.png"), png(&chart, &look(10.0)).unwrap()).unwrap();
+        let four = ["spinner", "warehouse", "street", "desk"].map(scene_chart).to_vec();
+        std::fs::write(folder.join("four.png"), png(&ChartResult::new(four), &look(0.0)).unwrap()).unwrap();
         let one = ChartResult::new(vec![scene_chart("spinner")]);
         std::fs::write(folder.join("one.png"), png(&one, &look(0.0)).unwrap()).unwrap();
     }
