@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use crate::error::ChartError;
 
 /// Colours kept: those of the lines, markers and words, and the blends at their rims.
-const COLOURS: usize = 64;
+const COLOURS: usize = 80;
 
 type Rgb = [u8; 3];
 
@@ -29,24 +29,44 @@ pub(crate) fn png(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, Cha
     Ok(out)
 }
 
-/// The most frequent colours, and for every colour the index of the nearest of them.
+/// A palette, and for every colour the index of the nearest of it. Each new entry is the colour that the palette so far
+/// serves worst, by the squared distance to it and by how often it occurs: rare markers keep their hue.
 fn palette(pixels: &[u8]) -> (Vec<Rgb>, HashMap<Rgb, u8>) {
     let mut counts: HashMap<Rgb, u32> = HashMap::new();
     for colour in pixels.as_chunks::<3>().0 {
         *counts.entry(*colour).or_default() += 1;
     }
-    let mut all: Vec<(Rgb, u32)> = counts.into_iter().collect();
+    let mut all: Vec<Served> = counts
+        .into_iter()
+        .map(|(colour, count)| Served { colour, count, distance: u32::MAX, index: 0 })
+        .collect();
     // The colour breaks ties: the same picture gives the same bytes.
-    all.sort_unstable_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
-    let kept: Vec<Rgb> = all.iter().take(COLOURS).map(|(colour, _)| *colour).collect();
-    let distance =
-        |a: &Rgb, b: &Rgb| -> u32 { a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b)).pow(2)).sum() };
-    let nearest = |colour: &Rgb| {
-        let found = (0_u8..).zip(&kept).min_by_key(|(_, kept)| distance(colour, kept));
-        found.map_or(0, |(index, _)| index)
-    };
-    let index_of = all.iter().map(|(colour, _)| (*colour, nearest(colour))).collect();
-    (kept, index_of)
+    all.sort_unstable_by_key(|served| served.colour);
+    let mut kept: Vec<Rgb> = Vec::new();
+    while kept.len() < COLOURS {
+        let worst = all.iter().max_by_key(|s| u64::from(s.distance) * u64::from(s.count));
+        let Some(next) = worst.filter(|s| s.distance > 0).map(|s| s.colour) else { break };
+        for served in &mut all {
+            let distance = distance(served.colour, next);
+            if distance < served.distance {
+                (served.distance, served.index) = (distance, kept.len() as u8);
+            }
+        }
+        kept.push(next);
+    }
+    (kept, all.into_iter().map(|s| (s.colour, s.index)).collect())
+}
+
+/// A colour, and what the palette offers it.
+struct Served {
+    colour: Rgb,
+    count: u32,
+    distance: u32,
+    index: u8,
+}
+
+fn distance(a: Rgb, b: Rgb) -> u32 {
+    a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(b)).pow(2)).sum()
 }
 
 #[cfg(test)]

@@ -113,12 +113,12 @@ pub(crate) fn place(wanted: &[Wanted], obstacles: &Obstacles<'_>) -> Vec<Option<
     for want in wanted {
         let places = want.at.iter().enumerate().flat_map(|(k, at)| {
             let beside = candidates(want, *at, &obstacles.bounds);
-            let cost = |rect: &Rect| k as f64 + cost(rect, *at, obstacles, &placed, &leaders);
+            let cost = |rect: &Rect| k as f64 + cost(rect, *at, want.rim, obstacles, &placed, &leaders);
             beside.map(|rect| (cost(&rect), Placed { rect, at: *at })).collect::<Vec<_>>()
         });
         let best = places
             .min_by(|a, b| a.0.total_cmp(&b.0))
-            .filter(|(cost, _)| want.required || *cost < OVERLAP)
+            .filter(|(cost, _)| want.required || *cost < OPTIONAL)
             .map(|(_, placed)| placed);
         if let Some(Placed { rect, at }) = best {
             placed.push(rect);
@@ -132,9 +132,13 @@ pub(crate) fn place(wanted: &[Wanted], obstacles: &Obstacles<'_>) -> Vec<Option<
 /// A cost that no clear place reaches.
 const OVERLAP: f64 = 1.0e4;
 
+/// What a label that nobody requires may cost: a few pixels of a line under it, no more.
+const OPTIONAL: f64 = 16.0;
+
 fn cost(
     rect: &Rect,
     at: [f64; 2],
+    rim: f64,
     obstacles: &Obstacles<'_>,
     placed: &[Rect],
     leaders: &[[[f64; 2]; 2]],
@@ -143,6 +147,8 @@ fn cost(
     let leader = (end[0] - at[0]).hypot(end[1] - at[1]);
     let over = |rects: &[Rect]| rects.iter().map(|r| r.overlap(rect)).sum::<f64>();
     let crossed = |lines: &[[[f64; 2]; 2]]| lines.iter().map(|[a, b]| rect.cut(*a, *b)).sum::<f64>();
+    // Never nearer than beside it.
+    let tight = (rim + 0.7 * NEAR[0] - leader).max(0.0);
     // A leader that runs through other labels misleads.
     let through = placed.iter().map(|r| r.cut(at, end)).sum::<f64>();
     let covered = over(placed) + over(obstacles.solid);
@@ -153,6 +159,7 @@ fn cost(
     let below = if rect.top > at[1] { 0.4 } else { 0.0 };
     hard + outside * OVERLAP * 1.0e6
         + leader
+        + 10.0 * tight
         + left
         + below
         + 0.6 * crossed(obstacles.lines)
