@@ -9,7 +9,7 @@ Trigger: TypeAlias = Literal["crossing", "latch"]
 """``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample."""
 
 Interpolation: TypeAlias = Literal["log", "light"]
-"""What is straight between two samples: the signal, or the light (exact for an edge that moves evenly)."""
+"""What is straight between two samples: the signal, or the light (exact while an edge crosses a pixel)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,7 +30,8 @@ class Sensor:
     trigger : {"crossing", "latch"}
         How a change between two samples becomes events.
     interpolation : {"log", "light"}
-        What is straight between two samples, where ``crossing`` asks when a threshold is crossed. ``latch`` does not.
+        What is straight between two samples, where ``crossing`` asks when a threshold is crossed;
+        ``latch`` does not ask.
     """
 
     threshold_on: float = 0.2

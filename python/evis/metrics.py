@@ -323,8 +323,8 @@ def voxel_l1(
 
     Each 20 ms window from 0 on gives a grid of five bins,
     ``V(b, y, x) = sum p * max(0, 1 - |b - 4 (t - t0) / 20 ms|)`` over its events with p = +1 or -1 (Rebecq et
-    al., High Speed and High Dynamic Range Video with an Event Camera, 2019, eq. 2, with the window's bounds in
-    place of its first and last event).
+    al., High Speed and High Dynamic Range Video with an Event Camera, 2019, with the window's bounds in place
+    of its first and last event).
 
     Parameters
     ----------
@@ -445,7 +445,7 @@ def _picture(name: str, values: npt.ArrayLike) -> npt.NDArray[np.float32]:
     array = np.asarray(values)
     if array.ndim not in (2, 3) or array.dtype.kind not in "iufb":
         raise ConfigError(
-            f"{name} has shape {array.shape} and dtype {array.dtype}; it must be (H, W) or (H, W, C) of numbers"
+            f"{name} has shape {array.shape} and dtype {array.dtype}; it must be (H, W) or (H, W, C), numbers"
         )
     return np.ascontiguousarray(array.reshape(*array.shape[:2], -1), dtype=np.float32)
 

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use evis_core::metric::{ScoreSettings, score};
 use evis_core::TriggerRule;
+use evis_core::metric::{ScoreSettings, score};
 use evis_render::{Gpu, RunConfig, Simulator};
 use evis_truth::{Lattice, PixelChoice, TruthSettings, truth};
 
@@ -21,8 +21,14 @@ fn main() {
     };
     let started = std::time::Instant::now();
     let known = truth(&scene, &settings, &|_| true).expect("a truth");
-    println!("{} px, {} events, {:.0} s, Y_ref {:.6} {}", known.pixels.len(), known.events.len(),
-        started.elapsed().as_secs_f64(), known.reference_luminance, known.provenance);
+    println!(
+        "{} px, {} events, {:.0} s, Y_ref {:.6} {}",
+        known.pixels.len(),
+        known.events.len(),
+        started.elapsed().as_secs_f64(),
+        known.reference_luminance,
+        known.provenance
+    );
     let show = |name: &str, events: &[evis_core::Event]| {
         let got = score(events, &known, &ScoreSettings::default()).expect("a score");
         print!("{name:>14}");
@@ -32,11 +38,21 @@ fn main() {
         }
         let at = &got.at(1000).expect("tolerance").scaled;
         if let Some(e) = &at.time_error {
-            print!("  med {:.1} p95 {:.0} rms {:.0} bias {:.1} us", e.median_us, e.p95_us, e.rms_us, e.bias_us);
+            print!(
+                "  med {:.1} p95 {:.0} rms {:.0} bias {:.1} us",
+                e.median_us, e.p95_us, e.rms_us, e.bias_us
+            );
         }
         println!("  count {:.4} voxel {:.4}", got.count_ratio, got.voxel_l1.unwrap_or(f64::NAN));
         for r in &at.regions {
-            print!("      {} {} events F1 {:.4} (P {:.3} R {:.3})", r.region.name(), r.truth_events, r.f1, r.precision, r.recall);
+            print!(
+                "      {} {} events F1 {:.4} (P {:.3} R {:.3})",
+                r.region.name(),
+                r.truth_events,
+                r.f1,
+                r.precision,
+                r.recall
+            );
         }
         println!();
     };

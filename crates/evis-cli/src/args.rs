@@ -465,7 +465,7 @@ impl From<TriggerArg> for TriggerRule {
 pub(crate) enum InterpolationArg {
     /// Log intensity.
     Log,
-    /// Light: exact for edges that move evenly.
+    /// Light: exact while an edge moves evenly through a pixel.
     Light,
 }
 

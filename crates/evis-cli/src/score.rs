@@ -20,8 +20,8 @@ struct Scored<'a> {
 pub(crate) fn run(args: &ScoreArgs) -> anyhow::Result<i32> {
     let (stream, known) = (Recording::open(&args.events)?, Recording::open(&args.truth)?);
     let named = args.camera.as_deref();
-    let truth = Truth::load(&args.truth, choose(named, &known, &stream))?;
     let camera = stream.find_camera(choose(named, &stream, &known))?;
+    let truth = Truth::load(&args.truth, choose(named, &known, &stream))?;
     let info = stream.header().cameras.get(camera);
     let settings = ScoreSettings {
         tolerances_us: if args.tolerance_us.is_empty() {

@@ -39,7 +39,7 @@ pub enum Interpolation {
     /// Log intensity: exact for exponentials (default).
     #[default]
     Log,
-    /// Light: exact for an edge that moves evenly under the box filter.
+    /// Light: exact while an edge moves evenly through a pixel, but not where it enters or leaves within an interval.
     Light,
 }
 

@@ -6,10 +6,11 @@
 use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
 
-use evis_core::{Event, LabelData, LabelKind, SensorConfig, TriggerRule};
+use evis_core::closed_form::{self, Flicker, FlickerShape, Footprint, PixelLight, Signal, Sinusoid};
+use evis_core::{Event, Interpolation, LabelData, LabelKind, Polarity, SensorConfig, TriggerRule};
 use evis_render::{Gpu, RunConfig, Simulator};
 use evis_scene::builder::{EventCamera, Labels, Placement, Sampling, SceneBuilder};
-use evis_scene::motion::{Curve, Interpolation, Path, WaveShape, Waveform};
+use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
 use evis_scene::primitive::Shape;
 use evis_scene::{
     Image, Material, Mesh, MorphTarget, Motion, Node, Primitive, Scene, Skin, TextureRef, Trs, Wrap,
@@ -49,8 +50,6 @@ struct Truth {
 /// How the truth is solved and where it counts as undecided.
 #[derive(Clone, Copy)]
 struct Solve {
-    /// Thresholds, ON and OFF.
-    threshold: f64,
     end_us: i64,
     /// Log units: an extremum this close to a threshold is undecided.
     band: f64,
@@ -59,82 +58,15 @@ struct Solve {
 }
 
 impl Solve {
-    /// Solves `log(t) = reference + k C` by bisection; `log` is the closed form at `t` seconds.
-    fn truth(&self, log: &dyn Fn(f64) -> f64) -> Truth {
+    fn truth(&self, light: &PixelLight) -> Truth {
+        let [end_s, margin_s] = [self.end_us as f64, self.margin_us].map(|us| us * 1e-6);
         // Beyond the end too: what follows it closely might come before it.
-        let end = (self.end_us as f64 + self.margin_us) * 1e-6;
-        let steps = (end / 0.5e-3).ceil() as usize;
-        let at = |i: usize| end * i as f64 / steps as f64;
-        let mut reference = log(0.0);
-        let (mut before, mut l0) = (0.0, reference);
-        let (mut direction, mut piece_start, mut fired) = (0.0, 0.0, false);
-        let mut crossings: Vec<(f64, bool)> = Vec::new();
-        let mut horizon = end;
-        for i in 1..=steps {
-            let (t0, t1) = (at(i - 1), at(i));
-            let l1 = log(t1);
-            let now = if (l1 - l0).abs() < 1e-12 { 0.0 } else { (l1 - l0).signum() };
-            if now != direction {
-                // An extremum, or the start of a plateau.
-                let extreme = direction * peak(&|t| direction * log(t), before, t1);
-                let distance = direction * (extreme - reference);
-                let level = if fired && distance < self.band {
-                    Some(reference)
-                } else if self.threshold - distance < self.band {
-                    Some(reference + direction * self.threshold)
-                } else {
-                    None
-                };
-                if direction != 0.0
-                    && let Some(level) = level
-                {
-                    let half_way = level - direction * self.threshold / 2.0;
-                    let rise = |t: f64| direction * (log(t) - half_way);
-                    horizon =
-                        if rise(piece_start) < 0.0 { root(&rise, piece_start, t0) } else { piece_start };
-                    break;
-                }
-                (direction, piece_start, fired) = (now, t0, false);
-            }
-            loop {
-                let change = l1 - reference;
-                if change.abs() < self.threshold {
-                    break;
-                }
-                let sign = change.signum();
-                let level = reference + sign * self.threshold;
-                crossings.push((root(&|t| sign * (log(t) - level), t0, t1) * 1e6, sign > 0.0));
-                reference = level;
-                fired = true;
-            }
-            (before, l0) = (t0, l1);
-        }
-        let mut horizon_us = (horizon * 1e6).min(self.end_us as f64);
-        while let Some((t, _)) = crossings.iter().rev().find(|(t, _)| (t - horizon_us).abs() < self.margin_us)
-        {
-            horizon_us = t - 1.001 * self.margin_us;
-        }
-        crossings.retain(|(t, _)| *t < horizon_us);
-        Truth { crossings, horizon_us: horizon_us.max(0.0) }
+        let sensor = SensorConfig::default();
+        let solved = closed_form::solve(light, &sensor, f64::from(REFERENCE), end_s + margin_s).unwrap();
+        let horizon_us = 1e6 * solved.horizon_s(end_s, self.band, margin_s);
+        let crossings = solved.crossings.iter().map(|c| (c.t_s * 1e6, c.polarity == Polarity::On));
+        Truth { crossings: crossings.filter(|c| c.0 < horizon_us).collect(), horizon_us }
     }
-}
-
-/// Where `f`, negative at `a` and not at `b`, becomes 0.
-fn root(f: &dyn Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
-    for _ in 0..60 {
-        let middle = 0.5 * (a + b);
-        *(if f(middle) < 0.0 { &mut a } else { &mut b }) = middle;
-    }
-    0.5 * (a + b)
-}
-
-/// Largest value of `f`, which has one peak in `[a, b]`.
-fn peak(f: &dyn Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
-    for _ in 0..60 {
-        let (low, high) = (a + (b - a) / 3.0, b - (b - a) / 3.0);
-        *(if f(low) < f(high) { &mut a } else { &mut b }) = if f(low) < f(high) { low } else { high };
-    }
-    f(0.5 * (a + b))
 }
 
 // ----------------------------------------------------------------------------------------------- the comparison
@@ -323,20 +255,19 @@ fn log_luma(luminance: f64) -> f64 {
     (luminance / f64::from(REFERENCE) + f64::from(SensorConfig::default().log_eps)).ln()
 }
 
-fn threshold() -> f64 {
-    f64::from(SensorConfig::default().threshold_on)
+/// Light of the pixel about an image point (x, y from the image's centre in pixels).
+type Form = Box<dyn Fn(f64, f64) -> PixelLight>;
+
+/// Centre of pixel `i` of `n`, from the image's.
+fn from_center(i: u32, n: u32) -> f64 {
+    f64::from(i) + 0.5 - f64::from(n) / 2.0
 }
 
-/// Luminance at an image point (x, y from the image's centre in pixels) and a time in seconds.
-type Form = Box<dyn Fn(f64, f64, f64) -> f64>;
-
 /// The truth of every pixel, row by row. Rows along the drift are alike: one is solved for all.
-fn truth(size: (u32, u32), drift: Drift, solve: Solve, luminance: &Form) -> Vec<Truth> {
-    let from_center = |i: u32, n: u32| f64::from(i) + 0.5 - f64::from(n) / 2.0;
+fn truth(size: (u32, u32), drift: Drift, solve: Solve, form: &Form) -> Vec<Truth> {
     let row = |y: u32| -> Vec<Truth> {
         let y = from_center(y, size.1);
-        let pixel = |x| solve.truth(&|t| log_luma(luminance(from_center(x, size.0), y, t)));
-        (0..size.0).map(pixel).collect()
+        (0..size.0).map(|x| solve.truth(&form(from_center(x, size.0), y))).collect()
     };
     if drift.angle == 0.0 {
         return vec![row(0); size.1 as usize].concat();
@@ -355,22 +286,9 @@ fn box_mean(first: &dyn Fn(f64) -> f64, second: &dyn Fn(f64) -> f64, angle: f64,
 
 // ----------------------------------------------------------------------------------------------------- gratings
 
-/// Over what a pixel takes its mean.
-#[derive(Clone, Copy, PartialEq)]
-enum Footprint {
-    /// The pixel's area.
-    Box,
-    /// Its centre: what one sample is asked for.
-    Point,
-}
-
 /// Luminance of the grating: `MEAN + SWING sin(2 pi s / period)`.
 const MEAN: f64 = 0.5;
 const SWING: f64 = 0.4;
-
-fn sinc(x: f64) -> f64 {
-    if x == 0.0 { 1.0 } else { x.sin() / x }
-}
 
 /// First and last coordinate along the drift that the image shows, pixels.
 fn reach(size: (u32, u32), drift: Drift, end_us: i64) -> [f64; 2] {
@@ -398,13 +316,20 @@ fn vertex_grating(
         })
         .collect();
     let scene = screen(size, drift, None, &strips);
-    let mut swing = SWING * sinc(PI / PER_PERIOD).powi(2);
-    if footprint == Footprint::Box {
-        swing *= sinc(PI * drift.angle.cos() / period) * sinc(PI * drift.angle.sin() / period);
-    }
-    let form = move |x: f64, y: f64, t: f64| MEAN + swing * (TAU * drift.along(x, y, t) / period).sin();
-    (scene, Box::new(form))
+    let weaker = PI / PER_PERIOD;
+    let wave = Sinusoid {
+        mean: MEAN,
+        swing: SWING * (weaker.sin() / weaker).powi(2),
+        cycles_per_px: [drift.angle.cos() / period, drift.angle.sin() / period],
+        frequency_hz: drift.speed / period,
+        phase_radians: 0.0,
+        footprint,
+    };
+    (scene, Box::new(move |x, y| wave.pixel(x, y)))
 }
+
+/// Pixels per texel.
+const PITCH: f64 = 1.5;
 
 /// A sinusoid in a texture, and the closed form of its bilinear interpolant: the texels are what they are in 16 bits.
 fn texture_grating(
@@ -414,7 +339,6 @@ fn texture_grating(
     footprint: Footprint,
     end_us: i64,
 ) -> (Arc<Scene>, Form) {
-    const PITCH: f64 = 1.5;
     let [from, to] = reach(size, drift, end_us).map(|s| (s / PITCH).round());
     let count = (to - from) as usize;
     // The centre of texel k.
@@ -428,36 +352,82 @@ fn texture_grating(
         texels: texels.iter().map(|&v| [v, v, v, f16::ONE]).collect(),
     };
     let scene = screen(size, drift, Some(image), &[(from * PITCH, 1.0, 0.0), (to * PITCH, 1.0, 1.0)]);
-    let value: Vec<f64> = texels.iter().map(|v| v.to_f64()).collect();
-    // First and second antiderivatives at the knots.
-    let (mut first, mut second) = (vec![0.0; count], vec![0.0; count]);
-    for k in 1..count {
-        let (a, b) = (value[k - 1], value[k]);
-        first[k] = first[k - 1] + PITCH * (a + b) / 2.0;
-        second[k] = second[k - 1] + PITCH * first[k - 1] + PITCH * PITCH * (2.0 * a + b) / 6.0;
-    }
-    let find = move |s: f64| {
-        let k = ((s - place(0)) / PITCH).floor().clamp(0.0, count as f64 - 2.0) as usize;
-        (k, s - place(k))
+    let texels = Texels::new(place, texels.iter().map(|v| v.to_f64()).collect());
+    let angle = drift.angle;
+    let box_of = move |f: [&dyn Fn(f64) -> f64; 2], s| box_mean(f[0], f[1], angle, s);
+    let mean = move |texels: &Texels, s: f64| match footprint {
+        Footprint::Point => texels.at(s)[0],
+        Footprint::Box => box_of([&|s| texels.at(s)[1], &|s| texels.at(s)[2]], s),
     };
-    let slope = move |value: &[f64], k: usize| (value[k + 1] - value[k]) / PITCH;
-    let form = move |x: f64, y: f64, t: f64| {
-        let s = drift.along(x, y, t);
-        if footprint == Footprint::Point {
-            let (k, d) = find(s);
-            return value[k] + slope(&value, k) * d;
-        }
-        let first_at = |s: f64| {
-            let (k, d) = find(s);
-            first[k] + d * (value[k] + 0.5 * d * slope(&value, k))
-        };
-        let second_at = |s: f64| {
-            let (k, d) = find(s);
-            second[k] + d * (first[k] + d * (0.5 * value[k] + d * slope(&value, k) / 6.0))
-        };
-        box_mean(&first_at, &second_at, drift.angle, s)
+    let slope = |s: f64| match footprint {
+        Footprint::Point => texels.slope(s),
+        Footprint::Box => box_of([&|s| texels.at(s)[0], &|s| texels.at(s)[1]], s),
+    };
+    // A mean of the slopes of at most three neighbours: it changes its sign once where theirs does.
+    let middle = |k: usize| place(k) + 0.5 * PITCH;
+    let turns: Vec<f64> = (1..count - 2)
+        .map(|k| (middle(k - 1), middle(k)))
+        .filter(|&(a, b)| (slope(a) < 0.0) != (slope(b) < 0.0))
+        .map(|(a, b)| sign_change(&slope, a, b))
+        .collect();
+    let form = move |x: f64, y: f64| {
+        let mut turns_s: Vec<f64> =
+            turns.iter().map(|s| (drift.along(x, y, 0.0) - s) / drift.speed).collect();
+        turns_s.sort_by(f64::total_cmp);
+        let texels = texels.clone();
+        let light = Arc::new(move |t| mean(&texels, drift.along(x, y, t)));
+        PixelLight::Function { light, turns_s: turns_s.into() }
     };
     (scene, Box::new(form))
+}
+
+/// The linear interpolant of texels from `from` on, with its antiderivatives.
+#[derive(Clone)]
+struct Texels {
+    from: f64,
+    /// Value and first and second antiderivative at each texel.
+    knots: Arc<[[f64; 3]]>,
+}
+
+impl Texels {
+    fn new(place: impl Fn(usize) -> f64, value: Vec<f64>) -> Self {
+        let mut knots = vec![[value[0], 0.0, 0.0]];
+        for (k, pair) in value.windows(2).enumerate() {
+            let ([_, first, second], [a, b]) = (knots[k], [pair[0], pair[1]]);
+            let next = second + PITCH * first + PITCH * PITCH * (2.0 * a + b) / 6.0;
+            knots.push([b, first + PITCH * (a + b) / 2.0, next]);
+        }
+        Self { from: place(0), knots: knots.into() }
+    }
+
+    fn find(&self, s: f64) -> usize {
+        ((s - self.from) / PITCH).floor().clamp(0.0, self.knots.len() as f64 - 2.0) as usize
+    }
+
+    fn slope(&self, s: f64) -> f64 {
+        let k = self.find(s);
+        (self.knots[k + 1][0] - self.knots[k][0]) / PITCH
+    }
+
+    fn at(&self, s: f64) -> [f64; 3] {
+        let (k, slope) = (self.find(s), self.slope(s));
+        let ([value, first, second], d) = (self.knots[k], s - self.from - k as f64 * PITCH);
+        [
+            value + slope * d,
+            first + d * (value + 0.5 * d * slope),
+            second + d * (first + d * (0.5 * value + d * slope / 6.0)),
+        ]
+    }
+}
+
+/// Where `f` changes its sign between `a` and `b`.
+fn sign_change(f: &dyn Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
+    let negative = f(a) < 0.0;
+    for _ in 0..60 {
+        let middle = 0.5 * (a + b);
+        *(if (f(middle) < 0.0) == negative { &mut a } else { &mut b }) = middle;
+    }
+    0.5 * (a + b)
 }
 
 /// Pixels per period of the gratings.
@@ -493,8 +463,7 @@ impl Grating {
 
     fn compare(&self, events: &[Event], footprint: Footprint, drift: Drift) -> Comparison {
         let (_, form) = (self.make)(Self::SIZE, drift, PERIOD, footprint, self.end_us);
-        let solve =
-            Solve { threshold: threshold(), end_us: self.end_us, band: GRATING_BAND, margin_us: 500.0 };
+        let solve = Solve { end_us: self.end_us, band: GRATING_BAND, margin_us: 500.0 };
         compare(events, Self::SIZE, &truth(Self::SIZE, drift, solve, &form), self.end_us)
     }
 }
@@ -555,12 +524,14 @@ fn step_edge(size: (u32, u32), drift: Drift, [left, right]: [f64; 2], start: f64
     let far = 400.0;
     let [l, r] = [left as f32, right as f32];
     let scene = screen(size, drift, None, &[(-far, l, 0.0), (start, l, 0.0), (start, r, 0.0), (far, r, 0.0)]);
-    let form = move |x: f64, y: f64, t: f64| {
-        let s = drift.along(x, y, t) - start;
-        let covered = box_mean(&|s| s.max(0.0), &|s| 0.5 * s.max(0.0).powi(2), drift.angle, s);
-        left + (right - left) * covered
+    let edge = closed_form::Edge {
+        light_behind: left,
+        light_ahead: right,
+        angle_radians: drift.angle,
+        position_px: start,
+        speed_px_per_s: drift.speed,
     };
-    (scene, Box::new(form))
+    (scene, Box::new(move |x, y| edge.pixel(x, y)))
 }
 
 struct Edge {
@@ -569,6 +540,7 @@ struct Edge {
     light: [f64; 2],
     samples: u32,
     rate_hz: f64,
+    interpolation: Interpolation,
 }
 
 impl Edge {
@@ -578,16 +550,17 @@ impl Edge {
         let end_us = (33.3e6 / self.speed).round().min(300_000.0) as i64;
         let drift = Drift { speed: self.speed, angle: self.degrees.to_radians() };
         let (scene, form) = step_edge(size, drift, self.light, -14.7);
-        let mut events =
-            run(gpu, &scene, RunConfig { rate_hz: self.rate_hz, ..config(self.samples) }, end_us);
+        let sensor = SensorConfig { interpolation: self.interpolation, ..SensorConfig::default() };
+        let config = RunConfig { rate_hz: self.rate_hz, sensor, ..config(self.samples) };
+        let mut events = run(gpu, &scene, config, end_us);
         events.iter_mut().for_each(|e| e.t += late_us);
-        let solve = Solve { threshold: threshold(), end_us, band: 4e-3, margin_us: 0.5e6 / self.speed };
+        let solve = Solve { end_us, band: 4e-3, margin_us: 0.5e6 / self.speed };
         let mut expected = truth(size, drift, solve, &form);
         // A pixel that the edge parts at the start measures everything from a reference with the samples' error.
         for (i, pixel) in expected.iter_mut().enumerate() {
-            let from_center = |i: u32, n: u32| f64::from(i) + 0.5 - f64::from(n) / 2.0;
             let i = i as u32;
-            let luminance = form(from_center(i % size.0, size.0), from_center(i / size.0, size.1), 0.0);
+            let light = form(from_center(i % size.0, size.0), from_center(i / size.0, size.1));
+            let luminance = light.luminance(0.0);
             if self.light.iter().all(|l| (l - luminance).abs() > 1e-9) {
                 *pixel = Truth { crossings: Vec::new(), horizon_us: 0.0 };
             }
@@ -597,10 +570,12 @@ impl Edge {
 
     /// Holds it to `p95_px`, the 95th percentile in pixels of motion; returns all errors in pixels.
     fn check(&self, gpu: &Gpu, p95_px: f64) -> Vec<f64> {
-        let Self { speed, degrees, light, samples, rate_hz } = self;
+        let Self { speed, degrees, light, samples, rate_hz, interpolation } = self;
         let got = self.compare(gpu, 0);
         let px = 1e-6 * speed;
-        let name = format!("edge {light:?}, {speed} px/s, {degrees} deg, {samples} samples, {rate_hz} Hz");
+        let name = format!(
+            "edge {light:?}, {speed} px/s, {degrees} deg, {samples} samples, {rate_hz} Hz, {interpolation:?}"
+        );
         println!("{name}: median {:.3} px, p95 {:.3} px; {got}", got.median_us * px, got.p95_us * px);
         let limits = Limits { median_us: f64::INFINITY, p95_us: p95_px / px, excluded: 0.05 };
         got.check(&limits).unwrap_or_else(|e| panic!("{name}: {e}"));
@@ -622,8 +597,11 @@ fn a_step_edge_fires_where_the_closed_form_does() {
                 // Between instants the logarithm is taken as straight: 0.23 px of motion each is too much of a
                 // 1:10 edge for what 16 samples see.
                 let rate_hz = if speed > 200.0 && samples == 16 { 2000.0 } else { 1000.0 };
-                all.extend(Edge { speed, degrees: 0.0, light, samples, rate_hz }.check(&gpu, limit));
-                all.extend(Edge { speed, degrees: 20.0, light, samples, rate_hz }.check(&gpu, oblique_limit));
+                for (degrees, limit) in [(0.0, limit), (20.0, oblique_limit)] {
+                    let interpolation = Interpolation::Log;
+                    let edge = Edge { speed, degrees, light, samples, rate_hz, interpolation };
+                    all.extend(edge.check(&gpu, limit));
+                }
             }
         }
         all.sort_by(f64::total_cmp);
@@ -632,9 +610,25 @@ fn a_step_edge_fires_where_the_closed_form_does() {
         assert!(p95 < limit, "{samples} samples: {p95} px");
     }
     // What the straight line between instants costs; printed, and no more than coarsely bounded.
-    Edge { speed: 230.0, degrees: 0.0, light: [0.05, 0.5], samples: 16, rate_hz: 1000.0 }.check(&gpu, 0.12);
+    let log = Interpolation::Log;
+    let fast = Edge {
+        speed: 230.0,
+        degrees: 0.0,
+        light: [0.05, 0.5],
+        samples: 16,
+        rate_hz: 1000.0,
+        interpolation: log,
+    };
+    fast.check(&gpu, 0.12);
+    // One of light costs nothing but where the edge enters and leaves a pixel within an interval.
+    let median = |interpolation| {
+        let edge = Edge { speed: 190.0, samples: 64, interpolation, ..fast };
+        quantile(&edge.check(&gpu, 0.12), 0.5)
+    };
+    let [log, light] = [log, Interpolation::Light].map(median);
+    assert!(light < 0.8 * log, "{light} px with light, {log} px with its logarithm");
     // Canary: 0.06 px late.
-    let edge = Edge { speed: 100.0, degrees: 0.0, light: [0.3, 0.1], samples: 16, rate_hz: 1000.0 };
+    let edge = Edge { speed: 100.0, light: [0.3, 0.1], ..fast };
     let limits = Limits { median_us: f64::INFINITY, p95_us: 700.0, excluded: 0.05 };
     println!("canary, edge 600 us late: {}", edge.compare(&gpu, 600).check(&limits).unwrap_err());
 }
@@ -696,22 +690,14 @@ fn flicker_fires_as_its_waveform_says() {
     let end_us = 200_000;
     // No jump falls on an instant.
     let phase = 0.105;
-    for (name, shape, frequency_hz) in [
-        ("sine", WaveShape::Sine, 23.0),
-        ("square", WaveShape::Square, 70.0),
-        ("pwm", WaveShape::Pwm { duty: 0.3 }, 110.0),
+    for (wave, shape, frequency_hz) in [
+        (WaveShape::Sine, FlickerShape::Sine, 23.0),
+        (WaveShape::Square, FlickerShape::Square, 70.0),
+        (WaveShape::Pwm { duty: 0.3 }, FlickerShape::Pwm { duty: 0.3 }, 110.0),
     ] {
-        let waveform = Waveform { shape, frequency_hz, phase, low: 0.25, high: 1.75 };
-        // The waveform's own definition, written once more.
-        let luminance = |t: f64| {
-            let cycle = (frequency_hz * t + phase).fract();
-            let high = match shape {
-                WaveShape::Sine => return 0.6 * (1.0 + 0.75 * (TAU * cycle).sin()),
-                WaveShape::Square => cycle < 0.5,
-                WaveShape::Pwm { duty } => cycle < duty,
-            };
-            0.6 * if high { 1.75 } else { 0.25 }
-        };
+        let waveform = Waveform { shape: wave, frequency_hz, phase, low: 0.25, high: 1.75 };
+        let flicker = Flicker { shape, mean: 0.6, depth: 0.75, frequency_hz, phase_cycles: phase };
+        let (name, light) = (flicker.name(), flicker.pixel(0.5, 0.5));
         let scene = flicker_scene(waveform);
         for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
             // With equal thresholds a signal that returns meets its first threshold exactly: a tie, decided by
@@ -719,13 +705,10 @@ fn flicker_fires_as_its_waveform_says() {
             let sensor = SensorConfig { trigger: rule, threshold_off: 0.2317, ..SensorConfig::default() };
             let events = run(&gpu, &scene, RunConfig { sensor: sensor.clone(), ..config(4) }, end_us);
             let instants: Vec<_> =
-                (0..=end_us / 1000).map(|k| (k * 1000, log_luma(luminance(k as f64 * 1e-3)))).collect();
+                (0..=end_us / 1000).map(|k| (k * 1000, log_luma(light.luminance(k as f64 * 1e-3)))).collect();
             let (mut expected, closest) = sampled_truth(&sensor, &instants);
             expected.retain(|e| e.0 < end_us);
-            println!(
-                "flicker, {name}, {rule:?}: {} events per pixel, closest tie {closest:.1e}",
-                expected.len()
-            );
+            println!("{name}, {rule:?}: {} events per pixel, closest tie {closest:.1e}", expected.len());
             assert!(expected.len() > 20 && closest > 1e-5, "{closest}");
             for pixel in by_pixel(&events, 8, 4) {
                 assert!(same_events(&pixel, &expected), "{name} {rule:?}:\n{pixel:?}\n{expected:?}");
@@ -739,8 +722,10 @@ fn flicker_fires_as_its_waveform_says() {
     // A sine that is slow for its sampling also meets the continuous closed form.
     let waveform = Waveform { shape: WaveShape::Sine, frequency_hz: 8.0, phase: 0.1, low: 0.4, high: 1.6 };
     let events = run(&gpu, &flicker_scene(waveform), config(1), end_us);
-    let solve = Solve { threshold: threshold(), end_us, band: GRATING_BAND, margin_us: 500.0 };
-    let form: Form = Box::new(|_, _, t| 0.6 * (1.0 + 0.6 * (TAU * (8.0 * t + 0.1)).sin()));
+    let solve = Solve { end_us, band: GRATING_BAND, margin_us: 500.0 };
+    let flicker =
+        Flicker { shape: FlickerShape::Sine, mean: 0.6, depth: 0.6, frequency_hz: 8.0, phase_cycles: 0.1 };
+    let form: Form = Box::new(move |x, y| flicker.pixel(x, y));
     let expected = truth((8, 4), Drift { speed: 0.0, angle: 0.0 }, solve, &form);
     let got = compare(&events, (8, 4), &expected, end_us);
     println!("flicker, sine of 8 Hz, continuous: {got}");
@@ -889,7 +874,7 @@ impl Card {
             times: vec![0.0, 0.1],
             values: vec![0.0, 1.0, 1.0, -0.5],
             width: 2,
-            interpolation: Interpolation::Linear,
+            interpolation: evis_scene::motion::Interpolation::Linear,
         });
         let node =
             Node { name: "card".into(), motion: moving(BODY), mesh: Some(0), morph, ..Node::default() };

@@ -10,8 +10,13 @@ use crate::clock::Moment;
 use crate::lattice::{LEVELS, Lattice};
 use crate::rays::caster::Kind;
 
-/// Places per line at which the kind is looked up before edges are bisected.
-const LINE_STEPS: usize = 16;
+/// Places per line at which the kind is looked up before edges are bisected, and where some kind covers less than
+/// [`SLIVER`] of the pixel.
+const LINE_STEPS: [usize; 2] = [16, 64];
+const SLIVER: f64 = 0.15;
+/// Directions of lines that are compared, and strips across them in which the samples are counted for that.
+const DIRECTIONS: usize = 16;
+const STRIPS: usize = 12;
 /// Halvings of a step of a line: an edge is known to a millionth of a pixel.
 const BISECTIONS: u32 = 14;
 
@@ -41,17 +46,13 @@ struct Sums {
     count: f64,
     sum: f64,
     squares: f64,
-    /// First moments of place, for the direction of an edge.
-    place: [f64; 2],
 }
 
 impl Sums {
-    fn add(&mut self, luminance: f64, [x, y]: [f64; 2]) {
+    fn add(&mut self, luminance: f64) {
         self.count += 1.0;
         self.sum += luminance;
         self.squares += luminance * luminance;
-        self.place[0] += x;
-        self.place[1] += y;
     }
 
     fn mean(&self) -> f64 {
@@ -80,7 +81,7 @@ impl Sampler {
         let mut all = Sums::default();
         for o in &self.offsets[0] {
             let (luminance, _) = moment.caster.look(&moment.camera, at(x, y, *o));
-            all.add(luminance, *o);
+            all.add(luminance);
         }
         Reading { luminance: all.mean(), error: estimated_error(all.variance().sqrt(), all.mean(), n) }
     }
@@ -90,13 +91,16 @@ impl Sampler {
         let mut reading = Reading { luminance: 0.0, error: f64::INFINITY };
         for level in 0..LEVELS {
             let mut kinds: BTreeMap<Kind, Sums> = BTreeMap::new();
+            let mut seen: Vec<Kind> = Vec::with_capacity(self.offsets[level].len());
             for o in &self.offsets[level] {
                 let (luminance, kind) = moment.caster.look(&moment.camera, at(x, y, *o));
-                kinds.entry(kind).or_default().add(luminance, *o);
+                kinds.entry(kind).or_default().add(luminance);
+                seen.push(kind);
             }
             let n = self.offsets[level].len() as f64;
             reading = if kinds.len() > 1 {
-                self.with_edges(moment, x, y, &kinds, n)
+                let along = across_edges(&kinds, &self.offsets[level], &seen);
+                self.with_edges(moment, x, y, &kinds, along, n)
             } else {
                 let all = kinds.into_values().next().unwrap_or_default();
                 Reading {
@@ -112,8 +116,16 @@ impl Sampler {
     }
 
     /// The mean of the kinds' means, weighted by the area that each covers.
-    fn with_edges(&self, moment: &Moment, x: u16, y: u16, kinds: &BTreeMap<Kind, Sums>, n: f64) -> Reading {
-        let along = direction(kinds);
+    fn with_edges(
+        &self,
+        moment: &Moment,
+        x: u16,
+        y: u16,
+        kinds: &BTreeMap<Kind, Sums>,
+        along: [f64; 2],
+        n: f64,
+    ) -> Reading {
+        let steps = LINE_STEPS[usize::from(kinds.values().any(|s| s.count < SLIVER * n))];
         let mut areas: BTreeMap<Kind, f64> = BTreeMap::new();
         let lines = self.lattice.lines();
         // Of the pixel's shadow on the axis across the lines.
@@ -129,9 +141,9 @@ impl Sampler {
             };
             let mut start = from;
             let mut kind = kind_at(from);
-            for step in 1..=LINE_STEPS {
-                let before = from + (to - from) * (step - 1) as f64 / LINE_STEPS as f64;
-                let here = from + (to - from) * step as f64 / LINE_STEPS as f64;
+            for step in 1..=steps {
+                let before = from + (to - from) * (step - 1) as f64 / steps as f64;
+                let here = from + (to - from) * step as f64 / steps as f64;
                 let next = kind_at(here);
                 if next == kind {
                     continue;
@@ -170,7 +182,9 @@ impl Sampler {
         let within = estimated_error((variance / known).sqrt(), luminance, n);
         let spread = overall.variance().sqrt() / luminance.max(f64::MIN_POSITIVE);
         // Lines miss curvature and corners by the square of their distance; measured on edges, 0.2 of it.
-        let edges = 0.2 * spread / (lines * lines) as f64 + spread * (1.0 - known / total);
+        // What only one of the two met counts with all of its area.
+        let unmet: f64 = kinds.iter().filter(|(k, _)| !areas.contains_key(k)).map(|(_, s)| s.count / n).sum();
+        let edges = 0.2 * spread / (lines * lines) as f64 + spread * (1.0 - known / total + unmet);
         Reading { luminance, error: within.hypot(edges) }
     }
 }
@@ -184,18 +198,35 @@ fn estimated_error(spread: f64, mean: f64, n: f64) -> f64 {
     LATTICE_ERROR * spread / mean.max(f64::MIN_POSITIVE) / n.powf(0.75)
 }
 
-/// Unit direction across the edges: from the centre of the darker half of the kinds to that of the brighter.
-fn direction(kinds: &BTreeMap<Kind, Sums>) -> [f64; 2] {
-    let count: f64 = kinds.values().map(|s| s.count).sum();
-    let mean = kinds.values().map(|s| s.sum).sum::<f64>() / count.max(1.0);
-    // First moment of luminance, with each kind at its mean.
-    let [x, y] = kinds.values().fold([0.0; 2], |[x, y], s| {
-        let weight = s.mean() - mean;
-        [x + weight * s.place[0], y + weight * s.place[1]]
-    });
-    let length = x.hypot(y);
-    // Never quite along an axis: the pixel's corners would then all lie at the lines' ends.
-    if length > 1e-12 * mean.abs() * count { [x / length, y / length] } else { [0.8, 0.6] }
+/// Unit direction across the edges: lines along it meet the same kinds in nearly the same shares as their neighbours do,
+/// lines along an edge do not.
+fn across_edges(kinds: &BTreeMap<Kind, Sums>, offsets: &[[f64; 2]], seen: &[Kind]) -> [f64; 2] {
+    let index: BTreeMap<Kind, usize> = kinds.keys().enumerate().map(|(i, k)| (*k, i)).collect();
+    let roughness = |along: [f64; 2]| {
+        let half = 0.5 * (along[0].abs() + along[1].abs());
+        let mut shares = vec![[0.0; STRIPS]; kinds.len()];
+        let mut all = [0.0_f64; STRIPS];
+        for (o, kind) in offsets.iter().zip(seen) {
+            let side = (along[0] * o[1] - along[1] * o[0]) / half;
+            let strip = (((side + 1.0) * 0.5 * STRIPS as f64) as usize).min(STRIPS - 1);
+            all[strip] += 1.0;
+            if let Some(&i) = index.get(kind) {
+                shares[i][strip] += 1.0;
+            }
+        }
+        let steps = |counts: &[f64; STRIPS]| -> f64 {
+            let share = |k: usize| counts[k] / all[k].max(1.0);
+            (1..STRIPS).map(|k| (share(k) - share(k - 1)).powi(2) * all[k].min(all[k - 1])).sum()
+        };
+        shares.iter().map(steps).sum::<f64>()
+    };
+    (0..DIRECTIONS)
+        .map(|k| {
+            let (sine, cosine) = (std::f64::consts::PI * k as f64 / DIRECTIONS as f64).sin_cos();
+            ([cosine, sine], roughness([cosine, sine]))
+        })
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or([1.0, 0.0], |(along, _)| along)
 }
 
 /// The part of the line `s * along + side * across` within the unit square about 0; `None` where there is none.

@@ -230,93 +230,137 @@ impl Walker<'_, '_> {
                 return b;
             };
             let sign = if polarity == Polarity::On { 1.0 } else { -1.0 };
-            let t_us = self.crossing(start, b, level, sign);
-            if let Some((fired, at)) = t_us {
-                if fired.t_us < self.rules.duration_us as f64 {
-                    self.truth.events.push(fired);
-                }
-                start = at;
+            let (fired, at) = self.crossing(start, b, level, sign);
+            if fired.t_us < self.rules.duration_us as f64 {
+                self.truth.events.push(fired);
             }
+            start = at;
             self.reference = level;
         }
     }
 
     /// When the signal crosses `level` between `a` and `b`, upwards for `sign` 1.
-    fn crossing(&mut self, a: Look, b: Look, level: f64, sign: f64) -> Option<(Fired, Look)> {
-        let height = |look: Look| (look.log - level) * sign;
-        let (mut low, mut high) = (a, b);
+    fn crossing(&mut self, a: Look, b: Look, level: f64, sign: f64) -> (Fired, Look) {
         // Coarse: until the bracket is as narrow as the coarse signal is sure.
-        let (mut below, mut above) = (height(a).min(0.0), height(b).max(0.0));
-        let mut guess = at_zero(low, below, high, above);
-        let mut slope = (b.log - a.log) * sign / (b.t_us - a.t_us).max(1e-3);
-        for round in 0..40 {
-            if high.t_us - low.t_us <= TIME_STEP_US {
-                break;
-            }
-            let look = self.coarse(guess);
-            let h = height(look);
-            let sure = DECIDED * look.error;
-            slope = if look.t_us > low.t_us && high.t_us > low.t_us {
-                ((height(high) - height(low)) / (high.t_us - low.t_us)).max(1e-12)
-            } else {
-                slope
-            };
-            // The Illinois rule: an end that stays twice has its height halved.
-            if h >= 0.0 {
-                (high, above) = (look, h);
-                if round % 3 == 2 {
-                    below *= 0.5;
-                }
-            } else {
-                (low, below) = (look, h);
-                if round % 3 == 2 {
-                    above *= 0.5;
-                }
-            }
-            let next = at_zero(low, below, high, above);
-            let moved = (next - guess).abs();
-            guess = next;
-            if h.abs() <= sure.max(1e-12) && moved * slope < sure || moved < 0.5 * TIME_STEP_US {
-                break;
-            }
-        }
+        let rough = Bracket::new(a, b, level, sign).narrow(|t| self.coarse(t), |look| DECIDED * look.error);
+        let guess = rough.zero().clamp(a.t_us, b.t_us);
         let Probe { speed, region } = self.probe(guess);
         let tolerance = (0.01 / speed.max(1e-9) * 1e6).clamp(100.0, 1000.0);
-        let wanted = TIME_SHARE * tolerance * slope.max(1e-12);
-        // Fine: Newton's steps with the slope of the bracket; the signal is as good as straight here.
-        let mut t_us = guess.clamp(a.t_us, b.t_us);
-        let mut last: Option<Look> = None;
-        for _ in 0..6 {
-            let look = self.fine(t_us, wanted);
-            if let Some(previous) = last
-                && (look.t_us - previous.t_us).abs() > 1e-3
-            {
-                let measured = (look.log - previous.log) * sign / (look.t_us - previous.t_us);
-                if measured > 0.2 * slope && measured < 5.0 * slope {
-                    slope = measured;
-                }
-            }
-            let next = (t_us - height(look) / slope.max(1e-12)).clamp(a.t_us, b.t_us);
-            let moved = (next - t_us).abs();
-            t_us = next;
-            last = Some(look);
-            if moved < TIME_STEP_US {
-                break;
-            }
-        }
+        // The mean slope over the step; that of the coarse bracket may be one of the lattice's own stairs.
+        let slope = ((b.log - a.log).abs() / (b.t_us - a.t_us).max(1e-3)).max(1e-12);
+        let wanted = TIME_SHARE * tolerance * slope;
+        let sure = DECIDED * rough.high.error.max(rough.low.error).max(wanted / DECIDED);
+        let t_us = self.refine(a, b, guess, (sure / slope).max(2.0), level, sign, wanted);
         let fired = Fired {
             t_us,
             polarity: if sign > 0.0 { Polarity::On } else { Polarity::Off },
             speed: speed as f32,
             region,
         };
-        Some((fired, Look { t_us, log: level, error: 0.0 }))
+        (fired, Look { t_us, log: level, error: 0.0 })
+    }
+
+    /// The zero near `guess`, from fine looks: first a bracket around it, at first `width` wide, then its narrowing.
+    #[expect(clippy::too_many_arguments, reason = "a bracket, a guess and what is asked of it")]
+    fn refine(
+        &mut self,
+        a: Look,
+        b: Look,
+        guess: f64,
+        width: f64,
+        level: f64,
+        sign: f64,
+        wanted: f64,
+    ) -> f64 {
+        let height = |look: Look| (look.log - level) * sign;
+        let first = self.fine(guess, wanted);
+        let (mut low, mut high) = (first, first);
+        let mut width = width;
+        // Downhill for the low end, uphill for the high one, until the signs differ or the interval ends.
+        while height(low) >= 0.0 && low.t_us > a.t_us {
+            high = low;
+            low = self.fine((low.t_us - width).max(a.t_us), wanted);
+            width *= 4.0;
+        }
+        while height(high) < 0.0 && high.t_us < b.t_us {
+            low = high;
+            high = self.fine((high.t_us + width).min(b.t_us), wanted);
+            width *= 4.0;
+        }
+        // The fine signal was there before the interval began, or is not there yet at its end.
+        if height(low) >= 0.0 {
+            return a.t_us;
+        }
+        if height(high) < 0.0 {
+            return b.t_us;
+        }
+        Bracket::new(low, high, level, sign).narrow(|t| self.fine(t, wanted), |_| 0.0).zero()
     }
 }
 
-/// Where the line through two heights is 0, inside the bracket by a hundredth of it.
-fn at_zero(low: Look, below: f64, high: Look, above: f64) -> f64 {
-    let width = high.t_us - low.t_us;
-    let share = if above > below { -below / (above - below) } else { 0.5 };
-    low.t_us + width * share.clamp(0.01, 0.99)
+/// Two looks, below and at or above a level.
+struct Bracket {
+    low: Look,
+    high: Look,
+    level: f64,
+    sign: f64,
+    /// Heights of the two, as the next guess weighs them.
+    weights: [f64; 2],
+}
+
+impl Bracket {
+    fn new(low: Look, high: Look, level: f64, sign: f64) -> Self {
+        let mut bracket = Self { low, high, level, sign, weights: [0.0; 2] };
+        bracket.weights = [bracket.height(low).min(0.0), bracket.height(high).max(0.0)];
+        bracket
+    }
+
+    fn height(&self, look: Look) -> f64 {
+        (look.log - self.level) * self.sign
+    }
+
+    /// Where the line through the two is 0.
+    fn zero(&self) -> f64 {
+        let [below, above] = self.weights;
+        let share = if above > below { -below / (above - below) } else { 0.5 };
+        self.low.t_us + (self.high.t_us - self.low.t_us) * share
+    }
+
+    /// Looks between the two until they are [`TIME_STEP_US`] apart, or a look is closer to the level than `sure` of it
+    /// or than the bracket's slope moves in a fifth of that time. Illinois' rule (M. Dowell and P. Jarratt, 1971): an
+    /// end that stays is weighed half; a bracket that does not shrink is halved.
+    fn narrow(mut self, mut look: impl FnMut(f64) -> Look, sure: impl Fn(Look) -> f64) -> Self {
+        let mut last = 0.0_f64;
+        for round in 0..60 {
+            let width = self.high.t_us - self.low.t_us;
+            if width <= TIME_STEP_US {
+                break;
+            }
+            let guess = if round % 4 == 3 { 0.5 * (self.low.t_us + self.high.t_us) } else { self.zero() };
+            // Off the ends, where a look would tell nothing.
+            let margin = (0.01 * width).max(0.2 * TIME_STEP_US).min(0.5 * width);
+            let now = look(guess.clamp(self.low.t_us + margin, self.high.t_us - margin));
+            let height = self.height(now);
+            let slope = (self.height(self.high) - self.height(self.low)) / width;
+            let [below, above] = &mut self.weights;
+            if height >= 0.0 {
+                (self.high, *above) = (now, height);
+                if last > 0.0 {
+                    *below *= 0.5;
+                }
+            } else {
+                (self.low, *below) = (now, height);
+                if last < 0.0 {
+                    *above *= 0.5;
+                }
+            }
+            last = if height >= 0.0 { 1.0 } else { -1.0 };
+            if height.abs() <= sure(now).max(0.2 * TIME_STEP_US * slope) {
+                break;
+            }
+        }
+        // What remains is read off the line through the true heights.
+        self.weights = [self.height(self.low).min(0.0), self.height(self.high).max(0.0)];
+        self
+    }
 }

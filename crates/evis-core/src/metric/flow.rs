@@ -69,3 +69,30 @@ pub fn endpoint_error(
         below_5px: below(5.0),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn endpoint_errors_are_distances() {
+        let reference = [[1.0, -1.0]; 4];
+        let flow = [0.0, 2.0, 4.0, 6.0].map(|d: f32| [1.0 + 0.6 * d, -1.0 - 0.8 * d]);
+        let error = endpoint_error(&flow, &reference, None).unwrap();
+        assert!((error.mean - 3.0).abs() < 1e-6 && (error.median - 3.0).abs() < 1e-6, "{error:?}");
+        assert_eq!((error.below_1px, error.below_3px, error.below_5px, error.pixels), (0.25, 0.5, 0.75, 4));
+        // What the mask leaves out may be anything.
+        let mut broken = flow;
+        broken[3] = [f32::NAN, f32::INFINITY];
+        let masked = endpoint_error(&broken, &reference, Some(&[true, true, true, false])).unwrap();
+        assert!((masked.mean - 2.0).abs() < 1e-6 && masked.pixels == 3);
+        assert!(endpoint_error(&broken, &reference, None).unwrap_err().to_string().contains("pixel 3"));
+        assert!(endpoint_error(&flow, &reference, Some(&[false; 4])).is_err());
+        assert!(
+            endpoint_error(&flow, &reference, Some(&[true; 3])).unwrap_err().to_string().contains("mask 3")
+        );
+        assert!(
+            endpoint_error(&flow, &reference[..3], None).is_err() && endpoint_error(&[], &[], None).is_err()
+        );
+    }
+}

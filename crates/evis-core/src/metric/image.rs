@@ -154,3 +154,78 @@ fn blurred(values: &[f64], width: usize, kernel: &[f64; WINDOW]) -> Vec<f64> {
     let column = |at: usize| rows.iter().skip(at).step_by(inner).zip(kernel).map(|(v, k)| v * k).sum();
     (0..rows.len().saturating_sub(tall)).map(column).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::Random;
+    use super::*;
+
+    const SIZE: (usize, usize, usize) = (13, 17, 2);
+
+    fn noise(seed: u64) -> Vec<f32> {
+        let mut random = Random(seed);
+        (0..SIZE.0 * SIZE.1 * SIZE.2).map(|_| random.below(1000) as f32 / 1000.0).collect()
+    }
+
+    fn frame(values: &[f32]) -> Frame<'_> {
+        Frame::new(values, SIZE.0, SIZE.1, SIZE.2).unwrap()
+    }
+
+    /// One window at a time, with its own weights.
+    fn slow_ssim(a: &[f32], b: &[f32]) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (top, left, channel) in
+            (0..3).flat_map(|y| (0..7).flat_map(move |x| (0..2).map(move |c| (y, x, c))))
+        {
+            let window = || {
+                (0..121_usize).map(|k| {
+                    let (dy, dx) = (k / 11, k % 11);
+                    let far = (dy as f64 - 5.0).powi(2) + (dx as f64 - 5.0).powi(2);
+                    let at = ((top + dy) * SIZE.1 + left + dx) * SIZE.2 + channel;
+                    ((-far / 4.5).exp(), f64::from(a[at]), f64::from(b[at]))
+                })
+            };
+            let total: f64 = window().map(|(w, ..)| w).sum();
+            let mean =
+                |of: &dyn Fn(f64, f64) -> f64| window().map(|(w, p, q)| w * of(p, q)).sum::<f64>() / total;
+            let (ma, mb) = (mean(&|p, _| p), mean(&|_, q| q));
+            let (va, vb) = (mean(&|p, _| (p - ma).powi(2)), mean(&|_, q| (q - mb).powi(2)));
+            let covariance = mean(&|p, q| (p - ma) * (q - mb));
+            sum += (2.0 * ma * mb + 1e-4) * (2.0 * covariance + 9e-4)
+                / ((ma * ma + mb * mb + 1e-4) * (va + vb + 9e-4));
+            count += 1.0;
+        }
+        sum / count
+    }
+
+    #[test]
+    fn pictures_are_compared_by_their_formulas() {
+        let (a, b) = (noise(1), noise(2));
+        let ssim_of = |a: &[f32], b: &[f32]| ssim(frame(a), frame(b), 1.0).unwrap();
+        assert!((ssim_of(&a, &b) - slow_ssim(&a, &b)).abs() < 1e-12);
+        assert!((ssim_of(&a, &a) - 1.0).abs() < 1e-12);
+        assert!(ssim_of(&a, &b) < 0.5, "canary: noise is not alike");
+        let grey = vec![0.25; a.len()];
+        let dark = vec![0.125; a.len()];
+        assert_eq!(mse(frame(&grey), frame(&dark)), Ok(0.015_625));
+        // 10 log10(4 / 0.015625) = 10 log10(256).
+        assert!((psnr(frame(&grey), frame(&dark), 2.0).unwrap() - 24.082_399_653).abs() < 1e-6);
+        assert_eq!(psnr(frame(&grey), frame(&grey), 2.0), Ok(f64::INFINITY));
+    }
+
+    #[test]
+    fn pictures_that_cannot_be_compared_are_refused() {
+        let (a, mut b) = (noise(1), noise(2));
+        assert!(Frame::new(&a, 13, 17, 3).is_err() && Frame::new(&[], 0, 4, 1).is_err());
+        assert!(Frame::new(&a, usize::MAX, 4, 1).is_err());
+        let turned = Frame::new(&a, 17, 13, 2).unwrap();
+        assert!(mse(frame(&a), turned).unwrap_err().to_string().contains("13 high, 17 wide"));
+        let small = Frame::new(&a[..100], 10, 10, 1).unwrap();
+        assert!(ssim(small, small, 1.0).unwrap_err().to_string().contains("at least 11"));
+        for range in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(psnr(frame(&a), frame(&a), range).is_err() && ssim(frame(&a), frame(&a), range).is_err());
+        }
+        b[(2 * 17 + 5) * 2 + 1] = f32::NAN;
+        assert!(mse(frame(&a), frame(&b)).unwrap_err().to_string().contains("NaN at x = 5, y = 2"));
+    }
+}

@@ -12,7 +12,7 @@ const MOST_CELLS: usize = 1 << 22;
 /// Truth events in one piece: keeps the value of a matching, at most this, squared, times the largest error, in 63 bits.
 const MOST_ROWS: usize = 1 << 18;
 
-/// What the best matching does at a cell.
+/// What the best matching does at a cell of the dynamic programme.
 const LEAVE_TRUTH: u8 = 0;
 const LEAVE_EVENT: u8 = 1;
 const PAIR: u8 = 2;
@@ -267,22 +267,24 @@ impl Matcher {
             }
             reached = row.to.max(reached);
             let Some(window) = values.get_mut(at(row.from)..=at(row.to)) else { continue };
-            let mut diagonal = window.first().copied().unwrap_or(0);
-            let mut left = diagonal;
-            for (i, value) in (row.from..row.to).zip(window.iter_mut().skip(1)) {
+            let (Some((t, tolerance)), Some(inside)) = (windows.centre(j), times.get(row.from..row.to))
+            else {
+                continue;
+            };
+            let Some((first, window)) = window.split_first_mut() else { continue };
+            let (mut diagonal, mut left) = (*first, *first);
+            steps.extend(inside.iter().zip(window).map(|(event, value)| {
                 let up = *value;
                 let (mut best, mut step) = if left > up { (left, LEAVE_EVENT) } else { (up, LEAVE_TRUTH) };
-                if let Some(error) = error_us(times, windows, i, j) {
-                    let paired = diagonal + reward - error.abs();
-                    if paired > best {
-                        (best, step) = (paired, PAIR);
-                    }
+                let distance = (event - t).abs();
+                let paired = diagonal + reward - distance;
+                if distance <= tolerance && paired > best {
+                    (best, step) = (paired, PAIR);
                 }
-                steps.push(step);
                 *value = best;
-                diagonal = up;
-                left = best;
-            }
+                (diagonal, left) = (up, best);
+                step
+            }));
         }
     }
 

@@ -108,7 +108,7 @@ fn spread(bins: &mut [i64; VOXEL_BINS], mark: Mark, sign: i64) {
 ///
 /// Each 20 ms window from 0 on gives a grid of five bins: V(b, y, x) = Σ p · max(0, 1 − |b − 4 (t − t0) / 20 ms|) over
 /// its events, p = ±1, t0 the window's start (Rebecq et al., High Speed and High Dynamic Range Video with an Event
-/// Camera, 2019, eq. 2, with the window's bounds in place of its first and last event). The result is
+/// Camera, 2019, with the window's bounds in place of its first and last event). The result is
 /// Σ |V − V_truth| / Σ |V_truth|: 0 is perfect, an empty stream scores 1; None where all of V_truth is zero.
 ///
 /// # Errors

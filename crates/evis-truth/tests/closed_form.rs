@@ -1,0 +1,372 @@
+//! The two oracles agree: scenes whose light is known in closed form, rendered ray by ray.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use evis_core::closed_form::{
+    Bar, Edge, ExponentialRamp, Flicker, FlickerShape, Footprint, LinearRamp, Signal, Sinusoid, Spokes,
+};
+use evis_core::metric::{ScoreSettings, score};
+use evis_core::{SensorConfig, Truth, closed_form};
+use evis_scene::motion::{Path, WaveShape, Waveform};
+use evis_scene::{
+    Camera, Lens, Light, LightKind, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs,
+};
+use evis_truth::{Lattice, PixelChoice, TruthSettings, truth};
+use glam::{DMat4, DQuat, DVec3};
+
+const WIDTH: u32 = 32;
+const HEIGHT: u32 = 24;
+/// A metre at the distance of the wall is this many pixels.
+const PX: f64 = 100.0;
+const DURATION_US: i64 = 200_000;
+
+/// A camera at the origin that looks along -Z; the wall at z = -1 is `PX` pixels per metre.
+fn scene() -> Scene {
+    let mut scene = Scene::default();
+    let node = scene.add_node(Node::default());
+    scene.cameras.push(Camera {
+        name: "camera".into(),
+        node,
+        lens: Lens::Intrinsics { fx: PX, fy: PX, cx: f64::from(WIDTH) / 2.0, cy: f64::from(HEIGHT) / 2.0 },
+        width: Some(WIDTH),
+        height: Some(HEIGHT),
+        aspect: None,
+        near: 0.01,
+        threshold_on: None,
+        threshold_off: None,
+    });
+    scene
+}
+
+/// World position of an image point on the wall.
+fn on_wall(x: f64, y: f64) -> DVec3 {
+    DVec3::new((x - f64::from(WIDTH) / 2.0) / PX, (f64::from(HEIGHT) / 2.0 - y) / PX, -1.0)
+}
+
+fn flat(corners: [[f64; 2]; 4]) -> Primitive {
+    Primitive {
+        positions: corners.map(|[x, y]| [x as f32, y as f32, 0.0]).to_vec(),
+        normals: vec![[0.0, 0.0, 1.0]; 4],
+        indices: vec![0, 1, 2, 0, 2, 3],
+        ..Primitive::default()
+    }
+}
+
+/// The rectangle [x0, x1] x [y0, y1] in the plane z = 0, metres.
+fn card(x0: f64, x1: f64, y0: f64, y1: f64) -> Primitive {
+    flat([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+}
+
+fn grey(luminance: f64) -> Material {
+    let v = luminance as f32;
+    Material { model: ShadingModel::Unlit, base_color: [v, v, v, 1.0], ..Material::default() }
+}
+
+fn add(scene: &mut Scene, mut primitive: Primitive, material: Material, motion: Motion) {
+    scene.materials.push(material);
+    primitive.material = scene.materials.len() - 1;
+    scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
+    let mesh = Some(scene.meshes.len() - 1);
+    scene.add_node(Node { mesh, motion, instance_id: scene.nodes.len() as u32, ..Node::default() });
+}
+
+fn at(place: DVec3) -> Motion {
+    Motion::Fixed(DMat4::from_translation(place))
+}
+
+fn moving(place: DVec3, rotation: DQuat, velocity: DVec3) -> Motion {
+    let start = Trs { translation: place, rotation, scale: DVec3::ONE };
+    Motion::Path(Arc::new(Path::ConstantVelocity { start, velocity }))
+}
+
+/// A wall behind the one at z = -1 that fills the view.
+fn backdrop(scene: &mut Scene, luminance: f64) {
+    add(scene, card(-3.0, 3.0, -3.0, 3.0), grey(luminance), at(DVec3::new(0.0, 0.0, -2.0)));
+}
+
+fn settings(lattice: Lattice, pixels: PixelChoice) -> TruthSettings {
+    let duration_us = DURATION_US;
+    TruthSettings { duration_us, pixels, lattice, reference_luminance: Some(1.0), ..Default::default() }
+}
+
+/// Largest distance in time between the oracles' events, after checking that each pixel's polarities agree.
+#[track_caller]
+fn difference_us(scene: &Scene, signal: &dyn Signal, lattice: Lattice, pixels: usize) -> f64 {
+    let rendered = truth(scene, &settings(lattice, PixelChoice::Count(pixels)), &|_| true).unwrap();
+    let exact = exact(&rendered, signal);
+    assert!(exact.events.len() > 20, "something happens: {}", exact.events.len());
+    let mut worst: f64 = 0.0;
+    for pixel in &rendered.pixels {
+        let own = |t: &Truth| -> Vec<(i64, i16)> {
+            let of_pixel = t.events.iter().filter(|e| [e.x, e.y] == *pixel);
+            of_pixel.map(|e| (e.t, e.p)).collect()
+        };
+        let (a, b) = (own(&rendered), own(&exact));
+        // An event within a millisecond of the end may fall on either side of it.
+        let early = |list: &[(i64, i16)]| list.iter().filter(|e| e.0 < DURATION_US - 1000).count();
+        assert!(
+            early(&a) <= b.len() && early(&b) <= a.len(),
+            "{pixel:?}: {} and {} events",
+            a.len(),
+            b.len()
+        );
+        for (a, b) in a.iter().zip(&b) {
+            assert_eq!(a.1, b.1, "{pixel:?}: polarity at {} and {} us", a.0, b.0);
+            worst = worst.max((a.0 - b.0).abs() as f64);
+        }
+    }
+    worst
+}
+
+fn exact(rendered: &Truth, signal: &dyn Signal) -> Truth {
+    let sensor = SensorConfig::default();
+    closed_form::truth(signal, &rendered.camera, &sensor, 1.0, &rendered.pixels, DURATION_US).unwrap()
+}
+
+#[test]
+fn an_edge_crosses_when_its_area_says_so() {
+    for (degrees, speed, lattice) in [
+        (0.0, 120.0, Lattice::First),
+        (0.0, 35.0, Lattice::Second),
+        (20.0, 120.0, Lattice::First),
+        (45.0, 77.0, Lattice::First),
+        (68.0, 120.0, Lattice::Second),
+    ] {
+        let angle = f64::to_radians(degrees);
+        let edge = Edge {
+            light_behind: 0.1,
+            light_ahead: 1.0,
+            angle_radians: angle,
+            position_px: 2.3,
+            speed_px_per_s: speed,
+        };
+        let mut scene = scene();
+        backdrop(&mut scene, 1.0);
+        // The card's right side is the edge; y of the image runs down, so the card turns the other way.
+        let (sine, cosine) = angle.sin_cos();
+        let place = on_wall(2.3 * cosine, 2.3 * sine);
+        let velocity = DVec3::new(cosine, -sine, 0.0) * speed / PX;
+        let motion = moving(place, DQuat::from_rotation_z(-angle), velocity);
+        add(&mut scene, card(-4.0, 0.0, -4.0, 4.0), grey(0.1), motion);
+        let worst = difference_us(&scene, &edge, lattice, 60);
+        assert!(worst <= 3.0, "{degrees} degrees at {speed} px/s: {worst} us");
+    }
+}
+
+#[test]
+fn a_bar_narrower_than_a_pixel_rises_and_falls_in_time() {
+    for (width, degrees) in [(0.4, 0.0), (0.7, 30.0), (2.5, 10.0)] {
+        let angle = f64::to_radians(degrees);
+        let bar = Bar {
+            light_bar: 4.0,
+            light_beside: 0.3,
+            width_px: width,
+            angle_radians: angle,
+            position_px: 1.7,
+            speed_px_per_s: 90.0,
+        };
+        let mut scene = scene();
+        backdrop(&mut scene, 0.3);
+        let (sine, cosine) = angle.sin_cos();
+        let velocity = DVec3::new(cosine, -sine, 0.0) * 90.0 / PX;
+        let motion = moving(on_wall(1.7 * cosine, 1.7 * sine), DQuat::from_rotation_z(-angle), velocity);
+        let half = width / 2.0 / PX;
+        add(&mut scene, card(-half, half, -4.0, 4.0), grey(4.0), motion);
+        let worst = difference_us(&scene, &bar, Lattice::First, 40);
+        assert!(worst <= 4.0, "{width} px, {degrees} degrees: {worst} us");
+    }
+}
+
+#[test]
+fn a_shadow_s_border_is_an_edge() {
+    // Light comes from the left, over an occluder that the camera does not see.
+    let (reflected, speed) = (0.6, 60.0);
+    let direct = 2.0;
+    let mut scene = scene();
+    scene.ambient = [0.25; 3];
+    let diffuse =
+        Material { model: ShadingModel::Diffuse, base_color: [0.6, 0.6, 0.6, 1.0], ..Material::default() };
+    add(&mut scene, card(-2.0, 2.0, -2.0, 2.0), diffuse, at(DVec3::new(0.0, 0.0, -1.0)));
+    scene.lights.push(Light {
+        name: String::new(),
+        kind: LightKind::Directional,
+        color: [1.0; 3],
+        intensity: direct,
+        range: None,
+        casts_shadow: true,
+        waveform: None,
+    });
+    let toward = DVec3::new(0.6, 0.0, -0.8);
+    let pose = DMat4::from_quat(DQuat::from_rotation_arc(DVec3::NEG_Z, toward));
+    scene.add_node(Node { light: Some(0), motion: Motion::Fixed(pose), ..Node::default() });
+    // Half a metre before the wall: its shadow lies 0.5 * 0.6 / 0.8 m to the right.
+    let edge_m = on_wall(3.1, 0.0).x - 0.375;
+    let motion = moving(DVec3::new(edge_m, 0.0, -0.5), DQuat::IDENTITY, DVec3::X * speed / PX);
+    add(&mut scene, card(-1.0, 0.0, -1.0, 1.0), grey(0.0), motion);
+    let lit = 0.6_f32 as f64 * (0.25 + 0.8 * f64::from(direct) / std::f64::consts::PI);
+    let edge = Edge {
+        light_behind: f64::from(0.6_f32) * 0.25,
+        light_ahead: lit,
+        angle_radians: 0.0,
+        position_px: 3.1,
+        speed_px_per_s: speed,
+    };
+    assert!(lit > reflected * 0.25);
+    let worst = difference_us(&scene, &edge, Lattice::First, 40);
+    assert!(worst <= 3.0, "{worst} us");
+    let regions =
+        truth(&scene, &settings(Lattice::First, PixelChoice::Count(40)), &|_| true).unwrap().event_region;
+    assert!(regions.iter().all(|r| *r == evis_core::Region::ShadowEdge), "{regions:?}");
+}
+
+#[test]
+fn flicker_crosses_with_its_waveform() {
+    for (shape, same) in [
+        (WaveShape::Sine, FlickerShape::Sine),
+        (WaveShape::Square, FlickerShape::Square),
+        (WaveShape::Pwm { duty: 0.3 }, FlickerShape::Pwm { duty: 0.3 }),
+    ] {
+        let flicker = Flicker { shape: same, mean: 0.5, depth: 0.6, frequency_hz: 13.0, phase_cycles: 0.2 };
+        let mut scene = scene();
+        let wave = Waveform { shape, frequency_hz: 13.0, phase: 0.2, low: 0.2, high: 0.8 };
+        let material = Material { emission_waveform: Some(wave), ..grey(1.0) };
+        add(&mut scene, card(-3.0, 3.0, -3.0, 3.0), material, at(DVec3::new(0.0, 0.0, -2.0)));
+        let worst = difference_us(&scene, &flicker, Lattice::First, 8);
+        assert!(worst <= 2.0, "{shape:?}: {worst} us");
+    }
+}
+
+/// A strip of `segments` columns from `x0` to `x1` metres with vertex colours.
+fn strip(x0: f64, x1: f64, segments: u32, luminance: impl Fn(f64) -> f64) -> Primitive {
+    let mut primitive = Primitive::default();
+    let mut colors = Vec::new();
+    for i in 0..=segments {
+        let x = x0 + (x1 - x0) * f64::from(i) / f64::from(segments);
+        let v = luminance(x) as f32;
+        for y in [-3.0, 3.0] {
+            primitive.positions.push([x as f32, y, 0.0]);
+            primitive.normals.push([0.0, 0.0, 1.0]);
+            colors.push([v, v, v, 1.0]);
+        }
+        if i > 0 {
+            let k = 2 * i;
+            primitive.indices.extend([k - 2, k, k + 1, k - 2, k + 1, k - 1]);
+        }
+    }
+    primitive.colors = Some(colors);
+    primitive
+}
+
+#[test]
+fn ramps_and_gratings_that_drift_cross_in_time() {
+    let speed = 50.0;
+    let angle: f64 = 0.5;
+    let (sine, cosine) = angle.sin_cos();
+    let velocity = DVec3::new(cosine, -sine, 0.0) * speed / PX;
+    let motion = || moving(on_wall(0.0, 0.0), DQuat::from_rotation_z(-angle), velocity);
+    // Along the pattern's own axis, in pixels from the image's corner at t = 0.
+    let run = |primitive: Primitive, signal: &dyn Signal| {
+        let mut scene = scene();
+        add(&mut scene, primitive, grey(1.0), motion());
+        difference_us(&scene, signal, Lattice::First, 30)
+    };
+
+    let frequency = 0.05;
+    let grating = strip(-1.0, 1.0, 8000, |x| 0.5 + 0.4 * (TAU * frequency * x * PX).sin());
+    let sinusoid = Sinusoid {
+        mean: 0.5,
+        swing: 0.4,
+        cycles_per_px: [frequency * cosine, frequency * sine],
+        frequency_hz: frequency * speed,
+        phase_radians: 0.0,
+        footprint: Footprint::Box,
+    };
+    let worst = run(grating, &sinusoid);
+    assert!(worst <= 2.0, "grating: {worst} us");
+
+    let ramp = strip(-1.0, 1.0, 1, |x| 2.0 - 1.5 * x);
+    let linear = LinearRamp {
+        start: 2.0,
+        rate_per_s: 1.5 / PX * speed,
+        gradient_per_px: [-1.5 / PX * cosine, -1.5 / PX * sine],
+    };
+    let worst = run(ramp, &linear);
+    assert!(worst <= 2.0, "linear ramp: {worst} us");
+
+    let growth = strip(-1.0, 1.0, 20_000, |x| 0.5 * (-8.0 * x).exp());
+    let exponential = ExponentialRamp {
+        start: 0.5,
+        growth_per_s: 8.0 / PX * speed,
+        gradient_per_px: [-8.0 / PX * cosine, -8.0 / PX * sine],
+    };
+    // The closed form takes the pixel's centre: over its box exp(g x) is greater by sinh(g/2)/(g/2) along each axis,
+    // the same factor at all times, which changes the logarithm by a constant and, but for eps, no time.
+    let worst = run(growth, &exponential);
+    assert!(worst <= 2.0, "exponential ramp: {worst} us");
+}
+
+#[test]
+fn a_turning_star_crosses_in_time() {
+    let (spokes, turn) = (9, 4.0);
+    let (inner, outer, segments) = (5.0 / PX, 9.5 / PX, 200_000_u32);
+    let mut primitive = Primitive::default();
+    let mut colors = Vec::new();
+    for i in 0..=segments {
+        // Image angles run from x towards y down: the world's run the other way.
+        let angle = TAU * f64::from(i) / f64::from(segments);
+        let v = (0.5 + 0.4 * (f64::from(spokes) * angle).sin()) as f32;
+        for radius in [inner, outer] {
+            primitive.positions.push([(radius * angle.cos()) as f32, (-radius * angle.sin()) as f32, 0.0]);
+            primitive.normals.push([0.0, 0.0, 1.0]);
+            colors.push([v, v, v, 1.0]);
+        }
+        if i > 0 {
+            let k = 2 * i;
+            primitive.indices.extend([k - 2, k, k + 1, k - 2, k + 1, k - 1]);
+        }
+    }
+    primitive.colors = Some(colors);
+    let mut scene = scene();
+    let center = [f64::from(WIDTH) / 2.0, f64::from(HEIGHT) / 2.0];
+    let start = Trs { translation: on_wall(center[0], center[1]), ..Trs::default() };
+    let motion = Motion::Path(Arc::new(Path::Spin { start, axis: DVec3::NEG_Z, rate: turn }));
+    add(&mut scene, primitive, Material { double_sided: true, ..grey(1.0) }, motion);
+    let star = Spokes {
+        mean: 0.5,
+        swing: 0.4,
+        spokes,
+        center_px: center,
+        turn_per_s: turn,
+        phase_radians: 0.0,
+        footprint: Footprint::Box,
+    };
+    // Pixels that lie wholly within the ring.
+    let crop = PixelChoice::Crop { x: 22, y: 10, width: 2, height: 4 };
+    let rendered = truth(&scene, &settings(Lattice::First, crop), &|_| true).unwrap();
+    let got = score(&rendered.events, &exact(&rendered, &star), &ScoreSettings::default()).unwrap();
+    let at = &got.at(100).unwrap().plain;
+    assert!(at.f1 == 1.0 && at.matched > 40, "{at:?}");
+    let time = at.time_error.as_ref().unwrap();
+    assert!(time.rms_us < 2.0, "{time:?}");
+}
+
+#[test]
+fn canary_a_shifted_pattern_is_late() {
+    let mut scene = scene();
+    backdrop(&mut scene, 1.0);
+    let motion = moving(on_wall(2.3, 0.0), DQuat::IDENTITY, DVec3::X * 120.0 / PX);
+    add(&mut scene, card(-4.0, 0.0, -4.0, 4.0), grey(0.1), motion);
+    let edge = |position_px| Edge {
+        light_behind: 0.1,
+        light_ahead: 1.0,
+        angle_radians: 0.0,
+        position_px,
+        speed_px_per_s: 120.0,
+    };
+    // A hundredth of a pixel at 120 px/s is 83 us.
+    let worst = difference_us(&scene, &edge(2.29), Lattice::First, 20);
+    assert!((worst - 83.3).abs() < 4.0, "{worst}");
+}
