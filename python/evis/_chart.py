@@ -349,7 +349,8 @@ def chart(
     quick : bool
         Fewer settings, for a first look.
     rates_hz : sequence of float, optional
-        Sampled instants per second.
+        Sampled instants per second. Where neither rates nor samples are given, the dearest combinations are
+        left out.
     samples : sequence of int, optional
         Samples per pixel.
     edges : bool, optional
@@ -394,7 +395,7 @@ def chart(
     DeviceError
         If there is no such device, or it failed.
     """
-    rates, counts, covered, light, latch = _evis.chart_ladder(quick)
+    rates, counts, covered, light, latch, most = _evis.chart_ladder(quick)
     sensor = Sensor() if sensor is None else sensor
     folder = _evis.chart_cache() if cache is True else None if cache is False else Path(cache)
     text = _evis.chart(
@@ -406,6 +407,8 @@ def chart(
             _whole("light_samples", n, 2**32) for n in (light if light_samples is None else light_samples)
         ],
         latch_rates_hz=list(latch if latch_rates_hz is None else latch_rates_hz),
+        # Who names rates or samples means all of them.
+        most_samples_hz=most if rates_hz is None and samples is None else None,
         published=published,
         repetitions=_whole("repetitions", repetitions, 2**32),
         threshold_on=sensor.threshold_on,

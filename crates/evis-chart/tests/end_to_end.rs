@@ -33,6 +33,7 @@ fn tiny() -> ChartSettings {
             edges: false,
             light_samples: vec![4],
             latch_hz: vec![],
+            most_samples_hz: None,
             published: true,
         },
         repetitions: 2,

@@ -262,7 +262,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) quick: bool,
 
-    /// Sampled instants per second to measure [default: 125,250,500,1000,2000,4000].
+    /// Sampled instants per second to measure [default: 125,250,500,1000,2000,4000; 16 samples up to 1000].
     #[arg(long, value_name = "HZ,…", value_parser = rate_hz, value_delimiter = ',', allow_hyphen_values = true)]
     pub(crate) rates: Vec<f64>,
 

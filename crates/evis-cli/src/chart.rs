@@ -155,6 +155,10 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
     if !args.samples.is_empty() {
         ladder.samples.clone_from(&args.samples);
     }
+    // Who names rates or samples means all of them.
+    if !(args.rates.is_empty() && args.samples.is_empty()) {
+        ladder.most_samples_hz = None;
+    }
     if args.no_light {
         ladder.light_samples.clear();
     }

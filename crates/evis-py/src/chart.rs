@@ -33,7 +33,7 @@ const TEXT: &str = "chart";
 /// Measures a scene; returns the chart as JSON.
 #[pyfunction]
 #[pyo3(signature = (
-    scene, *, rates_hz, samples, edges, light_samples, latch_rates_hz, published, repetitions, threshold_on,
+    scene, *, rates_hz, samples, edges, light_samples, latch_rates_hz, most_samples_hz, published, repetitions, threshold_on,
     threshold_off, log_eps, camera, size, start_us, duration_us, truth_pixels, reference_luminance, floor, cache,
     device
 ))]
@@ -46,6 +46,7 @@ pub(crate) fn chart(
     edges: bool,
     light_samples: Vec<u32>,
     latch_rates_hz: Vec<f64>,
+    most_samples_hz: Option<f64>,
     published: bool,
     repetitions: usize,
     threshold_on: f32,
@@ -62,7 +63,15 @@ pub(crate) fn chart(
     device: Option<String>,
 ) -> PyResult<String> {
     let settings = ChartSettings {
-        ladder: Ladder { rates_hz, samples, edges, light_samples, latch_hz: latch_rates_hz, published },
+        ladder: Ladder {
+            rates_hz,
+            samples,
+            edges,
+            light_samples,
+            latch_hz: latch_rates_hz,
+            most_samples_hz,
+            published,
+        },
         repetitions,
         sensor: SensorConfig { threshold_on, threshold_off, log_eps, ..SensorConfig::default() },
         camera,
@@ -90,11 +99,15 @@ pub(crate) fn chart_cache() -> Option<PathBuf> {
     evis_chart::user_cache()
 }
 
-/// Default shape of the ladder: rates, samples, edges, light samples, latch rates.
+/// Rates, samples, edges, light samples, latch rates, most samples per second.
+type Shape = (Vec<f64>, Vec<u32>, bool, Vec<u32>, Vec<f64>, Option<f64>);
+
+/// Default shape of the ladder.
 #[pyfunction]
-pub(crate) fn chart_ladder(quick: bool) -> (Vec<f64>, Vec<u32>, bool, Vec<u32>, Vec<f64>) {
+pub(crate) fn chart_ladder(quick: bool) -> Shape {
     let ladder = if quick { Ladder::quick() } else { Ladder::default() };
-    (ladder.rates_hz, ladder.samples, ladder.edges, ladder.light_samples, ladder.latch_hz)
+    let Ladder { rates_hz, samples, edges, light_samples, latch_hz, most_samples_hz, .. } = ladder;
+    (rates_hz, samples, edges, light_samples, latch_hz, most_samples_hz)
 }
 
 /// Checks that `json` is a chart that this version reads.
