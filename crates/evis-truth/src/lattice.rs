@@ -39,11 +39,11 @@ impl Lattice {
             .collect()
     }
 
-    /// Lines across a pixel in which edges are looked for; see [`crate::signal`].
+    /// Lines along either axis of a pixel on which edges are looked for; see [`crate::signal`].
     pub const fn lines(self) -> usize {
         match self {
-            Self::First => 64,
-            Self::Second => 83,
+            Self::First => 48,
+            Self::Second => 61,
         }
     }
 

@@ -252,10 +252,11 @@ impl Walker<'_, '_> {
         let slope = ((b.log - a.log).abs() / (b.t_us - a.t_us).max(1e-3)).max(1e-12);
         let wanted = self.rules.time_error_us.unwrap_or(TIME_SHARE * tolerance) * slope;
         let sure = DECIDED * rough.high.error.max(rough.low.error).max(wanted / DECIDED);
-        // The fine signal may cross a little outside of the step where the coarse one did, never before the last event.
-        let step = b.t_us - a.t_us;
+        // The fine signal may cross outside of the piece where the coarse one did (its lattice has stairs that some
+        // directions meet all at once), never before the last event.
+        let margin = self.rules.step_us as f64;
         let last = self.truth.events.last().map_or(0.0, |e| e.t_us);
-        let bounds = [(a.t_us - step).max(last), b.t_us + step];
+        let bounds = [(a.t_us - margin).max(last), b.t_us + margin];
         let t_us = self.refine(bounds, guess, (sure / slope).max(2.0), level, sign, wanted);
         let fired = Fired {
             t_us,
