@@ -124,6 +124,7 @@ pub fn chart(
     Ok(SceneChart {
         scene: name.to_owned(),
         camera: truth.camera.name.clone(),
+        of_cameras: scene.cameras.len(),
         width: truth.camera.width,
         height: truth.camera.height,
         start_us: settings.start_us,

@@ -85,6 +85,7 @@ pub(crate) fn scene_chart(name: &str) -> SceneChart {
     SceneChart {
         scene: name.into(),
         camera: "camera".into(),
+        of_cameras: 1,
         width: 160,
         height: 120,
         start_us: 0,

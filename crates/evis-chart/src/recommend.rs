@@ -136,11 +136,17 @@ impl SceneChart {
     /// The command that runs `setting` on this scene.
     pub fn command(&self, setting: &Setting) -> String {
         let default = SensorConfig::default();
-        let scene = if self.scene.contains([' ', '\'']) {
-            format!("'{}'", self.scene.replace('\'', "'\\''"))
-        } else {
-            self.scene.clone()
+        let quoted = |word: &str| {
+            if word.contains(|c: char| c.is_whitespace() || "'\"$`\\&;()<>|*?".contains(c)) {
+                format!("'{}'", word.replace('\'', "'\\''"))
+            } else {
+                word.to_owned()
+            }
         };
+        let mut scene = quoted(&self.scene);
+        if self.of_cameras > 1 {
+            scene += &format!(" --camera {}", quoted(&self.camera));
+        }
         let mut line = format!(
             "evis run {scene} -o events.h5 --size {}x{} {}",
             self.width,
@@ -196,6 +202,10 @@ mod tests {
         assert!(scene.points.iter().all(|p| f1(p) < 0.97 || cost(p) >= good.cost_ms_per_s));
         assert!(scene.points.iter().any(|p| cost(p) < good.cost_ms_per_s), "canary: cheaper ones exist");
         assert!(good.command.starts_with("evis run spinner -o events.h5 --size 160x120 --rate "));
+
+        let several = SceneChart { of_cameras: 2, camera: "left eye".into(), ..scene.clone() };
+        let command = several.recommend(Goal::Budget(1000.0), lens).unwrap().command;
+        assert!(command.starts_with("evis run spinner --camera 'left eye' -o events.h5"), "{command}");
 
         // A heavier renderer makes each frame dearer, so fewer frames fit.
         let heavy = scene.recommend(Goal::Budget(6000.0), Lens { render_ms: 10.0, ..lens }).unwrap();

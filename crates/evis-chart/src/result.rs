@@ -32,6 +32,8 @@ pub struct SceneChart {
     pub scene: String,
     /// The camera.
     pub camera: String,
+    /// Cameras of the scene; the others were neither rendered nor timed.
+    pub of_cameras: usize,
     /// Pixels per row.
     pub width: u32,
     /// Rows.
