@@ -24,11 +24,15 @@ endif
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
+# What `make chart` measures, a file each; CHART_ARGS shapes it (see `evis chart --help`).
+CHART_SCENES ?= spinner warehouse street desk
+CHART_ARGS ?=
+
 # What `make demo` simulates.
 DEMO_SCENE ?= warehouse
 DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 
-.PHONY: help setup demo test test-rust test-python check format bench wheel smoke docs bless clean
+.PHONY: help setup demo test test-rust test-python check format bench chart wheel smoke docs bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -78,6 +82,15 @@ bench: setup ## Speed, as ratios on this machine.
 	cargo bench --profile release --workspace --locked --bench native
 	if [ -f benches/bench.py ]; then \
 	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py; fi
+
+chart: wheel ## Measure speed against accuracy on the built-in scenes; redraws docs/images/chart-*.
+	tools/install "$(BIN)"
+	mkdir -p docs/chart docs/images
+	for scene in $(CHART_SCENES); do \
+	  $(BIN)/evis chart "$$scene" $(CHART_ARGS) --json "docs/chart/$$scene.json" -o "docs/images/chart-$$scene.png"; \
+	done
+	$(BIN)/evis chart $(CHART_SCENES:%=--from docs/chart/%.json) -o docs/images/chart-builtin.svg
+	$(BIN)/evis chart $(CHART_SCENES:%=--from docs/chart/%.json) --render-ms 10 -o docs/images/chart-builtin-10ms.svg
 
 wheel: setup ## Build the abi3 wheel into dist/.
 	rm -f dist/evis-*.whl

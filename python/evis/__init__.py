@@ -13,6 +13,7 @@ pixel; polarity is ON = 1, OFF = 0.
 
 from . import metrics, motion
 from ._builder import SceneBuilder
+from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
@@ -25,6 +26,9 @@ from .motion import Placement, Waveform
 
 __all__ = [
     "CameraInfo",
+    "Chart",
+    "ChartPoint",
+    "ChartSetting",
     "ConfigError",
     "Device",
     "DeviceError",
@@ -39,12 +43,14 @@ __all__ = [
     "Packet",
     "Placement",
     "Poses",
+    "Recommendation",
     "RecordedLabels",
     "RecordedView",
     "Recording",
     "Report",
     "Scene",
     "SceneBuilder",
+    "SceneChart",
     "Sensor",
     "Simulator",
     "Stream",
@@ -54,6 +60,7 @@ __all__ = [
     "Writer",
     "__version__",
     "as_event_cd",
+    "chart",
     "devices",
     "load",
     "load_truth",

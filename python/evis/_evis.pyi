@@ -1,5 +1,6 @@
 from collections.abc import Iterator
 from os import PathLike
+from pathlib import Path
 from typing import Any, final
 
 import numpy as np
@@ -22,12 +23,18 @@ __all__ = [
     "__version__",
     "_probe",
     "builtin_scenes",
+    "chart",
+    "chart_cache",
+    "chart_ladder",
+    "check_chart",
+    "draw_chart",
     "endpoint_error",
     "event_dtype",
     "label_kinds",
     "list_devices",
     "mse",
     "psnr",
+    "recommend_chart",
     "run_cli",
     "score",
     "score_table",
@@ -50,6 +57,41 @@ def builtin_scenes() -> list[tuple[str, str]]: ...
 def srgb_table() -> list[float]: ...
 def list_devices() -> list[dict[str, Any]]: ...
 def run_cli(args: list[str]) -> int: ...
+def chart(
+    scene: Scene,
+    *,
+    rates_hz: list[float],
+    samples: list[int],
+    edges: bool,
+    light_samples: list[int],
+    latch_rates_hz: list[float],
+    published: bool,
+    repetitions: int,
+    threshold_on: float,
+    threshold_off: float,
+    log_eps: float,
+    camera: str | None,
+    size: tuple[int, int] | None,
+    start_us: int,
+    duration_us: int,
+    truth_pixels: int | None,
+    reference_luminance: float | None,
+    floor: bool,
+    cache: str | PathLike[str] | None,
+    device: str | None,
+) -> str: ...
+def chart_cache() -> Path | None: ...
+def chart_ladder(quick: bool) -> tuple[list[float], list[int], bool, list[int], list[float]]: ...
+def check_chart(json: str) -> None: ...
+def draw_chart(json: str, path: str | PathLike[str], tolerance_us: int, render_ms: float) -> None: ...
+def recommend_chart(
+    json: str,
+    index: int,
+    budget_ms: float | None,
+    target_f1: float | None,
+    tolerance_us: int,
+    render_ms: float,
+) -> str: ...
 def score(
     events: npt.NDArray[np.void],
     truth: Truth,

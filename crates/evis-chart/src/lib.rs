@@ -1,1 +1,31 @@
 //! Speed against accuracy: a ladder of settings, each timed and each scored against truth, and what they look like.
+
+mod axis;
+mod cache;
+mod canvas;
+mod chart;
+pub mod draw;
+mod error;
+pub mod front;
+mod indexed;
+mod ink;
+mod label;
+pub mod ladder;
+#[cfg(test)]
+mod made_up;
+mod marker;
+pub mod measure;
+mod panel;
+pub mod recommend;
+pub mod result;
+
+#[cfg(test)]
+mod tests;
+
+pub use cache::user_cache;
+pub use chart::{ChartSettings, Progress, Stage, chart};
+pub use draw::{Look, PictureKind};
+pub use error::ChartError;
+pub use ladder::{Ladder, Setting};
+pub use recommend::{Goal, Recommendation};
+pub use result::{ChartResult, Lens, Measure, Point, SceneChart};

@@ -7,6 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::{Interpolation, LabelKind, TriggerRule};
 use evis_render::{Antialias, Method};
+use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
 const MAX_SECONDS: f64 = 2_678_400.0;
@@ -37,6 +38,10 @@ pub(crate) enum Command {
     Run(Box<RunArgs>),
     /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4).
     Preview(PreviewArgs),
+    /// Measure settings on a scene: draw speed against accuracy, and recommend one.
+    Chart(Box<ChartArgs>),
+    /// Compute what an ideal sensor fires in a scene, without the engine: exact, and slow.
+    Truth(Box<TruthArgs>),
     /// Tell what a recording holds; repair one that was cut off.
     Info(InfoArgs),
     /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
@@ -193,6 +198,198 @@ pub(crate) struct PreviewArgs {
     pub(crate) background: Background,
 }
 
+/// `chart`.
+#[derive(Debug, Args)]
+pub(crate) struct ChartArgs {
+    /// Built-in scenes (see `scenes`), or .toml, .gltf or .glb files; a row of the picture each.
+    #[arg(value_name = "SCENE", required_unless_present = "from")]
+    pub(crate) scenes: Vec<String>,
+
+    /// Picture to write, .png or .svg; repeat for several. An existing one is replaced.
+    #[arg(short, long, value_name = "X.{png,svg}")]
+    pub(crate) output: Vec<PathBuf>,
+
+    /// Write what was measured as JSON, to draw it again with --from.
+    #[arg(long, value_name = "R.json")]
+    pub(crate) json: Option<PathBuf>,
+
+    /// Draw what was measured before, instead of measuring; repeat for several.
+    #[arg(long, value_name = "R.json", conflicts_with_all = ["scenes", "measuring"])]
+    pub(crate) from: Vec<PathBuf>,
+
+    /// Recommend the most accurate setting within this many milliseconds of work per simulated second
+    /// [default: 1000, real time].
+    #[arg(long, value_name = "MS", value_parser = budget_ms, allow_hyphen_values = true)]
+    pub(crate) budget: Option<f64>,
+
+    /// Recommend the cheapest setting that reaches this F1 [default: 0.98].
+    #[arg(long, value_name = "F", value_parser = f1_share, allow_hyphen_values = true)]
+    pub(crate) target_f1: Option<f64>,
+
+    /// Tolerance of F1; slow motion is given its scaled share [default: 1ms].
+    #[arg(long, value_enum, value_name = "T")]
+    pub(crate) f1: Option<ToleranceArg>,
+
+    /// Charge each rendered frame so many milliseconds on top, as a heavier renderer would cost [default: 0].
+    #[arg(long, value_name = "MS", value_parser = render_ms, allow_hyphen_values = true)]
+    pub(crate) render_ms: Option<f64>,
+
+    #[command(flatten)]
+    pub(crate) measuring: MeasuringArgs,
+}
+
+/// What `chart` measures, and how.
+#[derive(Debug, Args)]
+#[group(id = "measuring", multiple = true)]
+pub(crate) struct MeasuringArgs {
+    /// The camera [default: the first].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// Seconds to simulate [default: 0.25].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Scene time in seconds at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Pixels of the camera; costs grow with them [default: 160x120].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// Fewer settings, for a first look.
+    #[arg(long)]
+    pub(crate) quick: bool,
+
+    /// Sampled instants per second to measure [default: 125,250,500,1000,2000,4000].
+    #[arg(long, value_name = "HZ,…", value_parser = rate_hz, value_delimiter = ',', allow_hyphen_values = true)]
+    pub(crate) rates: Vec<f64>,
+
+    /// Samples per pixel to measure [default: 1,4,16].
+    #[arg(long, value_name = "N,…", value_parser = sample_count, value_delimiter = ',', allow_hyphen_values = true)]
+    pub(crate) samples: Vec<u32>,
+
+    /// Rates at which the trigger also latches [default: 1000].
+    #[arg(long, value_name = "HZ,…", value_parser = rate_hz, value_delimiter = ',', allow_hyphen_values = true)]
+    pub(crate) latch_rates: Vec<f64>,
+
+    /// Leave out one shaded sample with the coverage of four.
+    #[arg(long)]
+    pub(crate) no_edges: bool,
+
+    /// Leave out crossings that are linear in light.
+    #[arg(long)]
+    pub(crate) no_light: bool,
+
+    /// Leave out the settings that the EVIS paper publishes.
+    #[arg(long)]
+    pub(crate) no_published: bool,
+
+    /// Runs of each setting, in turn with the others; the fastest counts [default: 3].
+    #[arg(long, value_name = "N", value_parser = repetitions, allow_hyphen_values = true)]
+    pub(crate) repetitions: Option<usize>,
+
+    /// Pixels that truth is made for, spread over the picture; `all` for all [default: 1000].
+    #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true)]
+    pub(crate) truth_pixels: Option<PixelChoice>,
+
+    /// Do not make truth twice to know its own error.
+    #[arg(long)]
+    pub(crate) no_floor: bool,
+
+    /// Folder that keeps truths for the next time [default: the user's cache folder].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) cache: Option<PathBuf>,
+
+    /// Rise of log intensity that fires an ON event [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_on: Option<f32>,
+
+    /// Fall of log intensity that fires an OFF event, a magnitude [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_off: Option<f32>,
+
+    /// eps in ln(Y / Y_ref + eps) [default: 0.001].
+    #[arg(long, value_name = "E", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) log_eps: Option<f32>,
+
+    /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
+    #[arg(long, value_name = "NAME|INDEX")]
+    pub(crate) device: Option<String>,
+
+    /// Seed of built-in scenes [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+}
+
+/// `truth`.
+#[derive(Debug, Args)]
+pub(crate) struct TruthArgs {
+    /// A built-in scene (see `scenes`), or a .toml, .gltf or .glb file.
+    pub(crate) scene: String,
+
+    /// The HDF5 file to write; `score` reads it, and it opens as a recording.
+    #[arg(short, long, value_name = "TRUTH.h5")]
+    pub(crate) output: PathBuf,
+
+    /// The camera [default: the first].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// Seconds [default: 0.25].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Scene time in seconds at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Pixels of the camera [default: the camera's own, else 640x480, or its aspect at 480 lines].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// Pixels to make truth for, spread over the picture; `all` for all [default: 1000].
+    #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true)]
+    pub(crate) pixels: Option<PixelChoice>,
+
+    /// Make truth for a rectangle instead: first column, first row, columns, rows.
+    #[arg(long, value_name = "X,Y,W,H", value_parser = crop, allow_hyphen_values = true, conflicts_with = "pixels")]
+    pub(crate) crop: Option<PixelChoice>,
+
+    /// Which samples; truths of both, scored against each other, tell their own error [default: first].
+    #[arg(long, value_enum)]
+    pub(crate) lattice: Option<LatticeArg>,
+
+    /// Rise of log intensity that fires an ON event [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_on: Option<f32>,
+
+    /// Fall of log intensity that fires an OFF event, a magnitude [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_off: Option<f32>,
+
+    /// eps in ln(Y / Y_ref + eps) [default: 0.001].
+    #[arg(long, value_name = "E", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) log_eps: Option<f32>,
+
+    /// Y_ref in ln(Y / Y_ref + eps) [default: brings the camera's log-mean at the start to 0.18].
+    #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) reference_luminance: Option<f32>,
+
+    /// Folder that keeps truths for the next time [default: the user's cache folder].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) cache: Option<PathBuf>,
+
+    /// Overwrite existing output.
+    #[arg(long)]
+    pub(crate) force: bool,
+
+    /// Seed of built-in scenes [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+}
+
 /// `info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
@@ -294,6 +491,48 @@ impl From<AntialiasArg> for Antialias {
         match arg {
             AntialiasArg::Samples => Self::Samples,
             AntialiasArg::Edges => Self::Edges,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum LatticeArg {
+    /// One family of samples.
+    First,
+    /// Another one, independent of it.
+    Second,
+}
+
+impl From<LatticeArg> for Lattice {
+    fn from(arg: LatticeArg) -> Self {
+        match arg {
+            LatticeArg::First => Self::First,
+            LatticeArg::Second => Self::Second,
+        }
+    }
+}
+
+/// Tolerances that scores are made for.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum ToleranceArg {
+    /// 0.1 ms, or 0.01 px of motion.
+    #[value(name = "100us")]
+    Us100,
+    /// 0.3 ms, or 0.03 px of motion.
+    #[value(name = "300us")]
+    Us300,
+    /// 1 ms, or 0.1 px of motion.
+    #[value(name = "1ms")]
+    Ms1,
+}
+
+impl ToleranceArg {
+    /// In microseconds.
+    pub(crate) const fn micros(self) -> i64 {
+        match self {
+            Self::Us100 => 100,
+            Self::Us300 => 300,
+            Self::Ms1 => 1000,
         }
     }
 }
@@ -404,6 +643,45 @@ fn fps(text: &str) -> Result<f64, String> {
 
 fn slow(text: &str) -> Result<f64, String> {
     checked(text, "a factor from 0.001 to 100000, such as 4", |v| (1.0e-3..=1.0e5).contains(&v))
+}
+
+fn budget_ms(text: &str) -> Result<f64, String> {
+    checked(text, "a number of milliseconds above 0, such as 1000", |v| v > 0.0)
+}
+
+fn render_ms(text: &str) -> Result<f64, String> {
+    checked(text, "a number of milliseconds from 0 to 1000000, such as 10", |v| (0.0..=1.0e6).contains(&v))
+}
+
+fn f1_share(text: &str) -> Result<f64, String> {
+    checked(text, "above 0 and at most 1, such as 0.98", |v| v > 0.0 && v <= 1.0)
+}
+
+fn repetitions(text: &str) -> Result<usize, String> {
+    text.trim()
+        .parse::<usize>()
+        .ok()
+        .filter(|n| (1..=1000).contains(n))
+        .ok_or_else(|| "it must be a whole number from 1 to 1000, such as 3".into())
+}
+
+fn truth_pixels(text: &str) -> Result<PixelChoice, String> {
+    let count = || text.trim().parse::<usize>().ok().filter(|n| *n >= 1).map(PixelChoice::Count);
+    if text.trim() == "all" { Some(PixelChoice::All) } else { count() }
+        .ok_or_else(|| "it must be a whole number above 0, such as 1000, or the word all".into())
+}
+
+fn crop(text: &str) -> Result<PixelChoice, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, width, height]) if width > 0 && height > 0 => {
+            Ok(PixelChoice::Crop { x, y, width, height })
+        }
+        _ => Err(
+            "it must be four whole numbers, first column, first row, columns and rows, such as 40,30,80,60"
+                .into(),
+        ),
+    }
 }
 
 fn sample_count(text: &str) -> Result<u32, String> {

@@ -2,8 +2,10 @@
 
 use std::io::ErrorKind;
 
+use evis_chart::ChartError;
 use evis_core::format::FormatError;
 use evis_render::EngineError;
+use evis_truth::TruthError;
 
 /// Something that the user can put right: exit code 2.
 #[derive(Debug)]
@@ -51,6 +53,17 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
             Some(FormatError::Exists { .. } | FormatError::Corrupt { .. } | FormatError::Invalid { .. })
         )
         || cause.is::<evis_scene::SceneError>()
+        || matches!(cause.downcast_ref(), Some(TruthError::Config(_) | TruthError::Scene(_)))
+        || matches!(
+            cause.downcast_ref(),
+            Some(
+                ChartError::Config(_)
+                    | ChartError::Scene(_)
+                    | ChartError::Score(_)
+                    | ChartError::Unreachable(_)
+                    | ChartError::Invalid { .. }
+            )
+        )
         || matches!(cause.downcast_ref(), Some(EngineError::Config(_) | EngineError::Scene(_)))
         || cause.downcast_ref::<std::io::Error>().is_some_and(|io| {
             matches!(

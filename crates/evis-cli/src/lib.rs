@@ -1,6 +1,7 @@
 //! The command line, as a library: the binary `evis-rs` and the wheel's `evis` run the same code.
 
 mod args;
+mod chart;
 mod extent;
 mod failure;
 mod info;
@@ -13,6 +14,7 @@ mod run;
 mod scene_source;
 mod score;
 mod text;
+mod truth;
 
 use clap::{CommandFactory, FromArgMatches};
 
@@ -24,8 +26,8 @@ use crate::args::{Cli, Command};
 /// Help texts show the program name of `args[0]`. While it runs, SIGINT and SIGTERM end the stream in good
 /// order: the file is finished; a second one ends the process.
 pub fn run(args: Vec<String>) -> i32 {
-    let cli = match parse(args) {
-        Ok(cli) => cli,
+    let (cli, program) = match parse(args) {
+        Ok(parsed) => parsed,
         Err(error) => {
             // A closed pipe leaves nobody to tell.
             let _ = error.print();
@@ -35,6 +37,8 @@ pub fn run(args: Vec<String>) -> i32 {
     let done = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Preview(args) => preview::preview(&args),
+        Command::Chart(args) => chart::chart(&args, program),
+        Command::Truth(args) => truth::truth(&args),
         Command::Info(args) => info::info(&args),
         Command::Score(args) => score::run(&args),
         Command::Scenes(args) => list::scenes(&args),
@@ -49,7 +53,7 @@ pub fn run(args: Vec<String>) -> i32 {
     }
 }
 
-fn parse(args: Vec<String>) -> Result<Cli, clap::Error> {
+fn parse(args: Vec<String>) -> Result<(Cli, &'static str), clap::Error> {
     // The wheel installs the same program as `evis`; `--version` then says so too.
     let called_evis = args
         .first()
@@ -57,5 +61,5 @@ fn parse(args: Vec<String>) -> Result<Cli, clap::Error> {
         .is_some_and(|stem| stem == "evis");
     let name = if called_evis { "evis" } else { "evis-rs" };
     let matches = Cli::command().name(name).try_get_matches_from(args)?;
-    Cli::from_arg_matches(&matches)
+    Ok((Cli::from_arg_matches(&matches)?, name))
 }

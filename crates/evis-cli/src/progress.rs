@@ -7,6 +7,9 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::text;
 
+/// Units of a bar that shows parts.
+pub(crate) const WHOLE: u64 = 10_000;
+
 /// Progress of a stream.
 pub(crate) struct Progress {
     bar: ProgressBar,
@@ -38,6 +41,12 @@ impl Progress {
             t_us as f64 / 1.0e6 / wall_s,
         ));
         self.bar.set_position(u64::try_from(t_us).unwrap_or(0));
+    }
+
+    /// `part` of `what` is done; for a bar over [`WHOLE`].
+    pub(crate) fn part(&self, what: &str, part: f64) {
+        self.bar.set_message(what.to_owned());
+        self.bar.set_position((part.clamp(0.0, 1.0) * WHOLE as f64) as u64);
     }
 
     /// `done` units are done; `what` they are.

@@ -138,7 +138,7 @@ fn config(args: &RunArgs) -> RunConfig {
     config
 }
 
-fn to_us(seconds: f64) -> i64 {
+pub(crate) fn to_us(seconds: f64) -> i64 {
     (seconds * 1.0e6).round() as i64
 }
 
@@ -170,7 +170,7 @@ fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
 }
 
 /// Refuses an output that could not be written, before any work.
-fn check_output(path: &Path) -> anyhow::Result<()> {
+pub(crate) fn check_output(path: &Path) -> anyhow::Result<()> {
     let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     if !matches!(ending.as_deref(), Some("h5" | "hdf5")) {
         return Err(bad_input(format!(
@@ -182,7 +182,7 @@ fn check_output(path: &Path) -> anyhow::Result<()> {
 }
 
 /// Refuses a path whose folder does not exist or does not let us write.
-fn check_parent(path: &Path, flag: &str) -> anyhow::Result<()> {
+pub(crate) fn check_parent(path: &Path, flag: &str) -> anyhow::Result<()> {
     if path.is_dir() {
         return Err(bad_input(format!("{flag} {}: this is a folder; give a file name", path.display())));
     }
@@ -212,7 +212,7 @@ fn check_parent(path: &Path, flag: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn check_free(path: &Path, force: bool) -> anyhow::Result<()> {
+pub(crate) fn check_free(path: &Path, force: bool) -> anyhow::Result<()> {
     if path.exists() && !force {
         return Err(bad_input(format!(
             "--output {} exists already; --force overwrites it, or choose another name",

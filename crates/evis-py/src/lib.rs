@@ -1,5 +1,6 @@
 //! The Python module `evis._evis`: converts in, enters the engine through one door, converts out.
 
+mod chart;
 mod door;
 mod engine;
 mod errors;
@@ -19,6 +20,8 @@ mod _evis {
     use crate::door::EnterEngine;
     use crate::errors::Failure;
 
+    #[pymodule_export]
+    use crate::chart::{chart, chart_cache, chart_ladder, check_chart, draw_chart, recommend_chart};
     #[pymodule_export]
     use crate::metrics::{
         Truth, endpoint_error, mse, psnr, score, score_table, sensor_of_settings, ssim, voxel_l1,

@@ -1,0 +1,319 @@
+//! Which settings are measured.
+
+use evis_core::{ConfigError, Interpolation, TimeGrid, TriggerRule};
+use evis_render::{Antialias, Method, RunConfig};
+use serde::{Deserialize, Serialize};
+
+/// A point of the chart, as data: it may name a method that this version of the engine does not have.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setting {
+    /// The name that publications give it; `None` for a step of the ladder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub published: Option<String>,
+    /// Sampling method, by its name.
+    pub method: String,
+    /// Sampled instants per second.
+    pub rate_hz: f64,
+    /// Frames that are rendered per simulated second; `rate_hz` where every instant is.
+    pub rendered_hz: f64,
+    /// Samples per pixel and instant.
+    pub samples: u32,
+    /// How they are taken.
+    pub antialias: Antialias,
+    /// Trigger rule.
+    pub trigger: TriggerRule,
+    /// How crossings between two samples are found.
+    #[serde(default)]
+    pub interpolation: Interpolation,
+}
+
+impl Setting {
+    /// Every instant is rendered.
+    pub fn native(rate_hz: f64, samples: u32, antialias: Antialias, trigger: TriggerRule) -> Self {
+        let method = "native".into();
+        let interpolation = Interpolation::Log;
+        Self {
+            published: None,
+            method,
+            rate_hz,
+            rendered_hz: rate_hz,
+            samples,
+            antialias,
+            trigger,
+            interpolation,
+        }
+    }
+
+    /// The same with crossings linear in light.
+    pub fn in_light(self) -> Self {
+        Self { interpolation: Interpolation::Light, ..self }
+    }
+
+    /// The method, where the engine has it.
+    pub fn engine_method(&self) -> Option<Method> {
+        method_named(&self.method)
+    }
+
+    /// `base` with this setting in it; `None` where the engine does not have the method.
+    pub fn run_config(&self, base: &RunConfig) -> Option<RunConfig> {
+        let mut config = base.clone();
+        config.method = self.engine_method()?;
+        config.rate_hz = self.rate_hz;
+        config.samples = self.samples;
+        config.antialias = self.antialias;
+        config.sensor.trigger = self.trigger;
+        config.sensor.interpolation = self.interpolation;
+        Some(config)
+    }
+
+    /// Short and complete: `1000 Hz ×16`, `250 Hz edges`, `1000 Hz ×4 latch`, `splat 250×4 Hz latch`.
+    pub fn label(&self) -> String {
+        let mut label = String::new();
+        if self.method != "native" {
+            label = format!("{} ", self.method);
+        }
+        if self.rendered_hz < self.rate_hz {
+            let steps = self.rate_hz / self.rendered_hz;
+            label += &format!("{}×{} Hz", number(self.rendered_hz), number(steps));
+        } else {
+            label += &format!("{} Hz", number(self.rate_hz));
+        }
+        match self.antialias {
+            Antialias::Samples => label += &format!(" ×{}", self.samples),
+            Antialias::Edges => label += " edges",
+        }
+        if self.trigger == TriggerRule::Latch {
+            label += " latch";
+        }
+        if self.interpolation == Interpolation::Light {
+            label += " light";
+        }
+        label
+    }
+
+    /// What it has in common with the points that a line joins it to: all but the rate.
+    pub fn family(&self) -> String {
+        let trigger = match (self.trigger, self.interpolation) {
+            (TriggerRule::Crossing, Interpolation::Log) => "crossing",
+            (TriggerRule::Crossing, Interpolation::Light) => "crossing in light",
+            (TriggerRule::Latch, _) => "latch",
+        };
+        let pixel = match (self.antialias, self.samples) {
+            (Antialias::Edges, _) => "edges".to_owned(),
+            (Antialias::Samples, 1) => "1 sample".to_owned(),
+            (Antialias::Samples, n) => format!("{n} samples"),
+        };
+        if self.method == "native" {
+            format!("{trigger}, {pixel}")
+        } else {
+            format!("{}, {trigger}, {pixel}", self.method)
+        }
+    }
+
+    /// The flags of `run` that differ from its defaults.
+    pub fn run_flags(&self) -> String {
+        let default = RunConfig::default();
+        let mut flags = format!("--rate {}", number(self.rate_hz));
+        if self.engine_method() != Some(default.method) {
+            flags += &format!(" --method {}", self.method);
+        }
+        match self.antialias {
+            Antialias::Samples => flags += &format!(" --samples {}", self.samples),
+            Antialias::Edges => flags += " --aa edges",
+        }
+        if self.trigger == TriggerRule::Latch {
+            flags += " --trigger latch";
+        }
+        if self.interpolation == Interpolation::Light {
+            flags += " --interpolation light";
+        }
+        flags
+    }
+
+    fn same_run(&self, other: &Self) -> bool {
+        Self { published: None, ..self.clone() } == Self { published: None, ..other.clone() }
+    }
+}
+
+/// The method that is called `name`, where the engine has it.
+pub fn method_named(name: &str) -> Option<Method> {
+    serde_json::from_value(serde_json::Value::String(name.into())).ok()
+}
+
+/// A number without trailing zeros, at most six decimals.
+pub(crate) fn number(value: f64) -> String {
+    let text = format!("{value:.6}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// Shape of a ladder: every combination of these, and the published settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Ladder {
+    /// Sampled instants per second.
+    pub rates_hz: Vec<f64>,
+    /// Samples per pixel.
+    pub samples: Vec<u32>,
+    /// Also one shaded sample with the coverage of four, at each rate.
+    pub edges: bool,
+    /// Numbers of samples with which crossings are also linear in light, at each rate.
+    pub light_samples: Vec<u32>,
+    /// Rates at which the trigger also latches, with each number of samples.
+    pub latch_hz: Vec<f64>,
+    /// Also the settings that the EVIS paper publishes.
+    pub published: bool,
+}
+
+impl Default for Ladder {
+    fn default() -> Self {
+        Self {
+            rates_hz: vec![125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0],
+            samples: vec![1, 4, 16],
+            edges: true,
+            light_samples: vec![4],
+            latch_hz: vec![1000.0],
+            published: true,
+        }
+    }
+}
+
+impl Ladder {
+    /// A third of the points, the dear ones left out.
+    pub fn quick() -> Self {
+        Self {
+            rates_hz: vec![125.0, 500.0, 2000.0],
+            samples: vec![1, 4],
+            edges: false,
+            light_samples: vec![],
+            latch_hz: vec![1000.0],
+            published: true,
+        }
+    }
+
+    /// The settings, each once, by method, trigger, samples and rate.
+    ///
+    /// # Errors
+    /// A value that no run can use, or no setting at all.
+    pub fn settings(&self) -> Result<Vec<Setting>, ConfigError> {
+        for &rate in self.rates_hz.iter().chain(&self.latch_hz) {
+            TimeGrid::new(rate).map_err(|e| ConfigError { what: "rates".into(), ..e })?;
+        }
+        for &samples in self.samples.iter().chain(&self.light_samples) {
+            let base = RunConfig { samples, ..RunConfig::default() };
+            base.check()?;
+        }
+        let mut all: Vec<Setting> = Vec::new();
+        let mut add = |setting: Setting| match all.iter_mut().find(|s| s.same_run(&setting)) {
+            Some(there) => there.published = setting.published.or(there.published.take()),
+            None => all.push(setting),
+        };
+        let samples = Antialias::Samples;
+        for &count in &self.samples {
+            for &rate_hz in &self.rates_hz {
+                add(Setting::native(rate_hz, count, samples, TriggerRule::Crossing));
+            }
+        }
+        for &rate_hz in self.rates_hz.iter().filter(|_| self.edges) {
+            add(Setting::native(rate_hz, 4, Antialias::Edges, TriggerRule::Crossing));
+        }
+        for &count in &self.light_samples {
+            for &rate_hz in &self.rates_hz {
+                add(Setting::native(rate_hz, count, samples, TriggerRule::Crossing).in_light());
+            }
+        }
+        for &count in &self.samples {
+            for &rate_hz in &self.latch_hz {
+                add(Setting::native(rate_hz, count, samples, TriggerRule::Latch));
+            }
+        }
+        if self.published {
+            published().into_iter().for_each(&mut add);
+        }
+        if all.is_empty() {
+            return Err(ConfigError::new(
+                "ladder",
+                "empty",
+                "at least one setting: give --rates and --samples, or leave the published settings in",
+            ));
+        }
+        Ok(all)
+    }
+}
+
+/// The settings of the EVIS paper's table (its section on speed): every frame rendered, and four ways to warp
+/// fewer of them, all with its latch. How many samples its renderer takes is not stated; 4 stands for it.
+pub fn published() -> Vec<Setting> {
+    let warp = |rendered_hz: f64, steps: f64| Setting {
+        published: Some(format!("EVIS {}×{}", number(rendered_hz), number(steps))),
+        method: "splat".into(),
+        rate_hz: rendered_hz * steps,
+        rendered_hz,
+        samples: 4,
+        antialias: Antialias::Samples,
+        trigger: TriggerRule::Latch,
+        interpolation: Interpolation::Log,
+    };
+    let rendered = Setting {
+        published: Some("EVIS 1000 Hz".into()),
+        ..Setting::native(1000.0, 4, Antialias::Samples, TriggerRule::Latch)
+    };
+    vec![rendered, warp(250.0, 4.0), warp(125.0, 8.0), warp(40.0, 8.0), warp(30.0, 8.0)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_ladder_has_every_step_once() {
+        let all = Ladder::default().settings().unwrap();
+        assert_eq!(all.iter().filter(|s| s.engine_method().is_some()).count(), 6 * 5 + 3);
+        let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
+        labels.sort();
+        let before = labels.len();
+        labels.dedup();
+        assert_eq!(labels.len(), before, "labels tell settings apart");
+        let named: Vec<_> = all.iter().filter_map(|s| s.published.as_deref()).collect();
+        assert_eq!(named, ["EVIS 1000 Hz", "EVIS 250×4", "EVIS 125×8", "EVIS 40×8", "EVIS 30×8"]);
+        assert!(Ladder::quick().settings().unwrap().len() < all.len() / 2 + 5);
+    }
+
+    #[test]
+    fn settings_become_runs_where_the_method_exists() {
+        let base = RunConfig { size: Some((8, 6)), ..RunConfig::default() };
+        let edges = Setting::native(250.0, 4, Antialias::Edges, TriggerRule::Crossing);
+        let run = edges.run_config(&base).unwrap();
+        assert_eq!((run.rate_hz, run.antialias, run.size), (250.0, Antialias::Edges, Some((8, 6))));
+        assert_eq!(edges.label(), "250 Hz edges");
+        assert_eq!(edges.run_flags(), "--rate 250 --aa edges");
+        let light = Setting::native(500.0, 4, Antialias::Samples, TriggerRule::Crossing).in_light();
+        assert_eq!(light.run_config(&base).unwrap().sensor.interpolation, Interpolation::Light);
+        assert_eq!(light.run_flags(), "--rate 500 --samples 4 --interpolation light");
+        let warp = &published()[1];
+        assert_eq!(warp.label(), "splat 250×4 Hz ×4 latch");
+        assert_eq!(warp.rate_hz, 1000.0);
+        let unknown = Setting { method: "teleport".into(), ..edges };
+        assert!(unknown.run_config(&base).is_none());
+        assert_eq!(method_named("native"), Some(Method::Native));
+    }
+
+    #[test]
+    fn ladders_that_cannot_run_are_refused() {
+        let none = Ladder {
+            rates_hz: vec![],
+            samples: vec![],
+            edges: false,
+            light_samples: vec![],
+            latch_hz: vec![],
+            published: false,
+        };
+        assert!(none.settings().unwrap_err().to_string().contains("at least one setting"));
+        for bad in [0.0, -1.0, f64::NAN, 2.0e6] {
+            let error =
+                Ladder { rates_hz: vec![bad], ..Ladder::default() }.settings().unwrap_err().to_string();
+            assert!(error.contains("rates"), "{error}");
+        }
+        let error = Ladder { samples: vec![0], ..Ladder::default() }.settings().unwrap_err().to_string();
+        assert!(error.contains("samples is 0"), "{error}");
+    }
+}

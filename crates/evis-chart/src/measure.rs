@@ -1,0 +1,192 @@
+//! Runs settings, times them, and has each scored.
+
+use std::sync::Arc;
+use std::task::Poll;
+use std::time::{Duration, Instant};
+
+use evis_core::Event;
+use evis_core::metric::Score;
+use evis_render::{Gpu, RunConfig, Simulator};
+use evis_scene::Scene;
+
+use crate::error::ChartError;
+use crate::ladder::Setting;
+use crate::result::Point;
+
+/// Packets are as long as those of `evis run`.
+const PACKET_US: i64 = 10_000;
+
+/// How often a run looks whether it should stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// What is measured.
+pub struct Series<'a> {
+    /// Where it runs.
+    pub gpu: &'a Gpu,
+    /// What it renders; its first environment is looked at.
+    pub scene: Arc<Scene>,
+    /// Settings, each with its run.
+    pub runs: &'a [(Setting, RunConfig)],
+    /// Simulated microseconds of each.
+    pub duration_us: i64,
+    /// Runs of each setting.
+    pub repetitions: usize,
+}
+
+/// One run.
+struct Run {
+    setup_ms: f64,
+    wall_ms_per_s: f64,
+    events: Vec<Event>,
+    clamped: u64,
+}
+
+/// Measures every setting: all of them once, then all of them again, so that whatever else the machine does meets all
+/// alike. `judge` scores the first repetition's events. `progress` is told the part that is done, and stops the work by
+/// returning false.
+///
+/// # Errors
+/// A run that fails, repetitions that differ, whatever `judge` says, or a stop.
+pub fn measure(
+    series: &Series<'_>,
+    judge: &dyn Fn(&[Event], &RunConfig) -> Result<Score, ChartError>,
+    progress: &dyn Fn(f64) -> bool,
+) -> Result<Vec<Point>, ChartError> {
+    let work = |(_, config): &(Setting, RunConfig)| config.rate_hz * f64::from(config.samples).sqrt();
+    let total = series.runs.iter().map(work).sum::<f64>() * series.repetitions as f64;
+    let mut done = 0.0;
+    let mut points: Vec<Point> = Vec::with_capacity(series.runs.len());
+    for repetition in 0..series.repetitions {
+        for (index, entry) in series.runs.iter().enumerate() {
+            let (setting, config) = entry;
+            let share = work(entry);
+            let told = |part: f64| progress((done + share * part) / total);
+            let run = run(series, config, &told)?;
+            let hash = hash(&run.events);
+            match points.get_mut(index) {
+                None => points.push(Point {
+                    setting: setting.clone(),
+                    setup_ms: run.setup_ms,
+                    wall_ms_per_s: vec![run.wall_ms_per_s],
+                    events: run.events.len() as u64,
+                    clamped: run.clamped,
+                    hash: format!("{hash:016x}"),
+                    score: judge(&run.events, config)?,
+                }),
+                Some(point) => point.repeat(&run, repetition, hash)?,
+            }
+            done += share;
+        }
+    }
+    Ok(points)
+}
+
+impl Point {
+    /// Adds a later repetition.
+    fn repeat(&mut self, run: &Run, repetition: usize, hash: u64) -> Result<(), ChartError> {
+        let found = format!("{hash:016x}");
+        if found != self.hash {
+            return Err(ChartError::NotRepeatable {
+                label: self.setting.label(),
+                repetition: repetition + 1,
+                expected: self.hash.clone(),
+                found,
+            });
+        }
+        self.setup_ms = self.setup_ms.min(run.setup_ms);
+        self.wall_ms_per_s.push(run.wall_ms_per_s);
+        Ok(())
+    }
+}
+
+fn run(series: &Series<'_>, config: &RunConfig, progress: &dyn Fn(f64) -> bool) -> Result<Run, ChartError> {
+    if !progress(0.0) {
+        return Err(ChartError::Stopped);
+    }
+    let started = Instant::now();
+    let simulator = Simulator::new(series.gpu, Arc::clone(&series.scene), config.clone())?;
+    let setup = started.elapsed();
+
+    let started = Instant::now();
+    let mut events = Vec::new();
+    let mut clamped = 0;
+    let mut stream = simulator.stream(series.duration_us, PACKET_US)?;
+    loop {
+        match stream.poll_next(LOOK) {
+            Poll::Pending => {}
+            Poll::Ready(None) => break,
+            Poll::Ready(Some(packet)) => {
+                let mut packet = packet?;
+                clamped += packet.report.clamped;
+                if let Some(view) = packet.views.first_mut() {
+                    events.append(&mut view.events);
+                }
+                if !progress(packet.end_us as f64 / series.duration_us as f64) {
+                    return Err(ChartError::Stopped);
+                }
+                continue;
+            }
+        }
+        if !progress(0.0) {
+            return Err(ChartError::Stopped);
+        }
+    }
+    let wall_ms = started.elapsed().as_secs_f64() * 1.0e3;
+    Ok(Run {
+        setup_ms: setup.as_secs_f64() * 1.0e3,
+        wall_ms_per_s: wall_ms / (series.duration_us as f64 * 1.0e-6),
+        events,
+        clamped,
+    })
+}
+
+/// FNV-1a, 64 bits (G. Fowler, L. C. Noll, K.-P. Vo), over what events say.
+fn hash(events: &[Event]) -> u64 {
+    let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+    let mut take = |bytes: &[u8]| {
+        for byte in bytes {
+            hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    };
+    for event in events {
+        take(&event.t.to_le_bytes());
+        take(&event.x.to_le_bytes());
+        take(&event.y.to_le_bytes());
+        take(&event.p.to_le_bytes());
+    }
+    hash
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::made_up;
+    use evis_core::Polarity;
+
+    #[test]
+    fn hashes_see_every_field() {
+        let event = Event::new(5, 1, 2, Polarity::On);
+        // The published value of the empty string.
+        assert_eq!(hash(&[]), 0xcbf2_9ce4_8422_2325);
+        for other in [
+            Event::new(6, 1, 2, Polarity::On),
+            Event::new(5, 2, 2, Polarity::On),
+            Event::new(5, 1, 1, Polarity::On),
+            Event::new(5, 1, 2, Polarity::Off),
+        ] {
+            assert_ne!(hash(&[event]), hash(&[other]));
+        }
+        assert_eq!(hash(&[event]), hash(&[event.clone()]));
+    }
+
+    #[test]
+    fn repetitions_that_differ_are_an_error() {
+        let mut point = made_up::scene_chart("x").points.remove(0);
+        point.hash = format!("{:016x}", 7);
+        let run = Run { setup_ms: 1.0, wall_ms_per_s: 5.0, events: vec![], clamped: 0 };
+        point.repeat(&run, 1, 7).unwrap();
+        assert_eq!((point.wall_ms_per_s.last(), point.setup_ms), (Some(&5.0), 1.0));
+        let error = point.repeat(&run, 2, 8).unwrap_err().to_string();
+        assert!(error.contains("125 Hz ×1") && error.contains("repetition 3"), "{error}");
+    }
+}

@@ -1,0 +1,198 @@
+//! `chart`: settings are measured on scenes, drawn, and one is recommended.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use evis_chart::result::REAL_TIME_MS;
+use evis_chart::{
+    ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, PictureKind, SceneChart, Stage,
+};
+use evis_render::Gpu;
+
+use crate::args::{ChartArgs, MeasuringArgs};
+use crate::failure::bad_input;
+use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::progress::{Progress, WHOLE};
+use crate::run::{check_parent, to_us};
+use crate::{scene_source, text};
+
+/// F1 that is recommended for, unless another is asked for.
+const TARGET_F1: f64 = 0.98;
+
+/// Measures or reads, draws, and recommends. `program` is what the user called.
+pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
+    let lens = Lens {
+        tolerance_us: args.f1.map_or(Lens::default().tolerance_us, |f1| f1.micros()),
+        render_ms: args.render_ms.unwrap_or(0.0),
+    };
+    for output in &args.output {
+        PictureKind::of(output)?;
+        check_parent(output, "--output")?;
+    }
+    if let Some(json) = &args.json {
+        check_parent(json, "--json")?;
+    }
+    let chart = if args.from.is_empty() {
+        match measure(args)? {
+            Some(chart) => chart,
+            None => {
+                text::complain("interrupted; nothing was written");
+                return Ok(EXIT_INTERRUPTED);
+            }
+        }
+    } else {
+        read(&args.from)?
+    };
+
+    // What was measured is kept first: whatever fails later can be done again from it.
+    if let Some(path) = &args.json {
+        let json = chart.to_json()? + "\n";
+        std::fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
+        text::say(&format!("{}", path.display()));
+    }
+    for output in &args.output {
+        evis_chart::draw::save(&chart, &Look { lens }, output)?;
+        text::say(&format!("{}", output.display()));
+    }
+    recommend(args, &chart, lens, program)
+}
+
+/// One sentence and one command per scene and goal. A goal that the user set and that is out of reach is an error.
+fn recommend(args: &ChartArgs, chart: &ChartResult, lens: Lens, program: &str) -> anyhow::Result<i32> {
+    let asked = [args.budget.map(Goal::Budget), args.target_f1.map(Goal::TargetF1)];
+    let usual = [Goal::Budget(REAL_TIME_MS), Goal::TargetF1(TARGET_F1)];
+    let goals: Vec<_> = asked.into_iter().flatten().collect();
+    let (goals, asked) = if goals.is_empty() { (usual.to_vec(), false) } else { (goals, true) };
+    let mut failed = None;
+    for scene in &chart.scenes {
+        text::say(&format!("{}: {}", scene.scene, measured(scene)));
+        for goal in &goals {
+            match scene.recommend(*goal, lens) {
+                Ok(found) => {
+                    let command = found.command.replacen("evis ", &format!("{program} "), 1);
+                    text::say(&format!("  {}\n    {command}", found.sentence));
+                }
+                Err(error @ ChartError::Unreachable(_)) if !asked => text::say(&format!("  {error}")),
+                Err(error) => failed = Some(error),
+            }
+        }
+    }
+    failed.map_or(Ok(0), |error| Err(error.into()))
+}
+
+fn measured(scene: &SceneChart) -> String {
+    let clamped = scene.points.iter().filter(|p| p.clamped > 0).count();
+    let lost = if clamped > 0 {
+        format!("; {clamped} of them lost events at the limit per pixel, see `clamped` in the JSON")
+    } else {
+        String::new()
+    };
+    format!("{} settings measured on {}{lost}", scene.points.len(), scene.device.name)
+}
+
+fn read(paths: &[PathBuf]) -> anyhow::Result<ChartResult> {
+    let mut scenes = Vec::new();
+    for path in paths {
+        let text =
+            std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        scenes.extend(ChartResult::from_json(&text, path)?.scenes);
+    }
+    Ok(ChartResult::new(scenes))
+}
+
+/// `None` where it was interrupted.
+fn measure(args: &ChartArgs) -> anyhow::Result<Option<ChartResult>> {
+    let settings = settings(&args.measuring);
+    settings.ladder.settings()?;
+    let seed = args.measuring.seed.unwrap_or(0);
+    let mut scenes = Vec::new();
+    for name in &args.scenes {
+        let scene = scene_source::load(name, seed)?;
+        if let Some(camera) = &settings.camera {
+            scene.camera(camera)?;
+        }
+        for warning in &scene.warnings {
+            text::complain(&format!("warning: {warning}"));
+        }
+        scenes.push((name, scene));
+    }
+    let gpu = Gpu::open(args.measuring.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let interrupt = Interrupt::listen();
+    let mut charts = Vec::new();
+    for (name, scene) in &scenes {
+        let progress = Progress::new(WHOLE);
+        let told = |stage: Stage, part: f64| {
+            let what = match stage {
+                Stage::Truth => "truth",
+                Stage::Floor => "truth once more, for its own error",
+                Stage::Runs => "settings",
+            };
+            progress.part(&format!("{name}: {what}"), part);
+            !interrupt.asked()
+        };
+        match evis_chart::chart(&gpu, name, scene, &settings, &told) {
+            Ok(chart) => charts.push(chart),
+            Err(ChartError::Stopped) => return Ok(None),
+            Err(error) => return Err(error).with_context(|| format!("chart of {name}")),
+        }
+    }
+    Ok(Some(ChartResult::new(charts)))
+}
+
+/// Flags over defaults.
+fn settings(args: &MeasuringArgs) -> ChartSettings {
+    let mut ladder = if args.quick { Ladder::quick() } else { Ladder::default() };
+    for (to, from) in [(&mut ladder.rates_hz, &args.rates), (&mut ladder.latch_hz, &args.latch_rates)] {
+        if !from.is_empty() {
+            to.clone_from(from);
+        }
+    }
+    if !args.samples.is_empty() {
+        ladder.samples.clone_from(&args.samples);
+    }
+    if args.no_light {
+        ladder.light_samples.clear();
+    }
+    ladder.edges &= !args.no_edges;
+    ladder.published &= !args.no_published;
+    let default = ChartSettings::default();
+    let mut sensor = default.sensor.clone();
+    sensor.threshold_on = args.threshold_on.unwrap_or(sensor.threshold_on);
+    sensor.threshold_off = args.threshold_off.unwrap_or(sensor.threshold_off);
+    sensor.log_eps = args.log_eps.unwrap_or(sensor.log_eps);
+    ChartSettings {
+        ladder,
+        repetitions: args.repetitions.unwrap_or(default.repetitions),
+        sensor,
+        camera: args.camera.clone(),
+        size: args.size.or(default.size),
+        start_us: to_us(args.start.unwrap_or(0.0)),
+        duration_us: args.duration.map_or(default.duration_us, |s| to_us(s).max(1)),
+        pixels: args.truth_pixels.unwrap_or(default.pixels),
+        reference_luminance: None,
+        floor: !args.no_floor,
+        cache: cache_folder(args.cache.as_deref()),
+    }
+}
+
+/// Where truths are kept: where the user says, else in the user's own cache. One that cannot be had costs time, no
+/// more.
+pub(crate) fn cache_folder(asked: Option<&Path>) -> Option<PathBuf> {
+    let folder = match asked {
+        Some(folder) => folder.to_path_buf(),
+        None => evis_chart::user_cache()?,
+    };
+    let usable = std::fs::create_dir_all(&folder).and_then(|()| {
+        let probe = folder.join(format!(".probe-{}", std::process::id()));
+        std::fs::write(&probe, [])?;
+        std::fs::remove_file(&probe)
+    });
+    if let Err(error) = usable {
+        text::complain(&format!(
+            "warning: truths are not kept: cannot write to {} ({error}); --cache DIR takes another folder",
+            folder.display()
+        ));
+        return None;
+    }
+    Some(folder)
+}

@@ -1,0 +1,122 @@
+//! `chart`: bad input without a device, and a tiny chart with one.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod common;
+
+use common::{Folder, code, evis, json, no_device, stderr, stdout};
+
+const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --no-light --repetitions 2 \
+                    --truth-pixels 120 --no-floor --cache cache --threshold-on 0.05 --threshold-off 0.05";
+
+fn refused(folder: &Folder, line: &str, told: &[&str]) {
+    let before = folder.names();
+    let output = evis(folder, line);
+    let message = stderr(&output);
+    assert_eq!(code(&output), 2, "{line}\n{message}");
+    for words in told {
+        assert!(message.contains(words), "{line}: the message lacks '{words}':\n{message}");
+    }
+    assert_eq!(folder.names(), before, "{line} left something behind");
+}
+
+#[test]
+fn bad_input_is_told_before_any_work() {
+    let folder = Folder::new("chart-input");
+    std::fs::write(folder.file("newer.json"), "{\"evis_chart\": 99, \"scenes\": []}").unwrap();
+    std::fs::write(folder.file("none.json"), "{\"evis_chart\": 1, \"scenes\": []}").unwrap();
+    std::fs::write(folder.file("other.json"), "[1, 2]").unwrap();
+    refused(&folder, "chart", &["SCENE"]);
+    refused(&folder, "chart spiner -o x.png", &["spiner", "spinner"]);
+    refused(&folder, "chart spinner -o x.pdf", &["x.pdf", ".svg"]);
+    refused(&folder, "chart spinner -o no/x.png", &["no/x.png", "create it"]);
+    refused(&folder, "chart spinner -o x.png --json no/r.json", &["--json", "no/r.json"]);
+    refused(&folder, "chart spinner --camera nobody", &["nobody"]);
+    refused(&folder, "chart spinner --from newer.json", &["--from"]);
+    refused(&folder, "chart --from newer.json --size 32x24", &["--from", "--size"]);
+    refused(&folder, "chart --from newer.json -o x.png", &["newer.json", "version 99"]);
+    refused(&folder, "chart --from none.json", &["none.json", "no scene"]);
+    refused(&folder, "chart --from other.json", &["other.json", "no chart"]);
+    refused(&folder, "chart --from missing.json", &["missing.json"]);
+    for (arguments, told) in [
+        ("--budget 0", ["--budget", "'0'", "1000"]),
+        ("--target-f1 1.5", ["--target-f1", "'1.5'", "0.98"]),
+        ("--render-ms -1", ["--render-ms", "'-1'", "from 0"]),
+        ("--f1 2ms", ["--f1", "'2ms'", "100us, 300us, 1ms"]),
+        ("--rates 100,0", ["--rates", "'0'", "above 0"]),
+        ("--samples 0", ["--samples", "'0'", "from 1 to 256"]),
+        ("--repetitions 0", ["--repetitions", "'0'", "from 1"]),
+        ("--truth-pixels none", ["--truth-pixels", "'none'", "all"]),
+    ] {
+        refused(&folder, &format!("chart spinner {arguments}"), &told);
+    }
+}
+
+#[test]
+fn a_scene_is_charted_and_drawn_again() {
+    let folder = Folder::new("chart");
+    if no_device(&folder) {
+        return;
+    }
+    let output = evis(&folder, &format!("chart spinner -o a.png -o a.svg --json r.json {TINY}"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let told = stdout(&output);
+    assert!(
+        told.contains("real time") && told.contains("F1 0.98"),
+        "both usual goals are spoken of:\n{told}"
+    );
+    let svg = std::fs::read_to_string(folder.file("a.svg")).unwrap();
+    assert!(svg.contains("32×24 pixels") && svg.contains("EVIS 1000 Hz"));
+    assert!(image::open(folder.file("a.png")).unwrap().width() > 1000);
+    let read = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(folder.file(name)).unwrap()).unwrap()
+    };
+    let points = read("r.json")["scenes"][0]["points"].as_array().unwrap().len();
+    assert_eq!(points, 3);
+
+    // A heavier renderer, from the same measurement.
+    let output = evis(&folder, "chart --from r.json -o b.svg --render-ms 10 --budget 1e9");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert!(std::fs::read_to_string(folder.file("b.svg")).unwrap().contains("charged 10 ms"));
+    let command = stdout(&output).lines().last().unwrap().trim().to_owned();
+    assert!(command.starts_with("evis-rs run spinner -o events.h5 --size 32x24 --rate "), "{command}");
+    assert!(command.ends_with("--threshold-on 0.05 --threshold-off 0.05"), "{command}");
+
+    // The command that is recommended runs.
+    let line = command.strip_prefix("evis-rs ").unwrap();
+    let output = evis(&folder, &format!("{line} --duration 0.01 --json"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert!(json(&output)["instants"].as_u64().unwrap() > 0);
+
+    let poor = evis(&folder, "chart --from r.json --budget 0.0001");
+    assert_eq!(code(&poor), 2);
+    assert!(stderr(&poor).contains("the cheapest is"), "{}", stderr(&poor));
+}
+
+#[test]
+fn truth_becomes_a_file_that_scores_a_run() {
+    let folder = Folder::new("truth");
+    let small = "--size 32x24 --duration 0.02 --threshold-on 0.05 --threshold-off 0.05";
+    for (arguments, told) in [
+        ("truth spinner -o t.txt", ["t.txt", ".h5"]),
+        ("truth spiner -o t.h5", ["spiner", "spinner"]),
+        ("truth spinner -o t.h5 --camera nobody --cache cache", ["camera", "nobody"]),
+        ("truth spinner -o t.h5 --crop 1,2,3", ["--crop", "such as 40,30,80,60"]),
+        ("truth spinner -o t.h5 --crop 0,0,9,9 --pixels 5", ["--crop", "--pixels"]),
+    ] {
+        std::fs::create_dir_all(folder.file("cache")).unwrap();
+        refused(&folder, arguments, &told);
+    }
+    let output = evis(&folder, &format!("truth spinner -o t.h5 {small} --crop 8,6,16,12 --cache cache"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert!(stdout(&output).contains("192 pixels"), "{}", stdout(&output));
+    refused(&folder, "truth spinner -o t.h5", &["t.h5", "--force"]);
+    if no_device(&folder) {
+        return;
+    }
+    let output = evis(&folder, &format!("run spinner -o e.h5 {small} --rate 1000 --samples 16"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let output = evis(&folder, "score e.h5 --truth t.h5 --json");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert_eq!(json(&output)["score"]["pixels"], 192);
+}

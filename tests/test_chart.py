@@ -1,0 +1,109 @@
+"""Charts from Python: measured, drawn, recommended from."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_door import interrupted
+
+import evis
+
+TINY: dict[str, Any] = {
+    "size": (32, 24),
+    "duration": 0.02,
+    "rates_hz": [100, 500],
+    "samples": [4],
+    "edges": False,
+    "light_samples": [],
+    "repetitions": 2,
+    "truth_pixels": 120,
+    "cache": False,
+    # So small a picture moves little: only a keen sensor sees it.
+    "sensor": evis.Sensor(threshold_on=0.05, threshold_off=0.05),
+}
+
+
+@pytest.fixture(scope="module")
+def made(device: evis.Device) -> evis.Chart:
+    return evis.chart(evis.Scene.builtin("spinner"), **TINY)
+
+
+def test_points_are_typed_and_scored(made: evis.Chart):
+    scene = made.scenes[0]
+    assert (scene.scene, scene.width, scene.height, scene.duration_us) == ("spinner", 32, 24, 20_000)
+    assert [point.setting.published for point in made.points] == [None, None, "EVIS 1000 Hz"]
+    assert scene.floor is not None
+    assert scene.floor.at(1000).scaled.f1 > max(point.f1() for point in made.points)
+    assert [setting.method for setting, _ in scene.not_measured] == ["splat"] * 4
+    point = made.points[0]
+    assert len(point.wall_ms_per_s) == 2
+    assert point.cost_ms(render_ms=10.0) == pytest.approx(point.cost_ms() + 10.0 * 100)
+    assert point.score.truth_events == scene.truth_events > 0
+    with pytest.raises(FrozenInstanceError):
+        point.events = 0  # type: ignore[misc]
+
+
+def test_charts_are_drawn_joined_and_read_again(made: evis.Chart, tmp_path: Path):
+    made.save(tmp_path / "a.svg")
+    assert "charged" not in (tmp_path / "a.svg").read_text()
+    evis.Chart.of([made, made]).save(tmp_path / "b.svg", render_ms=10.0, tolerance_us=100)
+    text = (tmp_path / "b.svg").read_text()
+    assert "charged 10 ms" in text
+    assert "within 100 µs" in text
+    made.save(tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "r.json").write_text(made.to_json())
+    assert evis.Chart.load(tmp_path / "r.json").points == made.points
+    with pytest.raises(evis.ConfigError, match=r"\.png or \.svg"):
+        made.save(tmp_path / "a.pdf")
+    with pytest.raises(FileNotFoundError):
+        made.save(tmp_path / "no" / "a.svg")
+    newer = json.dumps({**json.loads(made.to_json()), "evis_chart": 9})
+    with pytest.raises(evis.FormatError, match="version 9"):
+        evis.Chart.from_json(newer)
+
+
+def test_a_recommendation_can_be_simulated(made: evis.Chart):
+    found = made.recommend(budget_ms=1e9)
+    assert found.f1 == max(point.f1() for point in made.points)
+    assert found.command.startswith("evis run spinner -o events.h5 --size 32x24")
+    sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(32, 24), **found.simulator)
+    assert len(sim.step(20_000).events) > 0
+    with pytest.raises(evis.ConfigError, match="the cheapest is"):
+        made.recommend(budget_ms=1e-3)
+    with pytest.raises(evis.ConfigError, match="one goal"):
+        made.recommend()
+    with pytest.raises(evis.ConfigError, match="scene is 3"):
+        made.recommend(budget_ms=1e9, scene=3)
+
+
+def test_what_cannot_be_measured_is_told(spinner: evis.Scene):
+    with pytest.raises(evis.ConfigError, match="nobody"):
+        evis.chart(spinner, **{**TINY, "camera": "nobody"})
+    with pytest.raises(evis.ConfigError, match="rates is 0"):
+        evis.chart(spinner, **{**TINY, "rates_hz": [0]})
+    with pytest.raises(evis.ConfigError, match="no events"):
+        evis.chart(spinner, **{**TINY, "sensor": evis.Sensor(threshold_on=50.0, threshold_off=50.0)})
+    with pytest.raises(evis.ConfigError, match="at least one"):
+        evis.Chart.of([])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_ctrl_c_ends_a_chart(device: evis.Device):
+    text = interrupted(
+        """
+        import evis
+
+        print("ready", flush=True)
+        try:
+            evis.chart(evis.Scene.builtin("warehouse"), truth_pixels=None, cache=False)
+        except KeyboardInterrupt:
+            print("stopped", flush=True)
+        """
+    )
+    assert "stopped" in text
