@@ -74,6 +74,17 @@ pub enum Stage {
     Runs,
 }
 
+impl Stage {
+    /// What it does, for people.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Truth => "truth",
+            Self::Floor => "truth once more, for its own error",
+            Self::Runs => "settings",
+        }
+    }
+}
+
 /// Told what it is busy with and the part of that which is done, from several threads; returns false to stop.
 pub type Progress<'a> = dyn Fn(Stage, f64) -> bool + Sync + 'a;
 
@@ -90,6 +101,30 @@ pub fn chart(
     progress: &Progress<'_>,
 ) -> Result<SceneChart, ChartError> {
     let (runs, not_measured) = runs(settings)?;
+    let work = Work { runs, tolerances_us: &DEFAULT_TOLERANCES_US, seen: &|_, _| () };
+    Ok(SceneChart { not_measured, ..measured(gpu, name, scene, settings, work, progress)? })
+}
+
+/// What is run and scored.
+pub(crate) struct Work<'a> {
+    /// Settings, each with its run.
+    pub(crate) runs: Vec<(Setting, RunConfig)>,
+    /// Tolerances to score with.
+    pub(crate) tolerances_us: &'a [i64],
+    /// Is shown truth and each setting's events, in their order.
+    pub(crate) seen: &'a dyn Fn(&Truth, &[evis_core::Event]),
+}
+
+/// Truth once, then every setting.
+pub(crate) fn measured(
+    gpu: &Gpu,
+    name: &str,
+    scene: &Scene,
+    settings: &ChartSettings,
+    work: Work<'_>,
+    progress: &Progress<'_>,
+) -> Result<SceneChart, ChartError> {
+    let Work { runs, tolerances_us, seen } = work;
     let truth = truth(scene, settings, Lattice::First, &|part| progress(Stage::Truth, part))?;
     let floor = match settings.floor {
         true => Some(self::truth(scene, settings, Lattice::Second, &|part| progress(Stage::Floor, part))?),
@@ -97,7 +132,7 @@ pub fn chart(
     };
     let score = |events: &[evis_core::Event], sensor: Option<SensorConfig>| {
         let ask = ScoreSettings {
-            tolerances_us: DEFAULT_TOLERANCES_US.to_vec(),
+            tolerances_us: tolerances_us.to_vec(),
             sensor,
             size: Some([truth.camera.width, truth.camera.height]),
         };
@@ -120,6 +155,7 @@ pub fn chart(
         repetitions: settings.repetitions,
     };
     let judge = |events: &[evis_core::Event], config: &RunConfig| {
+        seen(&truth, events);
         // A camera's own thresholds come before those of the run, in engine and truth alike.
         let (threshold_on, threshold_off) = (truth.sensor.threshold_on, truth.sensor.threshold_off);
         score(events, Some(SensorConfig { threshold_on, threshold_off, ..config.sensor.clone() }))
@@ -151,7 +187,7 @@ pub fn chart(
                 .unwrap_or_else(|_| serde_json::Value::String(truth.provenance.clone())),
         },
         points,
-        not_measured,
+        not_measured: Vec::new(),
     })
 }
 
@@ -165,14 +201,7 @@ fn runs(settings: &ChartSettings) -> Result<(Vec<(Setting, RunConfig)>, Vec<NotM
     if settings.duration_us <= 0 {
         return Err(ConfigError::new("duration", settings.duration_us, "above 0 microseconds").into());
     }
-    let base = RunConfig {
-        sensor: settings.sensor.clone(),
-        cameras: settings.camera.iter().cloned().collect(),
-        size: settings.size,
-        start_us: settings.start_us,
-        reference_luminance: settings.reference_luminance,
-        ..RunConfig::default()
-    };
+    let base = base(settings);
     base.check()?;
     let (mut runs, mut not_measured) = (Vec::new(), Vec::new());
     for setting in settings.ladder.settings()? {
@@ -191,6 +220,18 @@ fn runs(settings: &ChartSettings) -> Result<(Vec<(Setting, RunConfig)>, Vec<NotM
         return Err(ConfigError::new("ladder", "without a setting that can run", "at least one rate").into());
     }
     Ok((runs, not_measured))
+}
+
+/// What all runs share.
+pub(crate) fn base(settings: &ChartSettings) -> RunConfig {
+    RunConfig {
+        sensor: settings.sensor.clone(),
+        cameras: settings.camera.iter().cloned().collect(),
+        size: settings.size,
+        start_us: settings.start_us,
+        reference_luminance: settings.reference_luminance,
+        ..RunConfig::default()
+    }
 }
 
 fn truth(
