@@ -375,7 +375,8 @@ def chart(
     reference_luminance : float, optional
         Y_ref of the sensor's formula; the one that truth finds where not given.
     floor : bool
-        Whether truth is made twice, with independent samples, to know its own error.
+        Whether truth is made once more for a quarter of its pixels, with independent samples, to know its
+        own error.
     cache : path or bool
         Folder that keeps truths; True for the user's own cache, False for none.
     device : Device, str or int, optional

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use evis_core::metric::{self, DEFAULT_TOLERANCES_US, ScoreSettings};
-use evis_core::{ConfigError, SensorConfig, Truth};
+use evis_core::metric::{self, DEFAULT_TOLERANCES_US, Score, ScoreSettings};
+use evis_core::{ConfigError, Event, SensorConfig, Truth};
 use evis_render::{Gpu, RunConfig};
 use evis_scene::Scene;
 use evis_truth::{Lattice, PixelChoice, TruthError, TruthSettings};
@@ -17,6 +17,9 @@ use crate::result::{DeviceNote, NotMeasured, SceneChart, TruthNote};
 
 /// Most repetitions; beyond, only patience is measured.
 const MAX_REPETITIONS: usize = 1000;
+
+/// Pixels for truth's own error: at least, and of a whole picture.
+const FLOOR_PIXELS: (usize, usize) = (100, 2000);
 
 /// What a chart is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,7 +42,7 @@ pub struct ChartSettings {
     pub pixels: PixelChoice,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the one that truth finds.
     pub reference_luminance: Option<f32>,
-    /// Whether truth is made twice, with independent samples, to know its own error.
+    /// Whether truth is made once more for a part of its pixels, with independent samples, to know its own error.
     pub floor: bool,
     /// Folder that keeps truths; `None` keeps none.
     pub cache: Option<PathBuf>,
@@ -125,20 +128,12 @@ pub(crate) fn measured(
     progress: &Progress<'_>,
 ) -> Result<SceneChart, ChartError> {
     let Work { runs, tolerances_us, seen } = work;
-    let truth = truth(scene, settings, Lattice::First, &|part| progress(Stage::Truth, part))?;
+    let truth =
+        make_truth(scene, settings, settings.pixels, Lattice::First, &|part| progress(Stage::Truth, part))?;
     let floor = match settings.floor {
-        true => Some(self::truth(scene, settings, Lattice::Second, &|part| progress(Stage::Floor, part))?),
+        true => Some(floor(scene, settings, (&truth, tolerances_us), &|part| progress(Stage::Floor, part))?),
         false => None,
     };
-    let score = |events: &[evis_core::Event], sensor: Option<SensorConfig>| {
-        let ask = ScoreSettings {
-            tolerances_us: tolerances_us.to_vec(),
-            sensor,
-            size: Some([truth.camera.width, truth.camera.height]),
-        };
-        metric::score(events, &truth, &ask).map_err(|e| ChartError::Score(e.to_string()))
-    };
-    let floor = floor.map(|other| score(&other.events, None)).transpose()?;
 
     // Truth and engine see the same light, from the same camera.
     let mut runs = runs;
@@ -154,11 +149,12 @@ pub(crate) fn measured(
         duration_us: settings.duration_us,
         repetitions: settings.repetitions,
     };
-    let judge = |events: &[evis_core::Event], config: &RunConfig| {
+    let judge = |events: &[Event], config: &RunConfig| {
         seen(&truth, events);
         // A camera's own thresholds come before those of the run, in engine and truth alike.
         let (threshold_on, threshold_off) = (truth.sensor.threshold_on, truth.sensor.threshold_off);
-        score(events, Some(SensorConfig { threshold_on, threshold_off, ..config.sensor.clone() }))
+        let sensor = SensorConfig { threshold_on, threshold_off, ..config.sensor.clone() };
+        score(events, &truth, sensor, tolerances_us)
     };
     let points = measure(&series, &judge, &|part| progress(Stage::Runs, part))?;
     let device = gpu.summary();
@@ -234,9 +230,45 @@ pub(crate) fn base(settings: &ChartSettings) -> RunConfig {
     }
 }
 
-fn truth(
+fn score(
+    events: &[Event],
+    truth: &Truth,
+    sensor: SensorConfig,
+    tolerances_us: &[i64],
+) -> Result<Score, ChartError> {
+    let ask = ScoreSettings {
+        tolerances_us: tolerances_us.to_vec(),
+        sensor: Some(sensor),
+        size: Some([truth.camera.width, truth.camera.height]),
+    };
+    metric::score(events, truth, &ask).map_err(|e| ChartError::Score(e.to_string()))
+}
+
+/// Truth's own error: scored against another truth, of other samples, on a part of its pixels.
+fn floor(
     scene: &Scene,
     settings: &ChartSettings,
+    (truth, tolerances_us): (&Truth, &[i64]),
+    progress: &(dyn Fn(f64) -> bool + Sync),
+) -> Result<Score, ChartError> {
+    let other = make_truth(scene, settings, floor_pixels(settings.pixels), Lattice::Second, progress)?;
+    score(&truth.events, &other, truth.sensor.clone(), tolerances_us)
+}
+
+/// A quarter of the pixels tells the error well enough. Spread pixels are the first of one sequence, so that fewer of
+/// them are among more of them.
+fn floor_pixels(pixels: PixelChoice) -> PixelChoice {
+    match pixels {
+        PixelChoice::Count(count) => PixelChoice::Count(count.div_ceil(4).max(FLOOR_PIXELS.0).min(count)),
+        PixelChoice::All => PixelChoice::Count(FLOOR_PIXELS.1),
+        crop @ PixelChoice::Crop { .. } => crop,
+    }
+}
+
+fn make_truth(
+    scene: &Scene,
+    settings: &ChartSettings,
+    pixels: PixelChoice,
     lattice: Lattice,
     progress: &(dyn Fn(f64) -> bool + Sync),
 ) -> Result<Truth, ChartError> {
@@ -246,7 +278,7 @@ fn truth(
         size: settings.size,
         start_us: settings.start_us,
         duration_us: settings.duration_us,
-        pixels: settings.pixels,
+        pixels,
         reference_luminance: settings.reference_luminance,
         lattice,
         ..TruthSettings::default()
@@ -299,6 +331,18 @@ mod tests {
         ] {
             assert_eq!(date(seconds), day);
         }
+    }
+
+    #[test]
+    fn the_floors_pixels_are_among_the_truths() {
+        let chosen = |pixels| TruthSettings { pixels, ..TruthSettings::default() }.pixels(160, 120).unwrap();
+        for pixels in [PixelChoice::Count(40), PixelChoice::Count(1000), PixelChoice::All] {
+            let (all, part) = (chosen(pixels), chosen(floor_pixels(pixels)));
+            assert!(part.iter().all(|p| all.contains(p)), "{pixels:?}");
+            assert!(all.len() <= 100 || part.len() * 3 < all.len(), "{pixels:?}: {}", part.len());
+        }
+        let sparse = chosen(PixelChoice::Count(250));
+        assert!(!chosen(PixelChoice::Count(1000)).iter().all(|p| sparse.contains(p)), "canary");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use plotters::backend::DrawingBackend;
 
 use crate::canvas::{self, Align, Canvas, Drawing, text_width};
 use crate::error::ChartError;
-use crate::ink::{FLOOR, FRONT, LEGEND, REAL_TIME, ROW_TITLE, SOFT_INK, SUBTITLE, TITLE, WIDER};
+use crate::ink::{FRONT, LEGEND, ROW_TITLE, SOFT_INK, SUBTITLE, TITLE, WIDER};
 use crate::label::Rect;
 use crate::ladder::number;
 use crate::marker::{self, Style};
@@ -113,8 +113,6 @@ struct Entry {
 enum Sample {
     Marker(Style),
     Front,
-    RealTime,
-    Floor,
     Spread,
     Beaten,
 }
@@ -164,10 +162,6 @@ impl<'a> Figure<'a> {
         let mut add = |sample, text: &str| entries.push(Entry { sample, text: text.into() });
         add(Sample::Front, "Pareto front (its points filled)");
         add(Sample::Beaten, "beaten by another setting");
-        add(Sample::RealTime, "real time");
-        if self.chart.scenes.iter().any(|s| s.truth.floor.is_some()) {
-            add(Sample::Floor, "error of the truth itself");
-        }
         if self.chart.scenes.iter().any(|s| s.repetitions > 1) {
             add(Sample::Spread, "to the slowest run");
         }
@@ -374,8 +368,6 @@ fn draw_entry<DB: DrawingBackend>(
             let step = [[from[0], high], [centre[0], high], [centre[0], low], [to[0], low]];
             canvas.line(&step, 1.75, FRONT)?;
         }
-        Sample::RealTime => canvas.dashes([from, to], 1.5, [7.0, 4.0], REAL_TIME)?,
-        Sample::Floor => canvas.dashes([from, to], 1.5, [2.0, 3.0], FLOOR)?,
         Sample::Spread => {
             canvas.line(&[from, to], 1.0, SOFT_INK)?;
             canvas.line(&[[to[0], middle - 3.0], [to[0], middle + 3.0]], 1.0, SOFT_INK)?;

@@ -23,4 +23,4 @@ pub(crate) const HINT: Type = Type { em: 12.0, colour: SOFT_INK };
 pub(crate) const LEGEND: Type = Type { em: 12.5, colour: INK };
 
 /// Viewers of an SVG may have a wider font than ours.
-pub(crate) const WIDER: f64 = 1.08;
+pub(crate) const WIDER: f64 = 1.12;

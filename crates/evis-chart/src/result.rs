@@ -79,7 +79,8 @@ pub struct TruthNote {
     pub pixels: usize,
     /// Their events.
     pub events: usize,
-    /// Truth's own error, where it is known: two truths with different lattices, scored against each other.
+    /// Truth's own error, where it is known: two truths with different lattices, scored
+    /// against each other on a part of the pixels.
     pub floor: Option<Score>,
     /// Where it comes from, as it says itself.
     pub provenance: serde_json::Value,

@@ -21,6 +21,51 @@ use crate::error::ChartError;
 /// Version of the JSON; another one is refused.
 pub const VERSION: u32 = 1;
 
+/// Either report, for those who only pass it on.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Report {
+    /// Of triggers on closed forms.
+    Forms(Box<FormsReport>),
+    /// Of the engine on a scene.
+    Scene(Box<SceneReport>),
+}
+
+impl Report {
+    /// Reads either report's JSON; `path` names it in errors.
+    ///
+    /// # Errors
+    /// No JSON, no report, or one of another version.
+    pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
+        let value: Option<serde_json::Value> = serde_json::from_str(text).ok();
+        let kind = value.as_ref().and_then(|v| v.get("report")).and_then(serde_json::Value::as_str);
+        if kind == Some(scene::REPORT) {
+            SceneReport::from_json(text, path).map(|report| Self::Scene(Box::new(report)))
+        } else {
+            FormsReport::from_json(text, path).map(|report| Self::Forms(Box::new(report)))
+        }
+    }
+
+    /// Draws it to `path`, as SVG or PNG by its ending.
+    ///
+    /// # Errors
+    /// Another ending, nothing to draw, a file that cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
+        match self {
+            Self::Forms(report) => report.save(path),
+            Self::Scene(report) => report.save(path),
+        }
+    }
+}
+
+impl std::fmt::Display for Report {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Forms(report) => report.fmt(f),
+            Self::Scene(report) => report.fmt(f),
+        }
+    }
+}
+
 /// A report as JSON.
 fn to_json(report: &impl Serialize) -> Result<String, ChartError> {
     serde_json::to_string(report).map_err(|e| ChartError::Draw(format!("no JSON: {e}")))

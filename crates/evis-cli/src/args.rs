@@ -297,7 +297,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true)]
     pub(crate) truth_pixels: Option<PixelChoice>,
 
-    /// Do not make truth twice to know its own error.
+    /// Do not make truth once more, for a quarter of its pixels, to know its own error.
     #[arg(long)]
     pub(crate) no_floor: bool,
 

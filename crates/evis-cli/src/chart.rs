@@ -32,17 +32,10 @@ pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
     if let Some(json) = &args.json {
         check_parent(json, "--json")?;
     }
-    let chart = if args.from.is_empty() {
-        match measure(args)? {
-            Some(chart) => chart,
-            None => {
-                text::complain("interrupted; nothing was written");
-                return Ok(EXIT_INTERRUPTED);
-            }
-        }
-    } else {
-        read(&args.from)?
-    };
+    let (chart, ended) = if args.from.is_empty() { measure(args)? } else { (read(&args.from)?, None) };
+    if chart.scenes.is_empty() {
+        return ended.unwrap_or_else(|| Err(bad_input("no scene was measured; give at least one")));
+    }
 
     // What was measured is kept first: whatever fails later can be done again from it.
     if let Some(path) = &args.json {
@@ -54,7 +47,8 @@ pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
         evis_chart::draw::save(&chart, &Look { lens }, output)?;
         text::say(&format!("{}", output.display()));
     }
-    recommend(args, &chart, lens, program)
+    let recommended = recommend(args, &chart, lens, program);
+    ended.unwrap_or(recommended)
 }
 
 /// One sentence and one command per scene and goal. A goal that the user set and that is out of reach is an error.
@@ -100,8 +94,11 @@ fn read(paths: &[PathBuf]) -> anyhow::Result<ChartResult> {
     Ok(ChartResult::new(scenes))
 }
 
-/// `None` where it was interrupted.
-fn measure(args: &ChartArgs) -> anyhow::Result<Option<ChartResult>> {
+/// The command's end where not every scene was measured: an exit code or an error.
+type Ended = Option<anyhow::Result<i32>>;
+
+/// Every scene in turn, up to the first that fails: those before it are kept.
+fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
     let settings = settings(&args.measuring);
     settings.ladder.settings()?;
     let seed = args.measuring.seed.unwrap_or(0);
@@ -118,7 +115,7 @@ fn measure(args: &ChartArgs) -> anyhow::Result<Option<ChartResult>> {
     }
     let gpu = Gpu::open(args.measuring.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let interrupt = Interrupt::listen();
-    let mut charts = Vec::new();
+    let (mut charts, mut ended) = (Vec::new(), None);
     for (name, scene) in &scenes {
         let progress = Progress::new(WHOLE);
         let told = |stage: Stage, part: f64| {
@@ -127,11 +124,19 @@ fn measure(args: &ChartArgs) -> anyhow::Result<Option<ChartResult>> {
         };
         match evis_chart::chart(&gpu, name, scene, &settings, &told) {
             Ok(chart) => charts.push(chart),
-            Err(ChartError::Stopped) => return Ok(None),
-            Err(error) => return Err(error).with_context(|| format!("chart of {name}")),
+            Err(ChartError::Stopped) => {
+                drop(progress);
+                text::complain(&format!("interrupted; {name} was not measured"));
+                ended = Some(Ok(EXIT_INTERRUPTED));
+                break;
+            }
+            Err(error) => {
+                ended = Some(Err(anyhow::Error::new(error).context(format!("chart of {name}"))));
+                break;
+            }
         }
     }
-    Ok(Some(ChartResult::new(charts)))
+    Ok((ChartResult::new(charts), ended))
 }
 
 /// Flags over defaults.

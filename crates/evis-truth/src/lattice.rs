@@ -42,8 +42,8 @@ impl Lattice {
     /// Lines across a pixel in which edges are looked for; see [`crate::signal`].
     pub const fn lines(self) -> usize {
         match self {
-            Self::First => 48,
-            Self::Second => 61,
+            Self::First => 64,
+            Self::Second => 83,
         }
     }
 

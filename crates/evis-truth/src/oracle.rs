@@ -73,7 +73,13 @@ pub fn truth(
     evis_core::Sensor::new(sensor.clone())?;
     let reference_luminance =
         settings.reference_luminance.map_or_else(|| reference(&clock.at(0.0)), f64::from);
-    let rules = Rules { sensor, reference_luminance, step_us, duration_us: settings.duration_us };
+    let rules = Rules {
+        sensor,
+        reference_luminance,
+        step_us,
+        duration_us: settings.duration_us,
+        time_error_us: settings.time_error_us,
+    };
 
     let sampler = Sampler::new(settings.lattice);
     let still = Stillness::new(&clock, settings.duration_us);

@@ -51,6 +51,10 @@ pub struct TruthSettings {
     /// Largest time between two looks at a pixel, in microseconds, before any crossing is looked for; `None` takes
     /// what it takes to move by a quarter of a pixel, at most 1000.
     pub step_us: Option<i64>,
+    /// Error of an event's time to aim at, in microseconds; the samples are refined until their estimated error is below
+    /// it, or no more are left. `None` takes 0.15 of the strictest tolerance: 100, or the time to move by 0.01 px, at
+    /// most 1000.
+    pub time_error_us: Option<f64>,
 }
 
 impl Default for TruthSettings {
@@ -65,6 +69,7 @@ impl Default for TruthSettings {
             reference_luminance: None,
             lattice: Lattice::First,
             step_us: None,
+            time_error_us: None,
         }
     }
 }
@@ -94,6 +99,11 @@ impl TruthSettings {
             && !(10..=100_000).contains(&step)
         {
             return Err(ConfigError::new("step_us", step, "between 10 and 100000 microseconds"));
+        }
+        if let Some(error) = self.time_error_us
+            && !(error.is_finite() && error > 0.0)
+        {
+            return Err(ConfigError::new("time_error_us", error, "a finite number above 0"));
         }
         if let Some(y) = self.reference_luminance
             && !(y.is_finite() && y > 0.0)

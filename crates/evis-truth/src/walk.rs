@@ -75,6 +75,8 @@ pub struct Rules {
     pub step_us: i64,
     /// Length in microseconds.
     pub duration_us: i64,
+    /// Error of an event's time to aim at; `None` takes [`TIME_SHARE`] of the strictest tolerance.
+    pub time_error_us: Option<f64>,
 }
 
 /// Walks pixel (x, y).
@@ -248,9 +250,13 @@ impl Walker<'_, '_> {
         let tolerance = (0.01 / speed.max(1e-9) * 1e6).clamp(100.0, 1000.0);
         // The mean slope over the step; that of the coarse bracket may be one of the lattice's own stairs.
         let slope = ((b.log - a.log).abs() / (b.t_us - a.t_us).max(1e-3)).max(1e-12);
-        let wanted = TIME_SHARE * tolerance * slope;
+        let wanted = self.rules.time_error_us.unwrap_or(TIME_SHARE * tolerance) * slope;
         let sure = DECIDED * rough.high.error.max(rough.low.error).max(wanted / DECIDED);
-        let t_us = self.refine(a, b, guess, (sure / slope).max(2.0), level, sign, wanted);
+        // The fine signal may cross a little outside of the step where the coarse one did, never before the last event.
+        let step = b.t_us - a.t_us;
+        let last = self.truth.events.last().map_or(0.0, |e| e.t_us);
+        let bounds = [(a.t_us - step).max(last), b.t_us + step];
+        let t_us = self.refine(bounds, guess, (sure / slope).max(2.0), level, sign, wanted);
         let fired = Fired {
             t_us,
             polarity: if sign > 0.0 { Polarity::On } else { Polarity::Off },
@@ -261,11 +267,9 @@ impl Walker<'_, '_> {
     }
 
     /// The zero near `guess`, from fine looks: first a bracket around it, at first `width` wide, then its narrowing.
-    #[expect(clippy::too_many_arguments, reason = "a bracket, a guess and what is asked of it")]
     fn refine(
         &mut self,
-        a: Look,
-        b: Look,
+        [from, to]: [f64; 2],
         guess: f64,
         width: f64,
         level: f64,
@@ -273,26 +277,26 @@ impl Walker<'_, '_> {
         wanted: f64,
     ) -> f64 {
         let height = |look: Look| (look.log - level) * sign;
-        let first = self.fine(guess, wanted);
+        let first = self.fine(guess.clamp(from, to), wanted);
         let (mut low, mut high) = (first, first);
         let mut width = width;
         // Downhill for the low end, uphill for the high one, until the signs differ or the interval ends.
-        while height(low) >= 0.0 && low.t_us > a.t_us {
+        while height(low) >= 0.0 && low.t_us > from {
             high = low;
-            low = self.fine((low.t_us - width).max(a.t_us), wanted);
+            low = self.fine((low.t_us - width).max(from), wanted);
             width *= 4.0;
         }
-        while height(high) < 0.0 && high.t_us < b.t_us {
+        while height(high) < 0.0 && high.t_us < to {
             low = high;
-            high = self.fine((high.t_us + width).min(b.t_us), wanted);
+            high = self.fine((high.t_us + width).min(to), wanted);
             width *= 4.0;
         }
         // The fine signal was there before the interval began, or is not there yet at its end.
         if height(low) >= 0.0 {
-            return a.t_us;
+            return from;
         }
         if height(high) < 0.0 {
-            return b.t_us;
+            return to;
         }
         Bracket::new(low, high, level, sign).narrow(|t| self.fine(t, wanted), |_| 0.0).zero()
     }

@@ -19,7 +19,7 @@ use crate::ladder::{Ladder, Setting, number};
 use crate::result::{Point, SceneChart, tolerance};
 
 /// The word by which JSON tells this report from others.
-const REPORT: &str = "scene";
+pub(super) const REPORT: &str = "scene";
 
 /// Tolerances that are scored, in microseconds.
 pub const TOLERANCES_US: [i64; 4] = [2000, 1000, 300, 100];
@@ -353,7 +353,7 @@ impl Display for SceneReport {
         writeln!(
             f,
             "{scene}: {width}x{height} pixels, {} s; truth: {} events in {} pixels; {}",
-            *duration_us as f64 * 1e-6,
+            number(*duration_us as f64 * 1e-6),
             truth.events,
             truth.pixels,
             device.name
