@@ -104,7 +104,8 @@ pub fn chart(
     progress: &Progress<'_>,
 ) -> Result<SceneChart, ChartError> {
     let (runs, not_measured) = runs(settings)?;
-    let work = Work { runs, tolerances_us: &DEFAULT_TOLERANCES_US, seen: &|_, _| () };
+    let floor = settings.floor.then(|| floor_pixels(settings.pixels));
+    let work = Work { runs, floor, tolerances_us: &DEFAULT_TOLERANCES_US, seen: &|_, _| () };
     Ok(SceneChart { not_measured, ..measured(gpu, name, scene, settings, work, progress)? })
 }
 
@@ -112,6 +113,8 @@ pub fn chart(
 pub(crate) struct Work<'a> {
     /// Settings, each with its run.
     pub(crate) runs: Vec<(Setting, RunConfig)>,
+    /// Pixels on which truth is made once more, for its own error.
+    pub(crate) floor: Option<PixelChoice>,
     /// Tolerances to score with.
     pub(crate) tolerances_us: &'a [i64],
     /// Is shown truth and each setting's events, in their order.
@@ -127,13 +130,15 @@ pub(crate) fn measured(
     work: Work<'_>,
     progress: &Progress<'_>,
 ) -> Result<SceneChart, ChartError> {
-    let Work { runs, tolerances_us, seen } = work;
+    let Work { runs, floor, tolerances_us, seen } = work;
     let truth =
         make_truth(scene, settings, settings.pixels, Lattice::First, &|part| progress(Stage::Truth, part))?;
-    let floor = match settings.floor {
-        true => Some(floor(scene, settings, (&truth, tolerances_us), &|part| progress(Stage::Floor, part))?),
-        false => None,
-    };
+    let floor = floor.map(|pixels| {
+        let told = |part| progress(Stage::Floor, part);
+        let other = make_truth(scene, settings, pixels, Lattice::Second, &told)?;
+        score(&truth.events, &other, truth.sensor.clone(), tolerances_us)
+    });
+    let floor = floor.transpose()?;
 
     // Truth and engine see the same light, from the same camera.
     let mut runs = runs;
@@ -242,17 +247,6 @@ fn score(
         size: Some([truth.camera.width, truth.camera.height]),
     };
     metric::score(events, truth, &ask).map_err(|e| ChartError::Score(e.to_string()))
-}
-
-/// Truth's own error: scored against another truth, of other samples, on a part of its pixels.
-fn floor(
-    scene: &Scene,
-    settings: &ChartSettings,
-    (truth, tolerances_us): (&Truth, &[i64]),
-    progress: &(dyn Fn(f64) -> bool + Sync),
-) -> Result<Score, ChartError> {
-    let other = make_truth(scene, settings, floor_pixels(settings.pixels), Lattice::Second, progress)?;
-    score(&truth.events, &other, truth.sensor.clone(), tolerances_us)
 }
 
 /// A quarter of the pixels tells the error well enough. Spread pixels are the first of one sequence, so that fewer of

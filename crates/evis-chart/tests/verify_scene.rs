@@ -53,17 +53,20 @@ fn the_engine_converges_on_a_scene() {
     };
     // Four samples, 64 samples, latch with 64: each from 250 to 2000 Hz.
     let floor = chart.truth.floor.as_ref().unwrap().at(1000).unwrap().scaled.f1;
-    assert!(floor > 0.995, "{floor}");
-    assert!(f1(7) > f1(3) && f1(7) > f1(11), "samples and the trigger show: {} {} {}", f1(3), f1(7), f1(11));
+    assert!(floor > 0.9 && (0..12).all(|i| f1(i) < floor), "{floor}");
+    assert!(f1(7) > f1(3) + 0.1, "more samples: {} {}", f1(7), f1(3));
+    assert!(f1(4) > f1(8) + 0.1, "a crossing, not a latch: {} {}", f1(4), f1(8));
     let find = |trigger, over, against| {
         let fits = &report.fits;
         fits.iter().find(|f| f.trigger == trigger && f.over == over && f.against == against).unwrap()
     };
-    let over = Swept::Rate { samples: 64 };
-    let own = find(Variant::CrossingLog, over, Reference::Finest);
-    // So few events make a rough fit; their latch is still of another order.
-    let (log, latch) = (own.order.unwrap(), find(Variant::Latch, over, Reference::Finest).order.unwrap());
-    assert!(log > 1.4 && log > latch + 0.3, "{log} {latch}");
+    // So few events are too rough for an order: the rate's own error falls fast, and a latch's is another size.
+    let own = |trigger| {
+        let fit = find(trigger, Swept::Rate { samples: 64 }, Reference::Finest);
+        fit.median_us.iter().map(|(_, us)| us.unwrap()).collect::<Vec<_>>()
+    };
+    let (log, latch) = (own(Variant::CrossingLog), own(Variant::Latch));
+    assert!(log.len() == 3 && log[0] > 4.0 * log[2] && latch[0] > 5.0 * log[0], "{log:?} {latch:?}");
     let by_samples = Swept::Samples { rate_hz: 2000.0 };
     let errors = &find(Variant::CrossingLog, by_samples, Reference::Truth).median_us;
     assert_eq!(errors.iter().map(|e| e.0).collect::<Vec<_>>(), [4.0, 64.0]);
@@ -74,7 +77,7 @@ fn the_engine_converges_on_a_scene() {
     assert!(matches!(Report::from_json(&text, Path::new("r.json")).unwrap(), Report::Scene(_)));
     let table = back.to_string();
     assert_eq!(table, report.to_string());
-    for said in ["oracle's own error", "crossing, log", "2000 Hz   64", "interior", "over the samples"] {
+    for said in ["oracle's own error", "crossing, log", "2000 Hz    64", "interior", "over the samples"] {
         assert!(table.contains(said), "the table lacks '{said}':\n{table}");
     }
 }

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
 
-use evis_core::closed_form::convergence::{Variant, power};
+use evis_core::closed_form::convergence::{FLOOR_US, Variant, power};
 use evis_core::metric::{self, MatchScore, Score, ScoreSettings};
 use evis_core::{ConfigError, Event, Interpolation, Region, SensorConfig, TimeGrid, TriggerRule, Truth};
 use evis_render::{Antialias, Gpu};
@@ -183,7 +183,8 @@ pub struct Fit {
     pub against: Reference,
     /// Median time errors in microseconds, by rate or by number of samples; `None` where too few events are paired.
     pub median_us: Vec<(f64, Option<f64>)>,
-    /// The power of the interval, or of one over the number of samples; `None` for fewer than three errors.
+    /// The power of the interval, or of one over the number of samples; `None` for fewer than three errors
+    /// above the rounding.
     pub order: Option<f64>,
 }
 
@@ -233,7 +234,7 @@ pub fn verify_scene(
         kept.0.get_or_insert_with(|| truth.clone());
         kept.1.push(events.iter().filter(known).copied().collect());
     };
-    let work = Work { runs, tolerances_us: &TOLERANCES_US, seen: &seen };
+    let work = Work { runs, floor: Some(settings.pixels), tolerances_us: &TOLERANCES_US, seen: &seen };
     let chart = measured(gpu, name, scene, &chart_settings, work, progress)?;
     let (truth, events) = kept.into_inner();
     let fits = fits(&chart.points, truth.as_ref(), &events)?;
@@ -285,7 +286,8 @@ fn fits(points: &[Point], truth: Option<&Truth>, events: &[Vec<Event>]) -> Resul
 }
 
 fn fit(trigger: Variant, over: Swept, against: Reference, median_us: Vec<(f64, Option<f64>)>) -> Fit {
-    let order = power(median_us.iter().filter_map(|&(x, error)| Some((1.0 / x, error?))));
+    let above = |error: &f64| *error > FLOOR_US;
+    let order = power(median_us.iter().filter_map(|&(x, error)| Some((1.0 / x, error.filter(above)?))));
     Fit { trigger, over, against, median_us, order }
 }
 
@@ -341,7 +343,7 @@ impl SceneReport {
         let floor = self.chart.truth.floor.iter().map(|s| ("oracle's own error".to_owned(), s));
         let name = |p: &Point| {
             let Setting { rate_hz, samples, .. } = &p.setting;
-            format!("{:<15} {:>5} Hz {samples:>4}", variant(&p.setting).name(), number(*rate_hz))
+            format!("{:<15} {:>5} Hz {samples:>5}", variant(&p.setting).name(), number(*rate_hz))
         };
         floor.chain(self.chart.points.iter().map(move |p| (name(p), &p.score)))
     }
@@ -363,8 +365,8 @@ impl Display for SceneReport {
             "\nF1 within each tolerance: plain, and scaled by image speed. The oracle's own error: two truths"
         )?;
         writeln!(f, "with independent samples, scored against each other.\n")?;
-        const ROW: usize = 29;
-        write!(f, "{:<ROW$}", "trigger          rate  samples")?;
+        const ROW: usize = 30;
+        write!(f, "{:<ROW$}", "trigger             rate  samples")?;
         for us in TOLERANCES_US {
             write!(f, " {:>15}", tolerance(us))?;
         }
