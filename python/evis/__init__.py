@@ -22,6 +22,15 @@ from ._scene import EventCamera, Scene, scenes
 from ._sensor import Sensor
 from ._simulator import Device, Simulator, Stream, devices
 from ._truth import Truth, load_truth
+from ._verify import (
+    Convergence,
+    ErrorFit,
+    FormCheck,
+    SceneVerification,
+    Verification,
+    verify,
+    verify_scene,
+)
 from .motion import Placement, Waveform
 
 __all__ = [
@@ -30,14 +39,17 @@ __all__ = [
     "ChartPoint",
     "ChartSetting",
     "ConfigError",
+    "Convergence",
     "Device",
     "DeviceError",
     "EnvironmentPacket",
+    "ErrorFit",
     "EventArray",
     "EventCD",
     "EventCamera",
     "Events",
     "EvisError",
+    "FormCheck",
     "FormatError",
     "Labels",
     "Packet",
@@ -51,10 +63,12 @@ __all__ = [
     "Scene",
     "SceneBuilder",
     "SceneChart",
+    "SceneVerification",
     "Sensor",
     "Simulator",
     "Stream",
     "Truth",
+    "Verification",
     "View",
     "Waveform",
     "Writer",
@@ -68,4 +82,6 @@ __all__ = [
     "motion",
     "save",
     "scenes",
+    "verify",
+    "verify_scene",
 ]

@@ -28,6 +28,7 @@ __all__ = [
     "chart_ladder",
     "check_chart",
     "draw_chart",
+    "draw_verify",
     "endpoint_error",
     "event_dtype",
     "label_kinds",
@@ -41,6 +42,9 @@ __all__ = [
     "sensor_of_settings",
     "srgb_table",
     "ssim",
+    "verify",
+    "verify_scene",
+    "verify_table",
     "voxel_l1",
 ]
 
@@ -95,6 +99,26 @@ def recommend_chart(
     tolerance_us: int,
     render_ms: float,
 ) -> str: ...
+def verify() -> str: ...
+def verify_scene(
+    scene: Scene,
+    *,
+    rates_hz: list[float],
+    samples: list[int],
+    triggers: list[str],
+    threshold_on: float,
+    threshold_off: float,
+    log_eps: float,
+    camera: str | None,
+    size: tuple[int, int] | None,
+    start_us: int,
+    duration_us: int,
+    truth_pixels: int | None,
+    cache: Path | None,
+    device: str | None,
+) -> str: ...
+def verify_table(json: str) -> str: ...
+def draw_verify(json: str, path: str | PathLike[str]) -> None: ...
 def score(
     events: npt.NDArray[np.void],
     truth: Truth,

@@ -1,5 +1,12 @@
 //! A logarithmic axis: where values lie, and which of them get a tick.
 
+use plotters::backend::DrawingBackend;
+
+use crate::canvas::{Align, Canvas};
+use crate::error::ChartError;
+use crate::ink::{AXIS, FINE_GRID, GRID, TICK};
+use crate::label::Rect;
+
 /// Values from `low` to `high` over pixels from `from` to `to`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LogAxis {
@@ -76,6 +83,44 @@ impl LogAxis {
         }
         ticks
     }
+}
+
+/// Draws the axes of `plot` with their grid and ticks.
+pub(crate) fn draw<DB: DrawingBackend>(
+    canvas: &Canvas<DB>,
+    plot: &Rect,
+    x_axis: &LogAxis,
+    y_axis: &LogAxis,
+) -> Result<(), ChartError> {
+    for fine in [true, false] {
+        let colour = if fine { FINE_GRID } else { GRID };
+        for tick in x_axis.ticks().iter().filter(|t| t.label.is_none() == fine) {
+            let x = x_axis.at(tick.value);
+            canvas.line(&[[x, plot.top], [x, plot.bottom]], 1.0, colour)?;
+        }
+        for tick in y_axis.ticks().iter().filter(|t| t.label.is_none() == fine) {
+            let y = y_axis.at(tick.value);
+            canvas.line(&[[plot.left, y], [plot.right, y]], 1.0, colour)?;
+        }
+    }
+    for tick in x_axis.ticks() {
+        let x = x_axis.at(tick.value);
+        let length = if tick.label.is_some() { 5.0 } else { 3.0 };
+        canvas.line(&[[x, plot.bottom], [x, plot.bottom + length]], 1.0, AXIS)?;
+        if let Some(label) = &tick.label {
+            canvas.text(label, [x, plot.bottom + 18.0], Align::Centre, TICK)?;
+        }
+    }
+    for tick in y_axis.ticks() {
+        let y = y_axis.at(tick.value);
+        let length = if tick.label.is_some() { 5.0 } else { 3.0 };
+        canvas.line(&[[plot.left - length, y], [plot.left, y]], 1.0, AXIS)?;
+        if let Some(label) = &tick.label {
+            canvas.text(label, [plot.left - 8.0, y + 4.2], Align::Right, TICK)?;
+        }
+    }
+    let corner = [plot.left, plot.bottom];
+    canvas.line(&[[plot.left, plot.top], corner, [plot.right, plot.bottom]], 1.25, AXIS)
 }
 
 /// `0.002`, `20`, `20 000`: digits, no exponent.

@@ -77,6 +77,17 @@ pub enum Stage {
     Runs,
 }
 
+impl Stage {
+    /// What it does, for people.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Truth => "truth",
+            Self::Floor => "truth once more, for its own error",
+            Self::Runs => "settings",
+        }
+    }
+}
+
 /// Told what it is busy with and the part of that which is done, from several threads; returns false to stop.
 pub type Progress<'a> = dyn Fn(Stage, f64) -> bool + Sync + 'a;
 
@@ -93,12 +104,41 @@ pub fn chart(
     progress: &Progress<'_>,
 ) -> Result<SceneChart, ChartError> {
     let (runs, not_measured) = runs(settings)?;
+    let floor = settings.floor.then(|| floor_pixels(settings.pixels));
+    let work = Work { runs, floor, tolerances_us: &DEFAULT_TOLERANCES_US, seen: &|_, _| () };
+    Ok(SceneChart { not_measured, ..measured(gpu, name, scene, settings, work, progress)? })
+}
+
+/// What is run and scored.
+pub(crate) struct Work<'a> {
+    /// Settings, each with its run.
+    pub(crate) runs: Vec<(Setting, RunConfig)>,
+    /// Pixels on which truth is made once more, for its own error.
+    pub(crate) floor: Option<PixelChoice>,
+    /// Tolerances to score with.
+    pub(crate) tolerances_us: &'a [i64],
+    /// Is shown truth and each setting's events, in their order.
+    pub(crate) seen: &'a dyn Fn(&Truth, &[evis_core::Event]),
+}
+
+/// Truth once, then every setting.
+pub(crate) fn measured(
+    gpu: &Gpu,
+    name: &str,
+    scene: &Scene,
+    settings: &ChartSettings,
+    work: Work<'_>,
+    progress: &Progress<'_>,
+) -> Result<SceneChart, ChartError> {
+    let Work { runs, floor, tolerances_us, seen } = work;
     let truth =
         make_truth(scene, settings, settings.pixels, Lattice::First, &|part| progress(Stage::Truth, part))?;
-    let floor = match settings.floor {
-        true => Some(floor(scene, settings, &truth, &|part| progress(Stage::Floor, part))?),
-        false => None,
-    };
+    let floor = floor.map(|pixels| {
+        let told = |part| progress(Stage::Floor, part);
+        let other = make_truth(scene, settings, pixels, Lattice::Second, &told)?;
+        score(&truth.events, &other, truth.sensor.clone(), tolerances_us)
+    });
+    let floor = floor.transpose()?;
 
     // Truth and engine see the same light, from the same camera.
     let mut runs = runs;
@@ -115,9 +155,11 @@ pub fn chart(
         repetitions: settings.repetitions,
     };
     let judge = |events: &[Event], config: &RunConfig| {
+        seen(&truth, events);
         // A camera's own thresholds come before those of the run, in engine and truth alike.
         let (threshold_on, threshold_off) = (truth.sensor.threshold_on, truth.sensor.threshold_off);
-        score(events, &truth, SensorConfig { threshold_on, threshold_off, ..config.sensor.clone() })
+        let sensor = SensorConfig { threshold_on, threshold_off, ..config.sensor.clone() };
+        score(events, &truth, sensor, tolerances_us)
     };
     let points = measure(&series, &judge, &|part| progress(Stage::Runs, part))?;
     let device = gpu.summary();
@@ -147,7 +189,7 @@ pub fn chart(
                 .unwrap_or_else(|_| serde_json::Value::String(truth.provenance.clone())),
         },
         points,
-        not_measured,
+        not_measured: Vec::new(),
     })
 }
 
@@ -161,14 +203,7 @@ fn runs(settings: &ChartSettings) -> Result<(Vec<(Setting, RunConfig)>, Vec<NotM
     if settings.duration_us <= 0 {
         return Err(ConfigError::new("duration", settings.duration_us, "above 0 microseconds").into());
     }
-    let base = RunConfig {
-        sensor: settings.sensor.clone(),
-        cameras: settings.camera.iter().cloned().collect(),
-        size: settings.size,
-        start_us: settings.start_us,
-        reference_luminance: settings.reference_luminance,
-        ..RunConfig::default()
-    };
+    let base = base(settings);
     base.check()?;
     let (mut runs, mut not_measured) = (Vec::new(), Vec::new());
     for setting in settings.ladder.settings()? {
@@ -189,24 +224,30 @@ fn runs(settings: &ChartSettings) -> Result<(Vec<(Setting, RunConfig)>, Vec<NotM
     Ok((runs, not_measured))
 }
 
-fn score(events: &[Event], truth: &Truth, sensor: SensorConfig) -> Result<Score, ChartError> {
+/// What all runs share.
+pub(crate) fn base(settings: &ChartSettings) -> RunConfig {
+    RunConfig {
+        sensor: settings.sensor.clone(),
+        cameras: settings.camera.iter().cloned().collect(),
+        size: settings.size,
+        start_us: settings.start_us,
+        reference_luminance: settings.reference_luminance,
+        ..RunConfig::default()
+    }
+}
+
+fn score(
+    events: &[Event],
+    truth: &Truth,
+    sensor: SensorConfig,
+    tolerances_us: &[i64],
+) -> Result<Score, ChartError> {
     let ask = ScoreSettings {
-        tolerances_us: DEFAULT_TOLERANCES_US.to_vec(),
+        tolerances_us: tolerances_us.to_vec(),
         sensor: Some(sensor),
         size: Some([truth.camera.width, truth.camera.height]),
     };
     metric::score(events, truth, &ask).map_err(|e| ChartError::Score(e.to_string()))
-}
-
-/// Truth's own error: scored against another truth, of other samples, on a part of its pixels.
-fn floor(
-    scene: &Scene,
-    settings: &ChartSettings,
-    truth: &Truth,
-    progress: &(dyn Fn(f64) -> bool + Sync),
-) -> Result<Score, ChartError> {
-    let other = make_truth(scene, settings, floor_pixels(settings.pixels), Lattice::Second, progress)?;
-    score(&truth.events, &other, truth.sensor.clone())
 }
 
 /// A quarter of the pixels tells the error well enough. Spread pixels are the first of one sequence, so that fewer of

@@ -18,6 +18,7 @@ pub mod measure;
 mod panel;
 pub mod recommend;
 pub mod result;
+pub mod verify;
 
 #[cfg(test)]
 mod tests;

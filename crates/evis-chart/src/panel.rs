@@ -3,13 +3,11 @@
 use plotters::backend::DrawingBackend;
 use plotters::style::WHITE;
 
-use crate::axis::LogAxis;
+use crate::axis::{self, LogAxis};
 use crate::canvas::{Align, Canvas, Type, text_width};
 use crate::error::ChartError;
 use crate::front::Place;
-use crate::ink::{
-    AXIS, AXIS_TITLE, FINE_GRID, FLOOR, FRONT, GRID, HINT, INK, LABEL, REAL_TIME, SOFT_INK, TICK, WIDER,
-};
+use crate::ink::{AXIS, AXIS_TITLE, FLOOR, FRONT, HINT, INK, LABEL, REAL_TIME, SOFT_INK, WIDER};
 use crate::label::{Obstacles, Placed, Rect, Wanted, place};
 use crate::ladder::number;
 use crate::marker::{self, Style};
@@ -50,7 +48,7 @@ impl<'a> Panel<'a> {
     }
 
     pub(crate) fn draw<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {
-        self.draw_grid(canvas)?;
+        axis::draw(canvas, &self.plot, &self.x, &self.y)?;
         self.draw_floor(canvas)?;
         self.draw_real_time(canvas)?;
         self.draw_titles(canvas)?;
@@ -60,39 +58,6 @@ impl<'a> Panel<'a> {
         self.draw_label_grounds(canvas, &labels)?;
         self.draw_points(canvas)?;
         self.draw_labels(canvas, &labels)
-    }
-
-    fn draw_grid<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {
-        let plot = &self.plot;
-        for fine in [true, false] {
-            let colour = if fine { FINE_GRID } else { GRID };
-            for tick in self.x.ticks().iter().filter(|t| t.label.is_none() == fine) {
-                let x = self.x.at(tick.value);
-                canvas.line(&[[x, plot.top], [x, plot.bottom]], 1.0, colour)?;
-            }
-            for tick in self.y.ticks().iter().filter(|t| t.label.is_none() == fine) {
-                let y = self.y.at(tick.value);
-                canvas.line(&[[plot.left, y], [plot.right, y]], 1.0, colour)?;
-            }
-        }
-        for tick in self.x.ticks() {
-            let x = self.x.at(tick.value);
-            let length = if tick.label.is_some() { 5.0 } else { 3.0 };
-            canvas.line(&[[x, plot.bottom], [x, plot.bottom + length]], 1.0, AXIS)?;
-            if let Some(label) = &tick.label {
-                canvas.text(label, [x, plot.bottom + 18.0], Align::Centre, TICK)?;
-            }
-        }
-        for tick in self.y.ticks() {
-            let y = self.y.at(tick.value);
-            let length = if tick.label.is_some() { 5.0 } else { 3.0 };
-            canvas.line(&[[plot.left - length, y], [plot.left, y]], 1.0, AXIS)?;
-            if let Some(label) = &tick.label {
-                canvas.text(label, [plot.left - 8.0, y + 4.2], Align::Right, TICK)?;
-            }
-        }
-        let corner = [plot.left, plot.bottom];
-        canvas.line(&[[plot.left, plot.top], corner, [plot.right, plot.bottom]], 1.25, AXIS)
     }
 
     fn draw_titles<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {

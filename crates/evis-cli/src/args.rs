@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::{Interpolation, LabelKind, TriggerRule};
 use evis_render::{Antialias, Method};
@@ -42,6 +43,8 @@ pub(crate) enum Command {
     Chart(Box<ChartArgs>),
     /// Compute what an ideal sensor fires in a scene, without the engine: exact, and slow.
     Truth(Box<TruthArgs>),
+    /// Check that events converge to truth as theory says: on closed forms, or on a scene.
+    Verify(Box<VerifyArgs>),
     /// Tell what a recording holds; repair one that was cut off.
     Info(InfoArgs),
     /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
@@ -390,6 +393,72 @@ pub(crate) struct TruthArgs {
     pub(crate) seed: Option<u64>,
 }
 
+/// `verify`.
+#[derive(Debug, Args)]
+pub(crate) struct VerifyArgs {
+    /// Measure the engine on a scene (built-in, .toml, .gltf or .glb) against the converged oracle, instead of the
+    /// trigger on closed forms.
+    #[arg(long)]
+    pub(crate) scene: Option<String>,
+
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    /// Picture to write, .png or .svg; repeat for several. An existing one is replaced.
+    #[arg(short, long, value_name = "X.{png,svg}")]
+    pub(crate) output: Vec<PathBuf>,
+
+    #[command(flatten)]
+    pub(crate) measuring: VerifySceneArgs,
+}
+
+/// How `verify --scene` measures.
+#[derive(Debug, Args)]
+#[group(id = "verifying", multiple = true, requires = "scene")]
+pub(crate) struct VerifySceneArgs {
+    /// Pixels of the camera [default: 160x120].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// Milliseconds to simulate [default: 100].
+    #[arg(long, value_name = "MS", value_parser = duration_ms, allow_hyphen_values = true)]
+    pub(crate) duration_ms: Option<f64>,
+
+    /// Pixels that truth is made for, spread over the picture; `all` for all [default: 400].
+    #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true)]
+    pub(crate) pixels: Option<PixelChoice>,
+
+    /// Sampled instants per second [default: 250,500,1000,2000,4000].
+    #[arg(long, value_name = "HZ,…", value_parser = rate_hz, value_delimiter = ',', allow_hyphen_values = true)]
+    pub(crate) rates: Vec<f64>,
+
+    /// Samples per pixel [default: 1,4,16,64].
+    #[arg(long, value_name = "N,…", value_parser = sample_count, value_delimiter = ',', allow_hyphen_values = true)]
+    pub(crate) samples: Vec<u32>,
+
+    /// Triggers; the first is measured with every number of samples, the others with the largest
+    /// [default: crossing,light,latch].
+    #[arg(long, value_enum, value_name = "T,…", value_delimiter = ',')]
+    pub(crate) triggers: Vec<VariantArg>,
+
+    /// The camera [default: the first].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// Folder that keeps truths for the next time [default: the user's cache folder].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) cache: Option<PathBuf>,
+
+    /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
+    #[arg(long, value_name = "NAME|INDEX")]
+    pub(crate) device: Option<String>,
+
+    /// Seed of built-in scenes [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+}
+
 /// `info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
@@ -474,6 +543,27 @@ impl From<InterpolationArg> for Interpolation {
         match arg {
             InterpolationArg::Log => Self::Log,
             InterpolationArg::Light => Self::Light,
+        }
+    }
+}
+
+/// Triggers that `verify` knows.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum VariantArg {
+    /// Every crossing, on a straight line of log intensity.
+    Crossing,
+    /// Every crossing, on a straight line of light.
+    Light,
+    /// At most one event per pixel and sample, at the sample's time.
+    Latch,
+}
+
+impl From<VariantArg> for Variant {
+    fn from(arg: VariantArg) -> Self {
+        match arg {
+            VariantArg::Crossing => Self::CrossingLog,
+            VariantArg::Light => Self::CrossingLight,
+            VariantArg::Latch => Self::Latch,
         }
     }
 }
@@ -631,6 +721,12 @@ fn positive(text: &str) -> Result<f32, String> {
 
 fn window_ms(text: &str) -> Result<f64, String> {
     checked(text, "a number of milliseconds from 0.001 to 1000000, such as 20", |v| {
+        (1.0e-3..=1.0e6).contains(&v)
+    })
+}
+
+fn duration_ms(text: &str) -> Result<f64, String> {
+    checked(text, "a number of milliseconds from 0.001 to 1000000, such as 100", |v| {
         (1.0e-3..=1.0e6).contains(&v)
     })
 }

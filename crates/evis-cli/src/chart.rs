@@ -119,12 +119,7 @@ fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
     for (name, scene) in &scenes {
         let progress = Progress::new(WHOLE);
         let told = |stage: Stage, part: f64| {
-            let what = match stage {
-                Stage::Truth => "truth",
-                Stage::Floor => "truth once more, for its own error",
-                Stage::Runs => "settings",
-            };
-            progress.part(&format!("{name}: {what}"), part);
+            progress.part(&format!("{name}: {}", stage.name()), part);
             !interrupt.asked()
         };
         match evis_chart::chart(&gpu, name, scene, &settings, &told) {

@@ -15,6 +15,7 @@ mod scene_source;
 mod score;
 mod text;
 mod truth;
+mod verify;
 
 use clap::{CommandFactory, FromArgMatches};
 
@@ -39,6 +40,7 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),
         Command::Truth(args) => truth::truth(&args),
+        Command::Verify(args) => verify::verify(&args),
         Command::Info(args) => info::info(&args),
         Command::Score(args) => score::run(&args),
         Command::Scenes(args) => list::scenes(&args),

@@ -10,6 +10,7 @@ mod packet;
 mod recording;
 mod scene;
 mod simulator;
+mod verify;
 
 /// The engine of EVIS; use the package `evis`.
 #[pyo3::pymodule]
@@ -34,6 +35,8 @@ mod _evis {
     use crate::scene::Scene;
     #[pymodule_export]
     use crate::simulator::{Simulator, Stream};
+    #[pymodule_export]
+    use crate::verify::{draw_verify, verify, verify_scene, verify_table};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

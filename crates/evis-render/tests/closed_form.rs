@@ -620,13 +620,20 @@ fn a_step_edge_fires_where_the_closed_form_does() {
         interpolation: log,
     };
     fast.check(&gpu, 0.12);
-    // One of light costs nothing but where the edge enters and leaves a pixel within an interval.
-    let median = |interpolation| {
-        let edge = Edge { speed: 190.0, samples: 64, interpolation, ..fast };
-        quantile(&edge.check(&gpu, 0.12), 0.5)
-    };
-    let [log, light] = [log, Interpolation::Light].map(median);
-    assert!(light < 0.8 * log, "{light} px with light, {log} px with its logarithm");
+    // One of light is where the samples see the edge: along an axis, n samples stand in n columns, which tell its place to
+    // half a column, and the rasteriser rounds corners to 1/256 px. That bounds most errors, though not those of edges
+    // that enter or leave a pixel within an interval. The logarithm has no such bound; which of the two comes closer
+    // depends on what else there is, so both are printed.
+    for (speed, samples) in [(230.0, 16), (230.0, 64), (190.0, 64)] {
+        let median = |interpolation| {
+            let edge = Edge { speed, samples, interpolation, ..fast };
+            quantile(&edge.check(&gpu, 0.12), 0.5)
+        };
+        let [log, light] = [log, Interpolation::Light].map(median);
+        println!("{speed} px/s, {samples} samples: median {log:.4} px in logarithms, {light:.4} px in light");
+        let bound = 0.5 / f64::from(samples) + 1.0 / 256.0;
+        assert!(light < bound, "{speed} px/s, {samples} samples: {light} px, at most {bound} is expected");
+    }
     // Canary: 0.06 px late.
     let edge = Edge { speed: 100.0, light: [0.3, 0.1], ..fast };
     let limits = Limits { median_us: f64::INFINITY, p95_us: 700.0, excluded: 0.05 };

@@ -286,10 +286,15 @@ fn row(
     })
 }
 
-/// Slope of ln(error) over ln(interval), of the errors above the floor.
+/// Order with which errors fall with the interval, of those above [`FLOOR_US`].
 fn order(rows: impl Iterator<Item = (f64, Option<f64>)>) -> Option<f64> {
-    let above = rows.filter_map(|(interval, error)| Some((interval, error.filter(|e| *e > FLOOR_US)?)));
-    let points: Vec<(f64, f64)> = above.map(|(interval, error)| (interval.ln(), error.ln())).collect();
+    power(rows.filter_map(|(interval, error)| Some((interval, error.filter(|e| *e > FLOOR_US)?))))
+}
+
+/// The power p of y = c x^p that fits points (x, y) best: slope of ln y over ln x, by least squares. `None` for fewer
+/// than three points, and where one of them has no logarithm.
+pub fn power(points: impl IntoIterator<Item = (f64, f64)>) -> Option<f64> {
+    let points: Vec<(f64, f64)> = points.into_iter().map(|(x, y)| (x.ln(), y.ln())).collect();
     if points.len() < 3 {
         return None;
     }

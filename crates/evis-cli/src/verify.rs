@@ -1,0 +1,101 @@
+//! `verify`: events against truth, and whether the error falls as theory says.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use evis_chart::verify::{SceneReport, SceneSettings, verify_forms, verify_scene};
+use evis_chart::{ChartError, PictureKind, Stage};
+use evis_render::Gpu;
+
+use crate::args::{VerifyArgs, VerifySceneArgs};
+use crate::chart::cache_folder;
+use crate::failure::bad_input;
+use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::progress::{Progress, WHOLE};
+use crate::run::{check_parent, to_us};
+use crate::{scene_source, text};
+
+/// Exit code where theory and measurement differ.
+const EXIT_FAILED: i32 = 1;
+
+/// Measures, prints and draws.
+pub(crate) fn verify(args: &VerifyArgs) -> anyhow::Result<i32> {
+    for output in &args.output {
+        PictureKind::of(output)?;
+        check_parent(output, "--output")?;
+    }
+    let Some(name) = &args.scene else {
+        let report = verify_forms()?;
+        tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
+        return Ok(if report.passed() { 0 } else { EXIT_FAILED });
+    };
+    let Some(report) = measure(name, &args.measuring)? else {
+        text::complain("interrupted; nothing was written");
+        return Ok(EXIT_INTERRUPTED);
+    };
+    tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
+    Ok(0)
+}
+
+/// Prints `report` as it was asked for, and draws it.
+fn tell<R: std::fmt::Display>(
+    args: &VerifyArgs,
+    report: &R,
+    json: fn(&R) -> Result<String, ChartError>,
+    save: fn(&R, &PathBuf) -> Result<(), ChartError>,
+) -> anyhow::Result<()> {
+    text::say(&if args.json { json(report)? } else { report.to_string() });
+    for output in &args.output {
+        save(report, output)?;
+        if !args.json {
+            text::say(&format!("{}", output.display()));
+        }
+    }
+    Ok(())
+}
+
+/// `None` where it was interrupted.
+fn measure(name: &str, args: &VerifySceneArgs) -> anyhow::Result<Option<SceneReport>> {
+    let settings = settings(args);
+    settings.settings()?;
+    let scene = scene_source::load(name, args.seed.unwrap_or(0))?;
+    if let Some(camera) = &settings.camera {
+        scene.camera(camera)?;
+    }
+    for warning in &scene.warnings {
+        text::complain(&format!("warning: {warning}"));
+    }
+    let settings = SceneSettings { cache: cache_folder(args.cache.as_deref()), ..settings };
+    let gpu = Gpu::open(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let interrupt = Interrupt::listen();
+    let progress = Progress::new(WHOLE);
+    let told = |stage: Stage, part: f64| {
+        progress.part(&format!("{name}: {}", stage.name()), part);
+        !interrupt.asked()
+    };
+    match verify_scene(&gpu, name, &scene, &settings, &told) {
+        Ok(report) => Ok(Some(report)),
+        Err(ChartError::Stopped) => Ok(None),
+        Err(error) => Err(error).with_context(|| format!("{name} cannot be verified")),
+    }
+}
+
+/// Flags over defaults.
+fn settings(args: &VerifySceneArgs) -> SceneSettings {
+    let default = SceneSettings::default();
+    let or = |given: &[f64], usual: Vec<f64>| if given.is_empty() { usual } else { given.to_vec() };
+    SceneSettings {
+        rates_hz: or(&args.rates, default.rates_hz),
+        samples: if args.samples.is_empty() { default.samples } else { args.samples.clone() },
+        triggers: if args.triggers.is_empty() {
+            default.triggers
+        } else {
+            args.triggers.iter().copied().map(Into::into).collect()
+        },
+        camera: args.camera.clone(),
+        size: args.size.or(default.size),
+        duration_us: args.duration_ms.map_or(default.duration_us, |ms| to_us(ms * 1.0e-3).max(1)),
+        pixels: args.pixels.unwrap_or(default.pixels),
+        ..default
+    }
+}

@@ -1,0 +1,92 @@
+//! Reports of convergence. They cross as JSON, the same as `evis verify --json` writes.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use evis_chart::verify::{Report, SceneSettings, verify_forms};
+use evis_core::SensorConfig;
+use evis_core::closed_form::convergence::Variant;
+use evis_render::Gpu;
+use evis_truth::PixelChoice;
+use pyo3::prelude::*;
+
+use crate::door::EnterEngine;
+use crate::errors::Failure;
+use crate::scene::Scene;
+
+/// What a text of JSON is called in errors.
+const TEXT: &str = "report";
+
+/// Measures the triggers on closed forms; returns the report as JSON.
+#[pyfunction]
+pub(crate) fn verify(py: Python<'_>) -> PyResult<String> {
+    py.enter_engine(|| Ok::<_, Failure>(verify_forms()?.to_json()?))
+}
+
+/// Measures the engine on a scene; returns the report as JSON.
+#[pyfunction]
+#[pyo3(signature = (
+    scene, *, rates_hz, samples, triggers, threshold_on, threshold_off, log_eps, camera, size, start_us, duration_us,
+    truth_pixels, cache, device
+))]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
+pub(crate) fn verify_scene(
+    py: Python<'_>,
+    scene: &Scene,
+    rates_hz: Vec<f64>,
+    samples: Vec<u32>,
+    triggers: Vec<String>,
+    threshold_on: f32,
+    threshold_off: f32,
+    log_eps: f32,
+    camera: Option<String>,
+    size: Option<(u32, u32)>,
+    start_us: i64,
+    duration_us: i64,
+    truth_pixels: Option<usize>,
+    cache: Option<PathBuf>,
+    device: Option<String>,
+) -> PyResult<String> {
+    let settings = SceneSettings {
+        rates_hz,
+        samples,
+        triggers: triggers.iter().map(|name| variant(name)).collect::<PyResult<_>>()?,
+        sensor: SensorConfig { threshold_on, threshold_off, log_eps, ..SensorConfig::default() },
+        camera,
+        size,
+        start_us,
+        duration_us,
+        pixels: truth_pixels.map_or(PixelChoice::All, PixelChoice::Count),
+        cache,
+    };
+    let scene = scene.shared();
+    let stop = AtomicBool::new(false);
+    py.enter_engine_for_long(&stop, || {
+        let gpu = Gpu::open(device.as_deref())?;
+        let going = |_, _| !stop.load(Ordering::Relaxed);
+        let made = evis_chart::verify::verify_scene(&gpu, &scene.name, &scene, &settings, &going)?;
+        Ok::<_, Failure>(made.to_json()?)
+    })
+}
+
+fn variant(name: &str) -> PyResult<Variant> {
+    let known = serde_json::from_value(serde_json::Value::String(name.into()));
+    known.map_err(|_| {
+        Failure::Config(format!(
+            "triggers has {name:?}; it must hold \"crossing_log\", \"crossing_light\" or \"latch\""
+        ))
+        .into()
+    })
+}
+
+/// The table of a report that is given as JSON.
+#[pyfunction]
+pub(crate) fn verify_table(py: Python<'_>, json: &str) -> PyResult<String> {
+    py.enter_engine(|| Ok::<_, Failure>(Report::from_json(json, Path::new(TEXT))?.to_string()))
+}
+
+/// Draws a report's JSON to `path`.
+#[pyfunction]
+pub(crate) fn draw_verify(py: Python<'_>, json: &str, path: PathBuf) -> PyResult<()> {
+    py.enter_engine(|| Report::from_json(json, Path::new(TEXT))?.save(&path))
+}

@@ -1,0 +1,305 @@
+"""Whether events converge to truth, and as fast as theory says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+from . import _evis
+from ._chart import SceneChart, _scene_chart
+from ._scene import Scene
+from ._sensor import Sensor
+from ._simulator import Device, _selector, _size, _whole, micros
+
+TriggerVariant = Literal["crossing_log", "crossing_light", "latch"]
+"""Crossings on a straight line of log intensity or of light, or at most one event per sample."""
+
+
+@dataclass(frozen=True, slots=True)
+class Convergence:
+    """Errors of a trigger at one sampling interval.
+
+    Attributes
+    ----------
+    interval_s : float
+        Seconds between samples.
+    expected, fired : int
+        Crossings of the closed form, events of the trigger.
+    count_error : int
+        Events missed or spurious.
+    matched : int
+        Events whose times are compared.
+    median_us, rms_us, p95_us : float or None
+        Of the magnitude of the time error, in microseconds; None where nothing is matched.
+    """
+
+    interval_s: float
+    expected: int
+    fired: int
+    count_error: int
+    matched: int
+    median_us: float | None
+    rms_us: float | None
+    p95_us: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FormCheck:
+    """A trigger on a closed form, held against theory.
+
+    Attributes
+    ----------
+    signal : str
+        The closed form.
+    signal_class : {"smooth", "ramp", "edge", "jump"}
+        How it moves between two samples.
+    trigger : {"latch", "crossing_log", "crossing_light"}
+        How samples become events.
+    theory : {"order", "order_of_rms", "exact", "exact_but_at_corners"}
+        What falls, if anything is left to fall.
+    expected_order : float or None
+        The power of the interval with which it should.
+    order, order_rms : float or None
+        Fitted to the median and to the root mean square; None where fewer than three errors exceed the rounding.
+    rows : tuple of Convergence
+        From the longest interval to the shortest.
+    fault : str or None
+        What does not agree with theory.
+    """
+
+    signal: str
+    signal_class: Literal["smooth", "ramp", "edge", "jump"]
+    trigger: TriggerVariant
+    theory: Literal["order", "order_of_rms", "exact", "exact_but_at_corners"]
+    expected_order: float | None
+    order: float | None
+    order_rms: float | None
+    rows: tuple[Convergence, ...]
+    fault: str | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether theory and measurement agree."""
+        return self.fault is None
+
+
+class _Report:
+    __slots__ = ("_json",)
+
+    def __init__(self, text: str) -> None:
+        self._json = text
+
+    def to_json(self) -> str:
+        """Return what ``evis verify --json`` prints."""
+        return self._json
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Draw errors against the sampling interval, as SVG or PNG by the ending of ``path``.
+
+        Raises
+        ------
+        ConfigError
+            For another ending.
+        OSError
+            If the file cannot be written.
+        """
+        _evis.draw_verify(self._json, path)
+
+    def __str__(self) -> str:
+        """Return the table that ``evis verify`` prints."""
+        return _evis.verify_table(self._json)
+
+
+class Verification(_Report):
+    """The triggers on closed forms; made by `verify`. ``print`` shows a table."""
+
+    __slots__ = ("_checks",)
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._checks = tuple(_check(held) for held in json.loads(text)["checks"])
+
+    @property
+    def checks(self) -> tuple[FormCheck, ...]:
+        """One per closed form and trigger."""
+        return self._checks
+
+    @property
+    def passed(self) -> bool:
+        """Whether all agree with theory."""
+        return all(check.passed for check in self._checks)
+
+    def __repr__(self) -> str:
+        """Say how many agree."""
+        return f"Verification({sum(check.passed for check in self._checks)} of {len(self._checks)} pass)"
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorFit:
+    """How the median time error of a trigger falls on a scene.
+
+    Attributes
+    ----------
+    trigger : {"crossing_log", "crossing_light", "latch"}
+        The trigger.
+    over : {"rate", "samples"}
+        What is varied.
+    held : float
+        What is not: the number of samples per pixel, or the rate in Hz.
+    against : {"truth", "finest"}
+        The oracle, or the same run at the highest rate, which does not see the samples' error.
+    median_us : tuple of (float, float or None)
+        Rate in Hz or number of samples, and median time error in microseconds; None where too few events have a
+        partner.
+    order : float or None
+        Power of the sampling interval, or of one over the number of samples; None for fewer than three errors.
+    """
+
+    trigger: TriggerVariant
+    over: Literal["rate", "samples"]
+    held: float
+    against: Literal["truth", "finest"]
+    median_us: tuple[tuple[float, float | None], ...]
+    order: float | None
+
+
+class SceneVerification(_Report):
+    """The engine on a scene against the converged oracle; made by `verify_scene`. ``print`` shows a table."""
+
+    __slots__ = ("_chart", "_fits")
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        held = json.loads(text)
+        self._chart = _scene_chart(held["chart"])
+        self._fits = tuple(_fit(fit) for fit in held["fits"])
+
+    @property
+    def chart(self) -> SceneChart:
+        """Every setting with its score at 2 ms, 1 ms, 300 us and 100 us; `floor` is the oracle's own error."""
+        return self._chart
+
+    @property
+    def fits(self) -> tuple[ErrorFit, ...]:
+        """How errors fall."""
+        return self._fits
+
+    def __repr__(self) -> str:
+        """Say what was measured."""
+        return f"SceneVerification({self._chart.scene}: {len(self._chart.points)} settings)"
+
+
+def verify() -> Verification:
+    """Measure every trigger on closed forms, and hold the order of its error against theory.
+
+    Takes about a second; the GIL is released.
+
+    >>> import evis
+    >>> evis.verify()
+    Verification(27 of 27 pass)
+    """
+    return Verification(_evis.verify())
+
+
+def verify_scene(
+    scene: Scene,
+    *,
+    rates_hz: Sequence[float] = (250.0, 500.0, 1000.0, 2000.0, 4000.0),
+    samples: Sequence[int] = (1, 4, 16, 64),
+    triggers: Sequence[TriggerVariant] = ("crossing_log", "crossing_light", "latch"),
+    sensor: Sensor | None = None,
+    camera: str | None = None,
+    size: tuple[int, int] | None = (160, 120),
+    start: float = 0.0,
+    duration: float = 0.1,
+    truth_pixels: int | None = 400,
+    cache: str | PathLike[str] | bool = True,
+    device: Device | str | int | None = None,
+) -> SceneVerification:
+    """Measure the engine on a scene against the converged oracle, over rates, samples and triggers.
+
+    Takes minutes. The GIL is released; Ctrl-C ends it.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to measure on.
+    rates_hz : sequence of float
+        Sampled instants per second.
+    samples : sequence of int
+        Samples per pixel.
+    triggers : sequence of {"crossing_log", "crossing_light", "latch"}
+        The first is measured with every number of samples, the others with the largest.
+    sensor : Sensor, optional
+        Thresholds and ``log_eps``.
+    camera : str, optional
+        Name of the camera; the first where not given.
+    size : (int, int), optional
+        Width and height in pixels; None takes the camera's own.
+    start, duration : float
+        What part of the scene, in seconds.
+    truth_pixels : int, optional
+        Pixels that truth is made for, spread over the picture; None for all.
+    cache : path or bool
+        Folder that keeps truths; True for the user's own cache, False for none.
+    device : Device, str or int, optional
+        A device, its index, or a part of its name; the fastest kind where not given.
+
+    Raises
+    ------
+    ConfigError
+        If a value cannot be used, or nothing fires.
+    DeviceError
+        If there is no such device, or it failed.
+    """
+    sensor = Sensor() if sensor is None else sensor
+    folder = _evis.chart_cache() if cache is True else None if cache is False else Path(cache)
+    text = _evis.verify_scene(
+        scene._raw,
+        rates_hz=list(rates_hz),
+        samples=[_whole("samples", n, 2**32) for n in samples],
+        triggers=list(triggers),
+        threshold_on=sensor.threshold_on,
+        threshold_off=sensor.threshold_off,
+        log_eps=sensor.log_eps,
+        camera=camera,
+        size=_size(size),
+        start_us=micros("start", start),
+        duration_us=micros("duration", duration),
+        truth_pixels=None if truth_pixels is None else _whole("truth_pixels", truth_pixels, 2**32),
+        cache=folder,
+        device=_selector(device),
+    )
+    return SceneVerification(text)
+
+
+def _check(held: dict[str, Any]) -> FormCheck:
+    measured, theory = held["measured"], held["theory"]
+    kind, numbers = (theory, {}) if isinstance(theory, str) else next(iter(theory.items()))
+    return FormCheck(
+        signal=measured["signal"],
+        signal_class=held["class"],
+        trigger=measured["variant"],
+        theory=kind,
+        expected_order=numbers.get("order"),
+        order=measured["order"],
+        order_rms=measured["order_rms"],
+        rows=tuple(Convergence(**row) for row in measured["rows"]),
+        fault=held["fault"],
+    )
+
+
+def _fit(held: dict[str, Any]) -> ErrorFit:
+    over, numbers = next(iter(held["over"].items()))
+    return ErrorFit(
+        trigger=held["trigger"],
+        over=over,
+        held=float(next(iter(numbers.values()))),
+        against=held["against"],
+        median_us=tuple((float(at), error) for at, error in held["median_us"]),
+        order=held["order"],
+    )

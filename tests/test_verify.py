@@ -1,0 +1,71 @@
+"""Reports of convergence from Python."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import pytest
+
+import evis
+
+
+def test_the_triggers_converge_as_theory_says(tmp_path: Path):
+    report = evis.verify()
+    assert report.passed
+    assert repr(report) == "Verification(27 of 27 pass)"
+    assert str(report).endswith("27 of 27 rows PASS")
+    rows = {(check.signal, check.trigger): check for check in report.checks}
+    log, light, latch = (rows["sinusoid", t] for t in ("crossing_log", "crossing_light", "latch"))
+    for check, order in ((log, 2.0), (light, 2.0), (latch, 1.0)):
+        assert check.expected_order == order
+        assert check.order == pytest.approx(order, abs=0.25)
+    assert latch.order != pytest.approx(2.0, abs=0.5), "canary"
+    edge = rows["edge along an axis", "crossing_light"]
+    assert (edge.signal_class, edge.theory, edge.expected_order) == ("edge", "exact_but_at_corners", None)
+    assert all(row.median_us is not None and row.median_us < 1.0 for row in edge.rows)
+    assert edge.rows[0].interval_s == pytest.approx(1 / 250)
+    assert rows["linear ramp", "crossing_light"].theory == "exact"
+    with pytest.raises(FrozenInstanceError):
+        edge.fault = "no"  # type: ignore[misc]
+    report.save(tmp_path / "a.svg")
+    assert "order 2" in (tmp_path / "a.svg").read_text()
+    report.save(tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(evis.ConfigError, match=r"\.png or \.svg"):
+        report.save(tmp_path / "a.pdf")
+
+
+def test_a_scene_is_measured(spinner: evis.Scene, tmp_path: Path):
+    report = evis.verify_scene(
+        spinner,
+        size=(32, 24),
+        duration=0.02,
+        truth_pixels=120,
+        rates_hz=[250, 500, 1000, 2000],
+        samples=[4],
+        triggers=["crossing_log", "latch"],
+        sensor=evis.Sensor(threshold_on=0.05, threshold_off=0.05),
+        cache=False,
+    )
+    chart = report.chart
+    assert (chart.scene, chart.width, len(chart.points)) == ("spinner", 32, 8)
+    assert chart.floor is not None
+    assert chart.floor.at(2000).scaled.f1 > 0.99
+    assert [point.setting.trigger for point in chart.points] == ["crossing"] * 4 + ["latch"] * 4
+    assert {(fit.trigger, fit.over, fit.against, fit.held) for fit in report.fits} == {
+        (trigger, "rate", against, 4.0) for trigger in ("crossing_log", "latch") for against in ("truth", "finest")
+    }
+    assert "oracle's own error" in str(report)
+    report.save(tmp_path / "a.svg")
+    assert "spinner" in (tmp_path / "a.svg").read_text()
+    assert repr(report) == "SceneVerification(spinner: 8 settings)"
+
+
+def test_what_cannot_be_verified_is_told(spinner: evis.Scene):
+    with pytest.raises(evis.ConfigError, match="triggers has .swing."):
+        evis.verify_scene(spinner, triggers=["swing"])  # type: ignore[list-item]
+    with pytest.raises(evis.ConfigError, match="samples is empty"):
+        evis.verify_scene(spinner, samples=[])
+    with pytest.raises(evis.ConfigError, match="rates is 0"):
+        evis.verify_scene(spinner, rates_hz=[0])
