@@ -22,7 +22,7 @@ pub enum Lattice {
 pub const LEVELS: usize = 3;
 
 impl Lattice {
-    /// Samples at `level`, below [`LEVELS`].
+    /// Samples at `level`, 0 to 2.
     pub fn size(self, level: usize) -> usize {
         self.fibonacci(level).0 as usize
     }
@@ -39,7 +39,7 @@ impl Lattice {
             .collect()
     }
 
-    /// Lines along either axis of a pixel on which edges are looked for; see [`crate::signal`].
+    /// Lines along either axis of a pixel on which edges are looked for; see `signal.rs`.
     pub const fn lines(self) -> usize {
         match self {
             Self::First => 48,

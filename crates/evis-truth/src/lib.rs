@@ -4,6 +4,7 @@
 //! found exactly, thresholds crossed in continuous time. Slow, and with a stated error of its own: truths from two
 //! independent families of samples ([`Lattice`]) are scored against each other.
 
+mod cache;
 mod clock;
 mod lattice;
 mod oracle;
@@ -13,6 +14,7 @@ mod settings;
 mod signal;
 mod walk;
 
+pub use cache::cached;
 pub use lattice::Lattice;
-pub use oracle::{cached, truth};
+pub use oracle::truth;
 pub use settings::{PixelChoice, TruthError, TruthSettings};

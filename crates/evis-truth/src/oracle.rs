@@ -1,6 +1,5 @@
 //! From a scene and settings to a truth.
 
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use evis_core::{CameraInfo, Event, SensorConfig, Truth};
@@ -267,17 +266,4 @@ impl<'a> Stillness<'a> {
             !now.caster.passes(&now.camera, at, &self.boxes)
         })
     }
-}
-
-/// As [`truth`], kept in `folder` under a hash of scene and settings: asked for again, it is read.
-///
-/// # Errors
-/// As [`truth`]; a folder that cannot be read or written only costs the work.
-pub fn cached(
-    _folder: &Path,
-    scene: &Scene,
-    settings: &TruthSettings,
-    progress: &(dyn Fn(f64) -> bool + Sync),
-) -> Result<Truth, TruthError> {
-    truth(scene, settings, progress)
 }

@@ -407,3 +407,24 @@ fn canary_a_shifted_pattern_is_late() {
     let worst = difference(&scene, &edge(2.29), Lattice::First, 20);
     assert!((worst.rms_us - 83.3).abs() < 4.0, "{worst:?}");
 }
+
+#[test]
+fn a_truth_asked_for_again_is_read() {
+    let mut scene = scene();
+    let wave = Waveform { shape: WaveShape::Sine, frequency_hz: 20.0, phase: 0.0, low: 0.2, high: 0.8 };
+    let material = Material { emission_waveform: Some(wave), ..grey(1.0) };
+    add(&mut scene, card(-3.0, 3.0, -3.0, 3.0), material, at(DVec3::new(0.0, 0.0, -2.0)));
+    let folder = std::env::temp_dir().join(format!("evis-truth-cache-{}", std::process::id()));
+    let settings = TruthSettings { duration_us: 20_000, ..settings(Lattice::First, PixelChoice::Count(2)) };
+    let first = evis_truth::cached(&folder, &scene, &settings, &|_| true).unwrap();
+    assert!(!first.events.is_empty());
+    // Read, not made: a stop would end the making.
+    let again = evis_truth::cached(&folder, &scene, &settings, &|_| false).unwrap();
+    assert_eq!(first, again);
+    let other = TruthSettings { duration_us: 21_000, ..settings };
+    assert!(
+        evis_truth::cached(&folder, &scene, &other, &|_| false).is_err(),
+        "canary: another truth is made"
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+}

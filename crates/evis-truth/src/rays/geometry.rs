@@ -83,8 +83,19 @@ pub struct Matter {
 /// An object that is not still, at an instant.
 #[derive(Clone, Debug)]
 enum Placed {
-    Rigid { world: DMat4, local: DMat4, cofactor: DMat3, sign: f64, low: DVec3, high: DVec3 },
+    Rigid(Box<Pose>),
     Deformed { vertices: Vec<Vertex>, mirrored: bool, tree: Bvh },
+}
+
+/// Where a rigid object is, and the box around it.
+#[derive(Clone, Debug)]
+struct Pose {
+    world: DMat4,
+    local: DMat4,
+    cofactor: DMat3,
+    sign: f64,
+    low: DVec3,
+    high: DVec3,
 }
 
 /// Everything that can be hit, at one instant.
@@ -215,7 +226,7 @@ impl Geometry {
     /// World boxes (low, high) of the objects that are not still.
     pub fn moving_boxes(&self) -> impl Iterator<Item = (DVec3, DVec3)> + '_ {
         self.placed.iter().filter_map(|placed| match placed {
-            Placed::Rigid { low, high, .. } => Some((*low, *high)),
+            Placed::Rigid(pose) => Some((pose.low, pose.high)),
             Placed::Deformed { tree, .. } => tree.bounds(),
         })
     }
@@ -229,14 +240,14 @@ impl Geometry {
         match &object.body {
             Body::Still { vertices, .. } => corners.map(|c| vertices[c]),
             Body::Rigid { vertices, .. } => match placed() {
-                Placed::Rigid { world, cofactor, sign, .. } => {
-                    corners.map(|c| carried(&vertices[c], world, cofactor, *sign))
+                Placed::Rigid(pose) => {
+                    corners.map(|c| carried(&vertices[c], &pose.world, &pose.cofactor, pose.sign))
                 }
                 Placed::Deformed { vertices, .. } => corners.map(|c| vertices[c]),
             },
             Body::Deforming => match placed() {
                 Placed::Deformed { vertices, .. } => corners.map(|c| vertices[c]),
-                Placed::Rigid { .. } => [Vertex::default(); 3],
+                Placed::Rigid(_) => [Vertex::default(); 3],
             },
         }
     }
@@ -318,16 +329,16 @@ impl Geometry {
     ) -> Option<R> {
         let object = self.matter.moving[slot];
         match (placed, &self.matter.objects[object].body) {
-            (Placed::Rigid { local, low, high, .. }, Body::Rigid { tree, .. }) => {
+            (Placed::Rigid(pose), Body::Rigid { tree, .. }) => {
                 let inverse = direction.recip();
-                let (a, b) = ((*low - origin) * inverse, (*high - origin) * inverse);
+                let (a, b) = ((pose.low - origin) * inverse, (pose.high - origin) * inverse);
                 let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z)).max(near);
                 let leave = a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(far);
                 if enter > leave {
                     return None;
                 }
                 // Affine maps keep the parameter along a ray, and the triangle keeps its own winding.
-                let (o, d) = (local.transform_point3(origin), local.transform_vector3(direction));
+                let (o, d) = (pose.local.transform_point3(origin), pose.local.transform_vector3(direction));
                 Some(look(tree, o, d, &|m| hit(object, m, false)))
             }
             (Placed::Deformed { mirrored, tree, .. }, _) => {
@@ -372,7 +383,7 @@ fn place(object: &Object, scene: &Scene, state: &SceneState) -> Placed {
         let slack = 1e-9 * (1.0 + corners.0.abs().max(corners.1.abs()));
         corners = (corners.0 - slack, corners.1 + slack);
     }
-    Placed::Rigid { world, local, cofactor, sign, low: corners.0, high: corners.1 }
+    Placed::Rigid(Box::new(Pose { world, local, cofactor, sign, low: corners.0, high: corners.1 }))
 }
 
 /// Most flat faces that are told apart in one object: a shape of more is as good as smooth.
