@@ -48,8 +48,8 @@ fn material_uv(v: Varyings, slot: u32) -> vec2<f32> {
 // would lose along the shorter one what the samples resolve. As many places along the longer axis need no finer level.
 // Twin: evis_truth::rays::TextureFilter::Mipmapped.
 fn texture_level(uv: vec2<f32>, size: vec2<u32>) -> f32 {
-    let dx = dpdx(uv) * vec2<f32>(size);
-    let dy = dpdy(uv) * vec2<f32>(size);
+    let dx = dpdxFine(uv) * vec2<f32>(size);
+    let dy = dpdyFine(uv) * vec2<f32>(size);
     let area = abs(dx.x * dy.y - dx.y * dy.x);
     let longer = max(dot(dx, dx), dot(dy, dy));
     // Off 0, where log2 is not defined: magnified beyond any level.
