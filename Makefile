@@ -32,7 +32,7 @@ CHART_ARGS ?=
 DEMO_SCENE ?= warehouse
 DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 
-.PHONY: help setup demo test test-rust test-python check format bench chart wheel smoke docs bless clean
+.PHONY: help setup demo test test-rust test-python check format bench chart accuracy wheel smoke docs bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -91,6 +91,10 @@ chart: wheel ## Measure speed against accuracy on the built-in scenes; redraws d
 	done
 	$(BIN)/evis chart $(CHART_SCENES:%=--from docs/chart/%.json) -o docs/images/chart-builtin.svg
 	$(BIN)/evis chart $(CHART_SCENES:%=--from docs/chart/%.json) --render-ms 10 -o docs/images/chart-builtin-10ms.svg
+
+accuracy: wheel ## Measure what limits accuracy; refills the tables of docs/accuracy.md.
+	tools/install "$(BIN)"
+	$(BIN)/python tools/accuracy.py $(BIN)/evis
 
 wheel: setup ## Build the abi3 wheel into dist/.
 	rm -f dist/evis-*.whl

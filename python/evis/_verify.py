@@ -64,7 +64,8 @@ class FormCheck:
     expected_order : float or None
         The power of the interval with which it should.
     order, order_rms : float or None
-        Fitted to the median and to the root mean square; None where fewer than three errors exceed the rounding.
+        Fitted to the median and to the root mean square; None where fewer than three errors exceed the
+        rounding.
     rows : tuple of Convergence
         From the longest interval to the shortest.
     fault : str or None
@@ -153,10 +154,11 @@ class ErrorFit:
     against : {"truth", "finest"}
         The oracle, or the same run at the highest rate, which does not see the samples' error.
     median_us : tuple of (float, float or None)
-        Rate in Hz or number of samples, and median time error in microseconds; None where too few events have a
-        partner.
+        Rate in Hz or number of samples, and median time error in microseconds; None where too few events
+        have a partner.
     order : float or None
-        Power of the sampling interval, or of one over the number of samples; None for fewer than three errors.
+        Power of the sampling interval, or of one over the number of samples; None for fewer than three errors
+        above the rounding.
     """
 
     trigger: TriggerVariant
@@ -180,7 +182,7 @@ class SceneVerification(_Report):
 
     @property
     def chart(self) -> SceneChart:
-        """Every setting with its score at 2 ms, 1 ms, 300 us and 100 us; `floor` is the oracle's own error."""
+        """Settings, scored at 2 ms, 1 ms, 300 us and 100 us; its floor is the oracle's own error."""
         return self._chart
 
     @property

@@ -450,6 +450,14 @@ pub(crate) struct VerifySceneArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) cache: Option<PathBuf>,
 
+    /// Rise of log intensity that fires an ON event [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_on: Option<f32>,
+
+    /// Fall of log intensity that fires an OFF event, a magnitude [default: 0.2].
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    pub(crate) threshold_off: Option<f32>,
+
     /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
     #[arg(long, value_name = "NAME|INDEX")]
     pub(crate) device: Option<String>,

@@ -84,7 +84,11 @@ fn measure(name: &str, args: &VerifySceneArgs) -> anyhow::Result<Option<SceneRep
 fn settings(args: &VerifySceneArgs) -> SceneSettings {
     let default = SceneSettings::default();
     let or = |given: &[f64], usual: Vec<f64>| if given.is_empty() { usual } else { given.to_vec() };
+    let mut sensor = default.sensor.clone();
+    sensor.threshold_on = args.threshold_on.unwrap_or(sensor.threshold_on);
+    sensor.threshold_off = args.threshold_off.unwrap_or(sensor.threshold_off);
     SceneSettings {
+        sensor,
         rates_hz: or(&args.rates, default.rates_hz),
         samples: if args.samples.is_empty() { default.samples } else { args.samples.clone() },
         triggers: if args.triggers.is_empty() {

@@ -277,11 +277,11 @@ fn fits(points: &[Point], truth: Option<&Truth>, events: &[Vec<Event>]) -> Resul
             .filter(|(p, _)| p.setting.rate_hz == highest)
             .map(|(p, _)| (f64::from(p.setting.samples), time_error(&p.score)))
             .collect();
-        if by_samples.len() > 1 {
-            let over = Swept::Samples { rate_hz: highest };
-            out.push(fit(trigger, over, Reference::Truth, by_samples));
-        }
+        let over = Swept::Samples { rate_hz: highest };
+        out.push(fit(trigger, over, Reference::Truth, by_samples));
     }
+    // One error falls nowhere.
+    out.retain(|fit| fit.median_us.len() > 1);
     Ok(out)
 }
 
@@ -419,6 +419,9 @@ impl Display for SceneReport {
             writeln!(f)?;
         }
 
+        if self.fits.is_empty() {
+            return write!(f, "\nNo orders: they take several rates or numbers of samples.");
+        }
         writeln!(
             f,
             "\nOrders: the power of the sampling interval, or of 1/samples, with which the median time error falls."
