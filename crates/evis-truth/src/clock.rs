@@ -17,6 +17,8 @@ pub struct Clock<'a> {
     scene: &'a Scene,
     textures: &'a Textures,
     matter: Arc<Matter>,
+    /// Per node, see [`moving_nodes`].
+    moves: Vec<bool>,
     camera: usize,
     pinhole: Pinhole,
     start_us: i64,
@@ -50,7 +52,7 @@ impl<'a> Clock<'a> {
         let matter = Arc::new(Matter::new(scene, &state, |node| moves[node]));
         let pinhole = pinhole(scene, camera, settings)?;
         let start_us = settings.start_us;
-        Ok(Self { scene, textures, matter, camera, pinhole, start_us, step_us: 0, shared: Vec::new() })
+        Ok(Self { scene, textures, matter, moves, camera, pinhole, start_us, step_us: 0, shared: Vec::new() })
     }
 
     /// From now on, multiples of `step_us` up to `until_us` are prepared once and kept.
@@ -90,9 +92,9 @@ impl<'a> Clock<'a> {
 
     /// Whether the camera, every light and every material stay as they are at the start.
     pub fn rests_but_for_objects(&self) -> bool {
-        let moves = moving_nodes(self.scene);
+        let moves = &self.moves;
         let node = self.scene.cameras[self.camera].node;
-        let lights = self.scene.nodes.iter().zip(&moves).all(|(n, moves)| n.light.is_none() || !moves);
+        let lights = self.scene.nodes.iter().zip(moves).all(|(n, moves)| n.light.is_none() || !moves);
         !moves[node]
             && lights
             && self.scene.lights.iter().all(|l| l.waveform.is_none())

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use crate::clock::{Clock, Moment};
 use crate::lattice::Lattice;
+use crate::rays::caster::seen_from;
 use crate::rays::{Pinhole, Textures};
 use crate::settings::{TruthError, TruthSettings};
 use crate::signal::Sampler;
@@ -172,13 +173,13 @@ fn reference(moment: &Moment) -> f64 {
     let shrink = (camera.height as f64 / REFERENCE_ROWS as f64).max(1.0);
     let (width, height) = ((camera.width as f64 / shrink) as usize, (camera.height as f64 / shrink) as usize);
     let (sx, sy) = (camera.width as f64 / width.max(1) as f64, camera.height as f64 / height.max(1) as f64);
-    let points = Sampler::new(Lattice::First);
+    let points = Lattice::First.offsets(0);
     let logs: Vec<f64> = (0..width.max(1) * height.max(1))
         .into_par_iter()
         .filter_map(|i| {
             let (x, y) = ((i % width.max(1)) as f64, (i / width.max(1)) as f64);
             // Every ninth of 144 points: sixteen, well spread.
-            let points = points.points().iter().step_by(9);
+            let points = points.iter().step_by(9);
             let count = points.len() as f64;
             let sum: f64 = points
                 .map(|[u, v]| moment.caster.look(&camera, [(x + 0.5 + u) * sx, (y + 0.5 + v) * sy]).0)
@@ -209,12 +210,8 @@ fn step_us(clock: &Clock, duration_us: i64) -> i64 {
                 })
                 .collect();
             let speed = |at: &[f64; 2]| {
-                let there = match now.caster.hit_at(&now.camera, *at) {
-                    Some(h) => {
-                        later.camera.project(later.caster.geometry().position(h.triangle, h.barycentric))
-                    }
-                    None => later.camera.project_direction(now.camera.ray(*at).direction),
-                };
+                let (hit, ray) = (now.caster.hit_at(&now.camera, *at), now.camera.ray(*at));
+                let there = seen_from(hit, &ray, later.caster.geometry(), &later.camera);
                 there.map_or(0.0, |[x, y]| (x - at[0]).hypot(y - at[1]) / 100e-6)
             };
             places.par_iter().map(speed).reduce(|| 0.0, f64::max)

@@ -4,7 +4,7 @@ use evis_core::Region;
 
 use crate::clock::{Clock, Moment};
 use crate::rays::Hit;
-use crate::rays::caster::Kind;
+use crate::rays::caster::{Kind, seen_from};
 use crate::signal::at;
 
 /// Rays per probe, along each side of the pixel.
@@ -33,14 +33,11 @@ pub fn probe(clock: &Clock, now: &Moment, t_us: f64, x: u16, y: u16) -> Probe {
     let rays: Vec<_> = points.iter().map(|o| now.camera.ray(at(x, y, *o))).collect();
     let hits: Vec<Option<Hit>> =
         points.iter().map(|o| now.caster.hit_at(&now.camera, at(x, y, *o))).collect();
-    let kinds: Vec<Kind> = points.iter().map(|o| now.caster.kind(&now.camera, at(x, y, *o))).collect();
+    let kinds: Vec<Kind> = hits.iter().zip(&rays).map(|(hit, ray)| now.caster.kind_seen(*hit, ray)).collect();
 
     let (before, after) = (clock.at(t_us - HALF_US), clock.at(t_us + HALF_US));
     let speed = hits.iter().zip(&rays).map(|(hit, ray)| {
-        let seen = |moment: &Moment| match hit {
-            Some(h) => moment.camera.project(moment.caster.geometry().position(h.triangle, h.barycentric)),
-            None => moment.camera.project_direction(ray.direction),
-        };
+        let seen = |moment: &Moment| seen_from(*hit, ray, moment.caster.geometry(), &moment.camera);
         match (seen(&before), seen(&after)) {
             (Some(a), Some(b)) => (b[0] - a[0]).hypot(b[1] - a[1]) / (2.0 * HALF_US * 1e-6),
             _ => 0.0,
@@ -48,8 +45,7 @@ pub fn probe(clock: &Clock, now: &Moment, t_us: f64, x: u16, y: u16) -> Probe {
     });
     let speed = speed.fold(0.0, f64::max);
 
-    let objects = |k: &Kind| k.object;
-    let outline = kinds.iter().any(|k| objects(k) != objects(&kinds[0]))
+    let outline = kinds.iter().any(|k| k.object != kinds[0].object)
         || hits.iter().zip(&rays).any(|(hit, ray)| {
             // Where the first sample's plane continues along this ray.
             let (Some(first), Some(hit)) = (hits[0], hit) else { return false };

@@ -57,6 +57,18 @@ impl Sums {
         self.squares += luminance * luminance;
     }
 
+    fn join(mut self, other: &Self) -> Self {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.squares += other.squares;
+        self
+    }
+
+    /// The mean, as well as a lattice of `n` samples knows it.
+    fn reading(&self, n: f64) -> Reading {
+        Reading { luminance: self.mean(), error: estimated_error(self.variance().sqrt(), self.mean(), n) }
+    }
+
     fn mean(&self) -> f64 {
         self.sum / self.count.max(1.0)
     }
@@ -85,7 +97,7 @@ impl Sampler {
             let (luminance, _) = moment.caster.look(&moment.camera, at(x, y, *o));
             all.add(luminance);
         }
-        Reading { luminance: all.mean(), error: estimated_error(all.variance().sqrt(), all.mean(), n) }
+        all.reading(n)
     }
 
     /// Mean light on pixel (x, y), with as many samples as a relative error of `wanted` needs.
@@ -110,11 +122,7 @@ impl Sampler {
             reading = if kinds.len() > 1 {
                 self.with_edges(moment, x, y, &kinds, n)
             } else {
-                let all = kinds.into_values().next().unwrap_or_default();
-                Reading {
-                    luminance: all.mean(),
-                    error: estimated_error(all.variance().sqrt(), all.mean(), n),
-                }
+                kinds.into_values().next().unwrap_or_default().reading(n)
             };
             if reading.error <= wanted {
                 break;
@@ -128,12 +136,7 @@ impl Sampler {
     /// that change less are taken.
     fn with_edges(&self, moment: &Moment, x: u16, y: u16, kinds: &BTreeMap<Kind, Sums>, n: f64) -> Reading {
         let steps = LINE_STEPS[usize::from(kinds.values().any(|s| s.count < SLIVER * n))];
-        let overall = kinds.values().fold(Sums::default(), |mut all, s| {
-            all.count += s.count;
-            all.sum += s.sum;
-            all.squares += s.squares;
-            all
-        });
+        let overall = kinds.values().fold(Sums::default(), Sums::join);
         let spread = overall.variance().sqrt();
         let mean_of = |kind: &Kind| kinds.get(kind).map_or(overall.mean(), Sums::mean);
         let (mut best, mut least) = (Areas::default(), f64::INFINITY);

@@ -81,16 +81,7 @@ pub struct Rules {
 
 /// Walks pixel (x, y).
 pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, x: u16, y: u16) -> PixelTruth {
-    let mut walker = Walker {
-        clock,
-        sampler,
-        rules,
-        x,
-        y,
-        reference: 0.0,
-        truth: PixelTruth::default(),
-        coarse_luminance: (0.0, 0.0),
-    };
+    let mut walker = Walker { clock, sampler, rules, x, y, reference: 0.0, truth: PixelTruth::default() };
     walker.reference = walker.fine(0.0, 0.0).log;
     walker.regions();
     // Looks before, at both ends of, and after the interval in work.
@@ -136,8 +127,6 @@ struct Walker<'a, 's> {
     y: u16,
     reference: f64,
     truth: PixelTruth,
-    /// The last coarse reading and its time.
-    coarse_luminance: (f64, f64),
 }
 
 impl Walker<'_, '_> {
@@ -151,9 +140,7 @@ impl Walker<'_, '_> {
 
     fn coarse(&mut self, t_us: f64) -> Look {
         self.truth.readings += 1;
-        let reading = self.sampler.coarse(&self.clock.at(t_us), self.x, self.y);
-        self.coarse_luminance = (t_us, reading.luminance);
-        self.look(t_us, reading)
+        self.look(t_us, self.sampler.coarse(&self.clock.at(t_us), self.x, self.y))
     }
 
     fn fine(&mut self, t_us: f64, wanted: f64) -> Look {

@@ -118,13 +118,7 @@ impl Bvh {
             return false;
         }
         let inverse = direction.recip();
-        let enters = |node: &Node, far: f64| {
-            let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
-            // A ray within a slab's face gives 0 * inf: min and max drop the NaN, which keeps the box.
-            let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z)).max(near);
-            let leave = a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(far);
-            (enter <= leave).then_some(enter)
-        };
+        let enters = |node: &Node, far: f64| enter_box((node.low, node.high), origin, inverse, near, far);
         let mut stack = [(0_u32, 0.0_f64); STACK];
         let mut depth = 0;
         let mut current = enters(&self.nodes[0], far).map(|_| 0_u32);
@@ -218,6 +212,22 @@ impl Triangle {
             counter_clockwise: determinant > 0.0,
         })
     }
+}
+
+/// Where within `[near, far]` a ray enters the box (low, high); `None` where it does not. `inverse` is one over its
+/// direction.
+pub(super) fn enter_box(
+    (low, high): (DVec3, DVec3),
+    origin: DVec3,
+    inverse: DVec3,
+    near: f64,
+    far: f64,
+) -> Option<f64> {
+    let (a, b) = ((low - origin) * inverse, (high - origin) * inverse);
+    // A ray within a slab's face gives 0 * inf: min and max drop the NaN, which keeps the box.
+    let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z)).max(near);
+    let leave = a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(far);
+    (enter <= leave).then_some(enter)
 }
 
 /// A triangle while the tree is built.

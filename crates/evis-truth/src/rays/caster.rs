@@ -4,6 +4,7 @@ use evis_scene::{AlphaMode, Material, Primitive, Scene, SceneState, TextureRef};
 use glam::{DVec2, DVec3, DVec4};
 use rayon::prelude::*;
 
+use super::bvh::enter_box;
 use super::geometry::{Geometry, Hit, Object};
 use super::pinhole::{Pinhole, Ray};
 use super::shade::{self, Lamp, Surface, rgb};
@@ -131,8 +132,12 @@ impl<'a> RayCaster<'a> {
     /// Of what kind one image point is; the same as of [`RayCaster::look`], for less.
     pub fn kind(&self, camera: &Pinhole, pixel: [f64; 2]) -> Kind {
         let ray = camera.ray(pixel);
-        self.visible(camera, &ray)
-            .map_or(Kind::default(), |hit| self.kind_of(&hit, self.shadows_at(&hit, &ray)))
+        self.kind_seen(self.visible(camera, &ray), &ray)
+    }
+
+    /// Of what kind is what `ray` sees: `hit`, or the sky.
+    pub fn kind_seen(&self, hit: Option<Hit>, ray: &Ray) -> Kind {
+        hit.map_or(Kind::default(), |hit| self.kind_of(&hit, self.shadows_at(&hit, ray)))
     }
 
     fn kind_of(&self, hit: &Hit, shadows: u32) -> Kind {
@@ -174,11 +179,7 @@ impl<'a> RayCaster<'a> {
         let far = hit.map_or(f64::INFINITY, |h| h.distance);
         let meets = |origin: DVec3, direction: DVec3, far: f64| {
             let inverse = direction.recip();
-            boxes.iter().any(|(low, high)| {
-                let (a, b) = ((*low - origin) * inverse, (*high - origin) * inverse);
-                let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z)).max(0.0);
-                enter <= a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(far)
-            })
+            boxes.iter().any(|bounds| enter_box(*bounds, origin, inverse, 0.0, far).is_some())
         };
         if meets(ray.origin, ray.direction, far) {
             return true;
@@ -226,10 +227,7 @@ impl<'a> RayCaster<'a> {
     pub fn flow(&self, camera: &Pinhole, other: &Geometry, other_camera: &Pinhole) -> Vec<Option<[f64; 2]>> {
         self.for_pixels(camera, |center| {
             let ray = camera.ray(center);
-            let there = match self.visible(camera, &ray) {
-                Some(hit) => other_camera.project(other.position(hit.triangle, hit.barycentric)),
-                None => other_camera.project_direction(ray.direction),
-            }?;
+            let there = seen_from(self.visible(camera, &ray), &ray, other, other_camera)?;
             Some([there[0] - center[0], there[1] - center[1]])
         })
     }
@@ -397,6 +395,15 @@ impl<'a> RayCaster<'a> {
         self.geometry.any(ray.origin, ray.direction, start, incident.distance, |h| {
             h.triangle != hit.triangle && self.solid(h, &ray)
         })
+    }
+}
+
+/// Image point, for `camera` and `geometry` of another time, of what `ray` sees: the same point of matter, or the same
+/// direction of the sky. `None` where that is not in front of the camera.
+pub fn seen_from(hit: Option<Hit>, ray: &Ray, geometry: &Geometry, camera: &Pinhole) -> Option<[f64; 2]> {
+    match hit {
+        Some(hit) => camera.project(geometry.position(hit.triangle, hit.barycentric)),
+        None => camera.project_direction(ray.direction),
     }
 }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use evis_scene::{Primitive, Scene, SceneState};
 use glam::{DMat3, DMat4, DVec3};
 
-use super::bvh::{Bvh, Meeting};
+use super::bvh::{Bvh, Meeting, enter_box};
 
 /// A vertex in the world.
 #[derive(Clone, Copy, Debug, Default)]
@@ -330,13 +330,7 @@ impl Geometry {
         let object = self.matter.moving[slot];
         match (placed, &self.matter.objects[object].body) {
             (Placed::Rigid(pose), Body::Rigid { tree, .. }) => {
-                let inverse = direction.recip();
-                let (a, b) = ((pose.low - origin) * inverse, (pose.high - origin) * inverse);
-                let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z)).max(near);
-                let leave = a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).min(far);
-                if enter > leave {
-                    return None;
-                }
+                enter_box((pose.low, pose.high), origin, direction.recip(), near, far)?;
                 // Affine maps keep the parameter along a ray, and the triangle keeps its own winding.
                 let (o, d) = (pose.local.transform_point3(origin), pose.local.transform_vector3(direction));
                 Some(look(tree, o, d, &|m| hit(object, m, false)))
