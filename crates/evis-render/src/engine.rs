@@ -80,7 +80,9 @@ impl Context {
         let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
         let plan = self.shadows.as_ref().map(|s| &s.plan);
         let moving = plan.is_some_and(ShadowPlan::moves);
-        let request = FrameRequest { views, times_s: &times_s, shadows: plan, shadow_maps: moving };
+        let occluders = self.shadows.as_ref().and_then(|s| s.occluders.as_ref());
+        let request =
+            FrameRequest { views, times_s: &times_s, shadows: plan, occluders, shadow_maps: moving };
         self.frame_data.build(&self.scene, &self.gpu_scene, &request);
         self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
     }
@@ -105,6 +107,17 @@ impl Context {
             }
         }
     }
+}
+
+/// Every environment's scene at the start.
+fn starts(scene: &Scene, environments: usize, start_us: i64) -> Vec<SceneState> {
+    (0..environments)
+        .map(|environment| {
+            let mut state = SceneState::default();
+            scene.evaluate_variant(scene.variants.get(environment), start_us as f64 * 1e-6, &mut state);
+            state
+        })
+        .collect()
 }
 
 /// The environments of `views`, which are environment-major.
@@ -187,10 +200,12 @@ impl Engine {
         let layouts = SurfaceLayouts::new(device);
         let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
         let environments = scene.variants.len().max(1);
-        let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, environments as u32);
+        let states = starts(&scene, environments, config.start_us);
+        let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, &states);
         let constants = SceneConstants {
             lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),
             shadows: shadows.is_some(),
+            shadow_rays: shadows.as_ref().is_some_and(|s| s.occluders.is_some()),
             environment: scene.environment.is_some(),
             samples,
         };
@@ -211,7 +226,12 @@ impl Engine {
             LabelRoom::new(device, &layouts, &scene, &gpu_scene, &views, config, &constants, device_limits)?;
         let shadow_maps =
             shadows.as_ref().map_or_else(|| ShadowRoom::empty(device), |room| room.array.clone());
-        let surroundings = gpu_scene.surroundings.group(device, &layouts, &shadow_maps);
+        let surroundings = gpu_scene.surroundings.group(
+            device,
+            &layouts,
+            &shadow_maps,
+            shadows.as_ref().and_then(|s| s.occluders.as_ref()),
+        );
         let [r, g, b] = scene.background.map(f64::from);
         let mut context = Context {
             gpu: gpu.clone(),
@@ -319,14 +339,6 @@ impl Engine {
     /// next delivery goes on from there.
     pub fn stop(&self) -> &Arc<AtomicBool> {
         &self.stop
-    }
-
-    /// Mean luminance of view `view` at stream time `t_us`, for comparison with the CPU twin.
-    #[cfg(test)]
-    pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
-        let group = self.groups.iter().find(|group| group.views.contains(&view));
-        let targets = group.map_or(0, |group| group.targets);
-        mean_luminance(&mut self.context, &self.targets[targets], view, t_us)
     }
 
     /// Sample offsets in pixels, in layer order.
@@ -696,6 +708,18 @@ pub(crate) fn wait_mapped(
                 ));
             }
         }
+    }
+}
+
+impl Engine {
+    /// What view `view` shows at stream time `t_us`, as its pixels integrate it: mean luminance over the samples, row-major
+    /// from the top. The stream is left as it is.
+    pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
+        let group = self.groups.iter().find(|g| g.views.contains(&view));
+        let Some(group) = group else {
+            return Err(EngineError::Device(format!("there is no view {view}")));
+        };
+        mean_luminance(&mut self.context, &self.targets[group.targets], view, t_us)
     }
 }
 

@@ -4,9 +4,10 @@ use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
 use crate::gpu_scene::{DrawItem, GpuScene, Object};
+use crate::occluders::{self, Occluders};
 use crate::pass::raster::frame_stride;
 use crate::shadow::{LightView, ShadowPlan};
-use crate::uniforms::{Frame, InstanceRecord, LightRecord, ObjectRecord};
+use crate::uniforms::{Frame, InstanceRecord, LightRecord, ObjectRecord, OccluderRecord};
 use crate::variant::light_kind;
 use crate::view::{PixelLens, View};
 
@@ -23,6 +24,8 @@ pub struct FrameData {
     pub joints: Vec<[f32; 4]>,
     /// Weights.
     pub morph_weights: Vec<f32>,
+    /// Per environment and instant: what moves and throws shadows.
+    pub occluders: Vec<OccluderRecord>,
     /// Per frame: what is in view, nearest first.
     pub visible: Vec<Vec<DrawItem>>,
     state: SceneState,
@@ -37,6 +40,8 @@ pub struct FrameRequest<'a> {
     pub times_s: &'a [f64],
     /// Lights that throw shadows.
     pub shadows: Option<&'a ShadowPlan>,
+    /// What their rays are cast through.
+    pub occluders: Option<&'a Occluders>,
     /// Whether records that draw shadow maps are made too, of every environment, instant and light.
     pub shadow_maps: bool,
 }
@@ -57,6 +62,7 @@ impl FrameData {
         self.objects.resize(frame_count * objects.len(), ObjectRecord::default());
         self.joints.clear();
         self.morph_weights.clear();
+        self.occluders.clear();
         self.visible.resize_with(frame_count, Vec::new);
 
         let mut state = std::mem::take(&mut self.state);
@@ -128,8 +134,13 @@ impl FrameData {
                 self.objects.extend(&records);
             }
         }
+        let rays = request.occluders.map_or(ShadowRays::NONE, |occluders| {
+            let first = self.occluders.len() as u32;
+            self.occluders.extend(occluders.records(&world));
+            ShadowRays { root: occluders.still_root(environment), first, count: occluders.moving_count() }
+        });
         let shadow_layer_base = (environment * light_views.len()) as u32;
-        Shared { lights, world, records, shadow_layer_base }
+        Shared { lights, world, records, shadow_layer_base, rays }
     }
 
     #[expect(
@@ -149,7 +160,7 @@ impl FrameData {
         let world_from_camera = rigid(&state.world_from_node[view.node]);
         let camera_from_world = world_from_camera.inverse();
         let clip_from_world = view.lens.clip_from_camera() * camera_from_world;
-        let frame = frame(scene, view, &world_from_camera, shared.shadow_layer_base);
+        let frame = frame(scene, view, &world_from_camera, shared);
         let (head, tail) = self.frames[bytes].split_at_mut(size_of::<Frame>());
         head.copy_from_slice(bytemuck::bytes_of(&frame));
         let lights: &[u8] = bytemuck::cast_slice(&shared.lights);
@@ -170,6 +181,19 @@ struct Shared {
     world: Vec<DMat4>,
     records: Vec<ObjectRecord>,
     shadow_layer_base: u32,
+    rays: ShadowRays,
+}
+
+/// What shadow rays are cast through, at an instant.
+#[derive(Clone, Copy)]
+struct ShadowRays {
+    root: u32,
+    first: u32,
+    count: u32,
+}
+
+impl ShadowRays {
+    const NONE: Self = Self { root: occluders::END, first: 0, count: 0 };
 }
 
 /// What `lens` may see, nearest first: what is hidden is then rarely shaded. The order is a function of poses
@@ -233,7 +257,7 @@ fn instance_record(world: &DMat4, clip: &DMat4) -> InstanceRecord {
     InstanceRecord { clip_from_object: columns(clip), world_row_0, world_row_1, world_row_2 }
 }
 
-fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, shadow_layer_base: u32) -> Frame {
+fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, shared: &Shared) -> Frame {
     let p = world_from_camera.w_axis;
     let axis = |a: glam::DVec4, w: f64| [a.x as f32, a.y as f32, a.z as f32, w as f32];
     let [r, g, b] = scene.background;
@@ -246,10 +270,10 @@ fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, shadow_layer_bas
         ray: view.lens.ray().map(|v| v as f32),
         background: [r, g, b, environment.map_or(0.0, |e| e.intensity)],
         ambient: [ar, ag, ab, environment.map_or(0.0, |e| e.rotation)],
-        shadow_layer_base,
-        pad_0: 0,
-        pad_1: 0,
-        pad_2: 0,
+        shadow_layer_base: shared.shadow_layer_base,
+        occluder_root: shared.rays.root,
+        occluder_first: shared.rays.first,
+        occluder_count: shared.rays.count,
     }
 }
 
@@ -306,7 +330,8 @@ pub fn columns(m: &DMat4) -> [[f32; 4]; 4] {
     m.as_mat4().to_cols_array_2d()
 }
 
-fn rows(m: &DMat4) -> [[f32; 4]; 3] {
+/// First three rows in f32.
+pub fn rows(m: &DMat4) -> [[f32; 4]; 3] {
     let t = m.transpose();
     [t.x_axis, t.y_axis, t.z_axis].map(|r| r.as_vec4().to_array())
 }

@@ -54,6 +54,7 @@ pub struct FrameBuffers {
     objects: GrowingBuffer,
     joints: GrowingBuffer,
     morph_weights: GrowingBuffer,
+    occluders: GrowingBuffer,
     frame_bytes: u64,
     group: Option<wgpu::BindGroup>,
 }
@@ -69,6 +70,7 @@ impl FrameBuffers {
             objects: storage("objects"),
             joints: storage("joints"),
             morph_weights: storage("morph weights"),
+            occluders: storage("occluders"),
             frame_bytes: raster::frame_bytes(light_count),
             group: None,
         }
@@ -88,6 +90,7 @@ impl FrameBuffers {
         stale |= self.objects.write(device, queue, bytemuck::cast_slice(&data.objects));
         stale |= self.joints.write(device, queue, bytemuck::cast_slice(&data.joints));
         stale |= self.morph_weights.write(device, queue, bytemuck::cast_slice(&data.morph_weights));
+        stale |= self.occluders.write(device, queue, bytemuck::cast_slice(&data.occluders));
         let group = match self.group.take().filter(|_| !stale) {
             Some(group) => group,
             None => {
@@ -102,6 +105,7 @@ impl FrameBuffers {
                     self.joints.get().as_entire_binding(),
                     self.morph_weights.get().as_entire_binding(),
                     morph_data.as_entire_binding(),
+                    self.occluders.get().as_entire_binding(),
                 ];
                 pass::group(device, "frame", &layouts.frame, FRAME_BINDINGS, resources)
             }

@@ -7,6 +7,7 @@ use evis_scene::{AlphaMode, Scene, SceneState, ShadingModel, TextureRef, Wrap};
 use glam::{DVec3, Vec3};
 use wgpu::util::DeviceExt as _;
 
+use crate::occluders::Occluders;
 use crate::pass::raster::{MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, SurfaceLayouts};
 use crate::pass::{self};
 use crate::uniforms::MaterialUniform;
@@ -41,6 +42,8 @@ pub struct DrawItem {
 pub struct Object {
     /// Node.
     pub node: usize,
+    /// Primitive of the node's mesh.
+    pub primitive: usize,
     /// Material, for its emission waveform.
     pub material: usize,
     /// Skin, where the primitive has joints.
@@ -94,17 +97,26 @@ pub struct Surroundings {
     cube_sampler: wgpu::Sampler,
     brdf_lut: wgpu::TextureView,
     shadow_sampler: wgpu::Sampler,
+    shadow_texels: wgpu::Sampler,
 }
 
 impl Surroundings {
-    /// Group 2 with `shadow_maps`.
+    /// Group 2 with `shadow_maps` and what their rays are cast through.
     pub fn group(
         &self,
         device: &wgpu::Device,
         layouts: &SurfaceLayouts,
         shadow_maps: &wgpu::TextureView,
+        occluders: Option<&Occluders>,
     ) -> wgpu::BindGroup {
         use wgpu::BindingResource::{Sampler, TextureView};
+        // A binding may not be empty.
+        let words = occluders.map_or(&[][..], |o| &o.words);
+        let words = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("occluders' trees"),
+            contents: if words.is_empty() { &[0; 16] } else { bytemuck::cast_slice(words) },
+            usage: wgpu::BufferUsages::STORAGE,
+        });
         let resources = vec![
             TextureView(shadow_maps),
             Sampler(&self.shadow_sampler),
@@ -113,6 +125,8 @@ impl Surroundings {
             TextureView(&self.sky),
             Sampler(&self.cube_sampler),
             TextureView(&self.brdf_lut),
+            words.as_entire_binding(),
+            Sampler(&self.shadow_texels),
         ];
         pass::group(device, "surroundings", &layouts.surroundings, SURROUNDINGS_BINDINGS, resources)
     }
@@ -306,6 +320,7 @@ fn draw_list(scene: &Scene, state: &SceneState, geometry: &Geometry) -> (Vec<Dra
         let record = objects.len() as u32;
         objects.push(Object {
             node: node_index,
+            primitive,
             material,
             skin: node.skin.filter(|_| variant.skinned),
             morph: place.morph,
@@ -530,6 +545,7 @@ fn upload_surroundings(device: &wgpu::Device, queue: &wgpu::Queue, scene: &Scene
         sky: cube("sky", environment.map(|e| &e.sky)),
         cube_sampler: device.create_sampler(&linear),
         brdf_lut,
+        shadow_texels: device.create_sampler(&wgpu::SamplerDescriptor::default()),
         shadow_sampler: device.create_sampler(&wgpu::SamplerDescriptor {
             // Reverse z: lit where the surface is at least as near to the light as what the map holds.
             compare: Some(wgpu::CompareFunction::GreaterEqual),

@@ -14,6 +14,7 @@ pub mod gpu;
 mod gpu_scene;
 mod interval;
 mod labels;
+mod occluders;
 pub mod packet;
 mod pass;
 pub mod pattern;

@@ -19,6 +19,7 @@ shaders![
     "raster/material.wgsl",
     "raster/lighting.wgsl",
     "raster/brdf.wgsl",
+    "raster/occluders.wgsl",
     "raster/shadow.wgsl",
     "raster/environment.wgsl",
     "raster/surface.wgsl",

@@ -7,6 +7,7 @@ use glam::{DMat4, DVec3, DVec4};
 use crate::engine::Context;
 use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::gpu_scene::{DrawItem, GpuScene, moves};
+use crate::occluders::Occluders;
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::shadow_map;
@@ -152,6 +153,8 @@ impl ShadowPlan {
 pub struct ShadowRoom {
     /// What is drawn, and when.
     pub plan: ShadowPlan,
+    /// What rays are cast through along shadows' borders; `None` where the maps decide alone.
+    pub occluders: Option<Occluders>,
     /// All layers: environment-major, then light.
     pub array: wgpu::TextureView,
     texture: wgpu::Texture,
@@ -165,16 +168,17 @@ pub struct ShadowRoom {
 }
 
 impl ShadowRoom {
-    /// `None` where no light throws shadows.
+    /// `None` where no light throws shadows. `states`: every environment's scene at the start.
     pub fn new(
         device: &wgpu::Device,
         layouts: &SurfaceLayouts,
         scene: &Scene,
         gpu_scene: &GpuScene,
-        environments: u32,
+        states: &[SceneState],
     ) -> Option<Self> {
         let plan = ShadowPlan::new(scene, scene_bounds(scene)?)?;
-        let count = plan.nodes.len() as u32 * environments;
+        let occluders = Occluders::new(scene, gpu_scene, states);
+        let count = plan.nodes.len() as u32 * states.len() as u32;
         let texture = map_texture(device, SHADOW_MAP_EDGE, count);
         let still = plan.moves().then(|| {
             let texture = map_texture(device, SHADOW_MAP_EDGE, count);
@@ -184,12 +188,14 @@ impl ShadowRoom {
         let constants = SceneConstants {
             lights: LightSet::new(scene, |node| plan.layer_of(node)),
             shadows: false,
+            shadow_rays: occluders.is_some(),
             environment: false,
             samples: 1,
         };
         let pipelines = shadow_map::pipelines(device, layouts, gpu_scene.variants().into_iter(), &constants);
         Some(Self {
             plan,
+            occluders,
             array: array_view(&texture),
             layers: layer_views(&texture, count),
             texture,
@@ -283,6 +289,7 @@ pub fn draw_still_maps(context: &mut Context) {
         views: &views,
         times_s: &[context.scene_time_s(0)],
         shadows: Some(&room.plan),
+        occluders: room.occluders.as_ref(),
         shadow_maps: true,
     };
     context.frame_data.build(&context.scene, &context.gpu_scene, &request);

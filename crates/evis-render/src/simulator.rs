@@ -69,6 +69,15 @@ impl Simulator {
         self.engine.now_us()
     }
 
+    /// What view `view` shows at stream time `t_us`, as its pixels integrate it: mean linear luminance over the samples,
+    /// row-major from the top. The stream is left as it is.
+    ///
+    /// # Errors
+    /// A view that does not exist, or a device that fails.
+    pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
+        self.engine.luminance(view, t_us)
+    }
+
     /// Set from another thread, it ends a step after the submission in work with [`EngineError::Stopped`].
     /// Nothing is lost: cleared, the next step delivers everything from [`Simulator::now_us`] on.
     pub fn stop(&self) -> &Arc<AtomicBool> {

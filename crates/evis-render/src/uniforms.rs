@@ -23,6 +23,26 @@ pub struct Frame {
     pub ambient: [f32; 4],
     /// First shadow layer of the environment.
     pub shadow_layer_base: u32,
+    /// Root of the tree of what never moves.
+    pub occluder_root: u32,
+    /// First record of what moves.
+    pub occluder_first: u32,
+    /// Records of what moves.
+    pub occluder_count: u32,
+}
+
+/// `OccluderRecord` in `raster/occluders.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct OccluderRecord {
+    /// First row of `object_from_world`.
+    pub object_row_0: [f32; 4],
+    /// Second row.
+    pub object_row_1: [f32; 4],
+    /// Third row.
+    pub object_row_2: [f32; 4],
+    /// Root of its tree.
+    pub root: u32,
     /// Zero.
     pub pad_0: u32,
     /// Zero.

@@ -13,9 +13,10 @@ struct Frame {
     ambient: vec4<f32>,
     // First shadow map layer of this environment.
     shadow_layer_base: u32,
-    pad_0: u32,
-    pad_1: u32,
-    pad_2: u32,
+    // Shadow rays: root of the tree of what never moves; records of what does.
+    occluder_root: u32,
+    occluder_first: u32,
+    occluder_count: u32,
     lights: array<Light, LIGHT_CAPACITY>,
 };
 

@@ -6,11 +6,16 @@ struct Incident {
     to_light: vec3<f32>,
     // Irradiance on a surface that faces the light.
     irradiance: vec3<f32>,
+    // Metres to the light.
+    distance: f32,
 };
+
+// Farther than anything.
+const DIRECTIONAL_DISTANCE: f32 = 1e30;
 
 fn incident_light(light: Light, position: vec3<f32>) -> Incident {
     if (light.position_kind.w < 0.5) {
-        return Incident(-light.direction_range.xyz, light.radiance_shadow.rgb);
+        return Incident(-light.direction_range.xyz, light.radiance_shadow.rgb, DIRECTIONAL_DISTANCE);
     }
     let offset = light.position_kind.xyz - position;
     // A light on the surface itself: closer than a millimetre counts as a millimetre.
@@ -25,5 +30,5 @@ fn incident_light(light: Light, position: vec3<f32>) -> Incident {
         let angular = clamp(cd * light.spot.x + light.spot.y, 0.0, 1.0);
         attenuation *= angular * angular;
     }
-    return Incident(to_light, light.radiance_shadow.rgb * attenuation);
+    return Incident(to_light, light.radiance_shadow.rgb * attenuation, sqrt(distance_squared));
 }

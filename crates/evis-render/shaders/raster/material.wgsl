@@ -18,8 +18,12 @@ override HAS_EMISSIVE_TEXTURE: bool = false;
 override ALPHA_MASK: bool = false;
 // Whether any texture is read elsewhere than at the first uv set as it is.
 override UV_TRANSFORM: bool = true;
-// Shares of a pixel's footprint by which one sample reads a texture; see texture_samples() in pass/raster.rs.
+// Into as many shares a pixel's footprint is divided: one for each sample.
+override TEXTURE_SHARES: f32 = 1.0;
+// Smaller shares, by which a sample reads a texture at one place; see texture_samples() in pass/raster.rs.
 override TEXTURE_SAMPLES: f32 = 1.0;
+// Places at which a sample reads such a texture, at most, along each side of its share.
+override TEXTURE_TAPS: f32 = 4.0;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var base_texture: texture_2d<f32>;
@@ -56,12 +60,57 @@ fn texture_level(uv: vec2<f32>, size: vec2<u32>) -> f32 {
     return 0.5 * log2(max(max(area / TEXTURE_SAMPLES, longer / (TEXTURE_SAMPLES * TEXTURE_SAMPLES)), 1e-12));
 }
 
+// Where a sample reads a texture that light is proportional to: on a grid over its share of the pixel's footprint, as fine
+// as texels are.
+struct Taps {
+    first: vec2<f32>,
+    // From one to the next, along the picture's rows and columns.
+    right: vec2<f32>,
+    down: vec2<f32>,
+    columns: u32,
+    rows: u32,
+    // What the grid is too coarse for, the mip levels average.
+    level: f32,
+};
+
+// Twin: evis_truth::rays::texture, taps().
+fn texture_taps(uv: vec2<f32>, size: vec2<u32>) -> Taps {
+    let share = inverseSqrt(TEXTURE_SHARES);
+    let dx = dpdxFine(uv) * share;
+    let dy = dpdyFine(uv) * share;
+    let texels = vec2<f32>(length(dx * vec2<f32>(size)), length(dy * vec2<f32>(size)));
+    let count = clamp(ceil(texels), vec2<f32>(1.0), vec2<f32>(TEXTURE_TAPS));
+    let apart = texels / count;
+    let first = uv - 0.5 * (dx + dy) + 0.5 * (dx / count.x + dy / count.y);
+    // Off 0, where log2 is not defined: magnified beyond any level.
+    let level = log2(max(max(apart.x, apart.y), 1e-12));
+    return Taps(first, dx / count.x, dy / count.y, u32(count.x), u32(count.y), level);
+}
+
+fn texture_mean(image: texture_2d<f32>, filtering: sampler, uv: vec2<f32>) -> vec4<f32> {
+    let taps = texture_taps(uv, textureDimensions(image));
+    var sum = vec4<f32>(0.0);
+    for (var row = 0u; row < taps.rows; row++) {
+        for (var column = 0u; column < taps.columns; column++) {
+            let at = taps.first + f32(column) * taps.right + f32(row) * taps.down;
+            sum += textureSampleLevel(image, filtering, at, taps.level);
+        }
+    }
+    return sum / f32(taps.rows * taps.columns);
+}
+
 // Linear base colour and alpha: factor * texture * vertex colour.
 fn base_color(v: Varyings) -> vec4<f32> {
     var color = material.base_color * vary_color(v);
     if (HAS_BASE_TEXTURE) {
         let uv = material_uv(v, 0u);
-        color *= textureSampleLevel(base_texture, base_sampler, uv, texture_level(uv, textureDimensions(base_texture)));
+        if (ALPHA_MASK) {
+            // A hole's border lies where the texture is cut, not where its mean is.
+            color *= textureSampleLevel(
+                base_texture, base_sampler, uv, texture_level(uv, textureDimensions(base_texture)));
+        } else {
+            color *= texture_mean(base_texture, base_sampler, uv);
+        }
     }
     return color;
 }
@@ -70,8 +119,7 @@ fn emitted(v: Varyings) -> vec3<f32> {
     var color = material.emissive.rgb;
     if (HAS_EMISSIVE_TEXTURE) {
         let uv = material_uv(v, 4u);
-        let level = texture_level(uv, textureDimensions(emissive_texture));
-        color *= textureSampleLevel(emissive_texture, emissive_sampler, uv, level).rgb;
+        color *= texture_mean(emissive_texture, emissive_sampler, uv).rgb;
     }
     return color * vary_emission_factor(v);
 }

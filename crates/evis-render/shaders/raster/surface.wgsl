@@ -15,7 +15,7 @@ fn lit_by(light: Light, s: Surface) -> Incident {
     if (SHADOWS) {
         if (light.radiance_shadow.w >= 0.0 && dot(s.normal, incident.to_light) > 0.0) {
             let layer = frame.shadow_layer_base + u32(light.radiance_shadow.w);
-            incident.irradiance *= shadow_visibility(light, layer, s.position, s.surface_normal, incident.to_light);
+            incident.irradiance *= shadow_visibility(light, layer, s.position, s.surface_normal, incident);
         }
     }
     return incident;

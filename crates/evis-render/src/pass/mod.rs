@@ -33,6 +33,8 @@ pub enum Access {
     StorageLayer,
     /// Filtering sampler.
     Sampler,
+    /// Sampler that does not filter.
+    PointSampler,
     /// Comparison sampler.
     ComparisonSampler,
 }
@@ -107,6 +109,7 @@ fn binding_type(access: Access) -> wgpu::BindingType {
             view_dimension: TextureViewDimension::D2,
         },
         Access::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+        Access::PointSampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering),
         Access::ComparisonSampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison),
     }
 }

@@ -35,6 +35,7 @@ pub const FRAME_BINDINGS: &[Binding] = &[
     bind(2, "joints", Access::Read),
     bind(3, "morph_weights", Access::Read),
     bind(4, "morph_data", Access::Read),
+    bind(5, "occluders", Access::Read),
 ];
 
 /// Group 1: a material.
@@ -61,6 +62,8 @@ pub const SURROUNDINGS_BINDINGS: &[Binding] = &[
     bind(4, "sky_cube", Access::Cube),
     bind(5, "cube_sampler", Access::Sampler),
     bind(6, "brdf_lut", Access::Texture),
+    bind(7, "occluder_words", Access::Read),
+    bind(8, "shadow_texels", Access::PointSampler),
 ];
 
 /// Layouts of the groups that surface passes share.
@@ -99,6 +102,8 @@ pub struct SceneConstants {
     pub lights: LightSet,
     /// Whether any light throws shadows.
     pub shadows: bool,
+    /// Whether rays decide along their borders.
+    pub shadow_rays: bool,
     /// Whether there is an environment.
     pub environment: bool,
     /// Samples per pixel at which surfaces are shaded.
@@ -145,8 +150,10 @@ pub fn surface_pipeline(
         ("ALPHA_MASK", flag(variant.mask)),
         ("UV_TRANSFORM", flag(variant.uv_transform)),
         ("TEXTURE_SAMPLES", f64::from(texture_samples(scene.samples))),
+        ("TEXTURE_SHARES", f64::from(scene.samples)),
         ("SHADING_MODEL", f64::from(variant.model)),
         ("SHADOWS", flag(scene.shadows && variant.lit())),
+        ("SHADOW_RAYS", flag(scene.shadow_rays)),
         ("ENVIRONMENT", flag(scene.environment && variant.lit())),
     ];
     // A constant that the file does not declare is an error: pass only the ones that it has.

@@ -19,8 +19,13 @@ pub fn pipelines(
                 targets: &[],
                 interface: Interface::default(),
                 sample_count: 1,
-                // Reverse z: away from the light is towards 0. The rest of the bias is in `raster/shadow.wgsl`.
-                bias: wgpu::DepthBiasState { constant: -2, slope_scale: -1.25, clamp: 0.0 },
+                // Reverse z: away from the light is towards 0. The rest of the bias is in `raster/shadow.wgsl`. Rays need
+                // none: there, the map is compared with the surface's own plane.
+                bias: if scene.shadow_rays {
+                    wgpu::DepthBiasState::default()
+                } else {
+                    wgpu::DepthBiasState { constant: -2, slope_scale: -1.25, clamp: 0.0 }
+                },
                 cull: false,
             };
             (v, surface_pipeline(device, &what, &v, scene))

@@ -217,9 +217,9 @@ fn host_and_shader_structs_have_one_layout() {
         ("background", offset_of!(uniforms::Frame, background)),
         ("ambient", offset_of!(uniforms::Frame, ambient)),
         ("shadow_layer_base", offset_of!(uniforms::Frame, shadow_layer_base)),
-        ("pad_0", offset_of!(uniforms::Frame, pad_0)),
-        ("pad_1", offset_of!(uniforms::Frame, pad_1)),
-        ("pad_2", offset_of!(uniforms::Frame, pad_2)),
+        ("occluder_root", offset_of!(uniforms::Frame, occluder_root)),
+        ("occluder_first", offset_of!(uniforms::Frame, occluder_first)),
+        ("occluder_count", offset_of!(uniforms::Frame, occluder_count)),
     ];
     assert_eq!(fields, head.map(|(name, offset)| (name.to_owned(), offset as u32)));
     same_layout!(
@@ -256,6 +256,11 @@ fn host_and_shader_structs_have_one_layout() {
             spot,
             shadow_clip_from_world
         }
+    );
+    same_layout!(
+        "raster/luminance.wgsl",
+        "OccluderRecord",
+        uniforms::OccluderRecord { object_row_0, object_row_1, object_row_2, root, pad_0, pad_1, pad_2 }
     );
     same_layout!(
         "labels/geometry.wgsl",

@@ -1,0 +1,347 @@
+//! What throws shadows, as trees of triangles that a fragment casts rays through.
+//!
+//! A shadow map tells light from dark where its texels agree. Along a shadow's border, where they do not, a ray decides
+//! (`shaders/raster/occluders.wgsl`): borders are then as sharp as the geometry, at any size of the world.
+//! What never moves is one tree in world space; each mesh that moves has a tree in its own, and a matrix per instant.
+
+use std::ops::Range;
+
+use evis_scene::{AlphaMode, Scene, SceneState};
+use glam::{DMat4, Vec3};
+
+use crate::gpu_scene::GpuScene;
+use crate::uniforms::OccluderRecord;
+
+/// Triangles of a leaf, at most. Three bits of a leaf's word hold the number.
+const LEAF_TRIANGLES: usize = 4;
+/// Where a tree ends; also the root of an empty one.
+pub const END: u32 = u32::MAX;
+/// Words (of four numbers) of a node and of a triangle.
+const NODE_WORDS: usize = 2;
+const TRIANGLE_WORDS: usize = 3;
+/// Places at which a split is tried along each axis.
+const BINS: usize = 16;
+
+/// The trees of a scene.
+#[derive(Clone, Debug)]
+pub struct Occluders {
+    /// Nodes and triangles: what the device reads.
+    pub words: Vec<[u32; 4]>,
+    /// Per environment: root of what never moves there.
+    still_roots: Vec<u32>,
+    /// Objects that move, and the roots of their trees.
+    moving: Vec<(usize, u32)>,
+}
+
+impl Occluders {
+    /// Of `scene`, whose state at the start `states` has for each environment; `None` where the maps must decide alone, since
+    /// something deforms or has holes cut into it.
+    pub fn new(scene: &Scene, gpu_scene: &GpuScene, states: &[SceneState]) -> Option<Self> {
+        let objects = &gpu_scene.objects;
+        let rigid = objects.iter().all(|o| {
+            o.skin.is_none() && o.morph.is_none() && scene.materials[o.material].alpha == AlphaMode::Opaque
+        });
+        if !rigid {
+            return None;
+        }
+        let mut trees = Self { words: Vec::new(), still_roots: Vec::new(), moving: Vec::new() };
+        let local = |o: usize| {
+            let object = &objects[o];
+            let mesh = scene.nodes[object.node].mesh;
+            mesh.map(|m| &scene.meshes[m].primitives[object.primitive])
+        };
+        let triangles = |o: usize, place: &DMat4| -> Vec<[Vec3; 3]> {
+            let Some(primitive) = local(o) else { return Vec::new() };
+            let corner =
+                |i: u32| place.transform_point3(Vec3::from(primitive.positions[i as usize]).as_dvec3()).as_vec3();
+            primitive.indices.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]).collect()
+        };
+        // Environments that place everything alike share a tree.
+        let still: Vec<usize> = (0..objects.len()).filter(|&o| !objects[o].moving).collect();
+        for (e, state) in states.iter().enumerate() {
+            let same = states[..e].iter().position(|other| {
+                still.iter().all(|&o| {
+                    let node = objects[o].node;
+                    other.world_from_node[node] == state.world_from_node[node]
+                })
+            });
+            let root = match same {
+                Some(other) => trees.still_roots[other],
+                None => {
+                    let world = still.iter().flat_map(|&o| triangles(o, &state.world_from_node[objects[o].node]));
+                    let world = world.collect();
+                    trees.push(world)
+                }
+            };
+            trees.still_roots.push(root);
+        }
+        let mut roots = std::collections::HashMap::new();
+        for (o, object) in objects.iter().enumerate().filter(|(_, object)| object.moving) {
+            let key = (scene.nodes[object.node].mesh, object.primitive);
+            let root = *roots.entry(key).or_insert_with(|| trees.push(triangles(o, &DMat4::IDENTITY)));
+            trees.moving.push((o, root));
+        }
+        Some(trees)
+    }
+
+    /// Root of what never moves in `environment`.
+    pub fn still_root(&self, environment: usize) -> u32 {
+        self.still_roots.get(environment).copied().unwrap_or(END)
+    }
+
+    /// What moves, where `world` (per object) has it.
+    pub fn records<'a>(&'a self, world: &'a [DMat4]) -> impl Iterator<Item = OccluderRecord> + 'a {
+        self.moving.iter().map(|&(object, root)| {
+            let place = &world[object];
+            // What is flattened to nothing throws no shadow.
+            let (inverse, root) =
+                if place.determinant() == 0.0 { (DMat4::IDENTITY, END) } else { (place.inverse(), root) };
+            let [object_row_0, object_row_1, object_row_2] = crate::frame::rows(&inverse);
+            OccluderRecord { object_row_0, object_row_1, object_row_2, root, pad_0: 0, pad_1: 0, pad_2: 0 }
+        })
+    }
+
+    /// Things that move.
+    pub fn moving_count(&self) -> u32 {
+        self.moving.len() as u32
+    }
+
+    /// Adds a tree and returns its root.
+    fn push(&mut self, triangles: Vec<[Vec3; 3]>) -> u32 {
+        if triangles.is_empty() {
+            return END;
+        }
+        let root = self.words.len() as u32;
+        let mut items: Vec<Item> = triangles.into_iter().map(Item::new).collect();
+        let node = Node::new(&mut items, 0);
+        self.push_node(&node, &items, END);
+        root
+    }
+
+    /// Adds `node` and all below it, in the order in which a ray visits them. `skip`: where a ray goes on that misses the node.
+    fn push_node(&mut self, node: &Node, items: &[Item], skip: u32) {
+        let leaf_at = (self.words.len() + NODE_WORDS) as u32;
+        let leaf = if node.children.is_some() { 0 } else { leaf_at << 3 | node.items.len() as u32 };
+        // Wider than rounding in the shader's slab test can miss.
+        let margin = node.bounds.low.abs().max(node.bounds.high.abs()).max_element() * 4e-6;
+        let (low, high) = (node.bounds.low - margin, node.bounds.high + margin);
+        self.words.push([low.x.to_bits(), low.y.to_bits(), low.z.to_bits(), skip]);
+        self.words.push([high.x.to_bits(), high.y.to_bits(), high.z.to_bits(), leaf]);
+        match &node.children {
+            Some(children) => {
+                let [front, back] = &**children;
+                self.push_node(front, items, leaf_at + front.words as u32);
+                self.push_node(back, items, skip);
+            }
+            None => {
+                for item in &items[node.items.clone()] {
+                    let [a, b, c] = item.corners;
+                    let edge = |v: Vec3| [v.x.to_bits(), v.y.to_bits(), v.z.to_bits(), 0];
+                    self.words.extend([edge(a), edge(b - a), edge(c - a)]);
+                }
+            }
+        }
+    }
+}
+
+/// A part of a tree that is being made.
+struct Node {
+    bounds: Bounds,
+    /// What is below it.
+    items: Range<usize>,
+    children: Option<Box<[Self; 2]>>,
+    /// Words that it takes.
+    words: usize,
+}
+
+impl Node {
+    /// Sorts `items`, the first of which is number `first`.
+    fn new(items: &mut [Item], first: usize) -> Self {
+        let bounds = items.iter().fold(Bounds::EMPTY, |b, item| b.join(&item.bounds));
+        let range = first..first + items.len();
+        match split(items) {
+            None => {
+                let words = NODE_WORDS + items.len() * TRIANGLE_WORDS;
+                Self { bounds, items: range, children: None, words }
+            }
+            Some(middle) => {
+                let (front, back) = items.split_at_mut(middle);
+                let children = [Self::new(front, first), Self::new(back, first + middle)];
+                let words = NODE_WORDS + children[0].words + children[1].words;
+                Self { bounds, items: range, children: Some(Box::new(children)), words }
+            }
+        }
+    }
+}
+
+/// A triangle to be put into a tree.
+#[derive(Clone, Copy, Debug)]
+struct Item {
+    corners: [Vec3; 3],
+    bounds: Bounds,
+}
+
+impl Item {
+    fn new(corners: [Vec3; 3]) -> Self {
+        let [a, b, c] = corners;
+        Self { corners, bounds: Bounds { low: a.min(b).min(c), high: a.max(b).max(c) } }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Bounds {
+    const EMPTY: Self = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
+
+    fn join(&self, other: &Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    fn center(&self) -> Vec3 {
+        0.5 * (self.low + self.high)
+    }
+
+    /// Half of the surface.
+    fn area(&self) -> f32 {
+        let d = (self.high - self.low).max(Vec3::ZERO);
+        d.x * d.y + d.y * d.z + d.z * d.x
+    }
+}
+
+/// Sorts `items` into two parts and returns where the second starts, by the surface area heuristic over bins (I. Wald, "On
+/// fast Construction of SAH-based Bounding Volume Hierarchies", 2007); `None` for a leaf.
+fn split(items: &mut [Item]) -> Option<usize> {
+    if items.len() <= LEAF_TRIANGLES {
+        return None;
+    }
+    let centers = items.iter().fold(Bounds::EMPTY, |b, item| {
+        let c = item.bounds.center();
+        b.join(&Bounds { low: c, high: c })
+    });
+    let size = centers.high - centers.low;
+    let mut best: Option<(f32, usize, usize)> = None;
+    for axis in 0..3 {
+        if size[axis] <= 0.0 {
+            continue;
+        }
+        let mut bins = [(0_usize, Bounds::EMPTY); BINS];
+        for item in &*items {
+            let (count, bounds) = &mut bins[bin(item, axis, &centers)];
+            *count += 1;
+            *bounds = bounds.join(&item.bounds);
+        }
+        for at in 1..BINS {
+            let side = |bins: &[(usize, Bounds)]| {
+                bins.iter().fold((0, Bounds::EMPTY), |(n, b), (count, bounds)| (n + count, b.join(bounds)))
+            };
+            let ((n, left), (m, right)) = (side(&bins[..at]), side(&bins[at..]));
+            if n == 0 || m == 0 {
+                continue;
+            }
+            let cost = n as f32 * left.area() + m as f32 * right.area();
+            if best.is_none_or(|(least, ..)| cost < least) {
+                best = Some((cost, axis, at));
+            }
+        }
+    }
+    // All centres in one place: any halves will do.
+    let Some((_, axis, at)) = best else { return Some(items.len() / 2) };
+    items.sort_by_key(|item| bin(item, axis, &centers) >= at);
+    Some(items.iter().take_while(|item| bin(item, axis, &centers) < at).count())
+}
+
+fn bin(item: &Item, axis: usize, centers: &Bounds) -> usize {
+    let share = (item.bounds.center()[axis] - centers.low[axis]) / (centers.high[axis] - centers.low[axis]);
+    ((share * BINS as f32) as usize).min(BINS - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn corner(word: [u32; 4]) -> Vec3 {
+        let [x, y, z, _] = word.map(f32::from_bits);
+        Vec3::new(x, y, z)
+    }
+
+    fn meets([a, b, c]: [Vec3; 3], origin: Vec3, direction: Vec3) -> bool {
+        let (e1, e2) = (b - a, c - a);
+        let p = direction.cross(e2);
+        let scale = 1.0 / e1.dot(p);
+        let s = origin - a;
+        let q = s.cross(e1);
+        let (u, v, t) = (s.dot(p) * scale, direction.dot(q) * scale, e2.dot(q) * scale);
+        u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0
+    }
+
+    /// Twin of `occluded_in`: whether a ray meets anything, and nodes visited.
+    fn walk(trees: &Occluders, root: u32, origin: Vec3, direction: Vec3) -> (bool, usize) {
+        let (mut at, mut nodes) = (root, 0);
+        while at != END {
+            nodes += 1;
+            let (low, high) = (trees.words[at as usize], trees.words[at as usize + 1]);
+            let (a, b) = ((corner(low) - origin) / direction, (corner(high) - origin) / direction);
+            let (enter, leave) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
+            if enter > leave {
+                at = low[3];
+                continue;
+            }
+            let (count, first) = (high[3] & 7, (high[3] >> 3) as usize);
+            for i in 0..count as usize {
+                let word = |k| corner(trees.words[first + i * TRIANGLE_WORDS + k]);
+                if meets([word(0), word(0) + word(1), word(0) + word(2)], origin, direction) {
+                    return (true, nodes);
+                }
+            }
+            at = if count == 0 { at + NODE_WORDS as u32 } else { low[3] };
+        }
+        (false, nodes)
+    }
+
+    /// Numbers in 0..1 from a counter.
+    fn dice(n: u32) -> f32 {
+        let mut x = n.wrapping_mul(0x9e37_79b9) ^ 0x85eb_ca6b;
+        x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+        x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+        (x >> 8) as f32 / (1 << 24) as f32
+    }
+
+    #[test]
+    fn a_tree_tells_what_every_triangle_tells_and_visits_few_nodes() {
+        let point = |n: u32| Vec3::new(dice(3 * n), dice(3 * n + 1), dice(3 * n + 2));
+        let triangles: Vec<[Vec3; 3]> = (0..500)
+            .map(|i| {
+                let at = point(4 * i) * 10.0;
+                [at, at + point(4 * i + 1) * 0.6, at + point(4 * i + 2) * 0.6]
+            })
+            .collect();
+        let mut trees = Occluders { words: Vec::new(), still_roots: Vec::new(), moving: Vec::new() };
+        assert_eq!(trees.push(Vec::new()), END, "nothing has no tree");
+        // Another tree before it: roots are not all 0.
+        trees.push(triangles[..7].to_vec());
+        let root = trees.push(triangles.clone());
+        let (mut hits, mut visited, rays) = (0, 0, 2000);
+        for n in 0..rays {
+            let origin = point(10_000 + 2 * n) * 12.0 - 1.0;
+            let direction = (point(10_001 + 2 * n) - 0.5).normalize();
+            let every = triangles.iter().any(|t| meets(*t, origin, direction));
+            let (found, nodes) = walk(&trees, root, origin, direction);
+            assert_eq!(found, every, "ray {n}");
+            hits += u32::from(found);
+            visited += nodes;
+        }
+        assert!((100..1900).contains(&hits), "{hits} of {rays} rays meet something: no test of both answers");
+        assert!(visited < 60 * rays as usize, "{visited} nodes for {rays} rays through 500 triangles");
+        // Canary: the other tree is another one.
+        let wrong = (0..rays).filter(|n| {
+            let origin = point(10_000 + 2 * n) * 12.0 - 1.0;
+            let direction = (point(10_001 + 2 * n) - 0.5).normalize();
+            walk(&trees, 0, origin, direction).0 != walk(&trees, root, origin, direction).0
+        });
+        assert!(wrong.count() > 50);
+    }
+}
