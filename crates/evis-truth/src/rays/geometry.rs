@@ -8,7 +8,7 @@ use std::sync::Arc;
 use evis_scene::{Primitive, Scene, SceneState};
 use glam::{DMat3, DMat4, DVec3};
 
-use super::bvh::{Bvh, Meeting, enter_box};
+use super::bvh::{Bvh, HalfSpace, Meeting, Triangle, enter_box};
 
 /// A vertex in the world.
 #[derive(Clone, Copy, Debug, Default)]
@@ -34,6 +34,24 @@ pub struct Hit {
     pub barycentric: [f64; 3],
     /// The ray meets the outside.
     pub front: bool,
+}
+
+/// A triangle in the world that a beam may meet.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidate {
+    /// The triangle.
+    pub triangle: Triangle,
+    /// Least depth of its corners.
+    pub near: f64,
+    object: usize,
+    mirrored: bool,
+}
+
+impl Candidate {
+    /// Where a ray meets it.
+    pub fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
+        self.triangle.meet(origin, direction).map(|m| hit(self.object, &m, self.mirrored))
+    }
 }
 
 /// One primitive of one node.
@@ -306,6 +324,63 @@ impl Geometry {
                 })
                 .unwrap_or(false)
             })
+    }
+
+    /// The triangles, in the world, that may reach into all half spaces of `bounds`, but for those that lie deeper, by
+    /// `depth`, than one for which `covers` gives how deep it shuts the view; by their least depth. `None` where there
+    /// are more than `limit`.
+    pub fn within(
+        &self,
+        bounds: &[HalfSpace],
+        depth: &HalfSpace,
+        limit: usize,
+        covers: impl Fn(&Candidate) -> Option<f64>,
+    ) -> Option<Vec<Candidate>> {
+        let mut found: Vec<Candidate> = Vec::new();
+        let mut far = f64::INFINITY;
+        let mut add = |triangle: Triangle, object: usize, mirrored: bool, far: &mut f64| {
+            let near = triangle.corners().map(|c| depth.value(c)).into_iter().fold(f64::INFINITY, f64::min);
+            if near > *far {
+                return false;
+            }
+            let candidate = Candidate { triangle, object, mirrored, near };
+            if let Some(shut) = covers(&candidate)
+                && shut < *far
+            {
+                *far = shut;
+                found.retain(|c| c.near <= shut);
+            }
+            found.push(candidate);
+            found.len() > limit
+        };
+        let full = self.matter.still.within(bounds, depth, &mut far, |triangle, far| {
+            let object = self.matter.owner[triangle.id as usize] as usize;
+            let mirrored = matches!(&self.matter.objects[object].body, Body::Still { mirrored: true, .. });
+            add(*triangle, object, mirrored, far)
+        }) || self.placed.iter().enumerate().any(|(slot, placed)| {
+            let object = self.matter.moving[slot];
+            match (placed, &self.matter.objects[object].body) {
+                (Placed::Rigid(pose), Body::Rigid { tree, .. }) => {
+                    let met = |b: &HalfSpace| b.highest(pose.low, pose.high) >= 0.0;
+                    if pose.low.x > pose.high.x || !bounds.iter().all(met) {
+                        return false;
+                    }
+                    let local: Vec<HalfSpace> = bounds.iter().map(|b| b.local(&pose.world)).collect();
+                    tree.within(&local, &depth.local(&pose.world), &mut far, |triangle, far| {
+                        let corners = triangle.corners().map(|c| pose.world.transform_point3(c));
+                        add(Triangle::new(triangle.id, corners), object, pose.sign < 0.0, far)
+                    })
+                }
+                (Placed::Deformed { mirrored, tree, .. }, _) => {
+                    tree.within(bounds, depth, &mut far, |triangle, far| {
+                        add(*triangle, object, *mirrored, far)
+                    })
+                }
+                _ => false,
+            }
+        });
+        found.sort_by(|a, b| a.near.total_cmp(&b.near));
+        (!full).then_some(found)
     }
 
     fn still_hit(&self, meeting: &Meeting) -> Hit {
