@@ -5,7 +5,7 @@ use std::cell::RefCell;
 
 use glam::DVec3;
 
-use super::bvh::HalfSpace;
+use super::bvh::{HalfSpace, before};
 use super::caster::{Kind, RayCaster};
 use super::geometry::{Candidate, Hit};
 use super::pinhole::{Pinhole, Ray};
@@ -81,10 +81,8 @@ impl<'c, 's> Beam<'c, 's> {
                 break;
             }
             let Some(hit) = candidate.meet(ray.origin, ray.direction) else { continue };
-            let nearer = best.is_none_or(|b| {
-                hit.distance < b.distance || (hit.distance == b.distance && hit.triangle < b.triangle)
-            });
-            if nearer && hit.distance >= near && accept(&hit) {
+            let first = best.is_none_or(|b| before((hit.distance, hit.triangle), (b.distance, b.triangle)));
+            if first && hit.distance >= near && accept(&hit) {
                 best = Some(hit);
             }
         }
@@ -126,9 +124,10 @@ impl<'c, 's> Beam<'c, 's> {
         }
         let slack = 1e-9 * (1.0 + part.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max));
         let middle = part.iter().sum::<DVec3>() / part.len() as f64;
-        let widest = part.iter().map(|p| *p - middle).max_by(|a, b| {
-            a.length_squared().total_cmp(&b.length_squared())
-        })?;
+        let widest = part
+            .iter()
+            .map(|p| *p - middle)
+            .max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
         // Axes across the light, the first along the part's greatest width.
         let axes = |along: DVec3| {
             let u = widest.reject_from_normalized(along).try_normalize();
@@ -136,9 +135,9 @@ impl<'c, 's> Beam<'c, 's> {
             [u, along.cross(u)]
         };
         let range = |value: &dyn Fn(DVec3) -> f64| {
-            part.iter().map(|p| value(*p)).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (low.min(v), high.max(v))
-            })
+            part.iter()
+                .map(|p| value(*p))
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
         };
         let mut bounds = Vec::with_capacity(6);
         match lamp.place() {
@@ -168,7 +167,20 @@ impl<'c, 's> Beam<'c, 's> {
                 bounds.push(HalfSpace { normal: along, offset: slack - place.dot(along) });
             }
         }
-        self.caster.geometry().within(&bounds, &HalfSpace::default(), LIMIT, |_| None)
+        // One opaque triangle that darkens the whole part is all that counts.
+        let darkens = |candidate: &Candidate| {
+            let all = part.iter().all(|p| {
+                let incident = lamp.incident(*p);
+                let ray = Ray { origin: *p, direction: incident.to_light, per_pixel: [DVec3::ZERO; 2] };
+                candidate.meet(ray.origin, ray.direction).is_some_and(|hit| {
+                    let apart =
+                        hit.distance > 2.0 * RayCaster::start(*p) && hit.distance <= incident.distance;
+                    apart && hit.triangle != triangle && self.caster.opaque(&hit)
+                })
+            });
+            all.then_some(-1.0)
+        };
+        self.caster.geometry().within(&bounds, &HalfSpace::default(), LIMIT, darkens)
     }
 }
 

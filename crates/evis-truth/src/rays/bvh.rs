@@ -11,6 +11,16 @@ const HEURISTIC_DEPTH: usize = 40;
 /// 40 levels by heuristic and 32 halvings of at most 2^32 triangles.
 const STACK: usize = 80;
 
+/// Distances whose ratio is this close to 1 are equal: of surfaces in one plane, rounding must not show now the one,
+/// now the other.
+pub const TIE: f64 = 1e-10;
+
+/// Whether the first of two (distance, id) is seen before the other.
+pub fn before<I: Ord>(a: (f64, I), b: (f64, I)) -> bool {
+    let slack = TIE * b.0;
+    a.0 < b.0 - slack || (a.0 <= b.0 + slack && a.1 < b.1)
+}
+
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Meeting {
@@ -107,8 +117,8 @@ impl Bvh {
         self.nodes.first().map(|n| (n.low, n.high))
     }
 
-    /// The nearest meeting in `[near, far]` that `accept` takes; of equal distances the lowest id, as the depth test
-    /// of a raster pass keeps the first triangle.
+    /// The nearest meeting in `[near, far]` that `accept` takes; of equal distances (see [`before`]) the lowest id, as
+    /// the depth test of a raster pass keeps the first triangle.
     pub fn nearest(
         &self,
         origin: DVec3,
@@ -119,12 +129,10 @@ impl Bvh {
     ) -> Option<Meeting> {
         let mut best: Option<Meeting> = None;
         self.walk(origin, direction, near, far, |meeting, far| {
-            let nearer = best.is_none_or(|b| {
-                meeting.distance < b.distance || (meeting.distance == b.distance && meeting.id < b.id)
-            });
-            if nearer && accept(meeting) {
+            let first = best.is_none_or(|b| before((meeting.distance, meeting.id), (b.distance, b.id)));
+            if first && accept(meeting) {
                 best = Some(*meeting);
-                *far = meeting.distance;
+                *far = meeting.distance * (1.0 + TIE);
             }
             false
         });

@@ -182,7 +182,11 @@ impl<'a> RayCaster<'a> {
         self.lamps.iter().filter(|l| l.shadow_bit != 0).fold(0, |mask, lamp| {
             let incident = lamp.incident(position);
             let faces = normal.dot(incident.to_light) > 0.0 && incident.irradiance != DVec3::ZERO;
-            if faces && self.blocked(hit, position, lamp, &incident, beam) { mask | lamp.shadow_bit } else { mask }
+            if faces && self.blocked(hit, position, lamp, &incident, beam) {
+                mask | lamp.shadow_bit
+            } else {
+                mask
+            }
         })
     }
 
@@ -272,8 +276,12 @@ impl<'a> RayCaster<'a> {
 
     /// Whether nothing behind it is seen past what is hit, wherever on its triangle.
     pub(super) fn closes(&self, hit: &Hit, ray: &Ray) -> bool {
-        let opaque = self.looks(hit).is_some_and(|(_, material)| material.alpha == AlphaMode::Opaque);
-        opaque && self.accepts(hit, ray)
+        self.opaque(hit) && self.accepts(hit, ray)
+    }
+
+    /// Whether what is hit has no holes.
+    pub(super) fn opaque(&self, hit: &Hit) -> bool {
+        self.looks(hit).is_some_and(|(_, material)| material.alpha == AlphaMode::Opaque)
     }
 
     fn object(&self, hit: &Hit) -> &Object {
@@ -416,6 +424,12 @@ impl<'a> RayCaster<'a> {
     }
 
     /// Whether anything solid, from either side, lies between a surface and a light.
+    /// Where a ray from a surface begins: away from it by a part of its distance that f64 resolves and nothing in a
+    /// scene is as thin as.
+    pub(super) fn start(position: DVec3) -> f64 {
+        1e-7 * (1.0 + position.abs().max_element())
+    }
+
     fn blocked(
         &self,
         hit: &Hit,
@@ -424,8 +438,7 @@ impl<'a> RayCaster<'a> {
         incident: &shade::Incident,
         beam: Option<&Beam>,
     ) -> bool {
-        // Away from the surface by a part of its distance that f64 resolves and nothing in a scene is as thin as.
-        let start = 1e-7 * (1.0 + position.abs().max_element());
+        let start = Self::start(position);
         let ray = Ray { origin: position, direction: incident.to_light, per_pixel: [DVec3::ZERO; 2] };
         let accept = |h: &Hit| h.triangle != hit.triangle && self.solid(h, &ray);
         match beam {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use evis_scene::{Primitive, Scene, SceneState};
 use glam::{DMat3, DMat4, DVec3};
 
-use super::bvh::{Bvh, HalfSpace, Meeting, Triangle, enter_box};
+use super::bvh::{Bvh, HalfSpace, Meeting, TIE, Triangle, before, enter_box};
 
 /// A vertex in the world.
 #[derive(Clone, Copy, Debug, Default)]
@@ -291,16 +291,12 @@ impl Geometry {
             .nearest(origin, direction, near, far, |m| accept(&self.still_hit(m)))
             .map(|m| self.still_hit(&m));
         for (slot, placed) in self.placed.iter().enumerate() {
-            let far = best.map_or(far, |b| b.distance);
+            let far = best.map_or(far, |b| b.distance * (1.0 + TIE));
             let found = self.with(slot, placed, origin, direction, near, far, |tree, o, d, hit| {
                 tree.nearest(o, d, near, far, |m| accept(&hit(m))).map(|m| hit(&m))
             });
             if let Some(Some(found)) = found {
-                let nearer = best.is_none_or(|b| {
-                    found.distance < b.distance
-                        || (found.distance == b.distance && found.triangle < b.triangle)
-                });
-                if nearer {
+                if best.is_none_or(|b| before((found.distance, found.triangle), (b.distance, b.triangle))) {
                     best = Some(found);
                 }
             }
