@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::bvh::{HalfSpace, before};
 use super::caster::{Kind, RayCaster};
-use super::geometry::{Candidate, Hit};
+use super::geometry::{Candidate, Hit, Place};
 use super::pinhole::{Pinhole, Ray};
 use super::shade::Lamp;
 
@@ -48,15 +48,19 @@ impl<'c, 's> Beam<'c, 's> {
         });
         let forward = camera.world_from_camera.transform_vector3(DVec3::NEG_Z);
         let depth = HalfSpace::through(origin, forward);
-        let covers = |candidate: &Candidate| {
+        let ends = corners.map(|c| c.origin + c.direction);
+        let judge = |candidate: &Candidate| {
+            if beside(candidate, &|edge| (edge[0] - origin).cross(edge[1] - origin), &ends, 0.0) {
+                return Place::Beside;
+            }
             let shut = corners.iter().try_fold(0.0_f64, |shut, ray| {
                 let hit = candidate.meet(ray.origin, ray.direction)?;
                 let closed = hit.distance >= camera.near && caster.closes(&hit, ray);
                 closed.then_some(shut.max(hit.distance))
-            })?;
-            Some(shut * (1.0 + 1e-9))
+            });
+            shut.map_or(Place::Inside, |shut| Place::Across(shut * (1.0 + 1e-9)))
         };
-        let seen = caster.geometry().within(&sides, &depth, LIMIT, covers);
+        let seen = caster.geometry().within(&sides, &depth, LIMIT, judge);
         Self { caster, camera, sides, seen, blockers: RefCell::default() }
     }
 
@@ -167,21 +171,41 @@ impl<'c, 's> Beam<'c, 's> {
                 bounds.push(HalfSpace { normal: along, offset: slack - place.dot(along) });
             }
         }
-        // One opaque triangle that darkens the whole part is all that counts.
-        let darkens = |candidate: &Candidate| {
-            let all = part.iter().all(|p| {
+        let side = |edge: [DVec3; 2]| match lamp.place() {
+            None => (edge[1] - edge[0]).cross(lamp.incident(middle).to_light),
+            Some(place) => (edge[0] - place).cross(edge[1] - place),
+        };
+        let judge = |candidate: &Candidate| {
+            if candidate.triangle.id as usize == triangle || beside(candidate, &side, &part, slack) {
+                return Place::Beside;
+            }
+            // One opaque triangle that darkens the whole part is all that counts.
+            let darkens = part.iter().all(|p| {
                 let incident = lamp.incident(*p);
-                let ray = Ray { origin: *p, direction: incident.to_light, per_pixel: [DVec3::ZERO; 2] };
-                candidate.meet(ray.origin, ray.direction).is_some_and(|hit| {
+                candidate.meet(*p, incident.to_light).is_some_and(|hit| {
                     let apart =
                         hit.distance > 2.0 * RayCaster::start(*p) && hit.distance <= incident.distance;
-                    apart && hit.triangle != triangle && self.caster.opaque(&hit)
+                    apart && self.caster.opaque(&hit)
                 })
             });
-            all.then_some(-1.0)
+            if darkens { Place::Across(-1.0) } else { Place::Inside }
         };
-        self.caster.geometry().within(&bounds, &HalfSpace::default(), LIMIT, darkens)
+        self.caster.geometry().within(&bounds, &HalfSpace::default(), LIMIT, judge)
     }
+}
+
+/// Whether a plane that contains a side of a triangle, and the apex or the direction of a beam, has the triangle on one
+/// side and all `ends`, points of the beam, on the other, `slack` away from it. `normal` gives the plane's normal for
+/// a side.
+fn beside(candidate: &Candidate, normal: &dyn Fn([DVec3; 2]) -> DVec3, ends: &[DVec3], slack: f64) -> bool {
+    let [a, b, c] = candidate.triangle.corners();
+    [[a, b, c], [b, c, a], [c, a, b]].into_iter().any(|[p, q, inside]| {
+        let normal = normal([p, q]);
+        let height = normal.dot(inside - p);
+        let outward = if height < 0.0 { normal } else { -normal };
+        let limit = slack * normal.length();
+        height != 0.0 && ends.iter().all(|end| outward.dot(*end - p) > limit)
+    })
 }
 
 /// The part of a convex polygon that lies in `side`.

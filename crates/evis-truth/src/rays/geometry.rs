@@ -47,6 +47,17 @@ pub struct Candidate {
     mirrored: bool,
 }
 
+/// Where a triangle lies with regard to a beam.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Place {
+    /// No ray meets it.
+    Beside,
+    /// Some rays may meet it.
+    Inside,
+    /// Each ray meets it, and none sees anything deeper than this.
+    Across(f64),
+}
+
 impl Candidate {
     /// Where a ray meets it.
     pub fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
@@ -322,15 +333,15 @@ impl Geometry {
             })
     }
 
-    /// The triangles, in the world, that may reach into all half spaces of `bounds`, but for those that lie deeper, by
-    /// `depth`, than one for which `covers` gives how deep it shuts the view; by their least depth. `None` where there
-    /// are more than `limit`.
+    /// The triangles, in the world, that may reach into all half spaces of `bounds` and that `judge` does not put beside
+    /// them, but for those that lie deeper, by `depth`, than one that shuts the view; by their least depth. `None` where
+    /// there are more than `limit`.
     pub fn within(
         &self,
         bounds: &[HalfSpace],
         depth: &HalfSpace,
         limit: usize,
-        covers: impl Fn(&Candidate) -> Option<f64>,
+        judge: impl Fn(&Candidate) -> Place,
     ) -> Option<Vec<Candidate>> {
         let mut found: Vec<Candidate> = Vec::new();
         let mut far = f64::INFINITY;
@@ -340,11 +351,13 @@ impl Geometry {
                 return false;
             }
             let candidate = Candidate { triangle, object, mirrored, near };
-            if let Some(shut) = covers(&candidate)
-                && shut < *far
-            {
-                *far = shut;
-                found.retain(|c| c.near <= shut);
+            match judge(&candidate) {
+                Place::Beside => return false,
+                Place::Inside => {}
+                Place::Across(shut) => {
+                    *far = far.min(shut);
+                    found.retain(|c| c.near <= *far);
+                }
             }
             found.push(candidate);
             found.len() > limit
