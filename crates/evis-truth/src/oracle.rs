@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::clock::{Clock, Moment};
 use crate::lattice::Lattice;
 use crate::rays::caster::seen_from;
-use crate::rays::{Pinhole, Textures};
+use crate::rays::{Beam, Pinhole, Textures};
 use crate::settings::{TruthError, TruthSettings};
 use crate::signal::Sampler;
 use crate::walk::{PixelTruth, Rules, walk};
@@ -23,8 +23,9 @@ const STEP_US: (f64, f64) = (1000.0, 50.0);
 const SPEED_INSTANTS: usize = 16;
 /// Its margin for what these miss.
 const SPEED_MARGIN: f64 = 1.5;
-/// Pictures for the log-mean are this high, at most.
-const REFERENCE_ROWS: usize = 240;
+
+/// For the log-mean, squares of so many pixels share a beam.
+const REFERENCE_BLOCK: usize = 4;
 
 /// Where a truth comes from; stored with it.
 #[derive(Serialize)]
@@ -166,32 +167,54 @@ fn assemble(
     }
 }
 
-/// `Y_ref` that brings the log-mean of what is lit to 0.18 (DESIGN, light), from a picture at `moment`.
+/// `Y_ref` that brings the log-mean of what is lit to 0.18 (DESIGN, light), from all pixels at `moment`.
 fn reference(moment: &Moment) -> f64 {
-    let camera = moment.camera;
-    // A smaller picture of the same field will do: its pixels' light is the mean of samples all over each.
-    let shrink = (camera.height as f64 / REFERENCE_ROWS as f64).max(1.0);
-    let (width, height) = ((camera.width as f64 / shrink) as usize, (camera.height as f64 / shrink) as usize);
-    let (sx, sy) = (camera.width as f64 / width.max(1) as f64, camera.height as f64 / height.max(1) as f64);
-    let points = Lattice::First.offsets(0);
-    let logs: Vec<f64> = (0..width.max(1) * height.max(1))
+    let camera = &moment.camera;
+    // Few points for every pixel. Where light varies within a pixel at random, the logarithm of their mean lies below that
+    // of the whole area's by half of its relative variance: one pixel of each block is asked with many, too.
+    let few: Vec<[f64; 2]> =
+        (0..13).map(|i| [(f64::from(i) + 0.5) / 13.0 - 0.5, f64::from((8 * i + 6) % 13) / 13.0 - 6.0 / 13.0]).collect();
+    let many = Lattice::First.offsets(0);
+    let blocks = [camera.width, camera.height].map(|size| size.div_ceil(REFERENCE_BLOCK));
+    let (sum, lit, lift, asked) = (0..blocks[0] * blocks[1])
         .into_par_iter()
-        .filter_map(|i| {
-            let (x, y) = ((i % width.max(1)) as f64, (i / width.max(1)) as f64);
-            // Every ninth of 144 points: sixteen, well spread.
-            let points = points.iter().step_by(9);
-            let count = points.len() as f64;
-            let sum: f64 = points
-                .map(|[u, v]| moment.caster.look(&camera, [(x + 0.5 + u) * sx, (y + 0.5 + v) * sy]).0)
-                .sum();
-            let mean = sum / count;
-            (mean > 0.0 && mean.is_finite()).then(|| mean.ln())
+        .map(|i| {
+            let corner = [i % blocks[0], i / blocks[0]].map(|k| k * REFERENCE_BLOCK);
+            let end = [camera.width, camera.height].map(|size| size as f64);
+            let low = corner.map(|v| v as f64);
+            let high = [0, 1].map(|k| (low[k] + REFERENCE_BLOCK as f64).min(end[k]));
+            let beam = Beam::new(&moment.caster, camera, low, high);
+            let log = |pixel: [f64; 2], points: &[[f64; 2]]| {
+                let light = |[u, v]: &[f64; 2]| beam.look([pixel[0] + 0.5 + u, pixel[1] + 0.5 + v]).0;
+                let mean = points.iter().map(light).sum::<f64>() / points.len() as f64;
+                (mean > 0.0 && mean.is_finite()).then(|| mean.ln())
+            };
+            let side = REFERENCE_BLOCK;
+            // In no step with the blocks' own rows and columns.
+            let chosen = (i * 7 + i / blocks[0] * 5) % (side * side);
+            let (mut sum, mut lit, mut lift, mut asked) = (0.0, 0_u64, 0.0, 0_u64);
+            for k in 0..side * side {
+                let pixel = [low[0] + (k % side) as f64, low[1] + (k / side) as f64];
+                if pixel[0] >= end[0] || pixel[1] >= end[1] {
+                    continue;
+                }
+                let Some(rough) = log(pixel, &few) else { continue };
+                (sum, lit) = (sum + rough, lit + 1);
+                if k == chosen
+                    && let Some(fine) = log(pixel, &many)
+                {
+                    (lift, asked) = (lift + fine - rough, asked + 1);
+                }
+            }
+            (sum, lit, lift, asked)
         })
-        .collect();
-    if logs.is_empty() {
+        .collect::<Vec<_>>()
+        .into_iter()
+        .fold((0.0, 0, 0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2, a.3 + b.3));
+    if lit == 0 {
         return 1.0;
     }
-    let reference = (logs.iter().sum::<f64>() / logs.len() as f64).exp() / 0.18;
+    let reference = (sum / lit as f64 + lift / asked.max(1) as f64).exp() / 0.18;
     if reference.is_finite() && reference > 0.0 { reference } else { 1.0 }
 }
 
