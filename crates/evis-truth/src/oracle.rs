@@ -7,22 +7,14 @@ use evis_scene::{Scene, SceneError};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::audit::Audit;
 use crate::clock::{Clock, Moment};
 use crate::lattice::Lattice;
-use crate::rays::caster::seen_from;
+use crate::pace::{self, Pace};
 use crate::rays::{Beam, Pinhole, Textures};
 use crate::settings::{TruthError, TruthSettings};
 use crate::signal::Sampler;
 use crate::walk::{PixelTruth, Rules, walk};
-
-/// Pixels of motion between two looks at a pixel.
-const MOTION_PER_STEP: f64 = 0.25;
-/// Longest and shortest step, in microseconds.
-const STEP_US: (f64, f64) = (1000.0, 50.0);
-/// Instants at which the fastest motion is looked for.
-const SPEED_INSTANTS: usize = 16;
-/// Its margin for what these miss.
-const SPEED_MARGIN: f64 = 1.5;
 
 /// For the log-mean, squares of so many pixels share a beam.
 const REFERENCE_BLOCK: usize = 4;
@@ -33,7 +25,9 @@ struct Provenance<'a> {
     evis: &'static str,
     scene: &'a str,
     settings: &'a TruthSettings,
+    /// The shortest between two looks.
     step_us: i64,
+    audit: Audit,
     readings: u64,
     skipped_pixels: u64,
     seconds: f64,
@@ -63,8 +57,13 @@ pub fn truth(
     let pinhole = *clock.pinhole();
     let pixels = settings.pixels(pinhole.width as u32, pinhole.height as u32)?;
 
-    let step_us = settings.step_us.unwrap_or_else(|| step_us(&clock, settings.duration_us));
-    clock.share(step_us, settings.duration_us);
+    let shortest =
+        settings.step_us.map_or_else(|| pace::shortest(&clock, settings.duration_us), |s| (s, 0.0));
+    clock.share(shortest.0, settings.duration_us);
+    let pace = match settings.step_us {
+        Some(step_us) => Pace::even(&clock, step_us, settings.duration_us),
+        None => Pace::local(&clock, shortest, settings.duration_us),
+    };
     let info = &scene.cameras[camera];
     let sensor = SensorConfig {
         threshold_on: info.threshold_on.unwrap_or(settings.sensor.threshold_on),
@@ -77,7 +76,7 @@ pub fn truth(
     let rules = Rules {
         sensor,
         reference_luminance,
-        step_us,
+        audit_share: settings.audit_share,
         duration_us: settings.duration_us,
         time_error_us: settings.time_error_us,
     };
@@ -96,7 +95,7 @@ pub fn truth(
                 skipped.fetch_add(1, Ordering::Relaxed);
                 PixelTruth::still()
             } else {
-                walk(&clock, &sampler, &rules, x, y)
+                walk(&clock, &sampler, &rules, &pace.times(x, y), x, y)
             };
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
             if !progress(done as f64 / pixels.len() as f64) {
@@ -108,11 +107,13 @@ pub fn truth(
     if stopped.into_inner() {
         return Err(TruthError::Stopped);
     }
+    let events = walked.iter().map(|w| w.events.len() as u64).sum();
     let provenance = Provenance {
         evis: env!("CARGO_PKG_VERSION"),
         scene: &scene.name,
         settings,
-        step_us,
+        step_us: shortest.0,
+        audit: Audit::new(walked.iter().map(|w| w.audit).sum(), events),
         readings: walked.iter().map(|w| w.readings).sum(),
         skipped_pixels: skipped.into_inner(),
         seconds: started.elapsed().as_secs_f64(),
@@ -172,8 +173,9 @@ fn reference(moment: &Moment) -> f64 {
     let camera = &moment.camera;
     // Few points for every pixel. Where light varies within a pixel at random, the logarithm of their mean lies below that
     // of the whole area's by half of its relative variance: one pixel of each block is asked with many, too.
-    let few: Vec<[f64; 2]> =
-        (0..13).map(|i| [(f64::from(i) + 0.5) / 13.0 - 0.5, f64::from((8 * i + 6) % 13) / 13.0 - 6.0 / 13.0]).collect();
+    let few: Vec<[f64; 2]> = (0..13)
+        .map(|i| [(f64::from(i) + 0.5) / 13.0 - 0.5, f64::from((8 * i + 6) % 13) / 13.0 - 6.0 / 13.0])
+        .collect();
     let many = Lattice::First.offsets(0);
     let blocks = [camera.width, camera.height].map(|size| size.div_ceil(REFERENCE_BLOCK));
     let (sum, lit, lift, asked) = (0..blocks[0] * blocks[1])
@@ -216,35 +218,6 @@ fn reference(moment: &Moment) -> f64 {
     }
     let reference = (sum / lit as f64 + lift / asked.max(1) as f64).exp() / 0.18;
     if reference.is_finite() && reference > 0.0 { reference } else { 1.0 }
-}
-
-/// Time in which the fastest thing moves by a quarter of a pixel, and in which no light goes through much of a period.
-fn step_us(clock: &Clock, duration_us: i64) -> i64 {
-    let camera = clock.pinhole();
-    let stride = (camera.width / 40).max(1);
-    let fastest = (0..SPEED_INSTANTS)
-        .map(|k| duration_us as f64 * (k as f64 + 0.5) / SPEED_INSTANTS as f64)
-        .map(|t| {
-            let (now, later) = (clock.at(t), clock.at(t + 100.0));
-            let columns = (0..camera.width).step_by(stride);
-            let places: Vec<[f64; 2]> = columns
-                .flat_map(|x| {
-                    (0..camera.height).step_by(stride).map(move |y| [x as f64 + 0.5, y as f64 + 0.5])
-                })
-                .collect();
-            let speed = |at: &[f64; 2]| {
-                let (hit, ray) = (now.caster.hit_at(&now.camera, *at), now.camera.ray(*at));
-                let there = seen_from(hit, &ray, later.caster.geometry(), &later.camera);
-                there.map_or(0.0, |[x, y]| (x - at[0]).hypot(y - at[1]) / 100e-6)
-            };
-            places.par_iter().map(speed).reduce(|| 0.0, f64::max)
-        })
-        .fold(0.0, f64::max);
-    let mut step = 1e6 * MOTION_PER_STEP / (SPEED_MARGIN * fastest).max(1.0);
-    if let Some(period) = clock.shortest_period_us() {
-        step = step.min(period / 32.0);
-    }
-    step.clamp(STEP_US.1, STEP_US.0) as i64
 }
 
 /// Where a camera rests, most pixels of most scenes never change. A pixel is still where no ray of its lattice, nor any

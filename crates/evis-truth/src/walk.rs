@@ -3,6 +3,7 @@
 
 use evis_core::{Polarity, Region, RegionSpan, SensorConfig};
 
+use crate::audit::{Counts, FINER, chosen};
 use crate::clock::Clock;
 use crate::probe::{Probe, probe};
 use crate::signal::{Reading, Sampler};
@@ -20,6 +21,9 @@ const DECIDED: f64 = 4.0;
 const TIME_SHARE: f64 = 0.15;
 /// A crossing's time is refined until it moves by less, in microseconds.
 const TIME_STEP_US: f64 = 0.5;
+/// How far an excursion goes past a threshold to be called missed, in log light: a hundredth of a usual threshold. Of one
+/// that only touches it, truths of other samples do not know either.
+const AUDIT_DEPTH: f64 = 0.002;
 /// Regions are looked up this often, in microseconds.
 const REGION_US: f64 = 4000.0;
 
@@ -30,8 +34,10 @@ pub struct PixelTruth {
     pub events: Vec<Fired>,
     /// Regions over time.
     pub spans: Vec<RegionSpan>,
-    /// Readings taken.
+    /// Readings taken, but for the audit's.
     pub readings: u64,
+    /// What the audit saw.
+    pub audit: Counts,
 }
 
 impl PixelTruth {
@@ -71,28 +77,21 @@ pub struct Rules {
     pub sensor: SensorConfig,
     /// `Y_ref`.
     pub reference_luminance: f64,
-    /// Microseconds between looks.
-    pub step_us: i64,
+    /// Part of the quiet steps that are looked at again, densely.
+    pub audit_share: f64,
     /// Length in microseconds.
     pub duration_us: i64,
     /// Error of an event's time to aim at; `None` takes [`TIME_SHARE`] of the strictest tolerance.
     pub time_error_us: Option<f64>,
 }
 
-/// Walks pixel (x, y).
-pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, x: u16, y: u16) -> PixelTruth {
-    let mut walker = Walker { clock, sampler, rules, x, y, reference: 0.0, truth: PixelTruth::default() };
+/// Walks pixel (x, y), looking at it at `times`.
+pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, times: &[i64], x: u16, y: u16) -> PixelTruth {
+    let mut walker =
+        Walker { clock, sampler, rules, x, y, reference: 0.0, step_us: 0.0, truth: PixelTruth::default() };
     walker.reference = walker.fine(0.0, 0.0).log;
     walker.regions();
     // Looks before, at both ends of, and after the interval in work.
-    let times: Vec<i64> = {
-        let steps = rules.duration_us.div_euclid(rules.step_us);
-        let mut times: Vec<i64> = (0..=steps).map(|k| k * rules.step_us).collect();
-        if times.last() != Some(&rules.duration_us) {
-            times.push(rules.duration_us);
-        }
-        times
-    };
     let mut a = walker.coarse(0.0);
     let mut before: Option<Look> = None;
     let mut b = times.get(1).map(|t| walker.coarse(*t as f64));
@@ -104,7 +103,12 @@ pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, x: u16, y: u16) -> 
             _ => 0.0,
         };
         let bend = bend(before, a, Some(end)).max(bend(Some(a), end, after));
+        walker.step_us = end.t_us - a.t_us;
+        let fired = walker.truth.events.len();
         let end = walker.advance(a, end, bend, 0);
+        if walker.truth.events.len() == fired {
+            walker.audit(a, end);
+        }
         before = Some(a);
         a = end;
         b = after;
@@ -126,6 +130,8 @@ struct Walker<'a, 's> {
     x: u16,
     y: u16,
     reference: f64,
+    /// Length of the step in work.
+    step_us: f64,
     truth: PixelTruth,
 }
 
@@ -171,6 +177,29 @@ impl Walker<'_, '_> {
             previous = next;
             t_us += REGION_US;
         }
+    }
+
+    /// Looks for what a step in which nothing fired may hide, if it is chosen.
+    fn audit(&mut self, a: Look, b: Look) {
+        self.truth.audit.intervals += 1;
+        if !chosen(self.x, self.y, a.t_us as i64, self.rules.audit_share) {
+            return;
+        }
+        self.truth.audit.audited += 1;
+        let beyond =
+            |look: Look, sure: f64| look.log >= self.upper() + sure || look.log <= self.lower() - sure;
+        let looks = (1..FINER).map(|k| a.t_us + (b.t_us - a.t_us) * f64::from(k) / f64::from(FINER));
+        let missed = looks.into_iter().any(|t| {
+            // What rounding alone takes past a threshold is no event that anybody misses.
+            let at = |reading| self.look(t, reading);
+            let rough = at(self.sampler.coarse(&self.clock.at(t), self.x, self.y));
+            beyond(rough, -DECIDED * rough.error) && {
+                let wanted = 0.1 * AUDIT_DEPTH;
+                let sure = at(self.sampler.fine(&self.clock.at(t), self.x, self.y, wanted));
+                beyond(sure, AUDIT_DEPTH.max(DECIDED * sure.error))
+            }
+        });
+        self.truth.audit.missed += u64::from(missed);
     }
 
     fn upper(&self) -> f64 {
@@ -241,7 +270,7 @@ impl Walker<'_, '_> {
         let sure = DECIDED * rough.high.error.max(rough.low.error).max(wanted / DECIDED);
         // The fine signal may cross outside of the piece where the coarse one did (its lattice has stairs that some
         // directions meet all at once), never before the last event.
-        let margin = self.rules.step_us as f64;
+        let margin = self.step_us;
         let last = self.truth.events.last().map_or(0.0, |e| e.t_us);
         let bounds = [(a.t_us - margin).max(last), b.t_us + margin];
         let t_us = self.refine(bounds, guess, (sure / slope).max(2.0), level, sign, wanted);

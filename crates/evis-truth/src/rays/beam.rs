@@ -7,12 +7,13 @@ use glam::DVec3;
 
 use super::bvh::{HalfSpace, before};
 use super::caster::{Kind, RayCaster};
-use super::geometry::{Candidate, Hit, Place};
+use super::geometry::{Candidate, Geometry, Hit, Place};
 use super::pinhole::{Pinhole, Ray};
 use super::shade::Lamp;
 
 /// With more triangles than this in a beam, a tree finds them faster than a list.
 const LIMIT: usize = 64;
+const WIDE_LIMIT: usize = 1024;
 /// By how many pixels a beam is wider than asked for: far more than rounding, far less than anything seen.
 const SLACK_PX: f64 = 1e-6;
 
@@ -20,6 +21,7 @@ const SLACK_PX: f64 = 1e-6;
 pub struct Beam<'c, 's> {
     caster: &'c RayCaster<'s>,
     camera: &'c Pinhole,
+    corners: [Ray; 4],
     sides: [HalfSpace; 4],
     /// What they can meet, by least depth; `None` where a tree is asked instead.
     seen: Option<Vec<Candidate>>,
@@ -36,6 +38,20 @@ struct Blockers {
 impl<'c, 's> Beam<'c, 's> {
     /// The beam through image points from `low` to `high`.
     pub fn new(caster: &'c RayCaster<'s>, camera: &'c Pinhole, low: [f64; 2], high: [f64; 2]) -> Self {
+        Self::limited(caster, camera, [low, high], LIMIT)
+    }
+
+    /// As [`Beam::new`], for more of the picture than a few pixels.
+    pub fn wide(caster: &'c RayCaster<'s>, camera: &'c Pinhole, low: [f64; 2], high: [f64; 2]) -> Self {
+        Self::limited(caster, camera, [low, high], WIDE_LIMIT)
+    }
+
+    fn limited(
+        caster: &'c RayCaster<'s>,
+        camera: &'c Pinhole,
+        [low, high]: [[f64; 2]; 2],
+        limit: usize,
+    ) -> Self {
         let [x0, y0] = low.map(|v| v - SLACK_PX);
         let [x1, y1] = high.map(|v| v + SLACK_PX);
         let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(|at| camera.ray(at));
@@ -60,8 +76,53 @@ impl<'c, 's> Beam<'c, 's> {
             });
             shut.map_or(Place::Inside, |shut| Place::Across(shut * (1.0 + 1e-9)))
         };
-        let seen = caster.geometry().within(&sides, &depth, LIMIT, judge);
-        Self { caster, camera, sides, seen, blockers: RefCell::default() }
+        let seen = caster.geometry().within(&sides, &depth, limit, judge);
+        Self { caster, camera, corners, sides, seen, blockers: RefCell::default() }
+    }
+
+    /// By how many pixels anything in the beam moves, at most, until `later`, the scene's geometry and camera of another
+    /// time. `None` where that cannot be told: there is too much in it, something passes the camera, or one of `boxes`,
+    /// through which something moves, may throw a shadow into it.
+    pub fn fastest(
+        &self,
+        (geometry, camera): (&Geometry, &Pinhole),
+        boxes: &[(DVec3, DVec3)],
+    ) -> Option<f64> {
+        let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        let mut most = 0.0_f64;
+        // The sky.
+        for ray in &self.corners {
+            let here = self.camera.project_direction(ray.direction)?;
+            most = most.max(apart(here, camera.project_direction(ray.direction)?));
+        }
+        let front =
+            HalfSpace::through(self.corners[0].origin + self.camera.near * self.forward(), self.forward());
+        for candidate in self.seen.as_ref()? {
+            let corners = candidate.triangle.corners();
+            let part = self.sides.iter().chain([&front]).fold(corners.to_vec(), |p, side| clipped(&p, side));
+            let id = candidate.triangle.id as usize;
+            for p in &part {
+                let then = geometry.position(id, candidate.triangle.barycentric(*p));
+                most = most.max(apart(self.camera.project(*p)?, camera.project(then)?));
+            }
+            if part.is_empty() || boxes.is_empty() {
+                continue;
+            }
+            for lamp in self.caster.shadow_lamps() {
+                let bounds = toward(&part, lamp)?;
+                let meets = |(low, high): &(DVec3, DVec3)| {
+                    low.x <= high.x && bounds.iter().all(|b| b.highest(*low, *high) >= 0.0)
+                };
+                if boxes.iter().any(meets) {
+                    return None;
+                }
+            }
+        }
+        Some(most)
+    }
+
+    fn forward(&self) -> DVec3 {
+        self.camera.world_from_camera.transform_vector3(DVec3::NEG_Z)
     }
 
     /// As [`RayCaster::look`], for an image point of the beam.
@@ -123,56 +184,11 @@ impl<'c, 's> Beam<'c, 's> {
     fn between(&self, triangle: usize, lamp: &Lamp) -> Option<Vec<Candidate>> {
         let corners = self.caster.geometry().corners(triangle).map(|v| v.position);
         let part = self.sides.iter().fold(corners.to_vec(), |part, side| clipped(&part, side));
-        if part.is_empty() {
-            return None;
-        }
-        let slack = 1e-9 * (1.0 + part.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max));
-        let middle = part.iter().sum::<DVec3>() / part.len() as f64;
-        let widest = part
-            .iter()
-            .map(|p| *p - middle)
-            .max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
-        // Axes across the light, the first along the part's greatest width.
-        let axes = |along: DVec3| {
-            let u = widest.reject_from_normalized(along).try_normalize();
-            let u = u.unwrap_or_else(|| along.any_orthonormal_vector());
-            [u, along.cross(u)]
-        };
-        let range = |value: &dyn Fn(DVec3) -> f64| {
-            part.iter()
-                .map(|p| value(*p))
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
-        };
-        let mut bounds = Vec::with_capacity(6);
-        match lamp.place() {
-            None => {
-                let along = lamp.incident(middle).to_light;
-                for axis in axes(along) {
-                    let (low, high) = range(&|p| p.dot(axis));
-                    bounds.push(HalfSpace { normal: axis, offset: slack - low });
-                    bounds.push(HalfSpace { normal: -axis, offset: slack + high });
-                }
-                let (low, _) = range(&|p| p.dot(along));
-                bounds.push(HalfSpace { normal: along, offset: slack - low });
-            }
-            Some(place) => {
-                let along = (middle - place).try_normalize()?;
-                let (low, high) = range(&|p| (p - place).dot(along));
-                // A part beside or around the lamp is no beam.
-                if low < 1e3 * slack {
-                    return None;
-                }
-                for axis in axes(along) {
-                    let (least, most) = range(&|p| (p - place).dot(axis) / (p - place).dot(along));
-                    bounds.push(HalfSpace::through(place, axis - (least - 1e-9) * along));
-                    bounds.push(HalfSpace::through(place, (most + 1e-9) * along - axis));
-                }
-                bounds.push(HalfSpace { normal: -along, offset: high + slack + place.dot(along) });
-                bounds.push(HalfSpace { normal: along, offset: slack - place.dot(along) });
-            }
-        }
+        let bounds = toward(&part, lamp)?;
+        let slack = slack(&part);
+        let along = lamp.incident(corners[0]).to_light;
         let side = |edge: [DVec3; 2]| match lamp.place() {
-            None => (edge[1] - edge[0]).cross(lamp.incident(middle).to_light),
+            None => (edge[1] - edge[0]).cross(along),
             Some(place) => (edge[0] - place).cross(edge[1] - place),
         };
         let judge = |candidate: &Candidate| {
@@ -192,6 +208,62 @@ impl<'c, 's> Beam<'c, 's> {
         };
         self.caster.geometry().within(&bounds, &HalfSpace::default(), LIMIT, judge)
     }
+}
+
+/// Half spaces that hold all rays from `part`, a convex polygon, to `lamp`; `None` where the lamp is too near.
+fn toward(part: &[DVec3], lamp: &Lamp) -> Option<Vec<HalfSpace>> {
+    if part.is_empty() {
+        return None;
+    }
+    let slack = slack(part);
+    let middle = part.iter().sum::<DVec3>() / part.len() as f64;
+    let widest =
+        part.iter().map(|p| *p - middle).max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
+    // Axes across the light, the first along the part's greatest width.
+    let axes = |along: DVec3| {
+        let u = widest.reject_from_normalized(along).try_normalize();
+        let u = u.unwrap_or_else(|| along.any_orthonormal_vector());
+        [u, along.cross(u)]
+    };
+    let range = |value: &dyn Fn(DVec3) -> f64| {
+        part.iter()
+            .map(|p| value(*p))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+    };
+    let mut bounds = Vec::with_capacity(6);
+    match lamp.place() {
+        None => {
+            let along = lamp.incident(middle).to_light;
+            for axis in axes(along) {
+                let (low, high) = range(&|p| p.dot(axis));
+                bounds.push(HalfSpace { normal: axis, offset: slack - low });
+                bounds.push(HalfSpace { normal: -axis, offset: slack + high });
+            }
+            let (low, _) = range(&|p| p.dot(along));
+            bounds.push(HalfSpace { normal: along, offset: slack - low });
+        }
+        Some(place) => {
+            let along = (middle - place).try_normalize()?;
+            let (low, high) = range(&|p| (p - place).dot(along));
+            // A part beside or around the lamp is no beam.
+            if low < 1e3 * slack {
+                return None;
+            }
+            for axis in axes(along) {
+                let (least, most) = range(&|p| (p - place).dot(axis) / (p - place).dot(along));
+                bounds.push(HalfSpace::through(place, axis - (least - 1e-9) * along));
+                bounds.push(HalfSpace::through(place, (most + 1e-9) * along - axis));
+            }
+            bounds.push(HalfSpace { normal: -along, offset: high + slack + place.dot(along) });
+            bounds.push(HalfSpace { normal: along, offset: slack - place.dot(along) });
+        }
+    }
+    Some(bounds)
+}
+
+/// Beyond rounding where coordinates are as large as those of `part`.
+fn slack(part: &[DVec3]) -> f64 {
+    1e-9 * (1.0 + part.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max))
 }
 
 /// Whether a plane that contains a side of a triangle, and the apex or the direction of a beam, has the triangle on one

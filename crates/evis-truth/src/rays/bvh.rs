@@ -304,6 +304,15 @@ impl Triangle {
         [self.a, self.a + self.ab, self.a + self.ac]
     }
 
+    /// Weights of the corners at a point of its plane.
+    pub fn barycentric(&self, point: DVec3) -> [f64; 3] {
+        let normal = self.ab.cross(self.ac);
+        let area = normal.length_squared().max(f64::MIN_POSITIVE);
+        let v = normal.dot((point - self.a).cross(self.ac)) / area;
+        let w = normal.dot(self.ab.cross(point - self.a)) / area;
+        [1.0 - v - w, v, w]
+    }
+
     /// Where a ray meets it: T. Möller and B. Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997; both sides.
     pub fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
         let p = direction.cross(self.ac);

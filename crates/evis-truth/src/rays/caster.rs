@@ -156,6 +156,11 @@ impl<'a> RayCaster<'a> {
         Kind { object: hit.object as u32 + 1, face, shadows }
     }
 
+    /// The lamps that throw shadows.
+    pub(super) fn shadow_lamps(&self) -> impl Iterator<Item = &Lamp> {
+        self.lamps.iter().filter(|lamp| self.options.shadows && lamp.casts_shadow)
+    }
+
     fn background(&self, ray: &Ray) -> DVec3 {
         match &self.scene.environment {
             Some(environment) if environment.visible => environment.radiance(ray.direction),
