@@ -13,6 +13,8 @@ const DEPTH: u32 = 6;
 /// A step is looked into where, bent as its neighbours say, it could come to a threshold: for a parabola an eighth of
 /// the second difference is enough; this is eight times that.
 const EXCURSION: f64 = 1.0;
+/// And this is twice as much as a parabola needs, whatever the samples' error.
+const PARABOLA: f64 = 0.25;
 /// Second differences below this are no excursion: rounding, and far below any threshold.
 const FLAT: f64 = 1e-6;
 /// A reading decides about a threshold where it is farther from it than this many times its own error.
@@ -212,13 +214,13 @@ impl Walker<'_, '_> {
 
     /// Everything that fires in (a, b]; returns `b`, known better where that was needed.
     fn advance(&mut self, a: Look, b: Look, bend: f64, depth: u32) -> Look {
-        // What the samples' own error could bend is no excursion.
-        let bend = (bend - 2.0 * a.error.max(b.error)).max(0.0);
-        let reach = EXCURSION * bend;
+        // What the samples' own error could bend is no excursion, where more than a parabola is guarded against.
+        let sure_bend = (bend - 2.0 * a.error.max(b.error)).max(0.0);
+        let reach = (EXCURSION * sure_bend).max(PARABOLA * bend);
         let crossed = b.log >= self.upper() || b.log <= self.lower();
         // Where nothing lies within reach of a threshold, and where all is one steep slope, the ends tell everything.
         let near = a.log.max(b.log) + reach >= self.upper() || a.log.min(b.log) - reach <= self.lower();
-        let steep = crossed && bend < 0.1 * (b.log - a.log).abs();
+        let steep = crossed && sure_bend < 0.1 * (b.log - a.log).abs();
         if near && !steep && bend > FLAT && depth < DEPTH && b.t_us - a.t_us > 20.0 {
             let middle = self.coarse((0.5 * (a.t_us + b.t_us)).round());
             // Each half bends by a quarter of the whole where the curvature is even.
@@ -248,7 +250,11 @@ impl Walker<'_, '_> {
                 return b;
             };
             let sign = if polarity == Polarity::On { 1.0 } else { -1.0 };
-            let (fired, at) = self.crossing(start, b, level, sign);
+            let Some((fired, at)) = self.crossing(start, b, level, sign) else {
+                // Only the coarse signal was there.
+                b = Look { error: 0.0, log: b.log.clamp(lower.next_up(), upper.next_down()), ..b };
+                return b;
+            };
             if fired.t_us < self.rules.duration_us as f64 {
                 self.truth.events.push(fired);
             }
@@ -258,7 +264,7 @@ impl Walker<'_, '_> {
     }
 
     /// When the signal crosses `level` between `a` and `b`, upwards for `sign` 1.
-    fn crossing(&mut self, a: Look, b: Look, level: f64, sign: f64) -> (Fired, Look) {
+    fn crossing(&mut self, a: Look, b: Look, level: f64, sign: f64) -> Option<(Fired, Look)> {
         // Coarse: until the bracket is as narrow as the coarse signal is sure.
         let rough = Bracket::new(a, b, level, sign).narrow(|t| self.coarse(t), |look| DECIDED * look.error);
         let guess = rough.zero().clamp(a.t_us, b.t_us);
@@ -273,49 +279,59 @@ impl Walker<'_, '_> {
         let margin = self.step_us;
         let last = self.truth.events.last().map_or(0.0, |e| e.t_us);
         let bounds = [(a.t_us - margin).max(last), b.t_us + margin];
-        let t_us = self.refine(bounds, guess, (sure / slope).max(2.0), level, sign, wanted);
+        let t_us = self.refine([a, b], bounds, guess, (sure / slope).max(2.0), level, sign, wanted)?;
         let fired = Fired {
             t_us,
             polarity: if sign > 0.0 { Polarity::On } else { Polarity::Off },
             speed: speed as f32,
             region,
         };
-        (fired, Look { t_us, log: level, error: 0.0 })
+        Some((fired, Look { t_us, log: level, error: 0.0 }))
     }
 
     /// The zero near `guess`, from fine looks: first a bracket around it, at first `width` wide, then its narrowing.
+    /// Between `a` and `b`, below and above by what the walk knows of them; as far as `from` and `to` where fine looks
+    /// deny that. `None` where there is no crossing at all.
+    #[expect(clippy::too_many_arguments, reason = "a bracket in a bracket")]
     fn refine(
         &mut self,
+        [a, b]: [Look; 2],
         [from, to]: [f64; 2],
         guess: f64,
         width: f64,
         level: f64,
         sign: f64,
         wanted: f64,
-    ) -> f64 {
+    ) -> Option<f64> {
         let height = |look: Look| (look.log - level) * sign;
+        // Looks without error were decided as finely as can be: asked again less finely they might say otherwise. Not so
+        // the last event, where the search must end: of several at a jump, all are at its time.
+        let known = |end: Look| (end.error == 0.0).then_some(end);
         let first = self.fine(guess.clamp(from, to), wanted);
         let (mut low, mut high) = (first, first);
         let mut width = width;
         // Downhill for the low end, uphill for the high one, until the signs differ or the interval ends.
         while height(low) >= 0.0 && low.t_us > from {
             high = low;
-            low = self.fine((low.t_us - width).max(from), wanted);
+            let next = (low.t_us - width).max(if low.t_us > a.t_us { a.t_us } else { from });
+            low =
+                known(a).filter(|a| a.t_us == next && next > from).unwrap_or_else(|| self.fine(next, wanted));
             width *= 4.0;
         }
         while height(high) < 0.0 && high.t_us < to {
             low = high;
-            high = self.fine((high.t_us + width).min(to), wanted);
+            let next = (high.t_us + width).min(if high.t_us < b.t_us { b.t_us } else { to });
+            high = known(b).filter(|b| b.t_us == next).unwrap_or_else(|| self.fine(next, wanted));
             width *= 4.0;
         }
         // The fine signal was there before the interval began, or is not there yet at its end.
         if height(low) >= 0.0 {
-            return from;
+            return Some(from);
         }
         if height(high) < 0.0 {
-            return to;
+            return None;
         }
-        Bracket::new(low, high, level, sign).narrow(|t| self.fine(t, wanted), |_| 0.0).zero()
+        Some(Bracket::new(low, high, level, sign).narrow(|t| self.fine(t, wanted), |_| 0.0).zero())
     }
 }
 
