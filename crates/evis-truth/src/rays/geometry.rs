@@ -306,10 +306,10 @@ impl Geometry {
             let found = self.with(slot, placed, origin, direction, near, far, |tree, o, d, hit| {
                 tree.nearest(o, d, near, far, |m| accept(&hit(m))).map(|m| hit(&m))
             });
-            if let Some(Some(found)) = found {
-                if best.is_none_or(|b| before((found.distance, found.triangle), (b.distance, b.triangle))) {
-                    best = Some(found);
-                }
+            if let Some(Some(found)) = found
+                && best.is_none_or(|b| before((found.distance, found.triangle), (b.distance, b.triangle)))
+            {
+                best = Some(found);
             }
         }
         best
