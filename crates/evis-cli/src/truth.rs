@@ -1,7 +1,7 @@
 //! `truth`: what an ideal sensor fires in a scene, as a file.
 
 use evis_render::RunConfig;
-use evis_truth::{TruthError, TruthSettings};
+use evis_truth::{Audit, TruthError, TruthSettings};
 
 use crate::args::TruthArgs;
 use crate::chart::cache_folder;
@@ -51,6 +51,17 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
         text::grouped(truth.events.len() as u64),
         text::seconds(truth.duration_us),
     ));
+    if let Some(audit) = Audit::of(&truth) {
+        text::say(&format!(
+            "audit: {} of {} quiet steps looked at 16 times as finely: {} hide events; with {:.0} % confidence at most {:.2} % as many \
+             as there are events do",
+            text::grouped(audit.audited),
+            text::grouped(audit.intervals),
+            audit.missed,
+            100.0 * audit.confidence,
+            100.0 * audit.missed_per_event_at_most,
+        ));
+    }
     Ok(0)
 }
 

@@ -11,7 +11,7 @@ use crate::oracle::truth;
 use crate::settings::{TruthError, TruthSettings};
 
 /// Counts up with every change of the oracle that changes what it says: older files are then not found.
-const ORACLE_VERSION: u32 = 1;
+const ORACLE_VERSION: u32 = 4;
 
 /// As [`truth`], kept in `folder` under a hash of scene and settings: asked for again, it is read. A folder that cannot be
 /// read or written only costs the work.
@@ -51,13 +51,29 @@ fn key(scene: &Scene, settings: &TruthSettings) -> String {
         hasher.write_u8(salt);
         hasher
     }));
+    // Texels as bits: most of a scene, and slow to write in words.
+    let mut rest = scene.clone();
+    let maps = rest.environment.iter_mut().flat_map(|e| [&mut e.sky, &mut e.irradiance, &mut e.specular]);
+    let levels = maps.flat_map(|map| map.levels.iter_mut());
+    for texels in rest.images.iter_mut().map(|image| &mut image.texels).chain(levels) {
+        digest.texels(&std::mem::take(texels));
+    }
     // A digest takes everything.
-    let _ = write!(digest, "{settings:?}\n{scene:?}");
+    let _ = write!(digest, "{settings:?}\n{rest:?}");
     digest.0.iter().map(|h| format!("{:016x}", h.finish())).collect()
 }
 
 /// Two hashes of whatever is written into it.
 struct Digest([DefaultHasher; 2]);
+
+impl Digest {
+    fn texels(&mut self, texels: &[[half::f16; 4]]) {
+        for hasher in &mut self.0 {
+            hasher.write_usize(texels.len());
+            texels.iter().flatten().for_each(|v| hasher.write_u16(v.to_bits()));
+        }
+    }
+}
 
 impl fmt::Write for Digest {
     fn write_str(&mut self, text: &str) -> fmt::Result {
@@ -77,6 +93,15 @@ mod tests {
         let same = key(&scene, &settings);
         assert_eq!(same, key(&scene.clone(), &settings.clone()));
         let longer = TruthSettings { duration_us: settings.duration_us + 1, ..settings.clone() };
+        let image = |grey: f32| evis_scene::Image {
+            name: String::new(),
+            width: 1,
+            height: 1,
+            texels: vec![[grey; 4].map(half::f16::from_f32)],
+        };
+        let painted = |grey| Scene { images: vec![image(grey)], ..scene.clone() };
+        let colours = [same.clone(), key(&painted(0.5), &settings), key(&painted(0.25), &settings)];
+        assert!(colours[0] != colours[1] && colours[1] != colours[2]);
         let brighter = Scene { ambient: [0.0, 0.0, 1e-7], ..scene.clone() };
         assert_ne!(same, key(&scene, &longer));
         assert_ne!(same, key(&brighter, &settings));

@@ -90,13 +90,16 @@ impl<'a> Clock<'a> {
         }
     }
 
+    /// Whether any light moves.
+    pub fn lights_move(&self) -> bool {
+        self.scene.nodes.iter().zip(&self.moves).any(|(node, moves)| node.light.is_some() && *moves)
+    }
+
     /// Whether the camera, every light and every material stay as they are at the start.
     pub fn rests_but_for_objects(&self) -> bool {
-        let moves = &self.moves;
         let node = self.scene.cameras[self.camera].node;
-        let lights = self.scene.nodes.iter().zip(moves).all(|(n, moves)| n.light.is_none() || !moves);
-        !moves[node]
-            && lights
+        !self.moves[node]
+            && !self.lights_move()
             && self.scene.lights.iter().all(|l| l.waveform.is_none())
             && self.scene.materials.iter().all(|m| m.emission_waveform.is_none())
     }

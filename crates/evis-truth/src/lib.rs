@@ -4,16 +4,19 @@
 //! found exactly, thresholds crossed in continuous time. Slow, and with a stated error of its own: truths from two
 //! independent families of samples ([`Lattice`]) are scored against each other.
 
+mod audit;
 mod cache;
 mod clock;
 mod lattice;
 mod oracle;
+mod pace;
 mod probe;
 pub mod rays;
 mod settings;
 mod signal;
 mod walk;
 
+pub use audit::Audit;
 pub use cache::cached;
 pub use lattice::Lattice;
 pub use oracle::truth;

@@ -7,24 +7,17 @@ use evis_scene::{Scene, SceneError};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::audit::Audit;
 use crate::clock::{Clock, Moment};
 use crate::lattice::Lattice;
-use crate::rays::caster::seen_from;
-use crate::rays::{Pinhole, Textures};
+use crate::pace::{self, Pace};
+use crate::rays::{Beam, Pinhole, Textures};
 use crate::settings::{TruthError, TruthSettings};
 use crate::signal::Sampler;
 use crate::walk::{PixelTruth, Rules, walk};
 
-/// Pixels of motion between two looks at a pixel.
-const MOTION_PER_STEP: f64 = 0.25;
-/// Longest and shortest step, in microseconds.
-const STEP_US: (f64, f64) = (1000.0, 50.0);
-/// Instants at which the fastest motion is looked for.
-const SPEED_INSTANTS: usize = 16;
-/// Its margin for what these miss.
-const SPEED_MARGIN: f64 = 1.5;
-/// Pictures for the log-mean are this high, at most.
-const REFERENCE_ROWS: usize = 240;
+/// For the log-mean, squares of so many pixels share a beam.
+const REFERENCE_BLOCK: usize = 4;
 
 /// Where a truth comes from; stored with it.
 #[derive(Serialize)]
@@ -32,7 +25,9 @@ struct Provenance<'a> {
     evis: &'static str,
     scene: &'a str,
     settings: &'a TruthSettings,
+    /// The shortest between two looks.
     step_us: i64,
+    audit: Audit,
     readings: u64,
     skipped_pixels: u64,
     seconds: f64,
@@ -62,8 +57,13 @@ pub fn truth(
     let pinhole = *clock.pinhole();
     let pixels = settings.pixels(pinhole.width as u32, pinhole.height as u32)?;
 
-    let step_us = settings.step_us.unwrap_or_else(|| step_us(&clock, settings.duration_us));
-    clock.share(step_us, settings.duration_us);
+    let shortest =
+        settings.step_us.map_or_else(|| pace::shortest(&clock, settings.duration_us), |s| (s, 0.0));
+    clock.share(shortest.0, settings.duration_us);
+    let pace = match settings.step_us {
+        Some(step_us) => Pace::even(&clock, step_us, settings.duration_us),
+        None => Pace::local(&clock, shortest, settings.duration_us),
+    };
     let info = &scene.cameras[camera];
     let sensor = SensorConfig {
         threshold_on: info.threshold_on.unwrap_or(settings.sensor.threshold_on),
@@ -76,7 +76,7 @@ pub fn truth(
     let rules = Rules {
         sensor,
         reference_luminance,
-        step_us,
+        audit_share: settings.audit_share,
         duration_us: settings.duration_us,
         time_error_us: settings.time_error_us,
     };
@@ -95,7 +95,7 @@ pub fn truth(
                 skipped.fetch_add(1, Ordering::Relaxed);
                 PixelTruth::still()
             } else {
-                walk(&clock, &sampler, &rules, x, y)
+                walk(&clock, &sampler, &rules, &pace.times(x, y), x, y)
             };
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
             if !progress(done as f64 / pixels.len() as f64) {
@@ -107,11 +107,13 @@ pub fn truth(
     if stopped.into_inner() {
         return Err(TruthError::Stopped);
     }
+    let events = walked.iter().map(|w| w.events.len() as u64).sum();
     let provenance = Provenance {
         evis: env!("CARGO_PKG_VERSION"),
         scene: &scene.name,
         settings,
-        step_us,
+        step_us: shortest.0,
+        audit: Audit::new(walked.iter().map(|w| w.audit).sum(), events),
         readings: walked.iter().map(|w| w.readings).sum(),
         skipped_pixels: skipped.into_inner(),
         seconds: started.elapsed().as_secs_f64(),
@@ -166,62 +168,56 @@ fn assemble(
     }
 }
 
-/// `Y_ref` that brings the log-mean of what is lit to 0.18 (DESIGN, light), from a picture at `moment`.
+/// `Y_ref` that brings the log-mean of what is lit to 0.18 (DESIGN, light), from all pixels at `moment`.
 fn reference(moment: &Moment) -> f64 {
-    let camera = moment.camera;
-    // A smaller picture of the same field will do: its pixels' light is the mean of samples all over each.
-    let shrink = (camera.height as f64 / REFERENCE_ROWS as f64).max(1.0);
-    let (width, height) = ((camera.width as f64 / shrink) as usize, (camera.height as f64 / shrink) as usize);
-    let (sx, sy) = (camera.width as f64 / width.max(1) as f64, camera.height as f64 / height.max(1) as f64);
-    let points = Lattice::First.offsets(0);
-    let logs: Vec<f64> = (0..width.max(1) * height.max(1))
-        .into_par_iter()
-        .filter_map(|i| {
-            let (x, y) = ((i % width.max(1)) as f64, (i / width.max(1)) as f64);
-            // Every ninth of 144 points: sixteen, well spread.
-            let points = points.iter().step_by(9);
-            let count = points.len() as f64;
-            let sum: f64 = points
-                .map(|[u, v]| moment.caster.look(&camera, [(x + 0.5 + u) * sx, (y + 0.5 + v) * sy]).0)
-                .sum();
-            let mean = sum / count;
-            (mean > 0.0 && mean.is_finite()).then(|| mean.ln())
-        })
+    let camera = &moment.camera;
+    // Few points for every pixel. Where light varies within a pixel at random, the logarithm of their mean lies below that
+    // of the whole area's by half of its relative variance: one pixel of each block is asked with many, too.
+    let few: Vec<[f64; 2]> = (0..13)
+        .map(|i| [(f64::from(i) + 0.5) / 13.0 - 0.5, f64::from((8 * i + 6) % 13) / 13.0 - 6.0 / 13.0])
         .collect();
-    if logs.is_empty() {
+    let many = Lattice::First.offsets(0);
+    let blocks = [camera.width, camera.height].map(|size| size.div_ceil(REFERENCE_BLOCK));
+    let (sum, lit, lift, asked) = (0..blocks[0] * blocks[1])
+        .into_par_iter()
+        .map(|i| {
+            let corner = [i % blocks[0], i / blocks[0]].map(|k| k * REFERENCE_BLOCK);
+            let end = [camera.width, camera.height].map(|size| size as f64);
+            let low = corner.map(|v| v as f64);
+            let high = [0, 1].map(|k| (low[k] + REFERENCE_BLOCK as f64).min(end[k]));
+            let beam = Beam::new(&moment.caster, camera, low, high);
+            let log = |pixel: [f64; 2], points: &[[f64; 2]]| {
+                let light = |[u, v]: &[f64; 2]| beam.look([pixel[0] + 0.5 + u, pixel[1] + 0.5 + v]).0;
+                let mean = points.iter().map(light).sum::<f64>() / points.len() as f64;
+                (mean > 0.0 && mean.is_finite()).then(|| mean.ln())
+            };
+            let side = REFERENCE_BLOCK;
+            // In no step with the blocks' own rows and columns.
+            let chosen = (i * 7 + i / blocks[0] * 5) % (side * side);
+            let (mut sum, mut lit, mut lift, mut asked) = (0.0, 0_u64, 0.0, 0_u64);
+            for k in 0..side * side {
+                let pixel = [low[0] + (k % side) as f64, low[1] + (k / side) as f64];
+                if pixel[0] >= end[0] || pixel[1] >= end[1] {
+                    continue;
+                }
+                let Some(rough) = log(pixel, &few) else { continue };
+                (sum, lit) = (sum + rough, lit + 1);
+                if k == chosen
+                    && let Some(fine) = log(pixel, &many)
+                {
+                    (lift, asked) = (lift + fine - rough, asked + 1);
+                }
+            }
+            (sum, lit, lift, asked)
+        })
+        .collect::<Vec<_>>()
+        .into_iter()
+        .fold((0.0, 0, 0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2, a.3 + b.3));
+    if lit == 0 {
         return 1.0;
     }
-    let reference = (logs.iter().sum::<f64>() / logs.len() as f64).exp() / 0.18;
+    let reference = (sum / lit as f64 + lift / asked.max(1) as f64).exp() / 0.18;
     if reference.is_finite() && reference > 0.0 { reference } else { 1.0 }
-}
-
-/// Time in which the fastest thing moves by a quarter of a pixel, and in which no light goes through much of a period.
-fn step_us(clock: &Clock, duration_us: i64) -> i64 {
-    let camera = clock.pinhole();
-    let stride = (camera.width / 40).max(1);
-    let fastest = (0..SPEED_INSTANTS)
-        .map(|k| duration_us as f64 * (k as f64 + 0.5) / SPEED_INSTANTS as f64)
-        .map(|t| {
-            let (now, later) = (clock.at(t), clock.at(t + 100.0));
-            let columns = (0..camera.width).step_by(stride);
-            let places: Vec<[f64; 2]> = columns
-                .flat_map(|x| {
-                    (0..camera.height).step_by(stride).map(move |y| [x as f64 + 0.5, y as f64 + 0.5])
-                })
-                .collect();
-            let speed = |at: &[f64; 2]| {
-                let (hit, ray) = (now.caster.hit_at(&now.camera, *at), now.camera.ray(*at));
-                let there = seen_from(hit, &ray, later.caster.geometry(), &later.camera);
-                there.map_or(0.0, |[x, y]| (x - at[0]).hypot(y - at[1]) / 100e-6)
-            };
-            places.par_iter().map(speed).reduce(|| 0.0, f64::max)
-        })
-        .fold(0.0, f64::max);
-    let mut step = 1e6 * MOTION_PER_STEP / (SPEED_MARGIN * fastest).max(1.0);
-    if let Some(period) = clock.shortest_period_us() {
-        step = step.min(period / 32.0);
-    }
-    step.clamp(STEP_US.1, STEP_US.0) as i64
 }
 
 /// Where a camera rests, most pixels of most scenes never change. A pixel is still where no ray of its lattice, nor any

@@ -48,9 +48,11 @@ pub struct TruthSettings {
     pub reference_luminance: Option<f32>,
     /// Which family of samples.
     pub lattice: Lattice,
-    /// Largest time between two looks at a pixel, in microseconds, before any crossing is looked for; `None` takes
-    /// what it takes to move by a quarter of a pixel, at most 1000.
+    /// Time between two looks at a pixel, in microseconds, before any crossing is looked for; `None` takes, for each
+    /// pixel and time, what the fastest thing near it needs to move by a quarter of a pixel: 64 to 1024.
     pub step_us: Option<i64>,
+    /// Part of the steps in which nothing fired that are looked at again, 16 times as finely; see [`crate::Audit`].
+    pub audit_share: f64,
     /// Error of an event's time to aim at, in microseconds; the samples are refined until their estimated error is below
     /// it, or no more are left. `None` takes 0.15 of the strictest tolerance: 100, or the time to move by 0.01 px, at
     /// most 1000.
@@ -69,6 +71,7 @@ impl Default for TruthSettings {
             reference_luminance: None,
             lattice: Lattice::First,
             step_us: None,
+            audit_share: 1.0 / 64.0,
             time_error_us: None,
         }
     }
@@ -99,6 +102,9 @@ impl TruthSettings {
             && !(10..=100_000).contains(&step)
         {
             return Err(ConfigError::new("step_us", step, "between 10 and 100000 microseconds"));
+        }
+        if !(0.0..=1.0).contains(&self.audit_share) {
+            return Err(ConfigError::new("audit_share", self.audit_share, "between 0 and 1"));
         }
         if let Some(error) = self.time_error_us
             && !(error.is_finite() && error > 0.0)

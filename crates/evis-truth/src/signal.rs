@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 
 use crate::clock::Moment;
 use crate::lattice::{LEVELS, Lattice};
+use crate::rays::Beam;
 use crate::rays::caster::Kind;
 
 /// Places per line at which the kind is looked up before edges are bisected, and where some kind covers less than
@@ -92,9 +93,10 @@ impl Sampler {
     /// Mean light on pixel (x, y) from the smallest lattice.
     pub fn coarse(&self, moment: &Moment, x: u16, y: u16) -> Reading {
         let n = self.offsets[0].len() as f64;
+        let beam = beam(moment, x, y);
         let mut all = Sums::default();
         for o in &self.offsets[0] {
-            let (luminance, _) = moment.caster.look(&moment.camera, at(x, y, *o));
+            let (luminance, _) = beam.look(at(x, y, *o));
             all.add(luminance);
         }
         all.reading(n)
@@ -103,15 +105,16 @@ impl Sampler {
     /// Mean light on pixel (x, y), with as many samples as a relative error of `wanted` needs.
     pub fn fine(&self, moment: &Moment, x: u16, y: u16, wanted: f64) -> Reading {
         let mut reading = Reading { luminance: 0.0, error: f64::INFINITY };
+        let beam = beam(moment, x, y);
         for level in 0..LEVELS {
             let mut kinds: BTreeMap<Kind, Sums> = BTreeMap::new();
             for o in &self.offsets[level] {
-                let (luminance, kind) = moment.caster.look(&moment.camera, at(x, y, *o));
+                let (luminance, kind) = beam.look(at(x, y, *o));
                 kinds.entry(kind).or_default().add(luminance);
             }
             // A sliver along the border that no sample of the lattice met yet.
             for o in BORDER {
-                let (luminance, kind) = moment.caster.look(&moment.camera, at(x, y, o));
+                let (luminance, kind) = beam.look(at(x, y, o));
                 kinds.entry(kind).or_insert_with(|| {
                     let mut sums = Sums::default();
                     sums.add(luminance);
@@ -120,7 +123,7 @@ impl Sampler {
             }
             let n = self.offsets[level].len() as f64;
             reading = if kinds.len() > 1 {
-                self.with_edges(moment, x, y, &kinds, n)
+                self.with_edges(&beam, x, y, &kinds, n)
             } else {
                 kinds.into_values().next().unwrap_or_default().reading(n)
             };
@@ -134,14 +137,14 @@ impl Sampler {
     /// The mean of the kinds' means, weighted by the area that each covers. Lines run along x and along y: those that
     /// cross the edges change little from one to the next, those that run along an edge jump where they pass it: the ones
     /// that change less are taken.
-    fn with_edges(&self, moment: &Moment, x: u16, y: u16, kinds: &BTreeMap<Kind, Sums>, n: f64) -> Reading {
+    fn with_edges(&self, beam: &Beam, x: u16, y: u16, kinds: &BTreeMap<Kind, Sums>, n: f64) -> Reading {
         let steps = LINE_STEPS[usize::from(kinds.values().any(|s| s.count < SLIVER * n))];
         let overall = kinds.values().fold(Sums::default(), Sums::join);
         let spread = overall.variance().sqrt();
         let mean_of = |kind: &Kind| kinds.get(kind).map_or(overall.mean(), Sums::mean);
         let (mut best, mut least) = (Areas::default(), f64::INFINITY);
         for axis in 0..2 {
-            let (areas, step) = self.areas(moment, x, y, axis, steps, &mean_of);
+            let (areas, step) = self.areas(beam, x, y, axis, steps, &mean_of);
             if step < least {
                 (best, least) = (areas, step);
             }
@@ -167,7 +170,7 @@ impl Sampler {
     /// one line to the next.
     fn areas(
         &self,
-        moment: &Moment,
+        beam: &Beam,
         x: u16,
         y: u16,
         axis: usize,
@@ -180,7 +183,7 @@ impl Sampler {
             let side = (line as f64 + 0.5) / lines as f64 - 0.5;
             let kind_at = |s: f64| {
                 let offset = if axis == 0 { [s, side] } else { [side, s] };
-                moment.caster.kind(&moment.camera, at(x, y, offset))
+                beam.kind(at(x, y, offset))
             };
             let place = |step: usize| step as f64 / steps as f64 - 0.5;
             let mut own = Areas::default();
@@ -220,6 +223,11 @@ impl Areas {
     fn total(&self) -> f64 {
         self.0.values().sum::<f64>().max(f64::MIN_POSITIVE)
     }
+}
+
+/// All rays of pixel (x, y).
+fn beam<'m>(moment: &'m Moment, x: u16, y: u16) -> Beam<'m, 'm> {
+    Beam::new(&moment.caster, &moment.camera, at(x, y, [-0.5; 2]), at(x, y, [0.5; 2]))
 }
 
 /// Image point at `offset` from the centre of pixel (x, y).

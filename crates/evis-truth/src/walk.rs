@@ -3,6 +3,7 @@
 
 use evis_core::{Polarity, Region, RegionSpan, SensorConfig};
 
+use crate::audit::{Counts, FINER, chosen};
 use crate::clock::Clock;
 use crate::probe::{Probe, probe};
 use crate::signal::{Reading, Sampler};
@@ -12,6 +13,8 @@ const DEPTH: u32 = 6;
 /// A step is looked into where, bent as its neighbours say, it could come to a threshold: for a parabola an eighth of
 /// the second difference is enough; this is eight times that.
 const EXCURSION: f64 = 1.0;
+/// And this is twice as much as a parabola needs, whatever the samples' error.
+const PARABOLA: f64 = 0.25;
 /// Second differences below this are no excursion: rounding, and far below any threshold.
 const FLAT: f64 = 1e-6;
 /// A reading decides about a threshold where it is farther from it than this many times its own error.
@@ -20,6 +23,9 @@ const DECIDED: f64 = 4.0;
 const TIME_SHARE: f64 = 0.15;
 /// A crossing's time is refined until it moves by less, in microseconds.
 const TIME_STEP_US: f64 = 0.5;
+/// How far an excursion goes past a threshold to be called missed, in log light: a hundredth of a usual threshold. Of one
+/// that only touches it, truths of other samples do not know either.
+const AUDIT_DEPTH: f64 = 0.002;
 /// Regions are looked up this often, in microseconds.
 const REGION_US: f64 = 4000.0;
 
@@ -30,8 +36,10 @@ pub struct PixelTruth {
     pub events: Vec<Fired>,
     /// Regions over time.
     pub spans: Vec<RegionSpan>,
-    /// Readings taken.
+    /// Readings taken, but for the audit's.
     pub readings: u64,
+    /// What the audit saw.
+    pub audit: Counts,
 }
 
 impl PixelTruth {
@@ -71,28 +79,21 @@ pub struct Rules {
     pub sensor: SensorConfig,
     /// `Y_ref`.
     pub reference_luminance: f64,
-    /// Microseconds between looks.
-    pub step_us: i64,
+    /// Part of the quiet steps that are looked at again, densely.
+    pub audit_share: f64,
     /// Length in microseconds.
     pub duration_us: i64,
     /// Error of an event's time to aim at; `None` takes [`TIME_SHARE`] of the strictest tolerance.
     pub time_error_us: Option<f64>,
 }
 
-/// Walks pixel (x, y).
-pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, x: u16, y: u16) -> PixelTruth {
-    let mut walker = Walker { clock, sampler, rules, x, y, reference: 0.0, truth: PixelTruth::default() };
+/// Walks pixel (x, y), looking at it at `times`.
+pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, times: &[i64], x: u16, y: u16) -> PixelTruth {
+    let mut walker =
+        Walker { clock, sampler, rules, x, y, reference: 0.0, step_us: 0.0, truth: PixelTruth::default() };
     walker.reference = walker.fine(0.0, 0.0).log;
     walker.regions();
     // Looks before, at both ends of, and after the interval in work.
-    let times: Vec<i64> = {
-        let steps = rules.duration_us.div_euclid(rules.step_us);
-        let mut times: Vec<i64> = (0..=steps).map(|k| k * rules.step_us).collect();
-        if times.last() != Some(&rules.duration_us) {
-            times.push(rules.duration_us);
-        }
-        times
-    };
     let mut a = walker.coarse(0.0);
     let mut before: Option<Look> = None;
     let mut b = times.get(1).map(|t| walker.coarse(*t as f64));
@@ -104,7 +105,12 @@ pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, x: u16, y: u16) -> 
             _ => 0.0,
         };
         let bend = bend(before, a, Some(end)).max(bend(Some(a), end, after));
+        walker.step_us = end.t_us - a.t_us;
+        let fired = walker.truth.events.len();
         let end = walker.advance(a, end, bend, 0);
+        if walker.truth.events.len() == fired {
+            walker.audit(a, end);
+        }
         before = Some(a);
         a = end;
         b = after;
@@ -126,6 +132,8 @@ struct Walker<'a, 's> {
     x: u16,
     y: u16,
     reference: f64,
+    /// Length of the step in work.
+    step_us: f64,
     truth: PixelTruth,
 }
 
@@ -173,6 +181,29 @@ impl Walker<'_, '_> {
         }
     }
 
+    /// Looks for what a step in which nothing fired may hide, if it is chosen.
+    fn audit(&mut self, a: Look, b: Look) {
+        self.truth.audit.intervals += 1;
+        if !chosen(self.x, self.y, a.t_us as i64, self.rules.audit_share) {
+            return;
+        }
+        self.truth.audit.audited += 1;
+        let beyond =
+            |look: Look, sure: f64| look.log >= self.upper() + sure || look.log <= self.lower() - sure;
+        let looks = (1..FINER).map(|k| a.t_us + (b.t_us - a.t_us) * f64::from(k) / f64::from(FINER));
+        let missed = looks.into_iter().any(|t| {
+            // What rounding alone takes past a threshold is no event that anybody misses.
+            let at = |reading| self.look(t, reading);
+            let rough = at(self.sampler.coarse(&self.clock.at(t), self.x, self.y));
+            beyond(rough, -DECIDED * rough.error) && {
+                let wanted = 0.1 * AUDIT_DEPTH;
+                let sure = at(self.sampler.fine(&self.clock.at(t), self.x, self.y, wanted));
+                beyond(sure, AUDIT_DEPTH.max(DECIDED * sure.error))
+            }
+        });
+        self.truth.audit.missed += u64::from(missed);
+    }
+
     fn upper(&self) -> f64 {
         self.reference + f64::from(self.rules.sensor.threshold_on)
     }
@@ -183,13 +214,13 @@ impl Walker<'_, '_> {
 
     /// Everything that fires in (a, b]; returns `b`, known better where that was needed.
     fn advance(&mut self, a: Look, b: Look, bend: f64, depth: u32) -> Look {
-        // What the samples' own error could bend is no excursion.
-        let bend = (bend - 2.0 * a.error.max(b.error)).max(0.0);
-        let reach = EXCURSION * bend;
+        // What the samples' own error could bend is no excursion, where more than a parabola is guarded against.
+        let sure_bend = (bend - 2.0 * a.error.max(b.error)).max(0.0);
+        let reach = (EXCURSION * sure_bend).max(PARABOLA * bend);
         let crossed = b.log >= self.upper() || b.log <= self.lower();
         // Where nothing lies within reach of a threshold, and where all is one steep slope, the ends tell everything.
         let near = a.log.max(b.log) + reach >= self.upper() || a.log.min(b.log) - reach <= self.lower();
-        let steep = crossed && bend < 0.1 * (b.log - a.log).abs();
+        let steep = crossed && sure_bend < 0.1 * (b.log - a.log).abs();
         if near && !steep && bend > FLAT && depth < DEPTH && b.t_us - a.t_us > 20.0 {
             let middle = self.coarse((0.5 * (a.t_us + b.t_us)).round());
             // Each half bends by a quarter of the whole where the curvature is even.
@@ -219,7 +250,11 @@ impl Walker<'_, '_> {
                 return b;
             };
             let sign = if polarity == Polarity::On { 1.0 } else { -1.0 };
-            let (fired, at) = self.crossing(start, b, level, sign);
+            let Some((fired, at)) = self.crossing(start, b, level, sign) else {
+                // Only the coarse signal was there.
+                b = Look { error: 0.0, log: b.log.clamp(lower.next_up(), upper.next_down()), ..b };
+                return b;
+            };
             if fired.t_us < self.rules.duration_us as f64 {
                 self.truth.events.push(fired);
             }
@@ -229,7 +264,7 @@ impl Walker<'_, '_> {
     }
 
     /// When the signal crosses `level` between `a` and `b`, upwards for `sign` 1.
-    fn crossing(&mut self, a: Look, b: Look, level: f64, sign: f64) -> (Fired, Look) {
+    fn crossing(&mut self, a: Look, b: Look, level: f64, sign: f64) -> Option<(Fired, Look)> {
         // Coarse: until the bracket is as narrow as the coarse signal is sure.
         let rough = Bracket::new(a, b, level, sign).narrow(|t| self.coarse(t), |look| DECIDED * look.error);
         let guess = rough.zero().clamp(a.t_us, b.t_us);
@@ -241,52 +276,62 @@ impl Walker<'_, '_> {
         let sure = DECIDED * rough.high.error.max(rough.low.error).max(wanted / DECIDED);
         // The fine signal may cross outside of the piece where the coarse one did (its lattice has stairs that some
         // directions meet all at once), never before the last event.
-        let margin = self.rules.step_us as f64;
+        let margin = self.step_us;
         let last = self.truth.events.last().map_or(0.0, |e| e.t_us);
         let bounds = [(a.t_us - margin).max(last), b.t_us + margin];
-        let t_us = self.refine(bounds, guess, (sure / slope).max(2.0), level, sign, wanted);
+        let t_us = self.refine([a, b], bounds, guess, (sure / slope).max(2.0), level, sign, wanted)?;
         let fired = Fired {
             t_us,
             polarity: if sign > 0.0 { Polarity::On } else { Polarity::Off },
             speed: speed as f32,
             region,
         };
-        (fired, Look { t_us, log: level, error: 0.0 })
+        Some((fired, Look { t_us, log: level, error: 0.0 }))
     }
 
     /// The zero near `guess`, from fine looks: first a bracket around it, at first `width` wide, then its narrowing.
+    /// Between `a` and `b`, below and above by what the walk knows of them; as far as `from` and `to` where fine looks
+    /// deny that. `None` where there is no crossing at all.
+    #[expect(clippy::too_many_arguments, reason = "a bracket in a bracket")]
     fn refine(
         &mut self,
+        [a, b]: [Look; 2],
         [from, to]: [f64; 2],
         guess: f64,
         width: f64,
         level: f64,
         sign: f64,
         wanted: f64,
-    ) -> f64 {
+    ) -> Option<f64> {
         let height = |look: Look| (look.log - level) * sign;
+        // Looks without error were decided as finely as can be: asked again less finely they might say otherwise. Not so
+        // the last event, where the search must end: of several at a jump, all are at its time.
+        let known = |end: Look| (end.error == 0.0).then_some(end);
         let first = self.fine(guess.clamp(from, to), wanted);
         let (mut low, mut high) = (first, first);
         let mut width = width;
         // Downhill for the low end, uphill for the high one, until the signs differ or the interval ends.
         while height(low) >= 0.0 && low.t_us > from {
             high = low;
-            low = self.fine((low.t_us - width).max(from), wanted);
+            let next = (low.t_us - width).max(if low.t_us > a.t_us { a.t_us } else { from });
+            low =
+                known(a).filter(|a| a.t_us == next && next > from).unwrap_or_else(|| self.fine(next, wanted));
             width *= 4.0;
         }
         while height(high) < 0.0 && high.t_us < to {
             low = high;
-            high = self.fine((high.t_us + width).min(to), wanted);
+            let next = (high.t_us + width).min(if high.t_us < b.t_us { b.t_us } else { to });
+            high = known(b).filter(|b| b.t_us == next).unwrap_or_else(|| self.fine(next, wanted));
             width *= 4.0;
         }
         // The fine signal was there before the interval began, or is not there yet at its end.
         if height(low) >= 0.0 {
-            return from;
+            return Some(from);
         }
         if height(high) < 0.0 {
-            return to;
+            return None;
         }
-        Bracket::new(low, high, level, sign).narrow(|t| self.fine(t, wanted), |_| 0.0).zero()
+        Some(Bracket::new(low, high, level, sign).narrow(|t| self.fine(t, wanted), |_| 0.0).zero())
     }
 }
 

@@ -14,7 +14,7 @@ use evis_scene::motion::{Path, WaveShape, Waveform};
 use evis_scene::{
     Camera, Lens, Light, LightKind, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs,
 };
-use evis_truth::{Lattice, PixelChoice, TruthSettings, truth};
+use evis_truth::{Audit, Lattice, PixelChoice, TruthSettings, truth};
 use glam::{DMat4, DQuat, DVec3};
 
 const WIDTH: u32 = 32;
@@ -427,4 +427,29 @@ fn a_truth_asked_for_again_is_read() {
         "canary: another truth is made"
     );
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn the_audit_finds_what_too_long_a_step_jumps_over() {
+    // A bar passes each pixel in 1.4 / 90 s, and leaves it as it was.
+    let mut scene = scene();
+    backdrop(&mut scene, 0.3);
+    let motion = moving(on_wall(1.7, 0.0), DQuat::IDENTITY, DVec3::X * 90.0 / PX);
+    add(&mut scene, card(-0.2 / PX, 0.2 / PX, -4.0, 4.0), grey(4.0), motion);
+    let ask = |step_us, audit_share| {
+        let settings =
+            TruthSettings { step_us, audit_share, ..settings(Lattice::First, PixelChoice::Count(24)) };
+        let truth = truth(&scene, &settings, &|_| true).unwrap();
+        (Audit::of(&truth).unwrap(), truth.events.len())
+    };
+    let (fine, events) = ask(None, 0.2);
+    assert_eq!(fine.missed, 0, "{fine:?}");
+    assert!(fine.audited as f64 > 0.15 * fine.intervals as f64 && events > 20, "{fine:?}");
+    // Canary: looks 40 ms apart see the bar in some pixels only.
+    let (coarse, found) = ask(Some(40_000), 1.0);
+    assert!(found < events && coarse.missed > 0, "{coarse:?}, {found} of {events} events");
+    assert_eq!(coarse.audited, coarse.intervals);
+    assert!(coarse.missed_at_most > coarse.missed as f64, "{coarse:?}");
+    // What is missed by more than a pair of events per step is missed in that many steps.
+    assert!(coarse.missed as usize <= (events - found) / 2, "{coarse:?}, {found} of {events} events");
 }

@@ -1,6 +1,6 @@
 //! Rays against triangles: a tree over boxes, split where the surface-area heuristic is least.
 
-use glam::DVec3;
+use glam::{DMat3, DMat4, DVec3};
 
 /// Triangles in a leaf, at most, where splitting does not pay.
 const LEAF: usize = 4;
@@ -10,6 +10,16 @@ const BINS: usize = 16;
 const HEURISTIC_DEPTH: usize = 40;
 /// 40 levels by heuristic and 32 halvings of at most 2^32 triangles.
 const STACK: usize = 80;
+
+/// Distances whose ratio is this close to 1 are equal: of surfaces in one plane, rounding must not show now the one,
+/// now the other.
+pub const TIE: f64 = 1e-10;
+
+/// Whether the first of two (distance, id) is seen before the other.
+pub fn before<I: Ord>(a: (f64, I), b: (f64, I)) -> bool {
+    let slack = TIE * b.0;
+    a.0 < b.0 - slack || (a.0 <= b.0 + slack && a.1 < b.1)
+}
 
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,11 +53,49 @@ struct Node {
 
 /// Corner, the two edges that leave it, and a name.
 #[derive(Clone, Copy, Debug)]
-struct Triangle {
+pub struct Triangle {
     a: DVec3,
     ab: DVec3,
     ac: DVec3,
-    id: u32,
+    /// The name.
+    pub id: u32,
+}
+
+/// Points p with `normal . p + offset >= 0`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct HalfSpace {
+    /// Not necessarily of unit length.
+    pub normal: DVec3,
+    /// What is added.
+    pub offset: f64,
+}
+
+impl HalfSpace {
+    /// Through `point`, the inside along `normal`.
+    pub fn through(point: DVec3, normal: DVec3) -> Self {
+        Self { normal, offset: -normal.dot(point) }
+    }
+
+    /// Not below 0 inside.
+    pub fn value(&self, point: DVec3) -> f64 {
+        self.normal.dot(point) + self.offset
+    }
+
+    /// The greatest value in a box.
+    pub fn highest(&self, low: DVec3, high: DVec3) -> f64 {
+        (self.normal * low).max(self.normal * high).element_sum() + self.offset
+    }
+
+    /// The other side.
+    pub fn turned(&self) -> Self {
+        Self { normal: -self.normal, offset: -self.offset }
+    }
+
+    /// This half space of the world, in the space of what `world` places.
+    pub fn local(&self, world: &DMat4) -> Self {
+        let normal = DMat3::from_mat4(*world).transpose() * self.normal;
+        Self { normal, offset: self.value(world.w_axis.truncate()) }
+    }
 }
 
 impl Bvh {
@@ -69,8 +117,8 @@ impl Bvh {
         self.nodes.first().map(|n| (n.low, n.high))
     }
 
-    /// The nearest meeting in `[near, far]` that `accept` takes; of equal distances the lowest id, as the depth test
-    /// of a raster pass keeps the first triangle.
+    /// The nearest meeting in `[near, far]` that `accept` takes; of equal distances (see [`before`]) the lowest id, as
+    /// the depth test of a raster pass keeps the first triangle.
     pub fn nearest(
         &self,
         origin: DVec3,
@@ -81,12 +129,10 @@ impl Bvh {
     ) -> Option<Meeting> {
         let mut best: Option<Meeting> = None;
         self.walk(origin, direction, near, far, |meeting, far| {
-            let nearer = best.is_none_or(|b| {
-                meeting.distance < b.distance || (meeting.distance == b.distance && meeting.id < b.id)
-            });
-            if nearer && accept(meeting) {
+            let first = best.is_none_or(|b| before((meeting.distance, meeting.id), (b.distance, b.id)));
+            if first && accept(meeting) {
                 best = Some(*meeting);
-                *far = meeting.distance;
+                *far = meeting.distance * (1.0 + TIE);
             }
             false
         });
@@ -167,6 +213,66 @@ impl Bvh {
         }
     }
 
+    /// Visits the triangles that may reach into all half spaces of `bounds` no deeper than `far` by `depth`, nearer
+    /// boxes first, until `visit` says that it is done; `visit` may lower `far`.
+    pub fn within(
+        &self,
+        bounds: &[HalfSpace],
+        depth: &HalfSpace,
+        far: &mut f64,
+        mut visit: impl FnMut(&Triangle, &mut f64) -> bool,
+    ) -> bool {
+        let lowest = |index: u32, far: f64| {
+            let node = &self.nodes[index as usize];
+            let inside = bounds.iter().all(|b| b.highest(node.low, node.high) >= 0.0);
+            let near = -depth.turned().highest(node.low, node.high);
+            (inside && near <= far).then_some(near)
+        };
+        if self.nodes.is_empty() || lowest(0, *far).is_none() {
+            return false;
+        }
+        let mut stack = [(0_u32, f64::NEG_INFINITY); STACK];
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let (index, near) = stack[height];
+            if near > *far {
+                continue;
+            }
+            let node = &self.nodes[index as usize];
+            if node.count > 0 {
+                let from = node.start as usize;
+                for triangle in &self.triangles[from..from + node.count as usize] {
+                    let corners = triangle.corners();
+                    let outside = |b: &HalfSpace| corners.iter().all(|c| b.value(*c) < 0.0);
+                    if !bounds.iter().any(outside) && visit(triangle, far) {
+                        return true;
+                    }
+                }
+                continue;
+            }
+            let (left, right) = (index + 1, node.start);
+            let mut push = |index: u32, near: Option<f64>| {
+                if let Some(near) = near {
+                    stack[height] = (index, near);
+                    height += 1;
+                }
+            };
+            // The nearer one last, to be looked at first.
+            match [lowest(left, *far), lowest(right, *far)] {
+                [Some(l), Some(r)] if l <= r => {
+                    push(right, Some(r));
+                    push(left, Some(l));
+                }
+                [l, r] => {
+                    push(left, l);
+                    push(right, r);
+                }
+            }
+        }
+        false
+    }
+
     fn build(&mut self, items: &mut [Item], depth: usize) -> u32 {
         let index = self.nodes.len();
         let (low, high) = items.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), item| {
@@ -188,8 +294,27 @@ impl Bvh {
 }
 
 impl Triangle {
-    /// T. Möller and B. Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997; both sides.
-    fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
+    /// A triangle by its corners.
+    pub fn new(id: u32, [a, b, c]: [DVec3; 3]) -> Self {
+        Self { a, ab: b - a, ac: c - a, id }
+    }
+
+    /// Its corners.
+    pub fn corners(&self) -> [DVec3; 3] {
+        [self.a, self.a + self.ab, self.a + self.ac]
+    }
+
+    /// Weights of the corners at a point of its plane.
+    pub fn barycentric(&self, point: DVec3) -> [f64; 3] {
+        let normal = self.ab.cross(self.ac);
+        let area = normal.length_squared().max(f64::MIN_POSITIVE);
+        let v = normal.dot((point - self.a).cross(self.ac)) / area;
+        let w = normal.dot(self.ab.cross(point - self.a)) / area;
+        [1.0 - v - w, v, w]
+    }
+
+    /// Where a ray meets it: T. Möller and B. Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997; both sides.
+    pub fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
         let p = direction.cross(self.ac);
         let determinant = self.ab.dot(p);
         if determinant == 0.0 {
@@ -241,7 +366,7 @@ struct Item {
 impl Item {
     fn new(id: u32, [a, b, c]: [DVec3; 3]) -> Self {
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        let triangle = Triangle { a, ab: b - a, ac: c - a, id };
+        let triangle = Triangle::new(id, [a, b, c]);
         Self { low, high, centre: 0.5 * (low + high), triangle }
     }
 }

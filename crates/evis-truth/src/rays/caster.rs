@@ -4,6 +4,7 @@ use evis_scene::{AlphaMode, Material, Primitive, Scene, SceneState, TextureRef};
 use glam::{DVec2, DVec3, DVec4};
 use rayon::prelude::*;
 
+use super::beam::Beam;
 use super::bvh::enter_box;
 use super::geometry::{Geometry, Hit, Object};
 use super::pinhole::{Pinhole, Ray};
@@ -111,19 +112,24 @@ impl<'a> RayCaster<'a> {
     /// Linear RGB at one image point.
     pub fn radiance_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> DVec3 {
         let ray = camera.ray(pixel);
-        match self.visible(camera, &ray) {
-            Some(hit) => self.shade(&hit, &ray, self.shadows_at(&hit, &ray)),
+        match self.visible(camera, &ray, None) {
+            Some(hit) => self.shade(&hit, &ray, self.shadows_at(&hit, &ray), None),
             None => self.background(&ray),
         }
     }
 
     /// Luminance at one image point, and of what kind it is.
     pub fn look(&self, camera: &Pinhole, pixel: [f64; 2]) -> (f64, Kind) {
+        self.look_in(camera, pixel, None)
+    }
+
+    pub(super) fn look_in(&self, camera: &Pinhole, pixel: [f64; 2], beam: Option<&Beam>) -> (f64, Kind) {
         let ray = camera.ray(pixel);
-        match self.visible(camera, &ray) {
+        match self.visible(camera, &ray, beam) {
             Some(hit) => {
-                let shadows = self.shadows_at(&hit, &ray);
-                (self.shade(&hit, &ray, shadows).dot(LUMA_WEIGHTS), self.kind_of(&hit, shadows))
+                let shadows = self.shadows_of(&hit, &ray, beam);
+                let color = self.shade(&hit, &ray, shadows, beam);
+                (color.dot(LUMA_WEIGHTS), self.kind_of(&hit, shadows))
             }
             None => (self.background(&ray).dot(LUMA_WEIGHTS), Kind::default()),
         }
@@ -131,8 +137,13 @@ impl<'a> RayCaster<'a> {
 
     /// Of what kind one image point is; the same as of [`RayCaster::look`], for less.
     pub fn kind(&self, camera: &Pinhole, pixel: [f64; 2]) -> Kind {
+        self.kind_in(camera, pixel, None)
+    }
+
+    pub(super) fn kind_in(&self, camera: &Pinhole, pixel: [f64; 2], beam: Option<&Beam>) -> Kind {
         let ray = camera.ray(pixel);
-        self.kind_seen(self.visible(camera, &ray), &ray)
+        let hit = self.visible(camera, &ray, beam);
+        hit.map_or(Kind::default(), |hit| self.kind_of(&hit, self.shadows_of(&hit, &ray, beam)))
     }
 
     /// Of what kind is what `ray` sees: `hit`, or the sky.
@@ -145,6 +156,11 @@ impl<'a> RayCaster<'a> {
         Kind { object: hit.object as u32 + 1, face, shadows }
     }
 
+    /// The lamps that throw shadows.
+    pub(super) fn shadow_lamps(&self) -> impl Iterator<Item = &Lamp> {
+        self.lamps.iter().filter(|lamp| self.options.shadows && lamp.casts_shadow)
+    }
+
     fn background(&self, ray: &Ray) -> DVec3 {
         match &self.scene.environment {
             Some(environment) if environment.visible => environment.radiance(ray.direction),
@@ -154,11 +170,15 @@ impl<'a> RayCaster<'a> {
 
     /// What is seen at one image point; the hit's distance is planar depth.
     pub fn hit_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> Option<Hit> {
-        self.visible(camera, &camera.ray(pixel))
+        self.visible(camera, &camera.ray(pixel), None)
     }
 
     /// Which of the lamps that throw shadows, by [`Lamp::shadow_bit`], are hidden from a hit that faces them.
     pub fn shadows_at(&self, hit: &Hit, ray: &Ray) -> u32 {
+        self.shadows_of(hit, ray, None)
+    }
+
+    fn shadows_of(&self, hit: &Hit, ray: &Ray, beam: Option<&Beam>) -> u32 {
         if !self.options.shadows {
             return 0;
         }
@@ -167,7 +187,11 @@ impl<'a> RayCaster<'a> {
         self.lamps.iter().filter(|l| l.shadow_bit != 0).fold(0, |mask, lamp| {
             let incident = lamp.incident(position);
             let faces = normal.dot(incident.to_light) > 0.0 && incident.irradiance != DVec3::ZERO;
-            if faces && self.blocked(hit, position, &incident) { mask | lamp.shadow_bit } else { mask }
+            if faces && self.blocked(hit, position, lamp, &incident, beam) {
+                mask | lamp.shadow_bit
+            } else {
+                mask
+            }
         })
     }
 
@@ -175,7 +199,7 @@ impl<'a> RayCaster<'a> {
     /// passes one of `boxes` (low, high).
     pub fn passes(&self, camera: &Pinhole, pixel: [f64; 2], boxes: &[(DVec3, DVec3)]) -> bool {
         let ray = camera.ray(pixel);
-        let hit = self.visible(camera, &ray);
+        let hit = self.visible(camera, &ray, None);
         let far = hit.map_or(f64::INFINITY, |h| h.distance);
         let meets = |origin: DVec3, direction: DVec3, far: f64| {
             let inverse = direction.recip();
@@ -201,7 +225,7 @@ impl<'a> RayCaster<'a> {
         }
         let ray = camera.ray([x, y]);
         // What lies nearer than a part in a thousand is the surface itself, met again by rounding.
-        self.visible(camera, &ray).is_none_or(|hit| {
+        self.visible(camera, &ray, None).is_none_or(|hit| {
             let depth = (target - ray.origin).dot(ray.direction) / ray.direction.length_squared();
             hit.triangle == triangle || hit.distance > depth * (1.0 - 1e-3)
         })
@@ -227,7 +251,7 @@ impl<'a> RayCaster<'a> {
     pub fn flow(&self, camera: &Pinhole, other: &Geometry, other_camera: &Pinhole) -> Vec<Option<[f64; 2]>> {
         self.for_pixels(camera, |center| {
             let ray = camera.ray(center);
-            let there = seen_from(self.visible(camera, &ray), &ray, other, other_camera)?;
+            let there = seen_from(self.visible(camera, &ray, None), &ray, other, other_camera)?;
             Some([there[0] - center[0], there[1] - center[1]])
         })
     }
@@ -240,12 +264,29 @@ impl<'a> RayCaster<'a> {
             .collect()
     }
 
-    fn visible(&self, camera: &Pinhole, ray: &Ray) -> Option<Hit> {
-        self.geometry.nearest(ray.origin, ray.direction, camera.near, f64::INFINITY, |hit| {
-            let Some((_, material)) = self.looks(hit) else { return false };
-            // glTF 2.0, 3.9.6: without doubleSided, back faces are culled.
-            (material.double_sided || hit.front) && self.solid(hit, ray)
-        })
+    fn visible(&self, camera: &Pinhole, ray: &Ray, beam: Option<&Beam>) -> Option<Hit> {
+        let accept = |hit: &Hit| self.accepts(hit, ray);
+        match beam {
+            Some(beam) => beam.nearest(ray, camera.near, accept),
+            None => self.geometry.nearest(ray.origin, ray.direction, camera.near, f64::INFINITY, accept),
+        }
+    }
+
+    /// Whether what is hit from this side is there.
+    pub(super) fn accepts(&self, hit: &Hit, ray: &Ray) -> bool {
+        let Some((_, material)) = self.looks(hit) else { return false };
+        // glTF 2.0, 3.9.6: without doubleSided, back faces are culled.
+        (material.double_sided || hit.front) && self.solid(hit, ray)
+    }
+
+    /// Whether nothing behind it is seen past what is hit, wherever on its triangle.
+    pub(super) fn closes(&self, hit: &Hit, ray: &Ray) -> bool {
+        self.opaque(hit) && self.accepts(hit, ray)
+    }
+
+    /// Whether what is hit has no holes.
+    pub(super) fn opaque(&self, hit: &Hit) -> bool {
+        self.looks(hit).is_some_and(|(_, material)| material.alpha == AlphaMode::Opaque)
     }
 
     fn object(&self, hit: &Hit) -> &Object {
@@ -345,7 +386,7 @@ impl<'a> RayCaster<'a> {
         mapped.normalize_or(normal) * side
     }
 
-    fn shade(&self, hit: &Hit, ray: &Ray, shadows: u32) -> DVec3 {
+    fn shade(&self, hit: &Hit, ray: &Ray, shadows: u32, beam: Option<&Beam>) -> DVec3 {
         let Some((primitive, material)) = self.looks(hit) else { return DVec3::ZERO };
         let texel = |texture| self.texel(primitive, texture, hit, ray);
         let emission_factor = self.emission_factor.get(primitive.material).map_or(1.0, |f| f64::from(*f));
@@ -381,20 +422,34 @@ impl<'a> RayCaster<'a> {
                     || self.options.shadows
                         && lamp.casts_shadow
                         && unasked
-                        && self.blocked(hit, surface.position, incident);
+                        && self.blocked(hit, surface.position, lamp, incident, beam);
                 f64::from(u8::from(!dark))
             },
         )
     }
 
     /// Whether anything solid, from either side, lies between a surface and a light.
-    fn blocked(&self, hit: &Hit, position: DVec3, incident: &shade::Incident) -> bool {
-        // Away from the surface by a part of its distance that f64 resolves and nothing in a scene is as thin as.
-        let start = 1e-7 * (1.0 + position.abs().max_element());
+    /// Where a ray from a surface begins: away from it by a part of its distance that f64 resolves and nothing in a
+    /// scene is as thin as.
+    pub(super) fn start(position: DVec3) -> f64 {
+        1e-7 * (1.0 + position.abs().max_element())
+    }
+
+    fn blocked(
+        &self,
+        hit: &Hit,
+        position: DVec3,
+        lamp: &Lamp,
+        incident: &shade::Incident,
+        beam: Option<&Beam>,
+    ) -> bool {
+        let start = Self::start(position);
         let ray = Ray { origin: position, direction: incident.to_light, per_pixel: [DVec3::ZERO; 2] };
-        self.geometry.any(ray.origin, ray.direction, start, incident.distance, |h| {
-            h.triangle != hit.triangle && self.solid(h, &ray)
-        })
+        let accept = |h: &Hit| h.triangle != hit.triangle && self.solid(h, &ray);
+        match beam {
+            Some(beam) => beam.any(&ray, hit.triangle, lamp, [start, incident.distance], accept),
+            None => self.geometry.any(ray.origin, ray.direction, start, incident.distance, accept),
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use evis_scene::{Primitive, Scene, SceneState};
 use glam::{DMat3, DMat4, DVec3};
 
-use super::bvh::{Bvh, Meeting, enter_box};
+use super::bvh::{Bvh, HalfSpace, Meeting, TIE, Triangle, before, enter_box};
 
 /// A vertex in the world.
 #[derive(Clone, Copy, Debug, Default)]
@@ -34,6 +34,35 @@ pub struct Hit {
     pub barycentric: [f64; 3],
     /// The ray meets the outside.
     pub front: bool,
+}
+
+/// A triangle in the world that a beam may meet.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidate {
+    /// The triangle.
+    pub triangle: Triangle,
+    /// Least depth of its corners.
+    pub near: f64,
+    object: usize,
+    mirrored: bool,
+}
+
+/// Where a triangle lies with regard to a beam.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Place {
+    /// No ray meets it.
+    Beside,
+    /// Some rays may meet it.
+    Inside,
+    /// Each ray meets it, and none sees anything deeper than this.
+    Across(f64),
+}
+
+impl Candidate {
+    /// Where a ray meets it.
+    pub fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
+        self.triangle.meet(origin, direction).map(|m| hit(self.object, &m, self.mirrored))
+    }
 }
 
 /// One primitive of one node.
@@ -273,18 +302,14 @@ impl Geometry {
             .nearest(origin, direction, near, far, |m| accept(&self.still_hit(m)))
             .map(|m| self.still_hit(&m));
         for (slot, placed) in self.placed.iter().enumerate() {
-            let far = best.map_or(far, |b| b.distance);
+            let far = best.map_or(far, |b| b.distance * (1.0 + TIE));
             let found = self.with(slot, placed, origin, direction, near, far, |tree, o, d, hit| {
                 tree.nearest(o, d, near, far, |m| accept(&hit(m))).map(|m| hit(&m))
             });
-            if let Some(Some(found)) = found {
-                let nearer = best.is_none_or(|b| {
-                    found.distance < b.distance
-                        || (found.distance == b.distance && found.triangle < b.triangle)
-                });
-                if nearer {
-                    best = Some(found);
-                }
+            if let Some(Some(found)) = found
+                && best.is_none_or(|b| before((found.distance, found.triangle), (b.distance, b.triangle)))
+            {
+                best = Some(found);
             }
         }
         best
@@ -306,6 +331,65 @@ impl Geometry {
                 })
                 .unwrap_or(false)
             })
+    }
+
+    /// The triangles, in the world, that may reach into all half spaces of `bounds` and that `judge` does not put beside
+    /// them, but for those that lie deeper, by `depth`, than one that shuts the view; by their least depth. `None` where
+    /// there are more than `limit`.
+    pub fn within(
+        &self,
+        bounds: &[HalfSpace],
+        depth: &HalfSpace,
+        limit: usize,
+        judge: impl Fn(&Candidate) -> Place,
+    ) -> Option<Vec<Candidate>> {
+        let mut found: Vec<Candidate> = Vec::new();
+        let mut far = f64::INFINITY;
+        let mut add = |triangle: Triangle, object: usize, mirrored: bool, far: &mut f64| {
+            let near = triangle.corners().map(|c| depth.value(c)).into_iter().fold(f64::INFINITY, f64::min);
+            if near > *far {
+                return false;
+            }
+            let candidate = Candidate { triangle, object, mirrored, near };
+            match judge(&candidate) {
+                Place::Beside => return false,
+                Place::Inside => {}
+                Place::Across(shut) => {
+                    *far = far.min(shut);
+                    found.retain(|c| c.near <= *far);
+                }
+            }
+            found.push(candidate);
+            found.len() > limit
+        };
+        let full = self.matter.still.within(bounds, depth, &mut far, |triangle, far| {
+            let object = self.matter.owner[triangle.id as usize] as usize;
+            let mirrored = matches!(&self.matter.objects[object].body, Body::Still { mirrored: true, .. });
+            add(*triangle, object, mirrored, far)
+        }) || self.placed.iter().enumerate().any(|(slot, placed)| {
+            let object = self.matter.moving[slot];
+            match (placed, &self.matter.objects[object].body) {
+                (Placed::Rigid(pose), Body::Rigid { tree, .. }) => {
+                    let met = |b: &HalfSpace| b.highest(pose.low, pose.high) >= 0.0;
+                    if pose.low.x > pose.high.x || !bounds.iter().all(met) {
+                        return false;
+                    }
+                    let local: Vec<HalfSpace> = bounds.iter().map(|b| b.local(&pose.world)).collect();
+                    tree.within(&local, &depth.local(&pose.world), &mut far, |triangle, far| {
+                        let corners = triangle.corners().map(|c| pose.world.transform_point3(c));
+                        add(Triangle::new(triangle.id, corners), object, pose.sign < 0.0, far)
+                    })
+                }
+                (Placed::Deformed { mirrored, tree, .. }, _) => {
+                    tree.within(bounds, depth, &mut far, |triangle, far| {
+                        add(*triangle, object, *mirrored, far)
+                    })
+                }
+                _ => false,
+            }
+        });
+        found.sort_by(|a, b| a.near.total_cmp(&b.near));
+        (!full).then_some(found)
     }
 
     fn still_hit(&self, meeting: &Meeting) -> Hit {

@@ -4,6 +4,7 @@
 //! its formulas are written from their sources (glTF 2.0, its extensions, the Vulkan specification), so that an
 //! agreement means something.
 
+pub mod beam;
 pub mod bvh;
 pub mod caster;
 pub mod geometry;
@@ -12,6 +13,7 @@ pub mod shade;
 pub mod split_sum;
 pub mod texture;
 
+pub use beam::Beam;
 pub use caster::{Labels, Options, RayCaster};
 pub use geometry::{Geometry, Hit, Matter};
 pub use pinhole::{Pinhole, Ray};

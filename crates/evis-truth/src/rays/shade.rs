@@ -51,6 +51,10 @@ pub struct Lamp {
     pub casts_shadow: bool,
     /// One bit for each of the first 32 lamps that cast shadows, else 0.
     pub shadow_bit: u32,
+    /// Its place in the list of all lamps.
+    pub number: usize,
+    /// For spots, scale and offset of the cone's cosine: KHR_lights_punctual, "Inner and Outer Cone Angles".
+    cone: Option<[f64; 2]>,
 }
 
 /// Light that arrives at a point.
@@ -79,8 +83,18 @@ pub fn lamps(scene: &Scene, state: &SceneState) -> Vec<Lamp> {
         if casts_shadow {
             next_bit = next_bit.checked_mul(2).unwrap_or(0);
         }
+        let cone = match light.kind {
+            LightKind::Spot { inner, outer } => {
+                let (inner, outer) = (f64::from(inner).cos(), f64::from(outer).cos());
+                let scale = 1.0 / (inner - outer).max(0.001);
+                Some([scale, -outer * scale])
+            }
+            _ => None,
+        };
         lamps.push(Lamp {
             kind: light.kind,
+            number: lamps.len(),
+            cone,
             position: world.w_axis.truncate(),
             // KHR_lights_punctual: along the node's -Z; the node's scale does not count.
             direction: world.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z),
@@ -94,6 +108,11 @@ pub fn lamps(scene: &Scene, state: &SceneState) -> Vec<Lamp> {
 }
 
 impl Lamp {
+    /// Where it is; `None` for one that is infinitely far.
+    pub fn place(&self) -> Option<DVec3> {
+        (self.kind != LightKind::Directional).then_some(self.position)
+    }
+
     /// What of this light arrives at `position`, if nothing is in between.
     pub fn incident(&self, position: DVec3) -> Incident {
         if self.kind == LightKind::Directional {
@@ -111,11 +130,8 @@ impl Lamp {
         // squared is irradiance; within a millimetre it stays what it is there.
         let window = self.range.map_or(1.0, |range| (1.0 - (distance / range).powi(4)).clamp(0.0, 1.0));
         let mut attenuation = window / (distance * distance).max(1e-6);
-        if let LightKind::Spot { inner, outer } = self.kind {
-            // KHR_lights_punctual, "Inner and Outer Cone Angles".
-            let (inner, outer) = (f64::from(inner).cos(), f64::from(outer).cos());
-            let scale = 1.0 / (inner - outer).max(0.001);
-            let angular = (self.direction.dot(-to_light) * scale - outer * scale).clamp(0.0, 1.0);
+        if let Some([scale, offset]) = self.cone {
+            let angular = (self.direction.dot(-to_light) * scale + offset).clamp(0.0, 1.0);
             attenuation *= angular * angular;
         }
         Incident { to_light, distance, irradiance: self.strength * attenuation }

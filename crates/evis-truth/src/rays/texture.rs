@@ -139,6 +139,9 @@ fn cover(from: usize, to: usize, index: usize) -> impl Iterator<Item = (usize, f
 /// Texel `index`, a whole number, brought into [0, size). What is not finite reads texel 0.
 fn wrap(index: f64, size: usize, wrap: Wrap) -> usize {
     let n = size as f64;
+    if index >= 0.0 && index < n {
+        return index as usize;
+    }
     let inside = match wrap {
         Wrap::Repeat => index.rem_euclid(n),
         Wrap::Clamp => index.clamp(0.0, n - 1.0),
