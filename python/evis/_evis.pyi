@@ -217,6 +217,7 @@ class Simulator:
         rate_hz: float,
         samples: int,
         antialias: str,
+        shadows: str,
         cameras: list[str],
         size: tuple[int, int] | None,
         start_us: int,

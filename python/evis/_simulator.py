@@ -80,6 +80,10 @@ class Simulator:
         Samples per pixel and instant, 1 to 256, averaged in linear light.
     antialias : {"samples", "edges"}
         ``samples``: visibility and shading at every sample. ``edges``: visibility at 4, shading once.
+    shadows : {"maps", "rays"}
+        ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by rays, as
+        sharp as what throws them, for several times the work; things that throw shadows must be rigid and without
+        holes.
     cameras : sequence of str or EventCamera, optional
         Cameras to render: names of the scene's own, or cameras to add to it; all of the scene's if not
         given.
@@ -116,6 +120,7 @@ class Simulator:
         rate_hz: float = 1000.0,
         samples: int = 4,
         antialias: Literal["samples", "edges"] = "samples",
+        shadows: Literal["maps", "rays"] = "maps",
         cameras: Sequence[str | EventCamera] | None = None,
         size: tuple[int, int] | None = None,
         labels: Iterable[LabelName] = (),
@@ -148,6 +153,7 @@ class Simulator:
             rate_hz=rate_hz,
             samples=_whole("samples", samples, 2**32),
             antialias=antialias,
+            shadows=shadows,
             cameras=names,
             size=_size(size),
             start_us=micros("start", start),

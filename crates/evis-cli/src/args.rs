@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::{Interpolation, LabelKind, TriggerRule};
-use evis_render::{Antialias, Method};
+use evis_render::{Antialias, Method, Shadows};
 use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -129,6 +129,11 @@ pub(crate) struct RunArgs {
     /// [default: samples].
     #[arg(long, value_enum)]
     pub(crate) aa: Option<AntialiasArg>,
+
+    /// maps: by shadow maps, soft by a texel; rays: along borders by rays, as sharp as the casters, several times the work
+    /// [default: maps].
+    #[arg(long, value_enum)]
+    pub(crate) shadows: Option<ShadowsArg>,
 
     /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
     #[arg(long, value_name = "NAME|INDEX")]
@@ -589,6 +594,23 @@ impl From<AntialiasArg> for Antialias {
         match arg {
             AntialiasArg::Samples => Self::Samples,
             AntialiasArg::Edges => Self::Edges,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum ShadowsArg {
+    /// By maps fitted to the world.
+    Maps,
+    /// By rays along their borders.
+    Rays,
+}
+
+impl From<ShadowsArg> for Shadows {
+    fn from(arg: ShadowsArg) -> Self {
+        match arg {
+            ShadowsArg::Maps => Self::Maps,
+            ShadowsArg::Rays => Self::Rays,
         }
     }
 }

@@ -128,6 +128,9 @@ fn config(args: &RunArgs) -> RunConfig {
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
     }
+    if let Some(shadows) = args.shadows {
+        config.shadows = shadows.into();
+    }
     config.samples = args.samples.unwrap_or(config.samples);
     config.cameras.clone_from(&args.camera);
     config.size = args.size;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError, Event, Interpolation, LabelKind, Polarity, TriggerRule};
-use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig};
+use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig, Shadows};
 use evis_scene::{Image, SceneError};
 use half::f16;
 use pyo3::prelude::*;
@@ -32,6 +32,10 @@ pub(crate) fn interpolation(name: &str) -> Result<Interpolation, Failure> {
 
 pub(crate) fn method(name: &str) -> Result<Method, Failure> {
     choose("method", name, &[("native", Method::Native)])
+}
+
+pub(crate) fn shadows(name: &str) -> Result<Shadows, Failure> {
+    choose("shadows", name, &[("maps", Shadows::Maps), ("rays", Shadows::Rays)])
 }
 
 pub(crate) fn antialias(name: &str) -> Result<Antialias, Failure> {

@@ -50,7 +50,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, threshold_on, threshold_off, log_eps, trigger, interpolation, method, rate_hz, samples, antialias, cameras,
+        scene, *, threshold_on, threshold_off, log_eps, trigger, interpolation, method, rate_hz, samples, antialias, shadows, cameras,
         size, start_us, seed, labels, label_rate_hz, reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
@@ -66,6 +66,7 @@ impl Simulator {
         rate_hz: f64,
         samples: u32,
         antialias: &str,
+        shadows: &str,
         cameras: Vec<String>,
         size: Option<(u32, u32)>,
         start_us: i64,
@@ -87,6 +88,7 @@ impl Simulator {
             rate_hz,
             samples,
             antialias: engine::antialias(antialias)?,
+            shadows: engine::shadows(shadows)?,
             cameras,
             size,
             start_us,

@@ -23,6 +23,18 @@ pub enum Antialias {
     Edges,
 }
 
+/// How shadows are told from light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Shadows {
+    /// By maps fitted to the world: soft by a texel, which is decimetres in a street.
+    #[default]
+    Maps,
+    /// By maps where they are sure, and by rays along shadows' borders: as sharp as the casters, for several times the
+    /// work. Casters must be rigid and without holes.
+    Rays,
+}
+
 /// What a run is asked to do.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -37,6 +49,8 @@ pub struct RunConfig {
     pub samples: u32,
     /// How they are taken.
     pub antialias: Antialias,
+    /// How shadows are told from light.
+    pub shadows: Shadows,
     /// Names of the cameras to render; empty for all.
     pub cameras: Vec<String>,
     /// Width and height in pixels for every camera; `None` takes each camera's own (640x480 where it has none).
@@ -61,6 +75,7 @@ impl Default for RunConfig {
             rate_hz: 1000.0,
             samples: 4,
             antialias: Antialias::Samples,
+            shadows: Shadows::Maps,
             cameras: Vec::new(),
             size: None,
             start_us: 0,

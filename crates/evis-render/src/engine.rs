@@ -201,7 +201,7 @@ impl Engine {
         let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
         let environments = scene.variants.len().max(1);
         let states = starts(&scene, environments, config.start_us);
-        let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, &states);
+        let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, &states, config.shadows)?;
         let constants = SceneConstants {
             lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),
             shadows: shadows.is_some(),

@@ -31,7 +31,7 @@ pub mod view;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Antialias, Method, RunConfig};
+pub use config::{Antialias, Method, RunConfig, Shadows};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};

@@ -6,6 +6,7 @@
 
 use std::ops::Range;
 
+use evis_core::ConfigError;
 use evis_scene::{AlphaMode, Scene, SceneState};
 use glam::{DMat4, Vec3};
 
@@ -34,15 +35,21 @@ pub struct Occluders {
 }
 
 impl Occluders {
-    /// Of `scene`, whose state at the start `states` has for each environment; `None` where the maps must decide alone, since
-    /// something deforms or has holes cut into it.
-    pub fn new(scene: &Scene, gpu_scene: &GpuScene, states: &[SceneState]) -> Option<Self> {
+    /// Of `scene`, whose state at the start `states` has for each environment.
+    ///
+    /// # Errors
+    /// Something deforms or has holes cut into it: such casters are not in trees.
+    pub fn new(scene: &Scene, gpu_scene: &GpuScene, states: &[SceneState]) -> Result<Self, ConfigError> {
         let objects = &gpu_scene.objects;
-        let rigid = objects.iter().all(|o| {
-            o.skin.is_none() && o.morph.is_none() && scene.materials[o.material].alpha == AlphaMode::Opaque
-        });
-        if !rigid {
-            return None;
+        for object in objects {
+            let deforms = object.skin.is_some() || object.morph.is_some();
+            if deforms || scene.materials[object.material].alpha != AlphaMode::Opaque {
+                let why = if deforms { "it deforms" } else { "its material has holes" };
+                let name = &scene.nodes[object.node].name;
+                let remedy =
+                    format!("`maps` in this scene: rays do not know the shadow of {name:?}, since {why}");
+                return Err(ConfigError::new("shadows", "rays", remedy));
+            }
         }
         let mut trees = Self { words: Vec::new(), still_roots: Vec::new(), moving: Vec::new() };
         let local = |o: usize| {
@@ -52,8 +59,9 @@ impl Occluders {
         };
         let triangles = |o: usize, place: &DMat4| -> Vec<[Vec3; 3]> {
             let Some(primitive) = local(o) else { return Vec::new() };
-            let corner =
-                |i: u32| place.transform_point3(Vec3::from(primitive.positions[i as usize]).as_dvec3()).as_vec3();
+            let corner = |i: u32| {
+                place.transform_point3(Vec3::from(primitive.positions[i as usize]).as_dvec3()).as_vec3()
+            };
             primitive.indices.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]).collect()
         };
         // Environments that place everything alike share a tree.
@@ -68,7 +76,8 @@ impl Occluders {
             let root = match same {
                 Some(other) => trees.still_roots[other],
                 None => {
-                    let world = still.iter().flat_map(|&o| triangles(o, &state.world_from_node[objects[o].node]));
+                    let world =
+                        still.iter().flat_map(|&o| triangles(o, &state.world_from_node[objects[o].node]));
                     let world = world.collect();
                     trees.push(world)
                 }
@@ -81,7 +90,7 @@ impl Occluders {
             let root = *roots.entry(key).or_insert_with(|| trees.push(triangles(o, &DMat4::IDENTITY)));
             trees.moving.push((o, root));
         }
-        Some(trees)
+        Ok(trees)
     }
 
     /// Root of what never moves in `environment`.

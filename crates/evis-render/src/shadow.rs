@@ -1,14 +1,16 @@
 //! Shadow maps: which lights have one, and the matrices that fit them to the world, not to the view, so that
 //! a shadow's edge moves only with its light and its caster.
 
+use evis_core::ConfigError;
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3, DVec4};
 
+use crate::config::Shadows;
 use crate::engine::Context;
 use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::gpu_scene::{DrawItem, GpuScene, moves};
-use crate::occluders::Occluders;
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
+use crate::occluders::Occluders;
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::shadow_map;
 use crate::variant::LightSet;
@@ -169,15 +171,24 @@ pub struct ShadowRoom {
 
 impl ShadowRoom {
     /// `None` where no light throws shadows. `states`: every environment's scene at the start.
+    ///
+    /// # Errors
+    /// Shadows by rays of what deforms or has holes.
     pub fn new(
         device: &wgpu::Device,
         layouts: &SurfaceLayouts,
         scene: &Scene,
         gpu_scene: &GpuScene,
         states: &[SceneState],
-    ) -> Option<Self> {
-        let plan = ShadowPlan::new(scene, scene_bounds(scene)?)?;
-        let occluders = Occluders::new(scene, gpu_scene, states);
+        shadows: Shadows,
+    ) -> Result<Option<Self>, ConfigError> {
+        let Some(plan) = scene_bounds(scene).and_then(|bounds| ShadowPlan::new(scene, bounds)) else {
+            return Ok(None);
+        };
+        let occluders = match shadows {
+            Shadows::Maps => None,
+            Shadows::Rays => Some(Occluders::new(scene, gpu_scene, states)?),
+        };
         let count = plan.nodes.len() as u32 * states.len() as u32;
         let texture = map_texture(device, SHADOW_MAP_EDGE, count);
         let still = plan.moves().then(|| {
@@ -193,7 +204,7 @@ impl ShadowRoom {
             samples: 1,
         };
         let pipelines = shadow_map::pipelines(device, layouts, gpu_scene.variants().into_iter(), &constants);
-        Some(Self {
+        Ok(Some(Self {
             plan,
             occluders,
             array: array_view(&texture),
@@ -204,7 +215,7 @@ impl ShadowRoom {
             still_items: gpu_scene.items(|o| !o.moving),
             moving_items: gpu_scene.items(|o| o.moving),
             all_items: gpu_scene.items(|_| true),
-        })
+        }))
     }
 
     /// A map for scenes without shadows: a binding may not be empty.

@@ -699,3 +699,35 @@ fn what_may_move_is_hit_where_what_rests_would_be() {
     }
     assert!(objects.iter().all(|n| *n > 20), "each card is seen: {objects:?}");
 }
+
+#[test]
+fn a_sample_s_share_of_a_texture_is_its_mean() {
+    // Stripes of one texel, 5.12 texels per pixel: a place off the middle of a stripe reads light or dark, the mean does not.
+    let material = Material { base_color_texture: Some(TextureRef::new(0)), ..unlit([1.0; 4]) };
+    let mut scene = scene(vec![card(0.5, 0.5)], vec![material]);
+    scene.images.push(ramp(256, 256, |x, _| (x % 2) as f32));
+    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    let state = still(&scene);
+    let textures = Textures::new(&scene);
+    let worst = |filter| {
+        let options = Options { filter, shadows: false, ..Options::default() };
+        let raster = RayCaster::new(&scene, &state, &textures, options);
+        (0..64)
+            .map(|i| (raster.radiance_at(&camera(), [10.0 + 0.17 * f64::from(i), 12.3]).x - 0.5).abs())
+            .fold(0.0, f64::max)
+    };
+    // A quarter of a pixel is 1.28 texels, read at two places 0.64 texels apart: around a stripe's middle, where the
+    // bilinear stripes are a triangle wave of slope 1, both are 0.32 below its height of 0.5.
+    let (base, mean) = (worst(TextureFilter::BaseLevel), worst(TextureFilter::Averaged { samples: 16.0 }));
+    assert!(base > 0.45, "canary: stripes are seen where nothing is averaged: {base}");
+    assert!((mean - 0.18).abs() < 0.01, "{mean}");
+    // Of the whole pixel, four places 1.28 texels apart leave the rest to the mip levels.
+    assert!(worst(TextureFilter::Averaged { samples: 1.0 }) < 0.4);
+    let magnified = |filter| {
+        let options = Options { filter, shadows: false, ..Options::default() };
+        let camera = Pinhole { focal: [1000.0; 2], ..camera() };
+        RayCaster::new(&scene, &state, &textures, options).radiance_at(&camera, [16.3, 12.3]).x
+    };
+    let exact = magnified(TextureFilter::BaseLevel);
+    assert!((magnified(TextureFilter::Averaged { samples: 4.0 }) - exact).abs() < 1e-12);
+}

@@ -173,6 +173,8 @@ fn bindings_are_what_the_shaders_say() {
                 .unwrap_or_else(|| panic!("{file}: {name} at {place:?} is not declared"));
             let access = match declared.access {
                 Access::DynamicUniform => Access::Uniform,
+                // WGSL does not tell whether a sampler filters.
+                Access::PointSampler => Access::Sampler,
                 other => other,
             };
             assert_eq!((declared.name, access), (name, access_of(&module, variable)), "{file} {place:?}");
@@ -339,6 +341,7 @@ fn constants_agree() {
     use crate::sizes::{BLOCK_PIXELS, MAX_INSTANTS, WORKGROUP};
     assert_eq!(constant("trigger/count.wgsl", "WORKGROUP"), f64::from(WORKGROUP));
     assert_eq!(constant("trigger/block.wgsl", "BLOCK_PIXELS"), f64::from(BLOCK_PIXELS));
+    assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
     let limit = f64::from(evis_core::trigger::MAX_EVENTS_PER_INTERVAL);
     assert_eq!(constant("trigger/count.wgsl", "MAX_EVENTS_PER_INTERVAL"), limit);
     // Times of the instants and of the one before them fit the uniform.

@@ -11,7 +11,7 @@ use evis_scene::{Lens, Scene, SceneState};
 use glam::DVec3;
 
 use super::raster_scenes::{self as scenes, HEIGHT, WIDTH};
-use crate::config::{Antialias, RunConfig};
+use crate::config::{Antialias, RunConfig, Shadows};
 
 use crate::engine::Engine;
 use crate::gpu::Gpu;
@@ -31,6 +31,7 @@ struct Case {
     canaries: &'static [fn(&mut Scene)],
     t_us: i64,
     antialias: Antialias,
+    shadows: Shadows,
     /// Relative.
     tolerance: f64,
     /// Half width of the band, in pixels.
@@ -50,6 +51,7 @@ impl Default for Case {
             canaries: &[scenes::wrong_camera],
             t_us: 0,
             antialias: Antialias::Samples,
+            shadows: Shadows::Maps,
             tolerance: 1e-4,
             reach: REACH,
             shadow_reach: None,
@@ -117,9 +119,9 @@ impl<'a> Twin<'a> {
             RayCaster::new(scene, state, textures, Options { filter, shadows, ..Options::default() })
         };
         Self {
-            raster: with(TextureFilter::Mipmapped { samples }),
+            raster: with(TextureFilter::Averaged { samples }),
             base: with(TextureFilter::BaseLevel),
-            deeper: with(TextureFilter::Mipmapped { samples: 0.5 * samples }),
+            deeper: with(TextureFilter::Averaged { samples: 0.25 * samples }),
             camera: pinhole(scene, state),
         }
     }
@@ -198,7 +200,7 @@ fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig) -> Engine {
 fn compare(scene: &Scene, image: &[f64], offsets: &[[f64; 2]], case: &Case) -> Comparison {
     let (state, textures) = (state_at(scene, case.t_us), Textures::new(scene));
     let samples = match case.antialias {
-        Antialias::Samples => f64::from(crate::pass::raster::texture_samples(offsets.len() as u32)),
+        Antialias::Samples => offsets.len() as f64,
         Antialias::Edges => 1.0,
     };
     let twin = Twin::new(scene, &state, &textures, samples, case.shadow_reach.is_some());
@@ -222,6 +224,7 @@ fn check(name: &str, case: Case) {
     let mut config = RunConfig {
         samples: 4,
         antialias: case.antialias,
+        shadows: case.shadows,
         reference_luminance: Some(1.0),
         ..RunConfig::default()
     };
@@ -283,10 +286,26 @@ fn deformed_surfaces_equal_their_twin() {
 #[test]
 fn shadows_equal_their_twin() {
     let canaries: &[fn(&mut Scene)] = &[scenes::wrong_caster];
-    let case = Case { canaries, shadow_reach: Some(0.35), ..Case::default() };
-    check("still shadow", Case { scene: scenes::sunlight, ..case });
-    check("low sun", Case { scene: scenes::evening, ..case });
-    check("moving shadow", Case { scene: scenes::moving_spotlight, t_us: 12_000, ..case });
+    // Rays know a shadow's border as well as the rasteriser knows any other.
+    for (shadows, reach) in [(Shadows::Maps, 0.35), (Shadows::Rays, REACH)] {
+        let case = Case { canaries, shadows, shadow_reach: Some(reach), ..Case::default() };
+        check(&format!("still shadow, {shadows:?}"), Case { scene: scenes::sunlight, ..case });
+        check(&format!("low sun, {shadows:?}"), Case { scene: scenes::evening, ..case });
+        let spot = Case { scene: scenes::moving_spotlight, t_us: 12_000, ..case };
+        check(&format!("moving shadow, {shadows:?}"), spot);
+    }
+}
+
+#[test]
+fn rays_are_refused_where_a_caster_deforms() {
+    let Some(gpu) = super::device() else { return };
+    let scene = Arc::new(scenes::deformed());
+    let mut lit = Scene::clone(&scene);
+    lit.lights.iter_mut().for_each(|l| l.casts_shadow = true);
+    let mut config = RunConfig { shadows: Shadows::Rays, ..RunConfig::default() };
+    let (views, _) = view::views(&lit, &config).unwrap();
+    let message = Engine::new(&gpu, Arc::new(lit), views, &mut config).err().map(|e| e.to_string());
+    assert!(message.as_ref().is_some_and(|m| m.contains("maps") && m.contains("deforms")), "{message:?}");
 }
 
 #[test]

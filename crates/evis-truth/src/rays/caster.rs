@@ -321,7 +321,13 @@ impl<'a> RayCaster<'a> {
                 corners.map(|c| colors.get(c).map_or(DVec4::ONE, |v| DVec4::from_array(v.map(f64::from)))),
             )
         });
-        factor * vertex * self.texel(primitive, material.base_color_texture, hit, ray).unwrap_or(DVec4::ONE)
+        // A hole's border lies where the texture is cut, not where its mean is.
+        let filter = match material.alpha {
+            AlphaMode::Opaque => self.options.filter,
+            AlphaMode::Mask(_) => self.options.filter.at_a_place(),
+        };
+        let texel = self.texel(primitive, material.base_color_texture, hit, ray, filter);
+        factor * vertex * texel.unwrap_or(DVec4::ONE)
     }
 
     /// The texture's value at a hit; `None` where the material has none or the primitive lacks its coordinates.
@@ -331,6 +337,7 @@ impl<'a> RayCaster<'a> {
         texture: Option<TextureRef>,
         hit: &Hit,
         ray: &Ray,
+        filter: TextureFilter,
     ) -> Option<DVec4> {
         let texture = texture?;
         let uvs = primitive.uvs.get(texture.uv_set as usize)?.as_ref()?;
@@ -341,14 +348,14 @@ impl<'a> RayCaster<'a> {
         let [m0, m1, m2, m3, m4, m5] = texture.transform.map(f64::from);
         let turn = |v: DVec2| DVec2::new(m0 * v.x + m1 * v.y, m3 * v.x + m4 * v.y);
         let uv = turn(blend(hit, [a, b, c])) + DVec2::new(m2, m5);
-        let footprint = match self.options.filter {
+        let footprint = match filter {
             TextureFilter::BaseLevel => [DVec2::ZERO; 2],
-            TextureFilter::Mipmapped { .. } => ray.per_pixel.map(|change| {
+            TextureFilter::Mipmapped { .. } | TextureFilter::Averaged { .. } => ray.per_pixel.map(|change| {
                 let [da, db, dc] = self.barycentric_change(hit, ray, change);
                 turn(a * da + b * db + c * dc)
             }),
         };
-        Some(self.textures.sample(self.scene, texture.texture, uv, footprint, self.options.filter))
+        Some(self.textures.sample(self.scene, texture.texture, uv, footprint, filter))
     }
 
     /// Change of the barycentrics of `hit` where the ray's direction changes by `change`: exact, on the triangle's
@@ -373,7 +380,10 @@ impl<'a> RayCaster<'a> {
     /// glTF 2.0, 3.9.3: tangent-space normals, x and y scaled; back faces turn the result (3.9.6).
     fn shading_normal(&self, primitive: &Primitive, material: &Material, hit: &Hit, ray: &Ray) -> DVec3 {
         let facing = self.interpolated_normal(hit);
-        let Some(texel) = self.texel(primitive, material.normal_texture, hit, ray) else { return facing };
+        let filter = self.options.filter.at_a_place();
+        let Some(texel) = self.texel(primitive, material.normal_texture, hit, ray, filter) else {
+            return facing;
+        };
         let side = if hit.front { 1.0 } else { -1.0 };
         let normal = facing * side;
         let corners = self.geometry.corners(hit.triangle);
@@ -388,9 +398,11 @@ impl<'a> RayCaster<'a> {
 
     fn shade(&self, hit: &Hit, ray: &Ray, shadows: u32, beam: Option<&Beam>) -> DVec3 {
         let Some((primitive, material)) = self.looks(hit) else { return DVec3::ZERO };
-        let texel = |texture| self.texel(primitive, texture, hit, ray);
+        let texel = |texture| self.texel(primitive, texture, hit, ray, self.options.filter.at_a_place());
         let emission_factor = self.emission_factor.get(primitive.material).map_or(1.0, |f| f64::from(*f));
-        let emissive = texel(material.emissive_texture).map_or(DVec3::ONE, DVec4::truncate);
+        let emissive = self
+            .texel(primitive, material.emissive_texture, hit, ray, self.options.filter)
+            .map_or(DVec3::ONE, DVec4::truncate);
         let surface_map = texel(material.metallic_roughness_texture).unwrap_or(DVec4::ONE);
         let occlusion = texel(material.occlusion_texture)
             .map_or(1.0, |t| 1.0 + f64::from(material.occlusion_strength) * (t.x - 1.0));

@@ -1,6 +1,6 @@
 //! Textures in f64: wrapping, bilinear and trilinear filtering as the Vulkan specification has them.
 
-use evis_scene::{Image, Scene, Wrap};
+use evis_scene::{Image, Scene, Texture, Wrap};
 use glam::{DVec2, DVec4, Vec4};
 use half::f16;
 
@@ -15,7 +15,28 @@ pub enum TextureFilter {
         /// How many samples share a pixel.
         samples: f64,
     },
+    /// What the engine shows with n samples per pixel: of what light is proportional to, the mean over a grid of places on
+    /// the sample's share of the pixel; of everything else, and where holes are cut, [`TextureFilter::at_a_place`].
+    Averaged {
+        /// How many samples share a pixel.
+        samples: f64,
+    },
 }
+
+impl TextureFilter {
+    /// How textures are read that light is not proportional to, at one place: by half of a sample's share, since a
+    /// trilinear filter reaches over it.
+    pub fn at_a_place(self) -> Self {
+        match self {
+            Self::Averaged { samples } if samples > 1.0 => Self::Mipmapped { samples: 2.0 * samples },
+            Self::Averaged { .. } => Self::Mipmapped { samples: 1.0 },
+            other => other,
+        }
+    }
+}
+
+/// Places at which the engine reads a texture, at most, along each side of a sample's share.
+const TAPS: f64 = 4.0;
 
 /// The images of a scene, decoded, with their mip levels.
 #[derive(Clone, Debug, Default)]
@@ -48,28 +69,47 @@ impl Textures {
     ) -> DVec4 {
         let Some(texture) = scene.textures.get(texture) else { return DVec4::ONE };
         let Some(chain) = self.chains.get(texture.image).filter(|c| !c.is_empty()) else { return DVec4::ONE };
-        let last = (chain.len() - 1) as f64;
-        let level = match filter {
-            TextureFilter::BaseLevel => 0.0,
+        let size = DVec2::new(chain[0].width as f64, chain[0].height as f64);
+        match filter {
+            TextureFilter::BaseLevel => trilinear(chain, texture, uv, 0.0),
             TextureFilter::Mipmapped { samples } => {
-                let size = DVec2::new(chain[0].width as f64, chain[0].height as f64);
                 let [dx, dy] = footprint.map(|d| d * size);
                 let area = (dx.x * dy.y - dx.y * dy.x).abs();
                 // One sample for the whole pixel gives Vulkan's own rule: 1.3, 16.5.3 "Scale Factor Operation, LOD
                 // Operation and Image Level(s) Selection".
                 let longer = dx.length_squared().max(dy.length_squared());
-                (0.5 * (area / samples).max(longer / (samples * samples)).log2()).clamp(0.0, last)
+                trilinear(chain, texture, uv, 0.5 * (area / samples).max(longer / (samples * samples)).log2())
             }
-        };
-        let wraps = [texture.wrap_u, texture.wrap_v];
-        if texture.nearest {
-            return chain[level.round() as usize].nearest(uv, wraps);
+            TextureFilter::Averaged { samples } => {
+                let share = footprint.map(|d| d / samples.sqrt());
+                let texels = share.map(|d| (d * size).length());
+                let count = texels.map(|t| t.ceil().clamp(1.0, TAPS));
+                let level = (texels[0] / count[0]).max(texels[1] / count[1]).log2();
+                let place = |i: usize, n: f64| (i as f64 + 0.5) / n - 0.5;
+                let mut sum = DVec4::ZERO;
+                for row in 0..count[1] as usize {
+                    for column in 0..count[0] as usize {
+                        let at = uv + share[0] * place(column, count[0]) + share[1] * place(row, count[1]);
+                        sum += trilinear(chain, texture, at, level);
+                    }
+                }
+                sum / (count[0] * count[1])
+            }
         }
-        let lower = level.floor();
-        let sum = chain[lower as usize].bilinear(uv, wraps);
-        let blend = level - lower;
-        if blend > 0.0 { sum.lerp(chain[lower as usize + 1].bilinear(uv, wraps), blend) } else { sum }
     }
+}
+
+/// The value at `uv`, of level `level`.
+fn trilinear(chain: &[Level], texture: &Texture, uv: DVec2, level: f64) -> DVec4 {
+    let level = level.clamp(0.0, (chain.len() - 1) as f64);
+    let wraps = [texture.wrap_u, texture.wrap_v];
+    if texture.nearest {
+        return chain[level.round() as usize].nearest(uv, wraps);
+    }
+    let lower = level.floor();
+    let sum = chain[lower as usize].bilinear(uv, wraps);
+    let blend = level - lower;
+    if blend > 0.0 { sum.lerp(chain[lower as usize + 1].bilinear(uv, wraps), blend) } else { sum }
 }
 
 /// The base level and all smaller ones: each texel is the mean of the area that it covers in the level above.
