@@ -217,7 +217,6 @@ impl EventEmulator {
         // `check` counted the values.
         let sources = sources.ok_or_else(|| ConfigError::new("frames", "too short", "complete"))?;
         let work = Push { config, isa: *isa, start_us: t_us - i64::from(interval_us), interval_us };
-        let parallel = pool.is_some();
         if let (Some(tile), Some(source)) = (environments.iter().find_map(Environment::begun), sources.first()) {
             tile.check(source)?;
         }
@@ -388,17 +387,20 @@ impl Tile {
         }
     }
 
+    /// Whether a value is impossible.
     fn scan(&mut self, work: &Push<'_>, source: &Source<'_>) -> bool {
         let at = self.interval(work);
         let pixels = self.pixels.get_or_insert_with(|| Pixels::new(source, self.end - self.first));
-        pixels.scan(work.isa, *source, &at)
+        let (unknown, impossible) = pixels.scan(work.isa, *source, &at);
+        self.tally.unknown = unknown;
+        impossible
     }
 
     fn fire(&mut self, work: &Push<'_>, source: &Source<'_>) {
         let at = self.interval(work);
         self.records.clear();
         if let Some(pixels) = &mut self.pixels {
-            self.tally = pixels.fire(work.isa, *source, &at, &mut self.records);
+            self.tally.clamped = pixels.fire(work.isa, *source, &at, &mut self.records).clamped;
         }
     }
 }

@@ -41,9 +41,15 @@ impl Isa {
     }
 }
 
-/// Declares `$name(isa, …)`, which runs the `#[inline(always)]` function `$body` compiled for `isa`.
+/// Declares `$name(isa, …)`, which runs the `#[inline(always)]` function `$body` compiled for `isa`; `$wide` in its
+/// place where there is AVX2 or more.
 macro_rules! dispatched {
-    ($(#[$meta:meta])* $visibility:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:path) => {
+    ($(#[$meta:meta])* $visibility:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:expr) => {
+        $crate::simd::dispatched!(
+            $(#[$meta])* $visibility fn $name($($arg: $type),*) $(-> $out)? = $body, wide $body
+        );
+    };
+    ($(#[$meta:meta])* $visibility:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:expr, wide $wide:expr) => {
         $(#[$meta])*
         #[allow(clippy::too_many_arguments, reason = "it passes on what the body takes")]
         $visibility fn $name(isa: $crate::simd::Isa, $($arg: $type),*) $(-> $out)? {
@@ -52,12 +58,12 @@ macro_rules! dispatched {
                 #[target_feature(enable = "avx2")]
                 #[allow(clippy::too_many_arguments, reason = "it passes on what the body takes")]
                 fn avx2($($arg: $type),*) $(-> $out)? {
-                    $body($($arg),*)
+                    $wide($($arg),*)
                 }
                 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
                 #[allow(clippy::too_many_arguments, reason = "it passes on what the body takes")]
                 fn avx512($($arg: $type),*) $(-> $out)? {
-                    $body($($arg),*)
+                    $wide($($arg),*)
                 }
                 match isa {
                     $crate::simd::Isa::Portable => {}
@@ -101,12 +107,24 @@ pub fn exp(x: f32) -> f32 {
     let x = if x > 88.0 { 88.0 } else { x };
     // Round to nearest by the magic constant: adding it leaves no room for a fraction.
     const MAGIC: f32 = 12_582_912.0;
-    let k = (x * std::f32::consts::LOG2_E + MAGIC) - MAGIC;
+    let shifted = x * std::f32::consts::LOG2_E + MAGIC;
+    let k = shifted - MAGIC;
     let f = (x - k * 0.693_359_4) + k * 2.121_944_4e-4;
     let series = 1.0
         + f * (1.0 + f * (0.5 + f * (1.0 / 6.0 + f * (1.0 / 24.0 + f * (1.0 / 120.0 + f * (1.0 / 720.0))))));
-    let scale = f32::from_bits(((k as i32).wrapping_add(127) << 23) as u32);
-    series * scale
+    // The sum's last bits are the whole number.
+    let power = shifted.to_bits().wrapping_sub(MAGIC.to_bits()).wrapping_add(127);
+    series * f32::from_bits(power << 23)
+}
+
+/// Whole part of `x` in [0, 2^30]; what is outside goes to the nearer end, NaN to the upper one.
+#[inline(always)]
+pub fn whole(x: f32) -> u32 {
+    const MOST: f32 = 1_073_741_824.0;
+    let x = if x < MOST { x } else { MOST };
+    let x = if x > 0.0 { x } else { 0.0 };
+    // SAFETY: `x` is a number between 0 and 2^30. (The checked conversion is not vectorised.)
+    unsafe { x.to_int_unchecked::<i32>() as u32 }
 }
 
 /// Whether each of 64 flags is set, as bits; a flag is 0 or 1.

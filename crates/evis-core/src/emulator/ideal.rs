@@ -40,6 +40,8 @@ pub(crate) trait Domain {
     type Value: Copy + PartialOrd + Default + std::fmt::Debug;
     /// Never in the range of a pixel that has not been seen.
     const NEVER: (Self::Value, Self::Value);
+    /// Whether a value can be NaN.
+    const HAS_UNKNOWN: bool;
     /// What stands for "nothing seen".
     const MISSING: Self::Value;
     /// 64 pixels from `first`; [`Self::MISSING`] beyond the frame's end.
@@ -50,25 +52,61 @@ pub(crate) trait Domain {
     fn log(&self, picked: f32) -> f32;
     /// A range of values whose logarithms lie between `from` and `to`.
     fn between(&self, from: f32, to: f32) -> (Self::Value, Self::Value);
+    /// Which values are not in their range, as bits; NaN is in none. `WIDE`: the caller is compiled for AVX2 at least.
+    fn outside<const WIDE: bool>(
+        values: &[Self::Value; BLOCK],
+        low: &[Self::Value; BLOCK],
+        high: &[Self::Value; BLOCK],
+    ) -> u64;
     /// Whether the value is unknown (NaN).
     fn is_unknown(value: Self::Value) -> bool;
     /// Whether no light has this value (infinite or negative).
     fn is_impossible(value: Self::Value) -> bool;
 }
 
-/// Linear light; one channel or three.
-pub(crate) struct Light<'a> {
-    pub source: Source<'a>,
+/// One channel of linear light.
+pub(crate) struct Linear<'a> {
+    pub values: &'a [f32],
+    pub inverse_reference: f32,
+}
+
+/// Any source, as light.
+pub(crate) struct Any<'a>(pub Source<'a>, pub f32);
+
+/// Loads linear light.
+pub(crate) trait Load {
+    fn load(&self, first: usize, out: &mut [f32; BLOCK]);
+}
+
+impl Load for Linear<'_> {
+    #[inline(always)]
+    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+        let inverse = self.inverse_reference;
+        copy(self.values, first, f32::NAN, out, |light| light * inverse);
+    }
+}
+
+impl Load for Any<'_> {
+    #[inline(always)]
+    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+        self.0.load_light(first, self.1, out);
+    }
+}
+
+/// Linear light.
+pub(crate) struct Light<L> {
+    pub load: L,
     pub eps: f32,
 }
 
-impl Domain for Light<'_> {
+impl<L: Load> Domain for Light<L> {
     type Value = f32;
     const NEVER: (f32, f32) = (f32::INFINITY, f32::NEG_INFINITY);
+    const HAS_UNKNOWN: bool = true;
     const MISSING: f32 = f32::NAN;
     #[inline(always)]
     fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
-        self.source.load_light(first, self.eps, out);
+        self.load.load(first, out);
     }
     #[inline(always)]
     fn pick(&self, value: f32) -> f32 {
@@ -83,6 +121,10 @@ impl Domain for Light<'_> {
         let low = simd::exp(from) - self.eps;
         // Negative light leaves every range, so that it is seen.
         (if low < 0.0 { 0.0 } else { low }, simd::exp(to) - self.eps)
+    }
+    #[inline(always)]
+    fn outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
+        floats_outside::<WIDE>(values, low, high)
     }
     #[inline(always)]
     fn is_unknown(value: f32) -> bool {
@@ -100,6 +142,7 @@ pub(crate) struct Logs<'a>(pub &'a [f32]);
 impl Domain for Logs<'_> {
     type Value = f32;
     const NEVER: (f32, f32) = (f32::INFINITY, f32::NEG_INFINITY);
+    const HAS_UNKNOWN: bool = true;
     const MISSING: f32 = f32::NAN;
     #[inline(always)]
     fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
@@ -118,6 +161,10 @@ impl Domain for Logs<'_> {
         (from, to)
     }
     #[inline(always)]
+    fn outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
+        floats_outside::<WIDE>(values, low, high)
+    }
+    #[inline(always)]
     fn is_unknown(value: f32) -> bool {
         value.is_nan()
     }
@@ -127,14 +174,108 @@ impl Domain for Logs<'_> {
     }
 }
 
+#[inline(always)]
+fn floats_outside<const WIDE: bool>(
+    values: &[f32; BLOCK],
+    low: &[f32; BLOCK],
+    high: &[f32; BLOCK],
+) -> u64 {
+    #[cfg(target_arch = "x86_64")]
+    if WIDE {
+        // SAFETY: `WIDE` promises AVX2.
+        return unsafe { wide::floats_outside(values, low, high) };
+    }
+    let mut outside = [0; BLOCK];
+    for i in 0..BLOCK {
+        outside[i] = u8::from(!((values[i] >= low[i]) & (values[i] <= high[i])));
+    }
+    bits_of(&outside)
+}
+
+#[inline(always)]
+fn bytes_outside<const WIDE: bool>(values: &[u8; BLOCK], low: &[u8; BLOCK], high: &[u8; BLOCK]) -> u64 {
+    #[cfg(target_arch = "x86_64")]
+    if WIDE {
+        // SAFETY: `WIDE` promises AVX2.
+        return unsafe { wide::bytes_outside(values, low, high) };
+    }
+    let mut outside = [0; BLOCK];
+    for i in 0..BLOCK {
+        outside[i] = u8::from(values[i] < low[i]) | u8::from(values[i] > high[i]);
+    }
+    bits_of(&outside)
+}
+
+#[inline(always)]
+fn words_outside<const WIDE: bool>(values: &[u16; BLOCK], low: &[u16; BLOCK], high: &[u16; BLOCK]) -> u64 {
+    let mut outside = [0; BLOCK];
+    for i in 0..BLOCK {
+        outside[i] = u8::from(values[i] < low[i]) | u8::from(values[i] > high[i]);
+    }
+    bits_of(&outside)
+}
+
+/// What the compiler does not find: comparisons straight to bits.
+#[cfg(target_arch = "x86_64")]
+mod wide {
+    use std::arch::x86_64::{
+        __m256i, _CMP_GE_OQ, _CMP_LE_OQ, _mm256_and_ps, _mm256_cmp_ps, _mm256_cmpeq_epi8, _mm256_loadu_ps,
+        _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8, _mm256_movemask_epi8, _mm256_movemask_ps,
+    };
+
+    use super::BLOCK;
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    pub(super) fn floats_outside(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
+        let mut inside = 0;
+        let parts = values.as_chunks::<8>().0.iter().zip(low.as_chunks::<8>().0).zip(high.as_chunks::<8>().0);
+        for (i, ((values, low), high)) in parts.enumerate() {
+            // SAFETY: each reads the 8 floats that the array has.
+            let (values, low, high) = unsafe {
+                (
+                    _mm256_loadu_ps(values.as_ptr()),
+                    _mm256_loadu_ps(low.as_ptr()),
+                    _mm256_loadu_ps(high.as_ptr()),
+                )
+            };
+            let above = _mm256_cmp_ps::<_CMP_GE_OQ>(values, low);
+            let below = _mm256_cmp_ps::<_CMP_LE_OQ>(values, high);
+            inside |= u64::from(_mm256_movemask_ps(_mm256_and_ps(above, below)) as u32) << (8 * i);
+        }
+        !inside
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    pub(super) fn bytes_outside(values: &[u8; BLOCK], low: &[u8; BLOCK], high: &[u8; BLOCK]) -> u64 {
+        let mut inside = 0;
+        let parts = values.as_chunks::<32>().0.iter().zip(low.as_chunks::<32>().0).zip(high.as_chunks::<32>().0);
+        for (i, ((values, low), high)) in parts.enumerate() {
+            // SAFETY: each reads the 32 bytes that the array has.
+            let (values, low, high) = unsafe {
+                (
+                    _mm256_loadu_si256(values.as_ptr().cast::<__m256i>()),
+                    _mm256_loadu_si256(low.as_ptr().cast::<__m256i>()),
+                    _mm256_loadu_si256(high.as_ptr().cast::<__m256i>()),
+                )
+            };
+            let kept = _mm256_cmpeq_epi8(_mm256_min_epu8(_mm256_max_epu8(values, low), high), values);
+            inside |= u64::from(_mm256_movemask_epi8(kept) as u32) << (32 * i);
+        }
+        !inside
+    }
+}
+
 /// One channel of integers, through tables.
 pub(crate) struct Integers<'a, T>(pub &'a [T], pub Codes<'a>);
 
 macro_rules! integers {
-    ($type:ty) => {
+    ($type:ty, $outside:ident) => {
         impl Domain for Integers<'_, $type> {
             type Value = $type;
             const NEVER: ($type, $type) = (<$type>::MAX, 0);
+            const HAS_UNKNOWN: bool = false;
             const MISSING: $type = 0;
             #[inline(always)]
             fn load(&self, first: usize, out: &mut [$type; BLOCK]) {
@@ -154,6 +295,14 @@ macro_rules! integers {
                 (low as $type, high as $type)
             }
             #[inline(always)]
+            fn outside<const WIDE: bool>(
+                values: &[$type; BLOCK],
+                low: &[$type; BLOCK],
+                high: &[$type; BLOCK],
+            ) -> u64 {
+                $outside::<WIDE>(values, low, high)
+            }
+            #[inline(always)]
             fn is_unknown(_: $type) -> bool {
                 false
             }
@@ -164,16 +313,17 @@ macro_rules! integers {
         }
     };
 }
-integers!(u8);
-integers!(u16);
+integers!(u8, bytes_outside);
+integers!(u16, words_outside);
 
 /// What the pixels of a tile remember; lengths are multiples of [`BLOCK`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory<T> {
     /// Reference of the next event, log units; NaN where nothing was seen.
     pub reference: Vec<f32>,
-    /// The last value.
+    /// The last value, and the new one while a frame is treated.
     pub last: Vec<T>,
+    next: Vec<T>,
     /// Range of values at which nothing fires.
     low: Vec<T>,
     high: Vec<T>,
@@ -188,6 +338,7 @@ impl<T: Copy + Default> Memory<T> {
         Self {
             reference: vec![f32::NAN; padded],
             last: vec![D::MISSING; padded],
+            next: vec![D::MISSING; padded],
             low: vec![D::NEVER.0; padded],
             high: vec![D::NEVER.1; padded],
             masks: vec![0; padded / BLOCK],
@@ -223,37 +374,62 @@ fn range<D: Domain>(domain: &D, sensor: &SensorConfig, reference: f32) -> (D::Va
     )
 }
 
-/// Finds the pixels that left their range; says whether one of them holds an impossible value.
+/// Finds the pixels that left their range, and puts the frame beside the last one. Gives how many are NaN, and whether
+/// one of them is impossible.
 #[inline(always)]
-pub(crate) fn scan_body<D: Domain>(domain: &D, at: &Interval<'_>, memory: &mut Memory<D::Value>) -> bool {
+fn scan_body<D: Domain, const WIDE: bool>(
+    domain: &D,
+    at: &Interval<'_>,
+    memory: &mut Memory<D::Value>,
+) -> (u64, bool) {
     let mut first = at.first;
     let mut impossible = 0;
-    let Memory { low, high, masks, .. } = memory;
+    let mut unknown = 0;
+    let Memory { low, high, last, next, masks, .. } = memory;
     let ranges = low.as_chunks::<BLOCK>().0.iter().zip(high.as_chunks::<BLOCK>().0);
-    for ((low, high), mask) in ranges.zip(masks) {
-        let mut now = [D::MISSING; BLOCK];
-        domain.load(first, &mut now);
-        let mut leaves = [0_u8; BLOCK];
-        let mut any = 0;
-        for i in 0..BLOCK {
-            leaves[i] = u8::from(now[i] < low[i]) | u8::from(now[i] > high[i]);
-            any |= leaves[i];
-        }
-        *mask = 0;
-        if any != 0 {
-            *mask = bits_of(&leaves);
+    let values = last.as_chunks::<BLOCK>().0.iter().zip(next.as_chunks_mut::<BLOCK>().0);
+    for (((low, high), (last, next)), mask) in ranges.zip(values).zip(masks) {
+        domain.load(first, next);
+        *mask = D::outside::<WIDE>(next, low, high);
+        if *mask != 0 {
+            for next in next.iter() {
+                impossible |= u8::from(D::is_impossible(*next));
+            }
             // Beyond the frame's end, nothing is there to leave anything.
             let seen = at.end.saturating_sub(first);
             if seen < BLOCK {
                 *mask &= (1_u64 << seen).wrapping_sub(1);
             }
-            for now in now {
-                impossible |= u8::from(D::is_impossible(now));
+            if D::HAS_UNKNOWN {
+                unknown += keep_unknown::<D>(mask, last, next);
             }
         }
         first = first.wrapping_add(BLOCK);
     }
-    impossible != 0
+    (unknown, impossible != 0)
+}
+
+/// Pixels that are NaN keep their value; gives how many there are.
+#[inline(always)]
+fn keep_unknown<D: Domain>(
+    mask: &mut u64,
+    last: &[D::Value; BLOCK],
+    next: &mut [D::Value; BLOCK],
+) -> u64 {
+    let mut lost = [0_u8; BLOCK];
+    for i in 0..BLOCK {
+        lost[i] = u8::from(D::is_unknown(next[i]));
+    }
+    let lost = bits_of(&lost);
+    let mut rest = lost;
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize % BLOCK;
+        rest &= rest.wrapping_sub(1);
+        next[i] = last[i];
+    }
+    let unknown = (*mask & lost).count_ones();
+    *mask &= !lost;
+    u64::from(unknown)
 }
 
 /// Pixels that are treated at once.
@@ -269,9 +445,9 @@ struct Gathered {
     now: [f32; BATCH],
 }
 
-/// Appends the events of the pixels that [`scan_body`] found, and remembers the frame.
+/// Appends the events of the pixels that [`scan_body`] found; the frame becomes the last one.
 #[inline(always)]
-pub(crate) fn fire_body<D: Domain>(
+fn fire_body<D: Domain>(
     domain: &D,
     at: &Interval<'_>,
     memory: &mut Memory<D::Value>,
@@ -287,48 +463,30 @@ pub(crate) fn fire_body<D: Domain>(
         now: [0.0; BATCH],
     };
     for block in 0..memory.masks.len() {
-        let start = block * BLOCK;
-        let mut now = [D::MISSING; BLOCK];
-        domain.load(at.first.wrapping_add(start), &mut now);
         let mut mask = memory.masks[block];
-        if mask != 0 {
-            if gathered.count > BATCH - BLOCK {
-                flush(domain, at, memory, &mut gathered, &mut row, records, &mut tally);
-            }
-            let reference = block_of(&memory.reference, start);
-            let last = block_of(&memory.last, start);
-            while mask != 0 {
-                let i = mask.trailing_zeros() as usize % BLOCK;
-                mask &= mask.wrapping_sub(1);
-                let slot = gathered.count % BATCH;
-                gathered.pixel[slot] = start.wrapping_add(i) as u32;
-                gathered.reference[slot] = reference[i];
-                gathered.before[slot] = domain.pick(last[i]);
-                gathered.now[slot] = domain.pick(now[i]);
-                gathered.count = gathered.count.wrapping_add(1);
-            }
+        if mask == 0 {
+            continue;
         }
-        let Some(last) = memory.last.get_mut(start..).and_then(|last| last.first_chunk_mut::<BLOCK>()) else {
-            break;
-        };
-        let mut odd = 0;
-        for i in 0..BLOCK {
-            let lost = D::is_unknown(now[i]);
-            odd |= u8::from(lost);
-            last[i] = if lost { last[i] } else { now[i] };
+        if gathered.count > BATCH - BLOCK {
+            flush(domain, at, memory, &mut gathered, &mut row, records, &mut tally);
         }
-        if odd != 0 {
-            let seen = at.end.saturating_sub(at.first.wrapping_add(start)).min(BLOCK);
-            tally.unknown += now.iter().take(seen).filter(|now| D::is_unknown(**now)).count() as u64;
+        let start = block * BLOCK;
+        let of = start..start + BLOCK;
+        let (reference, last, now) = (&memory.reference[of.clone()], &memory.last[of.clone()], &memory.next[of]);
+        while mask != 0 {
+            let i = mask.trailing_zeros() as usize % BLOCK;
+            mask &= mask.wrapping_sub(1);
+            let slot = gathered.count % BATCH;
+            gathered.pixel[slot] = start.wrapping_add(i) as u32;
+            gathered.reference[slot] = reference[i];
+            gathered.before[slot] = domain.pick(last[i]);
+            gathered.now[slot] = domain.pick(now[i]);
+            gathered.count = gathered.count.wrapping_add(1);
         }
     }
     flush(domain, at, memory, &mut gathered, &mut row, records, &mut tally);
+    std::mem::swap(&mut memory.last, &mut memory.next);
     tally
-}
-
-#[inline(always)]
-fn block_of<T: Copy + Default>(values: &[T], start: usize) -> [T; BLOCK] {
-    values.get(start..).and_then(|values| values.first_chunk::<BLOCK>()).copied().unwrap_or([T::default(); BLOCK])
 }
 
 /// Where a rising sequence of pixels is in the image.
@@ -388,8 +546,8 @@ fn flush<D: Domain>(
         let rise_end = change * sign;
         let rise_start = (l0 - r) * sign;
         let ratio = rise_end / c;
-        // Floor, of what is not negative; NaN, a pixel never seen, becomes 0.
-        let steps = if ratio < 65_536.0 { ratio as i32 as f32 } else { 65_536.0 };
+        let ratio = if ratio < MOST + 1.0 { ratio } else { MOST + 1.0 };
+        let steps = simd::whole(ratio) as i32 as f32;
         let number = if steps > MOST { MOST } else { steps };
         let moved = if steps > MOST { l1 } else { r + sign * (number * c) };
         let moved = if latch && steps >= 1.0 { l1 } else { moved };
@@ -397,14 +555,14 @@ fn flush<D: Domain>(
         let seen = !r.is_nan();
         reference[i] = if seen { moved } else { l1 };
         let number = if latch && number > 1.0 { 1.0 } else { number };
-        fires[i] = if seen { number as i32 as u32 } else { 0 };
+        fires[i] = if seen { simd::whole(number) } else { 0 };
         threshold[i] = c;
         level[i] = rise_start;
         run[i] = rise_end - rise_start;
         let part = if run[i] > 0.0 { (c - rise_start) / run[i] } else { 1.0 };
         let part = if part > 0.0 { part } else { 0.0 };
         let part = if part < 1.0 { part } else { 1.0 };
-        let first = (part * interval) as i32 as u32;
+        let first = simd::whole(part * interval);
         let first = if latch { at.us } else { first };
         // Within (start, end]: in f32, the product may round beyond the end.
         let first = if first < 1 { 1 } else { first };
@@ -465,7 +623,10 @@ pub(crate) enum Pixels {
 
 macro_rules! passes {
     ($scan:ident, $fire:ident, $domain:ty, $value:ty) => {
-        dispatched!(fn $scan(domain: &$domain, at: &Interval<'_>, memory: &mut Memory<$value>) -> bool = scan_body);
+        dispatched!(
+            fn $scan(domain: &$domain, at: &Interval<'_>, memory: &mut Memory<$value>) -> (u64, bool)
+                = scan_body::<_, false>, wide scan_body::<_, true>
+        );
         dispatched!(
             fn $fire(
                 domain: &$domain,
@@ -476,7 +637,8 @@ macro_rules! passes {
         );
     };
 }
-passes!(scan_light, fire_light, Light<'_>, f32);
+passes!(scan_linear, fire_linear, Light<Linear<'_>>, f32);
+passes!(scan_light, fire_light, Light<Any<'_>>, f32);
 passes!(scan_log, fire_log, Logs<'_>, f32);
 passes!(scan_u8, fire_u8, Integers<'_, u8>, u8);
 passes!(scan_u16, fire_u16, Integers<'_, u16>, u16);
@@ -488,7 +650,7 @@ impl Pixels {
             Source::Log { .. } => Self::Log(Memory::new::<Logs<'_>>(length)),
             Source::U8 { .. } => Self::U8(Memory::new::<Integers<'_, u8>>(length)),
             Source::U16 { .. } => Self::U16(Memory::new::<Integers<'_, u16>>(length)),
-            _ => Self::Light(Memory::new::<Light<'_>>(length)),
+            _ => Self::Light(Memory::new::<Light<Any<'_>>>(length)),
         }
     }
 
@@ -502,8 +664,8 @@ impl Pixels {
         }
     }
 
-    /// First pass; changes nothing that outlives a push. Whether there is an impossible value.
-    pub fn scan(&mut self, isa: simd::Isa, source: Source<'_>, at: &Interval<'_>) -> bool {
+    /// First pass; changes nothing that outlives a push. How many values are NaN, whether one is impossible.
+    pub fn scan(&mut self, isa: simd::Isa, source: Source<'_>, at: &Interval<'_>) -> (u64, bool) {
         match (self, source) {
             (Self::Log(memory), Source::Log { values }) => scan_log(isa, &Logs(values), at, memory),
             (Self::U8(memory), Source::U8 { values, codes, .. }) => {
@@ -512,11 +674,16 @@ impl Pixels {
             (Self::U16(memory), Source::U16 { values, codes, .. }) => {
                 scan_u16(isa, &Integers(values, codes), at, memory)
             }
-            (Self::Light(memory), source) => {
-                scan_light(isa, &Light { source, eps: at.sensor.log_eps }, at, memory)
+            (Self::Light(memory), Source::Linear { values, inverse_reference }) => {
+                let load = Linear { values, inverse_reference };
+                scan_linear(isa, &Light { load, eps: at.sensor.log_eps }, at, memory)
             }
-            // `matches` was asked before.
-            _ => false,
+            (Self::Light(memory), source) => {
+                let eps = at.sensor.log_eps;
+                scan_light(isa, &Light { load: Any(source, eps), eps }, at, memory)
+            }
+            // `check` was asked before.
+            _ => (0, false),
         }
     }
 
@@ -536,8 +703,13 @@ impl Pixels {
             (Self::U16(memory), Source::U16 { values, codes, .. }) => {
                 fire_u16(isa, &Integers(values, codes), at, memory, records)
             }
+            (Self::Light(memory), Source::Linear { values, inverse_reference }) => {
+                let load = Linear { values, inverse_reference };
+                fire_linear(isa, &Light { load, eps: at.sensor.log_eps }, at, memory, records)
+            }
             (Self::Light(memory), source) => {
-                fire_light(isa, &Light { source, eps: at.sensor.log_eps }, at, memory, records)
+                let eps = at.sensor.log_eps;
+                fire_light(isa, &Light { load: Any(source, eps), eps }, at, memory, records)
             }
             _ => Tally::default(),
         }

@@ -12,7 +12,7 @@ pub(crate) struct Record {
 }
 
 /// Longest interval between two frames.
-pub(crate) const MAX_INTERVAL_US: i64 = (1 << 31) - 1;
+pub(crate) const MAX_INTERVAL_US: i64 = 1 << 30;
 
 impl Record {
     #[inline(always)]
