@@ -19,6 +19,6 @@ pub mod truth;
 pub use emulator::{EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, Transfer};
 pub use event::{Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
-pub use sensor::{ConfigError, Interpolation, Sensor, SensorConfig, TriggerRule};
+pub use sensor::{ConfigError, Interpolation, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;
 pub use truth::{Region, RegionSpan, Truth};
