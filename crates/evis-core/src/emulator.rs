@@ -1,18 +1,28 @@
 //! Frames in, events out: the sensor on its own, for light that somebody else made.
 
+mod chain;
+mod diffusion;
 pub(crate) mod frames;
 mod ideal;
+mod noise;
 mod order;
+mod readout;
+mod shape;
+mod state;
 
 use rayon::prelude::*;
 
 use crate::event::Event;
+use crate::random::Key;
 use crate::sensor::{ConfigError, Sensor, SensorConfig};
 use crate::simd::Isa;
 
+use chain::{Chain, Plan, Scan};
+use diffusion::Diffuse;
 use frames::{Source, Tables};
 use ideal::{Interval, Pixels, Tally};
 use order::{MAX_INTERVAL_US, Record, append_sorted};
+use readout::Wire;
 
 pub use frames::{FrameData, Frames, Transfer};
 
@@ -62,8 +72,12 @@ pub struct EmulatorReport {
     pub events: u64,
     /// Pixel values that were NaN: those pixels kept their state.
     pub unknown: u64,
-    /// Times that a pixel would have fired more than [`crate::trigger::MAX_EVENTS_PER_INTERVAL`] events in one interval.
+    /// Times that a pixel would have fired more events in one interval than it may.
     pub clamped: u64,
+    /// Events that were lost to the refractory period.
+    pub suppressed: u64,
+    /// Events that were lost to the readout's rate limit.
+    pub dropped: u64,
 }
 
 impl EmulatorReport {
@@ -71,6 +85,8 @@ impl EmulatorReport {
         self.events += other.events;
         self.unknown += other.unknown;
         self.clamped += other.clamped;
+        self.suppressed += other.suppressed;
+        self.dropped += other.dropped;
     }
 }
 
@@ -85,19 +101,36 @@ pub struct EventEmulator {
     isa: Isa,
     pool: Option<rayon::ThreadPool>,
     tables: Tables,
+    kernel: Kernel,
     environments: Vec<Environment>,
     now_us: Option<i64>,
     last: EmulatorReport,
     total: EmulatorReport,
 }
 
+/// How pixels are computed: chosen once.
+#[derive(Debug)]
+enum Kernel {
+    /// Thresholds alone.
+    Ideal,
+    /// Any stage.
+    Chain(Box<Plan>),
+    /// Brownian motion.
+    Diffusion,
+}
+
 /// The pixels of one environment.
 #[derive(Clone, Debug)]
 struct Environment {
+    key: Key,
     /// Whether a frame has been seen since the start or the last reset.
     started: bool,
     tiles: Vec<Tile>,
     counts: Vec<u32>,
+    /// Events that have not left the sensor.
+    wire: Wire,
+    fired: Vec<Event>,
+    report: EmulatorReport,
 }
 
 /// Pixels that one thread treats at a time, with their memory.
@@ -106,9 +139,19 @@ struct Tile {
     first: usize,
     end: usize,
     /// Nothing before the first frame says of which kind frames are.
-    pixels: Option<Pixels>,
+    memory: Memory,
     records: Vec<Record>,
     tally: Tally,
+}
+
+/// What a tile's pixels remember.
+#[derive(Clone, Debug)]
+enum Memory {
+    /// No frame was seen.
+    None,
+    Ideal(Pixels),
+    Chain(Box<Chain>),
+    Diffusion(Diffuse),
 }
 
 impl EventEmulator {
@@ -144,16 +187,28 @@ impl EventEmulator {
             None
         };
         let pixels = config.width as usize * config.height as usize;
-        let environment = Environment {
+        let environment = |index: usize| Environment {
+            key: Key::new(config.seed, index as u32, config.camera),
             started: false,
             tiles: (0..pixels).step_by(TILE).map(|first| Tile::new(first, (first + TILE).min(pixels))).collect(),
             counts: Vec::new(),
+            wire: Wire::default(),
+            fired: Vec::new(),
+            report: EmulatorReport::default(),
+        };
+        let kernel = if config.sensor.diffusion.is_some() {
+            Kernel::Diffusion
+        } else if config.sensor.is_ideal() {
+            Kernel::Ideal
+        } else {
+            Kernel::Chain(Box::new(Plan::new(&config.sensor)))
         };
         Ok(Self {
             isa: Isa::detect(),
             pool,
             tables: Tables::default(),
-            environments: vec![environment; config.batch],
+            environments: (0..config.batch).map(environment).collect(),
+            kernel,
             now_us: None,
             last: EmulatorReport::default(),
             total: EmulatorReport::default(),
@@ -211,53 +266,57 @@ impl EventEmulator {
         frames.check(pixels * self.config.batch)?;
         let inverse = 1.0 / self.config.reference_luminance;
         self.tables.prepare(frames, inverse, self.config.sensor.log_eps);
-        let Self { config, isa, pool, tables, environments, .. } = self;
+        let Self { config, isa, pool, tables, kernel, environments, .. } = self;
         let sources: Option<Vec<Source<'_>>> =
             (0..config.batch).map(|index| Source::new(frames, tables, inverse, index, pixels)).collect();
         // `check` counted the values.
         let sources = sources.ok_or_else(|| ConfigError::new("frames", "too short", "complete"))?;
-        let work = Push { config, isa: *isa, start_us: t_us - i64::from(interval_us), interval_us };
+        let work = Push { config, kernel, isa: *isa, start_us: t_us - i64::from(interval_us), interval_us };
         if let (Some(tile), Some(source)) = (environments.iter().find_map(Environment::begun), sources.first()) {
             tile.check(source)?;
         }
         let parallel = pool.is_some() && environments.len() * pixels > TILE;
-        let mut run = || {
+        let run = || {
             // Nothing changes before all light has been found possible.
             let scan = |environment: &mut Environment, source: &Source<'_>| {
-                if !environment.started {
+                let (key, first_frame) = (environment.key, !environment.started);
+                if first_frame {
                     environment.clear();
                 }
                 if parallel {
                     let tiles = environment.tiles.par_iter_mut();
-                    tiles.map(|tile| tile.scan(&work, source)).reduce(|| false, |a, b| a | b)
+                    tiles.map(|tile| tile.scan(&work, key, source, first_frame)).reduce(Scan::default, Scan::join)
                 } else {
-                    environment.tiles.iter_mut().fold(false, |found, tile| found | tile.scan(&work, source))
+                    let tiles = environment.tiles.iter_mut();
+                    tiles.map(|tile| tile.scan(&work, key, source, first_frame)).fold(Scan::default(), Scan::join)
                 }
             };
-            let impossible = if parallel {
-                let pairs = environments.par_iter_mut().zip(&sources);
-                pairs.map(|(environment, source)| scan(environment, source)).reduce(|| false, |a, b| a | b)
+            let scans: Vec<Scan> = if parallel {
+                environments.par_iter_mut().zip(&sources).map(|(all, source)| scan(all, source)).collect()
             } else {
-                let pairs = environments.iter_mut().zip(&sources);
-                pairs.fold(false, |found, (environment, source)| found | scan(environment, source))
+                environments.iter_mut().zip(&sources).map(|(all, source)| scan(all, source)).collect()
             };
-            if impossible {
+            if scans.iter().any(|scan| scan.impossible) {
                 return Err(impossible_light(frames, config));
             }
-            let fire = |environment: &mut Environment, source: &Source<'_>, events: &mut Vec<Event>| {
+            let fire = |environment: &mut Environment, scan: &Scan, source: &Source<'_>, out: &mut Vec<Event>| {
+                let key = environment.key;
                 if parallel {
-                    environment.tiles.par_iter_mut().for_each(|tile| tile.fire(&work, source));
+                    environment.tiles.par_iter_mut().for_each(|tile| tile.fire(&work, key, source, scan.most));
                 } else {
-                    environment.tiles.iter_mut().for_each(|tile| tile.fire(&work, source));
+                    environment.tiles.iter_mut().for_each(|tile| tile.fire(&work, key, source, scan.most));
                 }
-                environment.finish(&work, events);
+                environment.finish(&work, scan, out);
             };
+            let scans = scans.iter().zip(&sources);
             if parallel {
-                let all = environments.par_iter_mut().zip(&sources).zip(out.par_iter_mut());
-                all.for_each(|((environment, source), events)| fire(environment, source, events));
+                let all: Vec<_> = environments.iter_mut().zip(scans).zip(out).collect();
+                all.into_par_iter().for_each(|((environment, (scan, source)), events)| {
+                    fire(environment, scan, source, events);
+                });
             } else {
-                for ((environment, source), events) in environments.iter_mut().zip(&sources).zip(out) {
-                    fire(environment, source, events);
+                for ((environment, (scan, source)), events) in environments.iter_mut().zip(scans).zip(out) {
+                    fire(environment, scan, source, events);
                 }
             }
             Ok(())
@@ -268,12 +327,8 @@ impl EventEmulator {
         }
         self.now_us = Some(t_us);
         self.last = EmulatorReport::default();
-        for tile in self.environments.iter().flat_map(|environment| &environment.tiles) {
-            self.last.add(&EmulatorReport {
-                events: tile.records.len() as u64,
-                unknown: tile.tally.unknown,
-                clamped: tile.tally.clamped,
-            });
+        for environment in &self.environments {
+            self.last.add(&environment.report);
         }
         let last = self.last;
         self.total.add(&last);
@@ -328,6 +383,7 @@ impl EventEmulator {
 /// What all tiles of a push share.
 struct Push<'a> {
     config: &'a EmulatorConfig,
+    kernel: &'a Kernel,
     isa: Isa,
     start_us: i64,
     interval_us: u32,
@@ -352,29 +408,59 @@ fn impossible_light(frames: &Frames<'_>, config: &EmulatorConfig) -> ConfigError
 }
 
 impl Environment {
-    /// Memory of the frames that were seen, if any were.
+    /// Memory of the frames that were seen, if the kernel asks for frames of one kind.
     fn begun(&self) -> Option<&Pixels> {
-        if self.started { self.tiles.first().and_then(|tile| tile.pixels.as_ref()) } else { None }
+        match self.tiles.first().map(|tile| &tile.memory) {
+            Some(Memory::Ideal(pixels)) if self.started => Some(pixels),
+            _ => None,
+        }
     }
 
-    /// Forgets everything.
+    /// Forgets everything but what is frozen.
     fn clear(&mut self) {
+        self.wire = Wire::default();
         for tile in &mut self.tiles {
-            tile.pixels = None;
+            match &mut tile.memory {
+                // What a pixel is does not change.
+                Memory::Chain(chain) => chain.clear(),
+                memory => *memory = Memory::None,
+            }
         }
     }
 
     /// Sorts what the tiles fired.
-    fn finish(&mut self, work: &Push<'_>, events: &mut Vec<Event>) {
+    fn finish(&mut self, work: &Push<'_>, scan: &Scan, events: &mut Vec<Event>) {
         self.started = true;
+        let before = events.len();
         let parts: Vec<&[Record]> = self.tiles.iter().map(|tile| tile.records.as_slice()).collect();
-        append_sorted(&parts, work.start_us, work.interval_us, &mut self.counts, events);
+        let readout = &work.config.sensor.readout;
+        let mut dropped = 0;
+        if readout.is_off() {
+            append_sorted(&parts, work.start_us, work.interval_us, &mut self.counts, events);
+        } else {
+            self.fired.clear();
+            let all = parts.iter().flat_map(|part| part.iter());
+            self.fired.extend(all.map(|record| record.event(work.start_us)));
+            let end_us = work.start_us + i64::from(work.interval_us);
+            dropped = self.wire.pass(readout, &mut self.fired, end_us, events);
+        }
+        self.report = EmulatorReport {
+            events: (events.len() - before) as u64,
+            unknown: scan.unknown,
+            dropped,
+            ..EmulatorReport::default()
+        };
+        for tile in &self.tiles {
+            self.report.clamped += tile.tally.clamped;
+            self.report.suppressed += tile.tally.suppressed;
+        }
     }
 }
 
 impl Tile {
     const fn new(first: usize, end: usize) -> Self {
-        Self { first, end, pixels: None, records: Vec::new(), tally: Tally { unknown: 0, clamped: 0 } }
+        let tally = Tally { unknown: 0, clamped: 0, suppressed: 0 };
+        Self { first, end, memory: Memory::None, records: Vec::new(), tally }
     }
 
     const fn interval<'a>(&self, work: &Push<'a>) -> Interval<'a> {
@@ -387,21 +473,49 @@ impl Tile {
         }
     }
 
-    /// Whether a value is impossible.
-    fn scan(&mut self, work: &Push<'_>, source: &Source<'_>) -> bool {
-        let at = self.interval(work);
-        let pixels = self.pixels.get_or_insert_with(|| Pixels::new(source, self.end - self.first));
-        let (unknown, impossible) = pixels.scan(work.isa, *source, &at);
-        self.tally.unknown = unknown;
-        impossible
+    /// Memory that has seen nothing, for frames like `source`.
+    fn begin(&mut self, kernel: &Kernel, key: Key, source: &Source<'_>) {
+        let pixels = self.end - self.first;
+        self.memory = match kernel {
+            Kernel::Ideal => Memory::Ideal(Pixels::new(source, pixels)),
+            Kernel::Chain(plan) => Memory::Chain(Box::new(Chain::new(plan, key, self.first, pixels))),
+            Kernel::Diffusion => Memory::Diffusion(Diffuse::new(pixels)),
+        };
     }
 
-    fn fire(&mut self, work: &Push<'_>, source: &Source<'_>) {
+    /// First pass: nothing that outlives a push changes.
+    fn scan(&mut self, work: &Push<'_>, key: Key, source: &Source<'_>, first_frame: bool) -> Scan {
+        let at = self.interval(work);
+        if matches!(self.memory, Memory::None) {
+            self.begin(work.kernel, key, source);
+        }
+        let (unknown, impossible) = match (&mut self.memory, work.kernel) {
+            (Memory::Ideal(pixels), _) => pixels.scan(work.isa, *source, &at),
+            (Memory::Chain(chain), Kernel::Chain(plan)) => {
+                chain.rebase(work.start_us, first_frame);
+                return chain.scan(work.isa, plan, source, &at, work.start_us);
+            }
+            (Memory::Diffusion(diffuse), _) => diffuse.scan(source, work.config.sensor.log_eps, &at),
+            _ => (0, false),
+        };
+        Scan { unknown, impossible, most: 0 }
+    }
+
+    /// Second pass: events.
+    fn fire(&mut self, work: &Push<'_>, key: Key, source: &Source<'_>, most: u32) {
         let at = self.interval(work);
         self.records.clear();
-        if let Some(pixels) = &mut self.pixels {
-            self.tally.clamped = pixels.fire(work.isa, *source, &at, &mut self.records).clamped;
-        }
+        let records = &mut self.records;
+        self.tally = match (&mut self.memory, work.kernel) {
+            (Memory::Ideal(pixels), _) => pixels.fire(work.isa, *source, &at, records),
+            (Memory::Chain(chain), Kernel::Chain(plan)) => {
+                chain.fire(work.isa, plan, &at, key, (work.start_us, most), records)
+            }
+            (Memory::Diffusion(diffuse), _) => {
+                diffuse.fire(&work.config.sensor, &at, key, work.start_us, records)
+            }
+            _ => Tally::default(),
+        };
     }
 }
 

@@ -30,8 +30,10 @@ pub(crate) struct Interval<'a> {
 pub(crate) struct Tally {
     /// Pixels whose value was NaN: they kept their state.
     pub unknown: u64,
-    /// Pixels that would have fired more than [`MAX_EVENTS_PER_INTERVAL`] events.
+    /// Pixels that would have fired more events than they may.
     pub clamped: u64,
+    /// Events that the refractory period swallowed.
+    pub suppressed: u64,
 }
 
 /// The numbers of a frame as the ideal pixel sees them.
@@ -325,8 +327,8 @@ pub(crate) struct Memory<T> {
     pub last: Vec<T>,
     next: Vec<T>,
     /// Range of values at which nothing fires.
-    low: Vec<T>,
-    high: Vec<T>,
+    pub low: Vec<T>,
+    pub high: Vec<T>,
     /// Which pixels of each block left their range in this frame.
     masks: Vec<u64>,
 }
@@ -343,24 +345,6 @@ impl<T: Copy + Default> Memory<T> {
             high: vec![D::NEVER.1; padded],
             masks: vec![0; padded / BLOCK],
         }
-    }
-
-    /// Memory as it was saved: the ranges follow from the references.
-    pub fn restored<D: Domain<Value = T>>(
-        domain: &D,
-        sensor: &SensorConfig,
-        reference: Vec<f32>,
-        last: Vec<T>,
-    ) -> Self {
-        let mut memory = Self::new::<D>(reference.len());
-        for (i, reference) in reference.iter().enumerate() {
-            if !reference.is_nan() {
-                (memory.low[i], memory.high[i]) = range(domain, sensor, *reference);
-            }
-        }
-        memory.reference[..reference.len()].copy_from_slice(&reference);
-        memory.last[..last.len()].copy_from_slice(&last);
-        memory
     }
 }
 
@@ -612,6 +596,16 @@ fn flush<D: Domain>(
     *count = 0;
 }
 
+/// What kind of frames `source` gives, in words.
+pub(crate) const fn kind_of(source: &Source<'_>) -> &'static str {
+    match source {
+        Source::Log { .. } => "logarithms",
+        Source::U8 { .. } => "8-bit integers of one channel",
+        Source::U16 { .. } => "16-bit integers of one channel",
+        _ => "light",
+    }
+}
+
 /// A tile's memory, by the kind of frame that it was begun with.
 #[derive(Clone, Debug)]
 pub(crate) enum Pixels {
@@ -646,10 +640,21 @@ passes!(scan_u16, fire_u16, Integers<'_, u16>, u16);
 impl Pixels {
     /// Memory for `length` pixels of frames like `source`.
     pub fn new(source: &Source<'_>, length: usize) -> Self {
-        match source {
-            Source::Log { .. } => Self::Log(Memory::new::<Logs<'_>>(length)),
-            Source::U8 { .. } => Self::U8(Memory::new::<Integers<'_, u8>>(length)),
-            Source::U16 { .. } => Self::U16(Memory::new::<Integers<'_, u16>>(length)),
+        let kind = match source {
+            Source::Log { .. } => 2,
+            Source::U8 { .. } => 3,
+            Source::U16 { .. } => 4,
+            _ => 1,
+        };
+        Self::of_kind(kind, length)
+    }
+
+    /// Memory for `length` pixels of the kinds 1 to 4: light, logarithms, 8 bits, 16 bits.
+    pub fn of_kind(kind: u64, length: usize) -> Self {
+        match kind {
+            2 => Self::Log(Memory::new::<Logs<'_>>(length)),
+            3 => Self::U8(Memory::new::<Integers<'_, u8>>(length)),
+            4 => Self::U16(Memory::new::<Integers<'_, u16>>(length)),
             _ => Self::Light(Memory::new::<Light<Any<'_>>>(length)),
         }
     }
@@ -720,7 +725,7 @@ impl Pixels {
     /// # Errors
     /// Names both kinds.
     pub fn check(&self, source: &Source<'_>) -> Result<(), ConfigError> {
-        let given = Self::new(source, 0).kind();
+        let given = kind_of(source);
         if given == self.kind() {
             return Ok(());
         }

@@ -30,7 +30,7 @@ impl Record {
     }
 
     #[inline(always)]
-    fn event(self, start_us: i64) -> Event {
+    pub fn event(self, start_us: i64) -> Event {
         let polarity = if self.when >> 31 == 1 { Polarity::On } else { Polarity::Off };
         // Wrapping cannot happen: the caller checked that the interval's end is an i64.
         let t = start_us.wrapping_add(i64::from(self.offset_us()));
