@@ -148,6 +148,12 @@ fn main() {
     print(&measure("ideal, uint8, 1 thread", &sensor, 1, codes, size, FRAMES));
     print(&measure("ideal, uint8, 2 threads", &sensor, 2, codes, size, FRAMES));
 
+    for name in ["v2e", "v2e-noisy", "evis", "openeb", "gen4-like", "davis346"] {
+        let sensor = SensorConfig::preset(name).unwrap();
+        let frames = if name == "davis346" { 40 } else { 100 };
+        print(&measure(&format!("{name}, float32, 1 thread"), &sensor, 1, linear, size, frames));
+    }
+
     println!("\nSilent frames (distinct, nothing fires):\n");
     println!("| chain | time | Mpixel/s | million events/s | events | of the triad's bound |");
     println!("|---|---|---|---|---|---|");

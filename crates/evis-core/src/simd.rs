@@ -32,6 +32,7 @@ impl Isa {
     }
 
     /// Every set that this processor has, the plainest first.
+    #[cfg(test)]
     pub fn supported() -> Vec<Self> {
         match Self::detect() {
             Self::Portable => vec![Self::Portable],

@@ -221,7 +221,7 @@ fn words_outside<const WIDE: bool>(values: &[u16; BLOCK], low: &[u16; BLOCK], hi
 #[cfg(target_arch = "x86_64")]
 mod wide {
     use std::arch::x86_64::{
-        __m256i, _CMP_GE_OQ, _CMP_LE_OQ, _mm256_and_ps, _mm256_cmp_ps, _mm256_cmpeq_epi8, _mm256_loadu_ps,
+        __m256i, _CMP_GE_OQ, _CMP_LE_OQ, _mm256_and_ps, _mm256_and_si256, _mm256_cmp_ps, _mm256_cmpeq_epi8, _mm256_loadu_ps,
         _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8, _mm256_movemask_epi8, _mm256_movemask_ps,
     };
 
@@ -262,8 +262,9 @@ mod wide {
                     _mm256_loadu_si256(high.as_ptr().cast::<__m256i>()),
                 )
             };
-            let kept = _mm256_cmpeq_epi8(_mm256_min_epu8(_mm256_max_epu8(values, low), high), values);
-            inside |= u64::from(_mm256_movemask_epi8(kept) as u32) << (32 * i);
+            let above = _mm256_cmpeq_epi8(_mm256_max_epu8(values, low), values);
+            let below = _mm256_cmpeq_epi8(_mm256_min_epu8(values, high), values);
+            inside |= u64::from(_mm256_movemask_epi8(_mm256_and_si256(above, below)) as u32) << (32 * i);
         }
         !inside
     }
