@@ -1,6 +1,7 @@
 //! How fast frames become events, beside what memory allows.
 //!
-//! `cargo bench --profile release --workspace --locked --bench emulator` prints Markdown. The scene is
+//! `cargo bench --profile release --workspace --locked --bench emulator` prints Markdown; `-- NAME` only what begins so.
+//! The scene is
 //! I = 0.5 + 0.4 sin(0.3 + 2 pi (x / 41.7 - 9.7 t)), 346 × 260, 200 frames at 1 kHz, C = 0.2, events sorted.
 #![allow(clippy::unwrap_used, reason = "a benchmark may panic")]
 
@@ -88,6 +89,10 @@ fn measure<'a>(
     size: (u32, u32),
     count: usize,
 ) -> Row {
+    let wanted = std::env::args().skip(1).find(|argument| !argument.starts_with('-'));
+    if wanted.is_some_and(|wanted| !name.starts_with(&wanted)) {
+        return Row { name: name.into(), seconds: f64::NAN, events: 0, pixels: 0 };
+    }
     let mut events = 0;
     let mut lists: Vec<Vec<Event>> = vec![Vec::new()];
     let seconds = best(|| {
@@ -160,7 +165,14 @@ fn main() {
     for size in [(WIDTH, HEIGHT), (1280, 720)] {
         let pixels = (size.0 * size.1) as usize;
         let few: Vec<Vec<f32>> = (0..8).map(|k| vec![0.5 + 0.002 * k as f32; pixels]).collect();
-        let row = measure(&format!("float32 {}x{}", size.0, size.1), &sensor, 1, |k| Frames::linear(&few[k % 8]), size, 100);
+        let row = measure(
+            &format!("float32 {}x{}", size.0, size.1),
+            &sensor,
+            1,
+            |k| Frames::linear(&few[k % 8]),
+            size,
+            100,
+        );
         // Read the frame, the reference and the signal, write the signal: 16 bytes; the triad moves 12 per element.
         let bound = triad(pixels) / 16.0;
         println!(
@@ -173,7 +185,14 @@ fn main() {
             row.pixels as f64 / row.seconds / bound
         );
         let few: Vec<Vec<u8>> = (0..8).map(|k| vec![127 + k as u8; pixels]).collect();
-        let row = measure(&format!("uint8 {}x{}", size.0, size.1), &sensor, 1, |k| Frames::u8(&few[k % 8], Transfer::Linear), size, 100);
+        let row = measure(
+            &format!("uint8 {}x{}", size.0, size.1),
+            &sensor,
+            1,
+            |k| Frames::u8(&few[k % 8], Transfer::Linear),
+            size,
+            100,
+        );
         print(&row);
     }
 }

@@ -190,7 +190,10 @@ impl EventEmulator {
         let environment = |index: usize| Environment {
             key: Key::new(config.seed, index as u32, config.camera),
             started: false,
-            tiles: (0..pixels).step_by(TILE).map(|first| Tile::new(first, (first + TILE).min(pixels))).collect(),
+            tiles: (0..pixels)
+                .step_by(TILE)
+                .map(|first| Tile::new(first, (first + TILE).min(pixels)))
+                .collect(),
             counts: Vec::new(),
             wire: Wire::default(),
             fired: Vec::new(),
@@ -272,7 +275,9 @@ impl EventEmulator {
         // `check` counted the values.
         let sources = sources.ok_or_else(|| ConfigError::new("frames", "too short", "complete"))?;
         let work = Push { config, kernel, isa: *isa, start_us: t_us - i64::from(interval_us), interval_us };
-        if let (Some(tile), Some(source)) = (environments.iter().find_map(Environment::begun), sources.first()) {
+        if let (Some(tile), Some(source)) =
+            (environments.iter().find_map(Environment::begun), sources.first())
+        {
             tile.check(source)?;
         }
         let parallel = pool.is_some() && environments.len() * pixels > TILE;
@@ -285,10 +290,14 @@ impl EventEmulator {
                 }
                 if parallel {
                     let tiles = environment.tiles.par_iter_mut();
-                    tiles.map(|tile| tile.scan(&work, key, source, first_frame)).reduce(Scan::default, Scan::join)
+                    tiles
+                        .map(|tile| tile.scan(&work, key, source, first_frame))
+                        .reduce(Scan::default, Scan::join)
                 } else {
                     let tiles = environment.tiles.iter_mut();
-                    tiles.map(|tile| tile.scan(&work, key, source, first_frame)).fold(Scan::default(), Scan::join)
+                    tiles
+                        .map(|tile| tile.scan(&work, key, source, first_frame))
+                        .fold(Scan::default(), Scan::join)
                 }
             };
             let scans: Vec<Scan> = if parallel {
@@ -299,10 +308,16 @@ impl EventEmulator {
             if scans.iter().any(|scan| scan.impossible) {
                 return Err(impossible_light(frames, config));
             }
-            let fire = |environment: &mut Environment, scan: &Scan, source: &Source<'_>, out: &mut Vec<Event>| {
+            let fire = |environment: &mut Environment,
+                        scan: &Scan,
+                        source: &Source<'_>,
+                        out: &mut Vec<Event>| {
                 let key = environment.key;
                 if parallel {
-                    environment.tiles.par_iter_mut().for_each(|tile| tile.fire(&work, key, source, scan.most));
+                    environment
+                        .tiles
+                        .par_iter_mut()
+                        .for_each(|tile| tile.fire(&work, key, source, scan.most));
                 } else {
                     environment.tiles.iter_mut().for_each(|tile| tile.fire(&work, key, source, scan.most));
                 }
@@ -367,7 +382,11 @@ impl EventEmulator {
     fn check_time(&self, t_us: i64) -> Result<u32, ConfigError> {
         let Some(now_us) = self.now_us else { return Ok(0) };
         if t_us <= now_us {
-            return Err(ConfigError::new("t_us", t_us, format!("above {now_us}, the time of the last frame")));
+            return Err(ConfigError::new(
+                "t_us",
+                t_us,
+                format!("above {now_us}, the time of the last frame"),
+            ));
         }
         match t_us.checked_sub(now_us) {
             Some(interval) if interval <= MAX_INTERVAL_US => Ok(interval as u32),
@@ -403,7 +422,8 @@ fn impossible_light(frames: &Frames<'_>, config: &EmulatorConfig) -> ConfigError
     let (x, y) = (pixel % config.width as usize, pixel / config.width as usize);
     let what = format!("light of pixel ({x}, {y}) of environment {}", index / (frames.channels * pixels));
     let value = values.get(index).copied().unwrap_or_default();
-    let remedy = if is_log { "finite, or NaN where unknown" } else { "finite and at least 0, or NaN where unknown" };
+    let remedy =
+        if is_log { "finite, or NaN where unknown" } else { "finite and at least 0, or NaN where unknown" };
     ConfigError::new(&what, value, remedy)
 }
 

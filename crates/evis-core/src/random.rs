@@ -67,12 +67,8 @@ pub const fn philox(counter: [u32; 4], key: [u32; 2]) -> [u32; 4] {
     while round < 10 {
         let first = a as u64 * 0xd251_1f53;
         let second = c as u64 * 0xcd9e_8d57;
-        (a, b, c, d) = (
-            (second >> 32) as u32 ^ b ^ low,
-            second as u32,
-            (first >> 32) as u32 ^ d ^ high,
-            first as u32,
-        );
+        (a, b, c, d) =
+            ((second >> 32) as u32 ^ b ^ low, second as u32, (first >> 32) as u32 ^ d ^ high, first as u32);
         low = low.wrapping_add(0x9e37_79b9);
         high = high.wrapping_add(0xbb67_ae85);
         round += 1;

@@ -149,7 +149,11 @@ impl SensorConfig {
     /// Text that is no TOML, an unknown key, a value that cannot be used.
     pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
         let config: Self = toml::from_str(text).map_err(|error| {
-            ConfigError::new("the sensor's TOML", format!("not usable ({})", error.message()), "as docs/sensor.md shows")
+            ConfigError::new(
+                "the sensor's TOML",
+                format!("not usable ({})", error.message()),
+                "as docs/sensor.md shows",
+            )
         })?;
         Sensor::new(config.clone())?;
         Ok(config)

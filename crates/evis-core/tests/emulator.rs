@@ -1,16 +1,22 @@
 //! The emulator against closed forms, rates, and itself under other circumstances.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+use evis_core::event::is_ordered;
 use evis_core::sensor::{
     Bandwidth, Curve, FilterRule, LeakLaw, Noise, NoiseReference, PRESETS, Pattern, Photoreceptor, Readout,
     Refractory, RefractoryRule, Start,
 };
-use evis_core::event::is_ordered;
 use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, SensorConfig, Times, Transfer, TriggerRule};
 
 fn emulator(width: u32, height: u32, sensor: &SensorConfig) -> EventEmulator {
-    EventEmulator::new(EmulatorConfig { width, height, sensor: sensor.clone(), threads: 1, ..Default::default() })
-        .unwrap()
+    EventEmulator::new(EmulatorConfig {
+        width,
+        height,
+        sensor: sensor.clone(),
+        threads: 1,
+        ..Default::default()
+    })
+    .unwrap()
 }
 
 /// Events of a light that is the same for all pixels at a time.
@@ -121,7 +127,8 @@ fn the_scene_of_the_peers_is_met_in_closed_form() {
 fn eight_bit_ties_lose_nothing() {
     // A staircase of equal values: the signal rests exactly on levels, where tests of the kind "does a crossing lie
     // inside the interval" lose events. Whatever the values, references stay within a threshold of the signal.
-    let mut emulator = emulator(256, 1, &SensorConfig { threshold_on: 0.1, threshold_off: 0.1, ..Default::default() });
+    let mut emulator =
+        emulator(256, 1, &SensorConfig { threshold_on: 0.1, threshold_off: 0.1, ..Default::default() });
     let mut moved = [0_i64; 256];
     let mut frame = vec![0_u8; 256];
     for k in 0..600_usize {
@@ -129,7 +136,8 @@ fn eight_bit_ties_lose_nothing() {
             let phase = (k / 4 * (1 + x % 7) + x) % 510;
             *value = if phase < 256 { phase as u8 } else { (510 - phase) as u8 };
         }
-        for event in emulator.push(&Frames::u8(&frame, Transfer::Linear), k as i64 * 1000).unwrap().remove(0) {
+        for event in emulator.push(&Frames::u8(&frame, Transfer::Linear), k as i64 * 1000).unwrap().remove(0)
+        {
             moved[usize::from(event.x)] += if event.p == 1 { 1 } else { -1 };
         }
         for (x, value) in frame.iter().enumerate() {
@@ -170,7 +178,8 @@ fn the_first_interval_is_like_all_others() {
 fn frozen_thresholds_stay_frozen() {
     // Thresholds that are drawn anew for each frame lose events: here, the count follows from the threshold that each
     // pixel showed with its first event.
-    let sensor = SensorConfig { pattern: Pattern { sigma: 0.03, ..Pattern::default() }, ..Default::default() };
+    let sensor =
+        SensorConfig { pattern: Pattern { sigma: 0.03, ..Pattern::default() }, ..Default::default() };
     let mut emulator = emulator(64, 64, &sensor);
     let ramp = |t: f64| (4.0 * t).exp();
     let events = run(&mut emulator, &grid(1000, 1_000_000), ramp);
@@ -229,7 +238,9 @@ fn leak_has_its_rate_at_every_frame_rate() {
         };
         let pattern = Pattern { sigma: 0.03, start: Start::Phase, ..Pattern::default() };
         let sensor = SensorConfig { noise, pattern, ..Default::default() };
-        for times in [grid(33_333, 4_000_000), grid(2_500, 4_000_000), grid(333, 1_000_000), irregular(4_000_000)] {
+        for times in
+            [grid(33_333, 4_000_000), grid(2_500, 4_000_000), grid(333, 1_000_000), irregular(4_000_000)]
+        {
             let mut emulator = emulator(64, 48, &sensor);
             let events = run(&mut emulator, &times, |_| 0.5);
             let seconds = *times.last().unwrap() as f64 * 1e-6;
@@ -271,13 +282,8 @@ fn hot_pixels_are_few_and_loud() {
 
 #[test]
 fn bursts_and_alternation_are_what_was_asked_for() {
-    let noise = Noise {
-        shot_hz: 10.0,
-        burst_events: 1.5,
-        burst_us: 400.0,
-        alternation: 0.9,
-        ..Noise::default()
-    };
+    let noise =
+        Noise { shot_hz: 10.0, burst_events: 1.5, burst_us: 400.0, alternation: 0.9, ..Noise::default() };
     let mut emulator = emulator(50, 40, &SensorConfig { noise, ..Default::default() });
     let events = run(&mut emulator, &grid(5_000, 5_000_000), |_| 0.5);
     let expected = 10.0 * 2000.0 * 5.0;
@@ -304,8 +310,13 @@ fn bursts_and_alternation_are_what_was_asked_for() {
 /// Output of the chain read back by events of a tiny threshold: (time, level).
 fn levels(photoreceptor: Photoreceptor, times: &[i64], light: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
     let c = 0.001;
-    let sensor =
-        SensorConfig { threshold_on: c, threshold_off: c, photoreceptor, log_eps: 1e-6, ..Default::default() };
+    let sensor = SensorConfig {
+        threshold_on: c,
+        threshold_off: c,
+        photoreceptor,
+        log_eps: 1e-6,
+        ..Default::default()
+    };
     let start = (light(times[0] as f64 * 1e-6) + 1e-6).ln();
     let mut level = start;
     let mut out = Vec::new();
@@ -370,7 +381,8 @@ fn dim_pixels_are_slow() {
         ..Photoreceptor::default()
     };
     let time_to_half = |light: f64| {
-        let times: Vec<i64> = [0, 1].into_iter().chain(grid(1000, 900_000).into_iter().filter(|t| *t > 1)).collect();
+        let times: Vec<i64> =
+            [0, 1].into_iter().chain(grid(1000, 900_000).into_iter().filter(|t| *t > 1)).collect();
         let got = levels(photoreceptor, &times, |t| if t > 0.0 { light * 1.02 } else { light });
         let half = got[0].1 + 0.5 * (1.02_f64.ln());
         got.iter().find(|(_, level)| *level >= half).unwrap().0
@@ -401,7 +413,10 @@ fn each_refractory_rule_does_what_its_name_says() {
     assert!(free.len() >= 41 && none == 0);
     // Crossings go on at 100, 200, ...; one in four is seen.
     let (suppress, lost) = run_rule(RefractoryRule::Suppress, 350);
-    assert!(near(&suppress, &[100, 500, 900, 1300, 1700, 2100, 2500, 2900, 3300, 3700, 4100]), "{suppress:?}");
+    assert!(
+        near(&suppress, &[100, 500, 900, 1300, 1700, 2100, 2500, 2900, 3300, 3700, 4100]),
+        "{suppress:?}"
+    );
     assert!(lost >= 30);
     // Whatever waits fires when the period is over.
     let (defer, _) = run_rule(RefractoryRule::Defer, 350);
@@ -426,7 +441,10 @@ fn references_start_where_they_are_told() {
     // A phase is uniform over 0.4; an ON event needs the last 0.18 of it, and comes at a uniform time.
     assert!(meets(phases.len(), 4096.0 * 0.18 / 0.4, 0.0), "{}", phases.len());
     let mean = phases.iter().sum::<f64>() / phases.len() as f64;
-    assert!((mean - 45_000.0).abs() < 4.5 * 90_000.0 / 12_f64.sqrt() / (phases.len() as f64).sqrt(), "{mean}");
+    assert!(
+        (mean - 45_000.0).abs() < 4.5 * 90_000.0 / 12_f64.sqrt() / (phases.len() as f64).sqrt(),
+        "{mean}"
+    );
 }
 
 #[test]
@@ -437,8 +455,7 @@ fn latency_delays_and_dim_light_delays_more() {
         let events = run(&mut emulator, &grid(1000, 10_000), |t| light * (30.0 * t).exp());
         events.iter().map(|event| event.t).collect::<Vec<_>>()
     };
-    let (plain, bright, dim) =
-        (step(0.5, Readout::default()), step(0.5, readout), step(0.05, readout));
+    let (plain, bright, dim) = (step(0.5, Readout::default()), step(0.5, readout), step(0.05, readout));
     // 100 us, and 50 us over a light of 0.5 e^0.2.
     assert!((180..=183).contains(&(bright[0] - plain[0])), "{plain:?} {bright:?}");
     let dim_delay = dim[0] - step(0.05, Readout::default())[0];
@@ -674,10 +691,19 @@ fn integers_light_and_logarithms_agree() {
             },
             &SensorConfig::default(),
         );
-        assert!((logs.len() as i64 - runs(
-            &|emulator, k| emulator.push(&Frames::u8(&codes[k], transfer), times[k]).unwrap().remove(0),
-            &SensorConfig::default(),
-        ).len() as i64).abs() < 20);
+        assert!(
+            (logs.len() as i64
+                - runs(
+                    &|emulator, k| emulator
+                        .push(&Frames::u8(&codes[k], transfer), times[k])
+                        .unwrap()
+                        .remove(0),
+                    &SensorConfig::default(),
+                )
+                .len() as i64)
+                .abs()
+                < 20
+        );
     }
 }
 
@@ -704,7 +730,8 @@ fn the_rules_of_peers_are_here_by_name() {
         curve: Curve::Linlog,
         ..Photoreceptor::default()
     };
-    let sensor = SensorConfig { threshold_on: 0.01, photoreceptor, times: Times::Sample, ..Default::default() };
+    let sensor =
+        SensorConfig { threshold_on: 0.01, photoreceptor, times: Times::Sample, ..Default::default() };
     let mut emulator = emulator(1, 1, &sensor);
     emulator.push(&Frames::linear(&[0.5]), 0).unwrap();
     let events = emulator.push(&Frames::linear(&[1.0]), 1000).unwrap().remove(0);
@@ -718,7 +745,15 @@ fn noise_says_what_it_does_to_the_reference() {
     let run_reference = |reference| {
         let noise = Noise { shot_hz: 500.0, reference, ..Noise::default() };
         let mut emulator = emulator(30, 30, &SensorConfig { noise, ..Default::default() });
-        let light = |t: f64| if t < 0.01 { 1.0 } else if t < 0.1 { 1.105 } else { 1.24 };
+        let light = |t: f64| {
+            if t < 0.01 {
+                1.0
+            } else if t < 0.1 {
+                1.105
+            } else {
+                1.24
+            }
+        };
         let times = grid(1000, 110_000);
         let mut events = Vec::new();
         for t_us in &times {

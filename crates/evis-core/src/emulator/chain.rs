@@ -12,7 +12,8 @@ use super::shape::Shape;
 use crate::event::Polarity;
 use crate::random::{Key, StreamId, normals, unit};
 use crate::sensor::{
-    Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times, TriggerRule,
+    Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times,
+    TriggerRule,
 };
 use crate::simd::{self, Isa, bits_of, dispatched};
 
@@ -182,7 +183,9 @@ impl Chain {
             for (i, (on, off)) in on.iter_mut().zip(&mut off).enumerate() {
                 let [a, b, ..] = key.draw((first + i) as u32, StreamId::Pattern, 0, 0);
                 let (n_on, n_off) = normals(a, b);
-                let own = |nominal: f32, n: f64| (nominal + pattern.sigma * n as f32).clamp(pattern.least, pattern.most);
+                let own = |nominal: f32, n: f64| {
+                    (nominal + pattern.sigma * n as f32).clamp(pattern.least, pattern.most)
+                };
                 (*on, *off) = (own(*on, n_on), own(*off, n_off));
             }
         }
@@ -291,7 +294,13 @@ fn lags(u: f32) -> (f32, f32, f32) {
 
 /// First pass: the samples at the interval's end, and who could fire; changes nothing that outlives a push.
 #[inline(always)]
-fn scan_body(plan: &Plan, source: &Source<'_>, interval: &Interval<'_>, t_end: i32, chain: &mut Chain) -> Scan {
+fn scan_body(
+    plan: &Plan,
+    source: &Source<'_>,
+    interval: &Interval<'_>,
+    t_end: i32,
+    chain: &mut Chain,
+) -> Scan {
     let mut scan = Scan::default();
     let eps = plan.sensor.log_eps;
     let dark = plan.sensor.photoreceptor.dark_light;
@@ -399,7 +408,7 @@ fn scan_body(plan: &Plan, source: &Source<'_>, interval: &Interval<'_>, t_end: i
                 let i = mask.trailing_zeros() as usize % BLOCK;
                 mask &= mask.wrapping_sub(1);
                 let change = output[i] - reference[i] + leaked[i];
-                let steps = (change / on[i]).max(-change / off[i]);
+                let steps = change.abs() / if change >= 0.0 { on[i] } else { off[i] };
                 scan.most = scan.most.max(simd::whole(if steps.is_nan() { 0.0 } else { steps }));
             }
         }
@@ -465,14 +474,15 @@ impl Chain {
                 let own = rest.iter().take_while(|candidate| candidate.pixel as usize <= index).count();
                 let (mine, later) = rest.split_at(own);
                 rest = later;
-                let pixel = interval.first + index;
-                let place = ((pixel % interval.width as usize) as u32, (pixel / interval.width as usize) as u32);
+                let pixel = (interval.first + index) as u32;
+                let y = pixel / interval.width;
+                let place = (pixel - y * interval.width, y);
                 let mut one = Pixel {
                     plan,
                     key,
                     chain: self,
                     index,
-                    pixel: pixel as u32,
+                    pixel,
                     place,
                     start_us,
                     us: interval.us,
@@ -833,8 +843,7 @@ impl Pixel<'_> {
         }
         let holds = sensor.refractory.rule == RefractoryRule::Hold && self.period() > 0.0;
         if holds {
-            self.chain.reference[i] =
-                if self.fired() + self.period() > end { f32::INFINITY } else { output };
+            self.chain.reference[i] = if self.fired() + self.period() > end { f32::INFINITY } else { output };
             self.moved_at(end);
         } else if latch {
             if fired > 0 {

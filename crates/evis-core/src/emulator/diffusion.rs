@@ -89,7 +89,8 @@ impl Diffuse {
         let mut tally = Tally::default();
         let Some(constants) = sensor.diffusion else { return tally };
         let [k1, k2, k3, k4, k5, k6] =
-            [constants.k1, constants.k2, constants.k3, constants.k4, constants.k5, constants.k6].map(f64::from);
+            [constants.k1, constants.k2, constants.k3, constants.k4, constants.k5, constants.k6]
+                .map(f64::from);
         let length = f64::from(interval.us);
         let period = i64::from(sensor.refractory.period_us);
         for i in 0..self.level.len() {

@@ -225,8 +225,7 @@ impl Tables {
         let edge = |index: f64| (base + index * bin) as f32;
         let count = |log: f32| self.log.partition_point(|code| *code < log);
         let code = |index: usize| index.min(self.log.len() - 1) as u16;
-        self.below =
-            (0..BINS).map(|i| code(count(edge(i as f64 - 0.01)).saturating_sub(1))).collect();
+        self.below = (0..BINS).map(|i| code(count(edge(i as f64 - 0.01)).saturating_sub(1))).collect();
         self.above = (0..BINS).map(|i| code(count(edge(i as f64 + 1.01)))).collect();
     }
 
@@ -277,20 +276,16 @@ impl<'a> Source<'a> {
                 values: values.get(range)?,
                 light: [r.first_chunk()?, g.first_chunk()?, b.first_chunk()?],
             },
-            FrameData::U8(values, _) => Self::U8 {
-                values: values.get(range)?,
-                light: r.first_chunk()?,
-                codes: tables.codes()?,
-            },
+            FrameData::U8(values, _) => {
+                Self::U8 { values: values.get(range)?, light: r.first_chunk()?, codes: tables.codes()? }
+            }
             FrameData::U16(values, _) if rgb => Self::U16Rgb {
                 values: values.get(range)?,
                 light: [r.first_chunk()?, g.first_chunk()?, b.first_chunk()?],
             },
-            FrameData::U16(values, _) => Self::U16 {
-                values: values.get(range)?,
-                light: r.first_chunk()?,
-                codes: tables.codes()?,
-            },
+            FrameData::U16(values, _) => {
+                Self::U16 { values: values.get(range)?, light: r.first_chunk()?, codes: tables.codes()? }
+            }
         })
     }
 
@@ -302,8 +297,12 @@ impl<'a> Source<'a> {
                 copy(values, first, f32::NAN, out, |light| light * inverse_reference);
             }
             Self::Log { values } => copy(values, first, f32::NAN, out, |log| (log.exp() - eps).max(0.0)),
-            Self::U8 { values, light, .. } => copy(values, first, f32::NAN, out, |code| light[usize::from(code)]),
-            Self::U16 { values, light, .. } => copy(values, first, f32::NAN, out, |code| light[usize::from(code)]),
+            Self::U8 { values, light, .. } => {
+                copy(values, first, f32::NAN, out, |code| light[usize::from(code)])
+            }
+            Self::U16 { values, light, .. } => {
+                copy(values, first, f32::NAN, out, |code| light[usize::from(code)])
+            }
             Self::LinearRgb { values, weights: [r, g, b] } => {
                 copy3(values, first, out, |[x, y, z]| r * x + g * y + b * z);
             }
@@ -322,7 +321,13 @@ impl<'a> Source<'a> {
 }
 
 #[inline(always)]
-pub(crate) fn copy<T: Copy, U: Copy>(values: &[T], first: usize, missing: U, out: &mut [U; BLOCK], value: impl Fn(T) -> U) {
+pub(crate) fn copy<T: Copy, U: Copy>(
+    values: &[T],
+    first: usize,
+    missing: U,
+    out: &mut [U; BLOCK],
+    value: impl Fn(T) -> U,
+) {
     let values = values.get(first..).unwrap_or(&[]);
     if let Some(block) = values.first_chunk::<BLOCK>() {
         for (out, from) in out.iter_mut().zip(block) {

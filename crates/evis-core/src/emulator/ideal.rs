@@ -177,11 +177,7 @@ impl Domain for Logs<'_> {
 }
 
 #[inline(always)]
-fn floats_outside<const WIDE: bool>(
-    values: &[f32; BLOCK],
-    low: &[f32; BLOCK],
-    high: &[f32; BLOCK],
-) -> u64 {
+fn floats_outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
     #[cfg(target_arch = "x86_64")]
     if WIDE {
         // SAFETY: `WIDE` promises AVX2.
@@ -221,8 +217,9 @@ fn words_outside<const WIDE: bool>(values: &[u16; BLOCK], low: &[u16; BLOCK], hi
 #[cfg(target_arch = "x86_64")]
 mod wide {
     use std::arch::x86_64::{
-        __m256i, _CMP_GE_OQ, _CMP_LE_OQ, _mm256_and_ps, _mm256_and_si256, _mm256_cmp_ps, _mm256_cmpeq_epi8, _mm256_loadu_ps,
-        _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8, _mm256_movemask_epi8, _mm256_movemask_ps,
+        __m256i, _CMP_GE_OQ, _CMP_LE_OQ, _mm256_and_ps, _mm256_and_si256, _mm256_cmp_ps, _mm256_cmpeq_epi8,
+        _mm256_loadu_ps, _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8, _mm256_movemask_epi8,
+        _mm256_movemask_ps,
     };
 
     use super::BLOCK;
@@ -252,7 +249,8 @@ mod wide {
     #[inline]
     pub(super) fn bytes_outside(values: &[u8; BLOCK], low: &[u8; BLOCK], high: &[u8; BLOCK]) -> u64 {
         let mut inside = 0;
-        let parts = values.as_chunks::<32>().0.iter().zip(low.as_chunks::<32>().0).zip(high.as_chunks::<32>().0);
+        let parts =
+            values.as_chunks::<32>().0.iter().zip(low.as_chunks::<32>().0).zip(high.as_chunks::<32>().0);
         for (i, ((values, low), high)) in parts.enumerate() {
             // SAFETY: each reads the 32 bytes that the array has.
             let (values, low, high) = unsafe {
@@ -353,10 +351,7 @@ impl<T: Copy + Default> Memory<T> {
 #[inline(always)]
 fn range<D: Domain>(domain: &D, sensor: &SensorConfig, reference: f32) -> (D::Value, D::Value) {
     let margin = 2e-6 + 1e-6 * reference.abs();
-    domain.between(
-        reference - sensor.threshold_off + margin,
-        reference + sensor.threshold_on - margin,
-    )
+    domain.between(reference - sensor.threshold_off + margin, reference + sensor.threshold_on - margin)
 }
 
 /// Finds the pixels that left their range, and puts the frame beside the last one. Gives how many are NaN, and whether
@@ -396,11 +391,7 @@ fn scan_body<D: Domain, const WIDE: bool>(
 
 /// Pixels that are NaN keep their value; gives how many there are.
 #[inline(always)]
-fn keep_unknown<D: Domain>(
-    mask: &mut u64,
-    last: &[D::Value; BLOCK],
-    next: &mut [D::Value; BLOCK],
-) -> u64 {
+fn keep_unknown<D: Domain>(mask: &mut u64, last: &[D::Value; BLOCK], next: &mut [D::Value; BLOCK]) -> u64 {
     let mut lost = [0_u8; BLOCK];
     for i in 0..BLOCK {
         lost[i] = u8::from(D::is_unknown(next[i]));
@@ -457,7 +448,8 @@ fn fire_body<D: Domain>(
         }
         let start = block * BLOCK;
         let of = start..start + BLOCK;
-        let (reference, last, now) = (&memory.reference[of.clone()], &memory.last[of.clone()], &memory.next[of]);
+        let (reference, last, now) =
+            (&memory.reference[of.clone()], &memory.last[of.clone()], &memory.next[of]);
         while mask != 0 {
             let i = mask.trailing_zeros() as usize % BLOCK;
             mask &= mask.wrapping_sub(1);
@@ -572,10 +564,8 @@ fn flush<D: Domain>(
         let polarity = if fires[i] >> 31 == 1 { Polarity::On } else { Polarity::Off };
         let (x, y) = row.place(pixel[i]);
         if in_light {
-            let state = PixelState {
-                reference_log: memory.reference[index],
-                log_luma: domain.log(before[i]),
-            };
+            let state =
+                PixelState { reference_log: memory.reference[index], log_luma: domain.log(before[i]) };
             let decision = trigger::decide(sensor, state, domain.log(now[i]));
             for k in 1..=decision.count {
                 let offset = trigger::fire_time_us(sensor, &decision, k, at.us).clamp(1, at.us);

@@ -77,8 +77,7 @@ impl TileNoise {
                 let [_, _, a, b] = key.draw(first + i as u32, StreamId::Defects, 0, 1);
                 let (n_shot, n_leak) = normals(a, b);
                 let spread = |decades: f32, n: f64, mean: f64| 10_f64.powf(f64::from(decades) * n) / mean;
-                let shot =
-                    f64::from(noise.shot_hz) * spread(noise.shot_spread_decades, n_shot, shot_mean);
+                let shot = f64::from(noise.shot_hz) * spread(noise.shot_spread_decades, n_shot, shot_mean);
                 let leak = f64::from(poisson_leak) * spread(noise.leak_spread_decades, n_leak, leak_mean);
                 let own = |nominal: f32, threshold: f32| {
                     if noise.shot_per_threshold && threshold.is_finite() {
@@ -275,7 +274,8 @@ fn busy_body(key: Key, first: u32, pixels: usize, epoch: i64, quiet: &[u32], mas
             }
             _ => {
                 for i in 0..BLOCK {
-                    let own = if quiet.len() > 1 { quiet.get(start + i).copied().unwrap_or(0) } else { alike };
+                    let own =
+                        if quiet.len() > 1 { quiet.get(start + i).copied().unwrap_or(0) } else { alike };
                     fires[i] = u8::from(words[i] < own);
                 }
             }
@@ -299,7 +299,8 @@ mod tests {
     fn poisson_numbers_have_their_mean_and_variance() {
         for mean in [0.01, 0.7, 4.9, 60.0] {
             let count = 100_000;
-            let draws = (0..count).map(|i| f64::from(poisson(Key::new(3, 0, 0).draw(i, StreamId::Hot, 0, 0)[0], mean)));
+            let draws = (0..count)
+                .map(|i| f64::from(poisson(Key::new(3, 0, 0).draw(i, StreamId::Hot, 0, 0)[0], mean)));
             let (sum, squares) = draws.fold((0.0, 0.0), |(s, q), n| (s + n, q + n * n));
             let n = f64::from(count);
             let (got, variance) = (sum / n, squares / n - (sum / n).powi(2));

@@ -19,7 +19,13 @@ pub(crate) struct Wire {
 
 impl Wire {
     /// Takes what fired until `end_us`; what leaves until then goes to `out`. Gives how many were dropped.
-    pub fn pass(&mut self, readout: &Readout, fired: &mut Vec<Event>, end_us: i64, out: &mut Vec<Event>) -> u64 {
+    pub fn pass(
+        &mut self,
+        readout: &Readout,
+        fired: &mut Vec<Event>,
+        end_us: i64,
+        out: &mut Vec<Event>,
+    ) -> u64 {
         self.waiting.append(fired);
         self.waiting.sort_by_key(Event::order);
         let tick = i64::from(readout.tick_us.max(1));
@@ -124,10 +130,16 @@ mod tests {
 
     #[test]
     fn chunks_do_not_matter() {
-        let readout =
-            Readout { row_ns: 3100, event_ns: 700, tick_us: 4, rate_limit_hz: 20_000.0, ..Readout::default() };
-        let events: Vec<Event> =
-            (0..300).map(|i| at(i64::from(i * i * 7 % 4000) + 1, (i % 20) as u16, (i * 13 % 16) as u16)).collect();
+        let readout = Readout {
+            row_ns: 3100,
+            event_ns: 700,
+            tick_us: 4,
+            rate_limit_hz: 20_000.0,
+            ..Readout::default()
+        };
+        let events: Vec<Event> = (0..300)
+            .map(|i| at(i64::from(i * i * 7 % 4000) + 1, (i % 20) as u16, (i * 13 % 16) as u16))
+            .collect();
         let run = |cuts: &[i64]| {
             let (mut wire, mut out, mut start, mut dropped) = (Wire::default(), Vec::new(), 0, 0);
             for end in cuts {
@@ -135,7 +147,9 @@ mod tests {
                     events.iter().copied().filter(|event| event.t > start && event.t <= *end).collect();
                 let from = out.len();
                 dropped += wire.pass(&readout, &mut fired, *end, &mut out);
-                assert!(out[from..].iter().all(|event| event.t > start && event.t <= *end && event.t % 4 == 0));
+                assert!(
+                    out[from..].iter().all(|event| event.t > start && event.t <= *end && event.t % 4 == 0)
+                );
                 start = *end;
             }
             (out, dropped)

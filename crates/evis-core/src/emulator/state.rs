@@ -103,9 +103,8 @@ impl EventEmulator {
             config.sensor.to_toml()
         );
         // FNV-1a.
-        text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-        })
+        text.bytes()
+            .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
     }
 
     fn walk(
@@ -165,7 +164,9 @@ impl EventEmulator {
         if pass.reads() {
             tile.memory = match (kind, &self.kernel) {
                 (1..=4, Kernel::Ideal) => Memory::Ideal(Pixels::of_kind(kind, pixels)),
-                (5, Kernel::Chain(plan)) => Memory::Chain(Box::new(Chain::new(plan, key, tile.first, pixels))),
+                (5, Kernel::Chain(plan)) => {
+                    Memory::Chain(Box::new(Chain::new(plan, key, tile.first, pixels)))
+                }
                 (6, Kernel::Diffusion) => Memory::Diffusion(Diffuse::new(pixels)),
                 _ => return Err(Broken),
             };

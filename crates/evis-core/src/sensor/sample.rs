@@ -14,7 +14,8 @@ use crate::random::{Key, StreamId, unit};
 /// # Errors
 /// A path that the sensor does not have, ends that are no numbers or in the wrong order, a sensor that cannot be.
 pub fn sample(base: &SensorConfig, ranges: &Value, seed: u64) -> Result<SensorConfig, ConfigError> {
-    let refuse = |what: &str, value: &dyn std::fmt::Display, remedy: &str| ConfigError::new(what, value, remedy);
+    let refuse =
+        |what: &str, value: &dyn std::fmt::Display, remedy: &str| ConfigError::new(what, value, remedy);
     let Some(ranges) = ranges.as_object() else {
         return Err(refuse("ranges", ranges, "an object of paths and ranges"));
     };
@@ -26,7 +27,9 @@ pub fn sample(base: &SensorConfig, ranges: &Value, seed: u64) -> Result<SensorCo
             return Err(refuse("range", path, "the path of a sensor's value, such as noise.leak_hz"));
         };
         // FNV-1a of the path: where this value's draw lies.
-        let place = path.bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+        let place = path
+            .bytes()
+            .fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
         let part = unit(Key::new(seed, 0, 0).draw(place, StreamId::Sample, 0, 0)[0]);
         let choices = range.get("choices").and_then(Value::as_array);
         *target = match (choices, range.as_array().map(Vec::as_slice)) {

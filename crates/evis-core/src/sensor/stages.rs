@@ -250,7 +250,8 @@ pub struct Readout {
 impl Readout {
     /// Whether events leave as they were fired.
     pub fn is_off(&self) -> bool {
-        let Self { latency_us, latency_light_us, jitter_us, row_ns, event_ns, rate_limit_hz, tick_us } = *self;
+        let Self { latency_us, latency_light_us, jitter_us, row_ns, event_ns, rate_limit_hz, tick_us } =
+            *self;
         latency_us == 0.0
             && latency_light_us == 0.0
             && jitter_us == 0.0
