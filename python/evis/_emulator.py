@@ -316,7 +316,5 @@ def _as_array(frames: Any) -> tuple[npt.NDArray[Any], bool]:
     array: npt.NDArray[Any] = np.asarray(frames)
     if array.dtype not in (np.float32, np.uint8, np.uint16):
         raise ConfigError(f"frames have dtype {array.dtype}; they must have float32, uint8 or uint16")
-    if array.dtype.byteorder == (">" if np.little_endian else "<"):
-        raise ConfigError(f"frames have dtype {array.dtype.str}; they must be in the machine's byte order")
     contiguous = np.ascontiguousarray(array)
     return contiguous, not np.may_share_memory(contiguous, array)
