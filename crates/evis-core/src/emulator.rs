@@ -21,7 +21,7 @@ use chain::{Chain, Plan, Scan};
 use diffusion::Diffuse;
 use frames::{Source, Tables};
 use ideal::{Interval, Pixels, Tally};
-use order::{MAX_INTERVAL_US, Record, append_sorted};
+use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
 use readout::Wire;
 
 pub use frames::{FrameData, Frames, Transfer};
@@ -126,7 +126,7 @@ struct Environment {
     /// Whether a frame has been seen since the start or the last reset.
     started: bool,
     tiles: Vec<Tile>,
-    counts: Vec<u32>,
+    spans: Vec<Span>,
     /// Events that have not left the sensor.
     wire: Wire,
     fired: Vec<Event>,
@@ -171,7 +171,7 @@ impl EventEmulator {
         }
         let y_ref = config.reference_luminance;
         // Their reciprocal must be a number as well.
-        if !(y_ref >= 1e-30 && y_ref <= 1e30) {
+        if !(1e-30..=1e30).contains(&y_ref) {
             return Err(ConfigError::new("reference_luminance", y_ref, "between 1e-30 and 1e30"));
         }
         let threads = match config.threads {
@@ -194,7 +194,7 @@ impl EventEmulator {
                 .step_by(TILE)
                 .map(|first| Tile::new(first, (first + TILE).min(pixels)))
                 .collect(),
-            counts: Vec::new(),
+            spans: Vec::new(),
             wire: Wire::default(),
             fired: Vec::new(),
             report: EmulatorReport::default(),
@@ -274,13 +274,19 @@ impl EventEmulator {
             (0..config.batch).map(|index| Source::new(frames, tables, inverse, index, pixels)).collect();
         // `check` counted the values.
         let sources = sources.ok_or_else(|| ConfigError::new("frames", "too short", "complete"))?;
-        let work = Push { config, kernel, isa: *isa, start_us: t_us - i64::from(interval_us), interval_us };
+        let parallel = pool.is_some() && environments.len() * pixels > TILE;
+        // Environments are sorted side by side; one alone is shared out.
+        let threads = match pool {
+            Some(pool) if parallel && environments.len() == 1 => pool.current_num_threads(),
+            _ => 1,
+        };
+        let start_us = t_us - i64::from(interval_us);
+        let work = Push { config, kernel, isa: *isa, threads, start_us, interval_us };
         if let (Some(tile), Some(source)) =
             (environments.iter().find_map(Environment::begun), sources.first())
         {
             tile.check(source)?;
         }
-        let parallel = pool.is_some() && environments.len() * pixels > TILE;
         let run = || {
             // Nothing changes before all light has been found possible.
             let scan = |environment: &mut Environment, source: &Source<'_>| {
@@ -404,6 +410,8 @@ struct Push<'a> {
     config: &'a EmulatorConfig,
     kernel: &'a Kernel,
     isa: Isa,
+    /// That may sort one environment's events.
+    threads: usize,
     start_us: i64,
     interval_us: u32,
 }
@@ -456,7 +464,7 @@ impl Environment {
         let readout = &work.config.sensor.readout;
         let mut dropped = 0;
         if readout.is_off() {
-            append_sorted(&parts, work.start_us, work.interval_us, &mut self.counts, events);
+            append_sorted(&parts, work.start_us, work.interval_us, &mut self.spans, work.threads, events);
         } else {
             self.fired.clear();
             let all = parts.iter().flat_map(|part| part.iter());

@@ -6,7 +6,7 @@ use evis_core::sensor::{PRESETS, sample};
 use evis_core::{
     ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, Sensor, SensorConfig, Transfer,
 };
-use numpy::{PyArrayMethods, PyReadonlyArray1};
+use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 

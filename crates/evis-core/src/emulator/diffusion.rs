@@ -70,7 +70,7 @@ impl Diffuse {
             source.load_light(interval.first + block * BLOCK, eps, &mut light);
             for (next, light) in next.iter_mut().zip(light) {
                 unknown += u64::from(light.is_nan());
-                impossible |= light < 0.0 || light > f32::MAX;
+                impossible |= light < 0.0 || light == f32::INFINITY;
                 *next = light;
             }
         }

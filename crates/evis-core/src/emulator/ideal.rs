@@ -133,6 +133,7 @@ impl<L: Load> Domain for Light<L> {
         value.is_nan()
     }
     #[inline(always)]
+    #[allow(clippy::manual_range_contains, reason = "NaN is possible")]
     fn is_impossible(value: f32) -> bool {
         value < 0.0 || value > f32::MAX
     }

@@ -1,5 +1,9 @@
 //! Records in pixel order become events in the order (t, y, x, firing), by counting.
 
+use std::mem::MaybeUninit;
+
+use rayon::prelude::*;
+
 use crate::event::{Event, Polarity};
 
 /// An event on its way to its place: 8 bytes.
@@ -41,13 +45,21 @@ impl Record {
 /// Above this, an interval has too many microseconds to count them all for every frame.
 const COUNTED_US: usize = 1 << 17;
 
+/// A range of the interval that one thread sorts: counts per microsecond from its start on.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Span {
+    first: usize,
+    counts: Vec<u32>,
+}
+
 /// Appends the events of `parts`, each in pixel order and one after the other, to `out`, sorted by time.
-/// All offsets lie in 1..=`interval_us`. `counts` is scratch memory.
+/// All offsets lie in 1..=`interval_us`. There is a span per thread that may work on it; one is enough.
 pub(crate) fn append_sorted(
     parts: &[&[Record]],
     start_us: i64,
     interval_us: u32,
-    counts: &mut Vec<u32>,
+    spans: &mut Vec<Span>,
+    threads: usize,
     out: &mut Vec<Event>,
 ) {
     let total: usize = parts.iter().map(|part| part.len()).sum();
@@ -62,31 +74,70 @@ pub(crate) fn append_sorted(
         out[base..].sort_by_key(|event| event.t);
         return;
     }
-    counts.clear();
-    counts.resize(buckets, 0);
-    for part in parts {
-        for record in *part {
-            if let Some(count) = counts.get_mut(record.offset_us() as usize) {
-                *count = count.wrapping_add(1);
+    // Nor for many threads.
+    let threads = threads.clamp(1, total.div_ceil(4096)).min(buckets);
+    spans.resize(threads, Span::default());
+    let length = buckets.div_ceil(threads);
+    for (i, span) in spans.iter_mut().enumerate() {
+        span.first = i * length;
+        span.counts.clear();
+        span.counts.resize(length, 0);
+    }
+    out.reserve(total);
+    let mut spare = &mut out.spare_capacity_mut()[..total];
+    let single = threads == 1;
+    if single {
+        spans[0].count(parts);
+    } else {
+        spans.par_iter_mut().for_each(|span| span.count(parts));
+    }
+    let mut work = Vec::with_capacity(threads);
+    for span in spans.iter_mut() {
+        let own: usize = span.counts.iter().map(|count| *count as usize).sum();
+        let (slots, rest) = spare.split_at_mut(own);
+        spare = rest;
+        work.push((span, slots));
+    }
+    // Each record was counted by exactly one span.
+    assert!(spare.is_empty(), "an offset is outside of its interval");
+    if single {
+        for (span, slots) in work {
+            span.place(parts, start_us, slots);
+        }
+    } else {
+        work.into_par_iter().for_each(|(span, slots)| span.place(parts, start_us, slots));
+    }
+    // SAFETY: the spans' slots are all of the `total` slots, and the prefix sums give each record one of its own.
+    unsafe { out.set_len(base + total) };
+}
+
+impl Span {
+    fn count(&mut self, parts: &[&[Record]]) {
+        for part in parts {
+            for record in *part {
+                let bucket = (record.offset_us() as usize).wrapping_sub(self.first);
+                if let Some(count) = self.counts.get_mut(bucket) {
+                    *count = count.wrapping_add(1);
+                }
             }
         }
     }
-    let mut next = 0_u32;
-    for count in counts.iter_mut() {
-        next = next.wrapping_add(std::mem::replace(count, next));
-    }
-    debug_assert_eq!(next as usize, total);
-    out.reserve(total);
-    let spare = &mut out.spare_capacity_mut()[..total];
-    for part in parts {
-        for record in *part {
-            let slot = &mut counts[record.offset_us() as usize];
-            spare[*slot as usize].write(record.event(start_us));
-            *slot = slot.wrapping_add(1);
+
+    fn place(&mut self, parts: &[&[Record]], start_us: i64, slots: &mut [MaybeUninit<Event>]) {
+        let mut next = 0_u32;
+        for count in &mut self.counts {
+            next = next.wrapping_add(std::mem::replace(count, next));
+        }
+        for part in parts {
+            for record in *part {
+                let bucket = (record.offset_us() as usize).wrapping_sub(self.first);
+                if let Some(slot) = self.counts.get_mut(bucket) {
+                    slots[*slot as usize].write(record.event(start_us));
+                    *slot = slot.wrapping_add(1);
+                }
+            }
         }
     }
-    // SAFETY: the prefix sums give every record a slot of its own below `total`: each slot was written.
-    unsafe { out.set_len(base + total) };
 }
 
 #[cfg(test)]
@@ -104,11 +155,13 @@ mod tests {
                 records.push(Record::new(offset % interval + 1, i % 40, i / 40, polarity));
             }
             let (first, second) = records.split_at(records.len() / 3);
-            let mut got = vec![Event::new(0, 0, 0, Polarity::On)];
-            append_sorted(&[first, second], 100, interval, &mut Vec::new(), &mut got);
             let mut expected: Vec<Event> = records.iter().map(|record| record.event(100)).collect();
             expected.sort_by_key(Event::order);
-            assert_eq!(got[1..], expected);
+            for threads in [1, 2, 3] {
+                let mut got = vec![Event::new(0, 0, 0, Polarity::On)];
+                append_sorted(&[first, second], 100, interval, &mut Vec::new(), threads, &mut got);
+                assert_eq!(got[1..], expected);
+            }
             // Canary: unsorted, they differ.
             let unsorted: Vec<Event> = records.iter().map(|record| record.event(100)).collect();
             assert!(interval == 1 || unsorted != expected);

@@ -185,7 +185,10 @@ mod tests {
         out
     }
 
-    const CASES: [((f64, f64), f64, f64, (f64, f64)); 5] = [
+    /// Input at both ends, length, time constant, state of both poles.
+    type Case = ((f64, f64), f64, f64, (f64, f64));
+
+    const CASES: [Case; 5] = [
         ((0.0, 1.0), 1000.0, 300.0, (0.0, 0.0)),
         ((0.0, 1.0), 1000.0, 100.0, (0.8, 0.0)),
         ((1.0, -2.0), 1000.0, 700.0, (0.2, 0.9)),
