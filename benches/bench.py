@@ -1,7 +1,7 @@
 """Speed of the emulator from Python, as ratios on this machine.
 
-The scene is I = 0.5 + 0.4 sin(0.3 + 2 pi (x / 41.7 - 9.7 t)), 346 x 260, 200 frames at 1 kHz, C = 0.2. Where the module
-``eventcv`` can be imported, it runs on the same frames.
+The scene is I = 0.5 + 0.4 sin(0.3 + 2 pi (x / 41.7 - 9.7 t)), 346 x 260, 200 frames at 1 kHz, C = 0.2. Where
+the module ``eventcv`` can be imported, it runs on the same frames.
 """
 
 from __future__ import annotations
@@ -70,7 +70,9 @@ def main() -> None:
     print("| chain | time | Mpixel/s | million events/s | events |\n|---|---|---|---|---|")
     for name, run in rows:
         seconds, events = best(run)
-        print(f"| {name} | {seconds * 1e3:.0f} ms | {PIXELS / seconds * 1e-6:.0f} | {events / seconds * 1e-6:.1f} | {events} |")
+        print(
+            f"| {name} | {seconds * 1e3:.0f} ms | {PIXELS / seconds * 1e-6:.0f} | {events / seconds * 1e-6:.1f} | {events} |"
+        )
 
 
 if __name__ == "__main__":

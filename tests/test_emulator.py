@@ -62,7 +62,10 @@ def test_a_batch_gives_a_list() -> None:
         assert first == single.push(frame(k), 1000 * k)
     assert len(second) > 0
     emulator.reset(1)
-    assert [len(events) > 0 for events in emulator.push(np.stack([frame(9), frame(9)]), 9000)] == [True, False]
+    assert [len(events) > 0 for events in emulator.push(np.stack([frame(9), frame(9)]), 9000)] == [
+        True,
+        False,
+    ]
     emulator.reset(np.array([0, 1]))
     assert emulator.now_us is None
 

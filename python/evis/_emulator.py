@@ -53,9 +53,9 @@ class EmulatorReport:
 class EventEmulator(Generic[Out]):
     """Turn frames into events, for light that somebody else made.
 
-    Between two frames, the signal is straight. Events lie in ``(t0, t1]``, sorted by (t, y, x, firing order). Memory
-    does not grow with the stream's length. No event depends on the number of threads, on how a stream is cut into
-    pushes, or on which other environments are in the batch.
+    Between two frames, the signal is straight. Events lie in ``(t0, t1]``, sorted by (t, y, x, firing order).
+    Memory does not grow with the stream's length. No event depends on the number of threads, on how a stream
+    is cut into pushes, or on which other environments are in the batch.
 
     Parameters
     ----------
@@ -64,7 +64,8 @@ class EventEmulator(Generic[Out]):
     sensor : Sensor or str, optional
         The sensor, or the name of a preset; an ideal one if not given.
     batch : int, optional
-        Environments that are pushed together; `push` then takes and gives one more dimension. None: one camera.
+        Environments that are pushed together; `push` then takes and gives one more dimension. None: one
+        camera.
     seed : int
         Seed of everything random.
     camera : int
@@ -197,34 +198,34 @@ class EventEmulator(Generic[Out]):
         """What happened in all pushes."""
         return EmulatorReport(**self._emulator.reports()[1], copies=self._copies[1])
 
-    def push(
-        self, frames: Any, t_us: int, *, transfer: Transfer | None = None, gamma: float = 2.2
-    ) -> Out:
+    def push(self, frames: Any, t_us: int, *, transfer: Transfer | None = None, gamma: float = 2.2) -> Out:
         """Take the frame, or with a batch the frames, of one time; return the events since the last ones.
 
         Parameters
         ----------
         frames : array_like or DLPack tensor on the CPU
-            Shape (H, W) or (H, W, 3); with a batch (N, H, W) or (N, H, W, 3). dtype float32 (linear light, or its
-            logarithm), uint8 or uint16. C-contiguous arrays are not copied; others are, which `report` counts.
-            NaN means unknown: the pixel keeps its state.
+            Shape (H, W) or (H, W, 3); with a batch (N, H, W) or (N, H, W, 3). dtype float32 (linear light, or
+            its logarithm), uint8 or uint16. C-contiguous arrays are not copied; others are, which `report`
+            counts. NaN means unknown: the pixel keeps its state.
         t_us : int
             Time in microseconds, above that of the last push.
         transfer : {"linear", "log", "srgb", "rec709", "gamma"}, optional
-            What the numbers are. If not given, linear for float32 and sRGB for integers; ``log`` is for float32 of one
-            channel.
+            What the numbers are. If not given, linear for float32 and sRGB for integers; ``log`` is for
+            float32 of one channel.
         gamma : float
             Exponent where ``transfer`` is ``gamma``: light = value ** gamma.
 
         Returns
         -------
         EventArray or list of EventArray
-            Events in ``(t0, t1]``; with a batch, one per environment. The first frame of an environment makes none.
+            Events in ``(t0, t1]``; with a batch, one per environment. The first frame of an environment makes
+            none.
 
         Raises
         ------
         ConfigError
-            If shape, dtype, time or transfer cannot be used, or light is negative or infinite. Nothing has changed then.
+            If shape, dtype, time or transfer cannot be used, or light is negative or infinite. Nothing has
+            changed then.
         """
         array, copied = _as_array(frames)
         channels = self._channels(array)
@@ -259,7 +260,9 @@ class EventEmulator(Generic[Out]):
         size = 1 if self.batch is None else self.batch
         for index in indices:
             if not 0 <= index < size:
-                raise ConfigError(f"environment is {index}; it must be at least 0 and below the batch of {size}")
+                raise ConfigError(
+                    f"environment is {index}; it must be at least 0 and below the batch of {size}"
+                )
         self._emulator.reset(indices)
 
     def get_state(self) -> bytes:
@@ -286,8 +289,8 @@ class EventEmulator(Generic[Out]):
         return f"EventEmulator({self.width}x{self.height}{batch}, now_us={self.now_us})"
 
     def _channels(self, array: npt.NDArray[Any]) -> int:
-        image = (self.height, self.width)
-        wanted = image if self.batch is None else (self.batch, *image)
+        image: tuple[int, ...] = (self.height, self.width)
+        wanted: tuple[int, ...] = image if self.batch is None else (self.batch, *image)
         if array.shape == wanted:
             return 1
         if array.shape == (*wanted, 3):
@@ -310,7 +313,8 @@ def _as_array(frames: Any) -> tuple[npt.NDArray[Any], bool]:
         device = frames.__dlpack_device__()
         if int(device[0]) != _CPU:
             raise ConfigError(
-                f"frames are on DLPack device {int(device[0])}:{int(device[1])}; they must be on the CPU (tensor.cpu())"
+                f"frames are on DLPack device {int(device[0])}:{int(device[1])}; "
+                "they must be on the CPU (tensor.cpu())"
             )
         frames = np.from_dlpack(frames)
     array: npt.NDArray[Any] = np.asarray(frames)

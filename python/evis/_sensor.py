@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -30,8 +31,8 @@ class Photoreceptor:
     Attributes
     ----------
     curve : {"log", "linlog"}
-        ``ln(Y / Y_ref + log_eps)``, or v2e's curve: with ``I = full_scale * Y / Y_ref``, ``I * ln(knee) / knee`` up to
-        the knee, else ``ln I``.
+        ``ln(Y / Y_ref + log_eps)``, or v2e's curve: with ``I = full_scale * Y / Y_ref``,
+        ``I * ln(knee) / knee`` up to the knee, else ``ln I``.
     full_scale, knee : float
         See ``linlog``.
     dark_light : float
@@ -41,10 +42,11 @@ class Photoreceptor:
     order : {1, 2}
         Poles, all alike.
     filter : {"exact", "euler"}
-        The exact answer to a signal that is straight between samples, or v2e's and EVIS's step with the end sample.
+        The exact answer to a signal that is straight between samples, or v2e's and EVIS's step with the end
+        sample.
     bandwidth : {"constant", "light"}
-        Whether the cutoff is multiplied by ``(Y / Y_ref + bandwidth_offset) / (1 + bandwidth_offset)``, kept within
-        ``bandwidth_least`` and ``bandwidth_most``.
+        Whether the cutoff is multiplied by ``(Y / Y_ref + bandwidth_offset) / (1 + bandwidth_offset)``, kept
+        within ``bandwidth_least`` and ``bandwidth_most``.
     bandwidth_offset, bandwidth_least, bandwidth_most : float
         See ``bandwidth``.
     """
@@ -102,8 +104,8 @@ class Noise:
     shot_hz : float
         Shot noise, ON and OFF together, before light takes its share.
     shot_light_share, shot_light_offset : float
-        The rate is multiplied by ``1 - share * (Y / Y_ref + offset) / (1 + offset)``. EVIS: 1 and 0; v2e: 0.75 and
-        20 / 255.
+        The rate is multiplied by ``1 - share * (Y / Y_ref + offset) / (1 + offset)``. EVIS: 1 and 0; v2e:
+        0.75 and 20 / 255.
     shot_per_threshold : bool
         Whether a polarity's rate is inversely proportional to the pixel's own threshold (v2e).
     shot_spread_decades : float
@@ -147,8 +149,9 @@ class Refractory:
     period_us : int
         Its length in microseconds; 0: none.
     rule : {"suppress", "defer", "hold"}
-        ``suppress``: events are lost, the reference moves (ESIM, EVIS). ``defer``: the reference stays, what is a
-        threshold away at the end fires then (v2e). ``hold``: the reference is the signal at the end (hardware).
+        ``suppress``: events are lost, the reference moves (ESIM, EVIS). ``defer``: the reference stays, what
+        is a threshold away at the end fires then (v2e). ``hold``: the reference is the signal at the end
+        (hardware).
     """
 
     period_us: int = 0
@@ -188,8 +191,8 @@ class Readout:
 class Diffusion:
     """Brownian motion with drift in place of thresholds on the signal: DVS-Voltmeter (ECCV 2022).
 
-    With ``I = 255 * Y / Y_ref`` and its change ``dI`` per microsecond, the drift is ``k1 dI / (I + k2) + k4 + k5 I`` and
-    the volatility ``k3 sqrt(I) / (I + k2) + k6``; events where the sum is 1 away from the last.
+    With ``I = 255 * Y / Y_ref`` and its change ``dI`` per microsecond, the drift is ``k1 dI / (I + k2) + k4 +
+    k5 I`` and the volatility ``k3 sqrt(I) / (I + k2) + k6``; events where the sum is 1 away from the last.
 
     Attributes
     ----------
@@ -210,8 +213,8 @@ class Sensor:
     """An event sensor: thresholds, and stages that are off unless asked for.
 
     A pixel's signal is ``ln(Y / Y_ref + log_eps)`` with the luminance Y = 0.2126 R + 0.7152 G + 0.0722 B
-    (Rec. ITU-R BT.709-6, item 3.2) of linear light. Values are checked where a sensor is used, and by `check`. A
-    `Simulator` takes sensors with thresholds only; an `EventEmulator` takes all of them.
+    (Rec. ITU-R BT.709-6, item 3.2) of linear light. Values are checked where a sensor is used, and by
+    `check`. A `Simulator` takes sensors with thresholds only; an `EventEmulator` takes all of them.
 
     Attributes
     ----------
@@ -301,7 +304,9 @@ class Sensor:
         """
         return _evis.sensor_to_toml(self._json())
 
-    def sample(self, ranges: Mapping[str, Sequence[float] | Mapping[str, Sequence[Any]]], seed: int) -> Sensor:
+    def sample(
+        self, ranges: Mapping[str, Sequence[float] | Mapping[str, Sequence[Any]]], seed: int
+    ) -> Sensor:
         """Return this sensor with some values drawn at random: one of a training set.
 
         Parameters
@@ -318,7 +323,8 @@ class Sensor:
             If a path or a range cannot be used, or the drawn sensor cannot be.
         """
         plain = {
-            path: dict(range_) if isinstance(range_, Mapping) else list(range_) for path, range_ in ranges.items()
+            path: dict(range_) if isinstance(range_, Mapping) else list(range_)
+            for path, range_ in ranges.items()
         }
         try:
             text = json.dumps(plain)
@@ -348,8 +354,10 @@ class Sensor:
         return _evis.sensor_check(self._json())[1]
 
     def _json(self) -> str:
+        values = asdict(self)
+        _check_finite("", values)
         try:
-            return json.dumps(asdict(self))
+            return json.dumps(values)
         except TypeError as error:
             raise ConfigError(f"sensor is {self!r}; it must hold numbers and names ({error})") from None
 
@@ -366,3 +374,12 @@ class Sensor:
             "diffusion": None if diffusion is None else Diffusion(**diffusion),
         }
         return cls(**{**values, **stages})
+
+
+def _check_finite(path: str, values: Mapping[str, object]) -> None:
+    """Refuse what JSON cannot say, by the value's path."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            _check_finite(f"{path}{name}.", value)
+        elif isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{path}{name} is {value}; it must be a finite number")

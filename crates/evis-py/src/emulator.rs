@@ -22,7 +22,7 @@ fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
 fn from_json(json: &str) -> Result<SensorConfig, Failure> {
     let sensor: SensorConfig = serde_json::from_str(json).map_err(|error| {
         // The place in a text that the user never saw says nothing.
-        let told = error.to_string();
+        let told = error.to_string().replace('`', "'");
         Failure::Config(format!("sensor: {}", told.split(" at line ").next().unwrap_or(&told)))
     })?;
     Ok(Sensor::new(sensor)?.config().clone())

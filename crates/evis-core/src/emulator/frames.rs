@@ -179,8 +179,8 @@ impl Codes<'_> {
 
     #[inline(always)]
     fn bin(&self, log: f32) -> usize {
-        // The conversion saturates at 0 and takes NaN to it.
-        (((log - self.base) * self.bins_per_unit) as usize).min(BINS - 1)
+        // The conversion stops at 0 and at 2^30.
+        (simd::whole((log - self.base) * self.bins_per_unit) as usize).min(BINS - 1)
     }
 }
 
@@ -338,6 +338,18 @@ pub(crate) fn copy<T: Copy, U: Copy>(
         for (out, from) in out.iter_mut().zip(values) {
             *out = value(*from);
         }
+    }
+}
+
+/// [`copy`] of the values as they are: one move of memory.
+#[inline(always)]
+pub(crate) fn copy_plain<T: Copy>(values: &[T], first: usize, missing: T, out: &mut [T; BLOCK]) {
+    let values = values.get(first..).unwrap_or(&[]);
+    if let Some(block) = values.first_chunk::<BLOCK>() {
+        *out = *block;
+    } else {
+        out.fill(missing);
+        out[..values.len()].copy_from_slice(values);
     }
 }
 

@@ -4,7 +4,7 @@
 //! reference, in the frame's own numbers, a little narrower than it is: a silent pixel costs two comparisons and no
 //! logarithm. Those that leave it are gathered, and treated in full, 64 and more at a time.
 
-use super::frames::{BLOCK, Codes, Source, copy};
+use super::frames::{BLOCK, Codes, Source, copy, copy_plain};
 use super::order::Record;
 use crate::event::Polarity;
 use crate::sensor::{ConfigError, Interpolation, SensorConfig, TriggerRule};
@@ -149,7 +149,7 @@ impl Domain for Logs<'_> {
     const MISSING: f32 = f32::NAN;
     #[inline(always)]
     fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
-        copy(self.0, first, f32::NAN, out, |value| value);
+        copy_plain(self.0, first, f32::NAN, out);
     }
     #[inline(always)]
     fn pick(&self, value: f32) -> f32 {
@@ -281,7 +281,7 @@ macro_rules! integers {
             const MISSING: $type = 0;
             #[inline(always)]
             fn load(&self, first: usize, out: &mut [$type; BLOCK]) {
-                copy(self.0, first, 0, out, |value| value);
+                copy_plain(self.0, first, 0, out);
             }
             #[inline(always)]
             fn pick(&self, value: $type) -> f32 {
