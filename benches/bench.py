@@ -70,9 +70,8 @@ def main() -> None:
     print("| chain | time | Mpixel/s | million events/s | events |\n|---|---|---|---|---|")
     for name, run in rows:
         seconds, events = best(run)
-        print(
-            f"| {name} | {seconds * 1e3:.0f} ms | {PIXELS / seconds * 1e-6:.0f} | {events / seconds * 1e-6:.1f} | {events} |"
-        )
+        pixels, fired = PIXELS / seconds * 1e-6, events / seconds * 1e-6
+        print(f"| {name} | {seconds * 1e3:.0f} ms | {pixels:.0f} | {fired:.1f} | {events} |")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ Interpolation: TypeAlias = Literal["log", "light"]
 """What is straight between two samples: the signal, or the light (exact while an edge crosses a pixel)."""
 
 Times: TypeAlias = Literal["crossing", "sample", "even", "shared"]
-"""When the events of an interval happen: at their crossings, at its end, evenly, or evenly as v2e shares them."""
+"""When the events of an interval happen: at crossings, at its end, evenly, or as v2e shares them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

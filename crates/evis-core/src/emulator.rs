@@ -206,11 +206,25 @@ impl EventEmulator {
         } else {
             Kernel::Chain(Box::new(Plan::new(&config.sensor)))
         };
+        let mut environments: Vec<Environment> = (0..config.batch).map(environment).collect();
+        if let Kernel::Chain(plan) = &kernel {
+            // What is frozen is drawn once, and not with the first frame.
+            let make = |environment: &mut Environment| {
+                for tile in &mut environment.tiles {
+                    let chain = Chain::new(plan, environment.key, tile.first, tile.end - tile.first);
+                    tile.memory = Memory::Chain(Box::new(chain));
+                }
+            };
+            match &pool {
+                Some(pool) => pool.install(|| environments.par_iter_mut().for_each(make)),
+                None => environments.iter_mut().for_each(make),
+            }
+        }
         Ok(Self {
             isa: Isa::detect(),
             pool,
             tables: Tables::default(),
-            environments: (0..config.batch).map(environment).collect(),
+            environments,
             kernel,
             now_us: None,
             last: EmulatorReport::default(),

@@ -203,8 +203,12 @@ impl Chain {
             let mean = spread_mean(noise.leak_spread_decades.into());
             slope = (0..length)
                 .map(|i| {
-                    let [_, _, a, b] = key.draw((first + i) as u32, StreamId::Defects, 0, 1);
-                    let factor = 10_f64.powf(f64::from(noise.leak_spread_decades) * normals(a, b).1) / mean;
+                    let factor = if noise.leak_spread_decades > 0.0 {
+                        let [_, _, a, b] = key.draw((first + i) as u32, StreamId::Defects, 0, 1);
+                        10_f64.powf(f64::from(noise.leak_spread_decades) * normals(a, b).1) / mean
+                    } else {
+                        1.0
+                    };
                     let own = if on[i].is_finite() { f64::from(on[i]) } else { 0.0 };
                     (f64::from(noise.leak_hz) * factor * own * 1e-6) as f32
                 })
