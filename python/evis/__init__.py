@@ -14,12 +14,13 @@ pixel; polarity is ON = 1, OFF = 0.
 from . import metrics, motion
 from ._builder import SceneBuilder
 from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
+from ._emulator import EmulatorReport, EventEmulator
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
 from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
-from ._sensor import Sensor
+from ._sensor import Diffusion, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
 from ._simulator import Device, Simulator, Stream, devices
 from ._truth import Truth, load_truth
 from ._verify import (
@@ -42,23 +43,31 @@ __all__ = [
     "Convergence",
     "Device",
     "DeviceError",
+    "Diffusion",
+    "EmulatorReport",
     "EnvironmentPacket",
     "ErrorFit",
     "EventArray",
     "EventCD",
     "EventCamera",
+    "EventEmulator",
     "Events",
     "EvisError",
     "FormCheck",
     "FormatError",
     "Labels",
+    "Noise",
     "Packet",
+    "Pattern",
+    "Photoreceptor",
     "Placement",
     "Poses",
+    "Readout",
     "Recommendation",
     "RecordedLabels",
     "RecordedView",
     "Recording",
+    "Refractory",
     "Report",
     "Scene",
     "SceneBuilder",

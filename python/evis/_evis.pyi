@@ -9,6 +9,7 @@ import numpy.typing as npt
 __all__ = [
     "ConfigError",
     "DeviceError",
+    "EventEmulator",
     "EvisError",
     "FormatError",
     "Label",
@@ -39,7 +40,13 @@ __all__ = [
     "run_cli",
     "score",
     "score_table",
+    "sensor_check",
+    "sensor_from_toml",
     "sensor_of_settings",
+    "sensor_preset",
+    "sensor_presets",
+    "sensor_sample",
+    "sensor_to_toml",
     "srgb_table",
     "ssim",
     "verify",
@@ -345,3 +352,33 @@ class Truth:
     def span_start(self) -> npt.NDArray[np.uint32]: ...
     def span_t_us(self) -> npt.NDArray[np.int64]: ...
     def span_region(self) -> npt.NDArray[np.uint8]: ...
+
+def sensor_presets() -> list[tuple[str, str]]: ...
+def sensor_preset(name: str) -> str: ...
+def sensor_check(json: str) -> tuple[list[str], bool]: ...
+def sensor_to_toml(json: str) -> str: ...
+def sensor_from_toml(text: str) -> str: ...
+def sensor_sample(json: str, ranges: str, seed: int) -> str: ...
+
+@final
+class EventEmulator:
+    def __new__(
+        cls,
+        *,
+        width: int,
+        height: int,
+        batch: int,
+        seed: int,
+        camera: int,
+        sensor: str,
+        reference_luminance: float,
+        threads: int,
+    ) -> EventEmulator: ...
+    def push(
+        self, frames: npt.NDArray[Any], t_us: int, *, channels: int, transfer: str, gamma: float
+    ) -> list[npt.NDArray[np.void]]: ...
+    def reset(self, environments: list[int] | None) -> None: ...
+    def reports(self) -> tuple[dict[str, int], dict[str, int]]: ...
+    def now_us(self) -> int | None: ...
+    def state(self) -> bytes: ...
+    def restore(self, state: bytes) -> None: ...

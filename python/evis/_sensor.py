@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+import json
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from . import _evis
+from ._evis import ConfigError
 
 Trigger: TypeAlias = Literal["crossing", "latch"]
 """``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample."""
@@ -11,13 +20,201 @@ Trigger: TypeAlias = Literal["crossing", "latch"]
 Interpolation: TypeAlias = Literal["log", "light"]
 """What is straight between two samples: the signal, or the light (exact while an edge crosses a pixel)."""
 
+Times: TypeAlias = Literal["crossing", "sample", "even", "shared"]
+"""When the events of an interval happen: at crossings, at its end, evenly, or as v2e shares them."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Photoreceptor:
+    """From light to the signal that the trigger sees.
+
+    Attributes
+    ----------
+    curve : {"log", "linlog"}
+        ``ln(Y / Y_ref + log_eps)``, or v2e's curve: with ``I = full_scale * Y / Y_ref``,
+        ``I * ln(knee) / knee`` up to the knee, else ``ln I``.
+    full_scale, knee : float
+        See ``linlog``.
+    dark_light : float
+        Dark current, as light that is added to ``Y / Y_ref``.
+    cutoff_hz : float
+        -3 dB frequency of one pole of the low-pass at ``Y_ref``; 0: none.
+    order : {1, 2}
+        Poles, all alike.
+    filter : {"exact", "euler"}
+        The exact answer to a signal that is straight between samples, or v2e's and EVIS's step with the end
+        sample.
+    bandwidth : {"constant", "light"}
+        Whether the cutoff is multiplied by ``(Y / Y_ref + bandwidth_offset) / (1 + bandwidth_offset)``, kept
+        within ``bandwidth_least`` and ``bandwidth_most``.
+    bandwidth_offset, bandwidth_least, bandwidth_most : float
+        See ``bandwidth``.
+    """
+
+    curve: Literal["log", "linlog"] = "log"
+    full_scale: float = 255.0
+    knee: float = 20.0
+    dark_light: float = 0.0
+    cutoff_hz: float = 0.0
+    order: int = 1
+    filter: Literal["exact", "euler"] = "exact"
+    bandwidth: Literal["constant", "light"] = "constant"
+    bandwidth_offset: float = 0.0
+    bandwidth_least: float = 0.01
+    bandwidth_most: float = 100.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pattern:
+    """What differs from pixel to pixel and never changes.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation of each pixel's thresholds, log units; ON and OFF apart.
+    least, most : float
+        Thresholds are kept between these.
+    dead_share : float
+        Share of pixels that never fire.
+    start : {"signal", "phase"}
+        Where references start: at the signal, or uniformly between the thresholds.
+    """
+
+    sigma: float = 0.0
+    least: float = 0.01
+    most: float = 100.0
+    dead_share: float = 0.0
+    start: Literal["signal", "phase"] = "signal"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Noise:
+    """Events without a cause in the scene; rates are means over pixels, in events per second.
+
+    Attributes
+    ----------
+    leak_hz : float
+        ON events of a pixel that sees no change.
+    leak_law : {"ramp", "poisson"}
+        The reference falls evenly, or events come at random times.
+    leak_spread_decades : float
+        Standard deviation of the pixels' leak rates (log-normal).
+    leak_jitter : float
+        Standard deviation of the time between two leak events, as a share of it (``ramp``); at most 0.2.
+    shot_hz : float
+        Shot noise, ON and OFF together, before light takes its share.
+    shot_light_share, shot_light_offset : float
+        The rate is multiplied by ``1 - share * (Y / Y_ref + offset) / (1 + offset)``. EVIS: 1 and 0; v2e:
+        0.75 and 20 / 255.
+    shot_per_threshold : bool
+        Whether a polarity's rate is inversely proportional to the pixel's own threshold (v2e).
+    shot_spread_decades : float
+        Standard deviation of the pixels' shot rates (log-normal).
+    on_share : float
+        Share of ON events in shot noise and of hot pixels.
+    reference : {"keep", "signal"}
+        What leak (``poisson``), shot noise and hot pixels do to the reference.
+    hot_share, hot_hz : float
+        Share of hot pixels, and their rate.
+    burst_events, burst_us : float
+        Mean number of shot events that follow each one (``shot_hz`` counts them all), and their mean delay.
+    alternation : float
+        Probability that a shot event's polarity is not that of the pixel's last event; below 0: independent.
+    """
+
+    leak_hz: float = 0.0
+    leak_law: Literal["ramp", "poisson"] = "ramp"
+    leak_spread_decades: float = 0.0
+    leak_jitter: float = 0.0
+    shot_hz: float = 0.0
+    shot_light_share: float = 0.0
+    shot_light_offset: float = 0.0
+    shot_per_threshold: bool = False
+    shot_spread_decades: float = 0.0
+    on_share: float = 0.5
+    reference: Literal["keep", "signal"] = "keep"
+    hot_share: float = 0.0
+    hot_hz: float = 0.0
+    burst_events: float = 0.0
+    burst_us: float = 300.0
+    alternation: float = -1.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Refractory:
+    """Silence after an event.
+
+    Attributes
+    ----------
+    period_us : int
+        Its length in microseconds; 0: none.
+    rule : {"suppress", "defer", "hold"}
+        ``suppress``: events are lost, the reference moves (ESIM, EVIS). ``defer``: the reference stays, what
+        is a threshold away at the end fires then (v2e). ``hold``: the reference is the signal at the end
+        (hardware).
+    """
+
+    period_us: int = 0
+    rule: Literal["suppress", "defer", "hold"] = "suppress"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Readout:
+    """From the pixel to the wire.
+
+    Attributes
+    ----------
+    latency_us : float
+        Delay of every event.
+    latency_light_us : float
+        Further delay, inversely proportional to light: this at ``Y_ref``, at most a hundred times this.
+    jitter_us : float
+        Standard deviation of the delay.
+    row_ns, event_ns : int
+        Time that the bus takes per row and per event, nanoseconds; rows are read one after the other.
+    rate_limit_hz : float
+        Events per second at most, counted in windows of a millisecond; 0: no limit.
+    tick_us : int
+        Times are multiples of this, rounded up.
+    """
+
+    latency_us: float = 0.0
+    latency_light_us: float = 0.0
+    jitter_us: float = 0.0
+    row_ns: int = 0
+    event_ns: int = 0
+    rate_limit_hz: float = 0.0
+    tick_us: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Diffusion:
+    """Brownian motion with drift in place of thresholds on the signal: DVS-Voltmeter (ECCV 2022).
+
+    With ``I = 255 * Y / Y_ref`` and its change ``dI`` per microsecond, the drift is ``k1 dI / (I + k2) + k4 +
+    k5 I`` and the volatility ``k3 sqrt(I) / (I + k2) + k6``; events where the sum is 1 away from the last.
+
+    Attributes
+    ----------
+    k1, k2, k3, k4, k5, k6 : float
+        See the formula.
+    """
+
+    k1: float
+    k2: float
+    k3: float
+    k4: float
+    k5: float
+    k6: float
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sensor:
-    """An ideal event sensor; values are checked when a `Simulator` is made.
+    """An event sensor: thresholds, and stages that are off unless asked for.
 
     A pixel's signal is ``ln(Y / Y_ref + log_eps)`` with the luminance Y = 0.2126 R + 0.7152 G + 0.0722 B
-    (Rec. ITU-R BT.709-6, item 3.2) of linear light.
+    (Rec. ITU-R BT.709-6, item 3.2) of linear light. Values are checked where a sensor is used, and by
+    `check`. A `Simulator` takes sensors with thresholds only; an `EventEmulator` takes all of them.
 
     Attributes
     ----------
@@ -32,6 +229,14 @@ class Sensor:
     interpolation : {"log", "light"}
         What is straight between two samples, where ``crossing`` asks when a threshold is crossed;
         ``latch`` does not ask.
+    times : {"crossing", "sample", "even", "shared"}
+        When events happen; anything but ``crossing`` imitates other simulators.
+    most_events : int
+        Events of one pixel in one interval at most.
+    photoreceptor, pattern, noise, refractory, readout : Photoreceptor, Pattern, Noise, Refractory, Readout
+        The stages.
+    diffusion : Diffusion, optional
+        Another trigger, in place of thresholds, photoreceptor, leak and shot noise.
     """
 
     threshold_on: float = 0.2
@@ -39,3 +244,142 @@ class Sensor:
     log_eps: float = 1e-3
     trigger: Trigger = "crossing"
     interpolation: Interpolation = "log"
+    times: Times = "crossing"
+    most_events: int = 65535
+    photoreceptor: Photoreceptor = field(default_factory=Photoreceptor)
+    pattern: Pattern = field(default_factory=Pattern)
+    noise: Noise = field(default_factory=Noise)
+    refractory: Refractory = field(default_factory=Refractory)
+    readout: Readout = field(default_factory=Readout)
+    diffusion: Diffusion | None = None
+
+    @classmethod
+    def preset(cls, name: str) -> Sensor:
+        """Return a sensor by name.
+
+        Parameters
+        ----------
+        name : str
+            One of `presets`.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such preset; the message lists them.
+        """
+        return cls._of_json(_evis.sensor_preset(name))
+
+    @staticmethod
+    def presets() -> dict[str, str]:
+        """Return the presets: where each comes from, and what of its source it leaves out, by name."""
+        return dict(_evis.sensor_presets())
+
+    @classmethod
+    def from_toml(cls, source: str | PathLike[str]) -> Sensor:
+        """Read a sensor.
+
+        Parameters
+        ----------
+        source : str or path
+            TOML text, or the path of a file; text holds a line break or ``=``.
+
+        Raises
+        ------
+        ConfigError
+            If the text is no TOML, a key is unknown, or a value cannot be used.
+        OSError
+            If the file cannot be read.
+        """
+        is_text = isinstance(source, str) and ("=" in source or "\n" in source or not source.strip())
+        text = str(source) if is_text else Path(source).read_text("utf-8")
+        return cls._of_json(_evis.sensor_from_toml(text))
+
+    def to_toml(self) -> str:
+        """Return the sensor as TOML; stages that are off are left out.
+
+        Raises
+        ------
+        ConfigError
+            If a value cannot be used.
+        """
+        return _evis.sensor_to_toml(self._json())
+
+    def sample(
+        self, ranges: Mapping[str, Sequence[float] | Mapping[str, Sequence[Any]]], seed: int
+    ) -> Sensor:
+        """Return this sensor with some values drawn at random: one of a training set.
+
+        Parameters
+        ----------
+        ranges : mapping
+            By path, such as ``"threshold_on"`` or ``"noise.leak_hz"``: ``(low, high)`` for a uniform draw, or
+            ``{"choices": [...]}``.
+        seed : int
+            0 or more; a value depends on it and on its own path only.
+
+        Raises
+        ------
+        ConfigError
+            If a path or a range cannot be used, or the drawn sensor cannot be.
+        """
+        plain = {
+            path: dict(range_) if isinstance(range_, Mapping) else list(range_)
+            for path, range_ in ranges.items()
+        }
+        try:
+            text = json.dumps(plain)
+        except TypeError as error:
+            raise ConfigError(f"ranges are {ranges!r}; they must hold numbers and text ({error})") from None
+        return Sensor._of_json(_evis.sensor_sample(self._json(), text, seed))
+
+    def check(self) -> None:
+        """Check every value.
+
+        Raises
+        ------
+        ConfigError
+            Names the first value that cannot be used, and what would work.
+
+        Warns
+        -----
+        UserWarning
+            Where values together are allowed, and probably not meant.
+        """
+        for text in _evis.sensor_check(self._json())[0]:
+            warnings.warn(text, stacklevel=3)
+
+    @property
+    def thresholds_only(self) -> bool:
+        """Whether every stage is off: what a `Simulator` takes."""
+        return _evis.sensor_check(self._json())[1]
+
+    def _json(self) -> str:
+        values = asdict(self)
+        _check_finite("", values)
+        try:
+            return json.dumps(values)
+        except TypeError as error:
+            raise ConfigError(f"sensor is {self!r}; it must hold numbers and names ({error})") from None
+
+    @classmethod
+    def _of_json(cls, text: str) -> Sensor:
+        values = json.loads(text)
+        diffusion = values["diffusion"]
+        stages: dict[str, Any] = {
+            "photoreceptor": Photoreceptor(**values["photoreceptor"]),
+            "pattern": Pattern(**values["pattern"]),
+            "noise": Noise(**values["noise"]),
+            "refractory": Refractory(**values["refractory"]),
+            "readout": Readout(**values["readout"]),
+            "diffusion": None if diffusion is None else Diffusion(**diffusion),
+        }
+        return cls(**{**values, **stages})
+
+
+def _check_finite(path: str, values: Mapping[str, object]) -> None:
+    """Refuse what JSON cannot say, by the value's path."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            _check_finite(f"{path}{name}.", value)
+        elif isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{path}{name} is {value}; it must be a finite number")

@@ -131,6 +131,11 @@ class Simulator:
         device: Device | str | int | None = None,
     ) -> None:
         sensor = Sensor() if sensor is None else sensor
+        if not sensor.thresholds_only:
+            raise ConfigError(
+                f"sensor is {sensor!r}; it must have thresholds, log_eps, trigger and interpolation only: "
+                "the 3D engine has no other stage yet"
+            )
         if isinstance(cameras, str) or isinstance(labels, str):
             raise ConfigError("cameras and labels are sequences: write ['NAME'], not 'NAME'")
         names: list[str] = []

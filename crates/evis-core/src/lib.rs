@@ -4,17 +4,21 @@
 //! from the top-left pixel; polarity is ON = 1, OFF = 0.
 
 pub mod closed_form;
+pub mod emulator;
 pub mod event;
 pub mod format;
 pub mod metric;
 pub mod packet;
+pub mod random;
 pub mod sensor;
+mod simd;
 pub mod time;
 pub mod trigger;
 pub mod truth;
 
+pub use emulator::{EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, Transfer};
 pub use event::{Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
-pub use sensor::{ConfigError, Interpolation, Sensor, SensorConfig, TriggerRule};
+pub use sensor::{ConfigError, Interpolation, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;
 pub use truth::{Region, RegionSpan, Truth};

@@ -1,6 +1,17 @@
 //! Sensor configuration: a value, checked once at the door, then trusted.
 
+mod preset;
+mod sample;
+mod stages;
+
 use serde::{Deserialize, Serialize};
+
+pub use preset::{PRESETS, Preset};
+pub use sample::sample;
+pub use stages::{
+    Bandwidth, Curve, Diffusion, FilterRule, LeakLaw, Noise, NoiseReference, Pattern, Photoreceptor, Readout,
+    Refractory, RefractoryRule, Start,
+};
 
 /// A configuration value that cannot be used: which one, what it was, and what would work.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -43,7 +54,26 @@ pub enum Interpolation {
     Light,
 }
 
+/// When the events of one interval happen (`crossing` only).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Times {
+    /// When their thresholds are crossed (default).
+    #[default]
+    Crossing,
+    /// With the sample that ends the interval.
+    Sample,
+    /// Evenly over the interval, each pixel by its own count; the last with the sample (AirSim, PIX2NVS).
+    Even,
+    /// Evenly over the interval, by the count of the pixel with most events; most events so carry its first share or,
+    /// where no pixel fires twice, its end (v2e).
+    Shared,
+}
+
 /// What a user asks of a sensor.
+///
+/// Beyond thresholds, all stages are off unless asked for: an ideal sensor. A file (TOML) has the values of this
+/// structure first, then a table per stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorConfig {
@@ -57,6 +87,39 @@ pub struct SensorConfig {
     pub trigger: TriggerRule,
     /// What is straight between samples.
     pub interpolation: Interpolation,
+    /// When events happen.
+    #[serde(skip_serializing_if = "is_default")]
+    pub times: Times,
+    /// Events of one pixel in one interval at most, 1 to 65 535; the rest is lost, and the reference moves to the signal.
+    #[serde(skip_serializing_if = "is_most")]
+    pub most_events: u32,
+    /// From light to the signal.
+    #[serde(skip_serializing_if = "is_default")]
+    pub photoreceptor: Photoreceptor,
+    /// What differs from pixel to pixel.
+    #[serde(skip_serializing_if = "is_default")]
+    pub pattern: Pattern,
+    /// Events without a cause in the scene.
+    #[serde(skip_serializing_if = "is_default")]
+    pub noise: Noise,
+    /// Silence after an event.
+    #[serde(skip_serializing_if = "is_default")]
+    pub refractory: Refractory,
+    /// From the pixel to the wire.
+    #[serde(skip_serializing_if = "is_default")]
+    pub readout: Readout,
+    /// Another trigger, which takes the place of thresholds, photoreceptor, leak and shot noise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diffusion: Option<Diffusion>,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks for a reference")]
+const fn is_most(value: &u32) -> bool {
+    *value == crate::trigger::MAX_EVENTS_PER_INTERVAL
 }
 
 impl Default for SensorConfig {
@@ -67,7 +130,65 @@ impl Default for SensorConfig {
             log_eps: 1e-3,
             trigger: TriggerRule::Crossing,
             interpolation: Interpolation::Log,
+            times: Times::Crossing,
+            most_events: crate::trigger::MAX_EVENTS_PER_INTERVAL,
+            photoreceptor: Photoreceptor::default(),
+            pattern: Pattern::default(),
+            noise: Noise::default(),
+            refractory: Refractory::default(),
+            readout: Readout::default(),
+            diffusion: None,
         }
+    }
+}
+
+impl SensorConfig {
+    /// Reads the TOML of a sensor.
+    ///
+    /// # Errors
+    /// Text that is no TOML, an unknown key, a value that cannot be used.
+    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        let config: Self = toml::from_str(text).map_err(|error| {
+            ConfigError::new(
+                "the sensor's TOML",
+                format!("not usable ({})", error.message()),
+                "as docs/sensor.md shows",
+            )
+        })?;
+        Sensor::new(config.clone())?;
+        Ok(config)
+    }
+
+    /// The sensor as TOML; [`Self::from_toml`] gives it back.
+    pub fn to_toml(&self) -> String {
+        // Plain numbers, names and tables: TOML has them all.
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    /// Whether every stage but thresholds, `eps`, trigger and interpolation is off.
+    pub fn is_ideal(&self) -> bool {
+        let thresholds = Self {
+            threshold_on: self.threshold_on,
+            threshold_off: self.threshold_off,
+            log_eps: self.log_eps,
+            trigger: self.trigger,
+            interpolation: self.interpolation,
+            ..Self::default()
+        };
+        *self == thresholds
+    }
+
+    /// What is allowed and probably not meant.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.readout.latency_light_us > 0.0 && self.photoreceptor.cutoff_hz > 0.0 {
+            warnings.push(
+                "readout.latency_light_us and photoreceptor.cutoff_hz are both set: the pixel's pole then delays \
+                 events twice; set one of them to 0"
+                    .into(),
+            );
+        }
+        warnings
     }
 }
 
@@ -99,7 +220,44 @@ impl Sensor {
                 return Err(ConfigError::new(what, value, "at least 0.001"));
             }
         }
+        if !(1..=crate::trigger::MAX_EVENTS_PER_INTERVAL).contains(&config.most_events) {
+            return Err(ConfigError::new("most_events", config.most_events, "between 1 and 65535"));
+        }
+        config.photoreceptor.check()?;
+        config.pattern.check()?;
+        config.noise.check()?;
+        if config.refractory.period_us > 10_000_000 {
+            let period = config.refractory.period_us;
+            return Err(ConfigError::new("refractory.period_us", period, "at most 10000000 (ten seconds)"));
+        }
+        config.readout.check()?;
+        if let Some(diffusion) = &config.diffusion {
+            diffusion.check()?;
+        }
+        let straight = config.photoreceptor.cutoff_hz == 0.0 && config.noise.leak_hz == 0.0;
+        if config.interpolation == Interpolation::Light && !(straight && config.is_ideal()) {
+            return Err(ConfigError::new(
+                "interpolation",
+                "light",
+                "log where a stage beyond the thresholds is on",
+            ));
+        }
         Ok(Self { config })
+    }
+
+    /// This sensor, if it has thresholds only; `who` cannot do more.
+    ///
+    /// # Errors
+    /// A stage beyond the thresholds is on.
+    pub fn thresholds_only(self, who: &str) -> Result<Self, ConfigError> {
+        if self.config.is_ideal() {
+            return Ok(self);
+        }
+        Err(ConfigError::new(
+            "sensor",
+            "more than thresholds",
+            format!("thresholds, log_eps, trigger and interpolation only: {who} has no other stage yet"),
+        ))
     }
 
     /// The checked values.

@@ -2,6 +2,7 @@
 
 mod chart;
 mod door;
+mod emulator;
 mod engine;
 mod errors;
 mod events;
@@ -23,6 +24,11 @@ mod _evis {
 
     #[pymodule_export]
     use crate::chart::{chart, chart_cache, chart_ladder, check_chart, draw_chart, recommend_chart};
+    #[pymodule_export]
+    use crate::emulator::{
+        EventEmulator, sensor_check, sensor_from_toml, sensor_preset, sensor_presets, sensor_sample,
+        sensor_to_toml,
+    };
     #[pymodule_export]
     use crate::metrics::{
         Truth, endpoint_error, mse, psnr, score, score_table, sensor_of_settings, ssim, voxel_l1,

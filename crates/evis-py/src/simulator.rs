@@ -83,6 +83,7 @@ impl Simulator {
                 log_eps,
                 trigger: engine::trigger(trigger)?,
                 interpolation: engine::interpolation(interpolation)?,
+                ..SensorConfig::default()
             },
             method: engine::method(method)?,
             rate_hz,

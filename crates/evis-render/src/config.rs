@@ -93,7 +93,7 @@ impl RunConfig {
     /// # Errors
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn check(&self) -> Result<(), ConfigError> {
-        Sensor::new(self.sensor.clone())?;
+        Sensor::new(self.sensor.clone())?.thresholds_only("the 3D engine")?;
         TimeGrid::new(self.rate_hz)?;
         TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
         if !(1..=256).contains(&self.samples) {

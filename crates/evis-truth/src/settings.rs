@@ -83,7 +83,7 @@ impl TruthSettings {
     /// # Errors
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn check(&self) -> Result<(), ConfigError> {
-        Sensor::new(self.sensor.clone())?;
+        Sensor::new(self.sensor.clone())?.thresholds_only("the oracle")?;
         if let Some((width, height)) = self.size {
             for (what, value) in [("width", width), ("height", height)] {
                 if !(1..=8192).contains(&value) {

@@ -183,6 +183,7 @@ fn compare(
             log_eps: sensor.log_eps,
             trigger,
             interpolation,
+            ..SensorConfig::default()
         };
         let range = ran.offsets[view as usize] as usize..ran.offsets[view as usize + 1] as usize;
         let mut device = ran.records[range].iter().peekable();

@@ -1,0 +1,565 @@
+//! Frames in, events out: the sensor on its own, for light that somebody else made.
+
+mod chain;
+mod diffusion;
+pub(crate) mod frames;
+mod ideal;
+mod noise;
+mod order;
+mod readout;
+mod shape;
+mod state;
+
+use rayon::prelude::*;
+
+use crate::event::Event;
+use crate::random::Key;
+use crate::sensor::{ConfigError, Sensor, SensorConfig};
+use crate::simd::Isa;
+
+use chain::{Chain, Plan, Scan};
+use diffusion::Diffuse;
+use frames::{Source, Tables};
+use ideal::{Interval, Pixels, Tally};
+use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
+use readout::Wire;
+
+pub use frames::{FrameData, Frames, Transfer};
+
+/// Pixels per tile: the unit of work of a thread. Its memory stays within a core's second cache.
+const TILE: usize = 1 << 14;
+
+/// What a user asks of an emulator.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EmulatorConfig {
+    /// Pixels per row, 1 to 65 536.
+    pub width: u32,
+    /// Rows, 1 to 65 536.
+    pub height: u32,
+    /// Environments that are pushed together; at least 1.
+    pub batch: usize,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Camera that this is, part of the key of everything random: two cameras of one environment differ.
+    pub camera: u32,
+    /// The sensor of every environment.
+    pub sensor: SensorConfig,
+    /// `Y_ref` in `ln(Y / Y_ref + eps)`; above 0.
+    pub reference_luminance: f32,
+    /// Threads that work on a push; 0: as many as there are cores. No event depends on it.
+    pub threads: usize,
+}
+
+impl Default for EmulatorConfig {
+    fn default() -> Self {
+        Self {
+            width: 640,
+            height: 480,
+            batch: 1,
+            seed: 0,
+            camera: 0,
+            sensor: SensorConfig::default(),
+            reference_luminance: 1.0,
+            threads: 0,
+        }
+    }
+}
+
+/// What happened in one push, or in all of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EmulatorReport {
+    /// Events that came out.
+    pub events: u64,
+    /// Pixel values that were NaN: those pixels kept their state.
+    pub unknown: u64,
+    /// Times that a pixel would have fired more events in one interval than it may.
+    pub clamped: u64,
+    /// Events that were lost to the refractory period.
+    pub suppressed: u64,
+    /// Events that were lost to the readout's rate limit.
+    pub dropped: u64,
+}
+
+impl EmulatorReport {
+    fn add(&mut self, other: &Self) {
+        self.events += other.events;
+        self.unknown += other.unknown;
+        self.clamped += other.clamped;
+        self.suppressed += other.suppressed;
+        self.dropped += other.dropped;
+    }
+}
+
+/// Turns frames of `batch` environments into events.
+///
+/// Between two frames the signal is what the sensor's interpolation says; events lie in `(t0, t1]`, sorted by
+/// (t, y, x, firing order). Memory does not grow with the stream's length, and no event depends on the number of
+/// threads, or on which other environments are in the batch.
+#[derive(Debug)]
+pub struct EventEmulator {
+    config: EmulatorConfig,
+    isa: Isa,
+    pool: Option<rayon::ThreadPool>,
+    tables: Tables,
+    kernel: Kernel,
+    environments: Vec<Environment>,
+    now_us: Option<i64>,
+    last: EmulatorReport,
+    total: EmulatorReport,
+}
+
+/// How pixels are computed: chosen once.
+#[derive(Debug)]
+enum Kernel {
+    /// Thresholds alone.
+    Ideal,
+    /// Any stage.
+    Chain(Box<Plan>),
+    /// Brownian motion.
+    Diffusion,
+}
+
+/// The pixels of one environment.
+#[derive(Clone, Debug)]
+struct Environment {
+    key: Key,
+    /// Whether a frame has been seen since the start or the last reset.
+    started: bool,
+    tiles: Vec<Tile>,
+    spans: Vec<Span>,
+    /// Events that have not left the sensor.
+    wire: Wire,
+    fired: Vec<Event>,
+    report: EmulatorReport,
+}
+
+/// Pixels that one thread treats at a time, with their memory.
+#[derive(Clone, Debug)]
+struct Tile {
+    first: usize,
+    end: usize,
+    /// Nothing before the first frame says of which kind frames are.
+    memory: Memory,
+    records: Vec<Record>,
+    tally: Tally,
+}
+
+/// What a tile's pixels remember.
+#[derive(Clone, Debug)]
+enum Memory {
+    /// No frame was seen.
+    None,
+    Ideal(Pixels),
+    Chain(Box<Chain>),
+    Diffusion(Diffuse),
+}
+
+impl EventEmulator {
+    /// Checks `config` and makes an emulator that has seen nothing yet.
+    ///
+    /// # Errors
+    /// Names the first setting that cannot be used, its value, and what would work.
+    pub fn new(config: EmulatorConfig) -> Result<Self, ConfigError> {
+        Sensor::new(config.sensor.clone())?;
+        for (what, value) in [("width", config.width), ("height", config.height)] {
+            if !(1..=65_536).contains(&value) {
+                return Err(ConfigError::new(what, value, "between 1 and 65536 pixels"));
+            }
+        }
+        if config.batch == 0 {
+            return Err(ConfigError::new("batch", 0, "at least 1"));
+        }
+        let y_ref = config.reference_luminance;
+        // Their reciprocal must be a number as well.
+        if !(1e-30..=1e30).contains(&y_ref) {
+            return Err(ConfigError::new("reference_luminance", y_ref, "between 1e-30 and 1e30"));
+        }
+        let threads = match config.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        };
+        let pool = if threads > 1 {
+            let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            Some(built.map_err(|error| {
+                ConfigError::new("threads", threads, format!("fewer, the system refused: {error}"))
+            })?)
+        } else {
+            None
+        };
+        let pixels = config.width as usize * config.height as usize;
+        let environment = |index: usize| Environment {
+            key: Key::new(config.seed, index as u32, config.camera),
+            started: false,
+            tiles: (0..pixels)
+                .step_by(TILE)
+                .map(|first| Tile::new(first, (first + TILE).min(pixels)))
+                .collect(),
+            spans: Vec::new(),
+            wire: Wire::default(),
+            fired: Vec::new(),
+            report: EmulatorReport::default(),
+        };
+        let kernel = if config.sensor.diffusion.is_some() {
+            Kernel::Diffusion
+        } else if config.sensor.is_ideal() {
+            Kernel::Ideal
+        } else {
+            Kernel::Chain(Box::new(Plan::new(&config.sensor)))
+        };
+        let mut environments: Vec<Environment> = (0..config.batch).map(environment).collect();
+        if let Kernel::Chain(plan) = &kernel {
+            // What is frozen is drawn once, and not with the first frame.
+            let make = |environment: &mut Environment| {
+                for tile in &mut environment.tiles {
+                    let chain = Chain::new(plan, environment.key, tile.first, tile.end - tile.first);
+                    tile.memory = Memory::Chain(Box::new(chain));
+                }
+            };
+            match &pool {
+                Some(pool) => pool.install(|| environments.par_iter_mut().for_each(make)),
+                None => environments.iter_mut().for_each(make),
+            }
+        }
+        Ok(Self {
+            isa: Isa::detect(),
+            pool,
+            tables: Tables::default(),
+            environments,
+            kernel,
+            now_us: None,
+            last: EmulatorReport::default(),
+            total: EmulatorReport::default(),
+            config,
+        })
+    }
+
+    /// The settings in force.
+    pub const fn config(&self) -> &EmulatorConfig {
+        &self.config
+    }
+
+    /// Time of the last frame, if there was one since all environments were reset.
+    pub const fn now_us(&self) -> Option<i64> {
+        self.now_us
+    }
+
+    /// What happened in the last push.
+    pub const fn report(&self) -> &EmulatorReport {
+        &self.last
+    }
+
+    /// What happened since the emulator was made.
+    pub const fn total_report(&self) -> &EmulatorReport {
+        &self.total
+    }
+
+    /// Takes the frames of time `t_us`; gives the events since the last frames, one list per environment. An
+    /// environment's first frame makes no events.
+    ///
+    /// # Errors
+    /// A wrong number of values, a time that does not increase, light that is infinite or negative. Nothing has changed
+    /// then.
+    pub fn push(&mut self, frames: &Frames<'_>, t_us: i64) -> Result<Vec<Vec<Event>>, ConfigError> {
+        let mut out = vec![Vec::new(); self.config.batch];
+        self.push_into(frames, t_us, &mut out)?;
+        Ok(out)
+    }
+
+    /// As [`Self::push`], but appends to `out`, one list per environment.
+    ///
+    /// # Errors
+    /// As [`Self::push`], and a wrong number of lists.
+    pub fn push_into(
+        &mut self,
+        frames: &Frames<'_>,
+        t_us: i64,
+        out: &mut [Vec<Event>],
+    ) -> Result<(), ConfigError> {
+        if out.len() != self.config.batch {
+            return Err(ConfigError::new("number of event lists", out.len(), self.config.batch.to_string()));
+        }
+        let interval_us = self.check_time(t_us)?;
+        let pixels = self.config.width as usize * self.config.height as usize;
+        frames.check(pixels * self.config.batch)?;
+        let inverse = 1.0 / self.config.reference_luminance;
+        self.tables.prepare(frames, inverse, self.config.sensor.log_eps);
+        let Self { config, isa, pool, tables, kernel, environments, .. } = self;
+        let sources: Option<Vec<Source<'_>>> =
+            (0..config.batch).map(|index| Source::new(frames, tables, inverse, index, pixels)).collect();
+        // `check` counted the values.
+        let sources = sources.ok_or_else(|| ConfigError::new("frames", "too short", "complete"))?;
+        let parallel = pool.is_some() && environments.len() * pixels > TILE;
+        // Environments are sorted side by side; one alone is shared out.
+        let threads = match pool {
+            Some(pool) if parallel && environments.len() == 1 => pool.current_num_threads(),
+            _ => 1,
+        };
+        let start_us = t_us - i64::from(interval_us);
+        let work = Push { config, kernel, isa: *isa, threads, start_us, interval_us };
+        if let (Some(tile), Some(source)) =
+            (environments.iter().find_map(Environment::begun), sources.first())
+        {
+            tile.check(source)?;
+        }
+        let run = || {
+            // Nothing changes before all light has been found possible.
+            let scan = |environment: &mut Environment, source: &Source<'_>| {
+                let (key, first_frame) = (environment.key, !environment.started);
+                if first_frame {
+                    environment.clear();
+                }
+                if parallel {
+                    let tiles = environment.tiles.par_iter_mut();
+                    tiles
+                        .map(|tile| tile.scan(&work, key, source, first_frame))
+                        .reduce(Scan::default, Scan::join)
+                } else {
+                    let tiles = environment.tiles.iter_mut();
+                    tiles
+                        .map(|tile| tile.scan(&work, key, source, first_frame))
+                        .fold(Scan::default(), Scan::join)
+                }
+            };
+            let scans: Vec<Scan> = if parallel {
+                environments.par_iter_mut().zip(&sources).map(|(all, source)| scan(all, source)).collect()
+            } else {
+                environments.iter_mut().zip(&sources).map(|(all, source)| scan(all, source)).collect()
+            };
+            if scans.iter().any(|scan| scan.impossible) {
+                return Err(impossible_light(frames, config));
+            }
+            let fire = |environment: &mut Environment,
+                        scan: &Scan,
+                        source: &Source<'_>,
+                        out: &mut Vec<Event>| {
+                let key = environment.key;
+                if parallel {
+                    environment
+                        .tiles
+                        .par_iter_mut()
+                        .for_each(|tile| tile.fire(&work, key, source, scan.most));
+                } else {
+                    environment.tiles.iter_mut().for_each(|tile| tile.fire(&work, key, source, scan.most));
+                }
+                environment.finish(&work, scan, out);
+            };
+            let scans = scans.iter().zip(&sources);
+            if parallel {
+                let all: Vec<_> = environments.iter_mut().zip(scans).zip(out).collect();
+                all.into_par_iter().for_each(|((environment, (scan, source)), events)| {
+                    fire(environment, scan, source, events);
+                });
+            } else {
+                for ((environment, (scan, source)), events) in environments.iter_mut().zip(scans).zip(out) {
+                    fire(environment, scan, source, events);
+                }
+            }
+            Ok(())
+        };
+        match pool {
+            Some(pool) => pool.install(run)?,
+            None => run()?,
+        }
+        self.now_us = Some(t_us);
+        self.last = EmulatorReport::default();
+        for environment in &self.environments {
+            self.last.add(&environment.report);
+        }
+        let last = self.last;
+        self.total.add(&last);
+        Ok(())
+    }
+
+    /// Lets the environments `indices` (all, where there is no list) begin anew with their next frame. With all of them
+    /// reset, time may start anywhere again.
+    ///
+    /// # Errors
+    /// An index that is no environment's.
+    pub fn reset(&mut self, indices: Option<&[usize]>) -> Result<(), ConfigError> {
+        let batch = self.config.batch;
+        match indices {
+            Some(indices) => {
+                if let Some(bad) = indices.iter().find(|index| **index >= batch) {
+                    return Err(ConfigError::new("environment", bad, format!("below the batch of {batch}")));
+                }
+                for index in indices {
+                    self.environments[*index].started = false;
+                }
+            }
+            None => {
+                for environment in &mut self.environments {
+                    environment.started = false;
+                }
+            }
+        }
+        if self.environments.iter().all(|environment| !environment.started) {
+            self.now_us = None;
+        }
+        Ok(())
+    }
+
+    /// Microseconds since the last frame; 0 for the first one.
+    fn check_time(&self, t_us: i64) -> Result<u32, ConfigError> {
+        let Some(now_us) = self.now_us else { return Ok(0) };
+        if t_us <= now_us {
+            return Err(ConfigError::new(
+                "t_us",
+                t_us,
+                format!("above {now_us}, the time of the last frame"),
+            ));
+        }
+        match t_us.checked_sub(now_us) {
+            Some(interval) if interval <= MAX_INTERVAL_US => Ok(interval as u32),
+            _ => Err(ConfigError::new(
+                "t_us",
+                t_us,
+                format!("at most {MAX_INTERVAL_US} microseconds after the last frame, {now_us}"),
+            )),
+        }
+    }
+}
+
+/// What all tiles of a push share.
+struct Push<'a> {
+    config: &'a EmulatorConfig,
+    kernel: &'a Kernel,
+    isa: Isa,
+    /// That may sort one environment's events.
+    threads: usize,
+    start_us: i64,
+    interval_us: u32,
+}
+
+/// Names the first impossible value.
+fn impossible_light(frames: &Frames<'_>, config: &EmulatorConfig) -> ConfigError {
+    let (values, is_log) = match frames.data {
+        FrameData::Linear(values) => (values, false),
+        FrameData::Log(values) => (values, true),
+        FrameData::U8(..) | FrameData::U16(..) => (&[][..], false),
+    };
+    let bad = |value: &f32| value.is_infinite() || (!is_log && *value < 0.0);
+    let index = values.iter().position(bad).unwrap_or(0);
+    let pixels = config.width as usize * config.height as usize;
+    let pixel = index / frames.channels % pixels;
+    let (x, y) = (pixel % config.width as usize, pixel / config.width as usize);
+    let what = format!("light of pixel ({x}, {y}) of environment {}", index / (frames.channels * pixels));
+    let value = values.get(index).copied().unwrap_or_default();
+    let remedy =
+        if is_log { "finite, or NaN where unknown" } else { "finite and at least 0, or NaN where unknown" };
+    ConfigError::new(&what, value, remedy)
+}
+
+impl Environment {
+    /// Memory of the frames that were seen, if the kernel asks for frames of one kind.
+    fn begun(&self) -> Option<&Pixels> {
+        match self.tiles.first().map(|tile| &tile.memory) {
+            Some(Memory::Ideal(pixels)) if self.started => Some(pixels),
+            _ => None,
+        }
+    }
+
+    /// Forgets everything but what is frozen.
+    fn clear(&mut self) {
+        self.wire = Wire::default();
+        for tile in &mut self.tiles {
+            match &mut tile.memory {
+                // What a pixel is does not change.
+                Memory::Chain(chain) => chain.clear(),
+                memory => *memory = Memory::None,
+            }
+        }
+    }
+
+    /// Sorts what the tiles fired.
+    fn finish(&mut self, work: &Push<'_>, scan: &Scan, events: &mut Vec<Event>) {
+        self.started = true;
+        let before = events.len();
+        let parts: Vec<&[Record]> = self.tiles.iter().map(|tile| tile.records.as_slice()).collect();
+        let readout = &work.config.sensor.readout;
+        let mut dropped = 0;
+        if readout.is_off() {
+            append_sorted(&parts, work.start_us, work.interval_us, &mut self.spans, work.threads, events);
+        } else {
+            self.fired.clear();
+            let all = parts.iter().flat_map(|part| part.iter());
+            self.fired.extend(all.map(|record| record.event(work.start_us)));
+            let end_us = work.start_us + i64::from(work.interval_us);
+            dropped = self.wire.pass(readout, &mut self.fired, end_us, events);
+        }
+        self.report = EmulatorReport {
+            events: (events.len() - before) as u64,
+            unknown: scan.unknown,
+            dropped,
+            ..EmulatorReport::default()
+        };
+        for tile in &self.tiles {
+            self.report.clamped += tile.tally.clamped;
+            self.report.suppressed += tile.tally.suppressed;
+        }
+    }
+}
+
+impl Tile {
+    const fn new(first: usize, end: usize) -> Self {
+        let tally = Tally { unknown: 0, clamped: 0, suppressed: 0 };
+        Self { first, end, memory: Memory::None, records: Vec::new(), tally }
+    }
+
+    const fn interval<'a>(&self, work: &Push<'a>) -> Interval<'a> {
+        Interval {
+            sensor: &work.config.sensor,
+            width: work.config.width,
+            first: self.first,
+            end: self.end,
+            us: work.interval_us,
+        }
+    }
+
+    /// Memory that has seen nothing, for frames like `source`.
+    fn begin(&mut self, kernel: &Kernel, key: Key, source: &Source<'_>) {
+        let pixels = self.end - self.first;
+        self.memory = match kernel {
+            Kernel::Ideal => Memory::Ideal(Pixels::new(source, pixels)),
+            Kernel::Chain(plan) => Memory::Chain(Box::new(Chain::new(plan, key, self.first, pixels))),
+            Kernel::Diffusion => Memory::Diffusion(Diffuse::new(pixels)),
+        };
+    }
+
+    /// First pass: nothing that outlives a push changes.
+    fn scan(&mut self, work: &Push<'_>, key: Key, source: &Source<'_>, first_frame: bool) -> Scan {
+        let at = self.interval(work);
+        if matches!(self.memory, Memory::None) {
+            self.begin(work.kernel, key, source);
+        }
+        let (unknown, impossible) = match (&mut self.memory, work.kernel) {
+            (Memory::Ideal(pixels), _) => pixels.scan(work.isa, *source, &at),
+            (Memory::Chain(chain), Kernel::Chain(plan)) => {
+                chain.rebase(work.start_us, first_frame);
+                return chain.scan(work.isa, plan, source, &at, work.start_us);
+            }
+            (Memory::Diffusion(diffuse), _) => diffuse.scan(source, work.config.sensor.log_eps, &at),
+            _ => (0, false),
+        };
+        Scan { unknown, impossible, most: 0 }
+    }
+
+    /// Second pass: events.
+    fn fire(&mut self, work: &Push<'_>, key: Key, source: &Source<'_>, most: u32) {
+        let at = self.interval(work);
+        self.records.clear();
+        let records = &mut self.records;
+        self.tally = match (&mut self.memory, work.kernel) {
+            (Memory::Ideal(pixels), _) => pixels.fire(work.isa, *source, &at, records),
+            (Memory::Chain(chain), Kernel::Chain(plan)) => {
+                chain.fire(work.isa, plan, &at, key, (work.start_us, most), records)
+            }
+            (Memory::Diffusion(diffuse), _) => {
+                diffuse.fire(&work.config.sensor, &at, key, work.start_us, records)
+            }
+            _ => Tally::default(),
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,877 @@
+//! The whole pixel: photoreceptor, thresholds of its own, noise, refractory period.
+//!
+//! A first pass over 64 pixels at a time computes each signal at the interval's end and finds the pixels that could
+//! fire. A second pass treats those, one at a time and in continuous time: crossings of the signal and candidates of
+//! noise in the order in which they happen.
+
+use super::frames::{BLOCK, Source};
+use super::ideal::{Interval, Tally};
+use super::noise::{Candidate, TileNoise, spread_mean};
+use super::order::Record;
+use super::shape::Shape;
+use crate::event::Polarity;
+use crate::random::{Key, StreamId, normals, unit};
+use crate::sensor::{
+    Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times,
+    TriggerRule,
+};
+use crate::simd::{self, Isa, bits_of, dispatched};
+
+/// A time long before any other, on a tile's clock.
+const LONG_AGO: i32 = i32::MIN / 2;
+
+/// On a tile's clock, beyond this its origin moves on.
+const REBASE_US: i64 = 1 << 29;
+
+/// The stages that are on, in the numbers that the passes need; made once.
+#[derive(Clone, Debug)]
+pub(crate) struct Plan {
+    pub sensor: SensorConfig,
+    /// 2 pi cutoff, per microsecond; 0: no low-pass.
+    rate: f32,
+    exact: bool,
+    two_poles: bool,
+    /// Whether the leak is a ramp.
+    ramp: bool,
+    /// Whether events are decided at samples, with times given by a rule.
+    sampled: bool,
+    /// What linlog multiplies with below its knee.
+    below_knee: f32,
+}
+
+impl Plan {
+    pub fn new(sensor: &SensorConfig) -> Self {
+        let receptor = &sensor.photoreceptor;
+        Self {
+            rate: receptor.cutoff_hz * std::f32::consts::TAU * 1e-6,
+            exact: receptor.filter == FilterRule::Exact,
+            two_poles: receptor.order == 2,
+            ramp: sensor.noise.leak_hz > 0.0 && sensor.noise.leak_law == LeakLaw::Ramp,
+            sampled: sensor.trigger == TriggerRule::Latch || sensor.times != Times::Crossing,
+            below_knee: receptor.knee.ln() / receptor.knee,
+            sensor: sensor.clone(),
+        }
+    }
+
+    /// Whether all tiles must be scanned before any event has its time.
+    pub fn shares_times(&self) -> bool {
+        self.sampled && self.sensor.times == Times::Shared
+    }
+
+    /// What multiplies the cutoff at this light.
+    #[inline(always)]
+    fn bandwidth(&self, light: f32) -> f32 {
+        let receptor = &self.sensor.photoreceptor;
+        match receptor.bandwidth {
+            Bandwidth::Constant => 1.0,
+            Bandwidth::Light => {
+                let relative = (light + receptor.bandwidth_offset) / (1.0 + receptor.bandwidth_offset);
+                relative.max(receptor.bandwidth_least).min(receptor.bandwidth_most)
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn curve(&self, light: f32) -> f32 {
+        let receptor = &self.sensor.photoreceptor;
+        match receptor.curve {
+            Curve::Log => simd::ln(light + self.sensor.log_eps),
+            Curve::Linlog => {
+                let i = light * receptor.full_scale;
+                let positive = if i > 1.0 { i } else { 1.0 };
+                if i <= receptor.knee { i * self.below_knee } else { simd::ln(positive) }
+            }
+        }
+    }
+
+    /// What is left of the shot noise at this light.
+    fn shot_at(&self, light: f64) -> f64 {
+        let noise = &self.sensor.noise;
+        let offset = f64::from(noise.shot_light_offset);
+        let relative = (light.clamp(0.0, 1.0) + offset) / (1.0 + offset);
+        1.0 - f64::from(noise.shot_light_share) * relative
+    }
+}
+
+/// What the pixels of a tile remember. Vectors are multiples of [`BLOCK`] long, or empty where their stage is off.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Chain {
+    /// Log units; NaN where nothing was seen, infinite while the pixel is held.
+    pub reference: Vec<f32>,
+    /// Signal before the filter, filter, second filter, light: now, and at the interval's end.
+    pub now: Samples,
+    next: Samples,
+    /// When the reference last moved, microseconds after `base_us` (leak).
+    pub moved: Vec<i32>,
+    /// Rise of the signal per microsecond that the leak amounts to, since then.
+    pub slope: Vec<f32>,
+    /// Its mean.
+    steady: Vec<f32>,
+    /// When the pixel last fired, microseconds after `base_us` (refractory).
+    pub fired: Vec<i32>,
+    /// Polarity of the last event: 0, 1, or 2 for none (alternation).
+    pub polarity: Vec<u8>,
+    /// Origin of the tile's clock.
+    pub base_us: i64,
+    /// Thresholds; infinite where the pixel is dead.
+    on: Vec<f32>,
+    off: Vec<f32>,
+    pub noise: TileNoise,
+    masks: Vec<u64>,
+}
+
+/// Values of a tile's pixels at one time.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Samples {
+    pub input: Vec<f32>,
+    pub first: Vec<f32>,
+    pub second: Vec<f32>,
+    pub light: Vec<f32>,
+}
+
+impl Samples {
+    fn new(plan: &Plan, length: usize) -> Self {
+        let filtered = plan.rate > 0.0;
+        Self {
+            input: vec![f32::NAN; length],
+            first: vec![f32::NAN; if filtered { length } else { 0 }],
+            second: vec![f32::NAN; if filtered && plan.two_poles { length } else { 0 }],
+            light: vec![f32::NAN; length],
+        }
+    }
+
+    /// What the trigger sees.
+    fn output(&self) -> &[f32] {
+        if !self.second.is_empty() {
+            &self.second
+        } else if !self.first.is_empty() {
+            &self.first
+        } else {
+            &self.input
+        }
+    }
+}
+
+/// What a first pass found.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Scan {
+    pub unknown: u64,
+    pub impossible: bool,
+    /// Greatest number of events of one pixel (shared times only).
+    pub most: u32,
+}
+
+impl Scan {
+    /// Both.
+    pub fn join(self, other: Self) -> Self {
+        Self {
+            unknown: self.unknown + other.unknown,
+            impossible: self.impossible | other.impossible,
+            most: self.most.max(other.most),
+        }
+    }
+}
+
+impl Chain {
+    /// Pixels that have seen nothing, with what is frozen about them.
+    pub fn new(plan: &Plan, key: Key, first: usize, pixels: usize) -> Self {
+        let length = pixels.next_multiple_of(BLOCK);
+        let sensor = &plan.sensor;
+        let (mut on, mut off) = (vec![sensor.threshold_on; length], vec![sensor.threshold_off; length]);
+        let pattern = &sensor.pattern;
+        if pattern.sigma > 0.0 {
+            for (i, (on, off)) in on.iter_mut().zip(&mut off).enumerate() {
+                let [a, b, ..] = key.draw((first + i) as u32, StreamId::Pattern, 0, 0);
+                let (n_on, n_off) = normals(a, b);
+                let own = |nominal: f32, n: f64| {
+                    (nominal + pattern.sigma * n as f32).clamp(pattern.least, pattern.most)
+                };
+                (*on, *off) = (own(*on, n_on), own(*off, n_off));
+            }
+        }
+        if pattern.dead_share > 0.0 {
+            for (i, (on, off)) in on.iter_mut().zip(&mut off).enumerate() {
+                let word = key.draw((first + i) as u32, StreamId::Defects, 0, 0)[0];
+                if unit(word) < f64::from(pattern.dead_share) {
+                    (*on, *off) = (f32::INFINITY, f32::INFINITY);
+                }
+            }
+        }
+        let noise = &sensor.noise;
+        let mut slope = Vec::new();
+        if plan.ramp {
+            let mean = spread_mean(noise.leak_spread_decades.into());
+            slope = (0..length)
+                .map(|i| {
+                    let factor = if noise.leak_spread_decades > 0.0 {
+                        let [_, _, a, b] = key.draw((first + i) as u32, StreamId::Defects, 0, 1);
+                        10_f64.powf(f64::from(noise.leak_spread_decades) * normals(a, b).1) / mean
+                    } else {
+                        1.0
+                    };
+                    let own = if on[i].is_finite() { f64::from(on[i]) } else { 0.0 };
+                    (f64::from(noise.leak_hz) * factor * own * 1e-6) as f32
+                })
+                .collect();
+        }
+        let tile_noise = TileNoise::new(sensor, key, first as u32, &on[..pixels], &off[..pixels]);
+        let when = |wanted: bool, value: i32| vec![value; if wanted { length } else { 0 }];
+        Self {
+            reference: vec![f32::NAN; length],
+            now: Samples::new(plan, length),
+            next: Samples::new(plan, length),
+            moved: when(plan.ramp, 0),
+            steady: slope.clone(),
+            slope,
+            fired: when(sensor.refractory.period_us > 0, LONG_AGO),
+            polarity: vec![2; if noise.alternation >= 0.0 { length } else { 0 }],
+            base_us: 0,
+            on,
+            off,
+            noise: tile_noise,
+            masks: vec![0; length / BLOCK],
+        }
+    }
+
+    /// Nothing seen, keeping what is frozen.
+    pub fn clear(&mut self) {
+        self.reference.fill(f32::NAN);
+        for samples in [&mut self.now, &mut self.next] {
+            samples.input.fill(f32::NAN);
+            samples.first.fill(f32::NAN);
+            samples.second.fill(f32::NAN);
+            samples.light.fill(f32::NAN);
+        }
+        self.moved.fill(0);
+        self.slope.copy_from_slice(&self.steady);
+        self.fired.fill(LONG_AGO);
+        self.polarity.fill(2);
+        self.base_us = 0;
+    }
+
+    /// Moves the clock's origin on where it lies far back; what leaked until then goes into the reference.
+    pub fn rebase(&mut self, start_us: i64, first_frame: bool) {
+        if first_frame {
+            self.base_us = start_us;
+            return;
+        }
+        while start_us - self.base_us >= REBASE_US {
+            self.base_us += REBASE_US;
+            for (i, moved) in self.moved.iter_mut().enumerate() {
+                let since = i64::from(*moved) - REBASE_US;
+                if since < 0 && self.reference[i].is_finite() {
+                    self.reference[i] += self.slope[i] * since as f32;
+                }
+                *moved = since.max(0) as i32;
+            }
+            for fired in &mut self.fired {
+                *fired = (i64::from(*fired) - REBASE_US).max(LONG_AGO.into()) as i32;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn at<T: Copy>(values: &[T], start: usize, missing: T) -> [T; BLOCK] {
+    values.get(start..).and_then(|values| values.first_chunk::<BLOCK>()).copied().unwrap_or([missing; BLOCK])
+}
+
+#[inline(always)]
+fn put(values: &mut [f32], start: usize, block: &[f32; BLOCK]) {
+    if let Some(values) = values.get_mut(start..).and_then(|values| values.first_chunk_mut::<BLOCK>()) {
+        *values = *block;
+    }
+}
+
+/// `(1 - e^-u) / u` and `(2 - 2 e^-u - u e^-u) / u`, and `e^-u`: what a pole, and two poles, miss of a ramp.
+#[inline(always)]
+fn lags(u: f32) -> (f32, f32, f32) {
+    let e = simd::exp(-u);
+    let one = if u < 0.1 { 1.0 - u * (0.5 - u * (1.0 / 6.0 - u * (1.0 / 24.0))) } else { (1.0 - e) / u };
+    let two = if u < 0.1 {
+        1.0 - u * u * (1.0 / 6.0 - u * (1.0 / 12.0 - u * (1.0 / 40.0)))
+    } else {
+        (2.0 - 2.0 * e - u * e) / u
+    };
+    (one, two, e)
+}
+
+/// First pass: the samples at the interval's end, and who could fire; changes nothing that outlives a push.
+#[inline(always)]
+fn scan_body(
+    plan: &Plan,
+    source: &Source<'_>,
+    interval: &Interval<'_>,
+    t_end: i32,
+    chain: &mut Chain,
+) -> Scan {
+    let mut scan = Scan::default();
+    let eps = plan.sensor.log_eps;
+    let dark = plan.sensor.photoreceptor.dark_light;
+    let dt = interval.us as f32;
+    let mut impossible = 0;
+    for block in 0..chain.masks.len() {
+        let start = block * BLOCK;
+        let first = interval.first.wrapping_add(start);
+        let seen = interval.end.saturating_sub(first).min(BLOCK);
+        let mut light = [f32::NAN; BLOCK];
+        source.load_light(first, eps, &mut light);
+        let light_before = at(&chain.now.light, start, f32::NAN);
+        let input_before = at(&chain.now.input, start, f32::NAN);
+        let reference = at(&chain.reference, start, f32::NAN);
+        let (on, off) = (at(&chain.on, start, 1.0), at(&chain.off, start, 1.0));
+        let mut lost = [0_u8; BLOCK];
+        let mut any_lost = 0;
+        for i in 0..BLOCK {
+            impossible |= u8::from(light[i] < 0.0) | u8::from(light[i] > f32::MAX);
+            lost[i] = u8::from(light[i].is_nan());
+            any_lost |= lost[i];
+        }
+        if any_lost != 0 {
+            for i in 0..BLOCK {
+                light[i] = if lost[i] != 0 { light_before[i] } else { light[i] };
+            }
+            scan.unknown += lost.iter().take(seen).map(|lost| u64::from(*lost)).sum::<u64>();
+        }
+        let mut input = [0.0; BLOCK];
+        for i in 0..BLOCK {
+            let log = plan.curve(light[i] + dark);
+            // The logarithm makes a number of NaN.
+            input[i] = if light[i].is_nan() { f32::NAN } else { log };
+        }
+        let mut output = input;
+        let mut turns = [0_u8; BLOCK];
+        let (mut most, mut least) = (input, input);
+        if plan.rate > 0.0 {
+            let y_before = at(&chain.now.first, start, f32::NAN);
+            let mut y = [0.0; BLOCK];
+            if !plan.exact {
+                for i in 0..BLOCK {
+                    let step = dt * plan.rate * plan.bandwidth(light[i] + dark);
+                    let part = if step < 1.0 { step } else { 1.0 };
+                    let next = y_before[i] + part * (input[i] - y_before[i]);
+                    y[i] = if y_before[i].is_nan() { input[i] } else { next };
+                }
+                output = y;
+            } else {
+                let z_before = if plan.two_poles { at(&chain.now.second, start, f32::NAN) } else { y_before };
+                let mut z = [0.0; BLOCK];
+                for i in 0..BLOCK {
+                    let mean = 0.5 * (light_before[i] + light[i]) + dark;
+                    let u = dt * plan.rate * plan.bandwidth(mean);
+                    let (one, two, e) = lags(u);
+                    let change = input[i] - input_before[i];
+                    let behind = y_before[i] - input_before[i];
+                    let next = input[i] - change * one + behind * e;
+                    let is_new = input_before[i].is_nan();
+                    y[i] = if is_new { input[i] } else { next };
+                    let next = input[i] + (z_before[i] - input_before[i] + behind * u) * e - change * two;
+                    z[i] = if is_new { input[i] } else { next };
+                    let (up, down) = (input[i].max(input_before[i]), input[i].min(input_before[i]));
+                    let inner = (input_before[i] - y_before[i]) * (input[i] - y[i]) < 0.0;
+                    if plan.two_poles {
+                        let outer = (y_before[i] - z_before[i]) * (y[i] - z[i]) < 0.0;
+                        turns[i] = u8::from(inner | outer);
+                        (most[i], least[i]) = (up.max(y_before[i]), down.min(y_before[i]));
+                    } else {
+                        turns[i] = u8::from(inner);
+                        (most[i], least[i]) = (up, down);
+                    }
+                }
+                output = if plan.two_poles { z } else { y };
+                if plan.two_poles {
+                    put(&mut chain.next.second, start, &z);
+                }
+            }
+            put(&mut chain.next.first, start, &y);
+        }
+        put(&mut chain.next.input, start, &input);
+        put(&mut chain.next.light, start, &light);
+        let mut leaked = [0.0; BLOCK];
+        if plan.ramp {
+            let (moved, slope) = (at(&chain.moved, start, 0), at(&chain.slope, start, 0.0));
+            for i in 0..BLOCK {
+                leaked[i] = slope[i] * t_end.wrapping_sub(moved[i]) as f32;
+            }
+        }
+        let mut fires = [0_u8; BLOCK];
+        for i in 0..BLOCK {
+            let change = output[i] - reference[i] + leaked[i];
+            let (high, low) = (most[i] - reference[i] + leaked[i], least[i] - reference[i] + leaked[i]);
+            let passes = (turns[i] != 0) & ((high >= on[i]) | (low <= -off[i]));
+            let begins = reference[i].is_nan() & !input[i].is_nan();
+            fires[i] = u8::from((change >= on[i]) | (change <= -off[i]) | passes | begins);
+        }
+        let mut mask = bits_of(&fires);
+        if seen < BLOCK {
+            mask &= (1_u64 << seen).wrapping_sub(1);
+        }
+        chain.masks[block] = mask;
+        if plan.shares_times() {
+            while mask != 0 {
+                let i = mask.trailing_zeros() as usize % BLOCK;
+                mask &= mask.wrapping_sub(1);
+                let change = output[i] - reference[i] + leaked[i];
+                let steps = change.abs() / if change >= 0.0 { on[i] } else { off[i] };
+                scan.most = scan.most.max(simd::whole(if steps.is_nan() { 0.0 } else { steps }));
+            }
+        }
+    }
+    scan.impossible = impossible != 0;
+    scan
+}
+dispatched!(
+    /// [`scan_body`].
+    fn scan_by(
+        plan: &Plan,
+        source: &Source<'_>,
+        interval: &Interval<'_>,
+        t_end: i32,
+        chain: &mut Chain,
+    ) -> Scan = scan_body
+);
+
+impl Chain {
+    /// First pass; `start_us` is when the interval starts.
+    pub fn scan(
+        &mut self,
+        isa: Isa,
+        plan: &Plan,
+        source: &Source<'_>,
+        interval: &Interval<'_>,
+        start_us: i64,
+    ) -> Scan {
+        // Within an i32 once `rebase` has been called.
+        let t_end = (start_us - self.base_us + i64::from(interval.us)) as i32;
+        scan_by(isa, plan, source, interval, t_end, self)
+    }
+
+    /// Second pass: events of the pixels that could fire or that noise may reach; the samples become the last ones.
+    pub fn fire(
+        &mut self,
+        isa: Isa,
+        plan: &Plan,
+        interval: &Interval<'_>,
+        key: Key,
+        (start_us, most): (i64, u32),
+        records: &mut Vec<Record>,
+    ) -> Tally {
+        let mut tally = Tally::default();
+        let end_us = start_us + i64::from(interval.us);
+        let tile = (interval.first as u32, interval.end - interval.first);
+        if interval.us > 0 {
+            self.noise.gather(isa, &plan.sensor.noise, key, tile, (start_us, end_us));
+        } else {
+            self.noise.now.clear();
+        }
+        for candidate in &self.noise.now {
+            let pixel = candidate.pixel as usize;
+            self.masks[pixel / BLOCK] |= 1 << (pixel % BLOCK);
+        }
+        let candidates = std::mem::take(&mut self.noise.now);
+        let mut rest = candidates.as_slice();
+        for block in 0..self.masks.len() {
+            let mut mask = self.masks[block];
+            while mask != 0 {
+                let index = block * BLOCK + mask.trailing_zeros() as usize;
+                mask &= mask.wrapping_sub(1);
+                let own = rest.iter().take_while(|candidate| candidate.pixel as usize <= index).count();
+                let (mine, later) = rest.split_at(own);
+                rest = later;
+                let pixel = (interval.first + index) as u32;
+                let y = pixel / interval.width;
+                let place = (pixel - y * interval.width, y);
+                let mut one = Pixel {
+                    plan,
+                    key,
+                    chain: self,
+                    index,
+                    pixel,
+                    place,
+                    start_us,
+                    us: interval.us,
+                    tally: &mut tally,
+                    records,
+                };
+                one.step(mine, most);
+            }
+        }
+        self.noise.now = candidates;
+        std::mem::swap(&mut self.now, &mut self.next);
+        tally
+    }
+}
+
+/// One pixel in one interval; times are microseconds since its start.
+struct Pixel<'a> {
+    plan: &'a Plan,
+    key: Key,
+    chain: &'a mut Chain,
+    index: usize,
+    /// Index within the image.
+    pixel: u32,
+    place: (u32, u32),
+    start_us: i64,
+    us: u32,
+    tally: &'a mut Tally,
+    records: &'a mut Vec<Record>,
+}
+
+impl Pixel<'_> {
+    fn step(&mut self, candidates: &[Candidate], most: u32) {
+        let i = self.index;
+        let output = self.chain.next.output()[i];
+        let reference = self.chain.reference[i];
+        if reference.is_nan() {
+            if !output.is_nan() {
+                self.begin(output);
+            }
+            return;
+        }
+        if self.chain.on[i].is_infinite() {
+            return;
+        }
+        if self.plan.sampled {
+            self.sampled(candidates, most);
+        } else {
+            self.continuous(candidates);
+        }
+    }
+
+    /// The first sample.
+    fn begin(&mut self, output: f32) {
+        let i = self.index;
+        self.chain.reference[i] = match self.plan.sensor.pattern.start {
+            Start::Phase if self.chain.on[i].is_finite() => {
+                let part = unit(self.key.draw(self.pixel, StreamId::Start, 0, 0)[0]) as f32;
+                // d = signal - reference lies between the thresholds.
+                output - (part * (self.chain.on[i] + self.chain.off[i]) - self.chain.off[i])
+            }
+            _ => output,
+        };
+        self.moved_at(f64::from(self.us));
+    }
+
+    /// Notes that the reference moved at `t`; the leak's slope is drawn anew.
+    fn moved_at(&mut self, t: f64) {
+        if !self.plan.ramp {
+            return;
+        }
+        let i = self.index;
+        let t_us = self.start_us + t as i64;
+        self.chain.moved[i] = (t_us - self.chain.base_us) as i32;
+        let jitter = self.plan.sensor.noise.leak_jitter;
+        if jitter > 0.0 {
+            // The time to the next event is drawn, not the slope, so that the mean rate stays.
+            self.chain.slope[i] = self.chain.steady[i] / jitter_at(self.key, self.pixel, t_us, jitter);
+        }
+    }
+
+    /// Slope of the leak now, per microsecond.
+    fn slope(&self) -> f64 {
+        if self.plan.ramp { self.chain.slope[self.index].into() } else { 0.0 }
+    }
+
+    /// What the leak has added to the signal at the interval's start, less than nothing where the reference moved later.
+    fn leaked_at_start(&self) -> f64 {
+        if !self.plan.ramp {
+            return 0.0;
+        }
+        let moved = i64::from(self.chain.moved[self.index]) + self.chain.base_us - self.start_us;
+        -self.slope() * moved as f64
+    }
+
+    fn shape(&self) -> Shape {
+        let i = self.index;
+        let (now, next) = (&self.chain.now, &self.chain.next);
+        let length = f64::from(self.us);
+        let input = (f64::from(now.input[i]), f64::from(next.input[i]));
+        if now.first.is_empty() {
+            return Shape::line(input.0, input.1, length);
+        }
+        if !self.plan.exact {
+            return Shape::line(now.first[i].into(), next.first[i].into(), length);
+        }
+        let dark = self.plan.sensor.photoreceptor.dark_light;
+        let mean = 0.5 * (now.light[i] + next.light[i]) + dark;
+        let tau = 1.0 / f64::from(self.plan.rate * self.plan.bandwidth(mean));
+        let y = f64::from(now.first[i]);
+        match now.second.get(i) {
+            Some(z) => Shape::two_poles(input, length, tau, y, (*z).into()),
+            None => Shape::pole(input, length, tau, y),
+        }
+    }
+
+    fn light_at(&self, t: f64) -> f64 {
+        let i = self.index;
+        let (before, after) = (f64::from(self.chain.now.light[i]), f64::from(self.chain.next.light[i]));
+        let part = if self.us > 0 { t / f64::from(self.us) } else { 1.0 };
+        before + (after - before) * part
+    }
+
+    /// When the pixel last fired, since the interval's start.
+    fn fired(&self) -> f64 {
+        match self.chain.fired.get(self.index) {
+            Some(fired) => (i64::from(*fired) + self.chain.base_us - self.start_us) as f64,
+            None => f64::NEG_INFINITY,
+        }
+    }
+
+    fn period(&self) -> f64 {
+        self.plan.sensor.refractory.period_us.into()
+    }
+
+    /// Whether an event at `t` is within the refractory period.
+    fn is_refractory(&self, t: f64) -> bool {
+        t - self.fired() < self.period()
+    }
+
+    /// Writes an event.
+    fn emit(&mut self, t: f64, polarity: Polarity) {
+        let offset = (t as u32).clamp(1, self.us.max(1));
+        let (x, y) = self.place;
+        let delay = self.delay(t, offset);
+        self.records.push(Record::new(offset + delay, x, y, polarity));
+        if let Some(fired) = self.chain.fired.get_mut(self.index) {
+            *fired = (self.start_us + i64::from(offset) - self.chain.base_us) as i32;
+        }
+        if let Some(last) = self.chain.polarity.get_mut(self.index) {
+            *last = u8::from(polarity == Polarity::On);
+        }
+    }
+
+    /// Latency of an event at `t`, whole microseconds.
+    fn delay(&self, t: f64, offset: u32) -> u32 {
+        let readout = &self.plan.sensor.readout;
+        let mut delay = f64::from(readout.latency_us);
+        if readout.latency_light_us > 0.0 {
+            let dark = f64::from(self.plan.sensor.photoreceptor.dark_light);
+            delay += f64::from(readout.latency_light_us) / (self.light_at(t) + dark).max(0.01);
+        }
+        if readout.jitter_us > 0.0 {
+            let t_us = self.start_us + i64::from(offset);
+            let [a, b, ..] = self.key.draw(self.pixel, StreamId::Latency, t_us >> 16, t_us as u32 & 0xffff);
+            delay += f64::from(readout.jitter_us) * normals(a, b).0;
+        }
+        delay.clamp(0.0, 1e8) as u32
+    }
+
+    /// What a candidate of noise becomes at its time.
+    fn decide(&self, candidate: &Candidate) -> Option<Polarity> {
+        let noise = &self.plan.sensor.noise;
+        let side = unit(candidate.side);
+        let either = |share: f64| if side < share { Polarity::On } else { Polarity::Off };
+        if candidate.hot {
+            return Some(either(noise.on_share.into()));
+        }
+        let rates = self.chain.noise.rates(self.index);
+        let all = f64::from(rates.leak) + f64::from(rates.on + rates.off);
+        let mut place = unit(candidate.mark) * all;
+        if place < f64::from(rates.leak) {
+            return Some(Polarity::On);
+        }
+        place -= f64::from(rates.leak);
+        let left = self.plan.shot_at(self.light_at((candidate.t_us - self.start_us) as f64));
+        let polarity = if place < f64::from(rates.on) * left {
+            Polarity::On
+        } else if place >= f64::from(rates.on) && place < f64::from(rates.on) + f64::from(rates.off) * left {
+            Polarity::Off
+        } else {
+            return None;
+        };
+        let last = self.chain.polarity.get(self.index).copied();
+        Some(match last {
+            Some(last) if last < 2 => {
+                let other = side < f64::from(noise.alternation);
+                if (last == 1) != other { Polarity::On } else { Polarity::Off }
+            }
+            _ => polarity,
+        })
+    }
+
+    /// A candidate's turn; whether it fired.
+    fn noise(&mut self, candidate: &Candidate, signal: f64) -> bool {
+        let t = (candidate.t_us - self.start_us) as f64;
+        let Some(polarity) = self.decide(candidate) else { return false };
+        if self.is_refractory(t) {
+            self.tally.suppressed += 1;
+            return false;
+        }
+        self.emit(t, polarity);
+        if self.plan.sensor.noise.reference == NoiseReference::Signal {
+            self.chain.reference[self.index] = signal as f32;
+            self.moved_at(t);
+        }
+        true
+    }
+
+    /// Crossings at their own times, and noise between them.
+    fn continuous(&mut self, candidates: &[Candidate]) {
+        let i = self.index;
+        let rule = self.plan.sensor.refractory.rule;
+        let holds = rule == RefractoryRule::Hold && self.period() > 0.0;
+        let defers = rule == RefractoryRule::Defer && self.period() > 0.0;
+        let shape = self.shape();
+        let end = f64::from(self.us);
+        let (on, off) = (f64::from(self.chain.on[i]), f64::from(self.chain.off[i]));
+        let mut candidates = candidates.iter().peekable();
+        let mut t = 0.0;
+        let mut count = 0;
+        if self.chain.reference[i].is_infinite() {
+            match self.held(&shape, end) {
+                Some(released) => t = released,
+                None => return,
+            }
+        }
+        loop {
+            let reference = f64::from(self.chain.reference[i]);
+            // signal + leak = shape(t) + drift t + leaked, against the reference.
+            let (drift, leaked) = (self.slope(), self.leaked_at_start());
+            let from = if defers { (self.fired() + self.period()).max(t) } else { t };
+            let (low, high) = (reference - off - leaked, reference + on - leaked);
+            let crossing = if from <= end { shape.leaves(drift, low, high, from, end) } else { None };
+            let next_noise = candidates.peek().map(|candidate| (candidate.t_us - self.start_us) as f64);
+            match (crossing, next_noise) {
+                (None, None) => break,
+                (crossing, Some(at)) if crossing.is_none_or(|(first, _)| at <= first) => {
+                    let Some(candidate) = candidates.next() else { break };
+                    // A held pixel hears nothing.
+                    if at < t {
+                        continue;
+                    }
+                    t = at;
+                    let fired = self.noise(candidate, shape.at(at));
+                    if fired && holds {
+                        match self.held(&shape, end) {
+                            Some(released) => t = released,
+                            None => return,
+                        }
+                    }
+                }
+                (Some((at, rises)), _) => {
+                    t = at;
+                    count += 1;
+                    let polarity = if rises { Polarity::On } else { Polarity::Off };
+                    if self.is_refractory(at) {
+                        self.tally.suppressed += 1;
+                    } else {
+                        self.emit(at, polarity);
+                    }
+                    if count > self.plan.sensor.most_events {
+                        self.tally.clamped += 1;
+                        self.chain.reference[i] = self.chain.next.output()[i];
+                        self.moved_at(end);
+                        return;
+                    }
+                    if holds {
+                        match self.held(&shape, end) {
+                            Some(released) => t = released,
+                            None => return,
+                        }
+                        continue;
+                    }
+                    let step = if rises { on } else { -off };
+                    self.chain.reference[i] = (reference - (leaked + drift * at) + step) as f32;
+                    self.moved_at(at);
+                }
+                (None, Some(_)) => break,
+            }
+        }
+    }
+
+    /// Holds the pixel for its refractory period; when it is released, if that is before `end`.
+    fn held(&mut self, shape: &Shape, end: f64) -> Option<f64> {
+        let released = self.fired() + self.period();
+        if released > end {
+            self.chain.reference[self.index] = f32::INFINITY;
+            return None;
+        }
+        let released = released.max(0.0);
+        self.chain.reference[self.index] = shape.at(released) as f32;
+        self.moved_at(released);
+        Some(released)
+    }
+
+    /// The rules of other simulators: decided at the sample, times by rule.
+    fn sampled(&mut self, candidates: &[Candidate], most: u32) {
+        let i = self.index;
+        let sensor = &self.plan.sensor;
+        let end = f64::from(self.us);
+        let output = self.chain.next.output()[i];
+        let before = self.chain.now.output()[i];
+        let signal_at = |t: f64| f64::from(before) + f64::from(output - before) * t / end;
+        if self.chain.reference[i].is_infinite() {
+            if self.fired() + self.period() > end {
+                return;
+            }
+            self.chain.reference[i] = output;
+            self.moved_at(end);
+            return;
+        }
+        let (on, off) = (self.chain.on[i], self.chain.off[i]);
+        let leaked = (self.leaked_at_start() + self.slope() * end) as f32;
+        let change = output - self.chain.reference[i] + leaked;
+        let (polarity, step) = if change >= 0.0 { (Polarity::On, on) } else { (Polarity::Off, off) };
+        let latch = sensor.trigger == TriggerRule::Latch;
+        let steps = simd::whole(change.abs() / step);
+        let number = steps.min(if latch { 1 } else { sensor.most_events });
+        let mut rest = candidates;
+        let mut fired = 0;
+        for k in 1..=number {
+            let t = match sensor.times {
+                _ if latch => end,
+                Times::Sample | Times::Crossing => end,
+                Times::Even => end * f64::from(k) / f64::from(number),
+                Times::Shared => end * f64::from(k) / f64::from(most.max(number)),
+            };
+            while let Some((candidate, later)) = rest.split_first() {
+                let at = (candidate.t_us - self.start_us) as f64;
+                if at > t {
+                    break;
+                }
+                self.noise(candidate, signal_at(at));
+                rest = later;
+            }
+            let silent = self.is_refractory(t);
+            self.tally.suppressed += u64::from(silent);
+            if !silent {
+                self.emit(t, polarity);
+            }
+            fired += u32::from(!silent || sensor.refractory.rule == RefractoryRule::Suppress);
+        }
+        for candidate in rest {
+            self.noise(candidate, signal_at((candidate.t_us - self.start_us) as f64));
+        }
+        if number == 0 {
+            return;
+        }
+        let holds = sensor.refractory.rule == RefractoryRule::Hold && self.period() > 0.0;
+        if holds {
+            self.chain.reference[i] = if self.fired() + self.period() > end { f32::INFINITY } else { output };
+            self.moved_at(end);
+        } else if latch {
+            if fired > 0 {
+                self.chain.reference[i] = output;
+                self.moved_at(end);
+            }
+        } else if steps > number {
+            self.tally.clamped += 1;
+            self.chain.reference[i] = output;
+            self.moved_at(end);
+        } else if fired > 0 {
+            let moved = fired as f32 * step;
+            let sign = if polarity == Polarity::On { 1.0 } else { -1.0 };
+            self.chain.reference[i] += sign * moved - leaked;
+            self.moved_at(end);
+        }
+    }
+}
+
+/// Share of the mean time that the next leak event takes: nearly normal, the sum of four uniform draws, so that neither
+/// end is far away and a move of the reference costs no logarithm.
+fn jitter_at(key: Key, pixel: u32, t_us: i64, jitter: f32) -> f32 {
+    let words = key.draw(pixel, StreamId::LeakJitter, t_us >> 16, t_us as u32 & 0xffff);
+    let sum = words.iter().map(|word| unit(*word)).sum::<f64>();
+    // Their variance is 4 / 12.
+    1.0 + jitter * ((sum - 2.0) * 1.732_050_8) as f32
+}

@@ -1,0 +1,727 @@
+//! The ideal pixel at memory speed: no noise, no filter, one pair of thresholds for all.
+//!
+//! A pixel fires only when its light leaves the range that its reference allows. That range is kept beside the
+//! reference, in the frame's own numbers, a little narrower than it is: a silent pixel costs two comparisons and no
+//! logarithm. Those that leave it are gathered, and treated in full, 64 and more at a time.
+
+use super::frames::{BLOCK, Codes, Source, copy, copy_plain};
+use super::order::Record;
+use crate::event::Polarity;
+use crate::sensor::{ConfigError, Interpolation, SensorConfig, TriggerRule};
+use crate::simd::{self, bits_of, dispatched};
+use crate::trigger::{self, MAX_EVENTS_PER_INTERVAL, PixelState};
+
+/// A tile and an interval of time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Interval<'a> {
+    pub sensor: &'a SensorConfig,
+    /// Pixels per row.
+    pub width: u32,
+    /// The tile's first pixel.
+    pub first: usize,
+    /// One past its last pixel; what lies beyond in its last block is not there.
+    pub end: usize,
+    /// Length of the interval, at most [`super::order::MAX_INTERVAL_US`].
+    pub us: u32,
+}
+
+/// What a pass over a tile counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Tally {
+    /// Pixels whose value was NaN: they kept their state.
+    pub unknown: u64,
+    /// Pixels that would have fired more events than they may.
+    pub clamped: u64,
+    /// Events that the refractory period swallowed.
+    pub suppressed: u64,
+}
+
+/// The numbers of a frame as the ideal pixel sees them.
+pub(crate) trait Domain {
+    /// One pixel.
+    type Value: Copy + PartialOrd + Default + std::fmt::Debug;
+    /// Never in the range of a pixel that has not been seen.
+    const NEVER: (Self::Value, Self::Value);
+    /// Whether a value can be NaN.
+    const HAS_UNKNOWN: bool;
+    /// What stands for "nothing seen".
+    const MISSING: Self::Value;
+    /// 64 pixels from `first`; [`Self::MISSING`] beyond the frame's end.
+    fn load(&self, first: usize, out: &mut [Self::Value; BLOCK]);
+    /// The first half of the way to the logarithm: a look-up, pixel by pixel.
+    fn pick(&self, value: Self::Value) -> f32;
+    /// The second half: arithmetic, many pixels at once.
+    fn log(&self, picked: f32) -> f32;
+    /// A range of values whose logarithms lie between `from` and `to`.
+    fn between(&self, from: f32, to: f32) -> (Self::Value, Self::Value);
+    /// Which values are not in their range, as bits; NaN is in none. `WIDE`: the caller is compiled for AVX2 at least.
+    fn outside<const WIDE: bool>(
+        values: &[Self::Value; BLOCK],
+        low: &[Self::Value; BLOCK],
+        high: &[Self::Value; BLOCK],
+    ) -> u64;
+    /// Whether the value is unknown (NaN).
+    fn is_unknown(value: Self::Value) -> bool;
+    /// Whether no light has this value (infinite or negative).
+    fn is_impossible(value: Self::Value) -> bool;
+}
+
+/// One channel of linear light.
+pub(crate) struct Linear<'a> {
+    pub values: &'a [f32],
+    pub inverse_reference: f32,
+}
+
+/// Any source, as light.
+pub(crate) struct Any<'a>(pub Source<'a>, pub f32);
+
+/// Loads linear light.
+pub(crate) trait Load {
+    fn load(&self, first: usize, out: &mut [f32; BLOCK]);
+}
+
+impl Load for Linear<'_> {
+    #[inline(always)]
+    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+        let inverse = self.inverse_reference;
+        copy(self.values, first, f32::NAN, out, |light| light * inverse);
+    }
+}
+
+impl Load for Any<'_> {
+    #[inline(always)]
+    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+        self.0.load_light(first, self.1, out);
+    }
+}
+
+/// Linear light.
+pub(crate) struct Light<L> {
+    pub load: L,
+    pub eps: f32,
+}
+
+impl<L: Load> Domain for Light<L> {
+    type Value = f32;
+    const NEVER: (f32, f32) = (f32::INFINITY, f32::NEG_INFINITY);
+    const HAS_UNKNOWN: bool = true;
+    const MISSING: f32 = f32::NAN;
+    #[inline(always)]
+    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+        self.load.load(first, out);
+    }
+    #[inline(always)]
+    fn pick(&self, value: f32) -> f32 {
+        value
+    }
+    #[inline(always)]
+    fn log(&self, picked: f32) -> f32 {
+        simd::ln(picked + self.eps)
+    }
+    #[inline(always)]
+    fn between(&self, from: f32, to: f32) -> (f32, f32) {
+        let low = simd::exp(from) - self.eps;
+        // Negative light leaves every range, so that it is seen.
+        (if low < 0.0 { 0.0 } else { low }, simd::exp(to) - self.eps)
+    }
+    #[inline(always)]
+    fn outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
+        floats_outside::<WIDE>(values, low, high)
+    }
+    #[inline(always)]
+    fn is_unknown(value: f32) -> bool {
+        value.is_nan()
+    }
+    #[inline(always)]
+    #[allow(clippy::manual_range_contains, reason = "NaN is possible")]
+    fn is_impossible(value: f32) -> bool {
+        value < 0.0 || value > f32::MAX
+    }
+}
+
+/// Logarithms of light.
+pub(crate) struct Logs<'a>(pub &'a [f32]);
+
+impl Domain for Logs<'_> {
+    type Value = f32;
+    const NEVER: (f32, f32) = (f32::INFINITY, f32::NEG_INFINITY);
+    const HAS_UNKNOWN: bool = true;
+    const MISSING: f32 = f32::NAN;
+    #[inline(always)]
+    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+        copy_plain(self.0, first, f32::NAN, out);
+    }
+    #[inline(always)]
+    fn pick(&self, value: f32) -> f32 {
+        value
+    }
+    #[inline(always)]
+    fn log(&self, picked: f32) -> f32 {
+        picked
+    }
+    #[inline(always)]
+    fn between(&self, from: f32, to: f32) -> (f32, f32) {
+        (from, to)
+    }
+    #[inline(always)]
+    fn outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
+        floats_outside::<WIDE>(values, low, high)
+    }
+    #[inline(always)]
+    fn is_unknown(value: f32) -> bool {
+        value.is_nan()
+    }
+    #[inline(always)]
+    fn is_impossible(value: f32) -> bool {
+        value.is_infinite()
+    }
+}
+
+#[inline(always)]
+fn floats_outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
+    #[cfg(target_arch = "x86_64")]
+    if WIDE {
+        // SAFETY: `WIDE` promises AVX2.
+        return unsafe { wide::floats_outside(values, low, high) };
+    }
+    let mut outside = [0; BLOCK];
+    for i in 0..BLOCK {
+        outside[i] = u8::from(!((values[i] >= low[i]) & (values[i] <= high[i])));
+    }
+    bits_of(&outside)
+}
+
+#[inline(always)]
+fn bytes_outside<const WIDE: bool>(values: &[u8; BLOCK], low: &[u8; BLOCK], high: &[u8; BLOCK]) -> u64 {
+    #[cfg(target_arch = "x86_64")]
+    if WIDE {
+        // SAFETY: `WIDE` promises AVX2.
+        return unsafe { wide::bytes_outside(values, low, high) };
+    }
+    let mut outside = [0; BLOCK];
+    for i in 0..BLOCK {
+        outside[i] = u8::from(values[i] < low[i]) | u8::from(values[i] > high[i]);
+    }
+    bits_of(&outside)
+}
+
+#[inline(always)]
+fn words_outside<const WIDE: bool>(values: &[u16; BLOCK], low: &[u16; BLOCK], high: &[u16; BLOCK]) -> u64 {
+    let mut outside = [0; BLOCK];
+    for i in 0..BLOCK {
+        outside[i] = u8::from(values[i] < low[i]) | u8::from(values[i] > high[i]);
+    }
+    bits_of(&outside)
+}
+
+/// What the compiler does not find: comparisons straight to bits.
+#[cfg(target_arch = "x86_64")]
+mod wide {
+    use std::arch::x86_64::{
+        __m256i, _CMP_GE_OQ, _CMP_LE_OQ, _mm256_and_ps, _mm256_and_si256, _mm256_cmp_ps, _mm256_cmpeq_epi8,
+        _mm256_loadu_ps, _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8, _mm256_movemask_epi8,
+        _mm256_movemask_ps,
+    };
+
+    use super::BLOCK;
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    pub(super) fn floats_outside(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
+        let mut inside = 0;
+        let parts = values.as_chunks::<8>().0.iter().zip(low.as_chunks::<8>().0).zip(high.as_chunks::<8>().0);
+        for (i, ((values, low), high)) in parts.enumerate() {
+            // SAFETY: each reads the 8 floats that the array has.
+            let (values, low, high) = unsafe {
+                (
+                    _mm256_loadu_ps(values.as_ptr()),
+                    _mm256_loadu_ps(low.as_ptr()),
+                    _mm256_loadu_ps(high.as_ptr()),
+                )
+            };
+            let above = _mm256_cmp_ps::<_CMP_GE_OQ>(values, low);
+            let below = _mm256_cmp_ps::<_CMP_LE_OQ>(values, high);
+            inside |= u64::from(_mm256_movemask_ps(_mm256_and_ps(above, below)) as u32) << (8 * i);
+        }
+        !inside
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    pub(super) fn bytes_outside(values: &[u8; BLOCK], low: &[u8; BLOCK], high: &[u8; BLOCK]) -> u64 {
+        let mut inside = 0;
+        let parts =
+            values.as_chunks::<32>().0.iter().zip(low.as_chunks::<32>().0).zip(high.as_chunks::<32>().0);
+        for (i, ((values, low), high)) in parts.enumerate() {
+            // SAFETY: each reads the 32 bytes that the array has.
+            let (values, low, high) = unsafe {
+                (
+                    _mm256_loadu_si256(values.as_ptr().cast::<__m256i>()),
+                    _mm256_loadu_si256(low.as_ptr().cast::<__m256i>()),
+                    _mm256_loadu_si256(high.as_ptr().cast::<__m256i>()),
+                )
+            };
+            let above = _mm256_cmpeq_epi8(_mm256_max_epu8(values, low), values);
+            let below = _mm256_cmpeq_epi8(_mm256_min_epu8(values, high), values);
+            inside |= u64::from(_mm256_movemask_epi8(_mm256_and_si256(above, below)) as u32) << (32 * i);
+        }
+        !inside
+    }
+}
+
+/// One channel of integers, through tables.
+pub(crate) struct Integers<'a, T>(pub &'a [T], pub Codes<'a>);
+
+macro_rules! integers {
+    ($type:ty, $outside:ident) => {
+        impl Domain for Integers<'_, $type> {
+            type Value = $type;
+            const NEVER: ($type, $type) = (<$type>::MAX, 0);
+            const HAS_UNKNOWN: bool = false;
+            const MISSING: $type = 0;
+            #[inline(always)]
+            fn load(&self, first: usize, out: &mut [$type; BLOCK]) {
+                copy_plain(self.0, first, 0, out);
+            }
+            #[inline(always)]
+            fn pick(&self, value: $type) -> f32 {
+                self.1.log(value.into())
+            }
+            #[inline(always)]
+            fn log(&self, picked: f32) -> f32 {
+                picked
+            }
+            #[inline(always)]
+            fn between(&self, from: f32, to: f32) -> ($type, $type) {
+                let (low, high) = self.1.between(from, to);
+                (low as $type, high as $type)
+            }
+            #[inline(always)]
+            fn outside<const WIDE: bool>(
+                values: &[$type; BLOCK],
+                low: &[$type; BLOCK],
+                high: &[$type; BLOCK],
+            ) -> u64 {
+                $outside::<WIDE>(values, low, high)
+            }
+            #[inline(always)]
+            fn is_unknown(_: $type) -> bool {
+                false
+            }
+            #[inline(always)]
+            fn is_impossible(_: $type) -> bool {
+                false
+            }
+        }
+    };
+}
+integers!(u8, bytes_outside);
+integers!(u16, words_outside);
+
+/// What the pixels of a tile remember; lengths are multiples of [`BLOCK`].
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Memory<T> {
+    /// Reference of the next event, log units; NaN where nothing was seen.
+    pub reference: Vec<f32>,
+    /// The last value, and the new one while a frame is treated.
+    pub last: Vec<T>,
+    next: Vec<T>,
+    /// Range of values at which nothing fires.
+    pub low: Vec<T>,
+    pub high: Vec<T>,
+    /// Which pixels of each block left their range in this frame.
+    masks: Vec<u64>,
+}
+
+impl<T: Copy + Default> Memory<T> {
+    /// Memory of `length` pixels that have seen nothing.
+    pub fn new<D: Domain<Value = T>>(length: usize) -> Self {
+        let padded = length.next_multiple_of(BLOCK);
+        Self {
+            reference: vec![f32::NAN; padded],
+            last: vec![D::MISSING; padded],
+            next: vec![D::MISSING; padded],
+            low: vec![D::NEVER.0; padded],
+            high: vec![D::NEVER.1; padded],
+            masks: vec![0; padded / BLOCK],
+        }
+    }
+}
+
+/// The range around `reference`, narrower than it is by more than all rounding.
+#[inline(always)]
+fn range<D: Domain>(domain: &D, sensor: &SensorConfig, reference: f32) -> (D::Value, D::Value) {
+    let margin = 2e-6 + 1e-6 * reference.abs();
+    domain.between(reference - sensor.threshold_off + margin, reference + sensor.threshold_on - margin)
+}
+
+/// Finds the pixels that left their range, and puts the frame beside the last one. Gives how many are NaN, and whether
+/// one of them is impossible.
+#[inline(always)]
+fn scan_body<D: Domain, const WIDE: bool>(
+    domain: &D,
+    at: &Interval<'_>,
+    memory: &mut Memory<D::Value>,
+) -> (u64, bool) {
+    let mut first = at.first;
+    let mut impossible = 0;
+    let mut unknown = 0;
+    let Memory { low, high, last, next, masks, .. } = memory;
+    let ranges = low.as_chunks::<BLOCK>().0.iter().zip(high.as_chunks::<BLOCK>().0);
+    let values = last.as_chunks::<BLOCK>().0.iter().zip(next.as_chunks_mut::<BLOCK>().0);
+    for (((low, high), (last, next)), mask) in ranges.zip(values).zip(masks) {
+        domain.load(first, next);
+        *mask = D::outside::<WIDE>(next, low, high);
+        if *mask != 0 {
+            for next in next.iter() {
+                impossible |= u8::from(D::is_impossible(*next));
+            }
+            // Beyond the frame's end, nothing is there to leave anything.
+            let seen = at.end.saturating_sub(first);
+            if seen < BLOCK {
+                *mask &= (1_u64 << seen).wrapping_sub(1);
+            }
+            if D::HAS_UNKNOWN {
+                unknown += keep_unknown::<D>(mask, last, next);
+            }
+        }
+        first = first.wrapping_add(BLOCK);
+    }
+    (unknown, impossible != 0)
+}
+
+/// Pixels that are NaN keep their value; gives how many there are.
+#[inline(always)]
+fn keep_unknown<D: Domain>(mask: &mut u64, last: &[D::Value; BLOCK], next: &mut [D::Value; BLOCK]) -> u64 {
+    let mut lost = [0_u8; BLOCK];
+    for i in 0..BLOCK {
+        lost[i] = u8::from(D::is_unknown(next[i]));
+    }
+    let lost = bits_of(&lost);
+    let mut rest = lost;
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize % BLOCK;
+        rest &= rest.wrapping_sub(1);
+        next[i] = last[i];
+    }
+    let unknown = (*mask & lost).count_ones();
+    *mask &= !lost;
+    u64::from(unknown)
+}
+
+/// Pixels that are treated at once.
+const BATCH: usize = 128;
+
+/// Pixels that left their range, gathered.
+struct Gathered {
+    count: usize,
+    /// Index within the tile.
+    pixel: [u32; BATCH],
+    reference: [f32; BATCH],
+    before: [f32; BATCH],
+    now: [f32; BATCH],
+}
+
+/// Appends the events of the pixels that [`scan_body`] found; the frame becomes the last one.
+#[inline(always)]
+fn fire_body<D: Domain>(
+    domain: &D,
+    at: &Interval<'_>,
+    memory: &mut Memory<D::Value>,
+    records: &mut Vec<Record>,
+) -> Tally {
+    let mut tally = Tally::default();
+    let mut row = Row::new(at);
+    let mut gathered = Gathered {
+        count: 0,
+        pixel: [0; BATCH],
+        reference: [0.0; BATCH],
+        before: [0.0; BATCH],
+        now: [0.0; BATCH],
+    };
+    for block in 0..memory.masks.len() {
+        let mut mask = memory.masks[block];
+        if mask == 0 {
+            continue;
+        }
+        if gathered.count > BATCH - BLOCK {
+            flush(domain, at, memory, &mut gathered, &mut row, records, &mut tally);
+        }
+        let start = block * BLOCK;
+        let of = start..start + BLOCK;
+        let (reference, last, now) =
+            (&memory.reference[of.clone()], &memory.last[of.clone()], &memory.next[of]);
+        while mask != 0 {
+            let i = mask.trailing_zeros() as usize % BLOCK;
+            mask &= mask.wrapping_sub(1);
+            let slot = gathered.count % BATCH;
+            gathered.pixel[slot] = start.wrapping_add(i) as u32;
+            gathered.reference[slot] = reference[i];
+            gathered.before[slot] = domain.pick(last[i]);
+            gathered.now[slot] = domain.pick(now[i]);
+            gathered.count = gathered.count.wrapping_add(1);
+        }
+    }
+    flush(domain, at, memory, &mut gathered, &mut row, records, &mut tally);
+    std::mem::swap(&mut memory.last, &mut memory.next);
+    tally
+}
+
+/// Where a rising sequence of pixels is in the image.
+struct Row {
+    width: u32,
+    y: u32,
+    start: u32,
+    /// The tile's first pixel.
+    first: u32,
+}
+
+impl Row {
+    fn new(at: &Interval<'_>) -> Self {
+        let first = at.first as u32;
+        let y = first / at.width;
+        Self { width: at.width, y, start: y * at.width, first }
+    }
+
+    /// (x, y) of a pixel of the tile; never one before the last.
+    #[inline(always)]
+    fn place(&mut self, pixel: u32) -> (u32, u32) {
+        let pixel = self.first.wrapping_add(pixel);
+        while pixel.wrapping_sub(self.start) >= self.width {
+            self.start = self.start.wrapping_add(self.width);
+            self.y = self.y.wrapping_add(1);
+        }
+        (pixel.wrapping_sub(self.start), self.y)
+    }
+}
+
+/// Treats the gathered pixels: the rules of [`trigger::decide`] and [`trigger::fire_time_us`], many at a time.
+#[inline(always)]
+fn flush<D: Domain>(
+    domain: &D,
+    at: &Interval<'_>,
+    memory: &mut Memory<D::Value>,
+    gathered: &mut Gathered,
+    row: &mut Row,
+    records: &mut Vec<Record>,
+    tally: &mut Tally,
+) {
+    const MOST: f32 = MAX_EVENTS_PER_INTERVAL as f32;
+    let sensor = at.sensor;
+    let (on, off) = (sensor.threshold_on, sensor.threshold_off);
+    let latch = sensor.trigger == TriggerRule::Latch;
+    let interval = at.us as f32;
+    let Gathered { count, pixel, reference, before, now } = gathered;
+    let used = count.next_multiple_of(8).min(BATCH);
+    let (mut fires, mut offset) = ([0_u32; BATCH], [0_u32; BATCH]);
+    let (mut level, mut run, mut threshold) = ([0_f32; BATCH], [0_f32; BATCH], [0_f32; BATCH]);
+    for i in 0..used {
+        let (l0, l1, r) = (domain.log(before[i]), domain.log(now[i]), reference[i]);
+        let change = l1 - r;
+        let rises = change >= 0.0;
+        let sign = if rises { 1.0 } else { -1.0 };
+        let c = if rises { on } else { off };
+        let rise_end = change * sign;
+        let rise_start = (l0 - r) * sign;
+        let ratio = rise_end / c;
+        let ratio = if ratio < MOST + 1.0 { ratio } else { MOST + 1.0 };
+        let steps = simd::whole(ratio) as i32 as f32;
+        let number = if steps > MOST { MOST } else { steps };
+        let moved = if steps > MOST { l1 } else { r + sign * (number * c) };
+        let moved = if latch && steps >= 1.0 { l1 } else { moved };
+        let moved = if latch && steps < 1.0 { r } else { moved };
+        let seen = !r.is_nan();
+        reference[i] = if seen { moved } else { l1 };
+        let number = if latch && number > 1.0 { 1.0 } else { number };
+        fires[i] = if seen { simd::whole(number) } else { 0 };
+        threshold[i] = c;
+        level[i] = rise_start;
+        run[i] = rise_end - rise_start;
+        let part = if run[i] > 0.0 { (c - rise_start) / run[i] } else { 1.0 };
+        let part = if part > 0.0 { part } else { 0.0 };
+        let part = if part < 1.0 { part } else { 1.0 };
+        let first = simd::whole(part * interval);
+        let first = if latch { at.us } else { first };
+        // Within (start, end]: in f32, the product may round beyond the end.
+        let first = if first < 1 { 1 } else { first };
+        offset[i] = if first > at.us { at.us } else { first };
+        // The sign travels in the top bit.
+        fires[i] |= u32::from(rises) << 31;
+    }
+    let (mut low, mut high) = ([D::MISSING; BATCH], [D::MISSING; BATCH]);
+    for i in 0..used {
+        (low[i], high[i]) = range(domain, sensor, reference[i]);
+    }
+    let in_light = sensor.interpolation == Interpolation::Light && !latch;
+    for i in 0..(*count).min(BATCH) {
+        let index = pixel[i] as usize;
+        memory.low[index] = low[i];
+        memory.high[index] = high[i];
+        let number = fires[i] & 0x7fff_ffff;
+        if number == 0 {
+            memory.reference[index] = reference[i];
+            continue;
+        }
+        let polarity = if fires[i] >> 31 == 1 { Polarity::On } else { Polarity::Off };
+        let (x, y) = row.place(pixel[i]);
+        if in_light {
+            let state =
+                PixelState { reference_log: memory.reference[index], log_luma: domain.log(before[i]) };
+            let decision = trigger::decide(sensor, state, domain.log(now[i]));
+            for k in 1..=decision.count {
+                let offset = trigger::fire_time_us(sensor, &decision, k, at.us).clamp(1, at.us);
+                records.push(Record::new(offset, x, y, polarity));
+            }
+        } else {
+            records.push(Record::new(offset[i], x, y, polarity));
+            let mut k = 1.0_f32;
+            for _ in 1..number {
+                k += 1.0;
+                let part = if run[i] > 0.0 { (k * threshold[i] - level[i]) / run[i] } else { 1.0 };
+                let offset = (part.clamp(0.0, 1.0) * interval) as u32;
+                records.push(Record::new(offset.clamp(1, at.us), x, y, polarity));
+            }
+        }
+        memory.reference[index] = reference[i];
+        tally.clamped += u64::from(number == MAX_EVENTS_PER_INTERVAL);
+    }
+    *count = 0;
+}
+
+/// What kind of frames `source` gives, in words.
+pub(crate) const fn kind_of(source: &Source<'_>) -> &'static str {
+    match source {
+        Source::Log { .. } => "logarithms",
+        Source::U8 { .. } => "8-bit integers of one channel",
+        Source::U16 { .. } => "16-bit integers of one channel",
+        _ => "light",
+    }
+}
+
+/// A tile's memory, by the kind of frame that it was begun with.
+#[derive(Clone, Debug)]
+pub(crate) enum Pixels {
+    Light(Memory<f32>),
+    Log(Memory<f32>),
+    U8(Memory<u8>),
+    U16(Memory<u16>),
+}
+
+macro_rules! passes {
+    ($scan:ident, $fire:ident, $domain:ty, $value:ty) => {
+        dispatched!(
+            fn $scan(domain: &$domain, at: &Interval<'_>, memory: &mut Memory<$value>) -> (u64, bool)
+                = scan_body::<_, false>, wide scan_body::<_, true>
+        );
+        dispatched!(
+            fn $fire(
+                domain: &$domain,
+                at: &Interval<'_>,
+                memory: &mut Memory<$value>,
+                records: &mut Vec<Record>,
+            ) -> Tally = fire_body
+        );
+    };
+}
+passes!(scan_linear, fire_linear, Light<Linear<'_>>, f32);
+passes!(scan_light, fire_light, Light<Any<'_>>, f32);
+passes!(scan_log, fire_log, Logs<'_>, f32);
+passes!(scan_u8, fire_u8, Integers<'_, u8>, u8);
+passes!(scan_u16, fire_u16, Integers<'_, u16>, u16);
+
+impl Pixels {
+    /// Memory for `length` pixels of frames like `source`.
+    pub fn new(source: &Source<'_>, length: usize) -> Self {
+        let kind = match source {
+            Source::Log { .. } => 2,
+            Source::U8 { .. } => 3,
+            Source::U16 { .. } => 4,
+            _ => 1,
+        };
+        Self::of_kind(kind, length)
+    }
+
+    /// Memory for `length` pixels of the kinds 1 to 4: light, logarithms, 8 bits, 16 bits.
+    pub fn of_kind(kind: u64, length: usize) -> Self {
+        match kind {
+            2 => Self::Log(Memory::new::<Logs<'_>>(length)),
+            3 => Self::U8(Memory::new::<Integers<'_, u8>>(length)),
+            4 => Self::U16(Memory::new::<Integers<'_, u16>>(length)),
+            _ => Self::Light(Memory::new::<Light<Any<'_>>>(length)),
+        }
+    }
+
+    /// What kind of frames the memory is of, in words.
+    pub const fn kind(&self) -> &'static str {
+        match self {
+            Self::Light(_) => "light",
+            Self::Log(_) => "logarithms",
+            Self::U8(_) => "8-bit integers of one channel",
+            Self::U16(_) => "16-bit integers of one channel",
+        }
+    }
+
+    /// First pass; changes nothing that outlives a push. How many values are NaN, whether one is impossible.
+    pub fn scan(&mut self, isa: simd::Isa, source: Source<'_>, at: &Interval<'_>) -> (u64, bool) {
+        match (self, source) {
+            (Self::Log(memory), Source::Log { values }) => scan_log(isa, &Logs(values), at, memory),
+            (Self::U8(memory), Source::U8 { values, codes, .. }) => {
+                scan_u8(isa, &Integers(values, codes), at, memory)
+            }
+            (Self::U16(memory), Source::U16 { values, codes, .. }) => {
+                scan_u16(isa, &Integers(values, codes), at, memory)
+            }
+            (Self::Light(memory), Source::Linear { values, inverse_reference }) => {
+                let load = Linear { values, inverse_reference };
+                scan_linear(isa, &Light { load, eps: at.sensor.log_eps }, at, memory)
+            }
+            (Self::Light(memory), source) => {
+                let eps = at.sensor.log_eps;
+                scan_light(isa, &Light { load: Any(source, eps), eps }, at, memory)
+            }
+            // `check` was asked before.
+            _ => (0, false),
+        }
+    }
+
+    /// Second pass: events, and what is remembered.
+    pub fn fire(
+        &mut self,
+        isa: simd::Isa,
+        source: Source<'_>,
+        at: &Interval<'_>,
+        records: &mut Vec<Record>,
+    ) -> Tally {
+        match (self, source) {
+            (Self::Log(memory), Source::Log { values }) => fire_log(isa, &Logs(values), at, memory, records),
+            (Self::U8(memory), Source::U8 { values, codes, .. }) => {
+                fire_u8(isa, &Integers(values, codes), at, memory, records)
+            }
+            (Self::U16(memory), Source::U16 { values, codes, .. }) => {
+                fire_u16(isa, &Integers(values, codes), at, memory, records)
+            }
+            (Self::Light(memory), Source::Linear { values, inverse_reference }) => {
+                let load = Linear { values, inverse_reference };
+                fire_linear(isa, &Light { load, eps: at.sensor.log_eps }, at, memory, records)
+            }
+            (Self::Light(memory), source) => {
+                let eps = at.sensor.log_eps;
+                fire_light(isa, &Light { load: Any(source, eps), eps }, at, memory, records)
+            }
+            _ => Tally::default(),
+        }
+    }
+
+    /// Whether frames of `source` can follow the ones that were seen.
+    ///
+    /// # Errors
+    /// Names both kinds.
+    pub fn check(&self, source: &Source<'_>) -> Result<(), ConfigError> {
+        let given = kind_of(source);
+        if given == self.kind() {
+            return Ok(());
+        }
+        let remedy = format!("as before, {}; or reset all environments first", self.kind());
+        Err(ConfigError::new("kind of frames", given, remedy))
+    }
+}

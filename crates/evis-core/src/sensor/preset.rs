@@ -1,0 +1,274 @@
+//! Sensors by name. Each says where its numbers come from, and what of its source it leaves out.
+
+use super::stages::{
+    Bandwidth, Curve, Diffusion, FilterRule, LeakLaw, Noise, Pattern, Photoreceptor, Readout, Refractory,
+    RefractoryRule, Start,
+};
+use super::{ConfigError, SensorConfig, Times, TriggerRule};
+
+/// A named sensor.
+#[derive(Clone, Copy, Debug)]
+pub struct Preset {
+    /// Its name.
+    pub name: &'static str,
+    /// Where it comes from, and what it leaves out.
+    pub source: &'static str,
+    make: fn() -> SensorConfig,
+}
+
+impl Preset {
+    /// The sensor.
+    pub fn sensor(&self) -> SensorConfig {
+        (self.make)()
+    }
+}
+
+/// All presets.
+pub const PRESETS: [Preset; 13] = [
+    Preset {
+        name: "ideal",
+        source: "every crossing of a threshold of 0.2 in ln(Y + 0.001); no noise",
+        make: SensorConfig::default,
+    },
+    Preset {
+        name: "evis",
+        source: "the EVIS paper's plugin: threshold 0.15, latch, eps 1e-5 and its default noise; its low-pass is off by \
+                 default",
+        make: evis,
+    },
+    Preset {
+        name: "v2e-clean",
+        source: "v2e --dvs_params clean: sigma 0.02, nothing else; times and lin-log as in v2e",
+        make: || v2e(0.02, 0.0, 0.0, 0.0, 0),
+    },
+    Preset {
+        name: "v2e-noisy",
+        source: "v2e --dvs_params noisy: sigma 0.05, 30 Hz, leak 0.1 Hz, shot 5 Hz; noise in continuous time",
+        make: || v2e(0.05, 30.0, 0.1, 5.0, 0),
+    },
+    Preset {
+        name: "v2e",
+        source: "v2e's command-line defaults: sigma 0.03, 300 Hz, leak 0.01 Hz, shot 0.001 Hz, refractory 0.5 ms; noise \
+                 in continuous time",
+        make: || v2e(0.03, 300.0, 0.01, 0.001, 500),
+    },
+    Preset { name: "esim", source: "rpg_esim's defaults: C 1.0, sigma 0.021, eps 0.001", make: esim },
+    Preset {
+        name: "openeb",
+        source: "OpenEB's batch video-to-event: C 0.1, sigma 0.022 within 0.01 to 1, refractory 10 us, broken pixels; the \
+                 second-order low-pass at 450 Hz, the middle of its range",
+        make: openeb,
+    },
+    Preset {
+        name: "pix2nvs",
+        source: "PIX2NVS: differences of ln I, threshold 0.4, at most 5 events per frame, evenly spread; without block \
+                 inhibition and without the adapting threshold",
+        make: pix2nvs,
+    },
+    Preset { name: "carla", source: "CARLA's DVS camera: C 0.3, eps 0.001, no noise", make: carla },
+    Preset {
+        name: "davis346",
+        source: "DVS-Voltmeter's constants for the DAVIS346",
+        make: || voltmeter([5.265, 20.0, 1e-4, 1e-7, 5e-9, 1e-5]),
+    },
+    Preset {
+        name: "davis240",
+        source: "DVS-Voltmeter's constants for the DAVIS240",
+        make: || voltmeter([4.424, 23.0, 2e-4, 1e-7, 5e-8, 1e-5]),
+    },
+    Preset {
+        name: "dvxplorer-like",
+        source: "noise fitted to one public recording of a dark, still scene by a 640x480 sensor (0.435 Hz per pixel, \
+                 ON share 0.54, hot pixels 0.073 %); its light and biases are unknown, the rest is a guess",
+        make: dvxplorer_like,
+    },
+    Preset {
+        name: "gen4-like",
+        source: "noise fitted to one public recording of a nearly still scene by a 1280x720 sensor (0.07 Hz per pixel, \
+                 polarities alternate, hot pixels 0.002 %); its light and biases are unknown, the rest is a guess",
+        make: gen4_like,
+    },
+];
+
+impl SensorConfig {
+    /// The preset `name`.
+    ///
+    /// # Errors
+    /// A name that is none; the message lists those that are.
+    pub fn preset(name: &str) -> Result<Self, ConfigError> {
+        PRESETS.iter().find(|preset| preset.name == name).map(Preset::sensor).ok_or_else(|| {
+            let names: Vec<_> = PRESETS.iter().map(|preset| preset.name).collect();
+            ConfigError::new("preset", name, format!("one of {}", names.join(", ")))
+        })
+    }
+}
+
+fn evis() -> SensorConfig {
+    SensorConfig {
+        threshold_on: 0.15,
+        threshold_off: 0.15,
+        log_eps: 1e-5,
+        trigger: TriggerRule::Latch,
+        pattern: Pattern { sigma: 0.03, ..Pattern::default() },
+        noise: Noise {
+            leak_hz: 0.1,
+            leak_law: LeakLaw::Poisson,
+            shot_hz: 0.1,
+            shot_light_share: 1.0,
+            hot_share: 1e-4,
+            hot_hz: 300.0,
+            ..Noise::default()
+        },
+        refractory: Refractory { period_us: 1000, rule: RefractoryRule::Suppress },
+        ..SensorConfig::default()
+    }
+}
+
+/// 20 / 255: what v2e adds to a relative intensity.
+const V2E_OFFSET: f32 = 20.0 / 255.0;
+
+fn v2e(sigma: f32, cutoff_hz: f32, leak_hz: f32, shot_hz: f32, refractory_us: u32) -> SensorConfig {
+    SensorConfig {
+        threshold_on: 0.2,
+        threshold_off: 0.2,
+        times: Times::Shared,
+        photoreceptor: Photoreceptor {
+            curve: Curve::Linlog,
+            cutoff_hz,
+            filter: FilterRule::Euler,
+            bandwidth: Bandwidth::Light,
+            bandwidth_offset: V2E_OFFSET,
+            ..Photoreceptor::default()
+        },
+        pattern: Pattern { sigma, ..Pattern::default() },
+        noise: Noise {
+            leak_hz,
+            leak_spread_decades: if leak_hz > 0.0 { 0.1 } else { 0.0 },
+            leak_jitter: if leak_hz > 0.0 { 0.1 } else { 0.0 },
+            shot_hz,
+            shot_light_share: 0.75,
+            shot_light_offset: V2E_OFFSET,
+            shot_per_threshold: true,
+            ..Noise::default()
+        },
+        refractory: Refractory { period_us: refractory_us, rule: RefractoryRule::Defer },
+        ..SensorConfig::default()
+    }
+}
+
+fn esim() -> SensorConfig {
+    SensorConfig {
+        threshold_on: 1.0,
+        threshold_off: 1.0,
+        pattern: Pattern { sigma: 0.021, ..Pattern::default() },
+        ..SensorConfig::default()
+    }
+}
+
+fn openeb() -> SensorConfig {
+    SensorConfig {
+        threshold_on: 0.1,
+        threshold_off: 0.1,
+        photoreceptor: Photoreceptor { cutoff_hz: 450.0, order: 2, ..Photoreceptor::default() },
+        pattern: Pattern { sigma: 0.022, most: 1.0, dead_share: 5e-3, ..Pattern::default() },
+        noise: Noise { hot_share: 5e-4, hot_hz: 1000.0, ..Noise::default() },
+        refractory: Refractory { period_us: 10, rule: RefractoryRule::Suppress },
+        ..SensorConfig::default()
+    }
+}
+
+fn pix2nvs() -> SensorConfig {
+    SensorConfig {
+        threshold_on: 0.4,
+        threshold_off: 0.4,
+        times: Times::Even,
+        most_events: 5,
+        ..SensorConfig::default()
+    }
+}
+
+fn carla() -> SensorConfig {
+    SensorConfig { threshold_on: 0.3, threshold_off: 0.3, ..SensorConfig::default() }
+}
+
+fn voltmeter([k1, k2, k3, k4, k5, k6]: [f32; 6]) -> SensorConfig {
+    SensorConfig { diffusion: Some(Diffusion { k1, k2, k3, k4, k5, k6 }), ..SensorConfig::default() }
+}
+
+fn dvxplorer_like() -> SensorConfig {
+    SensorConfig {
+        threshold_on: 0.25,
+        threshold_off: 0.25,
+        photoreceptor: Photoreceptor {
+            cutoff_hz: 300.0,
+            bandwidth: Bandwidth::Light,
+            bandwidth_offset: 0.02,
+            ..Photoreceptor::default()
+        },
+        pattern: Pattern { sigma: 0.03, start: Start::Phase, ..Pattern::default() },
+        noise: Noise {
+            shot_hz: 0.435,
+            shot_light_share: 0.9,
+            on_share: 0.54,
+            burst_events: 0.15,
+            burst_us: 500.0,
+            hot_share: 7.3e-4,
+            hot_hz: 150.0,
+            ..Noise::default()
+        },
+        refractory: Refractory { period_us: 100, rule: RefractoryRule::Hold },
+        readout: Readout { row_ns: 50, event_ns: 4, ..Readout::default() },
+        ..SensorConfig::default()
+    }
+}
+
+fn gen4_like() -> SensorConfig {
+    SensorConfig {
+        threshold_on: 0.25,
+        threshold_off: 0.25,
+        photoreceptor: Photoreceptor {
+            cutoff_hz: 1000.0,
+            bandwidth: Bandwidth::Light,
+            bandwidth_offset: 0.02,
+            ..Photoreceptor::default()
+        },
+        pattern: Pattern { sigma: 0.02, start: Start::Phase, ..Pattern::default() },
+        noise: Noise {
+            shot_hz: 0.07,
+            shot_light_share: 0.9,
+            shot_spread_decades: 0.3,
+            burst_events: 1.0,
+            burst_us: 1000.0,
+            alternation: 0.98,
+            hot_share: 2e-5,
+            hot_hz: 50.0,
+            ..Noise::default()
+        },
+        refractory: Refractory { period_us: 50, rule: RefractoryRule::Hold },
+        readout: Readout { row_ns: 20, event_ns: 2, ..Readout::default() },
+        ..SensorConfig::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::Sensor;
+
+    #[test]
+    fn presets_are_usable_and_survive_toml() {
+        for preset in &PRESETS {
+            let sensor = preset.sensor();
+            Sensor::new(sensor.clone()).unwrap();
+            let text = sensor.to_toml();
+            assert_eq!(SensorConfig::from_toml(&text).unwrap(), sensor, "{}: {text}", preset.name);
+            assert_eq!(SensorConfig::preset(preset.name).unwrap(), sensor);
+            assert_eq!(sensor.is_ideal(), ["ideal", "carla"].contains(&preset.name), "{}", preset.name);
+        }
+        let error = SensorConfig::preset("v2f").unwrap_err().to_string();
+        assert!(error.contains("v2f") && error.contains("v2e-noisy"), "{error}");
+        assert!(SensorConfig::from_toml("[noise]\nleek_hz = 1").is_err());
+        let error = SensorConfig::from_toml("[noise]\nleak_hz = -1").unwrap_err().to_string();
+        assert!(error.contains("leak_hz") && error.contains("-1"), "{error}");
+    }
+}

@@ -1,0 +1,124 @@
+//! Sensors drawn at random within ranges, for training.
+
+use serde_json::Value;
+
+use super::{ConfigError, Sensor, SensorConfig};
+use crate::random::{Key, StreamId, unit};
+
+/// `base` with every value that `ranges` names drawn uniformly between two ends, or by `seed` from a list.
+///
+/// `ranges` is an object whose keys are paths such as `"threshold_on"` or `"noise.leak_hz"`, and whose values are
+/// `[low, high]` of numbers, or a list under `{"choices": […]}`. A value depends on its own path and `seed` only, so that
+/// another range does not change it.
+///
+/// # Errors
+/// A path that the sensor does not have, ends that are no numbers or in the wrong order, a sensor that cannot be.
+pub fn sample(base: &SensorConfig, ranges: &Value, seed: u64) -> Result<SensorConfig, ConfigError> {
+    let refuse =
+        |what: &str, value: &dyn std::fmt::Display, remedy: &str| ConfigError::new(what, value, remedy);
+    let Some(ranges) = ranges.as_object() else {
+        return Err(refuse("ranges", ranges, "an object of paths and ranges"));
+    };
+    // Stages at their defaults are not written, so that every path is there only in a value that is spelled out.
+    let mut tree = base.spelled_out()?;
+    for (path, range) in ranges {
+        let pointer = format!("/{}", path.replace('.', "/"));
+        let Some(target) = tree.pointer_mut(&pointer) else {
+            return Err(refuse("range", path, "the path of a sensor's value, such as noise.leak_hz"));
+        };
+        // FNV-1a of the path: where this value's draw lies.
+        let place = path
+            .bytes()
+            .fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+        let part = unit(Key::new(seed, 0, 0).draw(place, StreamId::Sample, 0, 0)[0]);
+        let choices = range.get("choices").and_then(Value::as_array);
+        *target = match (choices, range.as_array().map(Vec::as_slice)) {
+            (Some(choices), _) if !choices.is_empty() => {
+                let index = ((part * choices.len() as f64) as usize).min(choices.len() - 1);
+                choices[index].clone()
+            }
+            (None, Some([low, high])) => {
+                let ends = low.as_f64().zip(high.as_f64()).filter(|(low, high)| low <= high);
+                let Some((low, high)) = ends else {
+                    return Err(refuse(path, range, "two numbers, the lower one first"));
+                };
+                let drawn = low + part * (high - low);
+                // A whole number stays one.
+                if target.is_u64() { Value::from(drawn.round() as u64) } else { Value::from(drawn as f32) }
+            }
+            _ => return Err(refuse(path, range, "[low, high] or {\"choices\": [...]}")),
+        };
+    }
+    let drawn: SensorConfig = serde_json::from_value(tree)
+        .map_err(|error| refuse("ranges", &error, "of the types that the sensor's values have"))?;
+    Sensor::new(drawn.clone())?;
+    Ok(drawn)
+}
+
+impl SensorConfig {
+    /// Every value, those at their defaults too.
+    ///
+    /// # Errors
+    /// None that a user could cause.
+    pub fn spelled_out(&self) -> Result<Value, ConfigError> {
+        let broken = |error: serde_json::Error| ConfigError::new("sensor", error, "representable as JSON");
+        let mut tree = serde_json::to_value(self).map_err(broken)?;
+        if let Some(tree) = tree.as_object_mut() {
+            for (name, stage) in [
+                ("times", serde_json::to_value(self.times)),
+                ("most_events", serde_json::to_value(self.most_events)),
+                ("photoreceptor", serde_json::to_value(self.photoreceptor)),
+                ("pattern", serde_json::to_value(self.pattern)),
+                ("noise", serde_json::to_value(self.noise)),
+                ("refractory", serde_json::to_value(self.refractory)),
+                ("readout", serde_json::to_value(self.readout)),
+                ("diffusion", serde_json::to_value(self.diffusion)),
+            ] {
+                tree.insert(name.into(), stage.map_err(broken)?);
+            }
+        }
+        Ok(tree)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_sample_lies_in_its_ranges_and_depends_on_its_seed() {
+        let base = SensorConfig::default();
+        let ranges = json!({
+            "threshold_on": [0.05, 0.2], "noise.leak_hz": [0.0, 1.0], "refractory.period_us": [10, 1000],
+            "photoreceptor.order": {"choices": [1, 2]},
+        });
+        let mut seen = Vec::new();
+        for seed in 0..50 {
+            let sensor = sample(&base, &ranges, seed).unwrap();
+            assert!((0.05..=0.2).contains(&sensor.threshold_on));
+            assert!((0.0..=1.0).contains(&sensor.noise.leak_hz));
+            assert!((10..=1000).contains(&sensor.refractory.period_us));
+            assert_eq!(sensor.threshold_off, base.threshold_off);
+            assert_eq!(sample(&base, &ranges, seed).unwrap(), sensor);
+            // One range less changes nothing else.
+            let fewer = sample(&base, &json!({"threshold_on": [0.05, 0.2]}), seed).unwrap();
+            assert_eq!(fewer.threshold_on, sensor.threshold_on);
+            seen.push((sensor.threshold_on.to_bits(), sensor.photoreceptor.order));
+        }
+        assert!((1..=2).all(|order| seen.iter().any(|seen| seen.1 == order)));
+        seen.sort_unstable();
+        seen.dedup_by_key(|seen| seen.0);
+        assert_eq!(seen.len(), 50);
+        for bad in [
+            json!({"noise.leek_hz": [0, 1]}),
+            json!({"noise.leak_hz": [1, 0]}),
+            json!({"noise.leak_hz": 3}),
+            json!({"noise.leak_hz": [-2, -1]}),
+            json!({"trigger": [0, 1]}),
+            json!([1]),
+        ] {
+            assert!(sample(&base, &bad, 0).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! The sensor on frames from elsewhere, and sensors as values.
+
+use std::sync::{Mutex, PoisonError};
+
+use evis_core::sensor::{PRESETS, sample};
+use evis_core::{
+    ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, Sensor, SensorConfig, Transfer,
+};
+use numpy::PyReadonlyArray1;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::door::EnterEngine;
+use crate::errors::Failure;
+use crate::events;
+
+/// A sensor as JSON, every value spelled out.
+fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
+    Ok(sensor.spelled_out()?.to_string())
+}
+
+fn from_json(json: &str) -> Result<SensorConfig, Failure> {
+    let sensor: SensorConfig = serde_json::from_str(json).map_err(|error| {
+        // The place in a text that the user never saw says nothing.
+        let told = error.to_string().replace('`', "'");
+        Failure::Config(format!("sensor: {}", told.split(" at line ").next().unwrap_or(&told)))
+    })?;
+    Ok(Sensor::new(sensor)?.config().clone())
+}
+
+/// Names of the presets and where they come from.
+#[pyfunction]
+pub(crate) fn sensor_presets() -> Vec<(&'static str, &'static str)> {
+    PRESETS.iter().map(|preset| (preset.name, preset.source)).collect()
+}
+
+/// The preset `name` as JSON.
+#[pyfunction]
+pub(crate) fn sensor_preset(name: &str) -> PyResult<String> {
+    let sensor = SensorConfig::preset(name).map_err(Failure::from)?;
+    Ok(to_json(&sensor)?)
+}
+
+/// Checks a sensor; gives what is allowed and probably not meant, and whether it has thresholds only.
+#[pyfunction]
+pub(crate) fn sensor_check(json: &str) -> PyResult<(Vec<String>, bool)> {
+    let sensor = from_json(json)?;
+    Ok((sensor.warnings(), sensor.is_ideal()))
+}
+
+/// JSON to TOML.
+#[pyfunction]
+pub(crate) fn sensor_to_toml(json: &str) -> PyResult<String> {
+    Ok(from_json(json)?.to_toml())
+}
+
+/// TOML to JSON.
+#[pyfunction]
+pub(crate) fn sensor_from_toml(text: &str) -> PyResult<String> {
+    let sensor = SensorConfig::from_toml(text).map_err(Failure::from)?;
+    Ok(to_json(&sensor)?)
+}
+
+/// A sensor drawn within ranges, as JSON.
+#[pyfunction]
+pub(crate) fn sensor_sample(json: &str, ranges: &str, seed: u64) -> PyResult<String> {
+    let base = from_json(json)?;
+    let ranges = serde_json::from_str(ranges)
+        .map_err(|error| Failure::Config(format!("ranges are {ranges:?}; they must be JSON ({error})")))?;
+    let drawn = sample(&base, &ranges, seed).map_err(Failure::from)?;
+    Ok(to_json(&drawn)?)
+}
+
+/// Frames in, events out.
+#[pyclass(frozen, module = "evis._evis")]
+pub(crate) struct EventEmulator(Mutex<evis_core::EventEmulator>);
+
+/// One-dimensional, contiguous.
+#[derive(FromPyObject)]
+enum Values<'py> {
+    F32(PyReadonlyArray1<'py, f32>),
+    U8(PyReadonlyArray1<'py, u8>),
+    U16(PyReadonlyArray1<'py, u16>),
+}
+
+fn transfer(name: &str, gamma: f32) -> Result<Transfer, Failure> {
+    Ok(match name {
+        "srgb" => Transfer::Srgb,
+        "rec709" => Transfer::Rec709,
+        "gamma" => Transfer::Gamma(gamma),
+        "linear" => Transfer::Linear,
+        _ => {
+            let remedy = "one of srgb, rec709, gamma (with gamma=...) and linear for integers";
+            return Err(ConfigError::new("transfer", name, remedy).into());
+        }
+    })
+}
+
+#[pymethods]
+impl EventEmulator {
+    #[new]
+    #[pyo3(signature = (*, width, height, batch, seed, camera, sensor, reference_luminance, threads))]
+    #[allow(clippy::too_many_arguments, reason = "keyword arguments, all with names")]
+    fn new(
+        py: Python<'_>,
+        width: u32,
+        height: u32,
+        batch: usize,
+        seed: u64,
+        camera: u32,
+        sensor: &str,
+        reference_luminance: f32,
+        threads: usize,
+    ) -> PyResult<Self> {
+        let sensor = from_json(sensor)?;
+        let config =
+            EmulatorConfig { width, height, batch, seed, camera, sensor, reference_luminance, threads };
+        py.enter_engine(|| Ok::<_, Failure>(Self(Mutex::new(evis_core::EventEmulator::new(config)?))))
+    }
+
+    /// Takes frames; gives an array of events per environment.
+    #[pyo3(signature = (frames, t_us, *, channels, transfer, gamma))]
+    fn push<'py>(
+        &self,
+        py: Python<'py>,
+        frames: Values<'py>,
+        t_us: i64,
+        channels: usize,
+        transfer: &str,
+        gamma: f32,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let data = match &frames {
+            Values::F32(values) if transfer == "log" => FrameData::Log(values.as_slice()?),
+            Values::F32(values) if transfer == "linear" => FrameData::Linear(values.as_slice()?),
+            Values::F32(_) => {
+                let remedy = "linear or log for float32 frames";
+                return Err(Failure::from(ConfigError::new("transfer", transfer, remedy)).into());
+            }
+            Values::U8(values) => FrameData::U8(values.as_slice()?, self::transfer(transfer, gamma)?),
+            Values::U16(values) => FrameData::U16(values.as_slice()?, self::transfer(transfer, gamma)?),
+        };
+        let frames = Frames { data, channels };
+        let lists = py.enter_engine(|| {
+            let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            emulator.push(&frames, t_us).map_err(Failure::from)
+        })?;
+        Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
+    }
+
+    /// Lets environments begin anew.
+    fn reset(&self, py: Python<'_>, environments: Option<Vec<usize>>) -> PyResult<()> {
+        py.enter_engine(|| {
+            let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            emulator.reset(environments.as_deref()).map_err(Failure::from)
+        })
+    }
+
+    /// What happened: in the last push, and in all of them.
+    fn reports<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+        let (last, total) = py.enter_engine(|| {
+            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            Ok::<_, Failure>((*emulator.report(), *emulator.total_report()))
+        })?;
+        Ok((report_dict(py, &last)?, report_dict(py, &total)?))
+    }
+
+    /// Time of the last frame.
+    fn now_us(&self, py: Python<'_>) -> PyResult<Option<i64>> {
+        py.enter_engine(|| {
+            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            Ok::<_, Failure>(emulator.now_us())
+        })
+    }
+
+    /// Everything that the next events depend on, apart from the settings.
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = py.enter_engine(|| {
+            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            Ok::<_, Failure>(emulator.state())
+        })?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Takes up where `state` was given.
+    fn restore(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
+        py.enter_engine(|| {
+            let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            emulator.restore(state).map_err(Failure::from)
+        })
+    }
+}
+
+fn report_dict<'py>(py: Python<'py>, report: &EmulatorReport) -> PyResult<Bound<'py, PyDict>> {
+    let EmulatorReport { events, unknown, clamped, suppressed, dropped } = *report;
+    let dict = PyDict::new(py);
+    dict.set_item("events", events)?;
+    dict.set_item("unknown", unknown)?;
+    dict.set_item("clamped", clamped)?;
+    dict.set_item("suppressed", suppressed)?;
+    dict.set_item("dropped", dropped)?;
+    Ok(dict)
+}
