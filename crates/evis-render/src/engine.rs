@@ -15,15 +15,17 @@ use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::frame_buffers::FrameBuffers;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
+use crate::grid::SampleGrid;
 use crate::interval::{self, Group, Slot, Unit};
 use crate::labels::{LabelJob, LabelRoom};
+use crate::method::Sampling;
 use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
 use crate::pass::trigger::TriggerPasses;
 use crate::shadow::{ShadowPlan, ShadowRoom};
 use crate::sizes::{self, DeviceLimits};
-use crate::targets::Targets;
+use crate::targets::{LayerUse, Layers, Targets};
 use crate::uniforms::{Status, ViewSensor};
 use crate::unpack;
 use crate::variant::LightSet;
@@ -44,7 +46,7 @@ pub struct Context {
     pub(crate) gpu_scene: GpuScene,
     pub(crate) layouts: SurfaceLayouts,
     pub(crate) views: Vec<View>,
-    pub(crate) grid: TimeGrid,
+    pub(crate) grid: SampleGrid,
     pub(crate) start_us: i64,
     /// Sample offsets in pixels; one, at the centre, for `--aa edges`.
     pub(crate) offsets: Vec<[f32; 2]>,
@@ -137,6 +139,7 @@ struct InFlight {
 /// The engine.
 pub struct Engine {
     context: Context,
+    sampling: Sampling,
     targets: Vec<Targets>,
     groups: Vec<Group>,
     label_room: Option<LabelRoom>,
@@ -180,7 +183,8 @@ impl Engine {
         let edges = config.antialias == Antialias::Edges;
         let offsets = if edges { vec![[0.0, 0.0]] } else { crate::pattern::offsets(config.samples) };
         let samples = offsets.len() as u32;
-        let grid = TimeGrid::new(config.rate_hz)?;
+        let grid = SampleGrid::new(config.rate_hz, 1)?;
+        let made = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
 
         let mut state = SceneState::default();
         scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
@@ -249,7 +253,7 @@ impl Engine {
                         device_limits.storage_binding
                     ))
                 })?;
-            targets.push(Targets::new(device, width, height, plan, edges));
+            targets.push(Targets::new(device, width, height, plan, made));
             for chunk in views.chunks(plan.views_per_group as usize) {
                 members.push((targets.len() - 1, chunk.to_vec()));
             }
@@ -277,6 +281,7 @@ impl Engine {
         let most_capacity =
             (device_limits.storage_binding / 8).min(limits.max_buffer_size / 8 - 4096).min(1 << 28) as u32;
         Ok(Self {
+            sampling: Sampling::Native,
             targets,
             label_room,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
@@ -304,8 +309,8 @@ impl Engine {
     }
 
     /// What `bench` measures stage by stage.
-    pub(crate) fn parts(&mut self) -> (&mut Context, &[Targets], &mut [Group]) {
-        (&mut self.context, &self.targets, &mut self.groups)
+    pub(crate) fn parts(&mut self) -> (&mut Context, &mut Sampling, &[Targets], &mut [Group]) {
+        (&mut self.context, &mut self.sampling, &self.targets, &mut self.groups)
     }
 
     /// Starts with buffers of `capacity` events, never more than `most`: tests make them overflow.
@@ -326,7 +331,7 @@ impl Engine {
     pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
         let group = self.groups.iter().find(|group| group.views.contains(&view));
         let targets = group.map_or(0, |group| group.targets);
-        mean_luminance(&mut self.context, &self.targets[targets], view, t_us)
+        mean_luminance(&mut self.context, &self.targets[targets].layers, view, t_us)
     }
 
     /// Sample offsets in pixels, in layer order.
@@ -425,6 +430,7 @@ impl Engine {
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
         interval::encode(
             &mut self.context,
+            &mut self.sampling,
             &mut encoder,
             &self.targets[group.targets],
             group,
@@ -708,7 +714,7 @@ fn measure_reference(
     let Some((t, views)) = members.iter().find(|(_, views)| views.contains(&0)).or(members.first()) else {
         return Ok(1.0);
     };
-    let image = mean_luminance(context, &targets[*t], views[0], 0)?;
+    let image = mean_luminance(context, &targets[*t].layers, views[0], 0)?;
     let (mut sum, mut lit) = (0.0, 0u64);
     for luminance in image {
         if luminance > 0.0 && luminance.is_finite() {
@@ -726,7 +732,7 @@ fn measure_reference(
 /// Renders view `view` at stream time `t_us` and reads it back: mean over the samples, row-major from the top.
 fn mean_luminance(
     context: &mut Context,
-    targets: &Targets,
+    layers: &Layers,
     view: usize,
     t_us: i64,
 ) -> Result<Vec<f64>, EngineError> {
@@ -735,9 +741,9 @@ fn mean_luminance(
     let device = &context.gpu.device;
     let mut encoder = device.create_command_encoder(&Default::default());
     context.encode_moving_shadows(&mut encoder, &frame_group, &view, 1, 0);
-    interval::encode_luminance(context, &mut encoder, targets, &frame_group, 1, 1, 0);
+    interval::encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0);
     let samples = context.offsets.len() as u32;
-    let (width, height) = (targets.width, targets.height);
+    let (width, height) = (layers.width, layers.height);
     let row = (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let layer_bytes = u64::from(row) * u64::from(height);
     let staging = device.create_buffer(&wgpu::BufferDescriptor {
@@ -747,7 +753,7 @@ fn mean_luminance(
         mapped_at_creation: false,
     });
     encoder.copy_texture_to_buffer(
-        targets.luminance_texture.as_image_copy(),
+        layers.texture.as_image_copy(),
         wgpu::TexelCopyBufferInfo {
             buffer: &staging,
             layout: wgpu::TexelCopyBufferLayout {

@@ -1,15 +1,16 @@
 //! Floor 2: each pass equals its CPU twin, with planted boundary cases and a canary.
 
 use evis_core::trigger::PixelState;
-use evis_core::{Interpolation, SensorConfig, TimeGrid, TriggerRule};
+use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
 use crate::cpu::trigger::{log_luma, walk};
 use crate::engine::{map, wait_mapped};
 use crate::gpu::Gpu;
+use crate::grid::SampleGrid;
 use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
 use crate::pass::trigger::TriggerPasses;
 use crate::sizes::Plan;
-use crate::targets::Targets;
+use crate::targets::{LayerUse, Targets};
 use crate::uniforms::{PixelMemory, Status, ViewSensor};
 
 const WIDTH: u32 = 70;
@@ -66,15 +67,15 @@ fn run(
     (trigger, interpolation): Rule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
-    grid: &TimeGrid,
+    grid: &SampleGrid,
     capacity: u32,
 ) -> Ran {
     let plan = Plan { views_per_group: VIEWS, instants: INSTANTS, layers: VIEWS * INSTANTS * SAMPLES };
-    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, false);
+    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered);
     for (layer, pixels) in layers.iter().enumerate() {
         gpu.queue.write_texture(
             wgpu::TexelCopyTextureInfo {
-                texture: &targets.luminance_texture,
+                texture: &targets.layers.texture,
                 mip_level: 0,
                 origin: wgpu::Origin3d { x: 0, y: 0, z: layer as u32 },
                 aspect: wgpu::TextureAspect::All,
@@ -170,7 +171,7 @@ fn compare(
     (trigger, interpolation): Rule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
-    grid: &TimeGrid,
+    grid: &SampleGrid,
 ) -> Comparison {
     let times: Vec<u32> =
         std::iter::once(0).chain((0..INSTANTS).map(|k| grid.instant_us(i64::from(k)) as u32)).collect();
@@ -236,7 +237,7 @@ fn trigger_passes_equal_their_twin() {
     let Some(gpu) = super::device() else { return };
     let layers = layers();
     let sensors = sensors();
-    let grid = TimeGrid::new(1000.0 / 3.0).unwrap();
+    let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
     for rule in [CROSSING, CROSSING_LIGHT, LATCH] {
         let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 16);
         assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
@@ -256,7 +257,7 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
     let Some(gpu) = super::device() else { return };
     let layers = layers();
     let sensors = sensors();
-    let grid = TimeGrid::new(1000.0 / 3.0).unwrap();
+    let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
     let mut ran = run(&gpu, CROSSING, &layers, &sensors, &grid, 1 << 16);
     let mut wrong = sensors.clone();
     wrong[1].threshold_off *= 1.01;
@@ -273,7 +274,7 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
 #[test]
 fn a_full_buffer_stalls_and_writes_nothing() {
     let Some(gpu) = super::device() else { return };
-    let grid = TimeGrid::new(1000.0).unwrap();
+    let grid = SampleGrid::new(1000.0, 1).unwrap();
     let ran = run(&gpu, CROSSING, &layers(), &sensors(), &grid, 64);
     assert_eq!(ran.status.stalled, 1);
     assert!(ran.status.event_count > 64, "the host learns how many events there are");
