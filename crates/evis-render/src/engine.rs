@@ -9,7 +9,7 @@ use std::time::Instant;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
 use evis_scene::{Scene, SceneState};
 
-use crate::config::{Antialias, RunConfig};
+use crate::config::{Antialias, Method, RunConfig};
 use crate::error::EngineError;
 use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::frame_buffers::FrameBuffers;
@@ -25,6 +25,7 @@ use crate::pass::sky;
 use crate::pass::trigger::TriggerPasses;
 use crate::shadow::{ShadowPlan, ShadowRoom};
 use crate::sizes::{self, DeviceLimits};
+use crate::splat::{self, SplatRoom};
 use crate::targets::{LayerUse, Layers, Targets};
 use crate::uniforms::{Status, ViewSensor};
 use crate::unpack;
@@ -79,10 +80,21 @@ impl Context {
 
     /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
     pub(crate) fn upload_frames(&mut self, views: &[View], times_us: &[i64]) -> wgpu::BindGroup {
+        self.upload_frames_as(views, times_us, false)
+    }
+
+    /// The same, with the numbers of records in place of the ids of objects where `record_ids`.
+    pub(crate) fn upload_frames_as(
+        &mut self,
+        views: &[View],
+        times_us: &[i64],
+        record_ids: bool,
+    ) -> wgpu::BindGroup {
         let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
         let plan = self.shadows.as_ref().map(|s| &s.plan);
         let moving = plan.is_some_and(ShadowPlan::moves);
-        let request = FrameRequest { views, times_s: &times_s, shadows: plan, shadow_maps: moving };
+        let request =
+            FrameRequest { views, times_s: &times_s, shadows: plan, record_ids, shadow_maps: moving };
         self.frame_data.build(&self.scene, &self.gpu_scene, &request);
         self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
     }
@@ -183,8 +195,14 @@ impl Engine {
         let edges = config.antialias == Antialias::Edges;
         let offsets = if edges { vec![[0.0, 0.0]] } else { crate::pattern::offsets(config.samples) };
         let samples = offsets.len() as u32;
-        let grid = SampleGrid::new(config.rate_hz, 1)?;
-        let made = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
+        let grid = config.sample_grid()?;
+        let rendered = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
+        // What the trigger averages, and how it comes to be.
+        let (layer_samples, made) = match &config.method {
+            Method::Native => (samples, rendered),
+            Method::Splat(_) => (1, LayerUse::Computed),
+        };
+        let may_be_unknown = matches!(&config.method, Method::Splat(splat) if splat.fill.is_none());
 
         let mut state = SceneState::default();
         scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
@@ -219,7 +237,7 @@ impl Engine {
         let [r, g, b] = scene.background.map(f64::from);
         let mut context = Context {
             gpu: gpu.clone(),
-            trigger: TriggerPasses::new(device, &config.sensor, samples),
+            trigger: TriggerPasses::new(device, &config.sensor, layer_samples, may_be_unknown),
             gpu_scene,
             layouts,
             views,
@@ -238,13 +256,24 @@ impl Engine {
         };
         crate::shadow::draw_still_maps(&mut context);
 
+        let mut sampling = match &config.method {
+            Method::Native => Sampling::Native,
+            Method::Splat(splat) => Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat))),
+        };
         let sizes = classes(&context.views);
         let mut targets = Vec::new();
         let mut members = Vec::new();
         for ((width, height), views) in sizes {
-            let plan =
-                sizes::plan(width, height, samples, views.len() as u32, sizes::MAX_INSTANTS, device_limits)
-                    .ok_or_else(|| {
+            let view_bytes = match &config.method {
+                Method::Native => 0,
+                Method::Splat(splat) => SplatRoom::view_bytes(splat, width, height, &device_limits)
+                    .filter(|&bytes| bytes <= device_limits.storage_binding)
+                    .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
+            };
+            let most = sizes::MAX_INSTANTS;
+            let count = views.len() as u32;
+            let plan = sizes::plan(width, height, layer_samples, count, most, view_bytes, device_limits)
+                .ok_or_else(|| {
                     EngineError::Device(format!(
                         "{width}x{height} pixels with {samples} samples do not fit this device \
                          (edge {}, layers {}, binding {} bytes); choose a smaller --size or fewer --samples",
@@ -254,15 +283,21 @@ impl Engine {
                     ))
                 })?;
             targets.push(Targets::new(device, width, height, plan, made));
+            if let (Sampling::Splat(room), Some(targets)) = (&mut sampling, targets.last()) {
+                room.add_size(&context, targets, edges);
+            }
             for chunk in views.chunks(plan.views_per_group as usize) {
                 members.push((targets.len() - 1, chunk.to_vec()));
             }
         }
         let reference = match config.reference_luminance {
             Some(value) => value,
-            None => measure_reference(&mut context, &targets, &members)?,
+            None => measure_reference(&mut context, samples, rendered)?,
         };
         config.reference_luminance = Some(reference);
+        if let Sampling::Splat(room) = &mut sampling {
+            room.set_log_floor(config.sensor.log_eps * reference);
+        }
         let groups: Vec<_> = members
             .into_iter()
             .map(|(t, views)| {
@@ -281,7 +316,7 @@ impl Engine {
         let most_capacity =
             (device_limits.storage_binding / 8).min(limits.max_buffer_size / 8 - 4096).min(1 << 28) as u32;
         Ok(Self {
-            sampling: Sampling::Native,
+            sampling,
             targets,
             label_room,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
@@ -375,6 +410,7 @@ impl Engine {
         }
         self.delivered_us = until_us;
         packet.report = std::mem::take(&mut self.report);
+        packet.report.keyframes = self.sampling.take_keyframes();
         packet.report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
         packet.report.times.pack_ms += milliseconds(packing);
         packet.report.times.total_ms = milliseconds(started);
@@ -566,6 +602,8 @@ impl Engine {
         let group = &mut self.groups[unit.group];
         self.report.clamped += u64::from(status.clamped.wrapping_sub(group.clamped));
         group.clamped = status.clamped;
+        self.report.unknown += u64::from(status.unknown.wrapping_sub(group.unknown));
+        group.unknown = status.unknown;
         self.report.instants += u64::from(unit.instants);
         self.report.times.pack_ms += milliseconds(packing);
         Ok(())
@@ -617,6 +655,7 @@ impl Engine {
         group.parity = (group.parity + flips) % 2;
         group.next = unit.first;
         group.clamped = 0;
+        group.unknown = 0;
         self.context.gpu.queue.write_buffer(&group.status, 0, bytemuck::bytes_of(&Status::default()));
         for unit in again {
             self.submit_unit(unit)?;
@@ -706,15 +745,10 @@ pub(crate) fn wait_mapped(
 }
 
 /// `Y_ref` that brings the log-mean of the first camera's lit pixels at the start to 0.18 (Reinhard's middle grey).
-fn measure_reference(
-    context: &mut Context,
-    targets: &[Targets],
-    members: &[(usize, Vec<usize>)],
-) -> Result<f32, EngineError> {
-    let Some((t, views)) = members.iter().find(|(_, views)| views.contains(&0)).or(members.first()) else {
-        return Ok(1.0);
-    };
-    let image = mean_luminance(context, &targets[*t].layers, views[0], 0)?;
+fn measure_reference(context: &mut Context, samples: u32, made: LayerUse) -> Result<f32, EngineError> {
+    let Some(lens) = context.views.first().map(|view| view.lens) else { return Ok(1.0) };
+    let layers = Layers::new(&context.gpu.device, lens.width, lens.height, samples, made);
+    let image = mean_luminance(context, &layers, 0, 0)?;
     let (mut sum, mut lit) = (0.0, 0u64);
     for luminance in image {
         if luminance > 0.0 && luminance.is_finite() {

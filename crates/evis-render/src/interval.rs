@@ -92,6 +92,8 @@ pub struct Group {
     pub next: i64,
     /// `Status::clamped` as last read: the device only adds to it.
     pub clamped: u32,
+    /// `Status::unknown` as last read.
+    pub unknown: u32,
 }
 
 impl Group {
@@ -139,6 +141,7 @@ impl Group {
             views,
             next: 0,
             clamped: 0,
+            unknown: 0,
         };
         let block_count = (pixels / u64::from(BLOCK_PIXELS)) as u32;
         let row = sizes::dispatch(block_count, WORKGROUP).0 * WORKGROUP;

@@ -2,6 +2,7 @@
 
 use crate::engine::Context;
 use crate::interval::{Group, Unit, encode_luminance};
+use crate::splat::SplatRoom;
 use crate::targets::Targets;
 use crate::view::View;
 
@@ -9,6 +10,8 @@ use crate::view::View;
 pub enum Sampling {
     /// Every instant is rendered, a layer per sample.
     Native,
+    /// Keyframes are rendered, and what lies between is splatted.
+    Splat(Box<SplatRoom>),
 }
 
 impl Sampling {
@@ -24,6 +27,15 @@ impl Sampling {
     ) {
         match self {
             Self::Native => render(context, encoder, targets, group, unit),
+            Self::Splat(room) => room.encode(context, encoder, targets, group, unit),
+        }
+    }
+
+    /// Keyframes drawn since this was last asked.
+    pub fn take_keyframes(&mut self) -> u64 {
+        match self {
+            Self::Native => 0,
+            Self::Splat(room) => room.take_drawn(),
         }
     }
 }

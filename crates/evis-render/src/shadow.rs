@@ -283,6 +283,7 @@ pub fn draw_still_maps(context: &mut Context) {
         views: &views,
         times_s: &[context.scene_time_s(0)],
         shadows: Some(&room.plan),
+        record_ids: false,
         shadow_maps: true,
     };
     context.frame_data.build(&context.scene, &context.gpu_scene, &request);

@@ -28,6 +28,8 @@ pub enum LayerUse {
     Rendered,
     /// Rendered with four coverage samples, which a compute pass averages.
     Resolved,
+    /// Written by a compute pass.
+    Computed,
 }
 
 impl Layers {

@@ -92,14 +92,16 @@ fn run(
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, interpolation, ..Default::default() };
-    let passes = TriggerPasses::new(&gpu.device, &rules, SAMPLES);
+    let passes = TriggerPasses::new(&gpu.device, &rules, SAMPLES, false);
     let unit = Unit { group: 0, first: 0, instants: INSTANTS };
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);
     encode_trigger(&mut encoder, &steps);
     let header = group.header_bytes();
-    encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, 16);
-    encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, 16, 4 * (u64::from(VIEWS) + 1));
+    let status_bytes = size_of::<Status>();
+    encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, status_bytes as u64);
+    let offsets = 4 * (u64::from(VIEWS) + 1);
+    encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, status_bytes as u64, offsets);
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, header, u64::from(capacity) * 8);
     let memory = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
@@ -115,9 +117,12 @@ fn run(
         wait_mapped(gpu, &submission, &map(buffer)).unwrap();
     }
     let bytes = slot.staging.get_mapped_range(..).unwrap();
-    let status: Status = bytemuck::pod_read_unaligned(&bytes[..16]);
-    let offsets =
-        bytes[16..].chunks_exact(4).take(VIEWS as usize + 1).map(bytemuck::pod_read_unaligned).collect();
+    let status: Status = bytemuck::pod_read_unaligned(&bytes[..status_bytes]);
+    let offsets = bytes[status_bytes..]
+        .chunks_exact(4)
+        .take(VIEWS as usize + 1)
+        .map(bytemuck::pod_read_unaligned)
+        .collect();
     let records = bytes[header as usize..].chunks_exact(8).take(status.event_count.min(capacity) as usize);
     let records = records.map(bytemuck::pod_read_unaligned).collect();
     let memory = memory.get_mapped_range(..).unwrap();
