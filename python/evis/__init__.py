@@ -17,6 +17,7 @@ from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart,
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
+from ._method import Splat
 from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Sensor
@@ -65,6 +66,7 @@ __all__ = [
     "SceneChart",
     "SceneVerification",
     "Sensor",
+    "Splat",
     "Simulator",
     "Stream",
     "Truth",

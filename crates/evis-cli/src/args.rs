@@ -385,6 +385,10 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_published: bool,
 
+    /// Leave out `splat` and its options.
+    #[arg(long)]
+    pub(crate) no_splat: bool,
+
     /// Runs of each setting, in turn with the others; the fastest counts [default: 3].
     #[arg(long, value_name = "N", value_parser = repetitions, allow_hyphen_values = true)]
     pub(crate) repetitions: Option<usize>,

@@ -24,7 +24,7 @@ use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
 use crate::pass::trigger::TriggerPasses;
 use crate::shadow::{ShadowPlan, ShadowRoom};
-use crate::sizes::{self, DeviceLimits};
+use crate::sizes::{self, DeviceLimits, MethodNeeds};
 use crate::splat::{self, SplatRoom};
 use crate::targets::{LayerUse, Layers, Targets};
 use crate::uniforms::{Status, ViewSensor};
@@ -264,15 +264,14 @@ impl Engine {
         let mut targets = Vec::new();
         let mut members = Vec::new();
         for ((width, height), views) in sizes {
-            let view_bytes = match &config.method {
-                Method::Native => 0,
-                Method::Splat(splat) => SplatRoom::view_bytes(splat, width, height, &device_limits)
-                    .filter(|&bytes| bytes <= device_limits.storage_binding)
+            let needs = match &config.method {
+                Method::Native => MethodNeeds::default(),
+                Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
             };
             let most = sizes::MAX_INSTANTS;
             let count = views.len() as u32;
-            let plan = sizes::plan(width, height, layer_samples, count, most, view_bytes, device_limits)
+            let plan = sizes::plan(width, height, layer_samples, count, most, needs, device_limits)
                 .ok_or_else(|| {
                     EngineError::Device(format!(
                         "{width}x{height} pixels with {samples} samples do not fit this device \

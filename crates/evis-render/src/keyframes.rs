@@ -39,12 +39,13 @@ pub struct KeyframeStore {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Per slot, view and pixel: luminance (negative: unknown), 1 / (depth + 1e-3).
-    pub lights: wgpu::Buffer,
-    /// Pixels to where it is at the next keyframe, and at the last.
-    pub motions: wgpu::Buffer,
-    /// Object + 1, 0 for none.
-    pub sources: wgpu::Buffer,
+    /// A layer per slot and view: luminance (negative: unknown), 1 / (depth + 1e-3), pixels to where it is at the next
+    /// keyframe.
+    pub forward: wgpu::TextureView,
+    /// The same, with pixels to where it is at the last keyframe.
+    pub backward: wgpu::TextureView,
+    /// Per slot, view and pixel: object + 1, 0 for none.
+    pub objects: wgpu::Buffer,
     /// Per slot and view: largest luminance, largest 1 / depth, as bits.
     pub largest: wgpu::Buffer,
     layers: Layers,
@@ -92,6 +93,23 @@ impl KeyframeStore {
                 })
                 .create_view(&Default::default())
         };
+        let sources = |label| {
+            device
+                .create_texture(&wgpu::TextureDescriptor {
+                    label: Some(label),
+                    size: wgpu::Extent3d { width, height, depth_or_array_layers: SLOTS * views },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format: wgpu::TextureFormat::Rgba32Float,
+                    usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+                    view_formats: &[],
+                })
+                .create_view(&wgpu::TextureViewDescriptor {
+                    dimension: Some(wgpu::TextureViewDimension::D2Array),
+                    ..Default::default()
+                })
+        };
         let [inverse_depth, flow, ids] = GEOMETRY_FORMATS;
         let made = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
         let keys = buffer(
@@ -102,13 +120,9 @@ impl KeyframeStore {
         Self {
             width,
             height,
-            lights: buffer("keyframe lights", entries * 8, storage | wgpu::BufferUsages::COPY_SRC),
-            motions: buffer("keyframe motions", entries * 16, storage | wgpu::BufferUsages::COPY_SRC),
-            sources: buffer(
-                "keyframe objects",
-                if with_objects { entries * 4 } else { 16 },
-                storage | wgpu::BufferUsages::COPY_SRC,
-            ),
+            forward: sources("keyframes, forward"),
+            backward: sources("keyframes, backward"),
+            objects: buffer("keyframe objects", if with_objects { entries * 4 } else { 16 }, storage),
             largest: buffer("largest of keyframes", u64::from(SLOTS * views) * 8, storage),
             layers: Layers::new(device, width, height, samples, made),
             pictures: [picture(inverse_depth, true), picture(flow, true), picture(ids, with_objects)],
@@ -203,9 +217,9 @@ impl KeyframeFrames {
                 texture(inverse_depth),
                 texture(flow),
                 texture(ids),
-                store.lights.as_entire_binding(),
-                store.motions.as_entire_binding(),
-                store.sources.as_entire_binding(),
+                texture(&store.forward),
+                texture(&store.backward),
+                store.objects.as_entire_binding(),
                 store.largest.as_entire_binding(),
             ];
             let group = pass::group(device, "prepare", &prepare.layout, PREPARE_BINDINGS, resources);

@@ -31,6 +31,7 @@ shaders![
     "splat/layout.wgsl",
     "splat/prepare.wgsl",
     "splat/place.wgsl",
+    "splat/holes.wgsl",
     "splat/accumulate.wgsl",
     "splat/index.wgsl",
     "splat/resolve.wgsl",

@@ -12,16 +12,18 @@ use crate::interval::{Group, Unit};
 use crate::keyframes::{KeyframeFrames, KeyframeStore, SLOTS, canvas_lens, slot_of};
 use crate::pass::raster::{SceneConstants, UNIFORM_ALIGNMENT};
 use crate::pass::splat::{
-    ACCUMULATE_BINDINGS, INDEX_BINDINGS, PLACE_BINDINGS, PLACED_PLANES, RESOLVE_BINDINGS, SHOW_BINDINGS,
-    SPLAT_WORKGROUP, SUM_PLANES, SplatPasses,
+    ACCUMULATE_BINDINGS, HOLE_TILE, HOLES_BINDINGS, INDEX_BINDINGS, PLACE_BINDINGS, PLACED_PLANES,
+    RESOLVE_BINDINGS, SHOW_BINDINGS, SPLAT_WORKGROUP, SUM_PLANES, SidePasses, SplatPasses,
 };
 use crate::pass::{self, ComputePass};
-use crate::sizes::DeviceLimits;
+use crate::sizes::{DeviceLimits, MethodNeeds};
 use crate::splat_config::{Carrier, Motion, SplatConfig};
 use crate::targets::Targets;
 use crate::uniforms::SplatParams;
 use crate::view::{PixelLens, View};
 
+/// Sources that one invocation adds up where a processor stands in for a graphics card.
+const CPU_RUN: u32 = 8;
 /// Rows of a transform: x·w, y·w, w.
 const ROWS: usize = 3;
 
@@ -29,6 +31,8 @@ const ROWS: usize = 3;
 pub struct SplatRoom {
     config: SplatConfig,
     passes: SplatPasses,
+    /// Sources that one invocation adds up; the sums are the same whatever it is.
+    run: u32,
     geometry: GeometryRoom,
     /// Per size of views.
     stores: Vec<Store>,
@@ -44,6 +48,8 @@ struct Store {
     keyframes: KeyframeStore,
     placed: wgpu::Buffer,
     sums: wgpu::Buffer,
+    /// Flags of tiles with holes.
+    tiles: wgpu::Buffer,
     /// Sensor pixels.
     size: [u32; 2],
 }
@@ -63,9 +69,12 @@ impl SplatRoom {
     pub fn new(context: &Context, constants: &SceneConstants, config: &SplatConfig) -> Self {
         let device = &context.gpu.device;
         let exact = config.motion == Motion::Exact;
+        // A processor waits for each atomic operation; a graphics card has threads to spare instead.
+        let run = if context.gpu.summary().kind == "cpu" { CPU_RUN } else { 1 };
         Self {
             config: *config,
-            passes: SplatPasses::new(device, config, context.offsets.len() as u32),
+            passes: SplatPasses::new(device, config, context.offsets.len() as u32, run),
+            run,
             geometry: GeometryRoom::new(
                 device,
                 &context.layouts,
@@ -81,15 +90,21 @@ impl SplatRoom {
         }
     }
 
-    /// Bytes of the widest binding per view of `width` x `height`, where its keyframes fit the device.
-    pub fn view_bytes(config: &SplatConfig, width: u32, height: u32, limits: &DeviceLimits) -> Option<u64> {
+    /// What a view of `width` x `height` needs beside luminance, where its keyframes fit the device.
+    pub fn needs(
+        config: &SplatConfig,
+        width: u32,
+        height: u32,
+        limits: &DeviceLimits,
+    ) -> Option<MethodNeeds> {
         let [canvas_width, canvas_height] = canvas_size(config, width, height);
         if canvas_width.max(canvas_height) > limits.texture_edge {
             return None;
         }
         let canvas = u64::from(canvas_width) * u64::from(canvas_height);
         let target = u64::from(width) * u64::from(height) * u64::from(config.supersample).pow(2);
-        Some((canvas * u64::from(SLOTS) * 16).max(target * 2 * SUM_PLANES * 4))
+        let bytes = (canvas * 2 * PLACED_PLANES * 4).max(target * 2 * SUM_PLANES * 4);
+        (bytes <= limits.storage_binding).then_some(MethodNeeds { bytes, layers: SLOTS })
     }
 
     /// Adds what the views of one size need, in the order of `Targets`.
@@ -111,11 +126,13 @@ impl SplatRoom {
         let canvas = u64::from(width) * u64::from(height);
         let target =
             u64::from(targets.width) * u64::from(targets.height) * u64::from(config.supersample).pow(2);
+        let tiles = [targets.width, targets.height].map(|n| (n * config.supersample).div_ceil(HOLE_TILE));
         let samples = context.offsets.len() as u32;
         self.stores.push(Store {
             keyframes: KeyframeStore::new(device, [width, height], views, samples, edges, config),
             placed: storage("placed", canvas * 2 * PLACED_PLANES),
             sums: storage("splat sums", target * 2 * SUM_PLANES),
+            tiles: storage("tiles with holes", u64::from(tiles[0]) * u64::from(tiles[1])),
             size: [targets.width, targets.height],
         });
     }
@@ -226,28 +243,36 @@ impl SplatRoom {
 
     fn work<'a>(&'a self, context: &Context, targets: &Targets, size: usize, views: u32) -> Work<'a> {
         let device = &context.gpu.device;
-        let Store { keyframes, placed, sums, size } = &self.stores[size];
+        let Store { keyframes, placed, sums, tiles, size } = &self.stores[size];
+        let target = size.map(|n| n * self.config.supersample);
         let params = || pass::part(self.params.get(), 0, size_of::<SplatParams>() as u64);
         let layers = || wgpu::BindingResource::TextureView(&targets.layers.array);
         let group = |label, pass: &ComputePass, bindings, resources| {
             pass::group(device, label, &pass.layout, bindings, resources)
         };
-        let lights = || keyframes.lights.as_entire_binding();
+        let texture = wgpu::BindingResource::TextureView;
+        let forward = || texture(&keyframes.forward);
         let largest = || keyframes.largest.as_entire_binding();
-        let side = |passes: &'a crate::pass::splat::SidePasses| {
+        let side = |passes: &'a SidePasses, sources: &'a wgpu::TextureView| {
             let place = vec![
                 params(),
-                lights(),
-                keyframes.motions.as_entire_binding(),
-                keyframes.sources.as_entire_binding(),
+                texture(sources),
+                keyframes.objects.as_entire_binding(),
                 self.transforms.get().as_entire_binding(),
                 placed.as_entire_binding(),
                 sums.as_entire_binding(),
+                tiles.as_entire_binding(),
             ];
             let (bindings, carry) = match self.config.carrier {
                 Carrier::Colour => (
                     ACCUMULATE_BINDINGS,
-                    vec![params(), lights(), largest(), placed.as_entire_binding(), sums.as_entire_binding()],
+                    vec![
+                        params(),
+                        texture(sources),
+                        largest(),
+                        placed.as_entire_binding(),
+                        sums.as_entire_binding(),
+                    ],
                 ),
                 Carrier::Index => {
                     (INDEX_BINDINGS, vec![params(), placed.as_entire_binding(), sums.as_entire_binding()])
@@ -258,31 +283,38 @@ impl SplatRoom {
                 (&passes.carry.pipeline, group("carry", &passes.carry, bindings, carry)),
             ]
         };
+        let carry_width = match self.config.carrier {
+            Carrier::Colour => keyframes.width.div_ceil(self.run),
+            Carrier::Index => keyframes.width,
+        };
         let resolve = vec![
             params(),
             sums.as_entire_binding(),
-            lights(),
+            forward(),
             placed.as_entire_binding(),
             largest(),
             layers(),
         ];
         let passes = &self.passes;
         Work {
-            newer: side(&passes.newer),
-            older: side(&passes.older),
+            newer: side(&passes.newer, &keyframes.backward),
+            holes: passes.holes.as_ref().map(|holes| {
+                let resources = vec![params(), sums.as_entire_binding(), tiles.as_entire_binding()];
+                (&holes.pipeline, group("holes", holes, HOLES_BINDINGS, resources))
+            }),
+            older: side(&passes.older, &keyframes.forward),
             resolve: (&passes.resolve.pipeline, group("resolve", &passes.resolve, RESOLVE_BINDINGS, resolve)),
             show: (
                 &passes.show.pipeline,
-                group("show", &passes.show, SHOW_BINDINGS, vec![params(), lights(), layers()]),
+                group("show", &passes.show, SHOW_BINDINGS, vec![params(), forward(), layers()]),
             ),
             canvas: (keyframes.width.div_ceil(SPLAT_WORKGROUP), keyframes.height, views),
+            runs: (carry_width.div_ceil(SPLAT_WORKGROUP), keyframes.height, views),
+            target: (target[0].div_ceil(SPLAT_WORKGROUP), target[1], views),
             sensor: (size[0].div_ceil(SPLAT_WORKGROUP), size[1], views),
             sums,
-            sums_bytes: u64::from(size[0] * size[1] * views)
-                * u64::from(self.config.supersample).pow(2)
-                * 2
-                * SUM_PLANES
-                * 4,
+            sums_bytes: u64::from(target[0] * target[1] * views) * 2 * SUM_PLANES * 4,
+            tiles,
         }
     }
 }
@@ -292,13 +324,18 @@ type Bound<'a> = (&'a wgpu::ComputePipeline, wgpu::BindGroup);
 /// The passes of a submission, bound.
 struct Work<'a> {
     newer: [Bound<'a>; 2],
+    holes: Option<Bound<'a>>,
     older: [Bound<'a>; 2],
     resolve: Bound<'a>,
     show: Bound<'a>,
+    /// Workgroups: keyframe pixels; what is added up at once; target pixels; sensor pixels.
     canvas: (u32, u32, u32),
+    runs: (u32, u32, u32),
+    target: (u32, u32, u32),
     sensor: (u32, u32, u32),
     sums: &'a wgpu::Buffer,
     sums_bytes: u64,
+    tiles: &'a wgpu::Buffer,
 }
 
 impl Work<'_> {
@@ -306,13 +343,18 @@ impl Work<'_> {
     /// holes.
     fn encode_instant(&self, encoder: &mut wgpu::CommandEncoder, k: usize) {
         encoder.clear_buffer(self.sums, 0, Some(self.sums_bytes));
+        if self.holes.is_some() {
+            encoder.clear_buffer(self.tiles, 0, None);
+        }
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         let [older, newer] = [0, 1].map(|side| (2 * k as u32 + side) * UNIFORM_ALIGNMENT as u32);
-        for (passes, offset) in [(&self.newer, newer), (&self.older, older)] {
-            for bound in passes {
-                run(&mut pass, bound, offset, self.canvas);
-            }
+        run(&mut pass, &self.newer[0], newer, self.canvas);
+        run(&mut pass, &self.newer[1], newer, self.runs);
+        if let Some(holes) = &self.holes {
+            run(&mut pass, holes, newer, self.target);
         }
+        run(&mut pass, &self.older[0], older, self.canvas);
+        run(&mut pass, &self.older[1], older, self.runs);
         run(&mut pass, &self.resolve, older, self.sensor);
     }
 

@@ -48,9 +48,9 @@ struct SplatParams {
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
 
-// Full weight; full light is LIGHT_STEPS, so that their product fits 32 bits.
+// Full weight; full light is LIGHT_STEPS, so that the sum of two of their products fits 32 bits.
 const WEIGHT_STEPS: f32 = 4096.0;
-const LIGHT_STEPS: f32 = 1048575.0;
+const LIGHT_STEPS: f32 = 524287.0;
 // Weights are products of a bilinear part of 1 / 2^20 each.
 const WEIGHT_UNIT: f32 = 0.00390625;
 
@@ -81,9 +81,9 @@ fn canvas_index(p: vec2<u32>, view: u32) -> u32 {
     return (view * params.canvas_height + p.y) * params.canvas_width + p.x;
 }
 
-// First entry of `side` in the keyframe buffers.
-fn slot_base(side: u32) -> u32 {
-    return select(1u - params.slot, params.slot, side == params.side) * canvas_pixels();
+// Layer of a view's keyframe on `side`, and its entry in per-view buffers.
+fn key_layer(side: u32, view: u32) -> u32 {
+    return select(1u - params.slot, params.slot, side == params.side) * params.view_count + view;
 }
 
 // The four pixels around a position, and the area that each has of a pixel put there, in 1 / SUBPIXELS².
@@ -97,6 +97,16 @@ fn taps_at(q: vec2<i32>) -> Taps {
     let f = vec2<u32>(q & vec2<i32>(SUBPIXELS - 1));
     let g = vec2<u32>(u32(SUBPIXELS)) - f;
     return Taps(base, vec4<u32>(g.x * g.y, f.x * g.y, g.x * f.y, f.x * f.y));
+}
+
+// Target pixels that share a flag "some of these are holes", along each axis.
+const HOLE_TILE: u32 = 16u;
+
+fn hole_tile(p: vec2<i32>, view: u32) -> u32 {
+    let tiles = (vec2<u32>(params.width, params.height) + HOLE_TILE - 1u) / HOLE_TILE;
+    let inside = clamp(p, vec2<i32>(0), vec2<i32>(i32(params.width) - 1, i32(params.height) - 1));
+    let tile = vec2<u32>(inside) / HOLE_TILE;
+    return (view * tiles.y + tile.y) * tiles.x + tile.x;
 }
 
 // Which planes of sums a side has: depth keys, then what the splat adds up.

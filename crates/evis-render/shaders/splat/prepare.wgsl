@@ -19,11 +19,12 @@ struct KeyParams {
 @group(0) @binding(2) var inverse_depths: texture_2d<f32>;
 @group(0) @binding(3) var flows: texture_2d<f32>;
 @group(0) @binding(4) var ids: texture_2d<u32>;
-// Luminance (negative: unknown), 1 / (depth + 1e-3).
-@group(0) @binding(5) var<storage, read_write> lights: array<vec2<f32>>;
-// Pixels to where the point is at the next keyframe, and at the last one.
-@group(0) @binding(6) var<storage, read_write> motions: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read_write> sources: array<u32>;
+// Luminance (negative: unknown), 1 / (depth + 1e-3), pixels to where the point is at the next keyframe.
+@group(0) @binding(5) var forward: texture_storage_2d_array<rgba32float, write>;
+// The same, with pixels to where it is at the last one.
+@group(0) @binding(6) var backward: texture_storage_2d_array<rgba32float, write>;
+// Object + 1; 0 where nothing was drawn.
+@group(0) @binding(7) var<storage, read_write> objects: array<u32>;
 // Per view: bits of the largest luminance and the largest 1 / depth; positive floats are ordered as their bits are.
 @group(0) @binding(8) var<storage, read_write> largest: array<atomic<u32>>;
 
@@ -74,10 +75,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let index = (key.view * key.height + id.y) * key.width + id.x;
     let nearness = inverse_depth / (1.0 + 1e-3 * inverse_depth);
-    lights[index] = vec2<f32>(luminance, nearness);
-    motions[index] = textureLoad(flows, nearest, 0);
+    let motion = textureLoad(flows, nearest, 0);
+    textureStore(forward, id.xy, key.view, vec4<f32>(luminance, nearness, motion.xy));
+    textureStore(backward, id.xy, key.view, vec4<f32>(luminance, nearness, motion.zw));
     if (WITH_OBJECTS) {
-        sources[index] = textureLoad(ids, nearest, 0).r;
+        objects[index] = textureLoad(ids, nearest, 0).r;
     }
     if (luminance > 0.0) {
         atomicMax(&largest[key.view * 2u], bitcast<u32>(luminance));

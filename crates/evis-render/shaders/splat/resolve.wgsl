@@ -7,7 +7,7 @@ override NEAREST: bool = false;
 override BLEND: bool = false;
 
 @group(0) @binding(1) var<storage, read> sums: array<u32>;
-@group(0) @binding(2) var<storage, read> lights: array<vec2<f32>>;
+@group(0) @binding(2) var forward: texture_2d_array<f32>;
 @group(0) @binding(3) var<storage, read> placed: array<u32>;
 @group(0) @binding(4) var<storage, read> largest: array<u32>;
 @group(0) @binding(5) var layers: texture_storage_2d_array<r32float, write>;
@@ -20,12 +20,11 @@ struct Seen {
 
 const UNSEEN: f32 = -1.0;
 
-fn decoded(weight: u32, low: u32, high: u32, largest: u32) -> f32 {
+fn decoded(weight: u32, low: u32, high: u32, scale: f32) -> f32 {
     if (f32(weight) < params.hole_below * WEIGHT_STEPS) {
         return UNSEEN;
     }
     let light = f32(high) * 4294967296.0 + f32(low);
-    let scale = light_scale(largest);
     // Beyond the scale only where more pixels met at one than its weight can count.
     return min(light / f32(weight) * (scale / LIGHT_STEPS), scale);
 }
@@ -41,14 +40,14 @@ fn gathered(p: vec2<u32>, view: u32, side: u32, word: u32) -> f32 {
     let offset = vec2<f32>(vec2<i32>(p) * SUBPIXELS - q) * (1.0 / f32(SUBPIXELS));
     let base = vec2<i32>(floor(offset));
     let f = offset - floor(offset);
-    let first = slot_base(side);
-    let own = lights[first + index];
+    let layer = key_layer(side, view);
+    let own = textureLoad(forward, vec2<u32>(source), layer, 0).xy;
     let most = vec2<i32>(i32(params.canvas_width) - 1, i32(params.canvas_height) - 1);
     var sum = 0.0;
     for (var i = 0; i < 4; i++) {
         let corner = vec2<i32>(i & 1, i >> 1u);
         let beside = clamp(source + base + corner, vec2<i32>(0), most);
-        let other = lights[first + canvas_index(vec2<u32>(beside), view)];
+        let other = textureLoad(forward, vec2<u32>(beside), layer, 0).xy;
         sum += corner_weight(f, corner) * light_beside(own, other);
     }
     return sum;
@@ -65,8 +64,8 @@ fn seen(p: vec2<u32>, view: u32, side: u32) -> Seen {
     if (CARRIER == 1u) {
         return Seen(gathered(p, view, side, word), nearness_of(key));
     }
-    let frame = (slot_base(side) / canvas_pixels() * params.view_count + view) * 2u;
-    return Seen(decoded(word, sums[at + 2u * plane], sums[at + 3u * plane], largest[frame]), nearness_of(key));
+    let scale = light_scale(largest[key_layer(side, view) * 2u]);
+    return Seen(decoded(word, sums[at + 2u * plane], sums[at + 3u * plane], scale), nearness_of(key));
 }
 
 fn corner_weight(f: vec2<f32>, corner: vec2<i32>) -> f32 {

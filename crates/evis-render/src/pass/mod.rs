@@ -38,6 +38,8 @@ pub enum Access {
     StorageLayer,
     /// `r32float` storage texture array, written.
     StorageLayers,
+    /// `rgba32float` storage texture array, written.
+    StorageLayersRgba,
     /// Filtering sampler.
     Sampler,
     /// Comparison sampler.
@@ -112,17 +114,25 @@ fn binding_type(access: Access) -> wgpu::BindingType {
             texture(TextureSampleType::Float { filterable: false }, TextureViewDimension::D2, false)
         }
         Access::UintPicture => texture(TextureSampleType::Uint, TextureViewDimension::D2, false),
-        Access::StorageLayer => storage_texture(TextureViewDimension::D2),
-        Access::StorageLayers => storage_texture(TextureViewDimension::D2Array),
+        Access::StorageLayer => storage_texture(wgpu::TextureFormat::R32Float, TextureViewDimension::D2),
+        Access::StorageLayers => {
+            storage_texture(wgpu::TextureFormat::R32Float, TextureViewDimension::D2Array)
+        }
+        Access::StorageLayersRgba => {
+            storage_texture(wgpu::TextureFormat::Rgba32Float, TextureViewDimension::D2Array)
+        }
         Access::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
         Access::ComparisonSampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison),
     }
 }
 
-const fn storage_texture(view_dimension: wgpu::TextureViewDimension) -> wgpu::BindingType {
+const fn storage_texture(
+    format: wgpu::TextureFormat,
+    view_dimension: wgpu::TextureViewDimension,
+) -> wgpu::BindingType {
     wgpu::BindingType::StorageTexture {
         access: wgpu::StorageTextureAccess::WriteOnly,
-        format: wgpu::TextureFormat::R32Float,
+        format,
         view_dimension,
     }
 }

@@ -7,6 +7,8 @@ use crate::splat_config::{Carrier, Motion, SplatConfig};
 pub const SPLAT_WORKGROUP: u32 = 64;
 /// Planes of 32 bits per pixel and side: depth keys, weight or index, light, its carries.
 pub const SUM_PLANES: u64 = 4;
+/// Target pixels along each axis that share a flag; `splat/layout.wgsl` has the same constant.
+pub const HOLE_TILE: u32 = 16;
 /// Planes of 32 bits per keyframe pixel and side: position, depth key.
 pub const PLACED_PLANES: u64 = 3;
 
@@ -17,25 +19,31 @@ pub const PREPARE_BINDINGS: &[Binding] = &[
     bind(2, "inverse_depths", Access::Picture),
     bind(3, "flows", Access::Picture),
     bind(4, "ids", Access::UintPicture),
-    bind(5, "lights", Access::Write),
-    bind(6, "motions", Access::Write),
-    bind(7, "sources", Access::Write),
+    bind(5, "forward", Access::StorageLayersRgba),
+    bind(6, "backward", Access::StorageLayersRgba),
+    bind(7, "objects", Access::Write),
     bind(8, "largest", Access::Write),
 ];
 /// `splat/place.wgsl`.
 pub const PLACE_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
-    bind(1, "lights", Access::Read),
-    bind(2, "motions", Access::Read),
-    bind(3, "sources", Access::Read),
-    bind(4, "transforms", Access::Read),
-    bind(5, "placed", Access::Write),
-    bind(6, "sums", Access::Write),
+    bind(1, "sources", Access::Layers),
+    bind(2, "objects", Access::Read),
+    bind(3, "transforms", Access::Read),
+    bind(4, "placed", Access::Write),
+    bind(5, "sums", Access::Write),
+    bind(6, "hole_tiles", Access::Read),
+];
+/// `splat/holes.wgsl`.
+pub const HOLES_BINDINGS: &[Binding] = &[
+    bind(0, "params", Access::DynamicUniform),
+    bind(1, "sums", Access::Read),
+    bind(2, "hole_tiles", Access::Write),
 ];
 /// `splat/accumulate.wgsl`.
 pub const ACCUMULATE_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
-    bind(1, "lights", Access::Read),
+    bind(1, "sources", Access::Layers),
     bind(2, "largest", Access::Read),
     bind(3, "placed", Access::Read),
     bind(4, "sums", Access::Write),
@@ -50,7 +58,7 @@ pub const INDEX_BINDINGS: &[Binding] = &[
 pub const RESOLVE_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
     bind(1, "sums", Access::Read),
-    bind(2, "lights", Access::Read),
+    bind(2, "forward", Access::Layers),
     bind(3, "placed", Access::Read),
     bind(4, "largest", Access::Read),
     bind(5, "layers", Access::StorageLayers),
@@ -58,7 +66,7 @@ pub const RESOLVE_BINDINGS: &[Binding] = &[
 /// `splat/show.wgsl`.
 pub const SHOW_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
-    bind(1, "lights", Access::Read),
+    bind(1, "forward", Access::Layers),
     bind(2, "layers", Access::StorageLayers),
 ];
 
@@ -76,6 +84,8 @@ pub struct SplatPasses {
     pub prepare: ComputePass,
     /// The newer keyframe, which comes first.
     pub newer: SidePasses,
+    /// Where the newer one has holes; `None` where the older one is splatted everywhere.
+    pub holes: Option<ComputePass>,
     /// The older keyframe: everywhere, or only in the newer one's holes.
     pub older: SidePasses,
     /// Both to one luminance.
@@ -85,8 +95,8 @@ pub struct SplatPasses {
 }
 
 impl SplatPasses {
-    /// Builds them for `config`, and keyframes of `samples` samples.
-    pub fn new(device: &wgpu::Device, config: &SplatConfig, samples: u32) -> Self {
+    /// Builds them for `config`, keyframes of `samples` samples, and `run` sources added up by one invocation.
+    pub fn new(device: &wgpu::Device, config: &SplatConfig, samples: u32, run: u32) -> Self {
         let flag = |b: bool| f64::from(u8::from(b));
         let exact = flag(config.motion == Motion::Exact);
         let carrier = flag(config.carrier == Carrier::Index);
@@ -97,7 +107,8 @@ impl SplatPasses {
                 place: ComputePass::new(device, "splat/place.wgsl", PLACE_BINDINGS, &place),
                 carry: match config.carrier {
                     Carrier::Colour => {
-                        ComputePass::new(device, "splat/accumulate.wgsl", ACCUMULATE_BINDINGS, &[fill])
+                        let add = [fill, ("RUN", f64::from(run))];
+                        ComputePass::new(device, "splat/accumulate.wgsl", ACCUMULATE_BINDINGS, &add)
                     }
                     Carrier::Index => ComputePass::new(device, "splat/index.wgsl", INDEX_BINDINGS, &[fill]),
                 },
@@ -107,10 +118,14 @@ impl SplatPasses {
             [("SAMPLES", f64::from(samples)), ("DILATE", f64::from(config.dilate)), ("WITH_OBJECTS", exact)];
         let resolve =
             [("CARRIER", carrier), ("NEAREST", flag(config.nearest)), ("BLEND", flag(config.blend))];
+        let fill_holes = !config.nearest && !config.blend;
         Self {
             prepare: ComputePass::new(device, "splat/prepare.wgsl", PREPARE_BINDINGS, &prepare),
             newer: side(false),
-            older: side(!config.nearest && !config.blend),
+            holes: fill_holes.then(|| {
+                ComputePass::new(device, "splat/holes.wgsl", HOLES_BINDINGS, &[("CARRIER", carrier)])
+            }),
+            older: side(fill_holes),
             resolve: ComputePass::new(device, "splat/resolve.wgsl", RESOLVE_BINDINGS, &resolve),
             show: ComputePass::new(device, "splat/show.wgsl", SHOW_BINDINGS, &[]),
         }
