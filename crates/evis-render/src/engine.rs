@@ -295,7 +295,7 @@ impl Engine {
         };
         config.reference_luminance = Some(reference);
         if let Sampling::Splat(room) = &mut sampling {
-            room.set_log_floor(config.sensor.log_eps * reference);
+            room.set_response(config.sensor.log_eps, reference);
         }
         let groups: Vec<_> = members
             .into_iter()
@@ -366,6 +366,34 @@ impl Engine {
         let group = self.groups.iter().find(|group| group.views.contains(&view));
         let targets = group.map_or(0, |group| group.targets);
         mean_luminance(&mut self.context, &self.targets[targets].layers, view, t_us)
+    }
+
+    /// What the method makes of instants `first..first + instants` of the first view: a picture each, from the mean of
+    /// its samples.
+    #[cfg(test)]
+    pub fn instants(&mut self, first: i64, instants: u32) -> Result<Vec<Vec<f32>>, EngineError> {
+        let (group, unit) = (&self.groups[0], Unit { group: 0, first, instants });
+        let targets = &self.targets[group.targets];
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        let samples = targets.plan.layers / (targets.plan.instants * targets.plan.views_per_group);
+        let layers = read_layers(&self.context, encoder, &targets.layers, instants * samples)?;
+        Ok(layers
+            .chunks_exact(samples as usize)
+            .map(|of| {
+                let mean = |p: usize| of.iter().map(|layer| layer[p]).sum::<f32>() / of.len() as f32;
+                (0..of[0].len()).map(mean).collect()
+            })
+            .collect())
+    }
+
+    /// Where the older side's pixels were last placed: x, y, depth key, in planes over the keyframe.
+    #[cfg(test)]
+    pub fn splat_store(&self) -> Option<&splat::Store> {
+        match &self.sampling {
+            Sampling::Splat(room) => room.store(0),
+            Sampling::Native => None,
+        }
     }
 
     /// Sample offsets in pixels, in layer order.
@@ -775,13 +803,26 @@ fn mean_luminance(
     let mut encoder = device.create_command_encoder(&Default::default());
     context.encode_moving_shadows(&mut encoder, &frame_group, &view, 1, 0);
     interval::encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0);
-    let samples = context.offsets.len() as u32;
+    let samples = context.offsets.len();
+    let read = read_layers(context, encoder, layers, samples as u32)?;
+    let pixels = layers.width as usize * layers.height as usize;
+    let mean = |p: usize| read.iter().map(|layer| f64::from(layer[p])).sum::<f64>() / samples as f64;
+    Ok((0..pixels).map(mean).collect())
+}
+
+/// Runs `encoder` and reads the first `count` of `layers` back, each row-major from the top.
+fn read_layers(
+    context: &Context,
+    mut encoder: wgpu::CommandEncoder,
+    layers: &Layers,
+    count: u32,
+) -> Result<Vec<Vec<f32>>, EngineError> {
     let (width, height) = (layers.width, layers.height);
     let row = (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let layer_bytes = u64::from(row) * u64::from(height);
-    let staging = device.create_buffer(&wgpu::BufferDescriptor {
+    let staging = context.gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("luminance for the host"),
-        size: layer_bytes * u64::from(samples),
+        size: layer_bytes * u64::from(count),
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
@@ -795,7 +836,7 @@ fn mean_luminance(
                 rows_per_image: Some(height),
             },
         },
-        wgpu::Extent3d { width, height, depth_or_array_layers: samples },
+        wgpu::Extent3d { width, height, depth_or_array_layers: count },
     );
     let submission = context.gpu.queue.submit([encoder.finish()]);
     let mapped = map(&staging);
@@ -803,20 +844,13 @@ fn mean_luminance(
     let bytes = staging
         .get_mapped_range(..)
         .map_err(|e| EngineError::Device(format!("cannot read the luminance back: {e}")))?;
-    let mut image = Vec::with_capacity(width as usize * height as usize);
-    for y in 0..height {
-        for x in 0..width {
-            let sum: f64 = (0..samples)
-                .map(|s| {
-                    let at = u64::from(s) * layer_bytes + u64::from(y) * u64::from(row) + u64::from(x) * 4;
-                    let at = at as usize;
-                    f64::from(bytemuck::pod_read_unaligned::<f32>(&bytes[at..at + 4]))
-                })
-                .sum();
-            image.push(sum / f64::from(samples));
-        }
-    }
-    Ok(image)
+    let pixels = |row: &[u8]| -> Vec<f32> {
+        row.chunks_exact(4).take(width as usize).map(bytemuck::pod_read_unaligned).collect()
+    };
+    Ok(bytes
+        .chunks_exact(layer_bytes as usize)
+        .map(|layer| layer.chunks_exact(row as usize).flat_map(pixels).collect())
+        .collect())
 }
 
 fn milliseconds(since: Instant) -> f64 {

@@ -3,6 +3,7 @@
 
 use crate::engine::Context;
 use crate::geometry::{GeometryGroups, GeometryPass, GeometryRoom, sky_flow};
+use crate::gpu::Gpu;
 use crate::interval::encode_luminance;
 use crate::pass::labels::GEOMETRY_FORMATS;
 use crate::pass::raster::{DEPTH_FORMAT, UNIFORM_ALIGNMENT};
@@ -48,8 +49,10 @@ pub struct KeyframeStore {
     pub objects: wgpu::Buffer,
     /// Per slot and view: largest luminance, largest 1 / depth, as bits.
     pub largest: wgpu::Buffer,
-    layers: Layers,
-    pictures: [wgpu::TextureView; 3],
+    /// Luminance, a layer per sample.
+    pub layers: Layers,
+    /// Inverse depth, flow, ids.
+    pub pictures: [wgpu::TextureView; 3],
     depth: wgpu::TextureView,
     keys: wgpu::Buffer,
     /// What each slot holds: a group's keyframe. A slot's content is a function of that alone.
@@ -88,7 +91,9 @@ impl KeyframeStore {
                     sample_count: 1,
                     dimension: wgpu::TextureDimension::D2,
                     format,
-                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                        | wgpu::TextureUsages::TEXTURE_BINDING
+                        | wgpu::TextureUsages::COPY_DST,
                     view_formats: &[],
                 })
                 .create_view(&Default::default())
@@ -131,6 +136,37 @@ impl KeyframeStore {
             held: [None; SLOTS as usize],
             with_objects,
         }
+    }
+
+    /// From the pictures to `entry`: views of slot 0, then of slot 1.
+    pub fn encode_prepare(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        prepare: &ComputePass,
+        entry: u32,
+    ) {
+        let params = KeyParams { width: self.width, height: self.height, view: entry, pad: 0 };
+        let offset = u64::from(entry) * UNIFORM_ALIGNMENT;
+        gpu.queue.write_buffer(&self.keys, offset, bytemuck::bytes_of(&params));
+        let texture = wgpu::BindingResource::TextureView;
+        let [inverse_depth, flow, ids] = self.pictures.each_ref().map(texture);
+        let resources = vec![
+            pass::part(&self.keys, offset, size_of::<KeyParams>() as u64),
+            texture(&self.layers.array),
+            inverse_depth,
+            flow,
+            ids,
+            texture(&self.forward),
+            texture(&self.backward),
+            self.objects.as_entire_binding(),
+            self.largest.as_entire_binding(),
+        ];
+        let group = pass::group(&gpu.device, "prepare", &prepare.layout, PREPARE_BINDINGS, resources);
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&prepare.pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups(self.width.div_ceil(SPLAT_WORKGROUP), self.height, 1);
     }
 
     /// Whether slot of keyframe `j` holds it for `group`; from now on it does.
@@ -189,7 +225,6 @@ impl KeyframeFrames {
         store: &KeyframeStore,
         j: i64,
     ) {
-        let device = &context.gpu.device;
         let (count, slot) = (self.views.len() as u32, slot_of(j));
         let place = (j - self.first) as u32;
         context.encode_moving_shadows(encoder, &self.frame_group, &self.views, self.times, place + 1);
@@ -206,27 +241,7 @@ impl KeyframeFrames {
                 depth: &store.depth,
             };
             room.encode(context, encoder, &self.frame_group, &self.geometry, &what);
-            let entry = slot * count + view;
-            let params = KeyParams { width: store.width, height: store.height, view: entry, pad: 0 };
-            let offset = u64::from(entry) * UNIFORM_ALIGNMENT;
-            context.gpu.queue.write_buffer(&store.keys, offset, bytemuck::bytes_of(&params));
-            let texture = wgpu::BindingResource::TextureView;
-            let resources = vec![
-                pass::part(&store.keys, offset, size_of::<KeyParams>() as u64),
-                texture(&store.layers.array),
-                texture(inverse_depth),
-                texture(flow),
-                texture(ids),
-                texture(&store.forward),
-                texture(&store.backward),
-                store.objects.as_entire_binding(),
-                store.largest.as_entire_binding(),
-            ];
-            let group = pass::group(device, "prepare", &prepare.layout, PREPARE_BINDINGS, resources);
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_pipeline(&prepare.pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups(store.width.div_ceil(SPLAT_WORKGROUP), store.height, 1);
+            store.encode_prepare(&context.gpu, encoder, prepare, slot * count + view);
         }
     }
 }

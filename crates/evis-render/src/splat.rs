@@ -24,6 +24,8 @@ use crate::view::{PixelLens, View};
 
 /// Sources that one invocation adds up where a processor stands in for a graphics card.
 const CPU_RUN: u32 = 8;
+/// Most light that colours can add up, in reference luminances: eight ln units above the mean.
+const BRIGHTEST: f32 = 256.0;
 /// Rows of a transform: x·w, y·w, w.
 const ROWS: usize = 3;
 
@@ -31,8 +33,6 @@ const ROWS: usize = 3;
 pub struct SplatRoom {
     config: SplatConfig,
     passes: SplatPasses,
-    /// Sources that one invocation adds up; the sums are the same whatever it is.
-    run: u32,
     geometry: GeometryRoom,
     /// Per size of views.
     stores: Vec<Store>,
@@ -40,18 +40,57 @@ pub struct SplatRoom {
     transforms: GrowingBuffer,
     /// eps · Y_ref: blending in the logarithm that pixels feel.
     log_floor: f32,
+    brightest: f32,
     drawn: u64,
 }
 
 /// What the views of one size have.
-struct Store {
-    keyframes: KeyframeStore,
-    placed: wgpu::Buffer,
-    sums: wgpu::Buffer,
+pub struct Store {
+    /// Of both sides.
+    pub keyframes: KeyframeStore,
+    /// Where their pixels are.
+    pub placed: wgpu::Buffer,
+    /// What they add up to.
+    pub sums: wgpu::Buffer,
     /// Flags of tiles with holes.
     tiles: wgpu::Buffer,
     /// Sensor pixels.
     size: [u32; 2],
+}
+
+impl Store {
+    /// Allocates for `views` views of `size`.
+    pub fn new(
+        device: &wgpu::Device,
+        config: &SplatConfig,
+        size: [u32; 2],
+        views: u32,
+        samples: u32,
+        edges: bool,
+    ) -> Self {
+        let storage = |label, words: u64| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: words * 4 * u64::from(views),
+                usage: wgpu::BufferUsages::STORAGE
+                    | wgpu::BufferUsages::COPY_DST
+                    | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            })
+        };
+        let canvas_size = canvas_size(config, size[0], size[1]);
+        let canvas: u64 = canvas_size.map(u64::from).iter().product();
+        let target: u64 = size.map(|n| u64::from(n * config.supersample)).iter().product();
+        let tiles: u64 =
+            size.map(|n| u64::from((n * config.supersample).div_ceil(HOLE_TILE))).iter().product();
+        Self {
+            keyframes: KeyframeStore::new(device, canvas_size, views, samples, edges, config),
+            placed: storage("placed", canvas * 2 * PLACED_PLANES),
+            sums: storage("splat sums", target * 2 * SUM_PLANES),
+            tiles: storage("tiles with holes", tiles),
+            size,
+        }
+    }
 }
 
 /// One instant between keyframes, or at the newer one.
@@ -74,7 +113,6 @@ impl SplatRoom {
         Self {
             config: *config,
             passes: SplatPasses::new(device, config, context.offsets.len() as u32, run),
-            run,
             geometry: GeometryRoom::new(
                 device,
                 &context.layouts,
@@ -86,6 +124,7 @@ impl SplatRoom {
             params: GrowingBuffer::new(device, "splat params", wgpu::BufferUsages::UNIFORM),
             transforms: GrowingBuffer::new(device, "splat transforms", wgpu::BufferUsages::STORAGE),
             log_floor: 0.0,
+            brightest: BRIGHTEST,
             drawn: 0,
         }
     }
@@ -109,37 +148,23 @@ impl SplatRoom {
 
     /// Adds what the views of one size need, in the order of `Targets`.
     pub fn add_size(&mut self, context: &Context, targets: &Targets, edges: bool) {
-        let device = &context.gpu.device;
-        let config = &self.config;
-        let views = targets.plan.views_per_group;
-        let [width, height] = canvas_size(config, targets.width, targets.height);
-        let storage = |label, words: u64| {
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: words * 4 * u64::from(views),
-                usage: wgpu::BufferUsages::STORAGE
-                    | wgpu::BufferUsages::COPY_DST
-                    | wgpu::BufferUsages::COPY_SRC,
-                mapped_at_creation: false,
-            })
-        };
-        let canvas = u64::from(width) * u64::from(height);
-        let target =
-            u64::from(targets.width) * u64::from(targets.height) * u64::from(config.supersample).pow(2);
-        let tiles = [targets.width, targets.height].map(|n| (n * config.supersample).div_ceil(HOLE_TILE));
         let samples = context.offsets.len() as u32;
-        self.stores.push(Store {
-            keyframes: KeyframeStore::new(device, [width, height], views, samples, edges, config),
-            placed: storage("placed", canvas * 2 * PLACED_PLANES),
-            sums: storage("splat sums", target * 2 * SUM_PLANES),
-            tiles: storage("tiles with holes", u64::from(tiles[0]) * u64::from(tiles[1])),
-            size: [targets.width, targets.height],
-        });
+        let size = [targets.width, targets.height];
+        let views = targets.plan.views_per_group;
+        let store = Store::new(&context.gpu.device, &self.config, size, views, samples, edges);
+        self.stores.push(store);
     }
 
-    /// Sets what is added to luminance before its logarithm is blended.
-    pub fn set_log_floor(&mut self, floor: f32) {
-        self.log_floor = floor;
+    /// Sets `eps` and the reference luminance of the pixels' response.
+    pub fn set_response(&mut self, log_eps: f32, reference_luminance: f32) {
+        self.log_floor = log_eps * reference_luminance;
+        self.brightest = BRIGHTEST * reference_luminance;
+    }
+
+    /// What the views of size `index` have.
+    #[cfg(test)]
+    pub fn store(&self, index: usize) -> Option<&Store> {
+        self.stores.get(index)
     }
 
     /// Keyframes drawn since this was last asked.
@@ -188,8 +213,14 @@ impl SplatRoom {
             .collect();
         self.drawn += u64::from(count) * draws.iter().flatten().flatten().count() as u64;
 
-        let work = self.work(context, targets, group.targets, count);
-        let store = &self.stores[group.targets].keyframes;
+        let store = &self.stores[group.targets];
+        let inputs = Inputs {
+            params: self.params.get(),
+            transforms: self.transforms.get(),
+            layers: &targets.layers.array,
+        };
+        let work = Work::new(&context.gpu.device, &self.config, &self.passes, store, &inputs, count);
+        let store = &store.keyframes;
         for (k, (step, draws)) in steps.iter().zip(draws).enumerate() {
             for j in draws.into_iter().flatten() {
                 frames.draw(context, encoder, &self.geometry, &self.passes.prepare, store, j);
@@ -235,18 +266,58 @@ impl SplatRoom {
                 layers_per_view: unit.instants,
                 index_bits: u32::BITS - pixels.leading_zeros(),
                 log_floor: self.log_floor,
+                brightest: self.brightest,
+                ..SplatParams::default()
             };
             entry[..size_of::<SplatParams>()].copy_from_slice(bytemuck::bytes_of(&params));
         }
         bytes
     }
+}
 
-    fn work<'a>(&'a self, context: &Context, targets: &Targets, size: usize, views: u32) -> Work<'a> {
-        let device = &context.gpu.device;
-        let Store { keyframes, placed, sums, tiles, size } = &self.stores[size];
-        let target = size.map(|n| n * self.config.supersample);
-        let params = || pass::part(self.params.get(), 0, size_of::<SplatParams>() as u64);
-        let layers = || wgpu::BindingResource::TextureView(&targets.layers.array);
+type Bound<'a> = (&'a wgpu::ComputePipeline, wgpu::BindGroup);
+
+/// What a submission's passes read and write beside a [`Store`].
+pub struct Inputs<'a> {
+    /// [`SplatParams`], a pair per step.
+    pub params: &'a wgpu::Buffer,
+    /// Rows of transforms.
+    pub transforms: &'a wgpu::Buffer,
+    /// Luminance of the instants.
+    pub layers: &'a wgpu::TextureView,
+}
+
+/// The passes of a submission, bound.
+pub struct Work<'a> {
+    newer: [Bound<'a>; 2],
+    holes: Option<Bound<'a>>,
+    older: [Bound<'a>; 2],
+    resolve: Bound<'a>,
+    show: Bound<'a>,
+    /// Workgroups: keyframe pixels; what is added up at once; target pixels; sensor pixels.
+    canvas: (u32, u32, u32),
+    runs: (u32, u32, u32),
+    target: (u32, u32, u32),
+    sensor: (u32, u32, u32),
+    sums: &'a wgpu::Buffer,
+    sums_bytes: u64,
+    tiles: &'a wgpu::Buffer,
+}
+
+impl<'a> Work<'a> {
+    /// Binds `passes` for `views` views of `store`.
+    pub fn new(
+        device: &wgpu::Device,
+        config: &SplatConfig,
+        passes: &'a SplatPasses,
+        store: &'a Store,
+        inputs: &Inputs<'_>,
+        views: u32,
+    ) -> Self {
+        let Store { keyframes, placed, sums, tiles, size } = store;
+        let target = size.map(|n| n * config.supersample);
+        let params = || pass::part(inputs.params, 0, size_of::<SplatParams>() as u64);
+        let layers = || wgpu::BindingResource::TextureView(inputs.layers);
         let group = |label, pass: &ComputePass, bindings, resources| {
             pass::group(device, label, &pass.layout, bindings, resources)
         };
@@ -258,12 +329,12 @@ impl SplatRoom {
                 params(),
                 texture(sources),
                 keyframes.objects.as_entire_binding(),
-                self.transforms.get().as_entire_binding(),
+                inputs.transforms.as_entire_binding(),
                 placed.as_entire_binding(),
                 sums.as_entire_binding(),
                 tiles.as_entire_binding(),
             ];
-            let (bindings, carry) = match self.config.carrier {
+            let (bindings, carry) = match config.carrier {
                 Carrier::Colour => (
                     ACCUMULATE_BINDINGS,
                     vec![
@@ -283,8 +354,8 @@ impl SplatRoom {
                 (&passes.carry.pipeline, group("carry", &passes.carry, bindings, carry)),
             ]
         };
-        let carry_width = match self.config.carrier {
-            Carrier::Colour => keyframes.width.div_ceil(self.run),
+        let carry_width = match config.carrier {
+            Carrier::Colour => keyframes.width.div_ceil(passes.run),
             Carrier::Index => keyframes.width,
         };
         let resolve = vec![
@@ -295,8 +366,7 @@ impl SplatRoom {
             largest(),
             layers(),
         ];
-        let passes = &self.passes;
-        Work {
+        Self {
             newer: side(&passes.newer, &keyframes.backward),
             holes: passes.holes.as_ref().map(|holes| {
                 let resources = vec![params(), sums.as_entire_binding(), tiles.as_entire_binding()];
@@ -317,31 +387,10 @@ impl SplatRoom {
             tiles,
         }
     }
-}
 
-type Bound<'a> = (&'a wgpu::ComputePipeline, wgpu::BindGroup);
-
-/// The passes of a submission, bound.
-struct Work<'a> {
-    newer: [Bound<'a>; 2],
-    holes: Option<Bound<'a>>,
-    older: [Bound<'a>; 2],
-    resolve: Bound<'a>,
-    show: Bound<'a>,
-    /// Workgroups: keyframe pixels; what is added up at once; target pixels; sensor pixels.
-    canvas: (u32, u32, u32),
-    runs: (u32, u32, u32),
-    target: (u32, u32, u32),
-    sensor: (u32, u32, u32),
-    sums: &'a wgpu::Buffer,
-    sums_bytes: u64,
-    tiles: &'a wgpu::Buffer,
-}
-
-impl Work<'_> {
     /// Instant `k` of the submission, between two keyframes: the newer one first, for the older one may ask for its
     /// holes.
-    fn encode_instant(&self, encoder: &mut wgpu::CommandEncoder, k: usize) {
+    pub fn encode_instant(&self, encoder: &mut wgpu::CommandEncoder, k: usize) {
         encoder.clear_buffer(self.sums, 0, Some(self.sums_bytes));
         if self.holes.is_some() {
             encoder.clear_buffer(self.tiles, 0, None);
@@ -359,7 +408,7 @@ impl Work<'_> {
     }
 
     /// Instant `k`, at the newer keyframe.
-    fn encode_keyframe(&self, encoder: &mut wgpu::CommandEncoder, k: usize) {
+    pub fn encode_keyframe(&self, encoder: &mut wgpu::CommandEncoder, k: usize) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         run(&mut pass, &self.show, (2 * k as u32 + 1) * UNIFORM_ALIGNMENT as u32, self.sensor);
     }

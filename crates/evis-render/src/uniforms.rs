@@ -271,4 +271,12 @@ pub struct SplatParams {
     pub index_bits: u32,
     /// Added to luminance before a logarithm.
     pub log_floor: f32,
+    /// Most light that colours can add up.
+    pub brightest: f32,
+    /// Zero.
+    pub pad_0: u32,
+    /// Zero.
+    pub pad_1: u32,
+    /// Zero.
+    pub pad_2: u32,
 }

@@ -44,6 +44,11 @@ struct SplatParams {
     index_bits: u32,
     // Added to luminance before a logarithm is taken.
     log_floor: f32,
+    // Light above this counts as this where colours are added up: one glint must not take the steps of all others.
+    brightest: f32,
+    pad_0: u32,
+    pad_1: u32,
+    pad_2: u32,
 };
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
@@ -60,7 +65,8 @@ fn nearness_of(key: u32) -> f32 {
 
 // A power of two above the brightest light of a keyframe: it seldom changes from one to the next.
 fn light_scale(bits: u32) -> f32 {
-    return bitcast<f32>(((max(bits, 0x00800000u) >> 23u) + 1u) << 23u);
+    let within = clamp(bits, 0x00800000u, max(bitcast<u32>(params.brightest), 0x00800000u));
+    return bitcast<f32>(((within >> 23u) + 1u) << 23u);
 }
 
 // An index has no weight to lose: a pixel hardly touched is not the surface's.

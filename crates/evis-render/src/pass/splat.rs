@@ -80,6 +80,8 @@ pub struct SidePasses {
 
 /// The splat passes.
 pub struct SplatPasses {
+    /// Sources that one invocation adds up; the sums are the same whatever it is.
+    pub run: u32,
     /// Keyframe pictures to sources.
     pub prepare: ComputePass,
     /// The newer keyframe, which comes first.
@@ -120,6 +122,7 @@ impl SplatPasses {
             [("CARRIER", carrier), ("NEAREST", flag(config.nearest)), ("BLEND", flag(config.blend))];
         let fill_holes = !config.nearest && !config.blend;
         Self {
+            run,
             prepare: ComputePass::new(device, "splat/prepare.wgsl", PREPARE_BINDINGS, &prepare),
             newer: side(false),
             holes: fill_holes.then(|| {

@@ -69,6 +69,7 @@ fn run(
     sensors: &[ViewSensor],
     grid: &SampleGrid,
     capacity: u32,
+    unknown: bool,
 ) -> Ran {
     let plan = Plan { views_per_group: VIEWS, instants: INSTANTS, layers: VIEWS * INSTANTS * SAMPLES };
     let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered);
@@ -92,7 +93,7 @@ fn run(
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, interpolation, ..Default::default() };
-    let passes = TriggerPasses::new(&gpu.device, &rules, SAMPLES, false);
+    let passes = TriggerPasses::new(&gpu.device, &rules, SAMPLES, unknown);
     let unit = Unit { group: 0, first: 0, instants: INSTANTS };
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);
@@ -151,6 +152,10 @@ fn twin(config: &SensorConfig, log_lumas: &[f32], times: &[u32]) -> (Vec<(u32, b
     let mut state = None;
     let mut events = Vec::new();
     for (k, &l) in log_lumas.iter().enumerate() {
+        // Unknown: passed by.
+        if l.is_nan() {
+            continue;
+        }
         if let Some(PixelState { reference_log, .. }) = state {
             let change: f32 = l - reference_log;
             let threshold = if change >= 0.0 { config.threshold_on } else { config.threshold_off };
@@ -202,6 +207,9 @@ fn compare(
                 .map(|k| {
                     let first = ((view * INSTANTS + k) * SAMPLES) as usize;
                     let samples = (first..first + SAMPLES as usize).map(|l| layers[l][pixel as usize]);
+                    if layers[first][pixel as usize] < 0.0 {
+                        return f32::NAN;
+                    }
                     log_luma(samples, 1.0 / sensor.inverse_reference_luminance, config.log_eps)
                 })
                 .collect();
@@ -244,7 +252,7 @@ fn trigger_passes_equal_their_twin() {
     let sensors = sensors();
     let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
     for rule in [CROSSING, CROSSING_LIGHT, LATCH] {
-        let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 16);
+        let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 16, false);
         assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
         let got = compare(&ran, rule, &layers, &sensors, &grid);
         assert!(got.wrong.is_empty(), "{rule:?}: {} wrong, first {}", got.wrong.len(), got.wrong[0]);
@@ -263,7 +271,7 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
     let layers = layers();
     let sensors = sensors();
     let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
-    let mut ran = run(&gpu, CROSSING, &layers, &sensors, &grid, 1 << 16);
+    let mut ran = run(&gpu, CROSSING, &layers, &sensors, &grid, 1 << 16, false);
     let mut wrong = sensors.clone();
     wrong[1].threshold_off *= 1.01;
     assert!(!compare(&ran, CROSSING, &layers, &wrong, &grid).wrong.is_empty());
@@ -277,10 +285,46 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
 }
 
 #[test]
+fn an_unknown_instant_leaves_the_pixel_as_it_was() {
+    let Some(gpu) = super::device() else { return };
+    let (sensors, grid) = (sensors(), SampleGrid::new(1000.0 / 3.0, 1).unwrap());
+    let mut layers = layers();
+    let mut planted = 0;
+    for (layer, pixels) in layers.iter_mut().enumerate() {
+        // The first instant sets the reference: it is always known. Some pixels are unknown twice, some to the end.
+        let instant = layer as u32 / SAMPLES % INSTANTS;
+        for (pixel, y) in pixels.iter_mut().enumerate() {
+            let unknown = match pixel % 7 {
+                0 => instant == 2,
+                1 => instant == 1 || instant == 2,
+                2 => instant >= 3,
+                _ => false,
+            };
+            if unknown {
+                *y = -1.0;
+                planted += u32::from(layer as u32 % SAMPLES == 0);
+            }
+        }
+    }
+    for rule in [CROSSING, LATCH] {
+        let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 18, true);
+        assert_eq!((ran.status.mismatched, ran.status.unknown), (0, planted), "{rule:?}");
+        let got = compare(&ran, rule, &layers, &sensors, &grid);
+        assert!(got.wrong.is_empty(), "{rule:?}: {} wrong, first {}", got.wrong.len(), got.wrong[0]);
+        let black = run(&gpu, rule, &layers, &sensors, &grid, 1 << 18, false);
+        assert_eq!(black.status.unknown, 0);
+        assert!(
+            !compare(&black, rule, &layers, &sensors, &grid).wrong.is_empty(),
+            "canary: black is not unknown"
+        );
+    }
+}
+
+#[test]
 fn a_full_buffer_stalls_and_writes_nothing() {
     let Some(gpu) = super::device() else { return };
     let grid = SampleGrid::new(1000.0, 1).unwrap();
-    let ran = run(&gpu, CROSSING, &layers(), &sensors(), &grid, 64);
+    let ran = run(&gpu, CROSSING, &layers(), &sensors(), &grid, 64, false);
     assert_eq!(ran.status.stalled, 1);
     assert!(ran.status.event_count > 64, "the host learns how many events there are");
     assert!(ran.records.iter().all(|r| *r == [0, 0]), "nothing was emitted");
