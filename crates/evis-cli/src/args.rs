@@ -198,7 +198,7 @@ pub(crate) struct SplatArgs {
     #[arg(long, value_name = "A", value_parser = sharpness, allow_hyphen_values = true)]
     pub(crate) sharpness: Option<f32>,
 
-    /// Splatted weight below which a pixel is a hole, up to 1 [default: 0.3; 0.0001 for evis-paper].
+    /// Splatted weight below which a pixel is a hole, up to 1 [default: 0.2; 0.0001 for evis-paper].
     #[arg(long, value_name = "W", value_parser = hole_weight, allow_hyphen_values = true)]
     pub(crate) hole_below: Option<f32>,
 
@@ -955,7 +955,7 @@ fn sharpness(text: &str) -> Result<f32, String> {
 }
 
 fn hole_weight(text: &str) -> Result<f32, String> {
-    checked(text, "a number above 0 and at most 1, such as 0.3", |v| v as f32 > 0.0 && v <= 1.0)
+    checked(text, "a number above 0 and at most 1, such as 0.2", |v| v as f32 > 0.0 && v <= 1.0)
         .map(|v| v as f32)
 }
 

@@ -3,6 +3,7 @@
 //! `cargo bench --bench splat` prints Markdown. `EVIS_BENCH_REPETITIONS` sets the repetitions.
 
 mod bare_splat;
+#[expect(dead_code, reason = "shared with the other benchmark")]
 mod support;
 
 use std::sync::Arc;

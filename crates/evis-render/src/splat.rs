@@ -109,7 +109,8 @@ impl SplatRoom {
         let device = &context.gpu.device;
         let exact = config.motion == Motion::Exact;
         // A processor waits for each atomic operation; a graphics card has threads to spare instead.
-        let run = if context.gpu.summary().kind == "cpu" { CPU_RUN } else { 1 };
+        let processor = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
+        let run = if processor { CPU_RUN } else { 1 };
         Self {
             config: *config,
             passes: SplatPasses::new(device, config, context.offsets.len() as u32, run),

@@ -54,7 +54,7 @@ pub struct SplatConfig {
     pub dilate: u32,
     /// Sharpness of the softmax: importance is e^(sharpness · (1/z) / max(1/z)).
     pub sharpness: f32,
-    /// A pixel with less splatted weight than this is a hole.
+    /// A pixel with less splatted weight than this is a hole; for an index, the least weight of one source.
     pub hole_below: f32,
     /// Luminance of what neither keyframe shows; `None` leaves the pixel's memory untouched and counts it as unknown.
     pub fill: Option<f32>,
@@ -73,7 +73,8 @@ impl Default for SplatConfig {
             blend: true,
             dilate: 0,
             sharpness: 12.0,
-            hole_below: 0.3,
+            // Below a quarter: the most that each of four sources has of a pixel midway between them.
+            hole_below: 0.2,
             fill: None,
         }
     }

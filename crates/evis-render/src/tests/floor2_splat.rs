@@ -43,6 +43,7 @@ fn pictures(key: u32) -> Pictures {
                 502 => -3.0,
                 503 => 1e38,
                 504 => 0.0,
+                _ if at(i).1 == 20.0 && at(i).0 < 30.0 => 6.0,
                 _ => (0.05 + noise(i * 7 + s)) * if near(i) { 3.0 } else { 0.7 },
             })
             .collect()
@@ -64,7 +65,7 @@ fn pictures(key: u32) -> Pictures {
             202 => [1e6, 3.0, -1e6, 3.0],
             203 => [f32::INFINITY, 0.0, 0.0, f32::NEG_INFINITY],
             // All of a line are at one pixel when the newer keyframe has 3/4 of the way to go.
-            _ if at(i).1 == 20.0 && at(i).0 < 30.0 => [0.0, 0.0, (25.0 - at(i).0) * 4.0 / 3.0, 0.0],
+            _ if at(i).1 == 20.0 && at(i).0 < 30.0 => [0.0, 0.0, (20.0 - at(i).0) * 4.0 / 3.0, 0.0],
             _ if near(i) => [5.0, 0.25, -5.0, -0.25],
             _ => [-1.5 + 0.02 * at(i).1, 0.7 * noise(i), 1.5, -0.4],
         })
