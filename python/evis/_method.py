@@ -60,7 +60,7 @@ class Splat:
     blend: bool = True
     dilate: int = 0
     sharpness: float = 12.0
-    hole_below: float = 0.2
+    hole_below: float = 0.3
     fill: float | None = None
 
     @classmethod

@@ -302,7 +302,7 @@ fn an_unknown_instant_leaves_the_pixel_as_it_was() {
             };
             if unknown {
                 *y = -1.0;
-                planted += u32::from(layer as u32 % SAMPLES == 0);
+                planted += u32::from((layer as u32).is_multiple_of(SAMPLES));
             }
         }
     }
