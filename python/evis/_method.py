@@ -30,8 +30,8 @@ class Splat:
     supersample : int
         Keyframe pixels per sensor pixel along each axis, 1 to 4.
     motion : {"exact", "linear"}
-        By the matrices of camera and object at the instant, or by motion vectors times the elapsed part of the
-        gap.
+        By the matrices of camera and object at the instant, or by motion vectors times the elapsed part of
+        the gap.
     carrier : {"index", "colour"}
         What is splatted: the number of the source pixel, whose light is then read from its keyframe, or its
         luminance, with a softmax over depth.

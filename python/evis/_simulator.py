@@ -74,13 +74,13 @@ class Simulator:
     scene : Scene
         What to render; several simulators may share it.
     sensor : Sensor, optional
-        Sensor of every camera that does not set its own thresholds; ideal, 0.2 / 0.2, where not given (with the
-        method ``evis-paper``: the same that latches, with ``log_eps`` 1e-5).
+        Sensor of every camera that does not set its own thresholds; ideal, 0.2 / 0.2, where not given (with
+        the method ``evis-paper``: the same that latches, with ``log_eps`` 1e-5).
     method : {"native", "splat", "evis-paper"} or Splat
         How instants are sampled: each rendered, or splatted from keyframes.
     rate_hz : float, optional
-        Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for ``native``: a
-        method with keyframes has its own.
+        Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
+        ``native``: a method with keyframes has its own.
     samples : int
         Samples per pixel and instant, 1 to 256, averaged in linear light.
     antialias : {"samples", "edges"}
@@ -134,8 +134,8 @@ class Simulator:
         splat = _method.chosen(method)
         if splat is not None and rate_hz is not None:
             raise ConfigError(
-                f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per second: "
-                "set those of a Splat instead"
+                f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "
+                "second: set those of a Splat instead"
             )
         if sensor is None:
             paper = splat is not None and splat.is_evis_paper
