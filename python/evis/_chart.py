@@ -178,10 +178,12 @@ class Recommendation:
 
     @property
     def simulator(self) -> dict[str, Any]:
-        """Keyword arguments for `Simulator`: sensor, rate_hz, samples, antialias."""
+        """Keyword arguments for `Simulator`: sensor, rate_hz or method, samples, antialias."""
+        splat = self.setting.splat
+        instants = {"rate_hz": self.setting.rate_hz} if splat is None else {"method": splat}
         return {
             "sensor": self.sensor,
-            "rate_hz": self.setting.rate_hz,
+            **instants,
             "samples": self.setting.samples,
             "antialias": self.setting.antialias,
         }
@@ -193,7 +195,7 @@ class Chart:
     >>> import evis
     >>> made = evis.chart(evis.Scene.builtin("spinner"), size=(32, 24), duration=0.05, truth_pixels=200,
     ...                   rates_hz=[500], samples=[4], edges=False, light_samples=[], published=False,
-    ...                   repetitions=1, floor=False, cache=False)
+    ...                   splat=False, repetitions=1, floor=False, cache=False)
     >>> [point.setting.trigger for point in made.points]
     ['crossing', 'latch']
     """

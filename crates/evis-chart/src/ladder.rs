@@ -189,8 +189,12 @@ impl Setting {
             Antialias::Samples => flags += &format!(" --samples {}", self.samples),
             Antialias::Edges => flags += " --aa edges",
         }
-        if self.trigger == TriggerRule::Latch {
-            flags += " --trigger latch";
+        // The paper's method latches unless it is told otherwise.
+        let paper = self.method == "evis-paper";
+        match self.trigger {
+            TriggerRule::Latch => flags += " --trigger latch",
+            TriggerRule::Crossing if paper => flags += " --trigger crossing",
+            TriggerRule::Crossing => {}
         }
         if self.interpolation == Interpolation::Light {
             flags += " --interpolation light";
@@ -419,6 +423,8 @@ mod tests {
             warp.run_flags(),
             "--method evis-paper --keyframe-rate 250 --steps 4 --samples 4 --trigger latch"
         );
+        let crossing = Setting { trigger: TriggerRule::Crossing, ..warp.clone() };
+        assert!(crossing.run_flags().ends_with("--trigger crossing"), "the paper's own is latch");
         let splat = SplatConfig { motion: Motion::Linear, blend: false, ..SplatConfig::default() };
         let splat = Setting::splat(splat, 4, TriggerRule::Crossing);
         assert_eq!(splat.label(), "splat 125×8 Hz ×4 linear no blend");
