@@ -20,6 +20,7 @@ TINY: dict[str, Any] = {
     "samples": [4],
     "edges": False,
     "light_samples": [],
+    "splat": False,
     "repetitions": 2,
     "truth_pixels": 120,
     "cache": False,
@@ -36,10 +37,14 @@ def made(device: evis.Device) -> evis.Chart:
 def test_points_are_typed_and_scored(made: evis.Chart):
     scene = made.scenes[0]
     assert (scene.scene, scene.width, scene.height, scene.duration_us) == ("spinner", 32, 24, 20_000)
-    assert [point.setting.published for point in made.points] == [None, None, "EVIS 1000 Hz"]
+    names = [point.setting.published for point in made.points]
+    assert names[:3] == [None, None, "EVIS 1000 Hz"]
+    assert [name and name.split()[1][:2] for name in names[3:]] == ["25", "12", "40", "30"]
     assert scene.floor is not None
     assert scene.floor.at(1000).scaled.f1 > max(point.f1() for point in made.points)
-    assert [setting.method for setting, _ in scene.not_measured] == ["splat"] * 4
+    assert scene.not_measured == ()
+    assert made.points[-1].setting.method == "evis-paper"
+    assert made.points[-1].setting.splat == evis.Splat.evis_paper(30.0, 8)
     point = made.points[0]
     assert len(point.wall_ms_per_s) == 2
     assert point.cost_ms(render_ms=10.0) == pytest.approx(point.cost_ms() + 10.0 * 100)

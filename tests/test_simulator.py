@@ -279,3 +279,31 @@ def test_ctrl_c_ends_a_long_step_and_loses_nothing(device: evis.Device):
     text = interrupted(script)
     assert "stopped after" in text, text
     assert "the same" in text, text
+
+
+def test_a_method_samples_instants_from_keyframes(device: evis.Device):
+    scene = evis.Scene.builtin("spinner")
+
+    def run(**settings: Any) -> tuple[evis.Simulator, evis.Packet]:
+        sim = evis.Simulator(scene, size=(48, 36), **settings)
+        return sim, sim.step(50_000)
+
+    _, native = run()
+    assert (native.report.keyframes, native.report.unknown) == (0, 0)
+    sim, splat = run(method=evis.Splat(keyframe_hz=50, steps=4))
+    assert (sim.method, splat.report.keyframes) == ("splat", 4)
+    assert "splat" in sim.config_toml
+    assert 0 < len(splat.view.events) < 2 * len(native.view.events)
+    sim, paper = run(method="evis-paper")
+    assert (sim.method, sim.sensor.trigger, sim.sensor.log_eps) == ("evis-paper", "latch", 1e-5)
+    own, same = run(method=evis.Splat.evis_paper(), sensor=sim.sensor)
+    assert own.method == "evis-paper"
+    assert np.array_equal(paper.view.events, same.view.events)
+    for wrong, name in [
+        ({"method": "warp"}, "method"),
+        ({"method": "splat", "rate_hz": 500.0}, "rate_hz"),
+        ({"method": evis.Splat(steps=0)}, "steps"),
+        ({"method": evis.Splat(keyframe_hz=float("inf"))}, "method|keyframe_rate"),
+    ]:
+        with pytest.raises(evis.ConfigError, match=name):
+            evis.Simulator(scene, size=(48, 36), **wrong)

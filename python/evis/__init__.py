@@ -18,6 +18,7 @@ from ._emulator import EmulatorReport, EventEmulator
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
+from ._method import Splat
 from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Diffusion, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
@@ -75,6 +76,7 @@ __all__ = [
     "SceneVerification",
     "Sensor",
     "Simulator",
+    "Splat",
     "Stream",
     "Truth",
     "Verification",

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from . import _evis
 from ._evis import ConfigError
+from ._method import Splat
 from ._scene import Scene
 from ._sensor import Interpolation, Sensor, Trigger
 from ._simulator import Device, _selector, _size, _whole, micros
@@ -41,6 +42,8 @@ class ChartSetting:
         How a change becomes events.
     interpolation : {"log", "light"}
         How crossings between two samples are found.
+    splat : Splat or None
+        Settings of ``splat`` and ``evis-paper``.
     """
 
     published: str | None
@@ -51,6 +54,7 @@ class ChartSetting:
     antialias: Literal["samples", "edges"]
     trigger: Trigger
     interpolation: Interpolation
+    splat: Splat | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,10 +178,12 @@ class Recommendation:
 
     @property
     def simulator(self) -> dict[str, Any]:
-        """Keyword arguments for `Simulator`: sensor, rate_hz, samples, antialias."""
+        """Keyword arguments for `Simulator`: sensor, rate_hz or method, samples, antialias."""
+        splat = self.setting.splat
+        instants = {"rate_hz": self.setting.rate_hz} if splat is None else {"method": splat}
         return {
             "sensor": self.sensor,
-            "rate_hz": self.setting.rate_hz,
+            **instants,
             "samples": self.setting.samples,
             "antialias": self.setting.antialias,
         }
@@ -189,7 +195,7 @@ class Chart:
     >>> import evis
     >>> made = evis.chart(evis.Scene.builtin("spinner"), size=(32, 24), duration=0.05, truth_pixels=200,
     ...                   rates_hz=[500], samples=[4], edges=False, light_samples=[], published=False,
-    ...                   repetitions=1, floor=False, cache=False)
+    ...                   splat=False, repetitions=1, floor=False, cache=False)
     >>> [point.setting.trigger for point in made.points]
     ['crossing', 'latch']
     """
@@ -326,6 +332,7 @@ def chart(
     light_samples: Sequence[int] | None = None,
     latch_rates_hz: Sequence[float] | None = None,
     published: bool = True,
+    splat: bool = True,
     repetitions: int = 3,
     sensor: Sensor | None = None,
     camera: str | None = None,
@@ -361,6 +368,8 @@ def chart(
         Rates at which the trigger also latches, with each number of samples.
     published : bool
         Whether the settings that the EVIS paper publishes are measured too, as far as they exist.
+    splat : bool
+        Whether ``splat`` is measured too, with each of its options unless ``quick``.
     repetitions : int
         Runs of each setting; the fastest counts.
     sensor : Sensor, optional
@@ -410,6 +419,8 @@ def chart(
         # Who names rates or samples means all of them.
         most_samples_hz=most if rates_hz is None and samples is None else None,
         published=published,
+        splat=splat,
+        quick=quick,
         repetitions=_whole("repetitions", repetitions, 2**32),
         threshold_on=sensor.threshold_on,
         threshold_off=sensor.threshold_off,
@@ -428,7 +439,8 @@ def chart(
 
 
 def _setting(held: dict[str, Any]) -> ChartSetting:
-    return ChartSetting(**{"published": None, **held})
+    splat = held.get("splat")
+    return ChartSetting(**{"published": None, **held, "splat": None if splat is None else Splat(**splat)})
 
 
 def _scene_chart(held: dict[str, Any]) -> SceneChart:

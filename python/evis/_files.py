@@ -419,7 +419,7 @@ class Writer:
                     self._paths[environment],
                     cameras=[asdict(camera) for camera in self._simulator.cameras],
                     seed=self._simulator.seed,
-                    method="native",
+                    method=self._simulator.method,
                     environment=environment,
                     config_toml=self._simulator.config_toml,
                     duration_us=self._duration_us,

@@ -195,6 +195,10 @@ class Report:
         Pixels and intervals whose event count hit the limit.
     instants : int
         Instants sampled.
+    keyframes : int
+        Keyframes drawn, all views; 0 for a method without them.
+    unknown : int
+        Pixels and instants that the method could not know; there the pixel waits for its next known instant.
     reruns : int
         Submissions run again because a buffer was too small.
     host_ms, device_wait_ms, pack_ms, total_ms : float
@@ -205,6 +209,8 @@ class Report:
     dropped: int
     clamped: int
     instants: int
+    keyframes: int
+    unknown: int
     reruns: int
     host_ms: float
     device_wait_ms: float

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal, TypeAlias
 
-from . import _evis
+from . import _evis, _method
 from ._evis import ConfigError
+from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
 from ._scene import EventCamera, Scene
 from ._sensor import Sensor
@@ -73,9 +74,13 @@ class Simulator:
     scene : Scene
         What to render; several simulators may share it.
     sensor : Sensor, optional
-        Sensor of every camera that does not set its own thresholds; ideal, 0.2 / 0.2, where not given.
-    rate_hz : float
-        Sampled instants per second, on a grid fixed in absolute time.
+        Sensor of every camera that does not set its own thresholds; ideal, 0.2 / 0.2, where not given (with
+        the method ``evis-paper``: the same that latches, with ``log_eps`` 1e-5).
+    method : {"native", "splat", "evis-paper"} or Splat
+        How instants are sampled: each rendered, or splatted from keyframes.
+    rate_hz : float, optional
+        Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
+        ``native``: a method with keyframes has its own.
     samples : int
         Samples per pixel and instant, 1 to 256, averaged in linear light.
     antialias : {"samples", "edges"}
@@ -117,7 +122,8 @@ class Simulator:
         scene: Scene,
         *,
         sensor: Sensor | None = None,
-        rate_hz: float = 1000.0,
+        method: Method = "native",
+        rate_hz: float | None = None,
         samples: int = 4,
         antialias: Literal["samples", "edges"] = "samples",
         shadows: Literal["maps", "rays"] = "maps",
@@ -130,7 +136,15 @@ class Simulator:
         reference_luminance: float | None = None,
         device: Device | str | int | None = None,
     ) -> None:
-        sensor = Sensor() if sensor is None else sensor
+        splat = _method.chosen(method)
+        if splat is not None and rate_hz is not None:
+            raise ConfigError(
+                f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "
+                "second: set those of a Splat instead"
+            )
+        if sensor is None:
+            paper = splat is not None and splat.is_evis_paper
+            sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
         if not sensor.thresholds_only:
             raise ConfigError(
                 f"sensor is {sensor!r}; it must have thresholds, log_eps, trigger and interpolation only: "
@@ -154,8 +168,9 @@ class Simulator:
             log_eps=sensor.log_eps,
             trigger=sensor.trigger,
             interpolation=sensor.interpolation,
-            method="native",
-            rate_hz=rate_hz,
+            method="native" if splat is None else "splat",
+            splat=_method.as_json(splat),
+            rate_hz=1000.0 if rate_hz is None else rate_hz,
             samples=_whole("samples", samples, 2**32),
             antialias=antialias,
             shadows=shadows,
@@ -168,6 +183,7 @@ class Simulator:
             reference_luminance=reference_luminance,
             device=_selector(device),
         )
+        self._method = _method.name(splat)
         self._start_us = micros("start", start)
         self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
@@ -182,6 +198,11 @@ class Simulator:
     def sensor(self) -> Sensor:
         """The sensor."""
         return self._sensor
+
+    @property
+    def method(self) -> str:
+        """Name of the method that samples instants."""
+        return self._method
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:

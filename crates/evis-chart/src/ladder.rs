@@ -1,7 +1,7 @@
 //! Which settings are measured.
 
 use evis_core::{ConfigError, Interpolation, TimeGrid, TriggerRule};
-use evis_render::{Antialias, Method, RunConfig};
+use evis_render::{Antialias, Carrier, Method, Motion, RunConfig, SplatConfig};
 use serde::{Deserialize, Serialize};
 
 /// A point of the chart, as data: it may name a method that this version of the engine does not have.
@@ -25,6 +25,9 @@ pub struct Setting {
     /// How crossings between two samples are found.
     #[serde(default)]
     pub interpolation: Interpolation,
+    /// Settings of `splat` and `evis-paper`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub splat: Option<SplatConfig>,
 }
 
 impl Setting {
@@ -41,6 +44,22 @@ impl Setting {
             antialias,
             trigger,
             interpolation,
+            splat: None,
+        }
+    }
+
+    /// Keyframes of `samples` samples, and splatted instants between them.
+    pub fn splat(splat: SplatConfig, samples: u32, trigger: TriggerRule) -> Self {
+        Self {
+            published: None,
+            method: Method::Splat(splat).name().into(),
+            rate_hz: splat.keyframe_hz * f64::from(splat.steps),
+            rendered_hz: splat.keyframe_hz,
+            samples,
+            antialias: Antialias::Samples,
+            trigger,
+            interpolation: Interpolation::Log,
+            splat: Some(splat),
         }
     }
 
@@ -51,7 +70,11 @@ impl Setting {
 
     /// The method, where the engine has it.
     pub fn engine_method(&self) -> Option<Method> {
-        method_named(&self.method)
+        match (self.method.as_str(), self.splat) {
+            ("native", None) => Some(Method::Native),
+            ("splat" | "evis-paper", Some(splat)) => Some(Method::Splat(splat)),
+            _ => None,
+        }
     }
 
     /// `base` with this setting in it; `None` where the engine does not have the method.
@@ -88,7 +111,49 @@ impl Setting {
         if self.interpolation == Interpolation::Light {
             label += " light";
         }
-        label
+        label + &self.splat_words()
+    }
+
+    /// How a splat differs from its method's defaults: ` linear`, ` no blend`.
+    fn splat_words(&self) -> String {
+        let Some(splat) = self.splat else { return String::new() };
+        let base = self.splat_base(&splat);
+        let mut words = String::new();
+        let mut say = |differs: bool, word: String| {
+            if differs {
+                words += " ";
+                words += &word;
+            }
+        };
+        let motion = match splat.motion {
+            Motion::Linear => "linear",
+            Motion::Exact => "exact",
+        };
+        let carrier = match splat.carrier {
+            Carrier::Colour => "colour",
+            Carrier::Index => "index",
+        };
+        let with = |on: bool, what: &str| if on { what.to_owned() } else { format!("no {what}") };
+        say(splat.motion != base.motion, motion.into());
+        say(splat.carrier != base.carrier, carrier.into());
+        say(splat.nearest != base.nearest, with(splat.nearest, "nearest"));
+        say(splat.blend != base.blend, with(splat.blend, "blend"));
+        say(splat.supersample != base.supersample, format!("{0}×{0}", splat.supersample));
+        say(splat.dilate != base.dilate, format!("dilate {}", splat.dilate));
+        say(splat.margin != base.margin, format!("margin {}", splat.margin));
+        say(splat.sharpness != base.sharpness, format!("sharpness {}", splat.sharpness));
+        say(splat.hole_below != base.hole_below, format!("holes {}", splat.hole_below));
+        say(splat.fill != base.fill, splat.fill.map_or("no fill".into(), |y| format!("fill {y}")));
+        words
+    }
+
+    /// The defaults of its method at its rate.
+    fn splat_base(&self, splat: &SplatConfig) -> SplatConfig {
+        let SplatConfig { keyframe_hz, steps, .. } = *splat;
+        match self.method.as_str() {
+            "evis-paper" => SplatConfig::evis_paper(keyframe_hz, steps),
+            _ => SplatConfig { keyframe_hz, steps, ..SplatConfig::default() },
+        }
     }
 
     /// What it has in common with the points that a line joins it to: all but the rate.
@@ -106,23 +171,30 @@ impl Setting {
         if self.method == "native" {
             format!("{trigger}, {pixel}")
         } else {
-            format!("{}, {trigger}, {pixel}", self.method)
+            format!("{}{}, {trigger}, {pixel}", self.method, self.splat_words())
         }
     }
 
     /// The flags of `run` that differ from its defaults.
     pub fn run_flags(&self) -> String {
-        let default = RunConfig::default();
-        let mut flags = format!("--rate {}", number(self.rate_hz));
-        if self.engine_method() != Some(default.method) {
-            flags += &format!(" --method {}", self.method);
-        }
+        let mut flags = match &self.splat {
+            None => format!("--rate {}", number(self.rate_hz)),
+            Some(splat) => {
+                let (rate, steps) = (number(splat.keyframe_hz), splat.steps);
+                format!("--method {} --keyframe-rate {rate} --steps {steps}", self.method)
+            }
+        };
+        flags += &self.splat_flags();
         match self.antialias {
             Antialias::Samples => flags += &format!(" --samples {}", self.samples),
             Antialias::Edges => flags += " --aa edges",
         }
-        if self.trigger == TriggerRule::Latch {
-            flags += " --trigger latch";
+        // The paper's method latches unless it is told otherwise.
+        let paper = self.method == "evis-paper";
+        match self.trigger {
+            TriggerRule::Latch => flags += " --trigger latch",
+            TriggerRule::Crossing if paper => flags += " --trigger crossing",
+            TriggerRule::Crossing => {}
         }
         if self.interpolation == Interpolation::Light {
             flags += " --interpolation light";
@@ -130,14 +202,27 @@ impl Setting {
         flags
     }
 
+    /// The flags of its splat that differ from the method's defaults.
+    fn splat_flags(&self) -> String {
+        let Some(splat) = &self.splat else { return String::new() };
+        let table = |splat: &SplatConfig| match serde_json::to_value(splat) {
+            Ok(serde_json::Value::Object(table)) => table,
+            _ => serde_json::Map::new(),
+        };
+        let base = table(&self.splat_base(splat));
+        table(splat)
+            .iter()
+            .filter(|(key, value)| base.get(*key) != Some(value))
+            .map(|(key, value)| {
+                let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+                format!(" --{} {value}", key.replace('_', "-"))
+            })
+            .collect()
+    }
+
     fn same_run(&self, other: &Self) -> bool {
         Self { published: None, ..self.clone() } == Self { published: None, ..other.clone() }
     }
-}
-
-/// The method that is called `name`, where the engine has it.
-pub fn method_named(name: &str) -> Option<Method> {
-    serde_json::from_value(serde_json::Value::String(name.into())).ok()
 }
 
 /// A number without trailing zeros, at most six decimals.
@@ -165,6 +250,10 @@ pub struct Ladder {
     pub most_samples_hz: Option<f64>,
     /// Also the settings that the EVIS paper publishes.
     pub published: bool,
+    /// Keyframes per second and instants per gap of `splat`, with 4 samples.
+    pub splat: Vec<(f64, u32)>,
+    /// Also `splat` with each of its options changed, at 125 keyframes per second and 8 instants per gap.
+    pub splat_options: bool,
 }
 
 impl Default for Ladder {
@@ -177,6 +266,8 @@ impl Default for Ladder {
             latch_hz: vec![1000.0],
             most_samples_hz: Some(16_000.0),
             published: true,
+            splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
+            splat_options: true,
         }
     }
 }
@@ -192,6 +283,8 @@ impl Ladder {
             latch_hz: vec![1000.0],
             most_samples_hz: Some(16_000.0),
             published: true,
+            splat: vec![(125.0, 8)],
+            splat_options: false,
         }
     }
 
@@ -237,6 +330,14 @@ impl Ladder {
                 add(Setting::native(rate_hz, count, samples, TriggerRule::Latch));
             }
         }
+        for &(keyframe_hz, steps) in &self.splat {
+            let splat = SplatConfig { keyframe_hz, steps, ..SplatConfig::default() };
+            splat.check()?;
+            add(Setting::splat(splat, 4, TriggerRule::Crossing));
+        }
+        if self.splat_options {
+            splat_options().into_iter().for_each(&mut add);
+        }
         if self.published {
             published().into_iter().for_each(&mut add);
         }
@@ -251,24 +352,37 @@ impl Ladder {
     }
 }
 
+/// `splat` at 125 keyframes per second and 8 instants per gap, with each of its options changed.
+fn splat_options() -> Vec<Setting> {
+    let base = SplatConfig::default();
+    let crossing = TriggerRule::Crossing;
+    let with = |splat: SplatConfig| Setting::splat(splat, 4, crossing);
+    vec![
+        with(SplatConfig { motion: Motion::Linear, ..base }),
+        with(SplatConfig { carrier: Carrier::Colour, ..base }),
+        with(SplatConfig { blend: false, ..base }),
+        with(SplatConfig { nearest: false, ..base }),
+        with(SplatConfig { nearest: false, blend: false, ..base }),
+        with(SplatConfig { dilate: 1, ..base }),
+        Setting::splat(SplatConfig { supersample: 2, ..base }, 1, crossing),
+        Setting::splat(base, 4, TriggerRule::Latch),
+        with(SplatConfig::evis_paper(base.keyframe_hz, base.steps)),
+    ]
+}
+
 /// The settings of the EVIS paper's table (its section on speed): every frame rendered, and four ways to warp
-/// fewer of them, all with its latch. How many samples its renderer takes is not stated; 4 stands for it.
+/// fewer of them, all with its latch. How many samples its renderer takes is not stated; 4 stands for it. The threshold
+/// and eps are those of the chart, as for every other point: truth has one pixel.
 pub fn published() -> Vec<Setting> {
-    let warp = |rendered_hz: f64, steps: f64| Setting {
-        published: Some(format!("EVIS {}×{}", number(rendered_hz), number(steps))),
-        method: "splat".into(),
-        rate_hz: rendered_hz * steps,
-        rendered_hz,
-        samples: 4,
-        antialias: Antialias::Samples,
-        trigger: TriggerRule::Latch,
-        interpolation: Interpolation::Log,
+    let warp = |rendered_hz: f64, steps: u32| Setting {
+        published: Some(format!("EVIS {}×{steps}", number(rendered_hz))),
+        ..Setting::splat(SplatConfig::evis_paper(rendered_hz, steps), 4, TriggerRule::Latch)
     };
     let rendered = Setting {
         published: Some("EVIS 1000 Hz".into()),
         ..Setting::native(1000.0, 4, Antialias::Samples, TriggerRule::Latch)
     };
-    vec![rendered, warp(250.0, 4.0), warp(125.0, 8.0), warp(40.0, 8.0), warp(30.0, 8.0)]
+    vec![rendered, warp(250.0, 4), warp(125.0, 8), warp(40.0, 8), warp(30.0, 8)]
 }
 
 #[cfg(test)]
@@ -278,7 +392,8 @@ mod tests {
     #[test]
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
-        assert_eq!(all.iter().filter(|s| s.engine_method().is_some()).count(), 6 * 5 - 2 + 3);
+        assert!(all.iter().all(|s| s.engine_method().is_some()));
+        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
@@ -303,11 +418,20 @@ mod tests {
         assert_eq!(light.run_config(&base).unwrap().sensor.interpolation, Interpolation::Light);
         assert_eq!(light.run_flags(), "--rate 500 --samples 4 --interpolation light");
         let warp = &published()[1];
-        assert_eq!(warp.label(), "splat 250×4 Hz ×4 latch");
+        assert_eq!(warp.label(), "evis-paper 250×4 Hz ×4 latch");
+        assert_eq!(
+            warp.run_flags(),
+            "--method evis-paper --keyframe-rate 250 --steps 4 --samples 4 --trigger latch"
+        );
+        let crossing = Setting { trigger: TriggerRule::Crossing, ..warp.clone() };
+        assert!(crossing.run_flags().ends_with("--trigger crossing"), "the paper's own is latch");
+        let splat = SplatConfig { motion: Motion::Linear, blend: false, ..SplatConfig::default() };
+        let splat = Setting::splat(splat, 4, TriggerRule::Crossing);
+        assert_eq!(splat.label(), "splat 125×8 Hz ×4 linear no blend");
+        assert!(splat.run_flags().contains("--blend false --motion linear"), "{}", splat.run_flags());
         assert_eq!(warp.rate_hz, 1000.0);
         let unknown = Setting { method: "teleport".into(), ..edges };
         assert!(unknown.run_config(&base).is_none());
-        assert_eq!(method_named("native"), Some(Method::Native));
     }
 
     #[test]
@@ -320,6 +444,8 @@ mod tests {
             latch_hz: vec![],
             most_samples_hz: None,
             published: false,
+            splat: vec![],
+            splat_options: false,
         };
         assert!(none.settings().unwrap_err().to_string().contains("at least one setting"));
         for bad in [0.0, -1.0, f64::NAN, 2.0e6] {
@@ -327,6 +453,8 @@ mod tests {
                 Ladder { rates_hz: vec![bad], ..Ladder::default() }.settings().unwrap_err().to_string();
             assert!(error.contains("rates"), "{error}");
         }
+        let error = Ladder { splat: vec![(0.0, 8)], ..Ladder::default() }.settings().unwrap_err().to_string();
+        assert!(error.contains("keyframe_rate"), "{error}");
         let error = Ladder { samples: vec![0], ..Ladder::default() }.settings().unwrap_err().to_string();
         assert!(error.contains("samples is 0"), "{error}");
     }

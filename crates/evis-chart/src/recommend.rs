@@ -1,6 +1,7 @@
 //! Which setting to use: the most accurate within a budget, or the cheapest that is good enough.
 
 use evis_core::{ConfigError, SensorConfig};
+use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use serde::Serialize;
 
 use crate::error::ChartError;
@@ -153,10 +154,12 @@ impl SceneChart {
             self.height,
             setting.run_flags()
         );
+        let paper = setting.method == "evis-paper";
+        let default_eps = if paper { EVIS_PAPER_LOG_EPS } else { default.log_eps };
         for (flag, value, default) in [
             ("--threshold-on", self.sensor.threshold_on, default.threshold_on),
             ("--threshold-off", self.sensor.threshold_off, default.threshold_off),
-            ("--log-eps", self.sensor.log_eps, default.log_eps),
+            ("--log-eps", self.sensor.log_eps, default_eps),
         ] {
             if value != default {
                 line += &format!(" {flag} {value}");

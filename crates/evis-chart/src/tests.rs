@@ -39,7 +39,7 @@ fn the_svg_says_everything() {
         "charged 10 ms",
         "crossing, 16 samples",
         "latch, 4 samples",
-        "Not measured: EVIS 250×4, EVIS 125×8, EVIS 40×8, EVIS 30×8 (method splat",
+        "Not measured: EVIS 250×4, EVIS 125×8, EVIS 40×8, EVIS 30×8 (method evis-paper",
         "A device, 2 cores",
     ] {
         assert!(all.contains(said), "the picture lacks '{said}':\n{all}");

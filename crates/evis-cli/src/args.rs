@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::{Interpolation, LabelKind, TriggerRule};
-use evis_render::{Antialias, Method, Shadows};
+use evis_render::{Antialias, Carrier, Motion, Shadows, SplatConfig};
 use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -81,7 +81,7 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
     pub(crate) size: Option<(u32, u32)>,
 
-    /// Sampled instants per second [default: 1000].
+    /// Sampled instants per second, for --method native [default: 1000].
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) rate: Option<f64>,
 
@@ -93,7 +93,10 @@ pub(crate) struct RunArgs {
     #[arg(long, value_enum)]
     pub(crate) method: Option<MethodArg>,
 
-    /// How a change of brightness becomes events [default: crossing].
+    #[command(flatten)]
+    pub(crate) splat: SplatArgs,
+
+    /// How a change of brightness becomes events [default: crossing; latch for evis-paper].
     #[arg(long, value_enum)]
     pub(crate) trigger: Option<TriggerArg>,
 
@@ -109,7 +112,7 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
     pub(crate) threshold_off: Option<f32>,
 
-    /// eps in ln(Y / Y_ref + eps) [default: 0.001].
+    /// eps in ln(Y / Y_ref + eps) [default: 0.001; 0.00001 for evis-paper].
     #[arg(long, value_name = "E", value_parser = positive, allow_hyphen_values = true)]
     pub(crate) log_eps: Option<f32>,
 
@@ -154,6 +157,99 @@ pub(crate) struct RunArgs {
     /// Print the report as JSON on standard output instead of a summary.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// What `--method splat` and `evis-paper` are told; the defaults named are those of `splat`.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Options of --method splat and evis-paper")]
+pub(crate) struct SplatArgs {
+    /// Keyframes rendered per second [default: 125].
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
+    pub(crate) keyframe_rate: Option<f64>,
+
+    /// Instants per gap between keyframes, 1 to 1000 [default: 8].
+    #[arg(long, value_name = "N", value_parser = step_count, allow_hyphen_values = true)]
+    pub(crate) steps: Option<u32>,
+
+    /// Pixels that keyframes show beyond each border, 0 to 512 [default: 32].
+    #[arg(long, value_name = "PX", value_parser = margin_pixels, allow_hyphen_values = true)]
+    pub(crate) margin: Option<u32>,
+
+    /// Keyframe pixels per sensor pixel along each axis, 1 to 4 [default: 1].
+    #[arg(long, value_name = "N", value_parser = supersample, allow_hyphen_values = true)]
+    pub(crate) supersample: Option<u32>,
+
+    /// How points move between keyframes [default: exact].
+    #[arg(long, value_enum)]
+    pub(crate) motion: Option<MotionArg>,
+
+    /// What is splatted [default: index].
+    #[arg(long, value_enum)]
+    pub(crate) carrier: Option<CarrierArg>,
+
+    /// Where both keyframes show something, the nearer surface wins, else the newer keyframe [default: true].
+    #[arg(long, value_name = "true|false")]
+    pub(crate) nearest: Option<bool>,
+
+    /// Where both show the same surface, both count by their distance in time, in log light [default: true].
+    #[arg(long, value_name = "true|false")]
+    pub(crate) blend: Option<bool>,
+
+    /// Pixels by which the motion of nearer surfaces reaches over their antialiased fringe, 0 to 8 [default: 0].
+    #[arg(long, value_name = "PX", value_parser = dilate_pixels, allow_hyphen_values = true)]
+    pub(crate) dilate: Option<u32>,
+
+    /// Sharpness of the softmax over inverse depth, 0 to 1000 [default: 12].
+    #[arg(long, value_name = "A", value_parser = sharpness, allow_hyphen_values = true)]
+    pub(crate) sharpness: Option<f32>,
+
+    /// Splatted weight below which a pixel is a hole, up to 1 [default: 0.3; 0.0001 for evis-paper].
+    #[arg(long, value_name = "W", value_parser = hole_weight, allow_hyphen_values = true)]
+    pub(crate) hole_below: Option<f32>,
+
+    /// Luminance where neither keyframe shows anything [default: unknown, the pixel waits; 0 for evis-paper].
+    #[arg(long, value_name = "Y", value_parser = fill, allow_hyphen_values = true)]
+    pub(crate) fill: Option<f32>,
+}
+
+impl SplatArgs {
+    /// `base` with what was given.
+    pub(crate) fn over(&self, base: SplatConfig) -> SplatConfig {
+        SplatConfig {
+            keyframe_hz: self.keyframe_rate.unwrap_or(base.keyframe_hz),
+            steps: self.steps.unwrap_or(base.steps),
+            margin: self.margin.unwrap_or(base.margin),
+            supersample: self.supersample.unwrap_or(base.supersample),
+            motion: self.motion.map_or(base.motion, Into::into),
+            carrier: self.carrier.map_or(base.carrier, Into::into),
+            nearest: self.nearest.unwrap_or(base.nearest),
+            blend: self.blend.unwrap_or(base.blend),
+            dilate: self.dilate.unwrap_or(base.dilate),
+            sharpness: self.sharpness.unwrap_or(base.sharpness),
+            hole_below: self.hole_below.unwrap_or(base.hole_below),
+            fill: self.fill.or(base.fill),
+        }
+    }
+
+    /// The first flag that was given.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        [
+            (self.keyframe_rate.is_some(), "--keyframe-rate"),
+            (self.steps.is_some(), "--steps"),
+            (self.margin.is_some(), "--margin"),
+            (self.supersample.is_some(), "--supersample"),
+            (self.motion.is_some(), "--motion"),
+            (self.carrier.is_some(), "--carrier"),
+            (self.nearest.is_some(), "--nearest"),
+            (self.blend.is_some(), "--blend"),
+            (self.dilate.is_some(), "--dilate"),
+            (self.sharpness.is_some(), "--sharpness"),
+            (self.hole_below.is_some(), "--hole-below"),
+            (self.fill.is_some(), "--fill"),
+        ]
+        .into_iter()
+        .find_map(|(given, flag)| given.then_some(flag))
+    }
 }
 
 /// `preview`.
@@ -293,6 +389,10 @@ pub(crate) struct MeasuringArgs {
     /// Leave out the settings that the EVIS paper publishes.
     #[arg(long)]
     pub(crate) no_published: bool,
+
+    /// Leave out `splat` and its options.
+    #[arg(long)]
+    pub(crate) no_splat: bool,
 
     /// Runs of each setting, in turn with the others; the fastest counts [default: 3].
     #[arg(long, value_name = "N", value_parser = repetitions, allow_hyphen_values = true)]
@@ -512,16 +612,46 @@ pub(crate) struct ListArgs {
     pub(crate) json: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MethodArg {
     /// Every instant is rendered.
     Native,
+    /// Keyframes are rendered; what lies between is splatted from both.
+    Splat,
+    /// As the EVIS paper publishes it: linear motion, colours, latch, black holes.
+    EvisPaper,
 }
 
-impl From<MethodArg> for Method {
-    fn from(arg: MethodArg) -> Self {
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum MotionArg {
+    /// By motion vectors times the elapsed part of the gap.
+    Linear,
+    /// By the matrices of camera and object at the instant.
+    Exact,
+}
+
+impl From<MotionArg> for Motion {
+    fn from(arg: MotionArg) -> Self {
         match arg {
-            MethodArg::Native => Self::Native,
+            MotionArg::Linear => Self::Linear,
+            MotionArg::Exact => Self::Exact,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum CarrierArg {
+    /// Luminance, with a softmax over depth.
+    Colour,
+    /// The number of the source pixel; its light is then read from the keyframe.
+    Index,
+}
+
+impl From<CarrierArg> for Carrier {
+    fn from(arg: CarrierArg) -> Self {
+        match arg {
+            CarrierArg::Colour => Self::Colour,
+            CarrierArg::Index => Self::Index,
         }
     }
 }
@@ -816,6 +946,44 @@ fn sample_count(text: &str) -> Result<u32, String> {
         .ok()
         .filter(|n| (1..=256).contains(n))
         .ok_or_else(|| "it must be a whole number from 1 to 256, such as 4".into())
+}
+
+fn whole(text: &str, low: u32, high: u32, example: u32) -> Result<u32, String> {
+    text.trim()
+        .parse::<u32>()
+        .ok()
+        .filter(|n| (low..=high).contains(n))
+        .ok_or_else(|| format!("it must be a whole number from {low} to {high}, such as {example}"))
+}
+
+fn step_count(text: &str) -> Result<u32, String> {
+    whole(text, 1, 1000, 8)
+}
+
+fn margin_pixels(text: &str) -> Result<u32, String> {
+    whole(text, 0, 512, 32)
+}
+
+fn supersample(text: &str) -> Result<u32, String> {
+    whole(text, 1, 4, 2)
+}
+
+fn dilate_pixels(text: &str) -> Result<u32, String> {
+    whole(text, 0, 8, 1)
+}
+
+fn sharpness(text: &str) -> Result<f32, String> {
+    checked(text, "a number from 0 to 1000, such as 12", |v| (0.0..=1000.0).contains(&v)).map(|v| v as f32)
+}
+
+fn hole_weight(text: &str) -> Result<f32, String> {
+    checked(text, "a number above 0 and at most 1, such as 0.2", |v| v as f32 > 0.0 && v <= 1.0)
+        .map(|v| v as f32)
+}
+
+fn fill(text: &str) -> Result<f32, String> {
+    checked(text, "a luminance, 0 or above, such as 0", |v| v >= 0.0 && (v as f32).is_finite())
+        .map(|v| v as f32)
 }
 
 /// Up to `i64::MAX`: the settings are stored as TOML, whose integers are signed.

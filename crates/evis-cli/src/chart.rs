@@ -157,6 +157,10 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
     if args.no_light {
         ladder.light_samples.clear();
     }
+    if args.no_splat {
+        ladder.splat.clear();
+        ladder.splat_options = false;
+    }
     ladder.edges &= !args.no_edges;
     ladder.published &= !args.no_published;
     let default = ChartSettings::default();

@@ -6,13 +6,16 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use evis_core::CameraInfo;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_render::{DeviceSummary, Gpu, Packet, PacketReport, RunConfig, Simulator, StageTimes};
+use evis_core::{CameraInfo, TriggerRule};
+use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
+use evis_render::{
+    DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig, StageTimes,
+};
 use evis_scene::Scene;
 use serde::Serialize;
 
-use crate::args::{self, RunArgs};
+use crate::args::{self, MethodArg, RunArgs};
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
 use crate::progress::Progress;
@@ -38,7 +41,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     if let Some(report) = &args.report {
         check_parent(report, "--report")?;
     }
-    let config = config(args);
+    let config = config(args)?;
     config.check()?;
     let scene = scene_source::load(&args.scene, config.seed)?;
     for name in &config.cameras {
@@ -107,8 +110,12 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
 }
 
 /// The run's settings: flags over defaults.
-fn config(args: &RunArgs) -> RunConfig {
-    let mut config = RunConfig::default();
+fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
+    let mut config = RunConfig { method: method(args)?, ..RunConfig::default() };
+    if args.method == Some(MethodArg::EvisPaper) {
+        config.sensor.trigger = TriggerRule::Latch;
+        config.sensor.log_eps = EVIS_PAPER_LOG_EPS;
+    }
     let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
     set(&mut config.rate_hz, args.rate);
     set(&mut config.label_rate_hz, args.label_rate);
@@ -121,9 +128,6 @@ fn config(args: &RunArgs) -> RunConfig {
     }
     if let Some(interpolation) = args.interpolation {
         config.sensor.interpolation = interpolation.into();
-    }
-    if let Some(method) = args.method {
-        config.method = method.into();
     }
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
@@ -138,7 +142,32 @@ fn config(args: &RunArgs) -> RunConfig {
     config.seed = args.seed.unwrap_or(config.seed);
     config.labels = args::label_kinds(&args.labels);
     config.reference_luminance = args.reference_luminance;
-    config
+    Ok(config)
+}
+
+/// The method with its flags; flags of another method are refused, they would be ignored.
+fn method(args: &RunArgs) -> anyhow::Result<Method> {
+    let base = match args.method.unwrap_or(MethodArg::Native) {
+        MethodArg::Native => {
+            return match args.splat.given() {
+                None => Ok(Method::Native),
+                Some(flag) => Err(bad_input(format!(
+                    "{flag} needs keyframes; add --method splat or --method evis-paper"
+                ))),
+            };
+        }
+        MethodArg::Splat => SplatConfig::default(),
+        MethodArg::EvisPaper => {
+            let SplatConfig { keyframe_hz, steps, .. } = SplatConfig::default();
+            SplatConfig::evis_paper(keyframe_hz, steps)
+        }
+    };
+    if let Some(rate) = args.rate {
+        return Err(bad_input(format!(
+            "--rate {rate}: a method with keyframes has --keyframe-rate times --steps instants per second; give those"
+        )));
+    }
+    Ok(Method::Splat(args.splat.over(base)))
 }
 
 pub(crate) fn to_us(seconds: f64) -> i64 {
@@ -249,9 +278,7 @@ struct Settings {
 /// One per environment.
 fn headers(settings: &Settings, cameras: &[CameraInfo]) -> anyhow::Result<Vec<RecordingHeader>> {
     let config_toml = toml::to_string(settings).context("the settings cannot be stored")?;
-    let serde_json::Value::String(method) = serde_json::to_value(settings.run.method)? else {
-        anyhow::bail!("the method has no name");
-    };
+    let method = settings.run.method.name().to_owned();
     let header = |environment| RecordingHeader {
         cameras: cameras.to_vec(),
         seed: settings.run.seed,
@@ -434,6 +461,8 @@ impl Tally {
         sum.clamped += new.clamped;
         sum.instants += new.instants;
         sum.reruns += new.reruns;
+        sum.keyframes += new.keyframes;
+        sum.unknown += new.unknown;
         add_times(&mut sum.times, &new.times);
         self.packets += 1;
         self.end_us = packet.end_us;
@@ -479,7 +508,12 @@ struct Report {
     events_per_stream_second: f64,
     dropped: u64,
     clamped: u64,
+    /// How instants were sampled.
+    method: &'static str,
     instants: u64,
+    keyframes: u64,
+    /// Pixels and instants that the method could not know.
+    unknown: u64,
     reruns: u64,
     packets: u64,
     milliseconds: Milliseconds,
@@ -518,7 +552,10 @@ impl Report {
             events_per_stream_second: per(on + off, stream_s),
             dropped: tally.report.dropped,
             clamped: tally.report.clamped,
+            method: settings.run.method.name(),
             instants: tally.report.instants,
+            keyframes: tally.report.keyframes,
+            unknown: tally.report.unknown,
             reruns: tally.report.reruns,
             packets: tally.packets,
             milliseconds: Milliseconds {
@@ -534,6 +571,20 @@ impl Report {
         }
     }
 
+    /// `native, 1000 instants`, `splat 30 Hz ×8, 31 keyframes, 241 instants, 17 pixels unknown`.
+    fn method_line(&self) -> String {
+        let instants = text::grouped(self.instants);
+        match self.settings.run.method.keyframes() {
+            None => format!("{}, {instants} instants", self.method),
+            Some((keyframe_hz, steps)) => format!(
+                "{} {keyframe_hz} Hz ×{steps}, {} keyframes, {instants} instants, {} pixels unknown",
+                self.method,
+                text::grouped(self.keyframes),
+                text::grouped(self.unknown)
+            ),
+        }
+    }
+
     /// The same for people.
     fn summary(&self) -> String {
         let mut lines = Vec::new();
@@ -546,6 +597,7 @@ impl Report {
         }
         let stopped = if self.interrupted { " (interrupted; the file is complete up to here)" } else { "" };
         lines.push(format!("device             {}", self.device.name));
+        lines.push(format!("method             {}", self.method_line()));
         lines.push(format!("stream             {} s{stopped}", self.stream_s));
         lines.push(format!(
             "events             {}  ({:.1} % ON)",

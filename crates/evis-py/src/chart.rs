@@ -33,8 +33,8 @@ const TEXT: &str = "chart";
 /// Measures a scene; returns the chart as JSON.
 #[pyfunction]
 #[pyo3(signature = (
-    scene, *, rates_hz, samples, edges, light_samples, latch_rates_hz, most_samples_hz, published, repetitions, threshold_on,
-    threshold_off, log_eps, camera, size, start_us, duration_us, truth_pixels, reference_luminance, floor, cache,
+    scene, *, rates_hz, samples, edges, light_samples, latch_rates_hz, most_samples_hz, published, splat, quick,
+    repetitions, threshold_on, threshold_off, log_eps, camera, size, start_us, duration_us, truth_pixels, reference_luminance, floor, cache,
     device
 ))]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
@@ -48,6 +48,8 @@ pub(crate) fn chart(
     latch_rates_hz: Vec<f64>,
     most_samples_hz: Option<f64>,
     published: bool,
+    splat: bool,
+    quick: bool,
     repetitions: usize,
     threshold_on: f32,
     threshold_off: f32,
@@ -62,6 +64,7 @@ pub(crate) fn chart(
     cache: Option<PathBuf>,
     device: Option<String>,
 ) -> PyResult<String> {
+    let usual = if quick { Ladder::quick() } else { Ladder::default() };
     let settings = ChartSettings {
         ladder: Ladder {
             rates_hz,
@@ -71,6 +74,8 @@ pub(crate) fn chart(
             latch_hz: latch_rates_hz,
             most_samples_hz,
             published,
+            splat: if splat { usual.splat } else { Vec::new() },
+            splat_options: splat && usual.splat_options,
         },
         repetitions,
         sensor: SensorConfig { threshold_on, threshold_off, log_eps, ..SensorConfig::default() },

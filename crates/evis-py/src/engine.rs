@@ -30,8 +30,15 @@ pub(crate) fn interpolation(name: &str) -> Result<Interpolation, Failure> {
     choose("interpolation", name, &[("log", Interpolation::Log), ("light", Interpolation::Light)])
 }
 
-pub(crate) fn method(name: &str) -> Result<Method, Failure> {
-    choose("method", name, &[("native", Method::Native)])
+/// `native`, or `splat` with its settings as JSON.
+pub(crate) fn method(name: &str, splat: Option<&str>) -> Result<Method, Failure> {
+    match (name, splat) {
+        ("native", None) => Ok(Method::Native),
+        ("splat", Some(json)) => serde_json::from_str(json)
+            .map(Method::Splat)
+            .map_err(|e| ConfigError::new("method", json, format!("settings that splat has ({e})")).into()),
+        _ => Err(ConfigError::new("method", format!("'{name}'"), "'native' or 'splat'").into()),
+    }
 }
 
 pub(crate) fn shadows(name: &str) -> Result<Shadows, Failure> {

@@ -93,6 +93,8 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     dict.set_item("dropped", report.dropped)?;
     dict.set_item("clamped", report.clamped)?;
     dict.set_item("instants", report.instants)?;
+    dict.set_item("keyframes", report.keyframes)?;
+    dict.set_item("unknown", report.unknown)?;
     dict.set_item("reruns", report.reruns)?;
     dict.set_item("host_ms", report.times.host_ms)?;
     dict.set_item("device_wait_ms", report.times.device_wait_ms)?;

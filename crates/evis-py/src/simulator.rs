@@ -50,8 +50,8 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, threshold_on, threshold_off, log_eps, trigger, interpolation, method, rate_hz, samples, antialias, shadows, cameras,
-        size, start_us, seed, labels, label_rate_hz, reference_luminance, device
+        scene, *, threshold_on, threshold_off, log_eps, trigger, interpolation, method, splat, rate_hz, samples, antialias,
+        shadows, cameras, size, start_us, seed, labels, label_rate_hz, reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
     fn new(
@@ -63,6 +63,7 @@ impl Simulator {
         trigger: &str,
         interpolation: &str,
         method: &str,
+        splat: Option<&str>,
         rate_hz: f64,
         samples: u32,
         antialias: &str,
@@ -85,7 +86,7 @@ impl Simulator {
                 interpolation: engine::interpolation(interpolation)?,
                 ..SensorConfig::default()
             },
-            method: engine::method(method)?,
+            method: engine::method(method, splat)?,
             rate_hz,
             samples,
             antialias: engine::antialias(antialias)?,

@@ -64,14 +64,14 @@ impl Stages {
         config.check()?;
         let (views, _) = view::views(&scene, &config)?;
         let mut engine = Engine::new(gpu, scene, views, &mut config)?;
-        let (context, _, groups) = engine.parts();
+        let (context, _, _, groups) = engine.parts();
         let slot = Slot::new(&context.gpu.device, capacity, groups[0].header_bytes());
         Ok(Self { engine, slot })
     }
 
     /// Instants that go into one submission.
     pub fn instants_per_submission(&mut self) -> u32 {
-        let (_, targets, groups) = self.engine.parts();
+        let (_, _, targets, groups) = self.engine.parts();
         targets[groups[0].targets].plan.instants
     }
 
@@ -89,20 +89,18 @@ impl Stages {
     ) -> Result<Duration, EngineError> {
         let started = Instant::now();
         let slot = &self.slot;
-        let (context, targets, groups) = self.engine.parts();
+        let (context, sampling, targets, groups) = self.engine.parts();
         let group = &mut groups[0];
         let targets = &targets[group.targets];
         let unit = Unit { group: 0, first, instants };
-        let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
-        let times: Vec<i64> = (0..instants).map(|i| context.grid.instant_us(first + i64::from(i))).collect();
         let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
-        let frame_group = context.upload_frames(&views, &times);
         if stage >= Stage::Raster {
-            for k in 0..instants {
-                context.encode_moving_shadows(&mut encoder, &frame_group, &views, instants, k);
-                let count = views.len() as u32;
-                interval::encode_luminance(context, &mut encoder, targets, &frame_group, count, instants, k);
-            }
+            sampling.encode(context, &mut encoder, targets, group, &unit);
+        } else {
+            let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
+            let times: Vec<i64> =
+                (0..instants).map(|i| context.grid.instant_us(first + i64::from(i))).collect();
+            context.upload_frames(&views, &times);
         }
         if stage >= Stage::Count {
             let (gpu, passes, grid) = (&context.gpu, &context.trigger, &context.grid);

@@ -3,13 +3,37 @@
 use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid};
 use serde::{Deserialize, Serialize};
 
+use crate::grid::SampleGrid;
+use crate::splat_config::SplatConfig;
+
 /// How an instant is sampled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// Every instant is rendered.
     #[default]
     Native,
+    /// Keyframes are rendered; the instants between two of them are splatted from both.
+    Splat(SplatConfig),
+}
+
+impl Method {
+    /// Its name: `native`, `splat`, or `evis-paper` for `splat` as that paper publishes it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Native => "native",
+            Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
+            Self::Splat(_) => "splat",
+        }
+    }
+
+    /// Keyframes per second and instants per gap, where it has keyframes.
+    pub const fn keyframes(&self) -> Option<(f64, u32)> {
+        match self {
+            Self::Native => None,
+            Self::Splat(splat) => Some((splat.keyframe_hz, splat.steps)),
+        }
+    }
 }
 
 /// How a pixel's area is sampled.
@@ -43,7 +67,7 @@ pub struct RunConfig {
     pub sensor: SensorConfig,
     /// Sampling method.
     pub method: Method,
-    /// Sampled instants per second.
+    /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
     pub rate_hz: f64,
     /// Samples per pixel and instant, 1 to 256.
     pub samples: u32,
@@ -88,13 +112,25 @@ impl Default for RunConfig {
 }
 
 impl RunConfig {
+    /// The sampled instants.
+    ///
+    /// # Errors
+    /// A rate that is not above 0, or above 1 MHz.
+    pub fn sample_grid(&self) -> Result<SampleGrid, ConfigError> {
+        let (keyframe_hz, steps) = self.method.keyframes().unwrap_or((self.rate_hz, 1));
+        SampleGrid::new(keyframe_hz, steps)
+    }
+
     /// Checks every value that can be checked without a scene or a device.
     ///
     /// # Errors
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn check(&self) -> Result<(), ConfigError> {
         Sensor::new(self.sensor.clone())?.thresholds_only("the 3D engine")?;
-        TimeGrid::new(self.rate_hz)?;
+        if let Method::Splat(splat) = &self.method {
+            splat.check()?;
+        }
+        self.sample_grid()?;
         TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
         if !(1..=256).contains(&self.samples) {
             return Err(ConfigError::new("samples", self.samples, "between 1 and 256"));

@@ -9,21 +9,24 @@ use std::time::Instant;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
 use evis_scene::{Scene, SceneState};
 
-use crate::config::{Antialias, RunConfig};
+use crate::config::{Antialias, Method, RunConfig};
 use crate::error::EngineError;
 use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::frame_buffers::FrameBuffers;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
+use crate::grid::SampleGrid;
 use crate::interval::{self, Group, Slot, Unit};
 use crate::labels::{LabelJob, LabelRoom};
+use crate::method::Sampling;
 use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
 use crate::pass::trigger::TriggerPasses;
 use crate::shadow::{ShadowPlan, ShadowRoom};
-use crate::sizes::{self, DeviceLimits};
-use crate::targets::Targets;
+use crate::sizes::{self, DeviceLimits, MethodNeeds};
+use crate::splat::{self, SplatRoom};
+use crate::targets::{LayerUse, Layers, Targets};
 use crate::uniforms::{Status, ViewSensor};
 use crate::unpack;
 use crate::variant::LightSet;
@@ -44,7 +47,7 @@ pub struct Context {
     pub(crate) gpu_scene: GpuScene,
     pub(crate) layouts: SurfaceLayouts,
     pub(crate) views: Vec<View>,
-    pub(crate) grid: TimeGrid,
+    pub(crate) grid: SampleGrid,
     pub(crate) start_us: i64,
     /// Sample offsets in pixels; one, at the centre, for `--aa edges`.
     pub(crate) offsets: Vec<[f32; 2]>,
@@ -77,12 +80,28 @@ impl Context {
 
     /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
     pub(crate) fn upload_frames(&mut self, views: &[View], times_us: &[i64]) -> wgpu::BindGroup {
+        self.upload_frames_as(views, times_us, false)
+    }
+
+    /// The same, with the numbers of records in place of the ids of objects where `record_ids`.
+    pub(crate) fn upload_frames_as(
+        &mut self,
+        views: &[View],
+        times_us: &[i64],
+        record_ids: bool,
+    ) -> wgpu::BindGroup {
         let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
         let plan = self.shadows.as_ref().map(|s| &s.plan);
         let moving = plan.is_some_and(ShadowPlan::moves);
         let occluders = self.shadows.as_ref().and_then(|s| s.occluders.as_ref());
-        let request =
-            FrameRequest { views, times_s: &times_s, shadows: plan, occluders, shadow_maps: moving };
+        let request = FrameRequest {
+            views,
+            times_s: &times_s,
+            shadows: plan,
+            occluders,
+            record_ids,
+            shadow_maps: moving,
+        };
         self.frame_data.build(&self.scene, &self.gpu_scene, &request);
         self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
     }
@@ -150,6 +169,7 @@ struct InFlight {
 /// The engine.
 pub struct Engine {
     context: Context,
+    sampling: Sampling,
     targets: Vec<Targets>,
     groups: Vec<Group>,
     label_room: Option<LabelRoom>,
@@ -193,7 +213,14 @@ impl Engine {
         let edges = config.antialias == Antialias::Edges;
         let offsets = if edges { vec![[0.0, 0.0]] } else { crate::pattern::offsets(config.samples) };
         let samples = offsets.len() as u32;
-        let grid = TimeGrid::new(config.rate_hz)?;
+        let grid = config.sample_grid()?;
+        let rendered = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
+        // What the trigger averages, and how it comes to be.
+        let (layer_samples, made) = match &config.method {
+            Method::Native => (samples, rendered),
+            Method::Splat(_) => (1, LayerUse::Computed),
+        };
+        let may_be_unknown = matches!(&config.method, Method::Splat(splat) if splat.fill.is_none());
 
         let mut state = SceneState::default();
         scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
@@ -235,7 +262,7 @@ impl Engine {
         let [r, g, b] = scene.background.map(f64::from);
         let mut context = Context {
             gpu: gpu.clone(),
-            trigger: TriggerPasses::new(device, &config.sensor, samples),
+            trigger: TriggerPasses::new(device, &config.sensor, layer_samples, may_be_unknown),
             gpu_scene,
             layouts,
             views,
@@ -254,13 +281,23 @@ impl Engine {
         };
         crate::shadow::draw_still_maps(&mut context);
 
+        let mut sampling = match &config.method {
+            Method::Native => Sampling::Native,
+            Method::Splat(splat) => Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat))),
+        };
         let sizes = classes(&context.views);
         let mut targets = Vec::new();
         let mut members = Vec::new();
         for ((width, height), views) in sizes {
-            let plan =
-                sizes::plan(width, height, samples, views.len() as u32, sizes::MAX_INSTANTS, device_limits)
-                    .ok_or_else(|| {
+            let needs = match &config.method {
+                Method::Native => MethodNeeds::default(),
+                Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
+                    .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
+            };
+            let most = sizes::MAX_INSTANTS;
+            let count = views.len() as u32;
+            let plan = sizes::plan(width, height, layer_samples, count, most, needs, device_limits)
+                .ok_or_else(|| {
                     EngineError::Device(format!(
                         "{width}x{height} pixels with {samples} samples do not fit this device \
                          (edge {}, layers {}, binding {} bytes); choose a smaller --size or fewer --samples",
@@ -269,16 +306,22 @@ impl Engine {
                         device_limits.storage_binding
                     ))
                 })?;
-            targets.push(Targets::new(device, width, height, plan, edges));
+            targets.push(Targets::new(device, width, height, plan, made));
+            if let (Sampling::Splat(room), Some(targets)) = (&mut sampling, targets.last()) {
+                room.add_size(&context, targets, edges);
+            }
             for chunk in views.chunks(plan.views_per_group as usize) {
                 members.push((targets.len() - 1, chunk.to_vec()));
             }
         }
         let reference = match config.reference_luminance {
             Some(value) => value,
-            None => measure_reference(&mut context, &targets, &members)?,
+            None => measure_reference(&mut context, samples, rendered)?,
         };
         config.reference_luminance = Some(reference);
+        if let Sampling::Splat(room) = &mut sampling {
+            room.set_response(config.sensor.log_eps, reference);
+        }
         let groups: Vec<_> = members
             .into_iter()
             .map(|(t, views)| {
@@ -297,6 +340,7 @@ impl Engine {
         let most_capacity =
             (device_limits.storage_binding / 8).min(limits.max_buffer_size / 8 - 4096).min(1 << 28) as u32;
         Ok(Self {
+            sampling,
             targets,
             label_room,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
@@ -324,8 +368,8 @@ impl Engine {
     }
 
     /// What `bench` measures stage by stage.
-    pub(crate) fn parts(&mut self) -> (&mut Context, &[Targets], &mut [Group]) {
-        (&mut self.context, &self.targets, &mut self.groups)
+    pub(crate) fn parts(&mut self) -> (&mut Context, &mut Sampling, &[Targets], &mut [Group]) {
+        (&mut self.context, &mut self.sampling, &self.targets, &mut self.groups)
     }
 
     /// Starts with buffers of `capacity` events, never more than `most`: tests make them overflow.
@@ -339,6 +383,34 @@ impl Engine {
     /// next delivery goes on from there.
     pub fn stop(&self) -> &Arc<AtomicBool> {
         &self.stop
+    }
+
+    /// What the method makes of instants `first..first + instants` of the first view: a picture each, from the mean of
+    /// its samples.
+    #[cfg(test)]
+    pub fn instants(&mut self, first: i64, instants: u32) -> Result<Vec<Vec<f32>>, EngineError> {
+        let (group, unit) = (&self.groups[0], Unit { group: 0, first, instants });
+        let targets = &self.targets[group.targets];
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        let samples = targets.plan.layers / (targets.plan.instants * targets.plan.views_per_group);
+        let layers = read_layers(&self.context, encoder, &targets.layers, instants * samples)?;
+        Ok(layers
+            .chunks_exact(samples as usize)
+            .map(|of| {
+                let mean = |p: usize| of.iter().map(|layer| layer[p]).sum::<f32>() / of.len() as f32;
+                (0..of[0].len()).map(mean).collect()
+            })
+            .collect())
+    }
+
+    /// Where the older side's pixels were last placed: x, y, depth key, in planes over the keyframe.
+    #[cfg(test)]
+    pub fn splat_store(&self) -> Option<&splat::Store> {
+        match &self.sampling {
+            Sampling::Splat(room) => room.store(0),
+            Sampling::Native => None,
+        }
     }
 
     /// Sample offsets in pixels, in layer order.
@@ -382,6 +454,7 @@ impl Engine {
         }
         self.delivered_us = until_us;
         packet.report = std::mem::take(&mut self.report);
+        packet.report.keyframes = self.sampling.take_keyframes();
         packet.report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
         packet.report.times.pack_ms += milliseconds(packing);
         packet.report.times.total_ms = milliseconds(started);
@@ -437,6 +510,7 @@ impl Engine {
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
         interval::encode(
             &mut self.context,
+            &mut self.sampling,
             &mut encoder,
             &self.targets[group.targets],
             group,
@@ -572,6 +646,8 @@ impl Engine {
         let group = &mut self.groups[unit.group];
         self.report.clamped += u64::from(status.clamped.wrapping_sub(group.clamped));
         group.clamped = status.clamped;
+        self.report.unknown += u64::from(status.unknown.wrapping_sub(group.unknown));
+        group.unknown = status.unknown;
         self.report.instants += u64::from(unit.instants);
         self.report.times.pack_ms += milliseconds(packing);
         Ok(())
@@ -623,6 +699,7 @@ impl Engine {
         group.parity = (group.parity + flips) % 2;
         group.next = unit.first;
         group.clamped = 0;
+        group.unknown = 0;
         self.context.gpu.queue.write_buffer(&group.status, 0, bytemuck::bytes_of(&Status::default()));
         for unit in again {
             self.submit_unit(unit)?;
@@ -719,20 +796,15 @@ impl Engine {
         let Some(group) = group else {
             return Err(EngineError::Device(format!("there is no view {view}")));
         };
-        mean_luminance(&mut self.context, &self.targets[group.targets], view, t_us)
+        mean_luminance(&mut self.context, &self.targets[group.targets].layers, view, t_us)
     }
 }
 
 /// `Y_ref` that brings the log-mean of the first camera's lit pixels at the start to 0.18 (Reinhard's middle grey).
-fn measure_reference(
-    context: &mut Context,
-    targets: &[Targets],
-    members: &[(usize, Vec<usize>)],
-) -> Result<f32, EngineError> {
-    let Some((t, views)) = members.iter().find(|(_, views)| views.contains(&0)).or(members.first()) else {
-        return Ok(1.0);
-    };
-    let image = mean_luminance(context, &targets[*t], views[0], 0)?;
+fn measure_reference(context: &mut Context, samples: u32, made: LayerUse) -> Result<f32, EngineError> {
+    let Some(lens) = context.views.first().map(|view| view.lens) else { return Ok(1.0) };
+    let layers = Layers::new(&context.gpu.device, lens.width, lens.height, samples, made);
+    let image = mean_luminance(context, &layers, 0, 0)?;
     let (mut sum, mut lit) = (0.0, 0u64);
     for luminance in image {
         if luminance > 0.0 && luminance.is_finite() {
@@ -750,7 +822,7 @@ fn measure_reference(
 /// Renders view `view` at stream time `t_us` and reads it back: mean over the samples, row-major from the top.
 fn mean_luminance(
     context: &mut Context,
-    targets: &Targets,
+    layers: &Layers,
     view: usize,
     t_us: i64,
 ) -> Result<Vec<f64>, EngineError> {
@@ -759,19 +831,32 @@ fn mean_luminance(
     let device = &context.gpu.device;
     let mut encoder = device.create_command_encoder(&Default::default());
     context.encode_moving_shadows(&mut encoder, &frame_group, &view, 1, 0);
-    interval::encode_luminance(context, &mut encoder, targets, &frame_group, 1, 1, 0);
-    let samples = context.offsets.len() as u32;
-    let (width, height) = (targets.width, targets.height);
+    interval::encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0);
+    let samples = context.offsets.len();
+    let read = read_layers(context, encoder, layers, samples as u32)?;
+    let pixels = layers.width as usize * layers.height as usize;
+    let mean = |p: usize| read.iter().map(|layer| f64::from(layer[p])).sum::<f64>() / samples as f64;
+    Ok((0..pixels).map(mean).collect())
+}
+
+/// Runs `encoder` and reads the first `count` of `layers` back, each row-major from the top.
+fn read_layers(
+    context: &Context,
+    mut encoder: wgpu::CommandEncoder,
+    layers: &Layers,
+    count: u32,
+) -> Result<Vec<Vec<f32>>, EngineError> {
+    let (width, height) = (layers.width, layers.height);
     let row = (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let layer_bytes = u64::from(row) * u64::from(height);
-    let staging = device.create_buffer(&wgpu::BufferDescriptor {
+    let staging = context.gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("luminance for the host"),
-        size: layer_bytes * u64::from(samples),
+        size: layer_bytes * u64::from(count),
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
     encoder.copy_texture_to_buffer(
-        targets.luminance_texture.as_image_copy(),
+        layers.texture.as_image_copy(),
         wgpu::TexelCopyBufferInfo {
             buffer: &staging,
             layout: wgpu::TexelCopyBufferLayout {
@@ -780,7 +865,7 @@ fn mean_luminance(
                 rows_per_image: Some(height),
             },
         },
-        wgpu::Extent3d { width, height, depth_or_array_layers: samples },
+        wgpu::Extent3d { width, height, depth_or_array_layers: count },
     );
     let submission = context.gpu.queue.submit([encoder.finish()]);
     let mapped = map(&staging);
@@ -788,20 +873,13 @@ fn mean_luminance(
     let bytes = staging
         .get_mapped_range(..)
         .map_err(|e| EngineError::Device(format!("cannot read the luminance back: {e}")))?;
-    let mut image = Vec::with_capacity(width as usize * height as usize);
-    for y in 0..height {
-        for x in 0..width {
-            let sum: f64 = (0..samples)
-                .map(|s| {
-                    let at = u64::from(s) * layer_bytes + u64::from(y) * u64::from(row) + u64::from(x) * 4;
-                    let at = at as usize;
-                    f64::from(bytemuck::pod_read_unaligned::<f32>(&bytes[at..at + 4]))
-                })
-                .sum();
-            image.push(sum / f64::from(samples));
-        }
-    }
-    Ok(image)
+    let pixels = |row: &[u8]| -> Vec<f32> {
+        row.chunks_exact(4).take(width as usize).map(bytemuck::pod_read_unaligned).collect()
+    };
+    Ok(bytes
+        .chunks_exact(layer_bytes as usize)
+        .map(|layer| layer.chunks_exact(row as usize).flat_map(pixels).collect())
+        .collect())
 }
 
 fn milliseconds(since: Instant) -> f64 {

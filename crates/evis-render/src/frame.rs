@@ -42,6 +42,8 @@ pub struct FrameRequest<'a> {
     pub shadows: Option<&'a ShadowPlan>,
     /// What their rays are cast through.
     pub occluders: Option<&'a Occluders>,
+    /// Whether the ids of objects are the numbers of their records, from 1, instead of their labels.
+    pub record_ids: bool,
     /// Whether records that draw shadow maps are made too, of every environment, instant and light.
     pub shadow_maps: bool,
 }
@@ -126,8 +128,13 @@ impl FrameData {
             .iter()
             .map(|o| if o.skin.is_some() { DMat4::IDENTITY } else { state.world_from_node[o.node] })
             .collect();
-        let records: Vec<ObjectRecord> =
+        let mut records: Vec<ObjectRecord> =
             objects.iter().map(|o| object_record(o, state, &skin_bases, &weight_bases)).collect();
+        if request.record_ids {
+            for (number, record) in (1..).zip(&mut records) {
+                record.instance_id = number;
+            }
+        }
         if request.shadow_maps {
             for view in &light_views {
                 self.instances.extend(world.iter().map(|w| instance_record(w, &(view.clip_from_world * *w))));

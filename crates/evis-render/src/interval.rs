@@ -1,20 +1,19 @@
 //! One submission: some instants of a group of views, from poses to events in a staging buffer.
 
-use evis_core::TimeGrid;
-
 use crate::engine::Context;
 use crate::gpu::Gpu;
 use crate::gpu_scene::{Draw, DrawItem};
+use crate::grid::SampleGrid;
+use crate::method::Sampling;
 use crate::pass::raster::Pipelines;
 use crate::pass::trigger::{
     BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS, TriggerPasses,
 };
 use crate::pass::{self};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
-use crate::targets::Targets;
+use crate::targets::{Layers, Targets};
 use crate::uniforms::{BlockParams, PixelMemory, ScanParams, Status, TriggerParams, ViewSensor};
 use crate::variant::INSTANCE_SLOT;
-use crate::view::View;
 
 /// Some instants of one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,12 +28,12 @@ pub struct Unit {
 
 impl Unit {
     /// Time that the unit's event times count from: the instant before its first.
-    pub fn base_us(&self, grid: &TimeGrid) -> i64 {
+    pub fn base_us(&self, grid: &SampleGrid) -> i64 {
         grid.instant_us((self.first - 1).max(0))
     }
 
     /// Time of its last instant.
-    pub fn end_us(&self, grid: &TimeGrid) -> i64 {
+    pub fn end_us(&self, grid: &SampleGrid) -> i64 {
         grid.instant_us(self.first + i64::from(self.instants) - 1)
     }
 
@@ -49,7 +48,7 @@ impl Unit {
         })
     }
 
-    fn params(&self, grid: &TimeGrid, targets: &Targets, views: u32, capacity: u32) -> TriggerParams {
+    fn params(&self, grid: &SampleGrid, targets: &Targets, views: u32, capacity: u32) -> TriggerParams {
         let base = self.base_us(grid);
         let mut spans = [[0; 4]; sizes::MAX_INSTANTS as usize];
         let mut before = 0;
@@ -93,6 +92,8 @@ pub struct Group {
     pub next: i64,
     /// `Status::clamped` as last read: the device only adds to it.
     pub clamped: u32,
+    /// `Status::unknown` as last read.
+    pub unknown: u32,
 }
 
 impl Group {
@@ -140,6 +141,7 @@ impl Group {
             views,
             next: 0,
             clamped: 0,
+            unknown: 0,
         };
         let block_count = (pixels / u64::from(BLOCK_PIXELS)) as u32;
         let row = sizes::dispatch(block_count, WORKGROUP).0 * WORKGROUP;
@@ -206,8 +208,10 @@ impl Slot {
 }
 
 /// Records one interval: the table of contents of a submission.
+#[expect(clippy::too_many_arguments, reason = "the rooms of an interval, in order")]
 pub fn encode(
     context: &mut Context,
+    sampling: &mut Sampling,
     encoder: &mut wgpu::CommandEncoder,
     targets: &Targets,
     group: &Group,
@@ -215,83 +219,70 @@ pub fn encode(
     slot: &Slot,
     predicted: u32,
 ) {
-    let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
-    let times: Vec<i64> =
-        (0..unit.instants).map(|i| context.grid.instant_us(unit.first + i64::from(i))).collect();
-    // Where everything is, at every instant.
-    let frame_group = context.upload_frames(&views, &times);
-    for k in 0..unit.instants {
-        // What the lights see, where casters or lights move.
-        context.encode_moving_shadows(encoder, &frame_group, &views, unit.instants, k);
-        // What the cameras see, one luminance layer per sample.
-        encode_luminance(context, encoder, targets, &frame_group, views.len() as u32, unit.instants, k);
-    }
-    // What the pixels feel.
+    // What the pixels see at every instant, by whatever method.
+    sampling.encode(context, encoder, targets, group, unit);
+    // What they feel.
     let steps = trigger_steps(&context.gpu, &context.trigger, &context.grid, targets, group, unit, slot);
     encode_trigger(encoder, &steps);
     // What the host gets.
     let header = size_of::<Status>() as u64;
     encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, header);
-    let offsets = 4 * (views.len() as u64 + 1);
+    let offsets = 4 * (group.views.len() as u64 + 1);
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, header, offsets);
     let bytes = u64::from(predicted.min(slot.capacity)) * 8;
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, group.header_bytes(), bytes);
 }
 
-/// Renders instant `k` of every view, sample by sample.
+/// Renders `frame`, sample by sample, into the layers from `first_layer` on.
 pub fn encode_luminance(
     context: &Context,
     encoder: &mut wgpu::CommandEncoder,
-    targets: &Targets,
+    layers: &Layers,
     frame_group: &wgpu::BindGroup,
-    views: u32,
-    instants: u32,
-    k: u32,
+    frame: u32,
+    first_layer: u32,
 ) {
-    let samples = context.offsets.len() as u32;
-    for view in 0..views {
-        let frame = view * instants + k;
-        for (s, offset) in context.offsets.iter().enumerate() {
-            let layer = &targets.layers[(frame * samples + s as u32) as usize];
-            let color = targets.multisampled.as_ref().unwrap_or(layer);
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("luminance"),
-                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: color,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color {
-                            r: context.background_luminance,
-                            g: 0.0,
-                            b: 0.0,
-                            a: 0.0,
-                        }),
-                        store: wgpu::StoreOp::Store,
-                    },
-                })],
-                depth_stencil_attachment: Some(depth_attachment(&targets.depth, wgpu::StoreOp::Discard)),
-                ..Default::default()
-            });
-            // A shifted viewport samples the pixel elsewhere: no second set of matrices.
-            let (width, height) = (targets.width as f32, targets.height as f32);
-            pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
-            let surroundings = Some(&context.surroundings);
-            let what = Drawing {
-                items: &context.frame_data.visible[frame as usize],
-                frame,
-                first_record: context.object_base(frame),
-            };
-            draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);
-            if let Some(sky) = &context.sky {
-                pass.set_pipeline(sky);
-                pass.set_bind_group(0, frame_group, &[context.frame_offset(frame)]);
-                pass.set_bind_group(2, &context.surroundings, &[]);
-                pass.draw(0..3, 0..1);
-            }
+    let targets = layers.each.iter().skip(first_layer as usize);
+    for (offset, layer) in context.offsets.iter().zip(targets) {
+        let color = layers.multisampled.as_ref().unwrap_or(layer);
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("luminance"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: color,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color {
+                        r: context.background_luminance,
+                        g: 0.0,
+                        b: 0.0,
+                        a: 0.0,
+                    }),
+                    store: wgpu::StoreOp::Store,
+                },
+            })],
+            depth_stencil_attachment: Some(depth_attachment(&layers.depth, wgpu::StoreOp::Discard)),
+            ..Default::default()
+        });
+        // A shifted viewport samples the pixel elsewhere: no second set of matrices.
+        let (width, height) = (layers.width as f32, layers.height as f32);
+        pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
+        let surroundings = Some(&context.surroundings);
+        let what = Drawing {
+            items: &context.frame_data.visible[frame as usize],
+            frame,
+            first_record: context.object_base(frame),
+        };
+        draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);
+        if let Some(sky) = &context.sky {
+            pass.set_pipeline(sky);
+            pass.set_bind_group(0, frame_group, &[context.frame_offset(frame)]);
+            pass.set_bind_group(2, &context.surroundings, &[]);
+            pass.draw(0..3, 0..1);
         }
-        if let Some(samples) = &targets.multisampled {
-            encode_resolve(context, encoder, targets, samples, &targets.layers[frame as usize]);
+        drop(pass);
+        if let Some(samples) = &layers.multisampled {
+            encode_resolve(context, encoder, layers, samples, layer);
         }
     }
 }
@@ -357,7 +348,7 @@ pub fn draw_surfaces(
 fn encode_resolve(
     context: &Context,
     encoder: &mut wgpu::CommandEncoder,
-    targets: &Targets,
+    layers: &Layers,
     samples: &wgpu::TextureView,
     layer: &wgpu::TextureView,
 ) {
@@ -368,7 +359,7 @@ fn encode_resolve(
     let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
     pass.set_pipeline(&resolve.pipeline);
     pass.set_bind_group(0, &group, &[]);
-    pass.dispatch_workgroups(targets.width.div_ceil(8), targets.height.div_ceil(8), 1);
+    pass.dispatch_workgroups(layers.width.div_ceil(8), layers.height.div_ceil(8), 1);
 }
 
 /// One dispatch of the trigger.
@@ -393,7 +384,7 @@ pub fn encode_trigger(encoder: &mut wgpu::CommandEncoder, steps: &[TriggerStep<'
 pub fn trigger_steps<'a>(
     gpu: &Gpu,
     passes: &'a TriggerPasses,
-    grid: &TimeGrid,
+    grid: &SampleGrid,
     targets: &Targets,
     group: &Group,
     unit: &Unit,
@@ -414,7 +405,7 @@ pub fn trigger_steps<'a>(
     queue.write_buffer(&slot.scan_params, 0, bytemuck::bytes_of(&scan));
 
     let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
-    let layers = || wgpu::BindingResource::TextureView(&targets.luminance);
+    let layers = || wgpu::BindingResource::TextureView(&targets.layers.array);
     let count = pass::group(
         device,
         "count",

@@ -6,35 +6,25 @@ use evis_scene::Scene;
 use crate::config::RunConfig;
 use crate::engine::Context;
 use crate::error::EngineError;
-use crate::frame::{columns, rigid};
-use crate::frame_buffers::GrowingBuffer;
+use crate::geometry::{GeometryPass, GeometryRoom, NO_FLOW, attachment, sky_flow};
 use crate::gpu_scene::GpuScene;
 use crate::interval::{Drawing, Group, depth_attachment, draw_surfaces};
 use crate::pass::labels::{
-    APPEARANCE_FORMATS, GEOMETRY_FORMATS, LABEL_BINDINGS, LabelTargets, SKY_FLOW_BINDINGS,
-    appearance_pipelines, geometry_pipelines, label_layout, sky_flow_layout, targets,
+    APPEARANCE_FORMATS, GEOMETRY_FORMATS, LabelTargets, appearance_pipelines, targets,
 };
-use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, UNIFORM_ALIGNMENT};
-use crate::pass::{self, sky};
+use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
+use crate::pass::sky;
 use crate::sizes::DeviceLimits;
-use crate::uniforms::{LabelFrame as LabelUniform, SkyFlow};
+use crate::uniforms::LabelFrame as LabelUniform;
 use crate::view::View;
-
-/// A flow component at least this large means "not defined" (`NO_FLOW` in the shader).
-const NO_FLOW: f32 = 1e29;
 
 /// Everything that labels need; absent where none is asked for.
 pub struct LabelRoom {
     kinds: Vec<LabelKind>,
     wanted: LabelTargets,
-    geometry: Pipelines,
+    geometry: Option<GeometryRoom>,
     appearance: Pipelines,
-    sky_flow: Option<wgpu::RenderPipeline>,
     sky_color: Option<wgpu::RenderPipeline>,
-    label_layout: wgpu::BindGroupLayout,
-    sky_layout: wgpu::BindGroupLayout,
-    label_uniform: GrowingBuffer,
-    sky_uniform: GrowingBuffer,
     background: [f64; 3],
 }
 
@@ -100,22 +90,14 @@ impl LabelRoom {
         let variants = || gpu_scene.variants().into_iter();
         // A label is one sample at the pixel's centre: it stands for a whole pixel.
         let constants = SceneConstants { samples: 1, ..*constants };
-        let label_layout = label_layout(device);
-        let sky_layout = sky_flow_layout(device);
-        let geometry = if wanted.any_geometry() {
-            geometry_pipelines(device, layouts, &label_layout, variants(), &constants, wanted.geometry)
-        } else {
-            Pipelines::new()
-        };
+        let geometry = wanted
+            .any_geometry()
+            .then(|| GeometryRoom::new(device, layouts, gpu_scene, &constants, wanted.geometry));
         let appearance = if wanted.any_appearance() {
             appearance_pipelines(device, layouts, variants(), &constants, wanted.appearance)
         } else {
             Pipelines::new()
         };
-        let sky_flow = flow.then(|| {
-            let targets = targets(GEOMETRY_FORMATS, wanted.geometry);
-            sky::flow_pipeline(device, &layouts.frame, &sky_layout, &targets, constants.lights.count)
-        });
         let visible = scene.environment.as_ref().is_some_and(|e| e.visible);
         let sky_color = (visible && wanted.appearance[0]).then(|| {
             let mut targets = targets(APPEARANCE_FORMATS, wanted.appearance);
@@ -130,12 +112,7 @@ impl LabelRoom {
             wanted,
             geometry,
             appearance,
-            sky_flow,
             sky_color,
-            label_layout,
-            sky_layout,
-            label_uniform: GrowingBuffer::new(device, "label", wgpu::BufferUsages::UNIFORM),
-            sky_uniform: GrowingBuffer::new(device, "sky flow", wgpu::BufferUsages::UNIFORM),
             background: scene.background.map(f64::from),
         }))
     }
@@ -181,7 +158,15 @@ impl LabelRoom {
         let last_us = (index > 0).then(|| grid.instant_us(index - 1));
         // Three frames per view: now, next, last.
         let frame_group = context.upload_frames(&views, &[t_us, next_us, last_us.unwrap_or(t_us)]);
-        let (label_group, sky_group) = self.upload(context, &views, [next_us, last_us.unwrap_or(t_us)]);
+        let objects = context.gpu_scene.objects.len() as u32;
+        let label = LabelUniform {
+            next_offset: objects,
+            last_offset: 2 * objects,
+            half_size: [width as f32 / 2.0, height as f32 / 2.0],
+        };
+        let others = [next_us, last_us.unwrap_or(t_us)];
+        let skies: Vec<_> = views.iter().map(|view| sky_flow(context, view, others)).collect();
+        let groups = self.geometry.as_mut().map(|room| room.upload(context, &label, &skies));
 
         let device = &context.gpu.device;
         let textures = self.formats().map(|format| {
@@ -226,19 +211,10 @@ impl LabelRoom {
         for view in 0..views.len() {
             let frame = view as u32 * 3;
             let [inverse_depth, flow, ids, color, normal] = target_views.each_ref().map(Option::as_ref);
-            if self.wanted.any_geometry() {
-                let sky = (self.sky_flow.as_ref(), &sky_group, view as u32);
+            if let (Some(room), Some(groups)) = (&self.geometry, &groups) {
                 let targets = [inverse_depth, flow, ids];
-                self.encode_geometry(
-                    context,
-                    &mut encoder,
-                    &frame_group,
-                    &label_group,
-                    sky,
-                    targets,
-                    &depth,
-                    frame,
-                );
+                let what = GeometryPass { frame, sky: view as u32, targets, depth: &depth };
+                room.encode(context, &mut encoder, &frame_group, groups, &what);
             }
             if self.wanted.any_appearance() {
                 self.encode_appearance(context, &mut encoder, &frame_group, [color, normal], &depth, frame);
@@ -263,97 +239,6 @@ impl LabelRoom {
         }
         let submission = context.gpu.queue.submit([encoder.finish()]);
         (LabelJob { group: group_index, index, t_us, next_us, last_us, staging, width, height }, submission)
-    }
-
-    /// Uploads what flow needs and returns its groups.
-    fn upload(
-        &mut self,
-        context: &Context,
-        views: &[View],
-        other_us: [i64; 2],
-    ) -> (wgpu::BindGroup, wgpu::BindGroup) {
-        let gpu = &context.gpu;
-        let objects = context.gpu_scene.objects.len() as u32;
-        let half_size = [views[0].lens.width as f32 / 2.0, views[0].lens.height as f32 / 2.0];
-        let label = LabelUniform { next_offset: objects, last_offset: 2 * objects, half_size };
-        self.label_uniform.write(&gpu.device, &gpu.queue, bytemuck::bytes_of(&label));
-        let mut sky = vec![0u8; views.len() * UNIFORM_ALIGNMENT as usize];
-        let mut state = evis_scene::SceneState::default();
-        for (view, bytes) in views.iter().zip(sky.chunks_exact_mut(UNIFORM_ALIGNMENT as usize)) {
-            let mut matrix_at = |t_us: i64| {
-                let variant = context.scene.variants.get(view.environment);
-                context.scene.evaluate_variant(variant, context.scene_time_s(t_us), &mut state);
-                let mut world_from_camera = rigid(&state.world_from_node[view.node]);
-                world_from_camera.w_axis = glam::DVec4::W;
-                columns(&(view.lens.clip_from_camera() * world_from_camera.inverse()))
-            };
-            let flow = SkyFlow {
-                next_clip_from_world: matrix_at(other_us[0]),
-                last_clip_from_world: matrix_at(other_us[1]),
-                half_size,
-                pad: [0.0; 2],
-            };
-            bytes[..size_of::<SkyFlow>()].copy_from_slice(bytemuck::bytes_of(&flow));
-        }
-        self.sky_uniform.write(&gpu.device, &gpu.queue, &sky);
-        let label_group = pass::group(
-            &gpu.device,
-            "label",
-            &self.label_layout,
-            LABEL_BINDINGS,
-            vec![
-                self.label_uniform.get().as_entire_binding(),
-                context.frame_buffers.instances.get().as_entire_binding(),
-            ],
-        );
-        let sky_group = pass::group(
-            &gpu.device,
-            "sky flow",
-            &self.sky_layout,
-            SKY_FLOW_BINDINGS,
-            vec![bound(self.sky_uniform.get(), size_of::<SkyFlow>())],
-        );
-        (label_group, sky_group)
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "a pass names all that it reads and writes")]
-    fn encode_geometry(
-        &self,
-        context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
-        frame_group: &wgpu::BindGroup,
-        label_group: &wgpu::BindGroup,
-        (sky, sky_group, view): (Option<&wgpu::RenderPipeline>, &wgpu::BindGroup, u32),
-        targets: [Option<&wgpu::TextureView>; 3],
-        depth: &wgpu::TextureView,
-        frame: u32,
-    ) {
-        let none = f64::from(NO_FLOW) * 10.0;
-        let clears = [
-            wgpu::Color::TRANSPARENT,
-            wgpu::Color { r: none, g: none, b: none, a: none },
-            wgpu::Color::TRANSPARENT,
-        ];
-        let attachments: [_; 3] = std::array::from_fn(|i| targets[i].map(|view| attachment(view, clears[i])));
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("geometry labels"),
-            color_attachments: &attachments,
-            depth_stencil_attachment: Some(depth_attachment(depth, wgpu::StoreOp::Discard)),
-            ..Default::default()
-        });
-        pass.set_bind_group(3, label_group, &[]);
-        let what = Drawing {
-            items: &context.frame_data.visible[frame as usize],
-            frame,
-            first_record: context.object_base(frame),
-        };
-        draw_surfaces(context, &mut pass, &self.geometry, frame_group, Some(&context.surroundings), &what);
-        if let Some(sky) = sky {
-            pass.set_pipeline(sky);
-            pass.set_bind_group(0, frame_group, &[context.frame_offset(frame)]);
-            pass.set_bind_group(1, sky_group, &[view * UNIFORM_ALIGNMENT as u32]);
-            pass.draw(0..3, 0..1);
-        }
     }
 
     fn encode_appearance(
@@ -463,23 +348,6 @@ impl LabelRoom {
 
 fn is_flow(component: f32) -> bool {
     component.abs() < NO_FLOW
-}
-
-fn bound(buffer: &wgpu::Buffer, size: usize) -> wgpu::BindingResource<'_> {
-    wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-        buffer,
-        offset: 0,
-        size: std::num::NonZeroU64::new(size as u64),
-    })
-}
-
-fn attachment(view: &wgpu::TextureView, clear: wgpu::Color) -> wgpu::RenderPassColorAttachment<'_> {
-    wgpu::RenderPassColorAttachment {
-        view,
-        depth_slice: None,
-        resolve_target: None,
-        ops: wgpu::Operations { load: wgpu::LoadOp::Clear(clear), store: wgpu::StoreOp::Store },
-    }
 }
 
 /// A plane's texels, row by row, without the padding of rows.

@@ -42,6 +42,10 @@ pub struct PacketReport {
     pub clamped: u64,
     /// Instants sampled.
     pub instants: u64,
+    /// Keyframes drawn, all views; 0 for a method without them.
+    pub keyframes: u64,
+    /// Pixels and instants that the method could not know: there the pixel waits for its next known instant.
+    pub unknown: u64,
     /// Submissions run again because a buffer was too small.
     pub reruns: u64,
     /// Measured milliseconds per stage.

@@ -301,6 +301,7 @@ pub fn draw_still_maps(context: &mut Context) {
         times_s: &[context.scene_time_s(0)],
         shadows: Some(&room.plan),
         occluders: room.occluders.as_ref(),
+        record_ids: false,
         shadow_maps: true,
     };
     context.frame_data.build(&context.scene, &context.gpu_scene, &request);

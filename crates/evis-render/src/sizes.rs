@@ -24,6 +24,15 @@ pub struct Plan {
     pub layers: u32,
 }
 
+/// What a method needs per view beside the luminance of instants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MethodNeeds {
+    /// Bytes of its widest binding.
+    pub bytes: u64,
+    /// Layers of its widest texture array.
+    pub layers: u32,
+}
+
 /// What the device allows.
 #[derive(Clone, Copy, Debug)]
 pub struct DeviceLimits {
@@ -35,7 +44,8 @@ pub struct DeviceLimits {
     pub storage_binding: u64,
 }
 
-/// Plans `views` views of `width` x `height` with `samples` layers per instant, at most `max_instants` at a time.
+/// Plans `views` views of `width` x `height` with `samples` layers per instant, at most `max_instants` at a time;
+/// `needs` is what the method takes for itself.
 ///
 /// Returns `None` where even one view and instant does not fit the device.
 pub fn plan(
@@ -44,11 +54,12 @@ pub fn plan(
     samples: u32,
     views: u32,
     max_instants: u32,
+    needs: MethodNeeds,
     limits: DeviceLimits,
 ) -> Option<Plan> {
     let pixels = u64::from(padded_pixels(width, height));
     // Eight bytes of pixel memory per pixel are the widest per-pixel binding.
-    let by_binding = limits.storage_binding / (pixels * 8);
+    let by_binding = limits.storage_binding / (pixels * 8).max(needs.bytes);
     if width > limits.texture_edge
         || height > limits.texture_edge
         || samples > limits.texture_layers
@@ -56,10 +67,12 @@ pub fn plan(
     {
         return None;
     }
-    let view_bytes = u64::from(width) * u64::from(height) * 4 * u64::from(samples);
-    let by_budget = (LUMINANCE_BUDGET / view_bytes).max(1);
+    let layer_bytes = u64::from(width) * u64::from(height) * 4 * u64::from(samples);
+    let by_budget = (LUMINANCE_BUDGET / layer_bytes).max(1);
     let by_layers = u64::from(limits.texture_layers / samples);
-    let views_per_group = by_binding.min(by_budget).min(by_layers).min(u64::from(views)).max(1) as u32;
+    let by_needs = u64::from(limits.texture_layers / needs.layers.max(1));
+    let views_per_group =
+        by_binding.min(by_budget).min(by_layers).min(by_needs).min(u64::from(views)).max(1) as u32;
     let instants = (by_budget / u64::from(views_per_group))
         .min(by_layers / u64::from(views_per_group))
         .clamp(1, u64::from(max_instants.clamp(1, MAX_INSTANTS))) as u32;
@@ -91,7 +104,7 @@ mod tests {
 
     #[test]
     fn one_vga_view_gets_several_instants() {
-        let plan = plan(640, 480, 4, 1, 32, LIMITS).unwrap();
+        let plan = plan(640, 480, 4, 1, 32, MethodNeeds::default(), LIMITS).unwrap();
         assert_eq!(plan.views_per_group, 1);
         assert!(plan.instants > 4 && plan.layers == plan.instants * 4);
     }
@@ -101,7 +114,7 @@ mod tests {
         for (w, h) in [(1, 1), (64, 64), (346, 260), (640, 480), (1280, 720), (8192, 8192), (8192, 1)] {
             for samples in [1, 4, 16, 256] {
                 for views in [1, 2, 7, 64, 1000] {
-                    let Some(plan) = plan(w, h, samples, views, 32, LIMITS) else {
+                    let Some(plan) = plan(w, h, samples, views, 32, MethodNeeds::default(), LIMITS) else {
                         assert!(w * h > 8192 * 1024, "{w}x{h} should fit");
                         continue;
                     };
@@ -111,7 +124,7 @@ mod tests {
                 }
             }
         }
-        assert!(plan(8193, 1, 1, 1, 32, LIMITS).is_none());
+        assert!(plan(8193, 1, 1, 1, 32, MethodNeeds::default(), LIMITS).is_none());
     }
 
     #[test]

@@ -3,37 +3,39 @@
 use crate::pass::raster::{DEPTH_FORMAT, LUMINANCE_FORMAT};
 use crate::sizes::{BLOCK_PIXELS, Plan, padded_pixels};
 
-/// What every group of views of one size renders into.
-pub struct Targets {
+/// Luminance layers, and what is needed to render into them.
+pub struct Layers {
     /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// How views share submissions.
-    pub plan: Plan,
-    /// All luminance layers, for the trigger.
-    pub luminance: wgpu::TextureView,
+    /// All layers, for the trigger.
+    pub array: wgpu::TextureView,
     /// The texture behind it.
-    pub luminance_texture: wgpu::Texture,
+    pub texture: wgpu::Texture,
     /// One view per layer, to render into.
-    pub layers: Vec<wgpu::TextureView>,
+    pub each: Vec<wgpu::TextureView>,
     /// Shared by all layers, which are rendered one after another: it stays in the cache.
     pub depth: wgpu::TextureView,
     /// Four coverage samples, for `--aa edges`.
     pub multisampled: Option<wgpu::TextureView>,
-    /// Events per pixel of the submission in work.
-    pub counts: wgpu::Buffer,
-    /// Per pixel, the instants at which it fires: one bit each.
-    pub fired: wgpu::Buffer,
-    /// Exclusive prefix within blocks.
-    pub prefixes: wgpu::Buffer,
-    /// Sums, then offsets, of blocks.
-    pub block_sums: wgpu::Buffer,
 }
 
-impl Targets {
-    /// Allocates for `plan`.
-    pub fn new(device: &wgpu::Device, width: u32, height: u32, plan: Plan, edges: bool) -> Self {
+/// How layers come to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LayerUse {
+    /// Rendered, a sample each.
+    Rendered,
+    /// Rendered with four coverage samples, which a compute pass averages.
+    Resolved,
+    /// Written by a compute pass.
+    Computed,
+}
+
+impl Layers {
+    /// Allocates `count` layers.
+    pub fn new(device: &wgpu::Device, width: u32, height: u32, count: u32, made: LayerUse) -> Self {
+        let edges = made == LayerUse::Resolved;
         let sample_count = if edges { 4 } else { 1 };
         let texture = |label, format, layers, sample_count, usage| {
             device.create_texture(&wgpu::TextureDescriptor {
@@ -50,13 +52,13 @@ impl Targets {
         let attachment = wgpu::TextureUsages::RENDER_ATTACHMENT;
         let sampled = wgpu::TextureUsages::TEXTURE_BINDING;
         let mut usage = attachment | sampled | wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
-        if edges {
+        if made != LayerUse::Rendered {
             usage |= wgpu::TextureUsages::STORAGE_BINDING;
         }
-        let luminance_texture = texture("luminance", LUMINANCE_FORMAT, plan.layers, 1, usage);
-        let layers = (0..plan.layers)
+        let all = texture("luminance", LUMINANCE_FORMAT, count, 1, usage);
+        let each = (0..count)
             .map(|layer| {
-                luminance_texture.create_view(&wgpu::TextureViewDescriptor {
+                all.create_view(&wgpu::TextureViewDescriptor {
                     dimension: Some(wgpu::TextureViewDimension::D2),
                     base_array_layer: layer,
                     array_layer_count: Some(1),
@@ -64,7 +66,7 @@ impl Targets {
                 })
             })
             .collect();
-        let luminance = luminance_texture.create_view(&wgpu::TextureViewDescriptor {
+        let array = all.create_view(&wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::D2Array),
             ..Default::default()
         });
@@ -74,6 +76,33 @@ impl Targets {
             texture("coverage samples", LUMINANCE_FORMAT, 1, 4, attachment | sampled)
                 .create_view(&Default::default())
         });
+        Self { width, height, array, texture: all, each, depth, multisampled }
+    }
+}
+
+/// What every group of views of one size fills and reads.
+pub struct Targets {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// How views share submissions.
+    pub plan: Plan,
+    /// Luminance of the instants.
+    pub layers: Layers,
+    /// Events per pixel of the submission in work.
+    pub counts: wgpu::Buffer,
+    /// Per pixel, the instants at which it fires: one bit each.
+    pub fired: wgpu::Buffer,
+    /// Exclusive prefix within blocks.
+    pub prefixes: wgpu::Buffer,
+    /// Sums, then offsets, of blocks.
+    pub block_sums: wgpu::Buffer,
+}
+
+impl Targets {
+    /// Allocates for `plan`.
+    pub fn new(device: &wgpu::Device, width: u32, height: u32, plan: Plan, made: LayerUse) -> Self {
         let pixels = u64::from(plan.views_per_group) * u64::from(padded_pixels(width, height));
         let storage = |label, entries: u64| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -87,11 +116,7 @@ impl Targets {
             width,
             height,
             plan,
-            luminance,
-            luminance_texture,
-            layers,
-            depth,
-            multisampled,
+            layers: Layers::new(device, width, height, plan.layers, made),
             counts: storage("counts", pixels),
             fired: storage("fired", pixels),
             prefixes: storage("prefixes", pixels),

@@ -203,6 +203,10 @@ pub struct Status {
     pub clamped: u32,
     /// Pixels whose emission differs from their count.
     pub mismatched: u32,
+    /// Pixels and instants that a method left unknown.
+    pub unknown: u32,
+    /// Zero.
+    pub pad: u32,
 }
 
 /// `BlockParams` in `trigger/block.wgsl`.
@@ -227,4 +231,72 @@ pub struct ScanParams {
     pub view_count: u32,
     /// Events that fit.
     pub event_capacity: u32,
+}
+
+/// `KeyParams` in `splat/prepare.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct KeyParams {
+    /// Pixels per row of the keyframe, margins included.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// View within both slots.
+    pub view: u32,
+    /// Zero.
+    pub pad: u32,
+}
+
+/// `SplatParams` in `splat/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct SplatParams {
+    /// Target pixels per row.
+    pub width: u32,
+    /// Target rows.
+    pub height: u32,
+    /// Keyframe pixels per row.
+    pub canvas_width: u32,
+    /// Keyframe rows.
+    pub canvas_height: u32,
+    /// Keyframe pixels beyond each border.
+    pub margin: u32,
+    /// Views in the group.
+    pub view_count: u32,
+    /// Keyframe pixels per sensor pixel, along each axis.
+    pub supersample: u32,
+    /// First row of the transforms.
+    pub transform_base: u32,
+    /// Objects.
+    pub objects: u32,
+    /// 0 the older keyframe, 1 the newer one.
+    pub side: u32,
+    /// Half of the keyframe buffers.
+    pub slot: u32,
+    /// Part of the way to the other keyframe.
+    pub moved: f32,
+    /// Part of the gap that has passed.
+    pub elapsed: f32,
+    /// Of the softmax.
+    pub sharpness: f32,
+    /// Least weight that is no hole.
+    pub hole_below: f32,
+    /// Luminance where neither keyframe shows anything; negative for unknown.
+    pub fill: f32,
+    /// Layer of view 0.
+    pub first_layer: u32,
+    /// Layers from one view to the next.
+    pub layers_per_view: u32,
+    /// Bits of a splatted index.
+    pub index_bits: u32,
+    /// Added to luminance before a logarithm.
+    pub log_floor: f32,
+    /// Most light that colours can add up.
+    pub brightest: f32,
+    /// Zero.
+    pub pad_0: u32,
+    /// Zero.
+    pub pad_1: u32,
+    /// Zero.
+    pub pad_2: u32,
 }

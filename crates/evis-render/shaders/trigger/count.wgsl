@@ -31,7 +31,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         state = PixelMemory(l, l);
         k = 1u;
     }
+    var unknown = 0u;
     for (; k < params.instants; k++) {
+        if (is_unknown(id.xy, id.z, k)) {
+            unknown++;
+            continue;
+        }
         let l = log_luma_at(sensor, id.xy, id.z, k);
         let decision = decide(sensor, state, l);
         clamped += u32(decision.clamped);
@@ -41,6 +46,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
     }
     if (clamped != 0u) {
         atomicAdd(&status.clamped, clamped);
+    }
+    if (unknown != 0u) {
+        atomicAdd(&status.unknown, unknown);
     }
     counts[index] = count;
     fired[index] = fires;

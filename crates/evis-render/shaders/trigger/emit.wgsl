@@ -31,8 +31,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
     for (var left = fired[index]; left != 0u; left &= left - 1u) {
         let k = firstTrailingBit(left);
         var before = memory.log_luma;
-        if (k != 0u) {
-            before = log_luma_at(sensor, id.xy, id.z, k - 1u);
+        // The last instant at which the pixel was known, as the counting pass had it.
+        var last = k;
+        while (last != 0u && is_unknown(id.xy, id.z, last - 1u)) {
+            last--;
+        }
+        if (last != 0u) {
+            before = log_luma_at(sensor, id.xy, id.z, last - 1u);
         }
         let after = log_luma_at(sensor, id.xy, id.z, k);
         let decision = decide(sensor, PixelMemory(reference_log, before), after);

@@ -42,4 +42,7 @@ struct Status {
     clamped: atomic<u32>,
     // Pixels whose events in the emitting pass differ from their count: never, or the driver miscompiles.
     mismatched: atomic<u32>,
+    // Pixels and instants that a method left unknown.
+    unknown: atomic<u32>,
+    pad: u32,
 };

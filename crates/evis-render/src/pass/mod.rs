@@ -4,6 +4,7 @@ pub mod labels;
 pub mod raster;
 pub mod shadow_map;
 pub mod sky;
+pub mod splat;
 pub mod trigger;
 
 use crate::shader;
@@ -29,8 +30,16 @@ pub enum Access {
     Cube,
     /// Depth texture array.
     DepthLayers,
+    /// Float texture, not filtered.
+    Picture,
+    /// Unsigned texture.
+    UintPicture,
     /// `r32float` storage texture, written.
     StorageLayer,
+    /// `r32float` storage texture array, written.
+    StorageLayers,
+    /// `rgba32float` storage texture array, written.
+    StorageLayersRgba,
     /// Filtering sampler.
     Sampler,
     /// Sampler that does not filter.
@@ -103,15 +112,41 @@ fn binding_type(access: Access) -> wgpu::BindingType {
             texture(TextureSampleType::Float { filterable: true }, TextureViewDimension::Cube, false)
         }
         Access::DepthLayers => texture(TextureSampleType::Depth, TextureViewDimension::D2Array, false),
-        Access::StorageLayer => wgpu::BindingType::StorageTexture {
-            access: wgpu::StorageTextureAccess::WriteOnly,
-            format: wgpu::TextureFormat::R32Float,
-            view_dimension: TextureViewDimension::D2,
-        },
+        Access::Picture => {
+            texture(TextureSampleType::Float { filterable: false }, TextureViewDimension::D2, false)
+        }
+        Access::UintPicture => texture(TextureSampleType::Uint, TextureViewDimension::D2, false),
+        Access::StorageLayer => storage_texture(wgpu::TextureFormat::R32Float, TextureViewDimension::D2),
+        Access::StorageLayers => {
+            storage_texture(wgpu::TextureFormat::R32Float, TextureViewDimension::D2Array)
+        }
+        Access::StorageLayersRgba => {
+            storage_texture(wgpu::TextureFormat::Rgba32Float, TextureViewDimension::D2Array)
+        }
         Access::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
         Access::PointSampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering),
         Access::ComparisonSampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison),
     }
+}
+
+const fn storage_texture(
+    format: wgpu::TextureFormat,
+    view_dimension: wgpu::TextureViewDimension,
+) -> wgpu::BindingType {
+    wgpu::BindingType::StorageTexture {
+        access: wgpu::StorageTextureAccess::WriteOnly,
+        format,
+        view_dimension,
+    }
+}
+
+/// `bytes` of `buffer` from `offset` on.
+pub fn part(buffer: &wgpu::Buffer, offset: u64, bytes: u64) -> wgpu::BindingResource<'_> {
+    wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+        buffer,
+        offset,
+        size: std::num::NonZeroU64::new(bytes),
+    })
 }
 
 /// Compiles `file` with `prelude` before it.
@@ -142,6 +177,23 @@ pub fn pipeline_layout(
         bind_group_layouts: &groups,
         immediate_size: 0,
     })
+}
+
+/// A compute pass: its layout and pipeline.
+pub struct ComputePass {
+    /// Group 0.
+    pub layout: wgpu::BindGroupLayout,
+    /// Pipeline.
+    pub pipeline: wgpu::ComputePipeline,
+}
+
+impl ComputePass {
+    /// Builds `file`'s `main`.
+    pub fn new(device: &wgpu::Device, file: &str, bindings: &[Binding], constants: &[(&str, f64)]) -> Self {
+        let layout = layout(device, file, bindings, wgpu::ShaderStages::COMPUTE);
+        let pipeline = compute_pipeline(device, file, &layout, constants);
+        Self { layout, pipeline }
+    }
 }
 
 /// A compute pipeline of `file`'s `main`.

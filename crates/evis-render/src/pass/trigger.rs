@@ -2,7 +2,7 @@
 
 use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
-use super::{Access, Binding, bind, compute_pipeline, layout};
+use super::{Access, Binding, ComputePass, bind};
 
 /// `trigger/count.wgsl`.
 pub const COUNT_BINDINGS: &[Binding] = &[
@@ -46,22 +46,6 @@ pub const EMIT_BINDINGS: &[Binding] = &[
 pub const RESOLVE_BINDINGS: &[Binding] =
     &[bind(0, "samples", Access::Multisampled), bind(1, "layer", Access::StorageLayer)];
 
-/// A compute pass: its layout and pipeline.
-pub struct ComputePass {
-    /// Group 0.
-    pub layout: wgpu::BindGroupLayout,
-    /// Pipeline.
-    pub pipeline: wgpu::ComputePipeline,
-}
-
-impl ComputePass {
-    fn new(device: &wgpu::Device, file: &str, bindings: &[Binding], constants: &[(&str, f64)]) -> Self {
-        let layout = layout(device, file, bindings, wgpu::ShaderStages::COMPUTE);
-        let pipeline = compute_pipeline(device, file, &layout, constants);
-        Self { layout, pipeline }
-    }
-}
-
 /// The trigger passes.
 pub struct TriggerPasses {
     /// Events per pixel.
@@ -78,7 +62,9 @@ pub struct TriggerPasses {
 
 impl TriggerPasses {
     /// Builds them for the rules of `sensor` and `samples` layers per instant.
-    pub fn new(device: &wgpu::Device, sensor: &SensorConfig, samples: u32) -> Self {
+    ///
+    /// `unknown`: whether a luminance below 0 stands for one that is not known.
+    pub fn new(device: &wgpu::Device, sensor: &SensorConfig, samples: u32, unknown: bool) -> Self {
         let rule = match sensor.trigger {
             TriggerRule::Crossing => 0.0,
             TriggerRule::Latch => 1.0,
@@ -87,8 +73,12 @@ impl TriggerPasses {
             Interpolation::Log => 0.0,
             Interpolation::Light => 1.0,
         };
-        let constants =
-            [("TRIGGER_RULE", rule), ("INTERPOLATION", interpolation), ("SAMPLES", f64::from(samples))];
+        let constants = [
+            ("TRIGGER_RULE", rule),
+            ("INTERPOLATION", interpolation),
+            ("SAMPLES", f64::from(samples)),
+            ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
+        ];
         Self {
             count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &constants),
             block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),

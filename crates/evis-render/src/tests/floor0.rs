@@ -6,7 +6,7 @@ use std::mem::offset_of;
 use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
 
 use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
-use crate::pass::{Access, Binding, labels, trigger};
+use crate::pass::{Access, Binding, labels, splat, trigger};
 use crate::shader::{self, compose};
 use crate::uniforms;
 use crate::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
@@ -46,6 +46,13 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ),
         ("labels/appearance.wgsl", SURFACE),
         ("labels/sky.wgsl", &[FRAME_BINDINGS, labels::SKY_FLOW_BINDINGS]),
+        ("splat/prepare.wgsl", &[splat::PREPARE_BINDINGS]),
+        ("splat/place.wgsl", &[splat::PLACE_BINDINGS]),
+        ("splat/holes.wgsl", &[splat::HOLES_BINDINGS]),
+        ("splat/accumulate.wgsl", &[splat::ACCUMULATE_BINDINGS]),
+        ("splat/index.wgsl", &[splat::INDEX_BINDINGS]),
+        ("splat/resolve.wgsl", &[splat::RESOLVE_BINDINGS]),
+        ("splat/show.wgsl", &[splat::SHOW_BINDINGS]),
         ("trigger/count.wgsl", &[trigger::COUNT_BINDINGS]),
         ("trigger/block.wgsl", &[trigger::BLOCK_BINDINGS]),
         ("trigger/scan.wgsl", &[trigger::SCAN_BINDINGS]),
@@ -150,7 +157,12 @@ fn access_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Access {
         (_, TypeInner::Image { dim, arrayed, class }) => match (dim, arrayed, class) {
             (ImageDimension::Cube, ..) => Access::Cube,
             (_, true, ImageClass::Depth { .. }) => Access::DepthLayers,
+            (_, true, ImageClass::Storage { format: naga::StorageFormat::Rgba32Float, .. }) => {
+                Access::StorageLayersRgba
+            }
+            (_, true, ImageClass::Storage { .. }) => Access::StorageLayers,
             (_, _, ImageClass::Storage { .. }) => Access::StorageLayer,
+            (_, _, ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. }) => Access::UintPicture,
             (_, _, ImageClass::Sampled { multi: true, .. }) => Access::Multisampled,
             (_, true, _) => Access::Layers,
             _ => Access::Texture,
@@ -173,7 +185,8 @@ fn bindings_are_what_the_shaders_say() {
                 .unwrap_or_else(|| panic!("{file}: {name} at {place:?} is not declared"));
             let access = match declared.access {
                 Access::DynamicUniform => Access::Uniform,
-                // WGSL does not tell whether a sampler filters.
+                // What filters is not in the shader's type.
+                Access::Picture => Access::Texture,
                 Access::PointSampler => Access::Sampler,
                 other => other,
             };
@@ -298,7 +311,38 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "trigger/count.wgsl",
         "Status",
-        uniforms::Status { stalled, event_count, clamped, mismatched }
+        uniforms::Status { stalled, event_count, clamped, mismatched, unknown, pad }
+    );
+    same_layout!("splat/prepare.wgsl", "KeyParams", uniforms::KeyParams { width, height, view, pad });
+    same_layout!(
+        "splat/place.wgsl",
+        "SplatParams",
+        uniforms::SplatParams {
+            width,
+            height,
+            canvas_width,
+            canvas_height,
+            margin,
+            view_count,
+            supersample,
+            transform_base,
+            objects,
+            side,
+            slot,
+            moved,
+            elapsed,
+            sharpness,
+            hole_below,
+            fill,
+            first_layer,
+            layers_per_view,
+            index_bits,
+            log_floor,
+            brightest,
+            pad_0,
+            pad_1,
+            pad_2,
+        }
     );
     same_layout!("trigger/block.wgsl", "BlockParams", uniforms::BlockParams { block_count, row });
     same_layout!(
@@ -317,8 +361,14 @@ fn canary_a_swapped_field_is_seen() {
         stalled: u32,
         clamped: u32,
         mismatched: u32,
+        unknown: u32,
+        pad: u32,
     }
-    same_layout!("trigger/count.wgsl", "Status", Swapped { stalled, event_count, clamped, mismatched });
+    same_layout!(
+        "trigger/count.wgsl",
+        "Status",
+        Swapped { stalled, event_count, clamped, mismatched, unknown, pad }
+    );
 }
 
 /// A scalar constant of `file`.
@@ -331,6 +381,7 @@ fn constant(file: &str, name: &str) -> f64 {
         .unwrap_or_else(|| panic!("{file} has no constant {name}"));
     match module.global_expressions[constant.init] {
         naga::Expression::Literal(naga::Literal::U32(v)) => f64::from(v),
+        naga::Expression::Literal(naga::Literal::I32(v)) => f64::from(v),
         naga::Expression::Literal(naga::Literal::F32(v)) => f64::from(v),
         ref other => panic!("{name}: {other:?}"),
     }
@@ -342,6 +393,15 @@ fn constants_agree() {
     assert_eq!(constant("trigger/count.wgsl", "WORKGROUP"), f64::from(WORKGROUP));
     assert_eq!(constant("trigger/block.wgsl", "BLOCK_PIXELS"), f64::from(BLOCK_PIXELS));
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
+    let splat_constants = [
+        ("SPLAT_WORKGROUP", f64::from(splat::SPLAT_WORKGROUP)),
+        ("HOLE_TILE", f64::from(splat::HOLE_TILE)),
+        ("SUM_PLANES", splat::SUM_PLANES as f64),
+        ("SUBPIXELS", f64::from(crate::cpu::splat::SUBPIXELS)),
+    ];
+    for (name, value) in splat_constants {
+        assert_eq!(constant("splat/place.wgsl", name), value, "{name}");
+    }
     let limit = f64::from(evis_core::trigger::MAX_EVENTS_PER_INTERVAL);
     assert_eq!(constant("trigger/count.wgsl", "MAX_EVENTS_PER_INTERVAL"), limit);
     // Times of the instants and of the one before them fit the uniform.

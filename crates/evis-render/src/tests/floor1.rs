@@ -5,9 +5,26 @@ use std::sync::Arc;
 
 use evis_core::{Interpolation, LabelKind, TriggerRule};
 
-use crate::config::{Antialias, RunConfig};
+use crate::config::{Antialias, Method, RunConfig};
 use crate::gpu::Gpu;
+use crate::splat_config::{Carrier, Motion, SplatConfig};
 use crate::view;
+
+fn methods() -> [Method; 4] {
+    let splat = SplatConfig::default();
+    [
+        Method::Native,
+        Method::Splat(splat),
+        Method::Splat(SplatConfig::evis_paper(30.0, 8)),
+        Method::Splat(SplatConfig {
+            motion: Motion::Linear,
+            carrier: Carrier::Index,
+            blend: false,
+            nearest: false,
+            ..splat
+        }),
+    ]
+}
 
 #[test]
 fn every_pipeline_builds_without_a_driver() {
@@ -20,21 +37,24 @@ fn every_pipeline_builds_without_a_driver() {
                 (TriggerRule::Crossing, Interpolation::Light),
                 (TriggerRule::Latch, Interpolation::Log),
             ] {
-                let mut config = RunConfig {
-                    antialias,
-                    labels: LabelKind::ALL.to_vec(),
-                    size: Some((32, 24)),
-                    // Nothing is computed on noop: a measured reference would be read from an empty image.
-                    reference_luminance: Some(1.0),
-                    ..Default::default()
-                };
-                config.sensor.trigger = trigger;
-                config.sensor.interpolation = interpolation;
-                let (views, _) = view::views(&scene, &config).unwrap();
-                let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
-                crate::engine::Engine::new(&gpu, scene.clone(), views, &mut config).unwrap();
-                let error = pollster::block_on(scope.pop());
-                assert!(error.is_none(), "{name}: {error:?}");
+                for method in methods() {
+                    let mut config = RunConfig {
+                        method,
+                        antialias,
+                        labels: LabelKind::ALL.to_vec(),
+                        size: Some((32, 24)),
+                        // Nothing is computed on noop: a measured reference would be read from an empty image.
+                        reference_luminance: Some(1.0),
+                        ..Default::default()
+                    };
+                    config.sensor.trigger = trigger;
+                    config.sensor.interpolation = interpolation;
+                    let (views, _) = view::views(&scene, &config).unwrap();
+                    let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
+                    crate::engine::Engine::new(&gpu, scene.clone(), views, &mut config).unwrap();
+                    let error = pollster::block_on(scope.pop());
+                    assert!(error.is_none(), "{name} {method:?}: {error:?}");
+                }
             }
         }
     }

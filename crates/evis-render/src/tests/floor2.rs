@@ -1,15 +1,16 @@
 //! Floor 2: each pass equals its CPU twin, with planted boundary cases and a canary.
 
 use evis_core::trigger::PixelState;
-use evis_core::{Interpolation, SensorConfig, TimeGrid, TriggerRule};
+use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
 use crate::cpu::trigger::{log_luma, walk};
 use crate::engine::{map, wait_mapped};
 use crate::gpu::Gpu;
+use crate::grid::SampleGrid;
 use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
 use crate::pass::trigger::TriggerPasses;
 use crate::sizes::Plan;
-use crate::targets::Targets;
+use crate::targets::{LayerUse, Targets};
 use crate::uniforms::{PixelMemory, Status, ViewSensor};
 
 const WIDTH: u32 = 70;
@@ -66,15 +67,16 @@ fn run(
     (trigger, interpolation): Rule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
-    grid: &TimeGrid,
+    grid: &SampleGrid,
     capacity: u32,
+    unknown: bool,
 ) -> Ran {
     let plan = Plan { views_per_group: VIEWS, instants: INSTANTS, layers: VIEWS * INSTANTS * SAMPLES };
-    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, false);
+    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered);
     for (layer, pixels) in layers.iter().enumerate() {
         gpu.queue.write_texture(
             wgpu::TexelCopyTextureInfo {
-                texture: &targets.luminance_texture,
+                texture: &targets.layers.texture,
                 mip_level: 0,
                 origin: wgpu::Origin3d { x: 0, y: 0, z: layer as u32 },
                 aspect: wgpu::TextureAspect::All,
@@ -91,14 +93,16 @@ fn run(
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, interpolation, ..Default::default() };
-    let passes = TriggerPasses::new(&gpu.device, &rules, SAMPLES);
+    let passes = TriggerPasses::new(&gpu.device, &rules, SAMPLES, unknown);
     let unit = Unit { group: 0, first: 0, instants: INSTANTS };
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);
     encode_trigger(&mut encoder, &steps);
     let header = group.header_bytes();
-    encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, 16);
-    encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, 16, 4 * (u64::from(VIEWS) + 1));
+    let status_bytes = size_of::<Status>();
+    encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, status_bytes as u64);
+    let offsets = 4 * (u64::from(VIEWS) + 1);
+    encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, status_bytes as u64, offsets);
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, header, u64::from(capacity) * 8);
     let memory = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
@@ -114,9 +118,12 @@ fn run(
         wait_mapped(gpu, &submission, &map(buffer)).unwrap();
     }
     let bytes = slot.staging.get_mapped_range(..).unwrap();
-    let status: Status = bytemuck::pod_read_unaligned(&bytes[..16]);
-    let offsets =
-        bytes[16..].chunks_exact(4).take(VIEWS as usize + 1).map(bytemuck::pod_read_unaligned).collect();
+    let status: Status = bytemuck::pod_read_unaligned(&bytes[..status_bytes]);
+    let offsets = bytes[status_bytes..]
+        .chunks_exact(4)
+        .take(VIEWS as usize + 1)
+        .map(bytemuck::pod_read_unaligned)
+        .collect();
     let records = bytes[header as usize..].chunks_exact(8).take(status.event_count.min(capacity) as usize);
     let records = records.map(bytemuck::pod_read_unaligned).collect();
     let memory = memory.get_mapped_range(..).unwrap();
@@ -145,6 +152,10 @@ fn twin(config: &SensorConfig, log_lumas: &[f32], times: &[u32]) -> (Vec<(u32, b
     let mut state = None;
     let mut events = Vec::new();
     for (k, &l) in log_lumas.iter().enumerate() {
+        // Unknown: passed by.
+        if l.is_nan() {
+            continue;
+        }
         if let Some(PixelState { reference_log, .. }) = state {
             let change: f32 = l - reference_log;
             let threshold = if change >= 0.0 { config.threshold_on } else { config.threshold_off };
@@ -170,7 +181,7 @@ fn compare(
     (trigger, interpolation): Rule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
-    grid: &TimeGrid,
+    grid: &SampleGrid,
 ) -> Comparison {
     let times: Vec<u32> =
         std::iter::once(0).chain((0..INSTANTS).map(|k| grid.instant_us(i64::from(k)) as u32)).collect();
@@ -197,6 +208,9 @@ fn compare(
                 .map(|k| {
                     let first = ((view * INSTANTS + k) * SAMPLES) as usize;
                     let samples = (first..first + SAMPLES as usize).map(|l| layers[l][pixel as usize]);
+                    if layers[first][pixel as usize] < 0.0 {
+                        return f32::NAN;
+                    }
                     log_luma(samples, 1.0 / sensor.inverse_reference_luminance, config.log_eps)
                 })
                 .collect();
@@ -237,9 +251,9 @@ fn trigger_passes_equal_their_twin() {
     let Some(gpu) = super::device() else { return };
     let layers = layers();
     let sensors = sensors();
-    let grid = TimeGrid::new(1000.0 / 3.0).unwrap();
+    let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
     for rule in [CROSSING, CROSSING_LIGHT, LATCH] {
-        let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 16);
+        let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 16, false);
         assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
         let got = compare(&ran, rule, &layers, &sensors, &grid);
         assert!(got.wrong.is_empty(), "{rule:?}: {} wrong, first {}", got.wrong.len(), got.wrong[0]);
@@ -257,8 +271,8 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
     let Some(gpu) = super::device() else { return };
     let layers = layers();
     let sensors = sensors();
-    let grid = TimeGrid::new(1000.0 / 3.0).unwrap();
-    let mut ran = run(&gpu, CROSSING, &layers, &sensors, &grid, 1 << 16);
+    let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
+    let mut ran = run(&gpu, CROSSING, &layers, &sensors, &grid, 1 << 16, false);
     let mut wrong = sensors.clone();
     wrong[1].threshold_off *= 1.01;
     assert!(!compare(&ran, CROSSING, &layers, &wrong, &grid).wrong.is_empty());
@@ -272,10 +286,46 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
 }
 
 #[test]
+fn an_unknown_instant_leaves_the_pixel_as_it_was() {
+    let Some(gpu) = super::device() else { return };
+    let (sensors, grid) = (sensors(), SampleGrid::new(1000.0 / 3.0, 1).unwrap());
+    let mut layers = layers();
+    let mut planted = 0;
+    for (layer, pixels) in layers.iter_mut().enumerate() {
+        // The first instant sets the reference: it is always known. Some pixels are unknown twice, some to the end.
+        let instant = layer as u32 / SAMPLES % INSTANTS;
+        for (pixel, y) in pixels.iter_mut().enumerate() {
+            let unknown = match pixel % 7 {
+                0 => instant == 2,
+                1 => instant == 1 || instant == 2,
+                2 => instant >= 3,
+                _ => false,
+            };
+            if unknown {
+                *y = -1.0;
+                planted += u32::from((layer as u32).is_multiple_of(SAMPLES));
+            }
+        }
+    }
+    for rule in [CROSSING, LATCH] {
+        let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 18, true);
+        assert_eq!((ran.status.mismatched, ran.status.unknown), (0, planted), "{rule:?}");
+        let got = compare(&ran, rule, &layers, &sensors, &grid);
+        assert!(got.wrong.is_empty(), "{rule:?}: {} wrong, first {}", got.wrong.len(), got.wrong[0]);
+        let black = run(&gpu, rule, &layers, &sensors, &grid, 1 << 18, false);
+        assert_eq!(black.status.unknown, 0);
+        assert!(
+            !compare(&black, rule, &layers, &sensors, &grid).wrong.is_empty(),
+            "canary: black is not unknown"
+        );
+    }
+}
+
+#[test]
 fn a_full_buffer_stalls_and_writes_nothing() {
     let Some(gpu) = super::device() else { return };
-    let grid = TimeGrid::new(1000.0).unwrap();
-    let ran = run(&gpu, CROSSING, &layers(), &sensors(), &grid, 64);
+    let grid = SampleGrid::new(1000.0, 1).unwrap();
+    let ran = run(&gpu, CROSSING, &layers(), &sensors(), &grid, 64, false);
     assert_eq!(ran.status.stalled, 1);
     assert!(ran.status.event_count > 64, "the host learns how many events there are");
     assert!(ran.records.iter().all(|r| *r == [0, 0]), "nothing was emitted");

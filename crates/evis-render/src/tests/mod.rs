@@ -4,7 +4,9 @@ mod floor0;
 mod floor1;
 mod floor2;
 mod floor2_raster;
+mod floor2_splat;
 mod floor3;
+mod floor3_splat;
 mod raster_scenes;
 
 use crate::gpu::Gpu;
@@ -19,4 +21,20 @@ fn device() -> Option<Gpu> {
             None
         }
     }
+}
+
+/// The words of a buffer on the device.
+fn read(gpu: &Gpu, buffer: &wgpu::Buffer) -> Vec<u32> {
+    let staging = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: buffer.size(),
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
+    let submission = gpu.queue.submit([encoder.finish()]);
+    crate::engine::wait_mapped(gpu, &submission, &crate::engine::map(&staging)).unwrap();
+    let bytes = staging.get_mapped_range(..).unwrap();
+    bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
 }

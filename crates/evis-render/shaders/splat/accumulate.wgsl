@@ -1,0 +1,101 @@
+#import splat/layout.wgsl
+// Adds each placed pixel's light to the four pixels around it: bilinear weight times a softmax over inverse depth, from
+// which the largest at that pixel is subtracted. All sums are of integers. Twin: cpu/splat.rs, accumulate.
+
+override FILL_HOLES: bool = false;
+// Sources that one invocation adds up: neighbours share two of their four pixels, so that a sum of the two goes out at
+// once. Sums of integers: any number gives the same.
+override RUN: u32 = 1;
+
+// As in place.wgsl.
+@group(0) @binding(1) var sources: texture_2d_array<f32>;
+@group(0) @binding(2) var<storage, read> largest: array<u32>;
+@group(0) @binding(3) var<storage, read> placed: array<u32>;
+// Planes of a side: depth keys, weight, light, carries of the light.
+@group(0) @binding(4) var<storage, read_write> sums: array<atomic<u32>>;
+
+// Weights and light for the upper and the lower pixel of a column.
+struct Column {
+    at: vec2<i32>,
+    weight: vec2<u32>,
+    light: vec2<u32>,
+};
+
+const FAR_AWAY: vec2<i32> = vec2<i32>(-1048576, -1048576);
+
+fn add(at: u32, weight: u32, light: u32) {
+    let plane = target_pixels();
+    atomicAdd(&sums[plane + at], weight);
+    let before = atomicAdd(&sums[2u * plane + at], light);
+    // The sum of 64 bits is exact in any order: it wraps as often as it passes a multiple of 2^32.
+    if (before > 0xffffffffu - light) {
+        atomicAdd(&sums[3u * plane + at], 1u);
+    }
+}
+
+fn flush(column: Column, view: u32) {
+    let first = sums_base(params.side) + (view * params.height + u32(max(column.at.y, 0))) * params.width
+        + u32(max(column.at.x, 0));
+    if (column.weight.x != 0u) {
+        add(first, column.weight.x, column.light.x);
+    }
+    if (column.weight.y != 0u) {
+        // Above the picture only the lower pixel is in it.
+        add(select(first + params.width, first, column.at.y < 0), column.weight.y, column.light.y);
+    }
+}
+
+// Weight of a source at one pixel; 0 outside, and where another side needs none.
+fn weight_at(p: vec2<i32>, bilinear: u32, nearness: f32, sharpness: f32, view: u32) -> u32 {
+    if (bilinear == 0u || p.x < 0 || p.y < 0 || p.x >= i32(params.width) || p.y >= i32(params.height)) {
+        return 0u;
+    }
+    let at = (view * params.height + u32(p.y)) * params.width + u32(p.x);
+    if (FILL_HOLES) {
+        let there = atomicLoad(&sums[sums_base(1u - params.side) + target_pixels() + at]);
+        if (f32(there) >= params.hole_below * WEIGHT_STEPS) {
+            return 0u;
+        }
+    }
+    let front = nearness_of(atomicLoad(&sums[sums_base(params.side) + at]));
+    let importance = exp(min(nearness - front, 0.0) * sharpness);
+    return u32(f32(bilinear) * WEIGHT_UNIT * importance + 0.5);
+}
+
+@compute @workgroup_size(SPLAT_WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let canvas = canvas_pixels();
+    let layer = key_layer(params.side, id.z);
+    let light_factor = LIGHT_STEPS / light_scale(largest[layer * 2u]);
+    let sharpness = params.sharpness / max(bitcast<f32>(largest[layer * 2u + 1u]), 1e-30);
+    let end = min((id.x + 1u) * RUN, params.canvas_width);
+    var pending = Column(FAR_AWAY, vec2<u32>(0u), vec2<u32>(0u));
+    for (var x = id.x * RUN; x < end; x++) {
+        let source_at = params.side * 3u * canvas + canvas_index(vec2<u32>(x, id.y), id.z);
+        let key = placed[source_at + 2u * canvas];
+        if (key == KEY_OF_NOTHING) {
+            continue;
+        }
+        let q = vec2<i32>(bitcast<i32>(placed[source_at]), bitcast<i32>(placed[source_at + canvas]));
+        let taps = taps_at(q);
+        let nearness = nearness_of(key);
+        let luminance = textureLoad(sources, vec2<u32>(x, id.y), layer, 0).r;
+        let light = u32(min(luminance * light_factor + 0.5, LIGHT_STEPS));
+        let left = vec2<u32>(
+            weight_at(taps.base, taps.weights.x, nearness, sharpness, id.z),
+            weight_at(taps.base + vec2<i32>(0, 1), taps.weights.z, nearness, sharpness, id.z));
+        let right = vec2<u32>(
+            weight_at(taps.base + vec2<i32>(1, 0), taps.weights.y, nearness, sharpness, id.z),
+            weight_at(taps.base + vec2<i32>(1, 1), taps.weights.w, nearness, sharpness, id.z));
+        var column = Column(taps.base, left, left * light);
+        if (all(pending.at == taps.base)) {
+            column.weight += pending.weight;
+            column.light += pending.light;
+        } else {
+            flush(pending, id.z);
+        }
+        flush(column, id.z);
+        pending = Column(taps.base + vec2<i32>(1, 0), right, right * light);
+    }
+    flush(pending, id.z);
+}

@@ -1,0 +1,311 @@
+//! Floor 2 of the splat passes: an instant between two planted keyframes equals its twin's.
+
+use crate::cpu::splat::{Instant, Pictures, Placed, Side, Source, instant, prepare, resolve};
+use crate::engine::{map, wait_mapped};
+use crate::gpu::Gpu;
+use crate::pass::splat::SplatPasses;
+use crate::splat::{Inputs, Store, Work};
+use crate::splat_config::{Carrier, Motion, SplatConfig};
+use crate::targets::{LayerUse, Layers};
+use crate::uniforms::SplatParams;
+
+const SIZE: [usize; 2] = [70, 41];
+const MARGIN: u32 = 9;
+const SAMPLES: u32 = 2;
+
+/// A small hash to (0, 1): test inputs only.
+fn noise(i: u32) -> f32 {
+    let mut h = i.wrapping_mul(0x9E37_79B9) ^ 0x85EB_CA6B;
+    h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);
+    h = (h ^ (h >> 12)).wrapping_mul(0x297A_2D39);
+    ((h ^ (h >> 15)) >> 8) as f32 / (1u32 << 24) as f32
+}
+
+fn canvas() -> [usize; 2] {
+    SIZE.map(|n| n + 2 * MARGIN as usize)
+}
+
+/// A near square that moves before a slanted plane; planted in it what no picture should hold.
+fn pictures(key: u32) -> Pictures {
+    let [width, height] = canvas();
+    let pixels = (width * height) as u32;
+    let at = |i: u32| ((i as usize % width) as f32, (i as usize / width) as f32);
+    let near = |i: u32| {
+        let (x, y) = at(i);
+        let left = 30.0 + 5.0 * key as f32;
+        (left..left + 22.0).contains(&x) && (14.0..40.0).contains(&y)
+    };
+    let sample = |s: u32| {
+        (0..pixels)
+            .map(|i| match i % 977 {
+                500 if key == 1 => f32::NAN,
+                501 => f32::INFINITY,
+                502 => -3.0,
+                503 => 1e38,
+                504 => 0.0,
+                _ if at(i).1 == 20.0 && at(i).0 < 30.0 => 6.0,
+                _ => (0.05 + noise(i * 7 + s)) * if near(i) { 3.0 } else { 0.7 },
+            })
+            .collect()
+    };
+    let inverse_depth = (0..pixels)
+        .map(|i| match i % 613 {
+            100 => f32::NAN,
+            101 => f32::INFINITY,
+            102 => -1.0,
+            103 => 0.0,
+            _ if near(i) => 1.0 + 0.01 * noise(i),
+            _ => 0.2 + 0.001 * at(i).0,
+        })
+        .collect();
+    let flow = (0..pixels)
+        .map(|i| match i % 701 {
+            200 => [f32::NAN; 4],
+            201 => [1e30; 4],
+            202 => [1e6, 3.0, -1e6, 3.0],
+            203 => [f32::INFINITY, 0.0, 0.0, f32::NEG_INFINITY],
+            // All of a line are at one pixel when the newer keyframe has 3/4 of the way to go.
+            _ if at(i).1 == 20.0 && at(i).0 < 30.0 => [0.0, 0.0, (20.0 - at(i).0) * 4.0 / 3.0, 0.0],
+            _ if near(i) => [5.0, 0.25, -5.0, -0.25],
+            _ => [-1.5 + 0.02 * at(i).1, 0.7 * noise(i), 1.5, -0.4],
+        })
+        .collect();
+    Pictures { width, samples: (0..SAMPLES).map(sample).collect(), inverse_depth, flow }
+}
+
+fn write<T: bytemuck::Pod>(gpu: &Gpu, texture: &wgpu::Texture, layer: u32, texels: &[T]) {
+    let [width, height] = canvas().map(|n| n as u32);
+    gpu.queue.write_texture(
+        wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
+            aspect: wgpu::TextureAspect::All,
+        },
+        bytemuck::cast_slice(texels),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(width * size_of::<T>() as u32),
+            rows_per_image: Some(height),
+        },
+        wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+    );
+}
+
+#[derive(Debug, PartialEq)]
+struct Ran {
+    placed: Vec<u32>,
+    sums: Vec<u32>,
+    luminance: Vec<f32>,
+}
+
+fn at(elapsed: f32) -> Instant {
+    Instant { size: SIZE, canvas: canvas(), margin: MARGIN as i32, elapsed, log_floor: 1e-3, brightest: 8.0 }
+}
+
+fn run(gpu: &Gpu, config: &SplatConfig, elapsed: f32, run_length: u32) -> Ran {
+    let device = &gpu.device;
+    let size = SIZE.map(|n| n as u32);
+    let store = Store::new(device, config, size, 1, SAMPLES, false);
+    let passes = SplatPasses::new(device, config, SAMPLES, run_length);
+    let keyframes = &store.keyframes;
+    for slot in 0..2 {
+        let pictures = pictures(slot);
+        for (s, sample) in pictures.samples.iter().enumerate() {
+            write(gpu, &keyframes.layers.texture, s as u32, sample);
+        }
+        write(gpu, keyframes.pictures[0].texture(), 0, &pictures.inverse_depth);
+        write(gpu, keyframes.pictures[1].texture(), 0, &pictures.flow);
+        let mut encoder = device.create_command_encoder(&Default::default());
+        keyframes.encode_prepare(gpu, &mut encoder, &passes.prepare, slot);
+        gpu.queue.submit([encoder.finish()]);
+    }
+    let buffer = |size: usize, usage| {
+        device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: size as u64,
+            usage: usage | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    };
+    let params = buffer(512, wgpu::BufferUsages::UNIFORM);
+    let [canvas_width, canvas_height] = canvas().map(|n| n as u32);
+    for side in 0..2u32 {
+        let entry = SplatParams {
+            width: size[0],
+            height: size[1],
+            canvas_width,
+            canvas_height,
+            margin: MARGIN,
+            view_count: 1,
+            supersample: 1,
+            side,
+            slot: side,
+            moved: if side == 0 { elapsed } else { 1.0 - elapsed },
+            elapsed,
+            sharpness: config.sharpness,
+            hole_below: config.hole_below,
+            fill: config.fill.unwrap_or(-1.0),
+            layers_per_view: 1,
+            index_bits: u32::BITS - (canvas_width * canvas_height).leading_zeros(),
+            log_floor: 1e-3,
+            brightest: 8.0,
+            ..Default::default()
+        };
+        gpu.queue.write_buffer(&params, u64::from(side) * 256, bytemuck::bytes_of(&entry));
+    }
+    let layers = Layers::new(device, size[0], size[1], 1, LayerUse::Computed);
+    let transforms = buffer(16, wgpu::BufferUsages::STORAGE);
+    let inputs = Inputs { params: &params, transforms: &transforms, layers: &layers.array };
+    let work = Work::new(device, config, &passes, &store, &inputs, 1);
+    let mut encoder = device.create_command_encoder(&Default::default());
+    work.encode_instant(&mut encoder, 0);
+    let row = (size[0] * 4).next_multiple_of(256);
+    let read = wgpu::BufferUsages::MAP_READ;
+    let staging = [
+        buffer(store.placed.size() as usize, read),
+        buffer(store.sums.size() as usize, read),
+        buffer((row * size[1]) as usize, read),
+    ];
+    encoder.copy_buffer_to_buffer(&store.placed, 0, &staging[0], 0, store.placed.size());
+    encoder.copy_buffer_to_buffer(&store.sums, 0, &staging[1], 0, store.sums.size());
+    encoder.copy_texture_to_buffer(
+        layers.texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &staging[2],
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(row),
+                rows_per_image: Some(size[1]),
+            },
+        },
+        layers.texture.size(),
+    );
+    let submission = gpu.queue.submit([encoder.finish()]);
+    let words = staging.each_ref().map(|buffer| {
+        wait_mapped(gpu, &submission, &map(buffer)).unwrap();
+        let bytes = buffer.get_mapped_range(..).unwrap();
+        bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned::<u32>).collect::<Vec<_>>()
+    });
+    let [placed, sums, rows] = words;
+    let luminance = rows
+        .chunks_exact(row as usize / 4)
+        .flat_map(|row| row[..SIZE[0]].iter().map(|&b| f32::from_bits(b)))
+        .collect();
+    Ran { placed, sums, luminance }
+}
+
+fn sources(dilate: u32) -> [Vec<Source>; 2] {
+    [0, 1].map(|key| prepare(&pictures(key), dilate as i32))
+}
+
+/// What differs between the device and the twin: sources, then pixels.
+fn differences(ran: &Ran, sides: &[Side<'_>; 2], luminance: &[f32], config: &SplatConfig) -> Vec<String> {
+    let mut wrong = Vec::new();
+    let (canvas, target) = (canvas()[0] * canvas()[1], SIZE[0] * SIZE[1]);
+    for (s, side) in sides.iter().enumerate() {
+        for (i, expected) in side.placed.iter().enumerate() {
+            let [x, y, key] = [0, 1, 2].map(|plane| ran.placed[(s * 3 + plane) * canvas + i]);
+            let got: Placed = (key != 0).then_some(([x as i32, y as i32], key));
+            // Nearness has a division in it, which the device may round otherwise.
+            let same = match (got, expected) {
+                (Some(a), Some(b)) => a.0 == b.0 && a.1.abs_diff(b.1) <= 2,
+                (a, b) => a.is_none() && b.is_none(),
+            };
+            if !same {
+                wrong.push(format!("side {s} source {i}: {got:?}, twin {expected:?}"));
+            }
+        }
+        for p in 0..target {
+            let word = ran.sums[(s * 4 + 1) * target + p];
+            let same = match config.carrier {
+                // Four sources or more, each off by one step at most where the device's exponential is.
+                Carrier::Colour => word.abs_diff(side.sums.words[p]) <= 8,
+                Carrier::Index => word == side.sums.words[p],
+            };
+            if !same {
+                wrong.push(format!("side {s} pixel {p}: sum {word}, twin {}", side.sums.words[p]));
+            }
+        }
+    }
+    for (p, (got, expected)) in ran.luminance.iter().zip(luminance).enumerate() {
+        let known = (*got >= 0.0) == (*expected >= 0.0);
+        if !known || (got - expected).abs() > 3e-3 * expected.abs() + 1e-3 {
+            wrong.push(format!("pixel {p}: luminance {got}, twin {expected}"));
+        }
+    }
+    wrong
+}
+
+fn settings() -> Vec<SplatConfig> {
+    let base = SplatConfig { margin: MARGIN, motion: Motion::Linear, ..SplatConfig::default() };
+    let colour = SplatConfig { carrier: Carrier::Colour, ..base };
+    let paper = SplatConfig { margin: MARGIN, ..SplatConfig::evis_paper(125.0, 8) };
+    vec![
+        paper,
+        base,
+        colour,
+        SplatConfig { nearest: false, ..base },
+        SplatConfig { nearest: false, blend: false, ..base },
+        SplatConfig { blend: false, ..colour },
+        SplatConfig { dilate: 2, ..base },
+        SplatConfig { fill: Some(0.3), sharpness: 100.0, ..colour },
+    ]
+}
+
+#[test]
+fn splat_passes_equal_their_twin() {
+    let Some(gpu) = super::device() else { return };
+    for config in settings() {
+        let sources = sources(config.dilate);
+        let [older, newer] = &sources;
+        for elapsed in [0.25, 0.7] {
+            let at = at(elapsed);
+            let ran = run(&gpu, &config, elapsed, 1);
+            let sides = instant([older, newer], &at, &config);
+            let luminance = resolve(&sides, &at, &config);
+            let wrong = differences(&ran, &sides, &luminance, &config);
+            assert!(
+                wrong.is_empty(),
+                "{config:?} {elapsed}: {} wrong; {:?}",
+                wrong.len(),
+                &wrong[..wrong.len().min(5)]
+            );
+            assert!(ran.luminance.iter().all(|y| y.is_finite()), "nothing planted comes through");
+            let holes = luminance.iter().filter(|&&y| y == config.fill.unwrap_or(-1.0)).count();
+            assert!(holes < SIZE[0] * SIZE[1] / 8, "{holes} holes");
+            // Canaries: another instant, another setting.
+            let late = self::at(elapsed + 0.05);
+            let sides = instant([older, newer], &late, &config);
+            assert!(!differences(&ran, &sides, &resolve(&sides, &late, &config), &config).is_empty());
+            let swapped = instant([newer, older], &at, &config);
+            assert!(!differences(&ran, &swapped, &resolve(&swapped, &at, &config), &config).is_empty());
+        }
+    }
+}
+
+#[test]
+fn sums_do_not_depend_on_their_order() {
+    let Some(gpu) = super::device() else { return };
+    for config in settings() {
+        let one = run(&gpu, &config, 0.4, 1);
+        for length in [2, 3, 8, 1] {
+            // Other runs add up in another order, and other parts of the sums go out together.
+            assert!(run(&gpu, &config, 0.4, length) == one, "{config:?}, runs of {length}");
+        }
+        assert!(run(&gpu, &config, 0.41, 1) != one, "canary: another instant is another picture");
+    }
+}
+
+#[test]
+fn a_sum_of_many_carries() {
+    // The twin's sums have 64 bits; here the pixels of a line meet at one.
+    let config = SplatConfig { margin: MARGIN, ..SplatConfig::evis_paper(125.0, 8) };
+    let sources = sources(0);
+    let [older, newer] = &sources;
+    let sides = instant([older, newer], &at(0.25), &config);
+    assert!(
+        sides.iter().any(|s| s.sums.light.iter().any(|&l| l > u64::from(u32::MAX))),
+        "some sum needs 64 bits"
+    );
+}

@@ -1,0 +1,270 @@
+//! Floor 3 of `splat`: whole streams keep their bytes, and motions with a closed form come out as they must.
+
+use std::sync::Arc;
+
+use evis_core::{Event, LabelKind};
+use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder, ShapeSettings};
+use evis_scene::motion::Path;
+use evis_scene::primitive::Shape;
+use evis_scene::procedural::{Pattern, Procedural};
+use evis_scene::{Material, Scene, Trs};
+use glam::DVec3;
+
+use crate::config::{Method, RunConfig};
+use crate::engine::Engine;
+use crate::gpu::Gpu;
+use crate::packet::Packet;
+use crate::simulator::Simulator;
+use crate::splat_config::{Carrier, Motion, SplatConfig};
+use crate::view;
+
+/// Pixels per unit of tangent.
+const FOCAL: f64 = 100.0;
+const SIZE: [u32; 2] = [64, 48];
+const KEYFRAME_HZ: f64 = 100.0;
+const STEPS: u32 = 4;
+
+fn splat() -> SplatConfig {
+    SplatConfig { keyframe_hz: KEYFRAME_HZ, steps: STEPS, margin: 16, ..SplatConfig::default() }
+}
+
+fn config(splat: SplatConfig) -> RunConfig {
+    RunConfig {
+        method: Method::Splat(splat),
+        samples: 1,
+        reference_luminance: Some(0.5),
+        ..RunConfig::default()
+    }
+}
+
+/// A textured box's front, one metre before the camera, moved by `path`.
+fn board(path: Path) -> Arc<Scene> {
+    let mut s = SceneBuilder::new("board");
+    s.background([0.2; 3]).unwrap();
+    let picture = Procedural::new(Pattern::Noise, 64, 5).with_colors([0.05; 3], [0.9; 3]);
+    let picture = s.procedural("picture", &picture, Sampling::default()).unwrap();
+    let material = s.material(Material::unlit("picture").textured(picture)).unwrap();
+    let shape = Shape::Box { size: [4.0, 4.0, 0.2] };
+    s.shape_with("board", shape, material, ShapeSettings::default(), Placement::along(path)).unwrap();
+    let [width, height] = SIZE.map(f64::from);
+    let camera = EventCamera::new("camera").size(SIZE[0], SIZE[1]).near(0.01);
+    let camera = camera.intrinsics(FOCAL, FOCAL, width / 2.0, height / 2.0);
+    s.camera(camera, Placement::at([0.0, 0.0, 0.0])).unwrap();
+    Arc::new(s.build().unwrap())
+}
+
+/// With its front at z = -1.
+fn start() -> Trs {
+    Trs { translation: DVec3::new(0.013, 0.007, -1.1), ..Trs::default() }
+}
+
+/// `pixels` per gap to the right.
+fn sliding(pixels: f64) -> Arc<Scene> {
+    let velocity = DVec3::X * (pixels * KEYFRAME_HZ / FOCAL);
+    board(Path::ConstantVelocity { start: start(), velocity })
+}
+
+/// `radians` per gap about the optical axis.
+fn turning(radians: f64) -> Arc<Scene> {
+    let start = Trs { translation: DVec3::new(0.0, 0.0, -1.1), ..Trs::default() };
+    board(Path::Spin { start, axis: DVec3::Z, rate: radians * KEYFRAME_HZ })
+}
+
+fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig) -> Engine {
+    let mut config = config.clone();
+    let (views, _) = view::views(scene, &config).unwrap();
+    Engine::new(gpu, scene.clone(), views, &mut config).unwrap()
+}
+
+/// Largest difference of two pictures relative to the second.
+fn worst(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs() / b.max(0.01)).fold(0.0, f32::max)
+}
+
+#[test]
+fn a_plane_at_constant_velocity_is_warped_exactly() {
+    let Some(gpu) = super::device() else { return };
+    // Four pixels a gap, one an instant: what is rendered there has the same samples.
+    let scene = sliding(4.0);
+    let native =
+        RunConfig { method: Method::Native, rate_hz: KEYFRAME_HZ * f64::from(STEPS), ..config(splat()) };
+    let expected = engine(&gpu, &scene, &native).instants(0, 9).unwrap();
+    let paper = SplatConfig { margin: 16, ..SplatConfig::evis_paper(KEYFRAME_HZ, STEPS) };
+    for settings in [
+        splat(),
+        paper,
+        SplatConfig { motion: Motion::Linear, ..splat() },
+        SplatConfig { carrier: Carrier::Colour, ..splat() },
+        SplatConfig { blend: false, ..splat() },
+        SplatConfig { dilate: 1, ..splat() },
+    ] {
+        let got = engine(&gpu, &scene, &config(settings)).instants(0, 9).unwrap();
+        for (k, (got, expected)) in got.iter().zip(&expected).enumerate() {
+            let worst = worst(got, expected);
+            assert!(worst < 2e-3, "{settings:?}, instant {k}: {worst}");
+        }
+        assert!(worst(&got[1], &expected[2]) > 0.1, "canary: one instant is not another");
+    }
+    // Twice as many pixels of the keyframe give the box filter's average of four samples.
+    let fine = SplatConfig { supersample: 2, ..splat() };
+    let got = engine(&gpu, &scene, &config(fine)).instants(0, 9).unwrap();
+    assert!(worst(&got[1], &got[1 + 1]) > 0.05 && got[1].iter().all(|y| *y > 0.0));
+    let shifted = |p: usize| (!p.is_multiple_of(64)).then(|| (got[2][p], got[1][p - 1]));
+    let pairs: Vec<_> = (0..got[1].len()).filter_map(shifted).collect();
+    assert!(pairs.iter().all(|(a, b)| (a - b).abs() < 2e-3 * b.max(0.01)), "one pixel on at each instant");
+}
+
+/// Displacements of the older side in pixels from the keyframe, at its last instant, by keyframe pixel.
+fn displacements(gpu: &Gpu, engine: &Engine) -> Vec<Option<([f64; 2], [f64; 2])>> {
+    let store = engine.splat_store().unwrap();
+    let (width, height) = (store.keyframes.width as usize, store.keyframes.height as usize);
+    let words: Vec<u32> = super::read(gpu, &store.placed);
+    (0..width * height)
+        .map(|i| {
+            let [x, y, key] = [0, 1, 2].map(|plane| words[plane * width * height + i]);
+            let here = [(i % width) as f64 - 16.0, (i / width) as f64 - 16.0];
+            let there = [x as i32, y as i32].map(|q| f64::from(q) / 1024.0);
+            (key != 0).then_some((here, [there[0] - here[0], there[1] - here[1]]))
+        })
+        .collect()
+}
+
+#[test]
+fn rotation_bends_linear_motion_by_its_sagitta_and_leaves_exact_motion_alone() {
+    let Some(gpu) = super::device() else { return };
+    for angle in [0.1f64, 0.2, 0.4] {
+        let scene = turning(angle);
+        for motion in [Motion::Linear, Motion::Exact] {
+            // One instant, in the middle of the first gap.
+            let settings = SplatConfig { steps: 2, motion, ..splat() };
+            let mut engine = engine(&gpu, &scene, &config(settings));
+            engine.instants(1, 1).unwrap();
+            let (mut compared, mut largest) = (0, 0.0f64);
+            for (here, moved) in displacements(&gpu, &engine).into_iter().flatten() {
+                // From the axis, x right and y down: a turn to the left on the screen.
+                let r = [here[0] + 0.5 - 32.0, here[1] + 0.5 - 24.0];
+                let (s, c) = (angle / 2.0).sin_cos();
+                let exact = [r[0] * c + r[1] * s - r[0], r[1] * c - r[0] * s - r[1]];
+                let error = (moved[0] - exact[0]).hypot(moved[1] - exact[1]);
+                let radius = r[0].hypot(r[1]);
+                let sagitta = radius * (1.0 - (angle / 2.0).cos());
+                let expected = if motion == Motion::Linear { sagitta } else { 0.0 };
+                assert!(
+                    (error - expected).abs() < 4e-3,
+                    "{motion:?} {angle}, r {radius}: {error}, {expected}"
+                );
+                assert!((sagitta - radius * angle * angle / 8.0).abs() < 2e-3 * radius * angle * angle);
+                compared += 1;
+                largest = largest.max(error);
+            }
+            assert!(compared > 2000, "{compared}");
+            assert!((largest > 0.02) == (motion == Motion::Linear), "canary: the two differ, {largest}");
+        }
+    }
+}
+
+#[test]
+fn what_stands_still_never_fires() {
+    let Some(gpu) = super::device() else { return };
+    let scene = board(Path::ConstantVelocity { start: start(), velocity: DVec3::ZERO });
+    let paper = SplatConfig { margin: 16, ..SplatConfig::evis_paper(KEYFRAME_HZ, STEPS) };
+    for settings in [splat(), paper, SplatConfig { supersample: 2, carrier: Carrier::Colour, ..splat() }] {
+        let mut config = config(settings);
+        config.sensor.threshold_on = 1e-3;
+        config.sensor.threshold_off = 1e-3;
+        let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
+        let packet = simulator.step(60_000).unwrap();
+        assert_eq!((packet.report.events, packet.report.unknown), (0, 0), "{settings:?}");
+        assert!(packet.report.instants >= 24 && packet.report.keyframes >= 6);
+        let mut moving = Simulator::new(&gpu, sliding(1.0), config).unwrap();
+        assert!(moving.step(60_000).unwrap().report.events > 1000, "canary");
+    }
+}
+
+#[test]
+fn what_no_keyframe_shows_is_black_for_the_paper_and_unknown_else() {
+    let Some(gpu) = super::device() else { return };
+    // Without a margin, a column enters from the left at every gap's first instants.
+    let scene = sliding(12.0);
+    let steps = |splat: SplatConfig| engine(&gpu, &scene, &config(splat)).instants(1, 1).unwrap().remove(0);
+    let bare = SplatConfig { margin: 0, steps: 2, ..splat() };
+    // Half way, either keyframe has six columns that the other lacks: together they see all.
+    assert!(steps(bare).iter().all(|y| *y > 0.0));
+    let paper = SplatConfig { margin: 0, ..SplatConfig::evis_paper(KEYFRAME_HZ, 2) };
+    assert!(steps(paper).iter().all(|y| *y > 0.0));
+    // What turns fast about a corner leaves places that neither shows.
+    let start = Trs { translation: DVec3::new(0.2, 0.2, -1.1), ..Trs::default() };
+    let swinging = board(Path::Spin { start, axis: DVec3::Y, rate: 1.2 * KEYFRAME_HZ });
+    let steps = |splat: SplatConfig| engine(&gpu, &swinging, &config(splat)).instants(1, 3).unwrap();
+    let unknown = steps(SplatConfig { margin: 0, ..splat() });
+    let black = steps(SplatConfig { fill: Some(0.0), margin: 0, ..splat() });
+    let constant = steps(SplatConfig { fill: Some(7.5), margin: 0, ..splat() });
+    let mut holes = 0;
+    for ((u, b), c) in unknown.iter().flatten().zip(black.iter().flatten()).zip(constant.iter().flatten()) {
+        if *u < 0.0 {
+            holes += 1;
+            assert_eq!((*b, *c), (0.0, 7.5));
+        } else {
+            assert!(u == b && u == c);
+        }
+    }
+    assert!(holes > 0, "there are holes");
+    let mut simulator = Simulator::new(&gpu, swinging, config(SplatConfig { margin: 0, ..splat() })).unwrap();
+    assert!(simulator.step(30_000).unwrap().report.unknown > 0, "the report counts them");
+}
+
+fn gather(packets: impl Iterator<Item = Packet>) -> Vec<(Vec<Event>, Vec<evis_core::LabelFrame>)> {
+    let mut out: Vec<(Vec<Event>, Vec<_>)> = Vec::new();
+    for packet in packets {
+        out.resize_with(packet.views.len(), Default::default);
+        for (all, view) in out.iter_mut().zip(packet.views) {
+            assert!(view.events.iter().all(|e| (packet.start_us..packet.end_us).contains(&e.t)));
+            all.0.extend(view.events);
+            all.1.extend(view.labels);
+        }
+    }
+    out
+}
+
+fn spinner(offsets: &[f64]) -> Arc<Scene> {
+    let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
+    scene.variants = offsets
+        .iter()
+        .map(|&time_offset_s| evis_scene::Variant { time_offset_s, ..Default::default() })
+        .collect();
+    Arc::new(scene)
+}
+
+#[test]
+fn packets_steps_reruns_and_neighbours_change_no_byte() {
+    let Some(gpu) = super::device() else { return };
+    let colour = SplatConfig { carrier: Carrier::Colour, motion: Motion::Linear, supersample: 2, ..splat() };
+    let paper = SplatConfig { margin: 16, ..SplatConfig::evis_paper(KEYFRAME_HZ, 7) };
+    for settings in [splat(), paper, colour] {
+        let config = RunConfig {
+            size: Some((60, 45)),
+            labels: vec![LabelKind::Depth, LabelKind::FlowForward, LabelKind::Instance],
+            ..config(settings)
+        };
+        let stream = |scene: &Arc<Scene>, packet_us: i64| {
+            let simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
+            gather(simulator.stream(45_000, packet_us).unwrap().map(Result::unwrap))
+        };
+        let scene = spinner(&[0.0]);
+        let expected = stream(&scene, 10_000);
+        assert!(expected[0].0.len() > 200 && !expected[0].1.is_empty(), "{}", expected[0].0.len());
+        assert!(stream(&scene, 777) == expected, "{settings:?}: packets of 777 us");
+        let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
+        let stepped = gather([5_000, 5_001, 31_000, 45_000].into_iter().map(|t| simulator.step(t).unwrap()));
+        assert!(stepped == expected, "{settings:?}: steps");
+        let mut small = engine(&gpu, &scene, &config);
+        // At most what the busiest instant needs, by far.
+        small.limit_buffers(16, 4000);
+        let packet = small.deliver(45_000, 45_000).unwrap();
+        assert!(packet.report.reruns > 0);
+        assert!(gather(std::iter::once(packet)) == expected, "{settings:?}: reruns");
+        let batch = stream(&spinner(&[0.3, 0.0, 0.7]), 10_000);
+        assert!(batch[1] == expected[0], "{settings:?}: among others");
+        assert!(batch[0] != batch[1], "canary: environments differ");
+    }
+}
