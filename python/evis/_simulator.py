@@ -86,9 +86,9 @@ class Simulator:
     antialias : {"samples", "edges"}
         ``samples``: visibility and shading at every sample. ``edges``: visibility at 4, shading once.
     shadows : {"maps", "rays"}
-        ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by rays, as
-        sharp as what throws them, for several times the work; things that throw shadows must be rigid and without
-        holes.
+        ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by
+        rays, as sharp as what throws them, for several times the work; things that throw shadows must be
+        rigid and without holes.
     cameras : sequence of str or EventCamera, optional
         Cameras to render: names of the scene's own, or cameras to add to it; all of the scene's if not
         given.
