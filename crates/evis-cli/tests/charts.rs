@@ -58,7 +58,7 @@ fn a_scene_is_charted_and_drawn_again() {
     if no_device(&folder) {
         return;
     }
-    let output = evis(&folder, &format!("chart spinner -o a.png -o a.svg --json r.json {TINY}"));
+    let output = evis(&folder, &format!("chart spinner -o a.png -o a.svg --json r.json --no-splat {TINY}"));
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     let told = stdout(&output);
     assert!(
@@ -72,6 +72,7 @@ fn a_scene_is_charted_and_drawn_again() {
         serde_json::from_slice(&std::fs::read(folder.file(name)).unwrap()).unwrap()
     };
     let points = read("r.json")["scenes"][0]["points"].as_array().unwrap().len();
+    // Two rates, and the published latch at 1000 Hz.
     assert_eq!(points, 3);
 
     // A heavier renderer, from the same measurement.
