@@ -72,8 +72,8 @@ fn a_scene_is_charted_and_drawn_again() {
         serde_json::from_slice(&std::fs::read(folder.file(name)).unwrap()).unwrap()
     };
     let points = read("r.json")["scenes"][0]["points"].as_array().unwrap().len();
-    // Two rates, and the published latch at 1000 Hz.
-    assert_eq!(points, 3);
+    // Two rates, and the five published settings.
+    assert_eq!(points, 7);
 
     // A heavier renderer, from the same measurement.
     let output = evis(&folder, "chart --from r.json -o b.svg --render-ms 10 --budget 1e9");
