@@ -89,7 +89,7 @@ class EventEmulator(Generic[Out]):
     EventArray(0 events, 4x3)
     >>> events = emulator.push(np.full((3, 4), 0.7, np.float32), 1000)
     >>> events.t[0], events.p[0], len(events)
-    (np.int64(594), np.int16(1), 12)
+    (np.int64(595), np.int16(1), 12)
     """
 
     @overload
