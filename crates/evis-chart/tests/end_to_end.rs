@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod common;
+
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -9,21 +11,10 @@ use evis_chart::{
     ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, Measure, Stage, chart, draw,
 };
 use evis_core::SensorConfig;
-use evis_render::Gpu;
 use evis_scene::builtin;
 use evis_truth::PixelChoice;
 
-fn gpu() -> Option<Gpu> {
-    match Gpu::open(None) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            let required = std::env::var("EVIS_REQUIRE_GPU").is_ok_and(|v| v == "1");
-            assert!(!required, "EVIS_REQUIRE_GPU=1, and {error}");
-            eprintln!("skipped: {error}");
-            None
-        }
-    }
-}
+use common::gpu;
 
 fn tiny() -> ChartSettings {
     ChartSettings {

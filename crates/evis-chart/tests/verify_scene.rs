@@ -2,27 +2,18 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod common;
+
 use std::path::Path;
 
 use evis_chart::verify::{Reference, Report, SceneReport, SceneSettings, Swept, TOLERANCES_US, verify_scene};
 use evis_chart::{ChartError, Stage};
 use evis_core::SensorConfig;
 use evis_core::closed_form::convergence::Variant;
-use evis_render::Gpu;
 use evis_scene::builtin;
 use evis_truth::PixelChoice;
 
-fn gpu() -> Option<Gpu> {
-    match Gpu::open(None) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            let required = std::env::var("EVIS_REQUIRE_GPU").is_ok_and(|v| v == "1");
-            assert!(!required, "EVIS_REQUIRE_GPU=1, and {error}");
-            eprintln!("skipped: {error}");
-            None
-        }
-    }
-}
+use common::gpu;
 
 fn tiny() -> SceneSettings {
     SceneSettings {

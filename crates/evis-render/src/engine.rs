@@ -128,17 +128,6 @@ impl Context {
     }
 }
 
-/// Every environment's scene at the start.
-fn starts(scene: &Scene, environments: usize, start_us: i64) -> Vec<SceneState> {
-    (0..environments)
-        .map(|environment| {
-            let mut state = SceneState::default();
-            scene.evaluate_variant(scene.variants.get(environment), start_us as f64 * 1e-6, &mut state);
-            state
-        })
-        .collect()
-}
-
 /// The environments of `views`, which are environment-major.
 pub(crate) fn environments_of(views: &[View]) -> Vec<usize> {
     let mut environments: Vec<usize> = views.iter().map(|v| v.environment).collect();
@@ -226,9 +215,7 @@ impl Engine {
         scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
         let layouts = SurfaceLayouts::new(device);
         let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
-        let environments = scene.variants.len().max(1);
-        let states = starts(&scene, environments, config.start_us);
-        let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, &states, config.shadows)?;
+        let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, config)?;
         let constants = SceneConstants {
             lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),
             shadows: shadows.is_some(),
@@ -383,6 +370,15 @@ impl Engine {
     /// next delivery goes on from there.
     pub fn stop(&self) -> &Arc<AtomicBool> {
         &self.stop
+    }
+
+    /// What view `view` shows at stream time `t_us`, as its pixels integrate it: mean luminance over the samples, row-major
+    /// from the top. The stream is left as it is.
+    pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
+        let Some(group) = self.groups.iter().find(|group| group.views.contains(&view)) else {
+            return Err(EngineError::Device(format!("there is no view {view}")));
+        };
+        mean_luminance(&mut self.context, &self.targets[group.targets].layers, view, t_us)
     }
 
     /// What the method makes of instants `first..first + instants` of the first view: a picture each, from the mean of
@@ -785,18 +781,6 @@ pub(crate) fn wait_mapped(
                 ));
             }
         }
-    }
-}
-
-impl Engine {
-    /// What view `view` shows at stream time `t_us`, as its pixels integrate it: mean luminance over the samples, row-major
-    /// from the top. The stream is left as it is.
-    pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
-        let group = self.groups.iter().find(|g| g.views.contains(&view));
-        let Some(group) = group else {
-            return Err(EngineError::Device(format!("there is no view {view}")));
-        };
-        mean_luminance(&mut self.context, &self.targets[group.targets].layers, view, t_us)
     }
 }
 

@@ -35,11 +35,11 @@ pub struct Occluders {
 }
 
 impl Occluders {
-    /// Of `scene`, whose state at the start `states` has for each environment.
+    /// Of `scene`, whose streams start at `start_us` of its time.
     ///
     /// # Errors
     /// Something deforms or has holes cut into it: such casters are not in trees.
-    pub fn new(scene: &Scene, gpu_scene: &GpuScene, states: &[SceneState]) -> Result<Self, ConfigError> {
+    pub fn new(scene: &Scene, gpu_scene: &GpuScene, start_us: i64) -> Result<Self, ConfigError> {
         let objects = &gpu_scene.objects;
         for object in objects {
             let deforms = object.skin.is_some() || object.morph.is_some();
@@ -64,6 +64,13 @@ impl Occluders {
             };
             primitive.indices.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]).collect()
         };
+        let states: Vec<SceneState> = (0..scene.variants.len().max(1))
+            .map(|environment| {
+                let mut state = SceneState::default();
+                scene.evaluate_variant(scene.variants.get(environment), start_us as f64 * 1e-6, &mut state);
+                state
+            })
+            .collect();
         // Environments that place everything alike share a tree.
         let still: Vec<usize> = (0..objects.len()).filter(|&o| !objects[o].moving).collect();
         for (e, state) in states.iter().enumerate() {

@@ -5,7 +5,7 @@ use evis_core::ConfigError;
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3, DVec4};
 
-use crate::config::Shadows;
+use crate::config::{RunConfig, Shadows};
 use crate::engine::Context;
 use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::gpu_scene::{DrawItem, GpuScene, moves};
@@ -170,7 +170,7 @@ pub struct ShadowRoom {
 }
 
 impl ShadowRoom {
-    /// `None` where no light throws shadows. `states`: every environment's scene at the start.
+    /// `None` where no light throws shadows.
     ///
     /// # Errors
     /// Shadows by rays of what deforms or has holes.
@@ -179,17 +179,16 @@ impl ShadowRoom {
         layouts: &SurfaceLayouts,
         scene: &Scene,
         gpu_scene: &GpuScene,
-        states: &[SceneState],
-        shadows: Shadows,
+        config: &RunConfig,
     ) -> Result<Option<Self>, ConfigError> {
         let Some(plan) = scene_bounds(scene).and_then(|bounds| ShadowPlan::new(scene, bounds)) else {
             return Ok(None);
         };
-        let occluders = match shadows {
+        let occluders = match config.shadows {
             Shadows::Maps => None,
-            Shadows::Rays => Some(Occluders::new(scene, gpu_scene, states)?),
+            Shadows::Rays => Some(Occluders::new(scene, gpu_scene, config.start_us)?),
         };
-        let count = plan.nodes.len() as u32 * states.len() as u32;
+        let count = (plan.nodes.len() * scene.variants.len().max(1)) as u32;
         let texture = map_texture(device, SHADOW_MAP_EDGE, count);
         let still = plan.moves().then(|| {
             let texture = map_texture(device, SHADOW_MAP_EDGE, count);

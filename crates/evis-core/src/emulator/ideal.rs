@@ -36,17 +36,39 @@ pub(crate) struct Tally {
     pub suppressed: u64,
 }
 
-/// The numbers of a frame as the ideal pixel sees them.
-pub(crate) trait Domain {
-    /// One pixel.
-    type Value: Copy + PartialOrd + Default + std::fmt::Debug;
+/// The type of a frame's numbers.
+pub(crate) trait Value: Copy + PartialOrd + Default + std::fmt::Debug {
     /// Never in the range of a pixel that has not been seen.
-    const NEVER: (Self::Value, Self::Value);
+    const NEVER: (Self, Self);
     /// Whether a value can be NaN.
     const HAS_UNKNOWN: bool;
     /// What stands for "nothing seen".
-    const MISSING: Self::Value;
-    /// 64 pixels from `first`; [`Self::MISSING`] beyond the frame's end.
+    const MISSING: Self;
+    /// Which values are not in their range, as bits; NaN is in none. `WIDE`: the caller is compiled for AVX2 at least.
+    fn outside<const WIDE: bool>(values: &[Self; BLOCK], low: &[Self; BLOCK], high: &[Self; BLOCK]) -> u64;
+    /// Whether the value is unknown (NaN).
+    fn is_unknown(self) -> bool;
+}
+
+impl Value for f32 {
+    const NEVER: (Self, Self) = (Self::INFINITY, Self::NEG_INFINITY);
+    const HAS_UNKNOWN: bool = true;
+    const MISSING: Self = Self::NAN;
+    #[inline(always)]
+    fn outside<const WIDE: bool>(values: &[Self; BLOCK], low: &[Self; BLOCK], high: &[Self; BLOCK]) -> u64 {
+        floats_outside::<WIDE>(values, low, high)
+    }
+    #[inline(always)]
+    fn is_unknown(self) -> bool {
+        self.is_nan()
+    }
+}
+
+/// The numbers of a frame as the ideal pixel sees them.
+pub(crate) trait Domain {
+    /// One pixel.
+    type Value: Value;
+    /// 64 pixels from `first`; [`Value::MISSING`] beyond the frame's end.
     fn load(&self, first: usize, out: &mut [Self::Value; BLOCK]);
     /// The first half of the way to the logarithm: a look-up, pixel by pixel.
     fn pick(&self, value: Self::Value) -> f32;
@@ -54,14 +76,6 @@ pub(crate) trait Domain {
     fn log(&self, picked: f32) -> f32;
     /// A range of values whose logarithms lie between `from` and `to`.
     fn between(&self, from: f32, to: f32) -> (Self::Value, Self::Value);
-    /// Which values are not in their range, as bits; NaN is in none. `WIDE`: the caller is compiled for AVX2 at least.
-    fn outside<const WIDE: bool>(
-        values: &[Self::Value; BLOCK],
-        low: &[Self::Value; BLOCK],
-        high: &[Self::Value; BLOCK],
-    ) -> u64;
-    /// Whether the value is unknown (NaN).
-    fn is_unknown(value: Self::Value) -> bool;
     /// Whether no light has this value (infinite or negative).
     fn is_impossible(value: Self::Value) -> bool;
 }
@@ -103,9 +117,6 @@ pub(crate) struct Light<L> {
 
 impl<L: Load> Domain for Light<L> {
     type Value = f32;
-    const NEVER: (f32, f32) = (f32::INFINITY, f32::NEG_INFINITY);
-    const HAS_UNKNOWN: bool = true;
-    const MISSING: f32 = f32::NAN;
     #[inline(always)]
     fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
         self.load.load(first, out);
@@ -125,14 +136,6 @@ impl<L: Load> Domain for Light<L> {
         (if low < 0.0 { 0.0 } else { low }, simd::exp(to) - self.eps)
     }
     #[inline(always)]
-    fn outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
-        floats_outside::<WIDE>(values, low, high)
-    }
-    #[inline(always)]
-    fn is_unknown(value: f32) -> bool {
-        value.is_nan()
-    }
-    #[inline(always)]
     #[allow(clippy::manual_range_contains, reason = "NaN is possible")]
     fn is_impossible(value: f32) -> bool {
         value < 0.0 || value > f32::MAX
@@ -144,9 +147,6 @@ pub(crate) struct Logs<'a>(pub &'a [f32]);
 
 impl Domain for Logs<'_> {
     type Value = f32;
-    const NEVER: (f32, f32) = (f32::INFINITY, f32::NEG_INFINITY);
-    const HAS_UNKNOWN: bool = true;
-    const MISSING: f32 = f32::NAN;
     #[inline(always)]
     fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
         copy_plain(self.0, first, f32::NAN, out);
@@ -162,14 +162,6 @@ impl Domain for Logs<'_> {
     #[inline(always)]
     fn between(&self, from: f32, to: f32) -> (f32, f32) {
         (from, to)
-    }
-    #[inline(always)]
-    fn outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
-        floats_outside::<WIDE>(values, low, high)
-    }
-    #[inline(always)]
-    fn is_unknown(value: f32) -> bool {
-        value.is_nan()
     }
     #[inline(always)]
     fn is_impossible(value: f32) -> bool {
@@ -274,11 +266,26 @@ pub(crate) struct Integers<'a, T>(pub &'a [T], pub Codes<'a>);
 
 macro_rules! integers {
     ($type:ty, $outside:ident) => {
-        impl Domain for Integers<'_, $type> {
-            type Value = $type;
+        impl Value for $type {
             const NEVER: ($type, $type) = (<$type>::MAX, 0);
             const HAS_UNKNOWN: bool = false;
             const MISSING: $type = 0;
+            #[inline(always)]
+            fn outside<const WIDE: bool>(
+                values: &[$type; BLOCK],
+                low: &[$type; BLOCK],
+                high: &[$type; BLOCK],
+            ) -> u64 {
+                $outside::<WIDE>(values, low, high)
+            }
+            #[inline(always)]
+            fn is_unknown(self) -> bool {
+                false
+            }
+        }
+
+        impl Domain for Integers<'_, $type> {
+            type Value = $type;
             #[inline(always)]
             fn load(&self, first: usize, out: &mut [$type; BLOCK]) {
                 copy_plain(self.0, first, 0, out);
@@ -295,18 +302,6 @@ macro_rules! integers {
             fn between(&self, from: f32, to: f32) -> ($type, $type) {
                 let (low, high) = self.1.between(from, to);
                 (low as $type, high as $type)
-            }
-            #[inline(always)]
-            fn outside<const WIDE: bool>(
-                values: &[$type; BLOCK],
-                low: &[$type; BLOCK],
-                high: &[$type; BLOCK],
-            ) -> u64 {
-                $outside::<WIDE>(values, low, high)
-            }
-            #[inline(always)]
-            fn is_unknown(_: $type) -> bool {
-                false
             }
             #[inline(always)]
             fn is_impossible(_: $type) -> bool {
@@ -333,16 +328,16 @@ pub(crate) struct Memory<T> {
     masks: Vec<u64>,
 }
 
-impl<T: Copy + Default> Memory<T> {
+impl<T: Value> Memory<T> {
     /// Memory of `length` pixels that have seen nothing.
-    pub fn new<D: Domain<Value = T>>(length: usize) -> Self {
+    pub fn new(length: usize) -> Self {
         let padded = length.next_multiple_of(BLOCK);
         Self {
             reference: vec![f32::NAN; padded],
-            last: vec![D::MISSING; padded],
-            next: vec![D::MISSING; padded],
-            low: vec![D::NEVER.0; padded],
-            high: vec![D::NEVER.1; padded],
+            last: vec![T::MISSING; padded],
+            next: vec![T::MISSING; padded],
+            low: vec![T::NEVER.0; padded],
+            high: vec![T::NEVER.1; padded],
             masks: vec![0; padded / BLOCK],
         }
     }
@@ -371,7 +366,7 @@ fn scan_body<D: Domain, const WIDE: bool>(
     let values = last.as_chunks::<BLOCK>().0.iter().zip(next.as_chunks_mut::<BLOCK>().0);
     for (((low, high), (last, next)), mask) in ranges.zip(values).zip(masks) {
         domain.load(first, next);
-        *mask = D::outside::<WIDE>(next, low, high);
+        *mask = D::Value::outside::<WIDE>(next, low, high);
         if *mask != 0 {
             for next in next.iter() {
                 impossible |= u8::from(D::is_impossible(*next));
@@ -381,8 +376,8 @@ fn scan_body<D: Domain, const WIDE: bool>(
             if seen < BLOCK {
                 *mask &= (1_u64 << seen).wrapping_sub(1);
             }
-            if D::HAS_UNKNOWN {
-                unknown += keep_unknown::<D>(mask, last, next);
+            if D::Value::HAS_UNKNOWN {
+                unknown += keep_unknown(mask, last, next);
             }
         }
         first = first.wrapping_add(BLOCK);
@@ -392,10 +387,10 @@ fn scan_body<D: Domain, const WIDE: bool>(
 
 /// Pixels that are NaN keep their value; gives how many there are.
 #[inline(always)]
-fn keep_unknown<D: Domain>(mask: &mut u64, last: &[D::Value; BLOCK], next: &mut [D::Value; BLOCK]) -> u64 {
+fn keep_unknown<T: Value>(mask: &mut u64, last: &[T; BLOCK], next: &mut [T; BLOCK]) -> u64 {
     let mut lost = [0_u8; BLOCK];
     for i in 0..BLOCK {
-        lost[i] = u8::from(D::is_unknown(next[i]));
+        lost[i] = u8::from(next[i].is_unknown());
     }
     let lost = bits_of(&lost);
     let mut rest = lost;
@@ -548,7 +543,7 @@ fn flush<D: Domain>(
         // The sign travels in the top bit.
         fires[i] |= u32::from(rises) << 31;
     }
-    let (mut low, mut high) = ([D::MISSING; BATCH], [D::MISSING; BATCH]);
+    let (mut low, mut high) = ([D::Value::MISSING; BATCH], [D::Value::MISSING; BATCH]);
     for i in 0..used {
         (low[i], high[i]) = range(domain, sensor, reference[i]);
     }
@@ -644,10 +639,10 @@ impl Pixels {
     /// Memory for `length` pixels of the kinds 1 to 4: light, logarithms, 8 bits, 16 bits.
     pub fn of_kind(kind: u64, length: usize) -> Self {
         match kind {
-            2 => Self::Log(Memory::new::<Logs<'_>>(length)),
-            3 => Self::U8(Memory::new::<Integers<'_, u8>>(length)),
-            4 => Self::U16(Memory::new::<Integers<'_, u16>>(length)),
-            _ => Self::Light(Memory::new::<Light<Any<'_>>>(length)),
+            2 => Self::Log(Memory::new(length)),
+            3 => Self::U8(Memory::new(length)),
+            4 => Self::U16(Memory::new(length)),
+            _ => Self::Light(Memory::new(length)),
         }
     }
 

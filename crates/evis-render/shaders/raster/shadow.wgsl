@@ -13,6 +13,8 @@ struct ShadowPoint {
     // Of the map, top left 0.
     uv: vec2<f32>,
     depth: f32,
+    // Clip w: a texel of the map is so many times as large here as at 1.
+    w: f32,
     inside: bool,
 };
 
@@ -20,7 +22,7 @@ fn shadow_point(light: Light, position: vec3<f32>) -> ShadowPoint {
     let clip = light.shadow_clip_from_world * vec4<f32>(position, 1.0);
     let ndc = clip.xyz / max(clip.w, 1e-9);
     let inside = clip.w > 0.0 && all(abs(ndc.xy) <= vec2<f32>(1.0)) && ndc.z > 0.0;
-    return ShadowPoint(vec2<f32>(ndc.x * 0.5 + 0.5, 0.5 - ndc.y * 0.5), ndc.z, inside);
+    return ShadowPoint(vec2<f32>(ndc.x * 0.5 + 0.5, 0.5 - ndc.y * 0.5), ndc.z, clip.w, inside);
 }
 
 // Part of the light that arrives: 1 lit, 0 in shadow.
@@ -32,7 +34,7 @@ fn shadow_visibility(light: Light, layer: u32, position: vec3<f32>, normal: vec3
 }
 
 fn shadow_by_map(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f32>, to_light: vec3<f32>) -> f32 {
-    let w = max((light.shadow_clip_from_world * vec4<f32>(position, 1.0)).w, 0.0);
+    let w = max(shadow_point(light, position).w, 0.0);
     // The comparison reaches a texel to each side, where a slanted surface is nearer to the light by a texel's slope.
     // Part of that is made up by the maps' own slope bias, part by a step along the normal: either alone costs more
     // of thin shadows. Less lets surfaces darken themselves (tests/floor2_raster.rs).
@@ -49,7 +51,7 @@ fn shadow_by_rays(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f3
     let at = shadow_point(light, position);
     // The plane's depth over the map: it is linear there, also in perspective. From two steps along the plane, each as
     // long as a texel.
-    let step = light.spot.z * max((light.shadow_clip_from_world * vec4<f32>(position, 1.0)).w, 1e-6);
+    let step = light.spot.z * max(at.w, 1e-6);
     let side = normalize(cross(normal, select(vec3<f32>(1.0, 0.0, 0.0), vec3<f32>(0.0, 1.0, 0.0), abs(normal.x) > 0.7)));
     let along = shadow_point(light, position + step * side);
     let across = shadow_point(light, position + step * cross(normal, side));

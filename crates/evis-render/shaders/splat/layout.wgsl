@@ -74,6 +74,16 @@ fn least_index_weight() -> u32 {
     return max(u32(params.hole_below * WEIGHT_STEPS / WEIGHT_UNIT), 1u) - 1u;
 }
 
+// Light of a pixel from the sum of its `known` parts; none are known in a hole.
+fn mean_or_fill(sum: f32, known: f32) -> f32 {
+    return select(params.fill, sum / max(known, 1.0), known > 0.0);
+}
+
+// The layer that a view's instant goes to.
+fn target_layer(view: u32) -> u32 {
+    return params.first_layer + view * params.layers_per_view;
+}
+
 fn target_pixels() -> u32 {
     return params.width * params.height * params.view_count;
 }

@@ -122,7 +122,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             known += 1.0;
         }
     }
-    let luminance = select(params.fill, sum / max(known, 1.0), known > 0.0);
-    let layer = params.first_layer + id.z * params.layers_per_view;
-    textureStore(layers, id.xy, layer, vec4<f32>(luminance, 0.0, 0.0, 0.0));
+    textureStore(layers, id.xy, target_layer(id.z), vec4<f32>(mean_or_fill(sum, known), 0.0, 0.0, 0.0));
 }

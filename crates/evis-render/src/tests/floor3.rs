@@ -20,7 +20,7 @@ fn config() -> RunConfig {
 }
 
 /// Everything that reaches a user, in time order per view.
-fn gather(packets: impl Iterator<Item = Packet>) -> Vec<(Vec<Event>, Vec<evis_core::LabelFrame>)> {
+pub(super) fn gather(packets: impl Iterator<Item = Packet>) -> Vec<(Vec<Event>, Vec<evis_core::LabelFrame>)> {
     let mut out: Vec<(Vec<Event>, Vec<_>)> = Vec::new();
     let mut end = 0;
     for packet in packets {
@@ -104,7 +104,7 @@ fn thread_counts_give_the_same_bytes() {
 }
 
 /// The spinner with an environment per clock offset.
-fn batch(offsets: &[f64]) -> Arc<Scene> {
+pub(super) fn batch(offsets: &[f64]) -> Arc<Scene> {
     let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
     scene.variants = offsets
         .iter()

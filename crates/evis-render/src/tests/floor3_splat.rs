@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use evis_core::{Event, LabelKind};
+use evis_core::LabelKind;
 use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder, ShapeSettings};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
@@ -13,10 +13,11 @@ use glam::DVec3;
 use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
-use crate::packet::Packet;
 use crate::simulator::Simulator;
 use crate::splat_config::{Carrier, Motion, SplatConfig};
 use crate::view;
+
+use super::floor3::{batch, gather};
 
 /// Pixels per unit of tangent.
 const FOCAL: f64 = 100.0;
@@ -213,28 +214,6 @@ fn what_no_keyframe_shows_is_black_for_the_paper_and_unknown_else() {
     assert!(simulator.step(30_000).unwrap().report.unknown > 0, "the report counts them");
 }
 
-fn gather(packets: impl Iterator<Item = Packet>) -> Vec<(Vec<Event>, Vec<evis_core::LabelFrame>)> {
-    let mut out: Vec<(Vec<Event>, Vec<_>)> = Vec::new();
-    for packet in packets {
-        out.resize_with(packet.views.len(), Default::default);
-        for (all, view) in out.iter_mut().zip(packet.views) {
-            assert!(view.events.iter().all(|e| (packet.start_us..packet.end_us).contains(&e.t)));
-            all.0.extend(view.events);
-            all.1.extend(view.labels);
-        }
-    }
-    out
-}
-
-fn spinner(offsets: &[f64]) -> Arc<Scene> {
-    let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
-    scene.variants = offsets
-        .iter()
-        .map(|&time_offset_s| evis_scene::Variant { time_offset_s, ..Default::default() })
-        .collect();
-    Arc::new(scene)
-}
-
 #[test]
 fn packets_steps_reruns_and_neighbours_change_no_byte() {
     let Some(gpu) = super::device() else { return };
@@ -250,7 +229,7 @@ fn packets_steps_reruns_and_neighbours_change_no_byte() {
             let simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
             gather(simulator.stream(45_000, packet_us).unwrap().map(Result::unwrap))
         };
-        let scene = spinner(&[0.0]);
+        let scene = batch(&[0.0]);
         let expected = stream(&scene, 10_000);
         assert!(expected[0].0.len() > 200 && !expected[0].1.is_empty(), "{}", expected[0].0.len());
         assert!(stream(&scene, 777) == expected, "{settings:?}: packets of 777 us");
@@ -263,7 +242,7 @@ fn packets_steps_reruns_and_neighbours_change_no_byte() {
         let packet = small.deliver(45_000, 45_000).unwrap();
         assert!(packet.report.reruns > 0);
         assert!(gather(std::iter::once(packet)) == expected, "{settings:?}: reruns");
-        let batch = stream(&spinner(&[0.3, 0.0, 0.7]), 10_000);
+        let batch = stream(&batch(&[0.3, 0.0, 0.7]), 10_000);
         assert!(batch[1] == expected[0], "{settings:?}: among others");
         assert!(batch[0] != batch[1], "canary: environments differ");
     }
