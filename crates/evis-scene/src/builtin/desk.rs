@@ -86,12 +86,12 @@ fn room(scene: &mut SceneBuilder, seed: u64) -> Result<(), SceneError> {
         scene.material(Material::diffuse("frame").textured(planks).colored(srgb(0x8a7868)))?;
     let mut frame = Assembly::new(frame_material);
     for (x, y, w, h) in
-        [(0.0, 0.22, 0.46, 0.02), (0.0, -0.22, 0.46, 0.02), (0.22, 0.0, 0.02, 0.44), (-0.22, 0.0, 0.02, 0.44)]
+        [(0.0, 0.22, 0.46, 0.02), (0.0, -0.22, 0.46, 0.02), (0.22, 0.0, 0.02, 0.42), (-0.22, 0.0, 0.02, 0.42)]
     {
         frame.beam([x, y, 0.0], [w, h, 0.03], 0.4)?;
     }
     let mesh = scene.mesh(Mesh { name: "frame".into(), primitives: vec![frame.whole], ..Mesh::default() })?;
-    scene.object("frame", mesh, labels(class::BUILDING), Placement::at([0.12, 0.42, -0.585]))?;
+    scene.object("frame", mesh, labels(class::BUILDING), Placement::at([0.12, 0.42, -0.583]))?;
     Ok(())
 }
 
@@ -115,7 +115,7 @@ fn books(scene: &mut SceneBuilder, seed: u64, dice: &mut Dice) -> Result<(), Sce
         };
         part(&mut block, [thick - 2.0 * board, high - 0.012, deep - 0.008], [0.0, 0.0, -0.002])?;
         for x in [-1.0, 1.0] {
-            part(&mut case, [board, high, deep], [x * (thick - board) / 2.0, 0.0, 0.0])?;
+            part(&mut case, [board, high, deep - board], [x * (thick - board) / 2.0, 0.0, -board / 2.0])?;
         }
         part(&mut case, [thick, high, board], [0.0, 0.0, (deep - board) / 2.0])?;
         for assembly in [&mut case, &mut block] {
@@ -252,7 +252,7 @@ fn small_things(scene: &mut SceneBuilder, seed: u64) -> Result<(), SceneError> {
             scene.material(Material::diffuse(name.clone()).textured(stripes).colored(srgb(color)))?;
         let turn = DQuat::from_rotation_y(0.3 + 0.5 * i as f64) * DQuat::from_rotation_z(FRAC_PI_2);
         let start = Trs {
-            translation: DVec3::new(-0.16 + 0.05 * i as f64, 0.005, 0.3),
+            translation: DVec3::new(-0.16 + 0.09 * i as f64, 0.005, 0.3),
             rotation: turn,
             ..Trs::default()
         };

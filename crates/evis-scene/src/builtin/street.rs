@@ -141,15 +141,10 @@ fn houses(scene: &mut SceneBuilder, seed: u64, dice: &mut Dice) -> Result<(), Sc
             let floor = -height / 2.0 - 1.6;
             let size = [depth + 0.1, 3.2, width - 0.02];
             part(scene, "ground floor", Shape::Box { size }, brick, [width / 3.0, 1.0], [0.0, floor, 0.0])?;
+            // Roofs overlap their neighbours, and must not lie in one plane with them.
+            let lift = height / 2.0 + 0.17 + 0.02 * f64::from(i % 2);
             let size = [depth + 0.7, 0.35, width + 0.1];
-            part(
-                scene,
-                "roof",
-                Shape::Box { size },
-                roof,
-                [width / 2.0, 0.25],
-                [0.0, height / 2.0 + 0.17, 0.0],
-            )?;
+            part(scene, "roof", Shape::Box { size }, roof, [width / 2.0, 0.25], [0.0, lift, 0.0])?;
             let front = -sign * (depth / 2.0 + 0.06);
             let shops = (width / 4.0).floor();
             for shop in 0..shops as u32 {
@@ -186,7 +181,7 @@ fn poles(scene: &mut SceneBuilder, seed: u64) -> Result<(), SceneError> {
     let mut post = Assembly::new(steel);
     let upright = |y: f64| DMat4::from_translation(DVec3::new(0.0, y, 0.0));
     post.part(Shape::Cylinder { radius: 0.055, height: 5.2 }, 1.0, upright(2.6))?;
-    post.part(Shape::Cylinder { radius: 0.11, height: 0.7 }, 1.0, upright(0.35))?;
+    post.part(Shape::Cylinder { radius: 0.11, height: 0.71 }, 1.0, upright(0.345))?;
     post.bar([0.0, 5.15, 0.0], [1.4, 5.45, 0.0], 0.05, 1.0)?.beam([1.5, 5.47, 0.0], [0.6, 0.08, 0.2], 1.0)?;
     let mut lamp = Assembly::new(glow);
     lamp.beam([1.5, 5.41, 0.0], [0.5, 0.05, 0.16], 1.0)?;
@@ -208,7 +203,8 @@ fn poles(scene: &mut SceneBuilder, seed: u64) -> Result<(), SceneError> {
             let x = side * (ROAD + 0.5);
             let (a, b) = ([x, 5.2, z + shift], [x, 5.2, z + shift - 13.0]);
             let sag = [x, 4.75, z + shift - 6.5];
-            cables.bar(a, sag, 0.016, 1.0)?.bar(sag, b, 0.016, 1.0)?;
+            // Not equally thick, so that they do not meet in one plane.
+            cables.bar(a, sag, 0.016, 1.0)?.bar(sag, b, 0.0155, 1.0)?;
         }
     }
     let cables =
@@ -289,7 +285,7 @@ fn cars(scene: &mut SceneBuilder, seed: u64) -> Result<(), SceneError> {
             body.bar([x, 0.78, 0.2], [x, 1.35, 0.2], 0.07, 1.0)?;
         }
         let mut glass = Assembly::new(pane);
-        glass.beam([0.0, 1.06, 0.22], [1.36, 0.56, 2.0], 1.0)?;
+        glass.beam([0.0, 1.065, 0.22], [1.36, 0.56, 2.0], 1.0)?;
         let mut rubbers = Assembly::new(rubber);
         let mut hubs = Assembly::new(hub);
         for x in [-0.82, 0.82] {

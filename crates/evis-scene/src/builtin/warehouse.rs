@@ -101,15 +101,14 @@ fn hall(scene: &mut SceneBuilder, seed: u64) -> Result<(), SceneError> {
 
     let steel = scene.material(Material::diffuse("truss steel").textured(sheet).colored(srgb(0xd8e0e8)))?;
     let mut truss = Assembly::new(steel);
-    truss.beam([0.0, 0.0, 0.0], [2.0 * half, 0.10, 0.10], 0.5)?.beam(
-        [0.0, 0.8, 0.0],
-        [2.0 * half, 0.10, 0.10],
-        0.5,
-    )?;
+    // Nothing ends or meets in one plane with what it touches: which is seen there would be up to rounding.
+    let span = [2.0 * half - 0.02, 0.10, 0.10];
+    truss.beam([0.0, 0.0, 0.0], span, 0.5)?.beam([0.0, 0.8, 0.0], span, 0.5)?;
     let pitch = 2.0 * half / 16.0;
     for i in 0..16u32 {
         let (x, odd) = (-half + pitch * f64::from(i), f64::from(i % 2));
-        truss.bar([x, 0.8 * odd, 0.0], [x + pitch, 0.8 * (1.0 - odd), 0.0], 0.06, 0.5)?;
+        let thickness = 0.06 - 0.004 * odd;
+        truss.bar([x, 0.8 * odd, 0.0], [x + pitch, 0.8 * (1.0 - odd), 0.0], thickness, 0.5)?;
     }
     let mesh = scene.mesh(Mesh { name: "truss".into(), primitives: vec![truss.whole], ..Mesh::default() })?;
     for i in 0..8u32 {
@@ -213,13 +212,14 @@ fn shelves(scene: &mut SceneBuilder, seed: u64, goods: &Goods, dice: &mut Dice) 
             posts.beam([x, height / 2.0, z], [0.09, height, 0.09], 0.6)?;
         }
         for i in 0..5 {
-            let (y, side) = (0.3 + 0.85 * f64::from(i), if i % 2 == 0 { 0.5 } else { -0.5 });
-            posts.bar([-side * depth, y, z], [side * depth, y + 0.85, z], 0.04, 0.6)?;
+            let (side, thickness) = if i % 2 == 0 { (0.5, 0.04) } else { (-0.5, 0.036) };
+            let y = 0.3 + 0.85 * f64::from(i);
+            posts.bar([-side * depth, y, z], [side * depth, y + 0.85, z], thickness, 0.6)?;
         }
     }
     for level in LEVELS {
         for x in [-depth / 2.0, depth / 2.0] {
-            beams.beam([x, level - 0.06, 0.0], [0.05, 0.12, width - 0.09], 0.6)?;
+            beams.beam([x, level - 0.063, 0.0], [0.05, 0.12, width - 0.09], 0.6)?;
         }
         for i in 0..12 {
             let z = (f64::from(i) - 5.5) * (width - 0.2) / 12.0;
@@ -231,7 +231,7 @@ fn shelves(scene: &mut SceneBuilder, seed: u64, goods: &Goods, dice: &mut Dice) 
 
     for (side, sign) in [("left", -1.0), ("right", 1.0)] {
         for bay in 0..BAYS {
-            let z = 1.0 - (width + 0.05) * f64::from(bay);
+            let z = 1.0 - (width + 0.12) * f64::from(bay);
             let name = format!("shelf {side} {bay}");
             let at = |x: f64, y: f64, along: f64| Placement::at([sign * AISLE + x, y, z + along]);
             scene.object(&name, shelf, labels(class::FURNITURE), at(0.0, 0.0, 0.0))?;
@@ -408,7 +408,7 @@ fn thrown(scene: &mut SceneBuilder, goods: &Goods, dice: &mut Dice) -> Result<()
     let blade = scene.material(Material::diffuse("fan").colored(srgb(0x3a3f46)))?;
     let mut blades = Assembly::new(blade);
     for i in 0..2 {
-        let size = if i == 0 { [2.4, 0.03, 0.2] } else { [0.2, 0.03, 2.4] };
+        let size = if i == 0 { [2.4, 0.03, 0.2] } else { [0.2, 0.026, 2.4] };
         blades.beam([0.0, 0.0, 0.0], size, 1.0)?;
     }
     let fan = scene.mesh(Mesh { name: "fan".into(), primitives: vec![blades.whole], ..Mesh::default() })?;
