@@ -227,6 +227,7 @@ class Simulator:
         rate_hz: float,
         samples: int,
         antialias: str,
+        texture_taps: int | None,
         shadows: str,
         cameras: list[str],
         size: tuple[int, int] | None,

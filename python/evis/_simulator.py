@@ -85,6 +85,9 @@ class Simulator:
         Samples per pixel and instant, 1 to 256, averaged in linear light.
     antialias : {"samples", "edges"}
         ``samples``: visibility and shading at every sample. ``edges``: visibility at 4, shading once.
+    texture_taps : int, optional
+        Places at which a sample reads a texture, at most, along each side of its share of the pixel, 1 to 16; 2
+        up to 8 samples, 3 up to 15, then 4 where not given. Beyond them mip levels average, and blur.
     shadows : {"maps", "rays"}
         ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by
         rays, as sharp as what throws them, for several times the work; things that throw shadows must be
@@ -126,6 +129,7 @@ class Simulator:
         rate_hz: float | None = None,
         samples: int = 4,
         antialias: Literal["samples", "edges"] = "samples",
+        texture_taps: int | None = None,
         shadows: Literal["maps", "rays"] = "maps",
         cameras: Sequence[str | EventCamera] | None = None,
         size: tuple[int, int] | None = None,
@@ -173,6 +177,7 @@ class Simulator:
             rate_hz=1000.0 if rate_hz is None else rate_hz,
             samples=_whole("samples", samples, 2**32),
             antialias=antialias,
+            texture_taps=texture_taps,
             shadows=shadows,
             cameras=names,
             size=_size(size),

@@ -138,6 +138,11 @@ pub(crate) struct RunArgs {
     #[arg(long, value_enum)]
     pub(crate) shadows: Option<ShadowsArg>,
 
+    /// Places at which a sample reads a texture, at most, along each side of its share of the pixel
+    /// [default: 2 up to 8 samples, 3 up to 15, then 4].
+    #[arg(long, value_name = "N", value_parser = texture_taps, allow_hyphen_values = true)]
+    pub(crate) texture_taps: Option<u32>,
+
     /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
     #[arg(long, value_name = "NAME|INDEX")]
     pub(crate) device: Option<String>,
@@ -954,6 +959,10 @@ fn whole(text: &str, low: u32, high: u32, example: u32) -> Result<u32, String> {
         .ok()
         .filter(|n| (low..=high).contains(n))
         .ok_or_else(|| format!("it must be a whole number from {low} to {high}, such as {example}"))
+}
+
+fn texture_taps(text: &str) -> Result<u32, String> {
+    whole(text, 1, 16, 4)
 }
 
 fn step_count(text: &str) -> Result<u32, String> {

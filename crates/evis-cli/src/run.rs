@@ -132,6 +132,7 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
     }
+    config.texture_taps = args.texture_taps;
     if let Some(shadows) = args.shadows {
         config.shadows = shadows.into();
     }

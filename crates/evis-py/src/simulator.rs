@@ -51,7 +51,7 @@ impl Simulator {
     #[new]
     #[pyo3(signature = (
         scene, *, threshold_on, threshold_off, log_eps, trigger, interpolation, method, splat, rate_hz, samples, antialias,
-        shadows, cameras, size, start_us, seed, labels, label_rate_hz, reference_luminance, device
+        texture_taps, shadows, cameras, size, start_us, seed, labels, label_rate_hz, reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
     fn new(
@@ -67,6 +67,7 @@ impl Simulator {
         rate_hz: f64,
         samples: u32,
         antialias: &str,
+        texture_taps: Option<u32>,
         shadows: &str,
         cameras: Vec<String>,
         size: Option<(u32, u32)>,
@@ -90,6 +91,7 @@ impl Simulator {
             rate_hz,
             samples,
             antialias: engine::antialias(antialias)?,
+            texture_taps,
             shadows: engine::shadows(shadows)?,
             cameras,
             size,

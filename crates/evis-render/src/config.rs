@@ -73,6 +73,9 @@ pub struct RunConfig {
     pub samples: u32,
     /// How they are taken.
     pub antialias: Antialias,
+    /// Places at which a sample reads a texture that light is proportional to, at most, along each side of its share of the
+    /// pixel, 1 to 16; beyond them mip levels average, and blur. `None` takes 2 up to 8 samples, 3 up to 15, then 4.
+    pub texture_taps: Option<u32>,
     /// How shadows are told from light.
     pub shadows: Shadows,
     /// Names of the cameras to render; empty for all.
@@ -99,6 +102,7 @@ impl Default for RunConfig {
             rate_hz: 1000.0,
             samples: 4,
             antialias: Antialias::Samples,
+            texture_taps: None,
             shadows: Shadows::Maps,
             cameras: Vec::new(),
             size: None,
@@ -121,6 +125,19 @@ impl RunConfig {
         SampleGrid::new(keyframe_hz, steps)
     }
 
+    /// [`RunConfig::texture_taps`], chosen where it is not given.
+    ///
+    /// Few samples leave edges rougher than coarse places leave textures, so finer ones are not worth their work. On the
+    /// built-in `warehouse` 2 instead of 4 take 0.57 of the time with 4 samples, and 0.89 with 16.
+    pub const fn taps(&self) -> u32 {
+        match (self.texture_taps, self.samples) {
+            (Some(taps), _) => taps,
+            (None, 0..=8) => 2,
+            (None, 9..=15) => 3,
+            (None, _) => 4,
+        }
+    }
+
     /// Checks every value that can be checked without a scene or a device.
     ///
     /// # Errors
@@ -134,6 +151,9 @@ impl RunConfig {
         TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
         if !(1..=256).contains(&self.samples) {
             return Err(ConfigError::new("samples", self.samples, "between 1 and 256"));
+        }
+        if let Some(taps) = self.texture_taps.filter(|taps| !(1..=16).contains(taps)) {
+            return Err(ConfigError::new("texture_taps", taps, "between 1 and 16"));
         }
         if let Some((width, height)) = self.size {
             for (what, value) in [("width", width), ("height", height)] {

@@ -73,9 +73,10 @@ impl Context {
         frame * self.gpu_scene.objects.len() as u32
     }
 
-    /// Offset of frame `frame` in its uniform buffer.
-    pub(crate) fn frame_offset(&self, frame: u32) -> u32 {
-        frame * raster::frame_stride(self.light_count) as u32
+    /// Offsets of frame `frame` in its uniform buffer, and of what `sample` stands for; none stands for the whole pixel.
+    pub(crate) fn frame_offsets(&self, frame: u32, sample: Option<u32>) -> [u32; 2] {
+        let share = sample.map_or(0, |sample| sample + 1);
+        [frame * raster::frame_stride(self.light_count) as u32, share * raster::UNIFORM_ALIGNMENT as u32]
     }
 
     /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
@@ -202,6 +203,9 @@ impl Engine {
         let edges = config.antialias == Antialias::Edges;
         let offsets = if edges { vec![[0.0, 0.0]] } else { crate::pattern::offsets(config.samples) };
         let samples = offsets.len() as u32;
+        // A picture that is moved by an offset is sampled at the opposite place.
+        let places: Vec<[f32; 2]> = offsets.iter().map(|o| o.map(|v| -v)).collect();
+        let shares = crate::pattern::shares(&places);
         let grid = config.sample_grid()?;
         let rendered = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
         // What the trigger averages, and how it comes to be.
@@ -222,6 +226,7 @@ impl Engine {
             shadow_rays: shadows.as_ref().is_some_and(|s| s.occluders.is_some()),
             environment: scene.environment.is_some(),
             samples,
+            texture_taps: config.taps(),
         };
         let sample_count = if edges { 4 } else { 1 };
         let luminance = raster::luminance_pipelines(
@@ -262,7 +267,7 @@ impl Engine {
             background_luminance: 0.2126 * r + 0.7152 * g + 0.0722 * b,
             shadows,
             frame_data: FrameData::default(),
-            frame_buffers: FrameBuffers::new(device, constants.lights.count),
+            frame_buffers: FrameBuffers::new(device, constants.lights.count, &shares),
             light_count: constants.lights.count,
             scene,
         };

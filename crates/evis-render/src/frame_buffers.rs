@@ -1,9 +1,12 @@
 //! Device buffers that a submission's [`FrameData`] goes into; they grow and never shrink.
 
+use wgpu::util::DeviceExt as _;
+
 use crate::frame::FrameData;
 use crate::gpu::Gpu;
 use crate::pass::raster::{self, FRAME_BINDINGS, SurfaceLayouts};
 use crate::pass::{self};
+use crate::pattern::Share;
 
 /// A buffer that grows to what is written into it.
 pub struct GrowingBuffer {
@@ -55,16 +58,28 @@ pub struct FrameBuffers {
     joints: GrowingBuffer,
     morph_weights: GrowingBuffer,
     occluders: GrowingBuffer,
+    /// [`Share`]s, [`raster::UNIFORM_ALIGNMENT`] apart: the whole pixel, then one per sample.
+    shares: wgpu::Buffer,
     frame_bytes: u64,
     group: Option<wgpu::BindGroup>,
 }
 
 impl FrameBuffers {
-    /// Empty ones, for frames of `light_count` lights.
-    pub fn new(device: &wgpu::Device, light_count: u32) -> Self {
+    /// Empty ones, for frames of `light_count` lights and samples with `shares`.
+    pub fn new(device: &wgpu::Device, light_count: u32, shares: &[Share]) -> Self {
         let storage = |label| GrowingBuffer::new(device, label, wgpu::BufferUsages::STORAGE);
         let instances = wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE;
+        let mut bytes = vec![0; (shares.len() + 1) * raster::UNIFORM_ALIGNMENT as usize];
+        let slots = bytes.chunks_exact_mut(raster::UNIFORM_ALIGNMENT as usize);
+        for (slot, share) in slots.zip(std::iter::once(&Share::WHOLE).chain(shares)) {
+            slot[..size_of::<Share>()].copy_from_slice(bytemuck::bytes_of(share));
+        }
         Self {
+            shares: device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some("shares"),
+                contents: &bytes,
+                usage: wgpu::BufferUsages::UNIFORM,
+            }),
             frames: GrowingBuffer::new(device, "frames", wgpu::BufferUsages::UNIFORM),
             instances: GrowingBuffer::new(device, "instances", instances),
             objects: storage("objects"),
@@ -106,6 +121,7 @@ impl FrameBuffers {
                     self.morph_weights.get().as_entire_binding(),
                     morph_data.as_entire_binding(),
                     self.occluders.get().as_entire_binding(),
+                    pass::part(&self.shares, 0, size_of::<Share>() as u64),
                 ];
                 pass::group(device, "frame", &layouts.frame, FRAME_BINDINGS, resources)
             }

@@ -9,7 +9,7 @@ use crate::pass::labels::{
     GEOMETRY_FORMATS, LABEL_BINDINGS, SKY_FLOW_BINDINGS, geometry_pipelines, label_layout, sky_flow_layout,
     targets,
 };
-use crate::pass::raster::{Pipelines, SceneConstants, SurfaceLayouts, UNIFORM_ALIGNMENT};
+use crate::pass::raster::{Pipelines, SceneConstants, SurfaceLayouts, UNIFORM_ALIGNMENT, WHOLE_PIXEL_TAPS};
 use crate::pass::{self, sky};
 use crate::uniforms::{LabelFrame, SkyFlow};
 use crate::view::View;
@@ -55,7 +55,7 @@ impl GeometryRoom {
         wanted: [bool; 3],
     ) -> Self {
         // One sample at the pixel's centre stands for a whole pixel.
-        let constants = SceneConstants { samples: 1, ..*constants };
+        let constants = SceneConstants { samples: 1, texture_taps: WHOLE_PIXEL_TAPS, ..*constants };
         let (label_layout, sky_layout) = (label_layout(device), sky_flow_layout(device));
         let variants = gpu_scene.variants().into_iter();
         let pipelines = geometry_pipelines(device, layouts, &label_layout, variants, &constants, wanted);
@@ -121,13 +121,14 @@ impl GeometryRoom {
         let drawing = Drawing {
             items: &context.frame_data.visible[what.frame as usize],
             frame: what.frame,
+            sample: None,
             first_record: context.object_base(what.frame),
         };
         let surroundings = Some(&context.surroundings);
         draw_surfaces(context, &mut pass, &self.pipelines, frame_group, surroundings, &drawing);
         if let Some(sky) = &self.sky {
             pass.set_pipeline(sky);
-            pass.set_bind_group(0, frame_group, &[context.frame_offset(what.frame)]);
+            pass.set_bind_group(0, frame_group, &context.frame_offsets(what.frame, None));
             pass.set_bind_group(1, &groups.sky, &[what.sky * UNIFORM_ALIGNMENT as u32]);
             pass.draw(0..3, 0..1);
         }

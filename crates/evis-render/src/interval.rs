@@ -243,7 +243,7 @@ pub fn encode_luminance(
     first_layer: u32,
 ) {
     let targets = layers.each.iter().skip(first_layer as usize);
-    for (offset, layer) in context.offsets.iter().zip(targets) {
+    for ((sample, offset), layer) in (0..).zip(&context.offsets).zip(targets) {
         let color = layers.multisampled.as_ref().unwrap_or(layer);
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("luminance"),
@@ -271,12 +271,13 @@ pub fn encode_luminance(
         let what = Drawing {
             items: &context.frame_data.visible[frame as usize],
             frame,
+            sample: Some(sample),
             first_record: context.object_base(frame),
         };
         draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);
         if let Some(sky) = &context.sky {
             pass.set_pipeline(sky);
-            pass.set_bind_group(0, frame_group, &[context.frame_offset(frame)]);
+            pass.set_bind_group(0, frame_group, &context.frame_offsets(frame, Some(sample)));
             pass.set_bind_group(2, &context.surroundings, &[]);
             pass.draw(0..3, 0..1);
         }
@@ -305,6 +306,8 @@ pub struct Drawing<'a> {
     pub items: &'a [DrawItem],
     /// Frame, for group 0.
     pub frame: u32,
+    /// Sample of the pixel that this draws; none for the whole of it.
+    pub sample: Option<u32>,
     /// Record of the first object.
     pub first_record: u32,
 }
@@ -326,7 +329,7 @@ pub fn draw_surfaces(
     }
     pass.set_vertex_buffer(INSTANCE_SLOT as u32, context.frame_buffers.instances.get().slice(..));
     pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-    pass.set_bind_group(0, frame_group, &[context.frame_offset(what.frame)]);
+    pass.set_bind_group(0, frame_group, &context.frame_offsets(what.frame, what.sample));
     if let Some(surroundings) = surroundings {
         pass.set_bind_group(2, surroundings, &[]);
     }

@@ -12,7 +12,7 @@ use crate::interval::{Drawing, Group, depth_attachment, draw_surfaces};
 use crate::pass::labels::{
     APPEARANCE_FORMATS, GEOMETRY_FORMATS, LabelTargets, appearance_pipelines, targets,
 };
-use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
+use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, WHOLE_PIXEL_TAPS};
 use crate::pass::sky;
 use crate::sizes::DeviceLimits;
 use crate::uniforms::LabelFrame as LabelUniform;
@@ -89,7 +89,7 @@ impl LabelRoom {
         };
         let variants = || gpu_scene.variants().into_iter();
         // A label is one sample at the pixel's centre: it stands for a whole pixel.
-        let constants = SceneConstants { samples: 1, ..*constants };
+        let constants = SceneConstants { samples: 1, texture_taps: WHOLE_PIXEL_TAPS, ..*constants };
         let geometry = wanted
             .any_geometry()
             .then(|| GeometryRoom::new(device, layouts, gpu_scene, &constants, wanted.geometry));
@@ -262,12 +262,13 @@ impl LabelRoom {
         let what = Drawing {
             items: &context.frame_data.visible[frame as usize],
             frame,
+            sample: None,
             first_record: context.object_base(frame),
         };
         draw_surfaces(context, &mut pass, &self.appearance, frame_group, Some(&context.surroundings), &what);
         if let Some(sky) = &self.sky_color {
             pass.set_pipeline(sky);
-            pass.set_bind_group(0, frame_group, &[context.frame_offset(frame)]);
+            pass.set_bind_group(0, frame_group, &context.frame_offsets(frame, None));
             pass.set_bind_group(2, &context.surroundings, &[]);
             pass.draw(0..3, 0..1);
         }

@@ -8,6 +8,8 @@
 
 use std::f64::consts::PI;
 
+use bytemuck::{Pod, Zeroable};
+
 /// Offsets from the pixel's centre, in pixels, each within (-0.5, 0.5); their mean is zero.
 pub fn offsets(n: u32) -> Vec<[f32; 2]> {
     let mut order: Vec<u32> = (0..n).collect();
@@ -32,6 +34,45 @@ pub fn offsets(n: u32) -> Vec<[f32; 2]> {
         .map(|(i, &k)| [center(i, n as usize), center(k as usize, n as usize)])
         .map(|o| o.map(|v| v as f32))
         .collect()
+}
+
+/// The part of a pixel's area by which a sample reads textures. `Share` in `common/frame.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Share {
+    /// From the sample to the share's middle, in pixels.
+    pub shift: [f32; 2],
+    /// Width and height, in pixels.
+    pub size: [f32; 2],
+}
+
+impl Share {
+    /// The whole pixel, for a sample at its middle.
+    pub const WHOLE: Self = Self { shift: [0.0; 2], size: [1.0; 2] };
+}
+
+/// Divides the pixel among samples at `places`, from its centre: a grid of equal cells that tile it, one for each.
+///
+/// What light is proportional to is averaged over the cell, not around the sample: so the samples of a pixel read all of
+/// its area, and every part of it once. The cells are the columns into which samples fall by their x, as many as rows.
+pub fn shares(places: &[[f32; 2]]) -> Vec<Share> {
+    let n = places.len();
+    let rows = (1..=n).rev().find(|r| n.is_multiple_of(*r) && r * r <= n).unwrap_or(1);
+    let columns = n / rows;
+    let mut by_x: Vec<usize> = (0..n).collect();
+    by_x.sort_by(|&a, &b| places[a][0].total_cmp(&places[b][0]));
+    let mut shares = vec![Share::WHOLE; n];
+    for (column, members) in by_x.chunks_exact_mut(rows).enumerate() {
+        members.sort_by(|&a, &b| places[a][1].total_cmp(&places[b][1]));
+        for (row, &i) in members.iter().enumerate() {
+            let middle = [center(column, columns), center(row, rows)];
+            shares[i] = Share {
+                shift: [0, 1].map(|axis| (middle[axis] - f64::from(places[i][axis])) as f32),
+                size: [1.0 / columns as f32, 1.0 / rows as f32],
+            };
+        }
+    }
+    shares
 }
 
 /// Centre of cell `i` of `n`, from the pixel's centre.
@@ -152,6 +193,30 @@ mod tests {
             }
             assert!(offsets.iter().flatten().all(|o| o.abs() < 0.5));
         }
+    }
+
+    #[test]
+    fn shares_tile_the_pixel() {
+        for n in 1..=64 {
+            let places = offsets(n);
+            let shares = shares(&places);
+            let area: f64 = shares.iter().map(|s| f64::from(s.size[0] * s.size[1])).sum();
+            assert!((area - 1.0).abs() < 1e-6, "n {n}: {area}");
+            // Every point of a fine grid lies in one of them, and samples are not far from theirs.
+            for at in (0..4096).map(|k| [center(k % 64, 64), center(k / 64, 64)]) {
+                let inside = |(place, share): &(&[f32; 2], &Share)| {
+                    (0..2).all(|axis| {
+                        let middle = f64::from(place[axis] + share.shift[axis]);
+                        let from = at[axis] - middle;
+                        let half = 0.5 * f64::from(share.size[axis]);
+                        (-half - 1e-6..half - 1e-6).contains(&from)
+                    })
+                };
+                assert_eq!(places.iter().zip(&shares).filter(inside).count(), 1, "n {n}: {at:?}");
+            }
+            assert!(shares.iter().all(|s| s.shift[0].abs() <= 0.5 * s.size[0]), "n {n}");
+        }
+        assert_eq!(shares(&offsets(1)), [Share::WHOLE]);
     }
 
     #[test]

@@ -201,6 +201,7 @@ impl ShadowRoom {
             shadow_rays: occluders.is_some(),
             environment: false,
             samples: 1,
+            texture_taps: 1,
         };
         let pipelines = shadow_map::pipelines(device, layouts, gpu_scene.variants().into_iter(), &constants);
         Ok(Some(Self {
@@ -284,7 +285,7 @@ impl ShadowRoom {
             depth_stencil_attachment: Some(attachment),
             ..Default::default()
         });
-        let what = Drawing { items, frame: 0, first_record: first };
+        let what = Drawing { items, frame: 0, sample: None, first_record: first };
         draw_surfaces(context, &mut pass, &self.pipelines, frame_group, None, &what);
     }
 }

@@ -716,18 +716,19 @@ fn a_sample_s_share_of_a_texture_is_its_mean() {
             .map(|i| (raster.radiance_at(&camera(), [10.0 + 0.17 * f64::from(i), 12.3]).x - 0.5).abs())
             .fold(0.0, f64::max)
     };
+    let averaged = |side: f64| TextureFilter::Averaged { shift: [0.0; 2], size: [side; 2], taps: 4.0 };
     // A quarter of a pixel is 1.28 texels, read at two places 0.64 texels apart: around a stripe's middle, where the
     // bilinear stripes are a triangle wave of slope 1, both are 0.32 below its height of 0.5.
-    let (base, mean) = (worst(TextureFilter::BaseLevel), worst(TextureFilter::Averaged { samples: 16.0 }));
+    let (base, mean) = (worst(TextureFilter::BaseLevel), worst(averaged(0.25)));
     assert!(base > 0.45, "canary: stripes are seen where nothing is averaged: {base}");
     assert!((mean - 0.18).abs() < 0.01, "{mean}");
     // Of the whole pixel, four places 1.28 texels apart leave the rest to the mip levels.
-    assert!(worst(TextureFilter::Averaged { samples: 1.0 }) < 0.4);
+    assert!(worst(averaged(1.0)) < 0.4);
     let magnified = |filter| {
         let options = Options { filter, shadows: false, ..Options::default() };
         let camera = Pinhole { focal: [1000.0; 2], ..camera() };
         RayCaster::new(&scene, &state, &textures, options).radiance_at(&camera, [16.3, 12.3]).x
     };
     let exact = magnified(TextureFilter::BaseLevel);
-    assert!((magnified(TextureFilter::Averaged { samples: 4.0 }) - exact).abs() < 1e-12);
+    assert!((magnified(averaged(0.5)) - exact).abs() < 1e-12);
 }

@@ -36,6 +36,16 @@ struct Light {
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 
+// The part of a pixel's area by which the sample being drawn reads textures. Twin: pattern.rs, Share.
+struct Share {
+    // From the sample to its middle, in pixels.
+    shift: vec2<f32>,
+    // Width and height, in pixels.
+    size: vec2<f32>,
+};
+
+@group(0) @binding(6) var<uniform> share: Share;
+
 fn camera_position() -> vec3<f32> {
     return vec3<f32>(
         frame.world_from_camera_right.w, frame.world_from_camera_up.w, frame.world_from_camera_back.w);

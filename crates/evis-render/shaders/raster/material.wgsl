@@ -18,12 +18,10 @@ override HAS_EMISSIVE_TEXTURE: bool = false;
 override ALPHA_MASK: bool = false;
 // Whether any texture is read elsewhere than at the first uv set as it is.
 override UV_TRANSFORM: bool = true;
-// Into as many shares a pixel's footprint is divided: one for each sample.
-override TEXTURE_SHARES: f32 = 1.0;
 // Smaller shares, by which a sample reads a texture at one place; see texture_samples() in pass/raster.rs.
 override TEXTURE_SAMPLES: f32 = 1.0;
 // Places at which a sample reads such a texture, at most, along each side of its share.
-override TEXTURE_TAPS: f32 = 4.0;
+override TEXTURE_TAPS: f32 = 2.0;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var base_texture: texture_2d<f32>;
@@ -75,13 +73,18 @@ struct Taps {
 
 // Twin: evis_truth::rays::texture, taps().
 fn texture_taps(uv: vec2<f32>, size: vec2<u32>) -> Taps {
-    let share = inverseSqrt(TEXTURE_SHARES);
-    let dx = dpdxFine(uv) * share;
-    let dy = dpdyFine(uv) * share;
+    let pixel_x = dpdxFine(uv);
+    let pixel_y = dpdyFine(uv);
+    let dx = pixel_x * share.size.x;
+    let dy = pixel_y * share.size.y;
     let texels = vec2<f32>(length(dx * vec2<f32>(size)), length(dy * vec2<f32>(size)));
     let count = clamp(ceil(texels), vec2<f32>(1.0), vec2<f32>(TEXTURE_TAPS));
     let apart = texels / count;
-    let first = uv - 0.5 * (dx + dy) + 0.5 * (dx / count.x + dy / count.y);
+    // Where texels are larger than shares, light changes evenly over them: then samples, no two of which lie in one row or
+    // column, tell the pixel's mean better than a grid of as many.
+    let fine = clamp(2.0 * max(texels.x, texels.y) - 1.0, 0.0, 1.0);
+    let middle = uv + fine * (pixel_x * share.shift.x + pixel_y * share.shift.y);
+    let first = middle - 0.5 * (dx + dy) + 0.5 * (dx / count.x + dy / count.y);
     // Off 0, where log2 is not defined: magnified beyond any level.
     let level = log2(max(max(apart.x, apart.y), 1e-12));
     return Taps(first, dx / count.x, dy / count.y, u32(count.x), u32(count.y), level);

@@ -28,7 +28,7 @@ pub const fn frame_stride(light_count: u32) -> u64 {
     frame_bytes(light_count).next_multiple_of(UNIFORM_ALIGNMENT)
 }
 
-/// Group 0: one view at one instant, and what its vertices need.
+/// Group 0: one view at one instant, what its vertices need, and the share of a pixel that the sample stands for.
 pub const FRAME_BINDINGS: &[Binding] = &[
     bind(0, "frame", Access::DynamicUniform),
     bind(1, "objects", Access::Read),
@@ -36,6 +36,7 @@ pub const FRAME_BINDINGS: &[Binding] = &[
     bind(3, "morph_weights", Access::Read),
     bind(4, "morph_data", Access::Read),
     bind(5, "occluders", Access::Read),
+    bind(6, "share", Access::DynamicUniform),
 ];
 
 /// Group 1: a material.
@@ -95,6 +96,9 @@ pub const fn texture_samples(samples: u32) -> u32 {
     if samples > 1 { 2 * samples } else { 1 }
 }
 
+/// Places per side at which a texture is read for a whole pixel, by labels.
+pub const WHOLE_PIXEL_TAPS: u32 = 4;
+
 /// What the scene, not the material, decides.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneConstants {
@@ -108,6 +112,8 @@ pub struct SceneConstants {
     pub environment: bool,
     /// Samples per pixel at which surfaces are shaded.
     pub samples: u32,
+    /// Places per side of a sample's share at which it reads textures, at most.
+    pub texture_taps: u32,
 }
 
 /// Everything that a surface pipeline is built from.
@@ -150,7 +156,7 @@ pub fn surface_pipeline(
         ("ALPHA_MASK", flag(variant.mask)),
         ("UV_TRANSFORM", flag(variant.uv_transform)),
         ("TEXTURE_SAMPLES", f64::from(texture_samples(scene.samples))),
-        ("TEXTURE_SHARES", f64::from(scene.samples)),
+        ("TEXTURE_TAPS", f64::from(scene.texture_taps)),
         ("SHADING_MODEL", f64::from(variant.model)),
         ("SHADOWS", flag(scene.shadows && variant.lit())),
         ("SHADOW_RAYS", flag(scene.shadow_rays)),

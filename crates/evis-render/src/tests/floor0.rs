@@ -277,6 +277,7 @@ fn host_and_shader_structs_have_one_layout() {
         "OccluderRecord",
         uniforms::OccluderRecord { object_row_0, object_row_1, object_row_2, root, pad_0, pad_1, pad_2 }
     );
+    same_layout!("raster/luminance.wgsl", "Share", crate::pattern::Share { shift, size });
     same_layout!(
         "labels/geometry.wgsl",
         "LabelFrame",

@@ -12,6 +12,8 @@ use glam::DVec3;
 
 use super::raster_scenes::{self as scenes, HEIGHT, WIDTH};
 use crate::config::{Antialias, RunConfig, Shadows};
+use crate::pass::raster::WHOLE_PIXEL_TAPS;
+use crate::pattern::Share;
 
 use crate::engine::Engine;
 use crate::gpu::Gpu;
@@ -100,7 +102,8 @@ fn changes<T: PartialEq>(at: [f64; 2], reach: f64, see: impl Fn([f64; 2]) -> T) 
 
 /// The twin's side of a comparison: a scene at one instant, and which of its pixels can be told exactly.
 struct Twin<'a> {
-    raster: RayCaster<'a>,
+    /// One per sample: each reads textures by its own share of the pixel.
+    samples: Vec<RayCaster<'a>>,
     /// Textures read at their base level, and half a level deeper than the device should.
     base: RayCaster<'a>,
     deeper: RayCaster<'a>,
@@ -112,26 +115,36 @@ impl<'a> Twin<'a> {
         scene: &'a Scene,
         state: &SceneState,
         textures: &'a Textures,
-        samples: f64,
+        (shares, taps): (&[Share], u32),
         shadows: bool,
     ) -> Self {
         let with = |filter| {
             RayCaster::new(scene, state, textures, Options { filter, shadows, ..Options::default() })
         };
         Self {
-            raster: with(TextureFilter::Averaged { samples }),
+            samples: shares.iter().map(|share| with(averaged(share, 1.0, taps))).collect(),
             base: with(TextureFilter::BaseLevel),
-            deeper: with(TextureFilter::Averaged { samples: 0.25 * samples }),
+            deeper: with(averaged(&Share { shift: [0.0; 2], ..shares[0] }, 2.0, taps)),
             camera: pinhole(scene, state),
         }
+    }
+
+    /// Mean over samples at `offsets`.
+    fn luminance(&self, offsets: &[[f64; 2]]) -> Vec<f64> {
+        let mut sum = vec![0.0; (WIDTH * HEIGHT) as usize];
+        for (raster, offset) in self.samples.iter().zip(offsets) {
+            let sample = raster.luminance(&self.camera, &[*offset]);
+            sum.iter_mut().zip(sample).for_each(|(sum, y)| *sum += y / offsets.len() as f64);
+        }
+        sum
     }
 
     /// Pixels of which some sample lies near an edge, or reads a texture below its base level: which level exactly
     /// is the driver's own (Vulkan and WebGPU leave the precision of derivatives open).
     fn band(&self, offsets: &[[f64; 2]], case: &Case) -> Vec<bool> {
         let camera = &self.camera;
-        let triangle = |p: [f64; 2]| self.raster.hit_at(camera, p).map(|hit| hit.triangle);
-        let dark = |p: [f64; 2]| self.raster.radiance_at(camera, p) == DVec3::ZERO;
+        let triangle = |p: [f64; 2]| self.base.hit_at(camera, p).map(|hit| hit.triangle);
+        let dark = |p: [f64; 2]| self.base.radiance_at(camera, p) == DVec3::ZERO;
         centers()
             .map(|c| {
                 offsets.iter().any(|o| {
@@ -145,6 +158,18 @@ impl<'a> Twin<'a> {
             .collect()
     }
 }
+
+/// What the engine shows by a sample that stands for `share`, made larger.
+fn averaged(share: &Share, larger: f64, taps: u32) -> TextureFilter {
+    TextureFilter::Averaged {
+        shift: share.shift.map(f64::from),
+        size: share.size.map(|side| f64::from(side) * larger),
+        taps: f64::from(taps),
+    }
+}
+
+/// Not what is chosen for these samples, so that the setting is seen to reach the shader.
+const TAPS: u32 = 3;
 
 #[derive(Debug, Default)]
 struct Comparison {
@@ -199,12 +224,14 @@ fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig) -> Engine {
 /// The twin's luminance of `scene` against `image`.
 fn compare(scene: &Scene, image: &[f64], offsets: &[[f64; 2]], case: &Case) -> Comparison {
     let (state, textures) = (state_at(scene, case.t_us), Textures::new(scene));
-    let samples = match case.antialias {
-        Antialias::Samples => offsets.len() as f64,
-        Antialias::Edges => 1.0,
+    let shares = match case.antialias {
+        Antialias::Samples => {
+            crate::pattern::shares(&offsets.iter().map(|o| o.map(|v| v as f32)).collect::<Vec<_>>())
+        }
+        Antialias::Edges => vec![Share::WHOLE; offsets.len()],
     };
-    let twin = Twin::new(scene, &state, &textures, samples, case.shadow_reach.is_some());
-    let expected = twin.raster.luminance(&twin.camera, offsets);
+    let twin = Twin::new(scene, &state, &textures, (&shares, TAPS), case.shadow_reach.is_some());
+    let expected = twin.luminance(offsets);
     let mean = expected.iter().sum::<f64>() / expected.len() as f64;
     let mut out = Comparison::default();
     for (pixel, near) in twin.band(offsets, case).into_iter().enumerate() {
@@ -224,6 +251,7 @@ fn check(name: &str, case: Case) {
     let mut config = RunConfig {
         samples: 4,
         antialias: case.antialias,
+        texture_taps: Some(TAPS),
         shadows: case.shadows,
         reference_luminance: Some(1.0),
         ..RunConfig::default()
@@ -387,8 +415,8 @@ fn compare_labels(scene: &Scene, flow_scene: &Scene, labels: &[LabelFrame], t_us
         (pinhole(scene, &state), state)
     };
     let (camera, state) = at(scene, t_us);
-    let twin = Twin::new(scene, &state, &textures, 1.0, false);
-    let raster = &twin.raster;
+    let twin = Twin::new(scene, &state, &textures, (&[Share::WHOLE], WHOLE_PIXEL_TAPS), false);
+    let raster = &twin.samples[0];
     let expected = raster.labels(&camera);
     let color = raster.color(&camera, &[[0.0; 2]]);
     let mean = color.iter().map(|c| c.element_sum() / 3.0).sum::<f64>() / color.len() as f64;

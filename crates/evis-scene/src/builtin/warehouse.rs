@@ -388,7 +388,9 @@ fn thrown(scene: &mut SceneBuilder, goods: &Goods, dice: &mut Dice) -> Result<()
         };
         // From the edge of a board on one side across the aisle.
         let side = if i % 2 == 0 { -1.0 } else { 1.0 };
-        let z = dice.between(-5.5, -0.8);
+        // Each waits at a place of its own.
+        let place = [3.0, 0.0, 4.0, 1.0, 5.0, 2.0][i as usize / 2];
+        let z = -5.5 + 0.78 * place + dice.between(0.0, 0.36);
         let start = Trs { translation: DVec3::new(side * 3.35, 1.95, z), ..Trs::default() };
         let velocity =
             DVec3::new(-side * dice.between(3.4, 5.2), dice.between(2.4, 4.6), dice.between(-0.8, 1.2));

@@ -15,11 +15,15 @@ pub enum TextureFilter {
         /// How many samples share a pixel.
         samples: f64,
     },
-    /// What the engine shows with n samples per pixel: of what light is proportional to, the mean over a grid of places on
-    /// the sample's share of the pixel; of everything else, and where holes are cut, [`TextureFilter::at_a_place`].
+    /// What the engine shows by a sample that stands for a part of the pixel: of what light is proportional to, the mean
+    /// over a grid of places on that part; of everything else, and where holes are cut, [`TextureFilter::at_a_place`].
     Averaged {
-        /// How many samples share a pixel.
-        samples: f64,
+        /// From the sample to the part's middle, in pixels.
+        shift: [f64; 2],
+        /// Its width and height, in pixels.
+        size: [f64; 2],
+        /// Places along each side, at most.
+        taps: f64,
     },
 }
 
@@ -28,15 +32,12 @@ impl TextureFilter {
     /// trilinear filter reaches over it.
     pub fn at_a_place(self) -> Self {
         match self {
-            Self::Averaged { samples } if samples > 1.0 => Self::Mipmapped { samples: 2.0 * samples },
-            Self::Averaged { .. } => Self::Mipmapped { samples: 1.0 },
+            Self::Averaged { size: [1.0, 1.0], .. } => Self::Mipmapped { samples: 1.0 },
+            Self::Averaged { size, .. } => Self::Mipmapped { samples: 2.0 / (size[0] * size[1]) },
             other => other,
         }
     }
 }
-
-/// Places at which the engine reads a texture, at most, along each side of a sample's share.
-const TAPS: f64 = 4.0;
 
 /// The images of a scene, decoded, with their mip levels.
 #[derive(Clone, Debug, Default)]
@@ -80,16 +81,19 @@ impl Textures {
                 let longer = dx.length_squared().max(dy.length_squared());
                 trilinear(chain, texture, uv, 0.5 * (area / samples).max(longer / (samples * samples)).log2())
             }
-            TextureFilter::Averaged { samples } => {
-                let share = footprint.map(|d| d / samples.sqrt());
+            TextureFilter::Averaged { shift, size: part, taps } => {
+                let share = [footprint[0] * part[0], footprint[1] * part[1]];
                 let texels = share.map(|d| (d * size).length());
-                let count = texels.map(|t| t.ceil().clamp(1.0, TAPS));
+                let fine = (2.0 * texels[0].max(texels[1]) - 1.0).clamp(0.0, 1.0);
+                let middle = uv + fine * (footprint[0] * shift[0] + footprint[1] * shift[1]);
+                let count = texels.map(|t| t.ceil().clamp(1.0, taps));
                 let level = (texels[0] / count[0]).max(texels[1] / count[1]).log2();
                 let place = |i: usize, n: f64| (i as f64 + 0.5) / n - 0.5;
                 let mut sum = DVec4::ZERO;
                 for row in 0..count[1] as usize {
                     for column in 0..count[0] as usize {
-                        let at = uv + share[0] * place(column, count[0]) + share[1] * place(row, count[1]);
+                        let at =
+                            middle + share[0] * place(column, count[0]) + share[1] * place(row, count[1]);
                         sum += trilinear(chain, texture, at, level);
                     }
                 }
