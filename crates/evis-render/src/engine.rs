@@ -18,7 +18,7 @@ use crate::gpu_scene::GpuScene;
 use crate::grid::SampleGrid;
 use crate::interval::{self, Group, Slot, Unit};
 use crate::labels::{LabelJob, LabelRoom};
-use crate::method::Sampling;
+use crate::method::{NativeRoom, Sampling};
 use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
@@ -60,6 +60,8 @@ pub struct Context {
     pub(crate) shadows: Option<ShadowRoom>,
     pub(crate) frame_data: FrameData,
     pub(crate) frame_buffers: FrameBuffers,
+    /// Whether what is as it was at the instant before is copied, not drawn; a test compares both.
+    pub(crate) skips_still: bool,
 }
 
 impl Context {
@@ -81,7 +83,18 @@ impl Context {
 
     /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
     pub(crate) fn upload_frames(&mut self, views: &[View], times_us: &[i64]) -> wgpu::BindGroup {
-        self.upload_frames_as(views, times_us, false)
+        self.upload(views, times_us, false, None)
+    }
+
+    /// The same for the instants from `first` on of the group whose first view is `group`, and what changes from each to
+    /// the next.
+    pub(crate) fn upload_watched(
+        &mut self,
+        views: &[View],
+        times_us: &[i64],
+        (group, first): (usize, i64),
+    ) -> wgpu::BindGroup {
+        self.upload(views, times_us, false, Some((group, first)))
     }
 
     /// The same, with the numbers of records in place of the ids of objects where `record_ids`.
@@ -90,6 +103,16 @@ impl Context {
         views: &[View],
         times_us: &[i64],
         record_ids: bool,
+    ) -> wgpu::BindGroup {
+        self.upload(views, times_us, record_ids, None)
+    }
+
+    fn upload(
+        &mut self,
+        views: &[View],
+        times_us: &[i64],
+        record_ids: bool,
+        watch: Option<(usize, i64)>,
     ) -> wgpu::BindGroup {
         let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
         let plan = self.shadows.as_ref().map(|s| &s.plan);
@@ -102,6 +125,7 @@ impl Context {
             occluders,
             record_ids,
             shadow_maps: moving,
+            watch,
         };
         self.frame_data.build(&self.scene, &self.gpu_scene, &request);
         self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
@@ -267,6 +291,7 @@ impl Engine {
             background_luminance: 0.2126 * r + 0.7152 * g + 0.0722 * b,
             shadows,
             frame_data: FrameData::default(),
+            skips_still: true,
             frame_buffers: FrameBuffers::new(device, constants.lights.count, &shares),
             light_count: constants.lights.count,
             scene,
@@ -274,7 +299,7 @@ impl Engine {
         crate::shadow::draw_still_maps(&mut context);
 
         let mut sampling = match &config.method {
-            Method::Native => Sampling::Native,
+            Method::Native => Sampling::Native(NativeRoom::default()),
             Method::Splat(splat) => Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat))),
         };
         let sizes = classes(&context.views);
@@ -410,7 +435,7 @@ impl Engine {
     pub fn splat_store(&self) -> Option<&splat::Store> {
         match &self.sampling {
             Sampling::Splat(room) => room.store(0),
-            Sampling::Native => None,
+            Sampling::Native(_) => None,
         }
     }
 
@@ -820,7 +845,7 @@ fn mean_luminance(
     let device = &context.gpu.device;
     let mut encoder = device.create_command_encoder(&Default::default());
     context.encode_moving_shadows(&mut encoder, &frame_group, &view, 1, 0);
-    interval::encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0);
+    interval::encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0, None);
     let samples = context.offsets.len();
     let read = read_layers(context, encoder, layers, samples as u32)?;
     let pixels = layers.width as usize * layers.height as usize;

@@ -7,6 +7,7 @@ use crate::gpu_scene::{DrawItem, GpuScene, Object};
 use crate::occluders::{self, Occluders};
 use crate::pass::raster::frame_stride;
 use crate::shadow::{LightView, ShadowPlan};
+use crate::still::{Change, Lamp, Moment, StillWatch};
 use crate::uniforms::{Frame, InstanceRecord, LightRecord, ObjectRecord, OccluderRecord};
 use crate::variant::light_kind;
 use crate::view::{PixelLens, View};
@@ -28,6 +29,10 @@ pub struct FrameData {
     pub occluders: Vec<OccluderRecord>,
     /// Per frame: what is in view, nearest first.
     pub visible: Vec<Vec<DrawItem>>,
+    /// Per frame: what must be drawn of it, where that was asked for.
+    pub changes: Vec<Change>,
+    /// Compares instants.
+    pub watch: StillWatch,
     state: SceneState,
     joint_scratch: Vec<DMat4>,
 }
@@ -46,6 +51,8 @@ pub struct FrameRequest<'a> {
     pub record_ids: bool,
     /// Whether records that draw shadow maps are made too, of every environment, instant and light.
     pub shadow_maps: bool,
+    /// Whether to tell what changes from instant to instant: the group's first view, and the first instant.
+    pub watch: Option<(usize, i64)>,
 }
 
 impl FrameData {
@@ -66,6 +73,11 @@ impl FrameData {
         self.morph_weights.clear();
         self.occluders.clear();
         self.visible.resize_with(frame_count, Vec::new);
+        self.changes.clear();
+        if let Some((group, first)) = request.watch {
+            self.changes.resize_with(frame_count, Change::default);
+            self.watch.begin(group, views.len(), first);
+        }
 
         let mut state = std::mem::take(&mut self.state);
         let mut first = 0;
@@ -79,7 +91,21 @@ impl FrameData {
                 for (v, view) in views[first..end].iter().enumerate() {
                     let index = (first + v) * times + k;
                     let bytes = index * stride..(index + 1) * stride;
-                    self.write_view(scene, gpu_scene, &state, view, index, bytes, &shared);
+                    let camera_from_world =
+                        self.write_view(scene, gpu_scene, &state, view, index, bytes.clone(), &shared);
+                    if request.watch.is_some() {
+                        let moment = Moment {
+                            view: first + v,
+                            lens: &view.lens,
+                            camera_from_world: &camera_from_world,
+                            frame: &self.frames[bytes],
+                            world: &shared.world,
+                            records: &shared.records,
+                            visible: &self.visible[index],
+                            lamps: &shared.lamps,
+                        };
+                        self.changes[index] = self.watch.compare(gpu_scene, k, &moment);
+                    }
                 }
             }
             first = end;
@@ -147,7 +173,11 @@ impl FrameData {
             ShadowRays { root: occluders.still_root(environment), first, count: occluders.moving_count() }
         });
         let shadow_layer_base = (environment * light_views.len()) as u32;
-        Shared { lights, world, records, shadow_layer_base, rays }
+        let lamps = request.shadows.map_or(Vec::new(), |plan| {
+            let nodes = plan.nodes.iter().zip(&light_views);
+            nodes.filter_map(|(&node, view)| Lamp::new(scene, state, node, view)).collect()
+        });
+        Shared { lights, lamps, world, records, shadow_layer_base, rays }
     }
 
     #[expect(
@@ -163,7 +193,7 @@ impl FrameData {
         index: usize,
         bytes: std::ops::Range<usize>,
         shared: &Shared,
-    ) {
+    ) -> DMat4 {
         let world_from_camera = rigid(&state.world_from_node[view.node]);
         let camera_from_world = world_from_camera.inverse();
         let clip_from_world = view.lens.clip_from_camera() * camera_from_world;
@@ -179,11 +209,14 @@ impl FrameData {
             *slot = instance_record(world, &(clip_from_world * *world));
         }
         visible_items(gpu_scene, &view.lens, &camera_from_world, &shared.world, &mut self.visible[index]);
+        camera_from_world
     }
 }
 
 struct Shared {
     lights: Vec<LightRecord>,
+    /// Of the lights that throw shadows.
+    lamps: Vec<Lamp>,
     /// Per object.
     world: Vec<DMat4>,
     records: Vec<ObjectRecord>,

@@ -56,6 +56,8 @@ pub struct Object {
     pub semantic_id: u32,
     /// Centre and radius of a sphere around its vertices, in the node's frame; `None` where it deforms.
     pub bounds: Option<(DVec3, f64)>,
+    /// Least and greatest coordinates of its vertices, in the node's frame; `None` where it deforms.
+    pub extent: Option<(DVec3, DVec3)>,
     /// Whether it ever moves or deforms.
     pub moving: bool,
 }
@@ -318,14 +320,16 @@ fn draw_list(scene: &Scene, state: &SceneState, geometry: &Geometry) -> (Vec<Dra
         let place = &geometry.places[mesh][primitive];
         let node = &scene.nodes[node_index];
         let record = objects.len() as u32;
+        let positions = &scene.meshes[mesh].primitives[primitive].positions;
+        let extent = (!variant.skinned && !variant.morphed).then(|| extent(positions));
         objects.push(Object {
             node: node_index,
             primitive,
             material,
             skin: node.skin.filter(|_| variant.skinned),
             morph: place.morph,
-            bounds: (!variant.skinned && !variant.morphed)
-                .then(|| bounding_sphere(&scene.meshes[mesh].primitives[primitive].positions)),
+            bounds: extent.map(|extent| bounding_sphere(positions, extent)),
+            extent,
             moving: node.skin.is_some() || node.morph.is_some() || moves(scene, node_index),
             instance_id: node.instance_id,
             semantic_id: node.semantic_id,
@@ -359,12 +363,15 @@ pub fn moves(scene: &Scene, mut node: usize) -> bool {
 }
 
 /// Centre and radius of a sphere around `points`: of their box, which is near enough for culling.
-fn bounding_sphere(points: &[[f32; 3]]) -> (DVec3, f64) {
+fn extent(points: &[[f32; 3]]) -> (DVec3, DVec3) {
     let points = || points.iter().map(|&p| Vec3::from(p).as_dvec3());
-    let low = points().fold(DVec3::INFINITY, DVec3::min);
-    let high = points().fold(DVec3::NEG_INFINITY, DVec3::max);
+    (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max))
+}
+
+fn bounding_sphere(points: &[[f32; 3]], (low, high): (DVec3, DVec3)) -> (DVec3, f64) {
     let center = (low + high) / 2.0;
-    (center, points().map(|p| p.distance(center)).fold(0.0, f64::max))
+    let distances = points.iter().map(|&p| Vec3::from(p).as_dvec3().distance(center));
+    (center, distances.fold(0.0, f64::max))
 }
 
 fn upload_materials(

@@ -11,6 +11,7 @@ use crate::pass::trigger::{
 };
 use crate::pass::{self};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
+use crate::still::Rect;
 use crate::targets::{Layers, Targets};
 use crate::uniforms::{BlockParams, PixelMemory, ScanParams, Status, TriggerParams, ViewSensor};
 use crate::variant::INSTANCE_SLOT;
@@ -233,7 +234,27 @@ pub fn encode(
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, group.header_bytes(), bytes);
 }
 
-/// Renders `frame`, sample by sample, into the layers from `first_layer` on.
+/// Copies `rect` of layers, from one texture's first to the other's: `count` of them.
+pub fn copy_layers(
+    encoder: &mut wgpu::CommandEncoder,
+    from: (&wgpu::Texture, u32),
+    to: (&wgpu::Texture, u32),
+    count: u32,
+    rect: Rect,
+) {
+    let place = |(texture, layer): (_, u32)| wgpu::TexelCopyTextureInfo {
+        texture,
+        mip_level: 0,
+        origin: wgpu::Origin3d { x: rect.low[0], y: rect.low[1], z: layer },
+        aspect: wgpu::TextureAspect::All,
+    };
+    let [width, height] = rect.size();
+    let size = wgpu::Extent3d { width, height, depth_or_array_layers: count };
+    encoder.copy_texture_to_texture(place(from), place(to), size);
+}
+
+/// Renders `frame`, or `parts` of it, sample by sample, into the layers from `first_layer` on; what lies outside of the
+/// parts is left as cleared.
 pub fn encode_luminance(
     context: &Context,
     encoder: &mut wgpu::CommandEncoder,
@@ -241,7 +262,9 @@ pub fn encode_luminance(
     frame_group: &wgpu::BindGroup,
     frame: u32,
     first_layer: u32,
+    parts: Option<&[(Rect, Vec<DrawItem>)]>,
 ) {
+    let visible = &context.frame_data.visible[frame as usize];
     let targets = layers.each.iter().skip(first_layer as usize);
     for ((sample, offset), layer) in (0..).zip(&context.offsets).zip(targets) {
         let color = layers.multisampled.as_ref().unwrap_or(layer);
@@ -267,19 +290,22 @@ pub fn encode_luminance(
         // A shifted viewport samples the pixel elsewhere: no second set of matrices.
         let (width, height) = (layers.width as f32, layers.height as f32);
         pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
-        let surroundings = Some(&context.surroundings);
-        let what = Drawing {
-            items: &context.frame_data.visible[frame as usize],
-            frame,
-            sample: Some(sample),
-            first_record: context.object_base(frame),
-        };
-        draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);
-        if let Some(sky) = &context.sky {
-            pass.set_pipeline(sky);
-            pass.set_bind_group(0, frame_group, &context.frame_offsets(frame, Some(sample)));
-            pass.set_bind_group(2, &context.surroundings, &[]);
-            pass.draw(0..3, 0..1);
+        let whole = [(Rect { low: [0, 0], high: [layers.width, layers.height] }, &visible[..])];
+        let some =
+            parts.map(|parts| parts.iter().map(|(rect, items)| (*rect, &items[..])).collect::<Vec<_>>());
+        for (rect, items) in some.as_deref().unwrap_or(&whole) {
+            let [width, height] = rect.size();
+            pass.set_scissor_rect(rect.low[0], rect.low[1], width, height);
+            let what =
+                Drawing { items, frame, sample: Some(sample), first_record: context.object_base(frame) };
+            let surroundings = Some(&context.surroundings);
+            draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);
+            if let Some(sky) = &context.sky {
+                pass.set_pipeline(sky);
+                pass.set_bind_group(0, frame_group, &context.frame_offsets(frame, Some(sample)));
+                pass.set_bind_group(2, &context.surroundings, &[]);
+                pass.draw(0..3, 0..1);
+            }
         }
         drop(pass);
         if let Some(samples) = &layers.multisampled {

@@ -232,7 +232,7 @@ impl KeyframeFrames {
         encoder.clear_buffer(&store.largest, u64::from(slot) * bytes, Some(bytes));
         for view in 0..count {
             let frame = view * self.times + place + 1;
-            encode_luminance(context, encoder, &store.layers, &self.frame_group, frame, 0);
+            encode_luminance(context, encoder, &store.layers, &self.frame_group, frame, 0, None);
             let [inverse_depth, flow, ids] = &store.pictures;
             let what = GeometryPass {
                 frame,

@@ -28,6 +28,7 @@ pub mod simulator;
 pub mod sizes;
 mod splat;
 pub mod splat_config;
+mod still;
 mod targets;
 mod uniforms;
 mod unpack;

@@ -1,15 +1,16 @@
 //! How an instant is sampled: a method fills the luminance layers of the instants, and the trigger knows nothing of it.
 
 use crate::engine::Context;
-use crate::interval::{Group, Unit, encode_luminance};
+use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::splat::SplatRoom;
+use crate::still::{Change, Rect};
 use crate::targets::Targets;
 use crate::view::View;
 
 /// The room between scene and trigger, by method.
 pub enum Sampling {
     /// Every instant is rendered, a layer per sample.
-    Native,
+    Native(NativeRoom),
     /// Keyframes are rendered, and what lies between is splatted.
     Splat(Box<SplatRoom>),
 }
@@ -26,7 +27,7 @@ impl Sampling {
         unit: &Unit,
     ) {
         match self {
-            Self::Native => render(context, encoder, targets, group, unit),
+            Self::Native(room) => room.encode(context, encoder, targets, group, unit),
             Self::Splat(room) => room.encode(context, encoder, targets, group, unit),
         }
     }
@@ -34,33 +35,88 @@ impl Sampling {
     /// Keyframes drawn since this was last asked.
     pub fn take_keyframes(&mut self) -> u64 {
         match self {
-            Self::Native => 0,
+            Self::Native(_) => 0,
             Self::Splat(room) => room.take_drawn(),
         }
     }
 }
 
-/// `native`: every instant of every view, sample by sample.
-fn render(
-    context: &mut Context,
-    encoder: &mut wgpu::CommandEncoder,
-    targets: &Targets,
-    group: &Group,
-    unit: &Unit,
-) {
-    let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
-    let times: Vec<i64> =
-        (0..unit.instants).map(|k| context.grid.instant_us(unit.first + i64::from(k))).collect();
-    // Where everything is, at every instant.
-    let frame_group = context.upload_frames(&views, &times);
-    let samples = context.offsets.len() as u32;
-    for k in 0..unit.instants {
-        // What the lights see, where casters or lights move.
-        context.encode_moving_shadows(encoder, &frame_group, &views, unit.instants, k);
-        // What the cameras see, one luminance layer per sample.
-        for view in 0..views.len() as u32 {
-            let frame = view * unit.instants + k;
-            encode_luminance(context, encoder, &targets.layers, &frame_group, frame, frame * samples);
+/// `native`: every instant of every view, sample by sample; of a view that stands still, only what changes.
+#[derive(Default)]
+pub struct NativeRoom {
+    /// The layers of the last instant of the submission before, view by view.
+    kept: Option<wgpu::Texture>,
+}
+
+impl NativeRoom {
+    fn encode(
+        &mut self,
+        context: &mut Context,
+        encoder: &mut wgpu::CommandEncoder,
+        targets: &Targets,
+        group: &Group,
+        unit: &Unit,
+    ) {
+        let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
+        let times: Vec<i64> =
+            (0..unit.instants).map(|k| context.grid.instant_us(unit.first + i64::from(k))).collect();
+        let samples = context.offsets.len() as u32;
+        let layers = &targets.layers;
+        // Coverage samples are averaged over whole layers, and are few: not worth a way of their own.
+        let watches = context.skips_still && layers.multisampled.is_none();
+        let first_view = group.views[0];
+        // Where everything is, at every instant.
+        let frame_group = if watches {
+            context.upload_watched(&views, &times, (first_view, unit.first))
+        } else {
+            context.upload_frames(&views, &times)
+        };
+        let whole = Rect { low: [0, 0], high: [layers.width, layers.height] };
+        for k in 0..unit.instants {
+            // What the lights see, where casters or lights move.
+            context.encode_moving_shadows(encoder, &frame_group, &views, unit.instants, k);
+            // What the cameras see, one luminance layer per sample.
+            for view in 0..views.len() as u32 {
+                let frame = view * unit.instants + k;
+                let first = frame * samples;
+                let before = match (&self.kept, k) {
+                    (Some(kept), 0) => (kept, view * samples),
+                    _ => (&layers.texture, first.saturating_sub(samples)),
+                };
+                let change = context.frame_data.changes.get(frame as usize).filter(|_| watches);
+                let copied = match change {
+                    None | Some(Change::All) => {
+                        encode_luminance(context, encoder, layers, &frame_group, frame, first, None);
+                        Vec::new()
+                    }
+                    Some(Change::Parts(parts)) => {
+                        encode_luminance(context, encoder, layers, &frame_group, frame, first, Some(parts));
+                        let rects: Vec<Rect> = parts.iter().map(|(rect, _)| *rect).collect();
+                        Rect::around(&rects, layers.width, layers.height)
+                    }
+                    Some(Change::Nothing) => vec![whole],
+                };
+                for rect in copied {
+                    copy_layers(encoder, before, (&layers.texture, first), samples, rect);
+                }
+            }
+        }
+        if watches && context.frame_data.watch.is_calm() {
+            let count = views.len() as u32 * samples;
+            let fits = |texture: &wgpu::Texture| {
+                let size = texture.size();
+                (size.width, size.height, size.depth_or_array_layers) == (layers.width, layers.height, count)
+            };
+            let kept = match self.kept.take().filter(fits) {
+                Some(kept) => kept,
+                None => layers.like(&context.gpu.device, count),
+            };
+            for view in 0..views.len() as u32 {
+                let last = (view * unit.instants + unit.instants - 1) * samples;
+                copy_layers(encoder, (&layers.texture, last), (&kept, view * samples), samples, whole);
+            }
+            self.kept = Some(kept);
+            context.frame_data.watch.keep(first_view, unit.first + i64::from(unit.instants));
         }
     }
 }

@@ -303,6 +303,7 @@ pub fn draw_still_maps(context: &mut Context) {
         occluders: room.occluders.as_ref(),
         record_ids: false,
         shadow_maps: true,
+        watch: None,
     };
     context.frame_data.build(&context.scene, &context.gpu_scene, &request);
     let group = context.frame_buffers.upload(

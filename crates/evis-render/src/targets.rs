@@ -80,6 +80,22 @@ impl Layers {
     }
 }
 
+impl Layers {
+    /// `count` layers of the same size and format, to copy into and out of.
+    pub fn like(&self, device: &wgpu::Device, count: u32) -> wgpu::Texture {
+        device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("kept luminance"),
+            size: wgpu::Extent3d { width: self.width, height: self.height, depth_or_array_layers: count },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: LUMINANCE_FORMAT,
+            usage: wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        })
+    }
+}
+
 /// What every group of views of one size fills and reads.
 pub struct Targets {
     /// Pixels per row.

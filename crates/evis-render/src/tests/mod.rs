@@ -7,6 +7,7 @@ mod floor2_raster;
 mod floor2_splat;
 mod floor3;
 mod floor3_splat;
+mod floor3_still;
 mod raster_scenes;
 
 use crate::gpu::Gpu;
