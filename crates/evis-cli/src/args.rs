@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
-use evis_core::{Interpolation, LabelKind, TriggerRule};
+use evis_core::{Interpolation, LabelKind, Transfer, TriggerRule};
 use evis_render::{Antialias, Carrier, Motion, Shadows, SplatConfig};
 use evis_truth::{Lattice, PixelChoice};
 
@@ -37,6 +37,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Simulate a scene and write its events, labels and poses to an HDF5 file.
     Run(Box<RunArgs>),
+    /// Turn a film, a folder of pictures or an array of frames into events, and write them to an HDF5 file.
+    Video(Box<VideoArgs>),
     /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4).
     Preview(PreviewArgs),
     /// Measure settings on a scene: draw speed against accuracy, and recommend one.
@@ -250,6 +252,66 @@ impl SplatArgs {
         .into_iter()
         .find_map(|(given, flag)| given.then_some(flag))
     }
+}
+
+/// `video`.
+#[derive(Debug, Args)]
+pub(crate) struct VideoArgs {
+    /// A film that ffmpeg plays, a folder of PNG, EXR or TIFF pictures, or a .npy stack (T, H, W[, 3]).
+    pub(crate) input: PathBuf,
+
+    /// The HDF5 file to write.
+    #[arg(short, long, value_name = "OUT.h5")]
+    pub(crate) output: PathBuf,
+
+    /// The sensor: a preset (ideal, evis, v2e, ...; see docs/sensor.md) or a TOML file [default: ideal].
+    #[arg(long, value_name = "PRESET|FILE")]
+    pub(crate) sensor: Option<String>,
+
+    /// Seed of everything random [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+
+    /// Curve between stored values and light: srgb, rec709, gamma:G, linear [default: rec709 for films, else srgb; 32-bit
+    /// floats are light already].
+    #[arg(long, value_name = "CURVE", value_parser = transfer)]
+    pub(crate) transfer: Option<Transfer>,
+
+    /// Frames per second, whatever the input says [default: a film's own times, a folder's timestamps.txt].
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, conflicts_with = "timestamps")]
+    pub(crate) fps: Option<f64>,
+
+    /// A text file of times, one per frame and line: seconds, or below a line `# unit: us` (s, ms, ns) that unit.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) timestamps: Option<PathBuf>,
+
+    /// Pixels of the sensor; frames are averaged to it in linear light [default: the frames' own].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// Seconds after the first frame at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Seconds to convert [default: all].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Y_ref in ln(Y / Y_ref + eps); white of integer frames is 1 [default: 1].
+    #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) reference_luminance: Option<f32>,
+
+    /// Overwrite the output if it exists.
+    #[arg(long)]
+    pub(crate) force: bool,
+
+    /// Write the report as JSON to this file too.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) report: Option<PathBuf>,
+
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 /// `preview`.
@@ -1001,6 +1063,10 @@ fn tolerance_us(text: &str) -> Result<i64, String> {
         .ok()
         .filter(|us| (1..=MAX_TOLERANCE_US).contains(us))
         .ok_or_else(|| format!("it must be a whole number from 1 to {MAX_TOLERANCE_US}, such as 1000"))
+}
+
+fn transfer(text: &str) -> Result<Transfer, String> {
+    evis_video::transfer(text.trim()).map_err(|error| format!("it must be {}", error.remedy))
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {

@@ -13,9 +13,11 @@ mod progress;
 mod run;
 mod scene_source;
 mod score;
+mod sensor_source;
 mod text;
 mod truth;
 mod verify;
+mod video;
 
 use clap::{CommandFactory, FromArgMatches};
 
@@ -37,6 +39,7 @@ pub fn run(args: Vec<String>) -> i32 {
     };
     let done = match cli.command {
         Command::Run(args) => run::run(&args),
+        Command::Video(args) => video::video(&args),
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),
         Command::Truth(args) => truth::truth(&args),
