@@ -100,7 +100,8 @@ impl Film {
                 .args(["-map", "0:v:0", "-an", "-sn", "-dn", "-vf"])
                 .arg(format!("showinfo,scale=flags=bicubic+accurate_rnd+full_chroma_int,format={format}"))
                 .args(pass)
-                .args(["-f", "rawvideo", "pipe:1"])
+                // Fine ticks: coarse ones would make ffmpeg complain about frames that lie close together.
+                .args(["-enc_time_base", "1:1000000", "-f", "rawvideo", "pipe:1"])
                 .stdout(Stdio::piped())
                 .spawn()
                 .map_err(|error| missing(program, &error))?;
