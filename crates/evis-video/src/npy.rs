@@ -5,6 +5,7 @@ use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use evis_core::format::FormatError;
+use evis_core::format::numpy::NpyHeader;
 
 use crate::error::VideoError;
 use crate::picture::{Picture, Values};
@@ -42,50 +43,26 @@ impl Stack {
         let file = File::open(path).map_err(|error| FormatError::io(path, "read", error))?;
         let mut file = BufReader::with_capacity(1 << 20, file);
         let corrupt = |what: String| VideoError::from(FormatError::corrupt(path, what, FORM));
-        let short = |_| corrupt("it ends within its header".into());
-        let mut magic = [0; 8];
-        file.read_exact(&mut magic).map_err(short)?;
-        if magic[..6] != *b"\x93NUMPY" {
-            return Err(corrupt("it is no .npy file".into()));
-        }
-        // Version 1 has a length of two bytes, later ones of four (NEP 1).
-        let mut length = [0; 4];
-        let bytes = if magic[6] == 1 { 2 } else { 4 };
-        file.read_exact(&mut length[..bytes]).map_err(short)?;
-        let length = u32::from_le_bytes(length) as usize;
-        if length > 1 << 16 {
-            return Err(corrupt(format!("its header would be {length} bytes long")));
-        }
-        let mut header = vec![0; length];
-        file.read_exact(&mut header).map_err(short)?;
-        let header = String::from_utf8_lossy(&header).into_owned();
-        let descr = value(&header, "descr").map(|v| v.trim_matches(['\'', '"'])).unwrap_or_default();
-        let (order, kind) = descr.split_at_checked(1).unwrap_or_default();
+        let header = NpyHeader::read(&mut file).map_err(corrupt)?;
+        let (order, kind) = header.descr.split_at_checked(1).unwrap_or_default();
         let kind = match kind {
             "u1" => Kind::U8,
             "u2" => Kind::U16,
             "f4" => Kind::F32,
-            _ => return Err(corrupt(format!("its elements are of dtype '{descr}'"))),
+            _ => return Err(corrupt(format!("its elements are of dtype '{}'", header.descr))),
         };
-        if value(&header, "fortran_order") != Some("False") {
+        if header.fortran_order {
             return Err(corrupt("its array is in Fortran's order".into()));
         }
-        let shape = value(&header, "shape").unwrap_or_default();
-        let sides: Option<Vec<u64>> = shape
-            .trim_matches(['(', ')'])
-            .split(',')
-            .map(str::trim)
-            .filter(|side| !side.is_empty())
-            .map(|side| side.parse().ok())
-            .collect();
-        let (frames, height, width, channels) = match sides.as_deref() {
-            Some(&[t, h, w]) => (t, h, w, 1),
-            Some(&[t, h, w, c @ (1 | 3)]) => (t, h, w, c as usize),
-            _ => return Err(corrupt(format!("its shape is {shape}"))),
+        let shape = &header.shape;
+        let (frames, height, width, channels) = match shape.as_slice() {
+            &[t, h, w] => (t, h, w, 1),
+            &[t, h, w, c @ (1 | 3)] => (t, h, w, c as usize),
+            _ => return Err(corrupt(format!("its shape is {shape:?}"))),
         };
         let side = |side: u64| u32::try_from(side).ok().filter(|side| (1..=65_536).contains(side));
         let (Some(height), Some(width)) = (side(height), side(width)) else {
-            return Err(corrupt(format!("its shape is {shape}")));
+            return Err(corrupt(format!("its shape is {shape:?}")));
         };
         let big_endian = order == ">";
         Ok(Self { path: path.into(), file, kind, big_endian, frames, read: 0, height, width, channels })
@@ -127,12 +104,4 @@ impl Stack {
         self.read += 1;
         Ok(Some(Picture { width: self.width, height: self.height, channels: self.channels, values }))
     }
-}
-
-/// The value of `key` in the header, which is a Python dictionary of texts, truths and a tuple.
-fn value<'a>(header: &'a str, key: &str) -> Option<&'a str> {
-    let at = header.find(&format!("'{key}'"))?;
-    let rest = header.get(at..)?.split_once(':')?.1.trim_start();
-    let end = if rest.starts_with('(') { rest.find(')')? + 1 } else { rest.find([',', '}'])? };
-    rest.get(..end).map(str::trim)
 }

@@ -281,6 +281,8 @@ impl Guess {
         if tail_is_full {
             let burst = f64::from(noise.burst_events) + missing / 2.0;
             next.burst_events = burst.clamp(0.0, 20.0) as f32;
+            // The model's longest: such recordings have delays beyond it.
+            next.burst_us = 2000.0;
             return Self { noise: next, tail_is_full };
         }
         if noise.burst_events > 0.0 {
