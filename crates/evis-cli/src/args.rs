@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
+use evis_core::stats::Stimulus;
 use evis_core::{Interpolation, LabelKind, Transfer, TriggerRule};
 use evis_render::{Antialias, Carrier, Motion, Shadows, SplatConfig};
 use evis_truth::{Lattice, PixelChoice};
@@ -51,6 +52,10 @@ pub(crate) enum Command {
     Info(InfoArgs),
     /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
     Score(ScoreArgs),
+    /// Fit a sensor to a recording of a still scene, or to recordings of flickering light (--stimulus).
+    Calibrate(CalibrateArgs),
+    /// Set two recordings' statistics side by side, as a table and a figure.
+    Compare(CompareArgs),
     /// List the built-in scenes.
     Scenes(ListArgs),
     /// List the devices that can run the engine.
@@ -666,6 +671,80 @@ pub(crate) struct ScoreArgs {
     pub(crate) json: bool,
 }
 
+/// `calibrate`.
+#[derive(Debug, Args)]
+pub(crate) struct CalibrateArgs {
+    /// A recording (.h5, .npz, .npy) of a still scene; or several of flickering light, one per --stimulus.
+    #[arg(required = true)]
+    pub(crate) recordings: Vec<PathBuf>,
+
+    /// Light of the recording was mean (1 + CONTRAST sin(2 pi HZ t)) on all pixels; once per recording.
+    #[arg(long, value_name = "HZ,CONTRAST", value_parser = stimulus)]
+    pub(crate) stimulus: Vec<Stimulus>,
+
+    /// The TOML file to write the sensor to.
+    #[arg(short, long, value_name = "SENSOR.toml")]
+    pub(crate) output: Option<PathBuf>,
+
+    /// The sensor that has what the recording does not tell: a preset or a TOML file [default: ideal].
+    #[arg(long, value_name = "PRESET|FILE")]
+    pub(crate) base: Option<String>,
+
+    /// The camera [default: the only one].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// Seconds after the recording's start from which it is used [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Seconds to use [default: all].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Seed of the simulations that a fit is corrected by [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+
+    /// Overwrite the output if it exists.
+    #[arg(long)]
+    pub(crate) force: bool,
+
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// `compare`.
+#[derive(Debug, Args)]
+pub(crate) struct CompareArgs {
+    /// A recording (.h5, .npz, .npy).
+    pub(crate) a: PathBuf,
+
+    /// Another one.
+    pub(crate) b: PathBuf,
+
+    /// Draw the figure to this file, .png or .svg.
+    #[arg(short, long, value_name = "FIGURE")]
+    pub(crate) output: Option<PathBuf>,
+
+    /// The camera of both [default: the only one].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// Seconds after each recording's start from which it is used [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Seconds of each to use; figures that depend on length are compared best over the same [default: all].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Print the statistics as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
 /// `scenes`, `devices`.
 #[derive(Debug, Args)]
 pub(crate) struct ListArgs {
@@ -1063,6 +1142,12 @@ fn tolerance_us(text: &str) -> Result<i64, String> {
         .ok()
         .filter(|us| (1..=MAX_TOLERANCE_US).contains(us))
         .ok_or_else(|| format!("it must be a whole number from 1 to {MAX_TOLERANCE_US}, such as 1000"))
+}
+
+fn stimulus(text: &str) -> Result<Stimulus, String> {
+    let numbers = text.split_once(',').and_then(|(hz, contrast)| Some((number(hz)?, number(contrast)?)));
+    let (hz, contrast) = numbers.ok_or("it must be HZ,CONTRAST, such as 10,0.5")?;
+    Stimulus::new(hz, contrast).map_err(|error| error.to_string())
 }
 
 fn transfer(text: &str) -> Result<Transfer, String> {

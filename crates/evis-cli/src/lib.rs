@@ -1,7 +1,9 @@
 //! The command line, as a library: the binary `evis-rs` and the wheel's `evis` run the same code.
 
 mod args;
+mod calibrate;
 mod chart;
+mod compare;
 mod extent;
 mod failure;
 mod info;
@@ -46,6 +48,8 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Verify(args) => verify::verify(&args),
         Command::Info(args) => info::info(&args),
         Command::Score(args) => score::run(&args),
+        Command::Calibrate(args) => calibrate::calibrate(&args),
+        Command::Compare(args) => compare::compare(&args),
         Command::Scenes(args) => list::scenes(&args),
         Command::Devices(args) => list::devices(&args),
     };

@@ -115,7 +115,8 @@ impl Integer {
 }
 
 /// What works.
-const FORM: &str = "save events with evis.save, or the columns t, x, y and p as whole numbers with numpy.savez";
+const FORM: &str =
+    "save events with evis.save, or the columns t, x, y and p as whole numbers with numpy.savez";
 
 /// Events of `.npy` or `.npz`.
 pub(super) fn read_events(path: &Path) -> Result<EventFile, FormatError> {
@@ -140,7 +141,13 @@ pub(super) fn read_events(path: &Path) -> Result<EventFile, FormatError> {
 
 type Columns = (Vec<Event>, Option<(u32, u32)>);
 
-fn event(t: Option<i64>, x: Option<i64>, y: Option<i64>, p: Option<i64>, index: usize) -> Result<Event, String> {
+fn event(
+    t: Option<i64>,
+    x: Option<i64>,
+    y: Option<i64>,
+    p: Option<i64>,
+    index: usize,
+) -> Result<Event, String> {
     let side = |value: Option<i64>| value.and_then(|value| u16::try_from(value).ok());
     let polarity = match p {
         Some(1) => Some(Polarity::On),
@@ -200,8 +207,9 @@ fn columns(file: &mut (impl Read + Seek)) -> Result<Columns, String> {
         };
         let mut data = entry.open(file).ok_or_else(|| format!("its column {name} cannot be unpacked"))?;
         let header = NpyHeader::read(&mut data).map_err(|what| format!("column {name}: {what}"))?;
-        let integer = Integer::of(&header.descr)
-            .ok_or_else(|| format!("its column {name} is of dtype '{}', not of whole numbers", header.descr))?;
+        let integer = Integer::of(&header.descr).ok_or_else(|| {
+            format!("its column {name} is of dtype '{}', not of whole numbers", header.descr)
+        })?;
         let count = header.shape.iter().product::<u64>();
         if header.shape.len() > 1 || count > MOST_EVENTS {
             return Err(format!("its column {name} has shape {:?}", header.shape));
@@ -223,9 +231,8 @@ fn columns(file: &mut (impl Read + Seek)) -> Result<Columns, String> {
         return Err("its columns differ in length".into());
     }
     let value = |(integer, bytes, _): &(Integer, Vec<u8>, u64), index| integer.at(bytes, index);
-    let events: Result<Vec<_>, _> = (0..t.2 as usize)
-        .map(|i| event(value(t, i), value(x, i), value(y, i), value(p, i), i))
-        .collect();
+    let events: Result<Vec<_>, _> =
+        (0..t.2 as usize).map(|i| event(value(t, i), value(x, i), value(y, i), value(p, i), i)).collect();
     let mut side = |name| -> Result<Option<u32>, String> {
         let side = column(name)?.and_then(|(integer, bytes, _)| integer.at(&bytes, 0));
         Ok(side.and_then(|side| u32::try_from(side).ok()))
