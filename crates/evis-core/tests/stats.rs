@@ -183,6 +183,11 @@ fn flicker_shows_thresholds_and_bandwidth() {
     let wrong = Stimulus::new(5.0, 0.3).unwrap();
     let wrong = calibrate_flicker(&[(made[0].as_slice(), size, wrong)], &SensorConfig::default()).unwrap();
     assert!(wrong.threshold_on < 0.1, "{wrong}");
+    let noise = Noise { shot_hz: 60.0, ..Noise::default() };
+    let random = SensorConfig { noise, ..SensorConfig::default() };
+    let still = static_scene(&random, size, 3_000_000, 0.2, 1).unwrap();
+    let error = calibrate_flicker(&[(&still, size, stimuli[0])], &truth).unwrap_err();
+    assert!(error.to_string().contains("in step with 5 Hz"), "{error}");
     let faint = flicker(&truth, size, Stimulus::new(5.0, 0.05).unwrap(), 1.0);
     let error = calibrate_flicker(&[(&faint, size, Stimulus::new(5.0, 0.05).unwrap())], &truth).unwrap_err();
     assert!(error.to_string().contains("raise the contrast"), "{error}");

@@ -15,6 +15,9 @@ const MOST_PAIRS: usize = 20_000;
 /// Fewer pairs than this say nothing.
 const FEWEST: usize = 100;
 
+/// Events that follow a stimulus are in step with it by more than this: 0 is none, 1 all at one phase.
+const IN_STEP: f64 = 0.2;
+
 /// Light that all pixels see: `mean · (1 + contrast · sin(2 pi hz t))`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stimulus {
@@ -215,6 +218,19 @@ fn apparent(
         );
         let told = format!("{} ON and {} OFF", counts[1], counts[0]);
         return Err(ConfigError::new("number of events in a row of one polarity", told, remedy));
+    }
+    // Events of a pixel that follows the stimulus gather at two phases, by polarity.
+    let (mut real, mut imaginary) = (0.0, 0.0);
+    for event in events {
+        let sign = if event.p == 1 { 1.0 } else { -1.0 };
+        let (sin, cos) = phase(event.t).sin_cos();
+        (real, imaginary) = (real + sign * cos, imaginary + sign * sin);
+    }
+    let in_step = f64::hypot(real, imaginary) / events.len().max(1) as f64;
+    if in_step < IN_STEP {
+        let told = format!("{:.0} % in step with {} Hz", in_step * 100.0, stimulus.hz);
+        let remedy = format!("at least {:.0} %: check the frequency, and that all pixels see the light", IN_STEP * 100.0);
+        return Err(ConfigError::new("the recording", told, remedy));
     }
     // Every so many, so that all of the recording counts.
     let thinned: Vec<&Pair> = pairs.iter().step_by(pairs.len().div_ceil(MOST_PAIRS)).collect();
