@@ -229,7 +229,10 @@ fn apparent(
     let in_step = f64::hypot(real, imaginary) / events.len().max(1) as f64;
     if in_step < IN_STEP {
         let told = format!("{:.0} % in step with {} Hz", in_step * 100.0, stimulus.hz);
-        let remedy = format!("at least {:.0} %: check the frequency, and that all pixels see the light", IN_STEP * 100.0);
+        let remedy = format!(
+            "at least {:.0} %: check the frequency, and that all pixels see the light",
+            IN_STEP * 100.0
+        );
         return Err(ConfigError::new("the recording", told, remedy));
     }
     // Every so many, so that all of the recording counts.
