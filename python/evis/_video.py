@@ -125,9 +125,9 @@ def video(
     Parameters
     ----------
     source : path
-        A film that ffmpeg plays (of the extra ``evis[video]``, or the one on PATH); a folder of PNG, TIFF, EXR
-        or JPEG pictures, in the order of the numbers in their names; a ``.npy`` file of shape (T, H, W) or
-        (T, H, W, 3), uint8, uint16 or float32.
+        A film that ffmpeg plays (of the extra ``evis[video]``, or the one on PATH); a folder of PNG, TIFF,
+        EXR or JPEG pictures, in the order of the numbers in their names; a ``.npy`` file of shape (T, H, W)
+        or (T, H, W, 3), uint8, uint16 or float32.
     output : path
         The recording, ``.h5`` or ``.hdf5``.
     sensor : Sensor or str, optional
@@ -199,7 +199,7 @@ def video(
 
 
 class Frames(Iterator[tuple[int, npt.NDArray[Any]]]):
-    """Frames of a film, a folder or a ``.npy`` file, one after the other: (microseconds, array); see `frames`."""
+    """Frames of a source, one after the other: (microseconds, array); made by `frames`."""
 
     __slots__ = ("_reader",)
 
