@@ -305,7 +305,7 @@ def calibrate(
     >>> import evis
     >>> events = evis.static_scene("v2e-noisy", 64, 48, duration=1.0)
     >>> print(round(float(evis.calibrate(events).found[0].value), 1))
-    2.4
+    2.2
     """
     base = Sensor() if base is None else Sensor.preset(base) if isinstance(base, str) else base
     base.check()

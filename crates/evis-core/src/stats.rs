@@ -13,7 +13,7 @@ use crate::event::Event;
 use crate::sensor::ConfigError;
 
 pub use calibrate::{Calibration, Estimate, MOST_PIXEL_SECONDS, calibrate, static_scene};
-pub use compare::{Comparison, Named};
+pub use compare::{Comparison, Named, Row};
 pub use flicker::{FlickerFit, Stimulus, calibrate_flicker};
 
 /// A pixel that fires more often than this is hot, events per second.

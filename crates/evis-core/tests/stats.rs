@@ -111,7 +111,7 @@ fn a_calibration_finds_the_noise_that_was_put_in() {
         ("burst_us", got.burst_us, 400.0),
     ] {
         // Forty hot pixels are known to a sixth.
-        assert!(near(got.into(), want.into(), 0.25), "{name}: {got} for {want}");
+        assert!(near(got.into(), want, 0.25), "{name}: {got} for {want}");
     }
     assert_eq!(got.alternation, -1.0, "polarities are independent");
     assert!(made.warnings.is_empty(), "{:?}", made.warnings);

@@ -55,9 +55,9 @@ impl Stack {
             return Err(corrupt("its array is in Fortran's order".into()));
         }
         let shape = &header.shape;
-        let (frames, height, width, channels) = match shape.as_slice() {
-            &[t, h, w] => (t, h, w, 1),
-            &[t, h, w, c @ (1 | 3)] => (t, h, w, c as usize),
+        let (frames, height, width, channels) = match *shape.as_slice() {
+            [t, h, w] => (t, h, w, 1),
+            [t, h, w, c @ (1 | 3)] => (t, h, w, c as usize),
             _ => return Err(corrupt(format!("its shape is {shape:?}"))),
         };
         let side = |side: u64| u32::try_from(side).ok().filter(|side| (1..=65_536).contains(side));

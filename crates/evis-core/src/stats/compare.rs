@@ -24,9 +24,27 @@ pub struct Comparison {
     pub b: Named,
 }
 
+/// A figure of both; `None` where a recording has none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// What it is.
+    pub name: &'static str,
+    /// Of the first.
+    pub a: Option<f64>,
+    /// Of the second.
+    pub b: Option<f64>,
+}
+
+impl Row {
+    /// The second over the first, where that is a number.
+    pub fn ratio(&self) -> Option<f64> {
+        self.a.zip(self.b).filter(|(a, _)| *a != 0.0).map(|(a, b)| b / a)
+    }
+}
+
 impl Comparison {
-    /// Figures with a name: of the first, of the second, and the second over the first where that is a number.
-    pub fn rows(&self) -> Vec<(&'static str, Option<f64>, Option<f64>, Option<f64>)> {
+    /// The figures of a table.
+    pub fn rows(&self) -> Vec<Row> {
         type Figure = (&'static str, fn(&Stats) -> Option<f64>);
         const FIGURES: [Figure; 20] = [
             ("duration, s", |s| Some(s.duration_s)),
@@ -50,11 +68,7 @@ impl Comparison {
             ("correlation of neighbours", |s| s.spatial_correlation.first().map(|c| (c[1] + c[2]) / 2.0)),
             ("unsteadiness of the rate", |s| Some(s.unsteadiness)),
         ];
-        let row = |(name, of): Figure| {
-            let (a, b) = (of(&self.a.stats), of(&self.b.stats));
-            let ratio = a.zip(b).filter(|(a, _)| *a != 0.0).map(|(a, b)| b / a);
-            (name, a, b, ratio)
-        };
+        let row = |(name, of): Figure| Row { name, a: of(&self.a.stats), b: of(&self.b.stats) };
         FIGURES.into_iter().map(row).collect()
     }
 }
@@ -83,8 +97,9 @@ impl fmt::Display for Comparison {
         let wide = a.0.chars().count().max(b.0.chars().count()).max(12);
         writeln!(f, "{:<30} {:>wide$} {:>wide$} {:>8}", "", a.0, b.0, "B / A")?;
         write!(f, "{:<30} {:>wide$} {:>wide$}", "pixels", a.1, b.1)?;
-        for (name, a, b, ratio) in self.rows() {
-            let ratio = ratio.map_or_else(|| "-".into(), |r| format!("{r:.3}"));
+        for row in self.rows() {
+            let Row { name, a, b } = row;
+            let ratio = row.ratio().map_or_else(|| "-".into(), |r| format!("{r:.3}"));
             write!(f, "\n{name:<30} {:>wide$} {:>wide$} {ratio:>8}", digits(a), digits(b))?;
         }
         Ok(())
