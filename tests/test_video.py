@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -147,3 +150,22 @@ def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     assert len(os.listdir(folder)) == COUNT
     read = np.stack([frame for _, frame in evis.frames(folder, fps=50)])
     np.testing.assert_array_equal(read, codes())
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_leaves_a_whole_file(tmp_path: Path) -> None:
+    np.save(tmp_path / "in.npy", np.tile(codes(), (2000, 1, 1)))
+    script = "import evis\nevis.video('in.npy', 'out.h5', fps=1000, sensor='v2e-noisy')\n"
+    child = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path, stderr=subprocess.PIPE)
+    while not (tmp_path / "out.h5").exists():
+        assert child.poll() is None, "it ended too early"
+        time.sleep(0.005)
+    child.send_signal(signal.SIGINT)
+    _, told = child.communicate(timeout=60)
+    assert b"KeyboardInterrupt" in told, told
+    recording = evis.load(tmp_path / "out.h5")
+    assert recording.complete
+    assert recording.report is not None
+    assert recording.report["interrupted"]
+    assert 0 < recording.report["frames"] < 2000 * COUNT
+    assert len(recording.events) == recording.report["events"]
