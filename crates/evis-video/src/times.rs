@@ -123,8 +123,9 @@ pub fn read_times(path: &Path) -> Result<Times, VideoError> {
         let line = line.trim_start_matches('\u{feff}').trim();
         if let Some(said) = line.strip_prefix('#') {
             let said = said.trim();
-            let word =
-                said.strip_prefix("unit").map_or(said, |rest| rest.trim_start_matches([':', '=']).trim());
+            let word = said
+                .strip_prefix("unit")
+                .map_or(said, |rest| rest.trim().trim_start_matches([':', '=']).trim());
             if let Some(found) = Unit::of(word) {
                 unit = Some(found);
             } else if said.starts_with("unit") {
