@@ -71,6 +71,16 @@ def test_h5py_code_runs(device: evis.Device, tmp_path: Path) -> None:
         assert int(done.stdout.split()[0]) > 0
 
 
+@pytest.mark.parametrize("name", ["video", "calibration"])
+def test_code_for_frames_and_recordings_runs(name: str, tmp_path: Path) -> None:
+    found = blocks(ROOT / f"docs/{name}.md", "python")
+    assert found
+    for code in found:
+        done = run_code(code, tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert len(done.stdout.splitlines()) >= 2
+
+
 def options(command: str) -> set[str]:
     return set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", python("-m", "evis", command, "--help").stdout))
 

@@ -23,6 +23,17 @@ from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Repo
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Diffusion, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
 from ._simulator import Device, Simulator, Stream, devices
+from ._stats import (
+    Calibration,
+    Comparison,
+    Estimate,
+    FlickerEstimate,
+    Statistics,
+    calibrate,
+    compare,
+    static_scene,
+    statistics,
+)
 from ._truth import Truth, load_truth
 from ._verify import (
     Convergence,
@@ -33,13 +44,16 @@ from ._verify import (
     verify,
     verify_scene,
 )
+from ._video import Frames, VideoReport, frames, video
 from .motion import Placement, Waveform
 
 __all__ = [
+    "Calibration",
     "CameraInfo",
     "Chart",
     "ChartPoint",
     "ChartSetting",
+    "Comparison",
     "ConfigError",
     "Convergence",
     "Device",
@@ -48,14 +62,17 @@ __all__ = [
     "EmulatorReport",
     "EnvironmentPacket",
     "ErrorFit",
+    "Estimate",
     "EventArray",
     "EventCD",
     "EventCamera",
     "EventEmulator",
     "Events",
     "EvisError",
+    "FlickerEstimate",
     "FormCheck",
     "FormatError",
+    "Frames",
     "Labels",
     "Noise",
     "Packet",
@@ -77,22 +94,30 @@ __all__ = [
     "Sensor",
     "Simulator",
     "Splat",
+    "Statistics",
     "Stream",
     "Truth",
     "Verification",
+    "VideoReport",
     "View",
     "Waveform",
     "Writer",
     "__version__",
     "as_event_cd",
+    "calibrate",
     "chart",
+    "compare",
     "devices",
+    "frames",
     "load",
     "load_truth",
     "metrics",
     "motion",
     "save",
     "scenes",
+    "static_scene",
+    "statistics",
     "verify",
     "verify_scene",
+    "video",
 ]

@@ -12,6 +12,7 @@ __all__ = [
     "EventEmulator",
     "EvisError",
     "FormatError",
+    "FrameReader",
     "Label",
     "Packet",
     "Recording",
@@ -24,11 +25,16 @@ __all__ = [
     "__version__",
     "_probe",
     "builtin_scenes",
+    "calibrate_flicker",
+    "calibrate_still",
     "chart",
     "chart_cache",
     "chart_ladder",
     "check_chart",
+    "compare_table",
+    "convert_video",
     "draw_chart",
+    "draw_compare",
     "draw_verify",
     "endpoint_error",
     "event_dtype",
@@ -49,6 +55,8 @@ __all__ = [
     "sensor_to_toml",
     "srgb_table",
     "ssim",
+    "static_scene",
+    "statistics",
     "verify",
     "verify_scene",
     "verify_table",
@@ -67,6 +75,38 @@ def label_kinds() -> list[tuple[str, str, int]]: ...
 def builtin_scenes() -> list[tuple[str, str]]: ...
 def srgb_table() -> list[float]: ...
 def list_devices() -> list[dict[str, Any]]: ...
+def convert_video(
+    source: dict[str, Any],
+    output: str | PathLike[str],
+    *,
+    sensor: str,
+    seed: int,
+    reference_luminance: float,
+    overwrite: bool,
+) -> str: ...
+
+@final
+class FrameReader:
+    def __new__(cls, source: dict[str, Any]) -> FrameReader: ...
+    def next(self) -> tuple[int, npt.NDArray[Any], int, int, int] | None: ...
+    def about(self) -> tuple[str, str, int, list[str]]: ...
+
+def statistics(events: npt.NDArray[np.void], size: tuple[int, int], range_us: tuple[int, int]) -> str: ...
+def calibrate_still(
+    events: npt.NDArray[np.void],
+    size: tuple[int, int],
+    range_us: tuple[int, int],
+    base: str,
+    seed: int,
+) -> tuple[str, str, str]: ...
+def calibrate_flicker(
+    recordings: list[tuple[npt.NDArray[np.void], tuple[int, int], tuple[float, float]]], base: str
+) -> tuple[str, str, str]: ...
+def compare_table(json: str) -> str: ...
+def draw_compare(json: str, path: str | PathLike[str]) -> None: ...
+def static_scene(
+    sensor: str, size: tuple[int, int], duration_us: int, light: float, seed: int
+) -> npt.NDArray[np.void]: ...
 def run_cli(args: list[str]) -> int: ...
 def chart(
     scene: Scene,

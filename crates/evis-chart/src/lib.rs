@@ -4,6 +4,7 @@ mod axis;
 mod cache;
 mod canvas;
 mod chart;
+pub mod compare;
 pub mod draw;
 mod error;
 pub mod front;

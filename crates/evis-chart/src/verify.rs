@@ -3,7 +3,7 @@
 
 mod draw;
 mod forms;
-mod plot;
+pub(crate) mod plot;
 mod scene;
 
 pub use forms::{FormCheck, FormsReport, SignalClass, Theory, verify_forms};
@@ -91,7 +91,7 @@ fn from_json<T: DeserializeOwned>(text: &str, kind: &str, path: &Path) -> Result
     serde_json::from_value(value).map_err(|e| invalid(format!("this report is damaged ({e}); make it again")))
 }
 
-fn save(figure: &impl Drawing, path: &Path) -> Result<(), ChartError> {
+pub(crate) fn save(figure: &impl Drawing, path: &Path) -> Result<(), ChartError> {
     let bytes = match PictureKind::of(path)? {
         PictureKind::Png => canvas::png(figure)?,
         PictureKind::Svg => canvas::svg(figure)?.into_bytes(),

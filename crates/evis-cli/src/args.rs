@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
-use evis_core::{Interpolation, LabelKind, TriggerRule};
+use evis_core::stats::Stimulus;
+use evis_core::{Interpolation, LabelKind, Transfer, TriggerRule};
 use evis_render::{Antialias, Carrier, Motion, Shadows, SplatConfig};
 use evis_truth::{Lattice, PixelChoice};
 
@@ -37,6 +38,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Simulate a scene and write its events, labels and poses to an HDF5 file.
     Run(Box<RunArgs>),
+    /// Turn a film, a folder of pictures or an array of frames into events, and write them to an HDF5 file.
+    Video(Box<VideoArgs>),
     /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4).
     Preview(PreviewArgs),
     /// Measure settings on a scene: draw speed against accuracy, and recommend one.
@@ -49,6 +52,10 @@ pub(crate) enum Command {
     Info(InfoArgs),
     /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
     Score(ScoreArgs),
+    /// Fit a sensor to a recording of a still scene, or to recordings of flickering light (--stimulus).
+    Calibrate(CalibrateArgs),
+    /// Set two recordings' statistics side by side, as a table and a figure.
+    Compare(CompareArgs),
     /// List the built-in scenes.
     Scenes(ListArgs),
     /// List the devices that can run the engine.
@@ -255,6 +262,66 @@ impl SplatArgs {
         .into_iter()
         .find_map(|(given, flag)| given.then_some(flag))
     }
+}
+
+/// `video`.
+#[derive(Debug, Args)]
+pub(crate) struct VideoArgs {
+    /// A film that ffmpeg plays, a folder of PNG, EXR or TIFF pictures, or a .npy stack (T, H, W[, 3]).
+    pub(crate) input: PathBuf,
+
+    /// The HDF5 file to write.
+    #[arg(short, long, value_name = "OUT.h5")]
+    pub(crate) output: PathBuf,
+
+    /// The sensor: a preset (ideal, evis, v2e, ...; see docs/sensor.md) or a TOML file [default: ideal].
+    #[arg(long, value_name = "PRESET|FILE")]
+    pub(crate) sensor: Option<String>,
+
+    /// Seed of everything random [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+
+    /// Curve between stored values and light: srgb, rec709, gamma:G, linear [default: rec709 for films, else srgb; 32-bit
+    /// floats are light already].
+    #[arg(long, value_name = "CURVE", value_parser = transfer)]
+    pub(crate) transfer: Option<Transfer>,
+
+    /// Frames per second, whatever the input says [default: a film's own times, a folder's timestamps.txt].
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, conflicts_with = "timestamps")]
+    pub(crate) fps: Option<f64>,
+
+    /// A text file of times, one per frame and line: seconds, or below a line `# unit: us` (s, ms, ns) that unit.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) timestamps: Option<PathBuf>,
+
+    /// Pixels of the sensor; frames are averaged to it in linear light [default: the frames' own].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// Seconds after the first frame at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Seconds to convert [default: all].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Y_ref in ln(Y / Y_ref + eps); white of integer frames is 1 [default: 1].
+    #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) reference_luminance: Option<f32>,
+
+    /// Overwrite the output if it exists.
+    #[arg(long)]
+    pub(crate) force: bool,
+
+    /// Write the report as JSON to this file too.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) report: Option<PathBuf>,
+
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 /// `preview`.
@@ -605,6 +672,80 @@ pub(crate) struct ScoreArgs {
     #[arg(long, value_name = "US", value_delimiter = ',', value_parser = tolerance_us, allow_hyphen_values = true)]
     pub(crate) tolerance_us: Vec<i64>,
     /// Print JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// `calibrate`.
+#[derive(Debug, Args)]
+pub(crate) struct CalibrateArgs {
+    /// A recording (.h5, .npz, .npy) of a still scene; or several of flickering light, one per --stimulus.
+    #[arg(required = true)]
+    pub(crate) recordings: Vec<PathBuf>,
+
+    /// Light of the recording was mean (1 + CONTRAST sin(2 pi HZ t)) on all pixels; once per recording.
+    #[arg(long, value_name = "HZ,CONTRAST", value_parser = stimulus)]
+    pub(crate) stimulus: Vec<Stimulus>,
+
+    /// The TOML file to write the sensor to.
+    #[arg(short, long, value_name = "SENSOR.toml")]
+    pub(crate) output: Option<PathBuf>,
+
+    /// The sensor that has what the recording does not tell: a preset or a TOML file [default: ideal].
+    #[arg(long, value_name = "PRESET|FILE")]
+    pub(crate) base: Option<String>,
+
+    /// The camera [default: the only one].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// Seconds after the recording's start from which it is used [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Seconds to use [default: all].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Seed of the simulations that a fit is corrected by [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+
+    /// Overwrite the output if it exists.
+    #[arg(long)]
+    pub(crate) force: bool,
+
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// `compare`.
+#[derive(Debug, Args)]
+pub(crate) struct CompareArgs {
+    /// A recording (.h5, .npz, .npy).
+    pub(crate) a: PathBuf,
+
+    /// Another one.
+    pub(crate) b: PathBuf,
+
+    /// Draw the figure to this file, .png or .svg.
+    #[arg(short, long, value_name = "FIGURE")]
+    pub(crate) output: Option<PathBuf>,
+
+    /// The camera of both [default: the only one].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
+
+    /// Seconds after each recording's start from which it is used [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Seconds of each to use; figures that depend on length are compared best over the same [default: all].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Print the statistics as JSON.
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -1010,6 +1151,16 @@ fn tolerance_us(text: &str) -> Result<i64, String> {
         .ok()
         .filter(|us| (1..=MAX_TOLERANCE_US).contains(us))
         .ok_or_else(|| format!("it must be a whole number from 1 to {MAX_TOLERANCE_US}, such as 1000"))
+}
+
+fn stimulus(text: &str) -> Result<Stimulus, String> {
+    let numbers = text.split_once(',').and_then(|(hz, contrast)| Some((number(hz)?, number(contrast)?)));
+    let (hz, contrast) = numbers.ok_or("it must be HZ,CONTRAST, such as 10,0.5")?;
+    Stimulus::new(hz, contrast).map_err(|error| error.to_string())
+}
+
+fn transfer(text: &str) -> Result<Transfer, String> {
+    evis_video::transfer(text.trim()).map_err(|error| format!("it must be {}", error.remedy))
 }
 
 fn size(text: &str) -> Result<(u32, u32), String> {

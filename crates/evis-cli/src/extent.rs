@@ -1,8 +1,14 @@
 //! How long a recording is, and its events piece by piece.
 
 use evis_core::Event;
+use evis_core::event::slice_time;
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::Recording;
+use evis_core::format::{EventFile, read_events};
+use std::path::Path;
+
+use crate::failure::bad_input;
+use crate::run::to_us;
 
 /// Events are read in pieces of this length, so that memory does not grow with the recording.
 const PIECE_US: i64 = 1_000_000;
@@ -46,4 +52,29 @@ pub(crate) fn end_us(recording: &Recording) -> Result<i64, FormatError> {
         end_us = end_us.max(poses.last().map_or(0, |pose| pose.t_us.saturating_add(1)));
     }
     Ok(end_us)
+}
+
+/// A part of a recording, in any format that is read.
+pub(crate) fn part(
+    path: &Path,
+    camera: Option<&str>,
+    start_s: Option<f64>,
+    duration_s: Option<f64>,
+) -> anyhow::Result<EventFile> {
+    let mut file = read_events(path, camera)?;
+    let (first_us, end_us) = file.range;
+    let from_us = first_us.saturating_add(to_us(start_s.unwrap_or(0.0)));
+    if from_us >= end_us {
+        return Err(bad_input(format!(
+            "{}: it is {} long and nothing is left after --start; choose an earlier one",
+            path.display(),
+            crate::text::seconds(end_us - first_us)
+        )));
+    }
+    let until_us = duration_s.map_or(end_us, |s| from_us.saturating_add(to_us(s)).min(end_us));
+    if (from_us, until_us) != file.range {
+        file.events = slice_time(&file.events, from_us, until_us).to_vec();
+        file.range = (from_us, until_us);
+    }
+    Ok(file)
 }

@@ -6,6 +6,7 @@ use evis_chart::ChartError;
 use evis_core::format::FormatError;
 use evis_render::EngineError;
 use evis_truth::TruthError;
+use evis_video::VideoError;
 
 /// Something that the user can put right: exit code 2.
 #[derive(Debug)]
@@ -53,6 +54,12 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
             Some(FormatError::Exists { .. } | FormatError::Corrupt { .. } | FormatError::Invalid { .. })
         )
         || cause.is::<evis_scene::SceneError>()
+        // What was wrong with a frame lies within the error, which passes its message through.
+        || match cause.downcast_ref() {
+            Some(VideoError::Format(error)) => is_bad_input(error),
+            Some(_) => true,
+            None => false,
+        }
         || matches!(cause.downcast_ref(), Some(TruthError::Config(_) | TruthError::Scene(_)))
         || matches!(
             cause.downcast_ref(),

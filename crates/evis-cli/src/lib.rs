@@ -1,7 +1,9 @@
 //! The command line, as a library: the binary `evis-rs` and the wheel's `evis` run the same code.
 
 mod args;
+mod calibrate;
 mod chart;
+mod compare;
 mod extent;
 mod failure;
 mod info;
@@ -13,9 +15,11 @@ mod progress;
 mod run;
 mod scene_source;
 mod score;
+mod sensor_source;
 mod text;
 mod truth;
 mod verify;
+mod video;
 
 use clap::{CommandFactory, FromArgMatches};
 
@@ -37,12 +41,15 @@ pub fn run(args: Vec<String>) -> i32 {
     };
     let done = match cli.command {
         Command::Run(args) => run::run(&args),
+        Command::Video(args) => video::video(&args),
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),
         Command::Truth(args) => truth::truth(&args),
         Command::Verify(args) => verify::verify(&args),
         Command::Info(args) => info::info(&args),
         Command::Score(args) => score::run(&args),
+        Command::Calibrate(args) => calibrate::calibrate(&args),
+        Command::Compare(args) => compare::compare(&args),
         Command::Scenes(args) => list::scenes(&args),
         Command::Devices(args) => list::devices(&args),
     };

@@ -12,6 +12,7 @@ pub mod packet;
 pub mod random;
 pub mod sensor;
 mod simd;
+pub mod stats;
 pub mod time;
 pub mod trigger;
 pub mod truth;

@@ -15,11 +15,11 @@ use crate::errors::Failure;
 use crate::events;
 
 /// A sensor as JSON, every value spelled out.
-fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
+pub(crate) fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
     Ok(sensor.spelled_out()?.to_string())
 }
 
-fn from_json(json: &str) -> Result<SensorConfig, Failure> {
+pub(crate) fn from_json(json: &str) -> Result<SensorConfig, Failure> {
     let sensor: SensorConfig = serde_json::from_str(json).map_err(|error| {
         // The place in a text that the user never saw says nothing.
         let told = error.to_string().replace('`', "'");

@@ -11,7 +11,9 @@ mod packet;
 mod recording;
 mod scene;
 mod simulator;
+mod stats;
 mod verify;
+mod video;
 
 /// The engine of EVIS; use the package `evis`.
 #[pyo3::pymodule]
@@ -42,7 +44,13 @@ mod _evis {
     #[pymodule_export]
     use crate::simulator::{Simulator, Stream};
     #[pymodule_export]
+    use crate::stats::{
+        calibrate_flicker, calibrate_still, compare_table, draw_compare, static_scene, statistics,
+    };
+    #[pymodule_export]
     use crate::verify::{draw_verify, verify, verify_scene, verify_table};
+    #[pymodule_export]
+    use crate::video::{FrameReader, convert_video};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -23,7 +23,7 @@ const KEY: f64 = 24.0;
 
 /// A line of a panel.
 #[derive(Clone, Debug)]
-pub(super) struct Line {
+pub(crate) struct Line {
     /// Values, from left to right; what has no logarithm is left out.
     pub points: Vec<[f64; 2]>,
     /// Index into [`Figure::families`].
@@ -34,7 +34,7 @@ pub(super) struct Line {
 
 /// A straight line of a known order.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Guide {
+pub(crate) struct Guide {
     /// A point that it runs through, its right end.
     pub through: [f64; 2],
     /// Its slope.
@@ -43,7 +43,7 @@ pub(super) struct Guide {
 
 /// One pair of axes.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Panel {
+pub(crate) struct Panel {
     pub title: String,
     pub x_title: String,
     pub y_title: String,
@@ -57,7 +57,7 @@ pub(super) struct Panel {
 
 /// The whole picture.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Figure {
+pub(crate) struct Figure {
     pub title: String,
     pub notes: Vec<String>,
     /// Names of the markers.

@@ -4,6 +4,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 pub mod hdf5;
+pub mod numpy;
+
+use crate::event::Event;
 
 /// Why a file could not be written or read: which one, what is wrong, and what would work.
 #[derive(Debug, thiserror::Error)]
@@ -86,5 +89,33 @@ fn io_remedy(source: &io::Error) -> &'static str {
         io::ErrorKind::NotFound => "check the path: the folder must exist",
         io::ErrorKind::IsADirectory => "name a file, not a folder",
         _ => "check the path and the disk",
+    }
+}
+
+/// The events of one camera, from any file that is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EventFile {
+    /// In order of time.
+    pub events: Vec<Event>,
+    /// Pixels per row, and rows; of a file that does not say, as many as there are events on.
+    pub size: (u32, u32),
+    /// When the recording starts and ends, microseconds; of a file that does not say, its first event and just after its
+    /// last one.
+    pub range: (i64, i64),
+}
+
+/// Reads the events of `camera` (the only one, where there is no name) from `.h5`, `.hdf5`, `.npz` or `.npy`.
+///
+/// # Errors
+/// A file that cannot be read, another ending, a camera that is not there.
+pub fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, FormatError> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    match ending.as_deref() {
+        Some("h5" | "hdf5") => hdf5::read_events(path, camera),
+        Some("npz" | "npy") => numpy::read_events(path),
+        _ => {
+            let remedy = "name a file that ends with .h5, .hdf5, .npz or .npy";
+            Err(FormatError::invalid(path, "this kind of file is not read", remedy))
+        }
     }
 }

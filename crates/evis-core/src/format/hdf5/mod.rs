@@ -29,6 +29,9 @@ mod store;
 mod truth;
 mod writer;
 
+use std::path::Path;
+
+use crate::format::{EventFile, FormatError};
 use crate::packet::{CameraInfo, LabelData, LabelKind};
 
 pub use reader::Recording;
@@ -66,6 +69,17 @@ pub struct RecordingHeader {
     pub t_offset_us: i64,
     /// The label kinds that will be written, for every camera.
     pub labels: Vec<LabelKind>,
+}
+
+/// The events of a camera, with its size and the length that the file tells.
+pub(super) fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, FormatError> {
+    let recording = Recording::open(path)?;
+    let index = recording.find_camera(camera)?;
+    let events = recording.events(index)?;
+    let size = recording.header().cameras.get(index).map_or((1, 1), |camera| (camera.width, camera.height));
+    let past = events.last().map_or(0, |event| event.t.saturating_add(1));
+    let end_us = truth::told_duration(&recording)?.unwrap_or(0).max(past);
+    Ok(EventFile { range: (0.min(events.first().map_or(0, |event| event.t)), end_us), events, size })
 }
 
 /// Element type of a label data set.

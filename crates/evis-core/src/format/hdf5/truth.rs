@@ -148,7 +148,7 @@ pub fn stored_sensor(config_toml: &str) -> (SensorConfig, f64) {
 }
 
 /// Length in microseconds that the writer's report tells.
-fn told_duration(recording: &Recording) -> Result<Option<i64>, FormatError> {
+pub(super) fn told_duration(recording: &Recording) -> Result<Option<i64>, FormatError> {
     let report = recording.report()?.and_then(|json| serde_json::from_str::<serde_json::Value>(&json).ok());
     let seconds = report.and_then(|r| r.get("stream_s")?.as_f64());
     Ok(seconds.filter(|s| (0.0..1.0e9).contains(s)).map(|s| (s * 1.0e6).round() as i64))

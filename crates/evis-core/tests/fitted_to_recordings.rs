@@ -1,0 +1,70 @@
+//! Sensors that are fitted to the first half of public recordings, and what they say of the second.
+//!
+//! Runs where `EVIS_ASSETS` names the folder that has them.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::path::PathBuf;
+
+use evis_core::event::slice_time;
+use evis_core::format::read_events;
+use evis_core::stats::{Stats, calibrate, static_scene, stats};
+use evis_core::{ConfigError, SensorConfig};
+
+const RECORDINGS: [(&str, (u32, u32), &str); 2] = [
+    ("dvxplorer_dark_640x480.npz", (640, 480), "dvxplorer-like"),
+    ("prophesee_static_1280x720.npz", (1280, 720), "gen4-like"),
+];
+
+/// Rate, share of hot pixels, ON share, Fano factor, alternation.
+fn figures(stats: &Stats) -> [f64; 5] {
+    [stats.cold_rate_hz, stats.hot_share, stats.on_share, stats.fano, stats.alternation.unwrap()]
+}
+
+/// What `sensor` does before a still scene, the mean of a few draws: forty hot pixels vary by a sixth.
+fn expected(sensor: &SensorConfig, size: (u32, u32), duration_us: i64) -> Result<[f64; 5], ConfigError> {
+    let mut sum = [0.0; 5];
+    const DRAWS: u64 = 3;
+    for seed in 100..100 + DRAWS {
+        let events = static_scene(sensor, size, duration_us, 0.0, seed)?;
+        let of = figures(&stats(&events, size, (0, duration_us))?);
+        sum.iter_mut().zip(of).for_each(|(sum, value)| *sum += value / DRAWS as f64);
+    }
+    Ok(sum)
+}
+
+/// Greatest relative difference.
+fn apart(got: [f64; 5], want: [f64; 5]) -> f64 {
+    got.iter().zip(want).map(|(got, want)| (got / want - 1.0).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn what_is_fitted_to_the_first_half_holds_for_the_second() {
+    let Some(assets) = std::env::var_os("EVIS_ASSETS").map(PathBuf::from) else {
+        eprintln!("skipped: EVIS_ASSETS names no folder with recordings");
+        return;
+    };
+    for (name, size, preset) in RECORDINGS {
+        let recording = read_events(&assets.join("recordings").join(name), None).unwrap();
+        assert!(recording.events.len() > 50_000, "{name}");
+        let (start_us, end_us) = recording.range;
+        let middle_us = (start_us + end_us) / 2;
+        let length_us = end_us - middle_us;
+        let second = slice_time(&recording.events, middle_us, end_us);
+        let want = figures(&stats(second, size, (middle_us, end_us)).unwrap());
+
+        let preset = SensorConfig::preset(preset).unwrap();
+        let made = calibrate(&recording.events, size, (start_us, middle_us), &preset, 0).unwrap();
+        assert!(made.warnings.is_empty(), "{name}: {:?}", made.warnings);
+        let fitted = expected(&made.sensor, size, length_us).unwrap();
+        eprintln!("{name}: second half {want:.5?}, fitted {fitted:.5?}");
+        assert!(apart(fitted, want) < 0.2, "{name}: {fitted:?} for {want:?}");
+
+        let own = expected(&preset, size, length_us).unwrap();
+        eprintln!("{name}: preset {own:.5?}");
+        assert!(apart(own, want) < 0.2, "{name}: preset has {own:?} for {want:?}");
+
+        let other = expected(&SensorConfig::preset("v2e-noisy").unwrap(), size, length_us).unwrap();
+        assert!(apart(other, want) > 0.5, "canary: {name}: another sensor has {other:?} for {want:?}");
+    }
+}

@@ -1,0 +1,126 @@
+//! Films, folders of pictures and arrays of frames: to recordings, and as arrays.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use evis_core::SensorConfig;
+use evis_video::{
+    Clock, FrameSource, SourceConfig, Values, VideoConfig, VideoError, VideoStream, clock_of, transfer_name,
+};
+use numpy::PyArray1;
+use pyo3::prelude::*;
+
+use crate::door::EnterEngine;
+use crate::emulator::from_json;
+use crate::errors::Failure;
+
+impl From<VideoError> for Failure {
+    fn from(error: VideoError) -> Self {
+        match error {
+            VideoError::Config(error) => error.into(),
+            VideoError::Format(error) => error.into(),
+            other => Self::Config(other.to_string()),
+        }
+    }
+}
+
+/// What to read, in the words of Python.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Wanted {
+    path: PathBuf,
+    transfer: Option<String>,
+    fps: Option<f64>,
+    timestamps: Option<PathBuf>,
+    size: Option<(u32, u32)>,
+    start_us: i64,
+    duration_us: Option<i64>,
+    ffmpeg: Option<PathBuf>,
+}
+
+impl Wanted {
+    fn open(self) -> Result<FrameSource, Failure> {
+        let clock = match (self.fps, self.timestamps) {
+            (Some(_), Some(_)) => {
+                return Err(Failure::Config("fps and timestamps are both given; give one of them".into()));
+            }
+            (Some(fps), None) => Clock::rate(fps)?,
+            (None, Some(path)) => clock_of(&path)?,
+            (None, None) => Clock::Source,
+        };
+        let transfer = self.transfer.as_deref().map(evis_video::transfer).transpose()?;
+        Ok(FrameSource::open(SourceConfig {
+            clock,
+            transfer,
+            size: self.size,
+            start_us: self.start_us,
+            duration_us: self.duration_us,
+            ffmpeg: self.ffmpeg,
+            ..SourceConfig::new(self.path)
+        })?)
+    }
+}
+
+/// Converts frames to a recording; returns the report as JSON.
+#[pyfunction]
+#[pyo3(signature = (source, output, *, sensor, seed, reference_luminance, overwrite))]
+pub(crate) fn convert_video(
+    py: Python<'_>,
+    source: Wanted,
+    output: PathBuf,
+    sensor: &str,
+    seed: u64,
+    reference_luminance: f32,
+    overwrite: bool,
+) -> PyResult<String> {
+    let sensor: SensorConfig = from_json(sensor)?;
+    let config = VideoConfig { sensor, seed, reference_luminance, ..VideoConfig::default() };
+    let stop = AtomicBool::new(false);
+    py.enter_engine_for_long(&stop, || {
+        let stream = VideoStream::new(source.open()?, config)?;
+        let report = evis_video::convert(stream, &output, overwrite, |_| !stop.load(Ordering::Relaxed))?;
+        serde_json::to_string(&report).map_err(|error| Failure::Engine(error.to_string()))
+    })
+}
+
+/// Frames, one after the other.
+#[pyclass(frozen, module = "evis._evis")]
+pub(crate) struct FrameReader(Mutex<FrameSource>);
+
+/// Time, numbers, height, width, channels.
+type Read<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
+
+#[pymethods]
+impl FrameReader {
+    #[new]
+    fn new(py: Python<'_>, source: Wanted) -> PyResult<Self> {
+        py.enter_engine(|| Ok::<_, Failure>(Self(Mutex::new(source.open()?))))
+    }
+
+    /// The next frame as a flat array; None after the last one.
+    fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<Read<'py>>> {
+        let read = py.enter_engine(|| {
+            let mut source = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            source.next_frame().map_err(Failure::from)
+        })?;
+        Ok(read.map(|frame| {
+            let picture = frame.picture;
+            let array = match picture.values {
+                Values::U8(values) => PyArray1::from_vec(py, values).into_any(),
+                Values::U16(values) => PyArray1::from_vec(py, values).into_any(),
+                Values::F32(values) => PyArray1::from_vec(py, values).into_any(),
+            };
+            (frame.t_us, array, picture.height, picture.width, picture.channels)
+        }))
+    }
+
+    /// Kind, curve, absolute time of the first frame used, warnings.
+    fn about(&self, py: Python<'_>) -> PyResult<(&'static str, String, i64, Vec<String>)> {
+        py.enter_engine(|| {
+            let source = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let curve = transfer_name(source.transfer());
+            Ok::<_, Failure>((source.kind(), curve, source.offset_us(), source.warnings()))
+        })
+    }
+}

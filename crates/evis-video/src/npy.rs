@@ -1,0 +1,107 @@
+//! NumPy's own file of one array, frame by frame.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use evis_core::format::FormatError;
+use evis_core::format::numpy::NpyHeader;
+
+use crate::error::VideoError;
+use crate::picture::{Picture, Values};
+
+/// What works.
+const FORM: &str =
+    "save an array of shape (T, H, W) or (T, H, W, 3) of uint8, uint16 or float32 with numpy.save";
+
+/// Type of the elements.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    U8,
+    U16,
+    F32,
+}
+
+/// A stack of frames in a `.npy` file.
+#[derive(Debug)]
+pub(crate) struct Stack {
+    path: PathBuf,
+    file: BufReader<File>,
+    kind: Kind,
+    big_endian: bool,
+    /// Frames in all.
+    pub frames: u64,
+    read: u64,
+    height: u32,
+    width: u32,
+    channels: usize,
+}
+
+impl Stack {
+    /// Opens the file and understands its header.
+    pub fn open(path: &Path) -> Result<Self, VideoError> {
+        let file = File::open(path).map_err(|error| FormatError::io(path, "read", error))?;
+        let mut file = BufReader::with_capacity(1 << 20, file);
+        let corrupt = |what: String| VideoError::from(FormatError::corrupt(path, what, FORM));
+        let header = NpyHeader::read(&mut file).map_err(corrupt)?;
+        let (order, kind) = header.descr.split_at_checked(1).unwrap_or_default();
+        let kind = match kind {
+            "u1" => Kind::U8,
+            "u2" => Kind::U16,
+            "f4" => Kind::F32,
+            _ => return Err(corrupt(format!("its elements are of dtype '{}'", header.descr))),
+        };
+        if header.fortran_order {
+            return Err(corrupt("its array is in Fortran's order".into()));
+        }
+        let shape = &header.shape;
+        let (frames, height, width, channels) = match *shape.as_slice() {
+            [t, h, w] => (t, h, w, 1),
+            [t, h, w, c @ (1 | 3)] => (t, h, w, c as usize),
+            _ => return Err(corrupt(format!("its shape is {shape:?}"))),
+        };
+        let side = |side: u64| u32::try_from(side).ok().filter(|side| (1..=65_536).contains(side));
+        let (Some(height), Some(width)) = (side(height), side(width)) else {
+            return Err(corrupt(format!("its shape is {shape:?}")));
+        };
+        let big_endian = order == ">";
+        Ok(Self { path: path.into(), file, kind, big_endian, frames, read: 0, height, width, channels })
+    }
+
+    /// The next frame.
+    pub fn next(&mut self) -> Result<Option<Picture>, VideoError> {
+        if self.read == self.frames {
+            return Ok(None);
+        }
+        let count = self.width as usize * self.height as usize * self.channels;
+        let size = match self.kind {
+            Kind::U8 => 1,
+            Kind::U16 => 2,
+            Kind::F32 => 4,
+        };
+        let mut bytes = vec![0; count * size];
+        self.file.read_exact(&mut bytes).map_err(|error| {
+            if error.kind() != std::io::ErrorKind::UnexpectedEof {
+                return FormatError::io(&self.path, "read", error);
+            }
+            let what = format!("frame {} of {} is cut off", self.read, self.frames);
+            FormatError::corrupt(&self.path, what, "copy the file again from its source")
+        })?;
+        let big = self.big_endian;
+        let values = match self.kind {
+            Kind::U8 => Values::U8(bytes),
+            Kind::U16 => {
+                let (pairs, _) = bytes.as_chunks::<2>();
+                let one = |b: &[u8; 2]| if big { u16::from_be_bytes(*b) } else { u16::from_le_bytes(*b) };
+                Values::U16(pairs.iter().map(one).collect())
+            }
+            Kind::F32 => {
+                let (fours, _) = bytes.as_chunks::<4>();
+                let one = |b: &[u8; 4]| if big { f32::from_be_bytes(*b) } else { f32::from_le_bytes(*b) };
+                Values::F32(fours.iter().map(one).collect())
+            }
+        };
+        self.read += 1;
+        Ok(Some(Picture { width: self.width, height: self.height, channels: self.channels, values }))
+    }
+}

@@ -1,0 +1,268 @@
+"""Films, folders of pictures and arrays of frames become events."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _evis
+from ._evis import ConfigError
+from ._sensor import Sensor
+from ._simulator import micros
+
+
+def _ffmpeg() -> str | None:
+    """Name the ffmpeg of the extra `video`, where no other is named; None: the one on PATH."""
+    if not os.environ.get("EVIS_FFMPEG"):
+        with contextlib.suppress(ImportError, RuntimeError):
+            import imageio_ffmpeg
+
+            return str(imageio_ffmpeg.get_ffmpeg_exe())
+    return None
+
+
+def _wanted(
+    source: str | PathLike[str],
+    transfer: str | None,
+    fps: float | None,
+    timestamps: str | PathLike[str] | None,
+    size: tuple[int, int] | None,
+    start: float,
+    duration: float | None,
+) -> dict[str, Any]:
+    if size is not None and not (len(size) == 2 and all(0 < int(side) <= 65536 for side in size)):
+        raise ConfigError(f"size is {size}; it must be (width, height), each between 1 and 65536 pixels")
+    return {
+        "path": Path(source),
+        "transfer": transfer,
+        "fps": fps,
+        "timestamps": None if timestamps is None else Path(timestamps),
+        "size": None if size is None else (int(size[0]), int(size[1])),
+        "start_us": micros("start", start),
+        "duration_us": None if duration is None else micros("duration", duration),
+        "ffmpeg": _ffmpeg(),
+    }
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class VideoReport:
+    """What `video` did.
+
+    Attributes
+    ----------
+    output, input : Path
+        The recording, and what was read.
+    kind : {"film", "folder", "stack"}
+        What that was.
+    width, height : int
+        Pixels of the sensor.
+    frames : int
+        Frames that were used.
+    offset_us : int
+        Time of the first one, as the source counts it, in microseconds; the recording starts at 0.
+    stream_s, wall_s : float
+        From the first frame to the last, and of work, in seconds.
+    events, on, off : int
+        Events written.
+    unknown : int
+        Pixel values that were NaN: those pixels kept their state.
+    clamped, suppressed, dropped : int
+        See `EmulatorReport`.
+    transfer : str
+        Curve of integer frames.
+    warnings : tuple of str
+        What was probably not meant, and what ffmpeg complained about.
+    """
+
+    output: Path
+    input: Path
+    kind: Literal["film", "folder", "stack"]
+    width: int
+    height: int
+    frames: int
+    offset_us: int
+    stream_s: float
+    wall_s: float
+    events: int
+    on: int
+    off: int
+    unknown: int
+    clamped: int
+    suppressed: int
+    dropped: int
+    transfer: str
+    warnings: tuple[str, ...]
+
+
+def video(
+    source: str | PathLike[str],
+    output: str | PathLike[str],
+    *,
+    sensor: Sensor | str | None = None,
+    seed: int = 0,
+    transfer: str | None = None,
+    fps: float | None = None,
+    timestamps: str | PathLike[str] | None = None,
+    size: tuple[int, int] | None = None,
+    start: float = 0.0,
+    duration: float | None = None,
+    reference_luminance: float = 1.0,
+    overwrite: bool = False,
+) -> VideoReport:
+    """Turn a film, a folder of pictures or an array of frames into a recording.
+
+    Memory does not grow with the length. Ctrl-C leaves a whole file. The GIL is released.
+
+    Parameters
+    ----------
+    source : path
+        A film that ffmpeg plays (of the extra ``evis[video]``, or the one on PATH); a folder of PNG, TIFF,
+        EXR or JPEG pictures, in the order of the numbers in their names; a ``.npy`` file of shape (T, H, W)
+        or (T, H, W, 3), uint8, uint16 or float32.
+    output : path
+        The recording, ``.h5`` or ``.hdf5``.
+    sensor : Sensor or str, optional
+        The sensor, or the name of a preset; an ideal one if not given.
+    seed : int
+        Seed of everything random.
+    transfer : str, optional
+        Curve of integer values: ``"srgb"``, ``"rec709"``, ``"gamma:2.2"`` (any number), ``"linear"``. If not
+        given, Rec. 709 for films and sRGB for the rest. float32 is linear light.
+    fps : float, optional
+        Frames per second, whatever the source says. A film has times of its own (variable ones are kept), a
+        folder has them in its ``timestamps.txt``.
+    timestamps : path, optional
+        A text file of times, one per frame and line: seconds with a decimal point, or below a line
+        ``# unit: us`` (s, ms, ns) that unit. With ``name time``, the names choose a folder's pictures.
+    size : (int, int), optional
+        Width and height of the sensor; frames are averaged to it in linear light.
+    start, duration : float
+        Seconds after the first frame to begin at, and to convert; all if not given.
+    reference_luminance : float
+        Y_ref of the sensor's formula; white of integer frames is 1.
+    overwrite : bool
+        Replace a file that exists.
+
+    Raises
+    ------
+    ConfigError
+        If a setting cannot be used, or there is no ffmpeg; the message says how to get one.
+    FormatError
+        If a frame cannot be read, has another size, or a time that does not come after the one before it; the
+        message names the frame. What was written before stays readable.
+    OSError
+        If a file cannot be read or written.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile, pathlib
+    >>> import evis
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> frames = np.linspace(0.2, 0.8, 10, dtype=np.float32)[:, None, None] * np.ones((10, 4, 6), np.float32)
+    >>> np.save(folder / "in.npy", frames)
+    >>> report = evis.video(folder / "in.npy", folder / "out.h5", fps=100)
+    >>> report.frames, report.events, evis.load(folder / "out.h5").events.p.min()
+    (10, 144, np.int16(1))
+    """
+    if Path(output).suffix.lower() not in (".h5", ".hdf5"):
+        raise ConfigError(f"output ends with '{Path(output).suffix}'; it must end with .h5 or .hdf5")
+    if sensor is None:
+        sensor = Sensor()
+    elif isinstance(sensor, str):
+        sensor = Sensor.preset(sensor)
+    sensor.check()
+    if not 0 <= seed < 2**63:
+        raise ConfigError(f"seed is {seed}; it must be at least 0 and below 2**63")
+    text = _evis.convert_video(
+        _wanted(source, transfer, fps, timestamps, size, start, duration),
+        Path(output),
+        sensor=sensor._json(),
+        seed=seed,
+        reference_luminance=reference_luminance,
+        overwrite=overwrite,
+    )
+    held = json.loads(text)
+    # Interrupted, this function has raised KeyboardInterrupt.
+    del held["interrupted"]
+    held["output"], held["input"] = Path(held["output"]), Path(held["input"])
+    held["warnings"] = tuple(held["warnings"])
+    return VideoReport(**held)
+
+
+class Frames(Iterator[tuple[int, npt.NDArray[Any]]]):
+    """Frames of a source, one after the other: (microseconds, array); made by `frames`."""
+
+    __slots__ = ("_reader",)
+
+    def __init__(self, reader: _evis.FrameReader) -> None:
+        self._reader = reader
+
+    def __iter__(self) -> Frames:
+        """Return itself."""
+        return self
+
+    def __next__(self) -> tuple[int, npt.NDArray[Any]]:
+        """Read a frame."""
+        read = self._reader.next()
+        if read is None:
+            raise StopIteration
+        t_us, values, height, width, channels = read
+        shape = (height, width) if channels == 1 else (height, width, channels)
+        return t_us, np.reshape(values, shape)
+
+    @property
+    def kind(self) -> str:
+        """What is read: ``"film"``, ``"folder"`` or ``"stack"``."""
+        return self._reader.about()[0]
+
+    @property
+    def transfer(self) -> str:
+        """Curve of integer frames."""
+        return self._reader.about()[1]
+
+    @property
+    def offset_us(self) -> int:
+        """Time of the first frame that was read, as the source counts it."""
+        return self._reader.about()[2]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What was probably not meant so far."""
+        return self._reader.about()[3]
+
+
+def frames(
+    source: str | PathLike[str],
+    *,
+    transfer: str | None = None,
+    fps: float | None = None,
+    timestamps: str | PathLike[str] | None = None,
+    size: tuple[int, int] | None = None,
+    start: float = 0.0,
+    duration: float | None = None,
+) -> Frames:
+    """Read frames as arrays, for `EventEmulator` or anything else.
+
+    Parameters are those of `video`.
+
+    Returns
+    -------
+    Frames
+        An iterator over (t_us, frame): int, microseconds after the first frame that is used; uint8, uint16 or
+        float32 (H, W) or (H, W, 3). Frames brought to another ``size`` are float32 linear light.
+
+    Raises
+    ------
+    ConfigError, FormatError, OSError
+        As `video`; reading a frame may raise too.
+    """
+    return Frames(_evis.FrameReader(_wanted(source, transfer, fps, timestamps, size, start, duration)))
