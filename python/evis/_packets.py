@@ -190,7 +190,9 @@ class Report:
     events : int
         Events of all views.
     dropped : int
-        Events that could not be delivered; always 0, or the run has failed.
+        Events that the sensor's rate limit dropped; no other event is lost, or the run has failed.
+    suppressed : int
+        Events that pixels lost to their refractory period.
     clamped : int
         Pixels and intervals whose event count hit the limit.
     instants : int
@@ -207,6 +209,7 @@ class Report:
 
     events: int
     dropped: int
+    suppressed: int
     clamped: int
     instants: int
     keyframes: int

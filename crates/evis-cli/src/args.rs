@@ -96,7 +96,12 @@ pub(crate) struct RunArgs {
     #[command(flatten)]
     pub(crate) splat: SplatArgs,
 
-    /// How a change of brightness becomes events [default: crossing; latch for evis-paper].
+    /// Sensor: a preset (ideal, evis, v2e, v2e-noisy, esim, openeb, dvxplorer-like, …) or a TOML file; the flags below
+    /// override it [default: ideal].
+    #[arg(long, value_name = "PRESET|FILE")]
+    pub(crate) sensor: Option<String>,
+
+    /// How a change of brightness becomes events [default: the sensor's; crossing, or latch for evis-paper].
     #[arg(long, value_enum)]
     pub(crate) trigger: Option<TriggerArg>,
 

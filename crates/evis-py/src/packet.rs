@@ -91,6 +91,7 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("events", report.events)?;
     dict.set_item("dropped", report.dropped)?;
+    dict.set_item("suppressed", report.suppressed)?;
     dict.set_item("clamped", report.clamped)?;
     dict.set_item("instants", report.instants)?;
     dict.set_item("keyframes", report.keyframes)?;

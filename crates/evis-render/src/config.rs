@@ -3,6 +3,7 @@
 use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid};
 use serde::{Deserialize, Serialize};
 
+use crate::chain::OLD_US;
 use crate::grid::SampleGrid;
 use crate::splat_config::SplatConfig;
 
@@ -126,11 +127,26 @@ impl RunConfig {
     /// # Errors
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn check(&self) -> Result<(), ConfigError> {
-        Sensor::new(self.sensor.clone())?.thresholds_only("the 3D engine")?;
+        Sensor::new(self.sensor.clone())?;
+        if self.sensor.diffusion.is_some() {
+            return Err(ConfigError::new(
+                "sensor.diffusion",
+                "on (as in davis346 and davis240)",
+                "off: the 3D engine has no Brownian trigger. Take another preset, or push rendered frames to an \
+                 EventEmulator",
+            ));
+        }
         if let Method::Splat(splat) = &self.method {
             splat.check()?;
         }
-        self.sample_grid()?;
+        let interval_us = self.sample_grid()?.longest_interval_us();
+        if !self.sensor.is_ideal() && interval_us > f64::from(OLD_US / 2) {
+            return Err(ConfigError::new(
+                "rate",
+                format!("an instant every {:.0} s", interval_us * 1e-6),
+                "one in 268 s at least, for a sensor with more than thresholds",
+            ));
+        }
         TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
         if !(1..=256).contains(&self.samples) {
             return Err(ConfigError::new("samples", self.samples, "between 1 and 256"));

@@ -4,6 +4,7 @@
 
 #[doc(hidden)]
 pub mod bench;
+mod chain;
 pub mod config;
 pub mod cpu;
 mod engine;

@@ -45,6 +45,14 @@ shaders![
     "trigger/scan.wgsl",
     "trigger/emit.wgsl",
     "trigger/resolve.wgsl",
+    "chain/philox.wgsl",
+    "chain/arithmetic.wgsl",
+    "chain/layout.wgsl",
+    "chain/state.wgsl",
+    "chain/response.wgsl",
+    "chain/shape.wgsl",
+    "chain/pixel.wgsl",
+    "chain/walk.wgsl",
 ];
 
 /// The text of one file.

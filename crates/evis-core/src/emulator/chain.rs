@@ -682,7 +682,11 @@ impl Pixel<'_> {
         let last = self.chain.polarity.get(self.index).copied();
         Some(match (settled.relative, last) {
             (Some(side), Some(last)) if last < 2 => {
-                if (last == 1) != (side == Polarity::On) { Polarity::On } else { Polarity::Off }
+                if (last == 1) != (side == Polarity::On) {
+                    Polarity::On
+                } else {
+                    Polarity::Off
+                }
             }
             _ => settled.polarity,
         })
@@ -868,7 +872,7 @@ impl Pixel<'_> {
 
 /// A leak's jitter is drawn for each pixel and 2^12 microseconds: two computations whose times differ by a rounding
 /// nearly always draw the same.
-const JITTER_SHIFT: u32 = 12;
+pub const JITTER_SHIFT: u32 = 12;
 
 /// Share of the mean time that the next leak event takes: nearly normal, the sum of four uniform draws, so that neither
 /// end is far away and a move of the reference costs no logarithm. Twin: `jitter_at` in `shaders/chain/pixel.wgsl`.

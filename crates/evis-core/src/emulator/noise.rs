@@ -57,12 +57,8 @@ impl Candidate {
     /// Everything about it that does not depend on light.
     pub fn settle(&self, noise: &Noise, rates: &Rates) -> Settled {
         let side = unit(self.side);
-        let always = |polarity, cause| Settled {
-            light_below: f32::INFINITY,
-            polarity,
-            relative: None,
-            cause,
-        };
+        let always =
+            |polarity, cause| Settled { light_below: f32::INFINITY, polarity, relative: None, cause };
         if self.hot {
             let on = side < f64::from(noise.on_share);
             return always(if on { Polarity::On } else { Polarity::Off }, Cause::Hot);
@@ -88,8 +84,7 @@ impl Candidate {
             f32::NEG_INFINITY
         };
         let other = side < f64::from(noise.alternation);
-        let relative =
-            (noise.alternation >= 0.0).then_some(if other { Polarity::On } else { Polarity::Off });
+        let relative = (noise.alternation >= 0.0).then_some(if other { Polarity::On } else { Polarity::Off });
         Settled { light_below, polarity, relative, cause: Cause::Shot }
     }
 }

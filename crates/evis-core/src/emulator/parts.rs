@@ -5,9 +5,9 @@
 use rayon::prelude::*;
 
 use super::TILE;
-pub use super::chain::Frozen;
-use super::noise::{Candidate, TileNoise};
+pub use super::chain::{Frozen, JITTER_SHIFT};
 pub use super::noise::Cause;
+use super::noise::{Candidate, TileNoise};
 use super::readout::{self, delay_us};
 use crate::event::{Event, Polarity};
 use crate::random::Key;

@@ -3,6 +3,7 @@
 mod floor0;
 mod floor1;
 mod floor2;
+mod floor2_chain;
 mod floor2_raster;
 mod floor2_splat;
 mod floor3;
