@@ -93,6 +93,7 @@ impl Stages {
         let (context, sampling, targets, groups) = self.engine.parts();
         let group = &mut groups[0];
         let targets = &targets[group.targets];
+        let instants = if first == 0 && group.chain.is_some() { 1 } else { instants };
         let unit = Unit { group: 0, first, instants };
         if let Some(chain) = group.chain.as_mut().filter(|_| stage >= Stage::Count) {
             slot.feed(&context.gpu, &unit.feed(chain, &context.grid));

@@ -110,6 +110,8 @@ impl ChainPlan {
         let fired = keep(refractory > 0 || alternates);
         planes = Planes { input, first, second, light, moved, slope, fired, ..planes };
         let own_slopes = ramp && (own_thresholds || noise.leak_spread_decades > 0.0);
+        // Where events do not change what comes after them, their times may be found later.
+        let sequential = !latch && sensor.times == Times::Shared && fired > 0;
         let flag = |on: bool| f64::from(u8::from(on));
         let constants = vec![
             ("SAMPLES", f64::from(samples)),
@@ -128,6 +130,7 @@ impl ChainPlan {
             ("LATCH", flag(latch)),
             ("TIMES", f64::from(if latch { 0 } else { times })),
             ("LIGHT_LATENCY", flag(light_latency)),
+            ("SEQUENTIAL", flag(sequential)),
             ("MOST_EVENTS", f64::from(sensor.most_events)),
             ("INPUT_PLANE", f64::from(input)),
             ("FIRST_PLANE", f64::from(first)),
@@ -151,8 +154,6 @@ impl ChainPlan {
             refractory_us: sensor.refractory.period_us as f32,
             latency_light_us: sensor.readout.latency_light_us,
         };
-        // Where events do not change what comes after them, their times may be found later.
-        let sequential = !latch && sensor.times == Times::Shared && fired > 0;
         Self { planes, constants, sensor: numbers, own_thresholds, own_slopes, sequential }
     }
 
@@ -169,12 +170,14 @@ impl ChainPlan {
     }
 }
 
-/// The chain's pipeline.
+/// The chain's pipelines.
 pub struct ChainPasses {
     /// What it is made for.
     pub plan: ChainPlan,
     /// Count, emit and peak.
     pub walk: ComputePass,
+    /// The first instant.
+    pub begin: ComputePass,
     sensor: wgpu::Buffer,
     /// Every [`ChainStep`] that a submission may ask for.
     steps: wgpu::Buffer,
@@ -211,6 +214,7 @@ impl ChainPasses {
     /// Builds the pipeline of `plan`.
     pub fn new(device: &wgpu::Device, plan: ChainPlan) -> Self {
         let walk = ComputePass::new(device, "chain/walk.wgsl", CHAIN_BINDINGS, &plan.constants);
+        let begin = ComputePass::new(device, "chain/begin.wgsl", CHAIN_BINDINGS, &plan.constants);
         let uniform = |label, bytes: &[u8]| {
             let buffer = device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -235,13 +239,14 @@ impl ChainPasses {
             }
         }
         let sensor = uniform("chain sensor", bytemuck::bytes_of(&plan.sensor));
-        Self { walk, sensor, steps: uniform("chain steps", &steps), plan }
+        Self { walk, begin, sensor, steps: uniform("chain steps", &steps), plan }
     }
 
     /// The dispatches that count `instants` instants.
     pub fn counting(&self, instants: u32) -> Vec<Walk> {
         if self.plan.sequential {
-            (0..instants).flat_map(|k| [Walk::Peak(k), Walk::CountOne(k)]).collect()
+            // Each also finds the next one's busiest pixel.
+            std::iter::once(Walk::Peak(0)).chain((0..instants).map(Walk::CountOne)).collect()
         } else {
             vec![Walk::Count(instants)]
         }

@@ -499,6 +499,8 @@ impl Engine {
         } else if next <= last {
             let planned = f64::from(self.targets[self.groups[group].targets].plan.instants);
             let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
+            // The first instant of a chain has a pass of its own.
+            let most = if next == 0 && self.context.trigger.chain().is_some() { 1 } else { most };
             let unit = Unit { group, first: next, instants: most.min(last - next + 1) as u32 };
             self.submit_unit(unit)?;
         } else {

@@ -11,7 +11,7 @@ use crate::pass::trigger::{
     BLOCK_BINDINGS, CHAIN_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS,
     TriggerPasses, WalkPasses,
 };
-use crate::pass::{self};
+use crate::pass::{self, ComputePass};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
 use crate::targets::{Layers, Targets};
 use crate::uniforms::{BlockParams, PixelMemory, ScanParams, Status, TriggerParams, ViewSensor};
@@ -539,7 +539,7 @@ fn ideal_walks<'a>(
     (vec![(&count.pipeline, counting)], (&emit.pipeline, emitting))
 }
 
-/// Count and emit of the whole chain.
+/// Count and emit of the whole chain. A stream's first instant is a unit of its own: nothing fires there.
 fn chain_walks<'a>(
     device: &wgpu::Device,
     chain: &'a ChainPasses,
@@ -552,11 +552,11 @@ fn chain_walks<'a>(
     // A group of a chain has both; the status buffer is at hand for a binding that is never read.
     let frozen = group.chain.as_ref().map_or(&group.status, |own| &own.frozen);
     let feed = slot.feed.as_ref().unwrap_or(frozen);
-    let walk = |walk: Walk| {
+    let walk = |pass: &'a ComputePass, walk: Walk| {
         let bindings = pass::group(
             device,
             "chain",
-            &chain.walk.layout,
+            &pass.layout,
             CHAIN_BINDINGS,
             vec![
                 slot.params.as_entire_binding(),
@@ -575,7 +575,12 @@ fn chain_walks<'a>(
                 slot.events.as_entire_binding(),
             ],
         );
-        (&chain.walk.pipeline, bindings)
+        (&pass.pipeline, bindings)
     };
-    (chain.counting(unit.instants).into_iter().map(walk).collect(), walk(Walk::Emit(unit.instants)))
+    let counting = if unit.first == 0 {
+        vec![walk(&chain.begin, Walk::Count(1))]
+    } else {
+        chain.counting(unit.instants).into_iter().map(|step| walk(&chain.walk, step)).collect()
+    };
+    (counting, walk(&chain.walk, Walk::Emit(unit.instants)))
 }

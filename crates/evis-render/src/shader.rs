@@ -52,7 +52,9 @@ shaders![
     "chain/response.wgsl",
     "chain/shape.wgsl",
     "chain/pixel.wgsl",
+    "chain/leak.wgsl",
     "chain/walk.wgsl",
+    "chain/begin.wgsl",
 ];
 
 /// The text of one file.

@@ -21,6 +21,8 @@ override LATCH: bool = false;
 // 0 crossing, 1 sample, 2 even, 3 shared.
 override TIMES: u32 = 0;
 override LIGHT_LATENCY: bool = false;
+// Whether an instant's events depend on the busiest pixel's, and the next instant's on them: a dispatch each.
+override SEQUENTIAL: bool = false;
 override MOST_EVENTS: u32 = 65535;
 
 // Planes of the pixel memory; one that is off is never touched.

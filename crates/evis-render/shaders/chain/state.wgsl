@@ -148,3 +148,10 @@ fn store_memory(last: bool, end: u32) {
         keep(FIRED_PLANE, (bitcast<u32>(age) << 2u) | polarity);
     }
 }
+
+fn set_interval(instant: u32) {
+    let span = params.spans[instant];
+    start = span.x;
+    interval = span.y;
+    clock = span.zw;
+}

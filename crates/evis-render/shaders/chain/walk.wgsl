@@ -24,30 +24,15 @@ fn find_strikes(time: u32) {
     strike = low;
 }
 
-fn set_interval(instant: u32) {
-    let span = params.spans[instant];
-    start = span.x;
-    interval = span.y;
-    clock = span.zw;
-}
-
-// The first sample sets the reference.
-fn begin_pixel() {
-    set_interval(0u);
-    begin_response(0u);
-    reference = input;
-    if (PHASE_START && threshold_on < BEYOND) {
-        let part = unit(draw(key, number(), STREAM_START, 0u, 0u, 0u).x);
-        reference = input - (part * (threshold_on + threshold_off) - threshold_off);
-    }
-    fired = -i32(OLD - 1u);
-    polarity = 2u;
-    slope = steady;
-    moved_at(0.0);
-}
-
 fn peak_of(instant: u32) -> u32 {
     return view * 32u + instant;
+}
+
+// Tells the others how many events this pixel asks for at an instant that its memory has come to.
+fn report_peak(instant: u32) {
+    set_interval(instant);
+    respond(instant);
+    report_steps(instant);
 }
 
 // Tells the others how many events this pixel asks for.
@@ -67,7 +52,7 @@ fn take_interval(instant: u32) {
         if (LATCH || TIMES != 0u) {
             var most = 1u;
             if (TIMES == 3u) {
-                if (job.mode == MODE_COUNT) {
+                if (!SEQUENTIAL && job.mode == MODE_COUNT) {
                     report_steps(instant);
                 }
                 most = atomicLoad(&report.peaks[peak_of(instant)]);
@@ -118,23 +103,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     load_pixel(id);
-    var instant = job.first;
-    if (instant == 0u && params.first == 1u) {
-        begin_pixel();
-        instant = 1u;
-    } else {
-        load_memory(instant != 0u);
-    }
+    load_memory(job.first != 0u);
     if (job.mode == MODE_PEAK) {
-        if (instant < job.end) {
-            set_interval(instant);
-            respond(instant);
-            report_steps(instant);
-        }
+        report_peak(job.first);
         return;
     }
-    find_strikes(params.spans[instant % 32u].x);
-    for (; instant < job.end; instant++) {
+    find_strikes(params.spans[job.first].x);
+    for (var instant = job.first; instant < job.end; instant++) {
         take_interval(instant);
     }
     if (emits) {
@@ -159,5 +134,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     if (suppressed != 0u) {
         atomicAdd(&report.status.suppressed, suppressed);
+    }
+    if (SEQUENTIAL && !last) {
+        report_peak(job.end);
     }
 }

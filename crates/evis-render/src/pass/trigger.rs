@@ -44,7 +44,7 @@ pub const EMIT_BINDINGS: &[Binding] = &[
     bind(8, "events", Access::Write),
     bind(9, "fired", Access::Read),
 ];
-/// `chain/walk.wgsl`.
+/// `chain/walk.wgsl` and `chain/begin.wgsl`.
 pub const CHAIN_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::Uniform),
     bind(1, "job", Access::Uniform),

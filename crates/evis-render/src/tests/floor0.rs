@@ -60,6 +60,7 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/emit.wgsl", &[trigger::EMIT_BINDINGS]),
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
         ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
+        ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
     ]
 }
 
@@ -435,7 +436,8 @@ fn constants_agree() {
         ("JITTER_SHIFT", f64::from(evis_core::emulator::parts::JITTER_SHIFT)),
     ];
     for (name, value) in chain_constants {
-        assert_eq!(constant("chain/walk.wgsl", name), value, "{name}");
+        let file = if name == "STREAM_START" { "chain/begin.wgsl" } else { "chain/walk.wgsl" };
+        assert_eq!(constant(file, name), value, "{name}");
     }
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();

@@ -89,7 +89,8 @@ fn run(
     let mut group = Group::new(gpu, 0, &targets, (0..VIEWS).collect(), &sensors, Some((chain, group_chain)));
     let mut ran = Ran { events: vec![Vec::new(); VIEWS], status: Status::default() };
     let mut first = 0;
-    for cut in cuts.iter().copied().cycle() {
+    // The first instant is a unit of its own.
+    for cut in std::iter::once(1).chain(cuts.iter().copied().cycle()) {
         let count = cut.min(instants - first as u32);
         if count == 0 {
             break;
@@ -409,4 +410,56 @@ fn the_generator_gives_the_published_answers_on_the_device() {
     assert_eq!(got[12..16], expected);
     assert_ne!(got[12..16], philox([77, epoch as u32, high, 4], [known[0], known[5]]), "canary");
     assert_eq!(got[16..18], [0, u32::MAX].map(|word| evis_core::random::unit_f32(word).to_bits()));
+}
+
+#[test]
+#[ignore = "temporary"]
+fn cost() {
+    use crate::bench::{Stage, Stages};
+    let Some(gpu) = super::device() else { return };
+    let cpu = || {
+        let text = std::fs::read_to_string("/proc/self/schedstat").unwrap();
+        let _ = text;
+        let mut total = 0u64;
+        for t in std::fs::read_dir("/proc/self/task").unwrap() {
+            let p = t.unwrap().path().join("schedstat");
+            if let Ok(s) = std::fs::read_to_string(p) {
+                total += s.split_whitespace().next().unwrap().parse::<u64>().unwrap();
+            }
+        }
+        total
+    };
+    let scene = std::sync::Arc::new(evis_scene::builtin::load("spinner", 0).unwrap());
+    for name in std::env::var("SENSORS").unwrap().split(',') {
+        let sensor = if name == "pattern" {
+            SensorConfig { pattern: Pattern { sigma: 0.03, ..Default::default() }, ..Default::default() }
+        } else if name == "few" {
+            SensorConfig { most_events: 60000, ..Default::default() }
+        } else {
+            SensorConfig::preset(name).unwrap()
+        };
+        let config = crate::RunConfig { size: Some((320, 240)), samples: 1, sensor, ..Default::default() };
+        let mut stages = Stages::new(&gpu, scene.clone(), config, 1 << 21).unwrap();
+        let n = 16;
+        let mut least = [u64::MAX; 6];
+        let mut first = 0;
+        for _ in 0..6 {
+            for stage in Stage::ALL {
+                let a = cpu();
+                stages.run(first, n, stage, stage == Stage::Readback).unwrap();
+                if first > 0 {
+                    least[stage as usize] = least[stage as usize].min(cpu() - a);
+                }
+            }
+            first += if first == 0 { 1 } else { i64::from(n) };
+        }
+        let per = |a: u64| a as f64 / (320.0 * 240.0 * f64::from(n));
+        println!(
+            "{name}: raster {:.1} count {:.1} prefix {:.1} emit {:.1}",
+            per(least[1]),
+            per(least[2]) - per(least[1]),
+            per(least[3]) - per(least[2]),
+            per(least[4]) - per(least[3])
+        );
+    }
 }
