@@ -307,3 +307,31 @@ def test_a_method_samples_instants_from_keyframes(device: evis.Device):
     ]:
         with pytest.raises(evis.ConfigError, match=name):
             evis.Simulator(scene, size=(48, 36), **wrong)
+
+
+@pytest.mark.parametrize("name", ["v2e", "gen4-like"])
+def test_every_stage_of_a_sensor_runs_on_scenes(spinner: evis.Scene, name: str):
+    def run(packet_us: int = 10_000, **settings: Any) -> list[npt.NDArray[Any]]:
+        return columns(streamed(spinner, packet_us=packet_us, **settings))
+
+    seen = run(sensor=name, seed=3)
+    assert len(seen[0]) > 200
+    # The same from a preset's values, in packets of another length.
+    assert same(seen, run(7_777, sensor=evis.Sensor.preset(name), seed=3))
+    assert not same(seen, run(sensor=name, seed=4)), "canary: another seed, other noise"
+    assert not same(seen, run(sensor="ideal", seed=3)), "canary: another sensor"
+    simulator = evis.Simulator(spinner, **SMALL, sensor=name)
+    assert simulator.sensor == evis.Sensor.preset(name)
+    assert "refractory" in simulator.config_toml
+
+
+def test_lost_events_are_counted(spinner: evis.Scene):
+    sensor = evis.Sensor(
+        threshold_on=0.05,
+        threshold_off=0.05,
+        refractory=evis.Refractory(period_us=5_000),
+        readout=evis.Readout(rate_limit_hz=20_000.0),
+    )
+    reports = [packet.report for packet in streamed(spinner, sensor=sensor)]
+    assert sum(report.suppressed for report in reports) > 100
+    assert sum(report.dropped for report in reports) > 100

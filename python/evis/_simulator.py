@@ -73,9 +73,10 @@ class Simulator:
     ----------
     scene : Scene
         What to render; several simulators may share it.
-    sensor : Sensor, optional
-        Sensor of every camera that does not set its own thresholds; ideal, 0.2 / 0.2, where not given (with
-        the method ``evis-paper``: the same that latches, with ``log_eps`` 1e-5).
+    sensor : Sensor or str, optional
+        Sensor of every camera, or the name of a preset; a camera's own thresholds come before the sensor's.
+        Ideal, 0.2 / 0.2, where not given (with the method ``evis-paper``: the same that latches, with
+        ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
     method : {"native", "splat", "evis-paper"} or Splat
         How instants are sampled: each rendered, or splatted from keyframes.
     rate_hz : float, optional
@@ -103,7 +104,7 @@ class Simulator:
     start : float
         Scene time in seconds at which the stream starts; the stream's own time starts at 0.
     seed : int
-        Seed of everything random.
+        Seed of everything random: what is frozen in the sensor, and its noise.
     reference_luminance : float, optional
         Y_ref of the sensor's formula; the value that brings the first camera's log-mean to 0.18 if not given.
     device : Device, str or int, optional
@@ -121,7 +122,7 @@ class Simulator:
         self,
         scene: Scene,
         *,
-        sensor: Sensor | None = None,
+        sensor: Sensor | str | None = None,
         method: Method = "native",
         rate_hz: float | None = None,
         samples: int = 4,
@@ -145,11 +146,9 @@ class Simulator:
         if sensor is None:
             paper = splat is not None and splat.is_evis_paper
             sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
-        if not sensor.thresholds_only:
-            raise ConfigError(
-                f"sensor is {sensor!r}; it must have thresholds, log_eps, trigger and interpolation only: "
-                "the 3D engine has no other stage yet"
-            )
+        elif isinstance(sensor, str):
+            sensor = Sensor.preset(sensor)
+        sensor.check()
         if isinstance(cameras, str) or isinstance(labels, str):
             raise ConfigError("cameras and labels are sequences: write ['NAME'], not 'NAME'")
         names: list[str] = []
@@ -163,11 +162,7 @@ class Simulator:
         self._sensor = sensor
         self._engine = _evis.Simulator(
             scene._raw,
-            threshold_on=sensor.threshold_on,
-            threshold_off=sensor.threshold_off,
-            log_eps=sensor.log_eps,
-            trigger=sensor.trigger,
-            interpolation=sensor.interpolation,
+            sensor=sensor._json(),
             method="native" if splat is None else "splat",
             splat=_method.as_json(splat),
             rate_hz=1000.0 if rate_hz is None else rate_hz,

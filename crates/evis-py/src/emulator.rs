@@ -19,7 +19,7 @@ fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
     Ok(sensor.spelled_out()?.to_string())
 }
 
-fn from_json(json: &str) -> Result<SensorConfig, Failure> {
+pub(crate) fn from_json(json: &str) -> Result<SensorConfig, Failure> {
     let sensor: SensorConfig = serde_json::from_str(json).map_err(|error| {
         // The place in a text that the user never saw says nothing.
         let told = error.to_string().replace('`', "'");

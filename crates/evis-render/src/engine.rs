@@ -385,6 +385,12 @@ impl Engine {
         self.most_capacity = most;
     }
 
+    /// Lets a submission have this many words of strikes: tests make it split.
+    #[cfg(test)]
+    pub fn limit_feed(&mut self, words: u64) {
+        self.most_feed = words;
+    }
+
     /// Set, it ends a delivery after the submission in work with [`EngineError::Stopped`]; nothing is lost, the
     /// next delivery goes on from there.
     pub fn stop(&self) -> &Arc<AtomicBool> {

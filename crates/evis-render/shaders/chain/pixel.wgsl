@@ -1,7 +1,8 @@
 #import chain/leak.wgsl
 #import chain/shape.wgsl
 // One pixel in one interval, in continuous time: crossings and noise in the order in which they happen. Times are
-// microseconds since the interval's start. Twins: cpu/chain.rs; evis_core's emulator, in f64.
+// microseconds since the interval's start. Twin: chain.rs of
+// evis_core's emulator.
 
 const CAUSE_SIGNAL: u32 = 0u;
 
