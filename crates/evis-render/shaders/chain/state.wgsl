@@ -45,10 +45,11 @@ fn pixels() -> u32 {
     return params.stride * params.height * params.view_count;
 }
 
-fn load_pixel(id: vec3<u32>) {
+// `workgroup`: what all invocations of it share, drivers load once.
+fn load_pixel(id: vec3<u32>, workgroup: vec3<u32>) {
     pixel = id.xy;
-    view = id.z;
-    let words = view * VIEW_WORDS;
+    view = workgroup.z;
+    let words = workgroup.z * VIEW_WORDS;
     threshold_on = bitcast<f32>(frozen[words]);
     threshold_off = bitcast<f32>(frozen[words + 1u]);
     steady = bitcast<f32>(frozen[words + 2u]);

@@ -3,11 +3,10 @@
 // stays until the submission is known to fit.
 
 // The pixel's first strike after `time`.
-fn find_strikes(time: u32) {
+fn find_strikes(time: u32, block: u32) {
     if (!STRIKES) {
         return;
     }
-    let block = index / BLOCK_PIXELS;
     let lane = pixel.x % BLOCK_PIXELS;
     var low = feed[block];
     var high = feed[block + 1u];
@@ -70,8 +69,7 @@ fn take_interval(instant: u32) {
 }
 
 // Where the pixel's events go, and how many were counted: up to the next pixel's.
-fn find_room() {
-    let block = index / BLOCK_PIXELS;
+fn find_room(block: u32) {
     let within = cells[index];
     place = block_offsets[block] + within;
     if ((index + 1u) % BLOCK_PIXELS != 0u) {
@@ -84,11 +82,13 @@ fn find_room() {
 }
 
 @compute @workgroup_size(WORKGROUP)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) workgroup: vec3<u32>) {
     if (report.status.stalled != 0u) {
         return;
     }
     index = (id.z * params.height + id.y) * params.stride + id.x;
+    // A workgroup is a block.
+    let block = (workgroup.z * params.height + workgroup.y) * (params.stride / BLOCK_PIXELS) + workgroup.x;
     if (id.x >= params.width) {
         if (job.mode == MODE_COUNT) {
             cells[index] = 0u;
@@ -97,18 +97,18 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let emits = job.mode == MODE_EMIT;
     if (emits) {
-        find_room();
+        find_room(block);
         if (room == 0u) {
             return;
         }
     }
-    load_pixel(id);
+    load_pixel(id, workgroup);
     load_memory(job.first != 0u);
     if (job.mode == MODE_PEAK) {
         report_peak(job.first);
         return;
     }
-    find_strikes(params.spans[job.first].x);
+    find_strikes(params.spans[job.first].x, block);
     for (var instant = job.first; instant < job.end; instant++) {
         take_interval(instant);
     }
