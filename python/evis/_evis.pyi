@@ -230,6 +230,8 @@ class Simulator:
         seed: int,
         labels: list[str],
         label_rate_hz: float,
+        frame_rate_hz: float | None,
+        exposure_us: int,
         reference_luminance: float | None,
         device: str | None,
     ) -> Simulator: ...

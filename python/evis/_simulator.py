@@ -26,7 +26,7 @@ LabelName: TypeAlias = Literal[
     "semantic",
     "normal",
     "hdr",
-]
+]  # and "frame", which frame_rate_hz asks for
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +101,11 @@ class Simulator:
         ``flow_forward`` and ``flow_backward`` with their validity masks.
     label_rate_hz : float
         Label images and poses per second.
+    frame_rate_hz : float, optional
+        Frames per second beside the events, as ``labels["frame"]``: float32 (H, W), mean linear luminance over
+        an exposure; ``t_us`` is its middle, ``t_other_us`` its start. None if not given.
+    exposure_us : int
+        Exposure of those frames: even, and at most the time between two.
     start : float
         Scene time in seconds at which the stream starts; the stream's own time starts at 0.
     seed : int
@@ -132,6 +137,8 @@ class Simulator:
         size: tuple[int, int] | None = None,
         labels: Iterable[LabelName] = (),
         label_rate_hz: float = 50.0,
+        frame_rate_hz: float | None = None,
+        exposure_us: int = 10_000,
         start: float = 0.0,
         seed: int = 0,
         reference_luminance: float | None = None,
@@ -175,6 +182,8 @@ class Simulator:
             seed=_whole("seed", seed, 2**63),
             labels=list(labels),
             label_rate_hz=label_rate_hz,
+            frame_rate_hz=frame_rate_hz,
+            exposure_us=_whole("exposure_us", exposure_us, 2**62),
             reference_luminance=reference_luminance,
             device=_selector(device),
         )

@@ -129,6 +129,14 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) label_rate: Option<f64>,
 
+    /// Frames per second to write beside the events: mean linear light over an exposure [default: none].
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
+    pub(crate) frame_rate: Option<f64>,
+
+    /// Exposure of those frames in milliseconds, at most the time between two [default: 10].
+    #[arg(long, value_name = "MS", value_parser = window_ms, allow_hyphen_values = true)]
+    pub(crate) exposure_ms: Option<f64>,
+
     /// Y_ref in ln(Y / Y_ref + eps) [default: brings the first camera's log-mean at the start to 0.18].
     #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
     pub(crate) reference_luminance: Option<f32>,

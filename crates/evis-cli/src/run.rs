@@ -147,6 +147,19 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     config.seed = args.seed.unwrap_or(config.seed);
     config.labels = args::label_kinds(&args.labels);
     config.reference_luminance = args.reference_luminance;
+    config.frame_rate_hz = args.frame_rate;
+    if let Some(exposure_ms) = args.exposure_ms {
+        if args.frame_rate.is_none() {
+            return Err(bad_input(format!(
+                "--exposure-ms {exposure_ms} exposes no frame; add --frame-rate HZ"
+            )));
+        }
+        // Even, so that the middle is a whole microsecond.
+        config.exposure_us = (exposure_ms * 500.0).round() as i64 * 2;
+    } else if let Some(rate_hz) = args.frame_rate {
+        // The default, or what fits between two frames.
+        config.exposure_us = config.exposure_us.min((0.5e6 / rate_hz) as i64 * 2);
+    }
     Ok(config)
 }
 
@@ -305,7 +318,7 @@ fn headers(settings: &Settings, cameras: &[CameraInfo]) -> anyhow::Result<Vec<Re
         config_toml: config_toml.clone(),
         duration_us: Some(to_us(settings.duration_s)),
         t_offset_us: 0,
-        labels: settings.run.labels.clone(),
+        labels: settings.run.carried(),
     };
     Ok((0..settings.environments).filter_map(|e| u32::try_from(e).ok()).map(header).collect())
 }

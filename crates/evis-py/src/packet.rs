@@ -113,7 +113,8 @@ pub(crate) fn dtype(kind: LabelKind) -> &'static str {
         | LabelKind::FlowForward
         | LabelKind::FlowBackward
         | LabelKind::Normal
-        | LabelKind::Hdr => "<f4",
+        | LabelKind::Hdr
+        | LabelKind::Frame => "<f4",
     }
 }
 

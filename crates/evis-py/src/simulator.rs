@@ -51,7 +51,8 @@ impl Simulator {
     #[new]
     #[pyo3(signature = (
         scene, *, sensor, method, splat, rate_hz, samples, antialias,
-        shadows, cameras, size, start_us, seed, labels, label_rate_hz, reference_luminance, device
+        shadows, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
+        reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
     fn new(
@@ -70,6 +71,8 @@ impl Simulator {
         seed: u64,
         labels: Vec<String>,
         label_rate_hz: f64,
+        frame_rate_hz: Option<f64>,
+        exposure_us: i64,
         reference_luminance: Option<f32>,
         device: Option<String>,
     ) -> PyResult<Self> {
@@ -86,6 +89,8 @@ impl Simulator {
             seed,
             labels: engine::labels(&labels)?,
             label_rate_hz,
+            frame_rate_hz,
+            exposure_us,
             reference_luminance,
         };
         config.check().map_err(Failure::from)?;
@@ -137,7 +142,7 @@ impl Simulator {
     /// Names of the labels in force, in file order.
     #[getter]
     fn labels(&self) -> Vec<&'static str> {
-        self.config.labels.iter().map(|kind| kind.name()).collect()
+        self.config.carried().iter().map(|kind| kind.name()).collect()
     }
 
     #[getter]

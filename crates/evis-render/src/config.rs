@@ -88,6 +88,10 @@ pub struct RunConfig {
     pub labels: Vec<LabelKind>,
     /// Label images per second.
     pub label_rate_hz: f64,
+    /// Frames per second beside the events: mean linear light over an exposure. `None`: no frames.
+    pub frame_rate_hz: Option<f64>,
+    /// Exposure of a frame in microseconds; even, so that its middle is a whole microsecond.
+    pub exposure_us: i64,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
     pub reference_luminance: Option<f32>,
 }
@@ -107,6 +111,8 @@ impl Default for RunConfig {
             seed: 0,
             labels: Vec::new(),
             label_rate_hz: 50.0,
+            frame_rate_hz: None,
+            exposure_us: 10_000,
             reference_luminance: None,
         }
     }
@@ -120,6 +126,34 @@ impl RunConfig {
     pub fn sample_grid(&self) -> Result<SampleGrid, ConfigError> {
         let (keyframe_hz, steps) = self.method.keyframes().unwrap_or((self.rate_hz, 1));
         SampleGrid::new(keyframe_hz, steps)
+    }
+
+    /// What packets carry beside events: labels, and frames where they are on.
+    pub fn carried(&self) -> Vec<LabelKind> {
+        let mut kinds = self.labels.clone();
+        kinds.extend(self.frame_rate_hz.map(|_| LabelKind::Frame));
+        kinds.sort_unstable();
+        kinds.dedup();
+        kinds
+    }
+
+    fn check_frames(&self) -> Result<(), ConfigError> {
+        let Some(rate_hz) = self.frame_rate_hz else {
+            if self.labels.contains(&LabelKind::Frame) {
+                return Err(ConfigError::new("labels", "frame", "without frame: set a frame rate instead"));
+            }
+            return Ok(());
+        };
+        TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
+        let longest = (1e6 / rate_hz) as i64 / 2 * 2;
+        if self.exposure_us % 2 != 0 || !(2..=longest).contains(&self.exposure_us) {
+            return Err(ConfigError::new(
+                "exposure",
+                format!("{} us", self.exposure_us),
+                format!("an even number of microseconds, from 2 to {longest} at {rate_hz} frames per second"),
+            ));
+        }
+        Ok(())
     }
 
     /// Checks every value that can be checked without a scene or a device.
@@ -148,6 +182,7 @@ impl RunConfig {
             ));
         }
         TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
+        self.check_frames()?;
         if !(1..=256).contains(&self.samples) {
             return Err(ConfigError::new("samples", self.samples, "between 1 and 256"));
         }

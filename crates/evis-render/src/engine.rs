@@ -12,6 +12,7 @@ use evis_scene::{Scene, SceneState};
 use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
 use crate::error::EngineError;
+use crate::exposure::ExposureRoom;
 use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::frame_buffers::FrameBuffers;
 use crate::gpu::Gpu;
@@ -163,6 +164,7 @@ pub struct Engine {
     targets: Vec<Targets>,
     groups: Vec<Group>,
     label_room: Option<LabelRoom>,
+    exposure_room: Option<ExposureRoom>,
     label_grid: TimeGrid,
     in_flight: VecDeque<InFlight>,
     free: Vec<Slot>,
@@ -347,6 +349,7 @@ impl Engine {
             sampling,
             targets,
             label_room,
+            exposure_room: ExposureRoom::new(&context, config, rendered)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             in_flight: VecDeque::new(),
             free: Vec::new(),
@@ -458,6 +461,7 @@ impl Engine {
             }
             self.collect_oldest()?;
         }
+        self.expose_frames(until_us)?;
         let packing = Instant::now();
         self.evaluate_poses(until_us);
         let mut packet = Packet { start_us: self.delivered_us, end_us: until_us, ..Default::default() };
@@ -480,6 +484,18 @@ impl Engine {
         packet.report.times.pack_ms += milliseconds(packing);
         packet.report.times.total_ms = milliseconds(started);
         Ok(packet)
+    }
+
+    /// Frames whose middle lies before `until_us`.
+    fn expose_frames(&mut self, until_us: i64) -> Result<(), EngineError> {
+        let Some(room) = &mut self.exposure_room else { return Ok(()) };
+        while let Some(frames) = room.expose(&mut self.context, until_us, &self.stop)? {
+            for (arrived, frame) in self.arrived.iter_mut().zip(frames) {
+                let at = arrived.labels.partition_point(|l| (l.t_us, l.kind) <= (frame.t_us, frame.kind));
+                arrived.labels.insert(at, frame);
+            }
+        }
+        Ok(())
     }
 
     fn is_complete(&self, until_us: i64) -> bool {
@@ -855,7 +871,7 @@ fn measure_reference(context: &mut Context, samples: u32, made: LayerUse) -> Res
 }
 
 /// Renders view `view` at stream time `t_us` and reads it back: mean over the samples, row-major from the top.
-fn mean_luminance(
+pub(crate) fn mean_luminance(
     context: &mut Context,
     layers: &Layers,
     view: usize,

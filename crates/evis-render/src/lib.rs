@@ -9,6 +9,7 @@ pub mod config;
 pub mod cpu;
 mod engine;
 pub mod error;
+mod exposure;
 mod frame;
 mod frame_buffers;
 mod geometry;

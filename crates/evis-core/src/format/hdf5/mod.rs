@@ -83,7 +83,8 @@ impl LabelType {
             | LabelKind::FlowForward
             | LabelKind::FlowBackward
             | LabelKind::Normal
-            | LabelKind::Hdr => Self::F32,
+            | LabelKind::Hdr
+            | LabelKind::Frame => Self::F32,
             LabelKind::Instance | LabelKind::Semantic => Self::U32,
             LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid => Self::U8,
         }
@@ -97,7 +98,7 @@ impl LabelType {
     }
 }
 
-/// Whether a label has a second time: the other end of a flow's interval.
+/// Whether a label has a second time: the other end of a flow's interval, the start of an exposure.
 const fn has_other_time(kind: LabelKind) -> bool {
     matches!(
         kind,
@@ -105,5 +106,6 @@ const fn has_other_time(kind: LabelKind) -> bool {
             | LabelKind::FlowForwardValid
             | LabelKind::FlowBackward
             | LabelKind::FlowBackwardValid
+            | LabelKind::Frame
     )
 }
