@@ -69,7 +69,7 @@ fn frames_change_nothing_else_and_nothing_changes_them() {
     let Some(gpu) = super::device() else { return };
     let config = config();
     let expected = stream(&gpu, &config, 10_000);
-    assert!(expected[0].0.len() > 500);
+    assert!(expected[0].0.len() > 100, "{}", expected[0].0.len());
     for packet_us in [777, 50_000] {
         assert!(stream(&gpu, &config, packet_us) == expected, "packets of {packet_us} us");
     }
