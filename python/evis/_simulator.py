@@ -26,7 +26,7 @@ LabelName: TypeAlias = Literal[
     "semantic",
     "normal",
     "hdr",
-]  # and "frame", which frame_rate_hz asks for
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +102,8 @@ class Simulator:
     label_rate_hz : float
         Label images and poses per second.
     frame_rate_hz : float, optional
-        Frames per second beside the events, as ``labels["frame"]``: float32 (H, W), mean linear luminance over
-        an exposure; ``t_us`` is its middle, ``t_other_us`` its start. None if not given.
+        Frames per second beside the events, as ``labels["frame"]``: float32 (H, W), mean linear luminance
+        over an exposure; ``t_us`` is its middle, ``t_other_us`` its start. None if not given.
     exposure_us : int
         Exposure of those frames: even, and at most the time between two.
     start : float
