@@ -1,6 +1,7 @@
 #import chain/response.wgsl
 // What the signal does between two samples, and when it leaves the band between two levels. All is counted from the
-// signal at the start: a float has too few digits for levels and their differences at once. Twin: shape.rs of evis_core's emulator.
+// signal at the start: a float has too few digits for levels and their differences at once. Twin: shape.rs
+// of evis_core's emulator.
 
 // Time constants per microsecond; its inverse.
 var<private> shape_rate: f32;

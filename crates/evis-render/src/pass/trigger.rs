@@ -1,6 +1,5 @@
 //! `trigger/*.wgsl`: count, prefix, scan, emit; and the resolve of `--aa edges`. Twin: `cpu/trigger.rs`. `chain/walk.wgsl`
-//! counts and emits where the sensor is more than thresholds. Twin: the emulator of
-//! `evis_core`.
+//! counts and emits where the sensor is more than thresholds. Twin: the emulator of `evis_core`.
 
 use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
