@@ -185,8 +185,10 @@ def test_what_is_probably_not_meant_is_warned_of() -> None:
 
 
 def test_the_simulator_refuses_what_it_would_ignore() -> None:
-    with pytest.raises(evis.ConfigError, match="thresholds"):
-        evis.Simulator(evis.Scene.builtin("spinner"), sensor=evis.Sensor.preset("v2e"))
+    with pytest.raises(evis.ConfigError, match=r"sensor\.diffusion"):
+        evis.Simulator(evis.Scene.builtin("spinner"), sensor="davis346")
+    with pytest.raises(evis.ConfigError, match="v2f"):
+        evis.Simulator(evis.Scene.builtin("spinner"), sensor="v2f")
 
 
 GOOD = np.full((3, 4), 0.5, np.float32)

@@ -307,3 +307,64 @@ def test_a_method_samples_instants_from_keyframes(device: evis.Device):
     ]:
         with pytest.raises(evis.ConfigError, match=name):
             evis.Simulator(scene, size=(48, 36), **wrong)
+
+
+@pytest.mark.parametrize("name", ["v2e", "gen4-like"])
+def test_every_stage_of_a_sensor_runs_on_scenes(spinner: evis.Scene, name: str):
+    def run(packet_us: int = 10_000, **settings: Any) -> list[npt.NDArray[Any]]:
+        return columns(streamed(spinner, packet_us=packet_us, **settings))
+
+    seen = run(sensor=name, seed=3)
+    assert len(seen[0]) > 200
+    # The same from a preset's values, in packets of another length.
+    assert same(seen, run(7_777, sensor=evis.Sensor.preset(name), seed=3))
+    assert not same(seen, run(sensor=name, seed=4)), "canary: another seed, other noise"
+    assert not same(seen, run(sensor="ideal", seed=3)), "canary: another sensor"
+    simulator = evis.Simulator(spinner, **SMALL, sensor=name)
+    assert simulator.sensor == evis.Sensor.preset(name)
+    assert "refractory" in simulator.config_toml
+
+
+def test_lost_events_are_counted(spinner: evis.Scene):
+    sensor = evis.Sensor(
+        threshold_on=0.05,
+        threshold_off=0.05,
+        refractory=evis.Refractory(period_us=5_000),
+        readout=evis.Readout(rate_limit_hz=20_000.0),
+    )
+    reports = [packet.report for packet in streamed(spinner, sensor=sensor)]
+    assert sum(report.suppressed for report in reports) > 100
+    assert sum(report.dropped for report in reports) > 100
+
+
+def test_frames_come_beside_events(spinner: evis.Scene):
+    def frames(**settings: Any) -> list[evis.Packet]:
+        return streamed(spinner, frame_rate_hz=100.0, exposure_us=4_000, **settings)
+
+    packets = frames()
+    labels = [packet.labels["frame"] for packet in packets]
+    times = np.concatenate([each.t_us for each in labels])
+    assert times.tolist() == [2_000, 12_000, 22_000, 32_000, 42_000, 52_000]
+    starts = np.concatenate([each.t_other_us for each in labels])
+    assert (times - starts == 2_000).all()
+    image = labels[1].images[0]
+    assert (image.shape, image.dtype) == ((48, 64), np.float32)
+    assert (image > 0).all()
+    assert not np.array_equal(image, labels[2].images[0])
+    plain = np.concatenate([packet.events for packet in streamed(spinner)])
+    assert np.array_equal(plain, np.concatenate([packet.events for packet in packets]))
+
+
+def test_frames_survive_a_file(spinner: evis.Scene, tmp_path: Path):
+    sim = evis.Simulator(spinner, **SMALL, frame_rate_hz=50.0)
+    path = tmp_path / "frames.h5"
+    evis.save(path, sim.stream(duration=0.05))
+    recorded = evis.load(path).labels["frame"]
+    assert recorded.t_us.tolist() == [5_000, 25_000, 45_000]
+    assert [recorded.interval_us(k) for k in range(3)] == [(5_000, 0), (25_000, 20_000), (45_000, 40_000)]
+
+
+@pytest.mark.parametrize("exposure_us", [0, 7, 20_002])
+def test_impossible_exposures_are_named(spinner: evis.Scene, exposure_us: int):
+    with pytest.raises(evis.ConfigError, match="exposure"):
+        evis.Simulator(spinner, frame_rate_hz=50.0, exposure_us=exposure_us)

@@ -124,7 +124,7 @@ class RecordedLabels(Sequence[npt.NDArray[Any]]):
         return self._frame(index).data
 
     def interval_us(self, index: int) -> tuple[int, int]:
-        """Return the anchor of image ``index`` and the other end of its flow, in microseconds."""
+        """Return the time of image ``index``, and the other end of its flow or its exposure's start (us)."""
         frame = self._frame(index)
         return frame.t_us, frame.t_other_us
 

@@ -96,11 +96,13 @@ class Labels:
         ``depth`` (float32 (H, W), planar z in metres, +inf where nothing), ``flow_forward`` and
         ``flow_backward`` (float32 (H, W, 2), pixels, x right, y down), ``flow_forward_valid`` and
         ``flow_backward_valid`` (uint8 (H, W)), ``instance`` and ``semantic`` (uint32 (H, W), 0 where
-        nothing), ``normal`` (float32 (H, W, 3), world axes) or ``hdr`` (float32 (H, W, 3), linear RGB).
+        nothing), ``normal`` (float32 (H, W, 3), world axes) ``hdr`` (float32 (H, W, 3), linear RGB)
+        or ``frame`` (float32 (H, W), mean linear luminance over an exposure).
     t_us : numpy.ndarray
         int64 (N,), microseconds since the stream's start.
     t_other_us : numpy.ndarray
-        int64 (N,), the other end of a flow's interval; equal to `t_us` for every other kind.
+        int64 (N,), the other end of a flow's interval, or the start of a frame's exposure, whose middle is
+        `t_us`; equal to `t_us` for every other kind.
     images : tuple of numpy.ndarray
         N images, never copied.
     """
@@ -190,7 +192,9 @@ class Report:
     events : int
         Events of all views.
     dropped : int
-        Events that could not be delivered; always 0, or the run has failed.
+        Events that the sensor's rate limit dropped; no other event is lost, or the run has failed.
+    suppressed : int
+        Events that pixels lost to their refractory period.
     clamped : int
         Pixels and intervals whose event count hit the limit.
     instants : int
@@ -207,6 +211,7 @@ class Report:
 
     events: int
     dropped: int
+    suppressed: int
     clamped: int
     instants: int
     keyframes: int

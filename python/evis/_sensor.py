@@ -350,7 +350,7 @@ class Sensor:
 
     @property
     def thresholds_only(self) -> bool:
-        """Whether every stage is off: what a `Simulator` takes."""
+        """Whether every stage beyond the thresholds is off."""
         return _evis.sensor_check(self._json())[1]
 
     def _json(self) -> str:

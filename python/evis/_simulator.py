@@ -73,9 +73,10 @@ class Simulator:
     ----------
     scene : Scene
         What to render; several simulators may share it.
-    sensor : Sensor, optional
-        Sensor of every camera that does not set its own thresholds; ideal, 0.2 / 0.2, where not given (with
-        the method ``evis-paper``: the same that latches, with ``log_eps`` 1e-5).
+    sensor : Sensor or str, optional
+        Sensor of every camera, or the name of a preset; a camera's own thresholds come before the sensor's.
+        Ideal, 0.2 / 0.2, where not given (with the method ``evis-paper``: the same that latches, with
+        ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
     method : {"native", "splat", "evis-paper"} or Splat
         How instants are sampled: each rendered, or splatted from keyframes.
     rate_hz : float, optional
@@ -103,10 +104,15 @@ class Simulator:
         ``flow_forward`` and ``flow_backward`` with their validity masks.
     label_rate_hz : float
         Label images and poses per second.
+    frame_rate_hz : float, optional
+        Frames per second beside the events, as ``labels["frame"]``: float32 (H, W), mean linear luminance
+        over an exposure; ``t_us`` is its middle, ``t_other_us`` its start. None if not given.
+    exposure_us : int
+        Exposure of those frames: even, and at most the time between two.
     start : float
         Scene time in seconds at which the stream starts; the stream's own time starts at 0.
     seed : int
-        Seed of everything random.
+        Seed of everything random: what is frozen in the sensor, and its noise.
     reference_luminance : float, optional
         Y_ref of the sensor's formula; the value that brings the first camera's log-mean to 0.18 if not given.
     device : Device, str or int, optional
@@ -124,7 +130,7 @@ class Simulator:
         self,
         scene: Scene,
         *,
-        sensor: Sensor | None = None,
+        sensor: Sensor | str | None = None,
         method: Method = "native",
         rate_hz: float | None = None,
         samples: int = 4,
@@ -135,6 +141,8 @@ class Simulator:
         size: tuple[int, int] | None = None,
         labels: Iterable[LabelName] = (),
         label_rate_hz: float = 50.0,
+        frame_rate_hz: float | None = None,
+        exposure_us: int = 10_000,
         start: float = 0.0,
         seed: int = 0,
         reference_luminance: float | None = None,
@@ -149,11 +157,9 @@ class Simulator:
         if sensor is None:
             paper = splat is not None and splat.is_evis_paper
             sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
-        if not sensor.thresholds_only:
-            raise ConfigError(
-                f"sensor is {sensor!r}; it must have thresholds, log_eps, trigger and interpolation only: "
-                "the 3D engine has no other stage yet"
-            )
+        elif isinstance(sensor, str):
+            sensor = Sensor.preset(sensor)
+        sensor.check()
         if isinstance(cameras, str) or isinstance(labels, str):
             raise ConfigError("cameras and labels are sequences: write ['NAME'], not 'NAME'")
         names: list[str] = []
@@ -167,11 +173,7 @@ class Simulator:
         self._sensor = sensor
         self._engine = _evis.Simulator(
             scene._raw,
-            threshold_on=sensor.threshold_on,
-            threshold_off=sensor.threshold_off,
-            log_eps=sensor.log_eps,
-            trigger=sensor.trigger,
-            interpolation=sensor.interpolation,
+            sensor=sensor._json(),
             method="native" if splat is None else "splat",
             splat=_method.as_json(splat),
             rate_hz=1000.0 if rate_hz is None else rate_hz,
@@ -185,6 +187,8 @@ class Simulator:
             seed=_whole("seed", seed, 2**63),
             labels=list(labels),
             label_rate_hz=label_rate_hz,
+            frame_rate_hz=frame_rate_hz,
+            exposure_us=_whole("exposure_us", exposure_us, 2**62),
             reference_luminance=reference_luminance,
             device=_selector(device),
         )

@@ -103,7 +103,12 @@ pub(crate) struct RunArgs {
     #[command(flatten)]
     pub(crate) splat: SplatArgs,
 
-    /// How a change of brightness becomes events [default: crossing; latch for evis-paper].
+    /// Sensor: a preset (ideal, evis, v2e, v2e-noisy, esim, openeb, dvxplorer-like, …) or a TOML file; the flags below
+    /// override it [default: ideal].
+    #[arg(long, value_name = "PRESET|FILE")]
+    pub(crate) sensor: Option<String>,
+
+    /// How a change of brightness becomes events [default: the sensor's; crossing, or latch for evis-paper].
     #[arg(long, value_enum)]
     pub(crate) trigger: Option<TriggerArg>,
 
@@ -130,6 +135,14 @@ pub(crate) struct RunArgs {
     /// Label images per second; camera poses are written at the same rate [default: 50].
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) label_rate: Option<f64>,
+
+    /// Frames per second to write beside the events: mean linear light over an exposure [default: none].
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
+    pub(crate) frame_rate: Option<f64>,
+
+    /// Exposure of those frames in milliseconds, at most the time between two [default: 10].
+    #[arg(long, value_name = "MS", value_parser = window_ms, allow_hyphen_values = true)]
+    pub(crate) exposure_ms: Option<f64>,
 
     /// Y_ref in ln(Y / Y_ref + eps) [default: brings the first camera's log-mean at the start to 0.18].
     #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, TriggerRule};
+use evis_core::{CameraInfo, SensorConfig, TriggerRule};
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
     DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig, StageTimes,
@@ -51,6 +51,9 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let outputs = output_paths(&args.output, environments);
     for output in &outputs {
         check_free(output, args.force)?;
+    }
+    for warning in config.sensor.warnings() {
+        warnings.add(warning);
     }
     for warning in &scene.warnings {
         warnings.add(warning.clone());
@@ -112,7 +115,9 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
 /// The run's settings: flags over defaults.
 fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let mut config = RunConfig { method: method(args)?, ..RunConfig::default() };
-    if args.method == Some(MethodArg::EvisPaper) {
+    if let Some(sensor) = &args.sensor {
+        config.sensor = self::sensor(sensor)?;
+    } else if args.method == Some(MethodArg::EvisPaper) {
         config.sensor.trigger = TriggerRule::Latch;
         config.sensor.log_eps = EVIS_PAPER_LOG_EPS;
     }
@@ -143,7 +148,33 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     config.seed = args.seed.unwrap_or(config.seed);
     config.labels = args::label_kinds(&args.labels);
     config.reference_luminance = args.reference_luminance;
+    config.frame_rate_hz = args.frame_rate;
+    if let Some(exposure_ms) = args.exposure_ms {
+        if args.frame_rate.is_none() {
+            return Err(bad_input(format!(
+                "--exposure-ms {exposure_ms} exposes no frame; add --frame-rate HZ"
+            )));
+        }
+        // Even, so that the middle is a whole microsecond.
+        config.exposure_us = (exposure_ms * 500.0).round() as i64 * 2;
+    } else if let Some(rate_hz) = args.frame_rate {
+        // The default, or what fits between two frames.
+        config.exposure_us = config.exposure_us.min((0.5e6 / rate_hz) as i64 * 2);
+    }
     Ok(config)
+}
+
+/// A preset by its name, or a file of one.
+fn sensor(name: &str) -> anyhow::Result<SensorConfig> {
+    let path = Path::new(name);
+    let is_file = path.extension().is_some() || path.components().count() > 1 || path.is_file();
+    if !is_file {
+        return SensorConfig::preset(name)
+            .map_err(|error| bad_input(format!("--sensor: {error}, or the path of a TOML file")));
+    }
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| bad_input(format!("--sensor {name}: cannot be read ({error}); name a TOML file")))?;
+    SensorConfig::from_toml(&text).map_err(|error| bad_input(format!("--sensor {name}: {error}")))
 }
 
 /// The method with its flags; flags of another method are refused, they would be ignored.
@@ -288,7 +319,7 @@ fn headers(settings: &Settings, cameras: &[CameraInfo]) -> anyhow::Result<Vec<Re
         config_toml: config_toml.clone(),
         duration_us: Some(to_us(settings.duration_s)),
         t_offset_us: 0,
-        labels: settings.run.labels.clone(),
+        labels: settings.run.carried(),
     };
     Ok((0..settings.environments).filter_map(|e| u32::try_from(e).ok()).map(header).collect())
 }
@@ -459,6 +490,7 @@ impl Tally {
         let (sum, new) = (&mut self.report, &packet.report);
         sum.events += new.events;
         sum.dropped += new.dropped;
+        sum.suppressed += new.suppressed;
         sum.clamped += new.clamped;
         sum.instants += new.instants;
         sum.reruns += new.reruns;
@@ -507,7 +539,10 @@ struct Report {
     events_per_second: f64,
     /// Per second of stream time.
     events_per_stream_second: f64,
+    /// Lost to the readout's rate limit.
     dropped: u64,
+    /// Lost to refractory periods.
+    suppressed: u64,
     clamped: u64,
     /// How instants were sampled.
     method: &'static str,
@@ -552,6 +587,7 @@ impl Report {
             events_per_second: per(on + off, wall_s),
             events_per_stream_second: per(on + off, stream_s),
             dropped: tally.report.dropped,
+            suppressed: tally.report.suppressed,
             clamped: tally.report.clamped,
             method: settings.run.method.name(),
             instants: tally.report.instants,

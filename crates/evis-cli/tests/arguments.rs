@@ -57,8 +57,30 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--interpolation linear", ["--interpolation", "'linear'", "log, light"]),
         ("--method fast", ["--method", "'fast'", "native"]),
         ("--labels depth,color", ["--labels", "'color'", "hdr"]),
+        ("--sensor v2f", ["--sensor", "v2f", "gen4-like"]),
+        ("--sensor davis346", ["sensor.diffusion", "davis346", "EventEmulator"]),
+        ("--sensor no/such.toml", ["--sensor", "no/such.toml", "cannot be read"]),
+        ("--sensor v2e --rate 0.001", ["rate", "every 1000 s", "268"]),
+        ("--frame-rate 0", ["--frame-rate", "'0'", "above 0"]),
+        ("--frame-rate 30 --exposure-ms 40", ["exposure", "40000 us", "33332"]),
+        ("--exposure-ms 5", ["--exposure-ms", "5", "--frame-rate"]),
     ] {
         refused(&folder, &format!("run spinner -o x.h5 {arguments}"), &told);
+    }
+}
+
+#[test]
+fn sensor_files_name_the_stage_that_is_wrong() {
+    let folder = Folder::new("sensors");
+    for (text, told) in [
+        ("[noise]\nleak_hz = -1", ["s.toml", "noise.leak_hz", "-1"]),
+        ("[noise]\nleek_hz = 1", ["s.toml", "leek_hz", "docs/sensor.md"]),
+        ("[refractory]\nrule = \"wait\"", ["s.toml", "wait", "hold"]),
+        ("[photoreceptor]\ncutoff_hz = 1e6", ["s.toml", "photoreceptor.cutoff_hz", "500000"]),
+        ("[readout]\nrow_ns = 2000000", ["s.toml", "readout.row_ns", "1000000"]),
+    ] {
+        std::fs::write(folder.file("s.toml"), text).unwrap();
+        refused(&folder, "run spinner -o x.h5 --sensor s.toml", &told);
     }
 }
 

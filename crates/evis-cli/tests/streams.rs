@@ -47,6 +47,37 @@ fn a_scene_becomes_a_recording() {
 }
 
 #[test]
+fn a_sensor_is_a_preset_or_a_file_and_flags_come_before_it() {
+    let folder = Folder::new("sensor");
+    if no_device(&folder) {
+        return;
+    }
+    let run = |name: &str, arguments: &str| {
+        let output = evis(&folder, &format!("run spinner -o {name}.h5 {SMALL} --json {arguments}"));
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        json(&output)
+    };
+    let preset = run("preset", "--sensor v2e-noisy --seed 3 --frame-rate 50");
+    let sensor = &preset["settings"]["run"]["sensor"];
+    assert_eq!((&sensor["times"], &sensor["noise"]["shot_hz"]), (&"shared".into(), &5.0.into()));
+    std::fs::write(folder.file("own.toml"), "threshold_on = 0.35\n[refractory]\nperiod_us = 9000\n").unwrap();
+    let file = run("file", "--sensor own.toml --threshold-on 0.25 --trigger latch");
+    let sensor = &file["settings"]["run"]["sensor"];
+    assert_eq!((&sensor["threshold_on"], &sensor["trigger"]), (&0.25.into(), &"latch".into()));
+    assert!(file["suppressed"].as_u64().unwrap() > 0);
+    let info = json(&evis(&folder, "info preset.h5 --json"));
+    let settings = info["settings_toml"].as_str().unwrap();
+    assert!(settings.contains("shot_hz = 5.0") && settings.contains("leak_jitter"), "{settings}");
+    let frames = &info["cameras"][0]["labels"][0];
+    assert_eq!((&frames["kind"], &frames["frames"]), (&"frame".into(), &3.into()), "{frames}");
+    let events = |report: &serde_json::Value| report["events"].as_u64().unwrap();
+    let again = run("again", "--sensor v2e-noisy --seed 3");
+    assert_eq!(events(&again), events(&preset), "frames change no event");
+    let other = run("other", "--sensor v2e-noisy --seed 4");
+    assert_ne!(events(&other), events(&preset), "canary: another seed");
+}
+
+#[test]
 fn times_beyond_the_scene_are_told_once() {
     let folder = Folder::new("beyond");
     if no_device(&folder) {

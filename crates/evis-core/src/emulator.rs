@@ -6,6 +6,7 @@ pub(crate) mod frames;
 mod ideal;
 mod noise;
 mod order;
+pub mod parts;
 mod readout;
 mod shape;
 mod state;

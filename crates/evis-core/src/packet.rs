@@ -46,11 +46,13 @@ pub enum LabelKind {
     Normal,
     /// Linear, scene-referred RGB: f32 (H, W, 3).
     Hdr,
+    /// Mean linear luminance over an exposure, stamped at its middle: f32 (H, W). No label, but it travels with them.
+    Frame,
 }
 
 impl LabelKind {
     /// All kinds, in file order.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Depth,
         Self::FlowForward,
         Self::FlowForwardValid,
@@ -60,6 +62,7 @@ impl LabelKind {
         Self::Semantic,
         Self::Normal,
         Self::Hdr,
+        Self::Frame,
     ];
 
     /// Name of the data set and of the Python key.
@@ -74,6 +77,7 @@ impl LabelKind {
             Self::Semantic => "semantic",
             Self::Normal => "normal",
             Self::Hdr => "hdr",
+            Self::Frame => "frame",
         }
     }
 
@@ -105,7 +109,8 @@ pub struct LabelFrame {
     pub kind: LabelKind,
     /// When, in microseconds.
     pub t_us: i64,
-    /// The other end of a flow's interval, in microseconds; equal to `t_us` for every other label.
+    /// The other end of a flow's interval, or the start of a frame's exposure, which ends as long after `t_us`;
+    /// microseconds, equal to `t_us` for every other label.
     pub t_other_us: i64,
     /// Pixels, `height * width * kind.channels()` of them.
     pub data: LabelData,

@@ -49,6 +49,11 @@ impl Key {
         Self([mixed[0], mixed[1]])
     }
 
+    /// The two words that a shader takes.
+    pub const fn words(self) -> [u32; 2] {
+        self.0
+    }
+
     /// Four words for `pixel`, `stream`, `epoch` and `draw`.
     #[inline(always)]
     pub const fn draw(self, pixel: u32, stream: StreamId, epoch: i64, draw: u32) -> [u32; 4] {
@@ -80,6 +85,12 @@ pub const fn philox(counter: [u32; 4], key: [u32; 2]) -> [u32; 4] {
 #[inline(always)]
 pub fn unit(word: u32) -> f64 {
     (f64::from(word) + 0.5) * (1.0 / 4_294_967_296.0)
+}
+
+/// Uniform in (0, 1), exact in f32 and so the same on every device: the middle of one of 2^23 equal parts.
+#[inline(always)]
+pub fn unit_f32(word: u32) -> f32 {
+    ((word >> 9) as f32 + 0.5) * (1.0 / 8_388_608.0)
 }
 
 /// A pair of independent standard normals (Box and Muller, Ann. Math. Stat. 29, 1958).

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use evis_core::{CameraInfo, ConfigError, Event, Interpolation, LabelKind, Polarity, TriggerRule};
+use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity};
 use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig, Shadows};
 use evis_scene::{Image, SceneError};
 use half::f16;
@@ -20,14 +20,6 @@ fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, F
         let known: Vec<_> = choices.iter().map(|(known, _)| format!("'{known}'")).collect();
         ConfigError::new(what, format!("'{name}'"), known.join(" or ")).into()
     })
-}
-
-pub(crate) fn trigger(name: &str) -> Result<TriggerRule, Failure> {
-    choose("trigger", name, &[("crossing", TriggerRule::Crossing), ("latch", TriggerRule::Latch)])
-}
-
-pub(crate) fn interpolation(name: &str) -> Result<Interpolation, Failure> {
-    choose("interpolation", name, &[("log", Interpolation::Log), ("light", Interpolation::Light)])
 }
 
 /// `native`, or `splat` with its settings as JSON.

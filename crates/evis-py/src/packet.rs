@@ -91,6 +91,7 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("events", report.events)?;
     dict.set_item("dropped", report.dropped)?;
+    dict.set_item("suppressed", report.suppressed)?;
     dict.set_item("clamped", report.clamped)?;
     dict.set_item("instants", report.instants)?;
     dict.set_item("keyframes", report.keyframes)?;
@@ -112,7 +113,8 @@ pub(crate) fn dtype(kind: LabelKind) -> &'static str {
         | LabelKind::FlowForward
         | LabelKind::FlowBackward
         | LabelKind::Normal
-        | LabelKind::Hdr => "<f4",
+        | LabelKind::Hdr
+        | LabelKind::Frame => "<f4",
     }
 }
 

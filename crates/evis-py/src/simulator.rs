@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
-use evis_core::{CameraInfo, SensorConfig};
+use evis_core::CameraInfo;
 use evis_render::{Gpu, PacketStream, RunConfig};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -50,18 +50,15 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, threshold_on, threshold_off, log_eps, trigger, interpolation, method, splat, rate_hz, samples, antialias,
-        texture_taps, shadows, cameras, size, start_us, seed, labels, label_rate_hz, reference_luminance, device
+        scene, *, sensor, method, splat, rate_hz, samples, antialias, texture_taps,
+        shadows, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
+        reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
     fn new(
         py: Python<'_>,
         scene: &Scene,
-        threshold_on: f32,
-        threshold_off: f32,
-        log_eps: f32,
-        trigger: &str,
-        interpolation: &str,
+        sensor: &str,
         method: &str,
         splat: Option<&str>,
         rate_hz: f64,
@@ -75,18 +72,13 @@ impl Simulator {
         seed: u64,
         labels: Vec<String>,
         label_rate_hz: f64,
+        frame_rate_hz: Option<f64>,
+        exposure_us: i64,
         reference_luminance: Option<f32>,
         device: Option<String>,
     ) -> PyResult<Self> {
         let config = RunConfig {
-            sensor: SensorConfig {
-                threshold_on,
-                threshold_off,
-                log_eps,
-                trigger: engine::trigger(trigger)?,
-                interpolation: engine::interpolation(interpolation)?,
-                ..SensorConfig::default()
-            },
+            sensor: crate::emulator::from_json(sensor)?,
             method: engine::method(method, splat)?,
             rate_hz,
             samples,
@@ -99,6 +91,8 @@ impl Simulator {
             seed,
             labels: engine::labels(&labels)?,
             label_rate_hz,
+            frame_rate_hz,
+            exposure_us,
             reference_luminance,
         };
         config.check().map_err(Failure::from)?;
@@ -150,7 +144,7 @@ impl Simulator {
     /// Names of the labels in force, in file order.
     #[getter]
     fn labels(&self) -> Vec<&'static str> {
-        self.config.labels.iter().map(|kind| kind.name()).collect()
+        self.config.carried().iter().map(|kind| kind.name()).collect()
     }
 
     #[getter]

@@ -1,7 +1,7 @@
 //! What `native` costs, as ratios to a bare raster of the same triangles, measured in turn in one run.
 //!
-//! `cargo bench --bench native` (or `make bench`) prints Markdown; `-- ratios`, `-- overhead` and `-- memory` choose
-//! sections. `EVIS_BENCH_REPETITIONS` sets the repetitions.
+//! `cargo bench --bench native` (or `make bench`) prints Markdown; `-- ratios`, `-- sensors`, `-- overhead` and `-- memory`
+//! choose sections. `EVIS_BENCH_REPETITIONS` sets the repetitions.
 
 mod bare;
 mod support;
@@ -10,6 +10,7 @@ use std::process::Command;
 use std::sync::Arc;
 
 use bare::Bare;
+use evis_core::SensorConfig;
 use evis_render::bench::{Stage, Stages};
 use evis_render::scene::Scene;
 use evis_render::{Gpu, RunConfig, Simulator};
@@ -47,6 +48,9 @@ fn main() -> Result<(), Failure> {
         }
         print_rows(&rows);
         print_stages(&rows);
+    }
+    if wanted("sensors") {
+        sensors(&device, &queue, repetitions)?;
     }
     if wanted("overhead") {
         overhead(&device, &queue)?;
@@ -232,6 +236,46 @@ fn print_stages(rows: &[Row]) {
             .collect();
         println!("| {} | {} | {last:.1} |", row.triangles, cells.join(" | "));
     }
+}
+
+/// What sensors cost beyond the raster, in turn over the same instants of one scene.
+fn sensors(device: &wgpu::Device, queue: &wgpu::Queue, repetitions: u32) -> Result<(), Failure> {
+    const NAMES: [&str; 7] = ["ideal", "evis", "v2e-clean", "v2e-noisy", "v2e", "openeb", "gen4-like"];
+    /// As in `Stage`: what each column is the cost of, and what went before it.
+    const COLUMNS: [(Stage, Stage); 3] =
+        [(Stage::Raster, Stage::Count), (Stage::Count, Stage::Prefix), (Stage::Prefix, Stage::Emit)];
+    let gpu = Gpu::from_device(device.clone(), queue.clone());
+    let scene = Arc::new(scenes::build(scenes::DETAILS[0])?);
+    let mut all = Vec::new();
+    for name in NAMES {
+        let config = RunConfig { sensor: SensorConfig::preset(name)?, ..config() };
+        let mut stages = Stages::new(&gpu, scene.clone(), config, 1 << 21)?;
+        // The first instant sets the references.
+        stages.run(0, 1, Stage::Readback, true)?;
+        all.push((name, stages, vec![Series::default(); Stage::ALL.len()]));
+    }
+    for repetition in 0..=repetitions {
+        let first = 1 + i64::from(repetition * INSTANTS);
+        for (_, stages, series) in &mut all {
+            for (series, stage) in series.iter_mut().zip(Stage::ALL) {
+                let (sample, _) = measure(|| stages.run(first, INSTANTS, stage, stage == Stage::Readback))?;
+                if repetition > 0 {
+                    series.push(sample);
+                }
+            }
+        }
+    }
+    println!(
+        "\n## Sensors: ns per pixel and instant of CPU time beyond the raster, {INSTANTS} instants per submission\n"
+    );
+    println!("| sensor | count | prefix, scan | emit | all |\n|---|--:|--:|--:|--:|");
+    for (name, _, series) in &all {
+        let cpu = |stage: Stage| nanoseconds_per_pixel(series[stage as usize].cpu());
+        let cells: Vec<String> =
+            COLUMNS.iter().map(|(before, stage)| format!("{:.1}", cpu(*stage) - cpu(*before))).collect();
+        println!("| {name} | {} | {:.1} |", cells.join(" | "), cpu(Stage::Emit) - cpu(Stage::Raster));
+    }
+    Ok(())
 }
 
 /// Milliseconds per instant where there is next to nothing to draw, and where nothing is drawn at all.

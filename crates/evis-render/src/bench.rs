@@ -34,12 +34,13 @@ impl Stage {
     pub const ALL: [Self; 6] =
         [Self::Prepare, Self::Raster, Self::Count, Self::Prefix, Self::Emit, Self::Readback];
 
-    const fn trigger_steps(self) -> usize {
+    /// Dispatches of the trigger, `all` of them: some that count, two that place, one that emits.
+    const fn trigger_steps(self, all: usize) -> usize {
         match self {
             Self::Prepare | Self::Raster => 0,
-            Self::Count => 1,
-            Self::Prefix => 3,
-            Self::Emit | Self::Readback => 4,
+            Self::Count => all - 3,
+            Self::Prefix => all - 1,
+            Self::Emit | Self::Readback => all,
         }
     }
 }
@@ -88,11 +89,15 @@ impl Stages {
         commit: bool,
     ) -> Result<Duration, EngineError> {
         let started = Instant::now();
-        let slot = &self.slot;
+        let slot = &mut self.slot;
         let (context, sampling, targets, groups) = self.engine.parts();
         let group = &mut groups[0];
         let targets = &targets[group.targets];
+        let instants = if first == 0 && group.chain.is_some() { 1 } else { instants };
         let unit = Unit { group: 0, first, instants };
+        if let Some(chain) = group.chain.as_mut().filter(|_| stage >= Stage::Count) {
+            slot.feed(&context.gpu, &unit.feed(chain, &context.grid));
+        }
         let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
         if stage >= Stage::Raster {
             sampling.encode(context, &mut encoder, targets, group, &unit);
@@ -105,7 +110,8 @@ impl Stages {
         if stage >= Stage::Count {
             let (gpu, passes, grid) = (&context.gpu, &context.trigger, &context.grid);
             let steps = interval::trigger_steps(gpu, passes, grid, targets, group, &unit, slot);
-            interval::encode_trigger(&mut encoder, &steps[..stage.trigger_steps()]);
+            interval::clear_peaks(&mut encoder, context, group);
+            interval::encode_trigger(&mut encoder, &steps[..stage.trigger_steps(steps.len())]);
         }
         if stage == Stage::Readback {
             encoder.copy_buffer_to_buffer(

@@ -3,6 +3,7 @@
 use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid};
 use serde::{Deserialize, Serialize};
 
+use crate::chain::OLD_US;
 use crate::grid::SampleGrid;
 use crate::splat_config::SplatConfig;
 
@@ -90,6 +91,10 @@ pub struct RunConfig {
     pub labels: Vec<LabelKind>,
     /// Label images per second.
     pub label_rate_hz: f64,
+    /// Frames per second beside the events: mean linear light over an exposure. `None`: no frames.
+    pub frame_rate_hz: Option<f64>,
+    /// Exposure of a frame in microseconds; even, so that its middle is a whole microsecond.
+    pub exposure_us: i64,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
     pub reference_luminance: Option<f32>,
 }
@@ -110,6 +115,8 @@ impl Default for RunConfig {
             seed: 0,
             labels: Vec::new(),
             label_rate_hz: 50.0,
+            frame_rate_hz: None,
+            exposure_us: 10_000,
             reference_luminance: None,
         }
     }
@@ -138,17 +145,61 @@ impl RunConfig {
         }
     }
 
+    /// What packets carry beside events: labels, and frames where they are on.
+    pub fn carried(&self) -> Vec<LabelKind> {
+        let mut kinds = self.labels.clone();
+        kinds.extend(self.frame_rate_hz.map(|_| LabelKind::Frame));
+        kinds.sort_unstable();
+        kinds.dedup();
+        kinds
+    }
+
+    fn check_frames(&self) -> Result<(), ConfigError> {
+        let Some(rate_hz) = self.frame_rate_hz else {
+            if self.labels.contains(&LabelKind::Frame) {
+                return Err(ConfigError::new("labels", "frame", "without frame: set a frame rate instead"));
+            }
+            return Ok(());
+        };
+        TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
+        let longest = (1e6 / rate_hz) as i64 / 2 * 2;
+        if self.exposure_us % 2 != 0 || !(2..=longest).contains(&self.exposure_us) {
+            return Err(ConfigError::new(
+                "exposure",
+                format!("{} us", self.exposure_us),
+                format!("an even number of microseconds, from 2 to {longest} at {rate_hz} frames per second"),
+            ));
+        }
+        Ok(())
+    }
+
     /// Checks every value that can be checked without a scene or a device.
     ///
     /// # Errors
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn check(&self) -> Result<(), ConfigError> {
-        Sensor::new(self.sensor.clone())?.thresholds_only("the 3D engine")?;
+        Sensor::new(self.sensor.clone())?;
+        if self.sensor.diffusion.is_some() {
+            return Err(ConfigError::new(
+                "sensor.diffusion",
+                "on (as in davis346 and davis240)",
+                "off: the 3D engine has no Brownian trigger. Take another preset, or push rendered frames to an \
+                 EventEmulator",
+            ));
+        }
         if let Method::Splat(splat) = &self.method {
             splat.check()?;
         }
-        self.sample_grid()?;
+        let interval_us = self.sample_grid()?.longest_interval_us();
+        if !self.sensor.is_ideal() && interval_us > f64::from(OLD_US / 2) {
+            return Err(ConfigError::new(
+                "rate",
+                format!("an instant every {:.0} s", interval_us * 1e-6),
+                "one in 268 s at least, for a sensor with more than thresholds",
+            ));
+        }
         TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
+        self.check_frames()?;
         if !(1..=256).contains(&self.samples) {
             return Err(ConfigError::new("samples", self.samples, "between 1 and 256"));
         }

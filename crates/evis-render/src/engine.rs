@@ -9,8 +9,10 @@ use std::time::Instant;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
 use evis_scene::{Scene, SceneState};
 
+use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
 use crate::error::EngineError;
+use crate::exposure::ExposureRoom;
 use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::frame_buffers::FrameBuffers;
 use crate::gpu::Gpu;
@@ -187,11 +189,14 @@ pub struct Engine {
     targets: Vec<Targets>,
     groups: Vec<Group>,
     label_room: Option<LabelRoom>,
+    exposure_room: Option<ExposureRoom>,
     label_grid: TimeGrid,
     in_flight: VecDeque<InFlight>,
     free: Vec<Slot>,
     capacity: u32,
     most_capacity: u32,
+    /// Words of strikes that a submission may have.
+    most_feed: u64,
     last_count: u32,
     /// Measured milliseconds per instant of a group, of late.
     instant_ms: f64,
@@ -311,7 +316,13 @@ impl Engine {
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
             };
-            let most = sizes::MAX_INSTANTS;
+            let (needs, most) = match context.trigger.chain() {
+                None => (needs, sizes::MAX_INSTANTS),
+                Some(chain) => {
+                    let bytes = needs.bytes.max(chain.plan.view_bytes(width, height));
+                    (MethodNeeds { bytes, ..needs }, ChainPlan::most_instants(grid.longest_interval_us()))
+                }
+            };
             let count = views.len() as u32;
             let plan = sizes::plan(width, height, layer_samples, count, most, needs, device_limits)
                 .ok_or_else(|| {
@@ -323,7 +334,8 @@ impl Engine {
                         device_limits.storage_binding
                     ))
                 })?;
-            targets.push(Targets::new(device, width, height, plan, made));
+            let chain = context.trigger.chain().is_some();
+            targets.push(Targets::new(device, width, height, plan, made, chain));
             if let (Sampling::Splat(room), Some(targets)) = (&mut sampling, targets.last()) {
                 room.add_size(&context, targets, edges);
             }
@@ -351,7 +363,14 @@ impl Engine {
                         inverse_reference_luminance: 1.0 / reference,
                     })
                     .collect();
-                Group::new(&context.gpu, t, &targets[t], views, &sensors)
+                let chain = context.trigger.chain().map(|passes| {
+                    let own: Vec<&View> = views.iter().map(|&v| &context.views[v]).collect();
+                    let gpu = &context.gpu;
+                    let chain =
+                        GroupChain::new(gpu, &passes.plan, &config.sensor, &targets[t], &own, reference);
+                    (passes, chain)
+                });
+                Group::new(&context.gpu, t, &targets[t], views, &sensors, chain)
             })
             .collect();
         let most_capacity =
@@ -360,11 +379,14 @@ impl Engine {
             sampling,
             targets,
             label_room,
+            exposure_room: ExposureRoom::new(&context, config, rendered)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             in_flight: VecDeque::new(),
             free: Vec::new(),
             capacity: FIRST_CAPACITY.min(most_capacity),
             most_capacity,
+            // Buffers for them are half as long again.
+            most_feed: device_limits.storage_binding / 4 * 2 / 3 - 4,
             last_count: 0,
             // Unknown: begins with two instants.
             instant_ms: SUBMISSION_MS / 2.0,
@@ -394,6 +416,12 @@ impl Engine {
     pub fn limit_buffers(&mut self, capacity: u32, most: u32) {
         self.capacity = capacity;
         self.most_capacity = most;
+    }
+
+    /// Lets a submission have this many words of strikes: tests make it split.
+    #[cfg(test)]
+    pub fn limit_feed(&mut self, words: u64) {
+        self.most_feed = words;
     }
 
     /// Set, it ends a delivery after the submission in work with [`EngineError::Stopped`]; nothing is lost, the
@@ -463,6 +491,7 @@ impl Engine {
             }
             self.collect_oldest()?;
         }
+        self.expose_frames(until_us)?;
         let packing = Instant::now();
         self.evaluate_poses(until_us);
         let mut packet = Packet { start_us: self.delivered_us, end_us: until_us, ..Default::default() };
@@ -485,6 +514,18 @@ impl Engine {
         packet.report.times.pack_ms += milliseconds(packing);
         packet.report.times.total_ms = milliseconds(started);
         Ok(packet)
+    }
+
+    /// Frames whose middle lies before `until_us`.
+    fn expose_frames(&mut self, until_us: i64) -> Result<(), EngineError> {
+        let Some(room) = &mut self.exposure_room else { return Ok(()) };
+        while let Some(frames) = room.expose(&mut self.context, until_us, &self.stop)? {
+            for (arrived, frame) in self.arrived.iter_mut().zip(frames) {
+                let at = arrived.labels.partition_point(|l| (l.t_us, l.kind) <= (frame.t_us, frame.kind));
+                arrived.labels.insert(at, frame);
+            }
+        }
+        Ok(())
     }
 
     fn is_complete(&self, until_us: i64) -> bool {
@@ -510,6 +551,8 @@ impl Engine {
         } else if next <= last {
             let planned = f64::from(self.targets[self.groups[group].targets].plan.instants);
             let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
+            // The first instant of a chain has a pass of its own.
+            let most = if next == 0 && self.context.trigger.chain().is_some() { 1 } else { most };
             let unit = Unit { group, first: next, instants: most.min(last - next + 1) as u32 };
             self.submit_unit(unit)?;
         } else {
@@ -522,8 +565,20 @@ impl Engine {
     fn submit_unit(&mut self, unit: Unit) -> Result<(), EngineError> {
         let submitted = Instant::now();
         let group = &mut self.groups[unit.group];
+        let feed = group.chain.as_mut().map(|chain| unit.feed(chain, &self.context.grid));
+        if let Some(words) = feed.as_ref().filter(|words| words.len() as u64 > self.most_feed) {
+            let Some(halves) = unit.halves() else {
+                return Err(EngineError::Device(format!(
+                    "noise may strike {} times in one instant, and this device's buffers hold {}; lower the rates of \
+                     the sensor's noise, raise --rate, or render fewer cameras at once",
+                    words.len() / STRIKE_WORDS as usize,
+                    self.most_feed / u64::from(STRIKE_WORDS)
+                )));
+            };
+            return halves.into_iter().try_for_each(|half| self.submit_unit(half));
+        }
         let header = group.header_bytes();
-        let slot = match self.free.iter().position(|s| s.fits(self.capacity, header)) {
+        let mut slot = match self.free.iter().position(|s| s.fits(self.capacity, header)) {
             Some(index) => self.free.swap_remove(index),
             None => {
                 // Smaller ones are from before the capacity grew.
@@ -531,6 +586,9 @@ impl Engine {
                 Slot::new(&self.context.gpu.device, self.capacity, header)
             }
         };
+        if let Some(words) = &feed {
+            slot.feed(&self.context.gpu, words);
+        }
         // Half as much again as the last one had: a second copy is needed only where events surge.
         let predicted = (self.last_count / 2 * 3).saturating_add(4096).min(slot.capacity);
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
@@ -654,16 +712,22 @@ impl Engine {
                 bytemuck::try_cast_slice(&bytes)
                     .map_err(|e| EngineError::Device(format!("events came back misaligned: {e}")))?
             };
-            unpack::views(
-                records,
-                &offsets,
-                base_us,
-                span_us,
-                self.groups[unit.group].views.iter().copied(),
-                |v, e| {
-                    unpack::append(&mut self.arrived[v].events, e);
-                },
-            );
+            let group = &mut self.groups[unit.group];
+            let end_us = unit.end_us(&self.context.grid);
+            match group.chain.as_mut().filter(|chain| !chain.wires.is_empty()) {
+                None => {
+                    unpack::views(records, &offsets, base_us, span_us, group.views.iter().copied(), |v, e| {
+                        unpack::append(&mut self.arrived[v].events, e)
+                    })
+                }
+                Some(chain) => {
+                    let parts = offsets.windows(2).map(|w| &records[w[0] as usize..w[1] as usize]);
+                    for ((wire, records), v) in chain.wires.iter_mut().zip(parts).zip(&group.views) {
+                        let mut fired = unpack::events(records, base_us);
+                        self.report.dropped += wire.pass(&mut fired, end_us, &mut self.arrived[*v].events);
+                    }
+                }
+            }
         }
         slot.staging.unmap();
         self.free.push(slot);
@@ -674,6 +738,8 @@ impl Engine {
         group.clamped = status.clamped;
         self.report.unknown += u64::from(status.unknown.wrapping_sub(group.unknown));
         group.unknown = status.unknown;
+        self.report.suppressed += u64::from(status.suppressed.wrapping_sub(group.suppressed));
+        group.suppressed = status.suppressed;
         self.report.instants += u64::from(unit.instants);
         self.report.times.pack_ms += milliseconds(packing);
         Ok(())
@@ -726,6 +792,7 @@ impl Engine {
         group.next = unit.first;
         group.clamped = 0;
         group.unknown = 0;
+        group.suppressed = 0;
         self.context.gpu.queue.write_buffer(&group.status, 0, bytemuck::bytes_of(&Status::default()));
         for unit in again {
             self.submit_unit(unit)?;
@@ -834,7 +901,7 @@ fn measure_reference(context: &mut Context, samples: u32, made: LayerUse) -> Res
 }
 
 /// Renders view `view` at stream time `t_us` and reads it back: mean over the samples, row-major from the top.
-fn mean_luminance(
+pub(crate) fn mean_luminance(
     context: &mut Context,
     layers: &Layers,
     view: usize,

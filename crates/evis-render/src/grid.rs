@@ -26,6 +26,11 @@ impl SampleGrid {
         self.steps
     }
 
+    /// Longest time between two instants, microseconds.
+    pub fn longest_interval_us(&self) -> f64 {
+        1e6 / (self.keyframes.rate_hz() * self.steps as f64) + 1.0
+    }
+
     /// Time of keyframe `j`.
     pub fn keyframe_us(&self, j: i64) -> i64 {
         self.keyframes.instant_us(j)

@@ -1,5 +1,6 @@
 //! One submission: some instants of a group of views, from poses to events in a staging buffer.
 
+use crate::chain::{ChainPasses, GroupChain, Walk};
 use crate::engine::Context;
 use crate::gpu::Gpu;
 use crate::gpu_scene::{Draw, DrawItem};
@@ -7,9 +8,10 @@ use crate::grid::SampleGrid;
 use crate::method::Sampling;
 use crate::pass::raster::Pipelines;
 use crate::pass::trigger::{
-    BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS, TriggerPasses,
+    BLOCK_BINDINGS, CHAIN_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS,
+    TriggerPasses, WalkPasses,
 };
-use crate::pass::{self};
+use crate::pass::{self, ComputePass};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
 use crate::still::Rect;
 use crate::targets::{Layers, Targets};
@@ -55,7 +57,8 @@ impl Unit {
         let mut before = 0;
         for (i, span) in spans.iter_mut().enumerate().take(self.instants as usize) {
             let t = (grid.instant_us(self.first + i as i64) - base) as u32;
-            *span = [before, t - before, 0, 0];
+            let since = base + i64::from(before);
+            *span = [before, t - before, since as u32, (since >> 32) as u32];
             before = t;
         }
         TriggerParams {
@@ -88,6 +91,8 @@ pub struct Group {
     pub sensors: wgpu::Buffer,
     /// Where each view's events start.
     pub view_offsets: wgpu::Buffer,
+    /// What the whole chain needs, where it is on.
+    pub chain: Option<GroupChain>,
     block_params: wgpu::Buffer,
     /// First instant that was not submitted yet.
     pub next: i64,
@@ -95,6 +100,8 @@ pub struct Group {
     pub clamped: u32,
     /// `Status::unknown` as last read.
     pub unknown: u32,
+    /// `Status::suppressed` as last read.
+    pub suppressed: u32,
 }
 
 impl Group {
@@ -105,6 +112,7 @@ impl Group {
         targets: &Targets,
         views: Vec<usize>,
         sensors: &[ViewSensor],
+        chain: Option<(&ChainPasses, GroupChain)>,
     ) -> Self {
         let buffer = |label, size, usage| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -116,18 +124,22 @@ impl Group {
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let pixels = u64::from(padded_pixels(targets.width, targets.height)) * views.len() as u64;
-        let memory = || {
-            buffer(
-                "pixel memory",
-                pixels * size_of::<PixelMemory>() as u64,
-                storage | wgpu::BufferUsages::COPY_SRC,
-            )
+        let pixel_bytes = match &chain {
+            Some((passes, _)) => 4 * u64::from(passes.plan.planes.count),
+            None => size_of::<PixelMemory>() as u64,
         };
+        // Most events of a pixel, per view and instant.
+        let peaks = if chain.is_some() { 4 * u64::from(sizes::MAX_INSTANTS) * views.len() as u64 } else { 0 };
+        let memory = || buffer("pixel memory", pixels * pixel_bytes, storage | wgpu::BufferUsages::COPY_SRC);
         let group = Self {
             targets: targets_index,
             memory: [memory(), memory()],
             parity: 0,
-            status: buffer("status", size_of::<Status>() as u64, storage | wgpu::BufferUsages::COPY_SRC),
+            status: buffer(
+                "status",
+                size_of::<Status>() as u64 + peaks,
+                storage | wgpu::BufferUsages::COPY_SRC,
+            ),
             sensors: buffer("sensors", size_of_val(sensors) as u64, storage),
             view_offsets: buffer(
                 "view offsets",
@@ -140,9 +152,11 @@ impl Group {
                 wgpu::BufferUsages::UNIFORM,
             ),
             views,
+            chain: chain.map(|(_, chain)| chain),
             next: 0,
             clamped: 0,
             unknown: 0,
+            suppressed: 0,
         };
         let block_count = (pixels / u64::from(BLOCK_PIXELS)) as u32;
         let row = sizes::dispatch(block_count, WORKGROUP).0 * WORKGROUP;
@@ -166,6 +180,8 @@ pub struct Slot {
     pub staging: wgpu::Buffer,
     params: wgpu::Buffer,
     scan_params: wgpu::Buffer,
+    /// When noise may strike (chain only).
+    feed: Option<wgpu::Buffer>,
     /// Events that fit.
     pub capacity: u32,
     header_capacity: u64,
@@ -197,8 +213,26 @@ impl Slot {
             ),
             params: buffer("trigger params", size_of::<TriggerParams>() as u64, uniform),
             scan_params: buffer("scan params", size_of::<ScanParams>() as u64, uniform),
+            feed: None,
             capacity,
             header_capacity: header,
+        }
+    }
+
+    /// Hands `words` over to the chain.
+    pub fn feed(&mut self, gpu: &Gpu, words: &[u32]) {
+        let bytes = size_of_val(words) as u64;
+        if self.feed.as_ref().is_none_or(|feed| feed.size() < bytes) {
+            self.feed = Some(gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("strikes"),
+                // Half as much again: the next one is a little longer now and then.
+                size: (bytes + bytes / 2).next_multiple_of(4),
+                usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }));
+        }
+        if let Some(feed) = &self.feed {
+            gpu.queue.write_buffer(feed, 0, bytemuck::cast_slice(words));
         }
     }
 
@@ -224,6 +258,7 @@ pub fn encode(
     sampling.encode(context, encoder, targets, group, unit);
     // What they feel.
     let steps = trigger_steps(&context.gpu, &context.trigger, &context.grid, targets, group, unit, slot);
+    clear_peaks(encoder, context, group);
     encode_trigger(encoder, &steps);
     // What the host gets.
     let header = size_of::<Status>() as u64;
@@ -232,6 +267,13 @@ pub fn encode(
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, header, offsets);
     let bytes = u64::from(predicted.min(slot.capacity)) * 8;
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, group.header_bytes(), bytes);
+}
+
+/// No pixel of a chain has asked for events yet.
+pub fn clear_peaks(encoder: &mut wgpu::CommandEncoder, context: &Context, group: &Group) {
+    if context.trigger.chain().is_some() {
+        encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);
+    }
 }
 
 /// Copies `rect` of layers, from one texture's first to the other's: `count` of them.
@@ -418,7 +460,7 @@ pub fn trigger_steps<'a>(
     group: &Group,
     unit: &Unit,
     slot: &Slot,
-) -> [TriggerStep<'a>; 4] {
+) -> Vec<TriggerStep<'a>> {
     let (device, queue) = (&gpu.device, &gpu.queue);
     let views = group.views.len() as u32;
     let stride = row_stride(targets.width);
@@ -433,24 +475,10 @@ pub fn trigger_steps<'a>(
     };
     queue.write_buffer(&slot.scan_params, 0, bytemuck::bytes_of(&scan));
 
-    let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
-    let layers = || wgpu::BindingResource::TextureView(&targets.layers.array);
-    let count = pass::group(
-        device,
-        "count",
-        &passes.count.layout,
-        COUNT_BINDINGS,
-        vec![
-            slot.params.as_entire_binding(),
-            group.sensors.as_entire_binding(),
-            layers(),
-            old.as_entire_binding(),
-            new.as_entire_binding(),
-            targets.counts.as_entire_binding(),
-            group.status.as_entire_binding(),
-            targets.fired.as_entire_binding(),
-        ],
-    );
+    let (counting, emitting) = match &passes.walk {
+        WalkPasses::Ideal { .. } => ideal_walks(device, passes, targets, group, slot),
+        WalkPasses::Chain(chain) => chain_walks(device, chain, targets, group, unit, slot),
+    };
     let block = pass::group(
         device,
         "block",
@@ -475,10 +503,54 @@ pub fn trigger_steps<'a>(
             group.status.as_entire_binding(),
         ],
     );
-    let emit = pass::group(
+    let (block_x, block_y) = sizes::dispatch(blocks_per_view * views, WORKGROUP);
+    let every_pixel = (stride / WORKGROUP, targets.height, views);
+    let walk = |(pipeline, bindings)| TriggerStep { pipeline, bindings, workgroups: every_pixel };
+    let mut steps: Vec<TriggerStep<'a>> = counting.into_iter().map(walk).collect();
+    steps.push(TriggerStep {
+        pipeline: &passes.block.pipeline,
+        bindings: block,
+        workgroups: (block_x, block_y, 1),
+    });
+    steps.push(TriggerStep { pipeline: &passes.scan.pipeline, bindings: scan, workgroups: (1, 1, 1) });
+    steps.push(walk(emitting));
+    steps
+}
+
+/// A dispatch over all pixels.
+type PixelWalk<'a> = (&'a wgpu::ComputePipeline, wgpu::BindGroup);
+
+/// Count and emit of thresholds alone.
+fn ideal_walks<'a>(
+    device: &wgpu::Device,
+    passes: &'a TriggerPasses,
+    targets: &Targets,
+    group: &Group,
+    slot: &Slot,
+) -> (Vec<PixelWalk<'a>>, PixelWalk<'a>) {
+    let WalkPasses::Ideal { count, emit } = &passes.walk else { unreachable!("the caller matched it") };
+    let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
+    let layers = || wgpu::BindingResource::TextureView(&targets.layers.array);
+    let counting = pass::group(
+        device,
+        "count",
+        &count.layout,
+        COUNT_BINDINGS,
+        vec![
+            slot.params.as_entire_binding(),
+            group.sensors.as_entire_binding(),
+            layers(),
+            old.as_entire_binding(),
+            new.as_entire_binding(),
+            targets.counts.as_entire_binding(),
+            group.status.as_entire_binding(),
+            targets.fired.as_entire_binding(),
+        ],
+    );
+    let emitting = pass::group(
         device,
         "emit",
-        &passes.emit.layout,
+        &emit.layout,
         EMIT_BINDINGS,
         vec![
             slot.params.as_entire_binding(),
@@ -493,12 +565,51 @@ pub fn trigger_steps<'a>(
             targets.fired.as_entire_binding(),
         ],
     );
-    let (block_x, block_y) = sizes::dispatch(blocks_per_view * views, WORKGROUP);
-    let pixels = (stride / WORKGROUP, targets.height, views);
-    [
-        TriggerStep { pipeline: &passes.count.pipeline, bindings: count, workgroups: pixels },
-        TriggerStep { pipeline: &passes.block.pipeline, bindings: block, workgroups: (block_x, block_y, 1) },
-        TriggerStep { pipeline: &passes.scan.pipeline, bindings: scan, workgroups: (1, 1, 1) },
-        TriggerStep { pipeline: &passes.emit.pipeline, bindings: emit, workgroups: pixels },
-    ]
+    (vec![(&count.pipeline, counting)], (&emit.pipeline, emitting))
+}
+
+/// Count and emit of the whole chain. A stream's first instant is a unit of its own: nothing fires there.
+fn chain_walks<'a>(
+    device: &wgpu::Device,
+    chain: &'a ChainPasses,
+    targets: &Targets,
+    group: &Group,
+    unit: &Unit,
+    slot: &Slot,
+) -> (Vec<PixelWalk<'a>>, PixelWalk<'a>) {
+    let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
+    // A group of a chain has both; the status buffer is at hand for a binding that is never read.
+    let frozen = group.chain.as_ref().map_or(&group.status, |own| &own.frozen);
+    let feed = slot.feed.as_ref().unwrap_or(frozen);
+    let walk = |pass: &'a ComputePass, walk: Walk| {
+        let bindings = pass::group(
+            device,
+            "chain",
+            &pass.layout,
+            CHAIN_BINDINGS,
+            vec![
+                slot.params.as_entire_binding(),
+                chain.step(walk),
+                chain.sensor(),
+                wgpu::BindingResource::TextureView(&targets.layers.array),
+                frozen.as_entire_binding(),
+                feed.as_entire_binding(),
+                old.as_entire_binding(),
+                new.as_entire_binding(),
+                // The emitting walk finds its counts in their prefixes: one binding less.
+                if matches!(walk, Walk::Emit(_)) { &targets.prefixes } else { &targets.counts }
+                    .as_entire_binding(),
+                targets.block_sums.as_entire_binding(),
+                group.status.as_entire_binding(),
+                slot.events.as_entire_binding(),
+            ],
+        );
+        (&pass.pipeline, bindings)
+    };
+    let counting = if unit.first == 0 {
+        vec![walk(&chain.begin, Walk::Count(1))]
+    } else {
+        chain.counting(unit.instants).into_iter().map(|step| walk(&chain.walk, step)).collect()
+    };
+    (counting, walk(&chain.walk, Walk::Emit(unit.instants)))
 }

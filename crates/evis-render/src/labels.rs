@@ -63,7 +63,10 @@ impl LabelRoom {
         constants: &SceneConstants,
         limits: DeviceLimits,
     ) -> Result<Option<Self>, EngineError> {
-        if config.labels.is_empty() {
+        let mut kinds = config.labels.clone();
+        // Frames are made elsewhere.
+        kinds.retain(|kind| *kind != LabelKind::Frame);
+        if kinds.is_empty() {
             return Ok(None);
         }
         for view in views {
@@ -74,7 +77,6 @@ impl LabelRoom {
                 return Err(EngineError::Device(text));
             }
         }
-        let mut kinds = config.labels.clone();
         kinds.sort_unstable();
         kinds.dedup();
         let has = |kind: LabelKind| kinds.contains(&kind);
@@ -331,6 +333,7 @@ impl LabelRoom {
                     LabelKind::Hdr => LabelData::F32(
                         color.as_ref()?.texels::<[f32; 4]>().flat_map(|v| [v[0], v[1], v[2]]).collect(),
                     ),
+                    LabelKind::Frame => return None,
                 };
                 let t_other_us = if forward {
                     job.next_us

@@ -4,10 +4,12 @@
 
 #[doc(hidden)]
 pub mod bench;
+mod chain;
 pub mod config;
 pub mod cpu;
 mod engine;
 pub mod error;
+mod exposure;
 mod frame;
 mod frame_buffers;
 mod geometry;

@@ -36,8 +36,10 @@ pub struct ViewPacket {
 pub struct PacketReport {
     /// Events of all views.
     pub events: u64,
-    /// Events that could not be delivered: always 0, or the run has failed.
+    /// Events that the readout's rate limit dropped; no other event is lost, or the run has failed.
     pub dropped: u64,
+    /// Events that pixels lost to their refractory period.
+    pub suppressed: u64,
     /// Pixels and intervals whose event count hit the limit.
     pub clamped: u64,
     /// Instants sampled.

@@ -45,6 +45,16 @@ shaders![
     "trigger/scan.wgsl",
     "trigger/emit.wgsl",
     "trigger/resolve.wgsl",
+    "chain/philox.wgsl",
+    "chain/arithmetic.wgsl",
+    "chain/layout.wgsl",
+    "chain/state.wgsl",
+    "chain/response.wgsl",
+    "chain/shape.wgsl",
+    "chain/pixel.wgsl",
+    "chain/leak.wgsl",
+    "chain/walk.wgsl",
+    "chain/begin.wgsl",
 ];
 
 /// The text of one file.

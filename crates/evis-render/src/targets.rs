@@ -108,7 +108,7 @@ pub struct Targets {
     pub layers: Layers,
     /// Events per pixel of the submission in work.
     pub counts: wgpu::Buffer,
-    /// Per pixel, the instants at which it fires: one bit each.
+    /// Per pixel, the instants at which it fires: one bit each. Nothing for a chain.
     pub fired: wgpu::Buffer,
     /// Exclusive prefix within blocks.
     pub prefixes: wgpu::Buffer,
@@ -118,7 +118,14 @@ pub struct Targets {
 
 impl Targets {
     /// Allocates for `plan`.
-    pub fn new(device: &wgpu::Device, width: u32, height: u32, plan: Plan, made: LayerUse) -> Self {
+    pub fn new(
+        device: &wgpu::Device,
+        width: u32,
+        height: u32,
+        plan: Plan,
+        made: LayerUse,
+        chain: bool,
+    ) -> Self {
         let pixels = u64::from(plan.views_per_group) * u64::from(padded_pixels(width, height));
         let storage = |label, entries: u64| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -134,7 +141,7 @@ impl Targets {
             plan,
             layers: Layers::new(device, width, height, plan.layers, made),
             counts: storage("counts", pixels),
-            fired: storage("fired", pixels),
+            fired: storage("fired", if chain { 1 } else { pixels }),
             prefixes: storage("prefixes", pixels),
             block_sums: storage("block sums", pixels / u64::from(BLOCK_PIXELS)),
         }

@@ -163,7 +163,8 @@ pub struct TriggerParams {
     pub event_capacity: u32,
     /// 1: the first instant only sets the reference.
     pub first: u32,
-    /// Per instant: microseconds from the submission's base to the instant before it, and from there to it.
+    /// Per instant: microseconds from the submission's base to the instant before it, from there to it, and the instant
+    /// before it in stream time, low and high word.
     pub spans: [[u32; 4]; MAX_INSTANTS as usize],
 }
 
@@ -205,8 +206,52 @@ pub struct Status {
     pub mismatched: u32,
     /// Pixels and instants that a method left unknown.
     pub unknown: u32,
+    /// Events that pixels lost to their refractory period.
+    pub suppressed: u32,
+}
+
+/// `ChainStep` in `chain/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct ChainStep {
+    /// 0 count, 1 emit, 2 peak.
+    pub mode: u32,
+    /// First instant.
+    pub first: u32,
+    /// One past the last instant.
+    pub end: u32,
     /// Zero.
     pub pad: u32,
+}
+
+/// `ChainSensor` in `chain/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ChainSensor {
+    /// Added before the logarithm.
+    pub log_eps: f32,
+    /// Added to light.
+    pub dark_light: f32,
+    /// `I` of `Y_ref`.
+    pub full_scale: f32,
+    /// Where the logarithm begins.
+    pub knee: f32,
+    /// What `I` is multiplied with below it.
+    pub below_knee: f32,
+    /// 2 pi cutoff per microsecond.
+    pub filter_rate: f32,
+    /// Of a bandwidth that follows light.
+    pub bandwidth_offset: f32,
+    /// Its least factor.
+    pub bandwidth_least: f32,
+    /// Its greatest factor.
+    pub bandwidth_most: f32,
+    /// Of the leak.
+    pub leak_jitter: f32,
+    /// Length of the refractory period.
+    pub refractory_us: f32,
+    /// Delay at `Y_ref`.
+    pub latency_light_us: f32,
 }
 
 /// `BlockParams` in `trigger/block.wgsl`.

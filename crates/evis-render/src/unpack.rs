@@ -35,6 +35,11 @@ pub fn views(
     }
 }
 
+/// The events of `records`, as they come: pixel by pixel, in firing order.
+pub fn events(records: &[[u32; 2]], base_us: i64) -> Vec<Event> {
+    records.iter().map(|&record| event(record, base_us)).collect()
+}
+
 /// Stable sort by time: counting sort where events are many for the span, comparison sort where few.
 fn sort(records: &[[u32; 2]], base_us: i64, span_us: u32) -> Vec<Event> {
     let bins = span_us as usize + 1;

@@ -1,6 +1,7 @@
 //! Views: environment x camera, the engine's unit of work.
 
 use evis_core::CameraInfo;
+use evis_core::random::Key;
 use evis_scene::{Camera, Lens, Scene};
 use glam::{DMat4, DVec3, DVec4};
 
@@ -20,6 +21,8 @@ pub struct View {
     pub threshold_on: f32,
     /// Thresholds of this camera.
     pub threshold_off: f32,
+    /// Of everything random here. It depends on the camera's place in the scene, not among those that are rendered.
+    pub key: Key,
     /// Pixels and lens.
     pub lens: PixelLens,
 }
@@ -186,6 +189,7 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
                 node: camera.node,
                 threshold_on,
                 threshold_off,
+                key: Key::new(config.seed, environment as u32, index as u32),
                 lens: lenses[slot],
             });
         }

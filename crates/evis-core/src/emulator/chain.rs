@@ -8,9 +8,10 @@ use super::frames::{BLOCK, Source};
 use super::ideal::{Interval, Tally};
 use super::noise::{Candidate, TileNoise, spread_mean};
 use super::order::Record;
+use super::readout::delay_us;
 use super::shape::Shape;
 use crate::event::Polarity;
-use crate::random::{Key, StreamId, normals, unit};
+use crate::random::{EPOCH_SHIFT, Key, StreamId, normals, unit, unit_f32};
 use crate::sensor::{
     Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times,
     TriggerRule,
@@ -46,7 +47,7 @@ impl Plan {
             rate: receptor.cutoff_hz * std::f32::consts::TAU * 1e-6,
             exact: receptor.filter == FilterRule::Exact,
             two_poles: receptor.order == 2,
-            ramp: sensor.noise.leak_hz > 0.0 && sensor.noise.leak_law == LeakLaw::Ramp,
+            ramp: ramps(sensor),
             sampled: sensor.trigger == TriggerRule::Latch || sensor.times != Times::Crossing,
             below_knee: receptor.knee.ln() / receptor.knee,
             sensor: sensor.clone(),
@@ -82,14 +83,6 @@ impl Plan {
                 if i <= receptor.knee { i * self.below_knee } else { simd::ln(positive) }
             }
         }
-    }
-
-    /// What is left of the shot noise at this light.
-    fn shot_at(&self, light: f64) -> f64 {
-        let noise = &self.sensor.noise;
-        let offset = f64::from(noise.shot_light_offset);
-        let relative = (light.clamp(0.0, 1.0) + offset) / (1.0 + offset);
-        1.0 - f64::from(noise.shot_light_share) * relative
     }
 }
 
@@ -172,11 +165,20 @@ impl Scan {
     }
 }
 
-impl Chain {
-    /// Pixels that have seen nothing, with what is frozen about them.
-    pub fn new(plan: &Plan, key: Key, first: usize, pixels: usize) -> Self {
-        let length = pixels.next_multiple_of(BLOCK);
-        let sensor = &plan.sensor;
+/// What is frozen about pixels: drawn from the generator alone.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Frozen {
+    /// Rise that fires; infinite where the pixel is dead.
+    pub on: Vec<f32>,
+    /// Fall that fires, a magnitude; infinite where the pixel is dead.
+    pub off: Vec<f32>,
+    /// Mean slope of the leak's ramp per microsecond; empty where there is no ramp.
+    pub slope: Vec<f32>,
+}
+
+impl Frozen {
+    /// Of `length` pixels from `first` on.
+    pub fn draw(sensor: &SensorConfig, key: Key, first: usize, length: usize) -> Self {
         let (mut on, mut off) = (vec![sensor.threshold_on; length], vec![sensor.threshold_off; length]);
         let pattern = &sensor.pattern;
         if pattern.sigma > 0.0 {
@@ -199,7 +201,7 @@ impl Chain {
         }
         let noise = &sensor.noise;
         let mut slope = Vec::new();
-        if plan.ramp {
+        if ramps(sensor) {
             let mean = spread_mean(noise.leak_spread_decades.into());
             slope = (0..length)
                 .map(|i| {
@@ -214,6 +216,22 @@ impl Chain {
                 })
                 .collect();
         }
+        Self { on, off, slope }
+    }
+}
+
+/// Whether the leak is a ramp.
+pub(crate) fn ramps(sensor: &SensorConfig) -> bool {
+    sensor.noise.leak_hz > 0.0 && sensor.noise.leak_law == LeakLaw::Ramp
+}
+
+impl Chain {
+    /// Pixels that have seen nothing, with what is frozen about them.
+    pub fn new(plan: &Plan, key: Key, first: usize, pixels: usize) -> Self {
+        let length = pixels.next_multiple_of(BLOCK);
+        let sensor = &plan.sensor;
+        let noise = &sensor.noise;
+        let Frozen { on, off, slope } = Frozen::draw(sensor, key, first, length);
         let tile_noise = TileNoise::new(sensor, key, first as u32, &on[..pixels], &off[..pixels]);
         let when = |wanted: bool, value: i32| vec![value; if wanted { length } else { 0 }];
         Self {
@@ -413,7 +431,8 @@ fn scan_body(
                 mask &= mask.wrapping_sub(1);
                 let change = output[i] - reference[i] + leaked[i];
                 let steps = change.abs() / if change >= 0.0 { on[i] } else { off[i] };
-                scan.most = scan.most.max(simd::whole(if steps.is_nan() { 0.0 } else { steps }));
+                // Held pixels and new ones have no change to count.
+                scan.most = scan.most.max(simd::whole(if steps.is_finite() { steps } else { 0.0 }));
             }
         }
     }
@@ -543,7 +562,7 @@ impl Pixel<'_> {
         let i = self.index;
         self.chain.reference[i] = match self.plan.sensor.pattern.start {
             Start::Phase if self.chain.on[i].is_finite() => {
-                let part = unit(self.key.draw(self.pixel, StreamId::Start, 0, 0)[0]) as f32;
+                let part = unit_f32(self.key.draw(self.pixel, StreamId::Start, 0, 0)[0]);
                 // d = signal - reference lies between the thresholds.
                 output - (part * (self.chain.on[i] + self.chain.off[i]) - self.chain.off[i])
             }
@@ -630,8 +649,10 @@ impl Pixel<'_> {
     fn emit(&mut self, t: f64, polarity: Polarity) {
         let offset = (t as u32).clamp(1, self.us.max(1));
         let (x, y) = self.place;
-        let delay = self.delay(t, offset);
-        self.records.push(Record::new(offset + delay, x, y, polarity));
+        let left = offset + self.light_delay(t);
+        let t_us = self.start_us + i64::from(left);
+        let delay = delay_us(&self.plan.sensor.readout, self.key, self.pixel, t_us);
+        self.records.push(Record::new(left + delay, x, y, polarity));
         if let Some(fired) = self.chain.fired.get_mut(self.index) {
             *fired = (self.start_us + i64::from(offset) - self.chain.base_us) as i32;
         }
@@ -640,52 +661,34 @@ impl Pixel<'_> {
         }
     }
 
-    /// Latency of an event at `t`, whole microseconds.
-    fn delay(&self, t: f64, offset: u32) -> u32 {
-        let readout = &self.plan.sensor.readout;
-        let mut delay = f64::from(readout.latency_us);
-        if readout.latency_light_us > 0.0 {
-            let dark = f64::from(self.plan.sensor.photoreceptor.dark_light);
-            delay += f64::from(readout.latency_light_us) / (self.light_at(t) + dark).max(0.01);
+    /// Delay of an event at `t` within the pixel, whole microseconds: the part of the latency that light has.
+    fn light_delay(&self, t: f64) -> u32 {
+        let latency = self.plan.sensor.readout.latency_light_us;
+        if latency == 0.0 {
+            return 0;
         }
-        if readout.jitter_us > 0.0 {
-            let t_us = self.start_us + i64::from(offset);
-            let [a, b, ..] = self.key.draw(self.pixel, StreamId::Latency, t_us >> 16, t_us as u32 & 0xffff);
-            delay += f64::from(readout.jitter_us) * normals(a, b).0;
-        }
-        delay.clamp(0.0, 1e8) as u32
+        let light = self.light_at(t) as f32 + self.plan.sensor.photoreceptor.dark_light;
+        (latency / light.max(0.01)) as u32
     }
 
     /// What a candidate of noise becomes at its time.
     fn decide(&self, candidate: &Candidate) -> Option<Polarity> {
         let noise = &self.plan.sensor.noise;
-        let side = unit(candidate.side);
-        let either = |share: f64| if side < share { Polarity::On } else { Polarity::Off };
-        if candidate.hot {
-            return Some(either(noise.on_share.into()));
-        }
-        let rates = self.chain.noise.rates(self.index);
-        let all = f64::from(rates.leak) + f64::from(rates.on + rates.off);
-        let mut place = unit(candidate.mark) * all;
-        if place < f64::from(rates.leak) {
-            return Some(Polarity::On);
-        }
-        place -= f64::from(rates.leak);
-        let left = self.plan.shot_at(self.light_at((candidate.t_us - self.start_us) as f64));
-        let polarity = if place < f64::from(rates.on) * left {
-            Polarity::On
-        } else if place >= f64::from(rates.on) && place < f64::from(rates.on) + f64::from(rates.off) * left {
-            Polarity::Off
-        } else {
+        let settled = candidate.settle(noise, &self.chain.noise.rates(self.index));
+        let light = || self.light_at((candidate.t_us - self.start_us) as f64) as f32;
+        if settled.light_below < f32::INFINITY && light() >= settled.light_below {
             return None;
-        };
+        }
         let last = self.chain.polarity.get(self.index).copied();
-        Some(match last {
-            Some(last) if last < 2 => {
-                let other = side < f64::from(noise.alternation);
-                if (last == 1) != other { Polarity::On } else { Polarity::Off }
+        Some(match (settled.relative, last) {
+            (Some(side), Some(last)) if last < 2 => {
+                if (last == 1) != (side == Polarity::On) {
+                    Polarity::On
+                } else {
+                    Polarity::Off
+                }
             }
-            _ => polarity,
+            _ => settled.polarity,
         })
     }
 
@@ -867,11 +870,17 @@ impl Pixel<'_> {
     }
 }
 
+/// A leak's jitter is drawn for each pixel and 2^12 microseconds: two computations whose times differ by a rounding
+/// nearly always draw the same.
+pub const JITTER_SHIFT: u32 = 12;
+
 /// Share of the mean time that the next leak event takes: nearly normal, the sum of four uniform draws, so that neither
-/// end is far away and a move of the reference costs no logarithm.
-fn jitter_at(key: Key, pixel: u32, t_us: i64, jitter: f32) -> f32 {
-    let words = key.draw(pixel, StreamId::LeakJitter, t_us >> 16, t_us as u32 & 0xffff);
-    let sum = words.iter().map(|word| unit(*word)).sum::<f64>();
+/// end is far away and a move of the reference costs no logarithm. Twin: `jitter_at` in `shaders/chain/pixel.wgsl`.
+pub(crate) fn jitter_at(key: Key, pixel: u32, t_us: i64, jitter: f32) -> f32 {
+    let draw = (t_us >> JITTER_SHIFT) as u32 & ((1 << (EPOCH_SHIFT - JITTER_SHIFT)) - 1);
+    let words = key.draw(pixel, StreamId::LeakJitter, t_us >> EPOCH_SHIFT, draw);
+    // 24 bits: exact in f32.
+    let sum = words.iter().map(|word| word >> 10).sum::<u32>() as f32 * (1.0 / 4_194_304.0);
     // Their variance is 4 / 12.
-    1.0 + jitter * ((sum - 2.0) * 1.732_050_8) as f32
+    1.0 + jitter * ((sum - 2.0) * 1.732_050_8)
 }

@@ -4,6 +4,7 @@
 //! epoch of 2^14 microseconds, from the pixel, the epoch and nothing else; so no step, chunk or thread changes them.
 //! What a candidate becomes is decided where the light of its instant is known (thinning).
 
+use crate::event::Polarity;
 use crate::random::{EPOCH_SHIFT, EPOCH_US, Key, StreamId, normals, unit};
 use crate::sensor::{LeakLaw, Noise, SensorConfig};
 use crate::simd::{bits_of, dispatched};
@@ -23,6 +24,69 @@ pub(crate) struct Candidate {
     pub side: u32,
     /// Whether the pixel is hot and this is why.
     pub hot: bool,
+}
+
+/// Why an event fired.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Cause {
+    /// The scene, or a leaking reference that carried the signal to a threshold.
+    #[default]
+    Signal = 0,
+    /// A leak at random times.
+    Leak = 1,
+    /// Shot noise.
+    Shot = 2,
+    /// A hot pixel.
+    Hot = 3,
+}
+
+/// What a candidate's event is like, if light lets it happen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Settled {
+    /// It happens where the pixel's light, relative to `Y_ref`, is below this.
+    pub light_below: f32,
+    /// Its polarity, or where `relative` that of the pixel's first event.
+    pub polarity: Polarity,
+    /// Whether its polarity is that of the pixel's last event (`Off`) or the other one (`On`).
+    pub relative: Option<Polarity>,
+    pub cause: Cause,
+}
+
+impl Candidate {
+    /// Everything about it that does not depend on light.
+    pub fn settle(&self, noise: &Noise, rates: &Rates) -> Settled {
+        let side = unit(self.side);
+        let always =
+            |polarity, cause| Settled { light_below: f32::INFINITY, polarity, relative: None, cause };
+        if self.hot {
+            let on = side < f64::from(noise.on_share);
+            return always(if on { Polarity::On } else { Polarity::Off }, Cause::Hot);
+        }
+        let (leak, on, off) = (f64::from(rates.leak), f64::from(rates.on), f64::from(rates.off));
+        let place = unit(self.mark) * (leak + f64::from(rates.on + rates.off));
+        if place < leak {
+            return always(Polarity::On, Cause::Leak);
+        }
+        // Shot noise has its places in the dark; light takes the upper part of each polarity's.
+        let place = place - leak;
+        let (polarity, part) =
+            if place < on { (Polarity::On, place / on) } else { (Polarity::Off, (place - on) / off) };
+        let share = f64::from(noise.shot_light_share);
+        let light_below = if share > 0.0 {
+            // 1 - share (min(light, 1) + offset) / (1 + offset) > part.
+            let offset = f64::from(noise.shot_light_offset);
+            let limit = (1.0 - part) / share * (1.0 + offset) - offset;
+            if limit > 1.0 { f32::INFINITY } else { limit as f32 }
+        } else if part < 1.0 {
+            f32::INFINITY
+        } else {
+            f32::NEG_INFINITY
+        };
+        let other = side < f64::from(noise.alternation);
+        let relative = (noise.alternation >= 0.0).then_some(if other { Polarity::On } else { Polarity::Off });
+        Settled { light_below, polarity, relative, cause: Cause::Shot }
+    }
 }
 
 /// Rates of one pixel, per second, in the dark.

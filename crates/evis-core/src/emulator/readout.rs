@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use crate::event::Event;
+use crate::random::{Key, StreamId, normals};
 use crate::sensor::Readout;
 
 /// Events on their way, of one environment.
@@ -15,6 +16,16 @@ pub(crate) struct Wire {
     /// The millisecond that is counted, and how many events left in it.
     pub window: i64,
     pub used: u64,
+}
+
+/// Delay of an event that left its pixel at `t_us`, whole microseconds.
+pub(crate) fn delay_us(readout: &Readout, key: Key, pixel: u32, t_us: i64) -> u32 {
+    let mut delay = f64::from(readout.latency_us);
+    if readout.jitter_us > 0.0 {
+        let [a, b, ..] = key.draw(pixel, StreamId::Latency, t_us >> 16, t_us as u32 & 0xffff);
+        delay += f64::from(readout.jitter_us) * normals(a, b).0;
+    }
+    delay.clamp(0.0, 1e8) as u32
 }
 
 impl Wire {

@@ -17,7 +17,8 @@ struct TriggerParams {
     // 1: the first instant only sets the reference.
     first: u32,
     // Per instant, in microseconds: x the instant before it, since the submission's base; y how long after that it
-    // is. One vector each: a component at a varying index costs software drivers a fetch of all four.
+    // is; zw the instant before it in stream time, low and high word. One vector each: a component at a varying index
+    // costs software drivers a fetch of all four.
     spans: array<vec4<u32>, 32>,
 };
 
@@ -44,5 +45,6 @@ struct Status {
     mismatched: atomic<u32>,
     // Pixels and instants that a method left unknown.
     unknown: atomic<u32>,
-    pad: u32,
+    // Events that pixels lost to their refractory period.
+    suppressed: atomic<u32>,
 };

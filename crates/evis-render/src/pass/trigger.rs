@@ -1,8 +1,10 @@
-//! `trigger/*.wgsl`: count, prefix, scan, emit; and the resolve of `--aa edges`. Twin: `cpu/trigger.rs`.
+//! `trigger/*.wgsl`: count, prefix, scan, emit; and the resolve of `--aa edges`. Twin: `cpu/trigger.rs`. `chain/walk.wgsl`
+//! counts and emits where the sensor is more than thresholds. Twin: the emulator of `evis_core`.
 
 use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
 use super::{Access, Binding, ComputePass, bind};
+use crate::chain::{ChainPasses, ChainPlan};
 
 /// `trigger/count.wgsl`.
 pub const COUNT_BINDINGS: &[Binding] = &[
@@ -42,20 +44,46 @@ pub const EMIT_BINDINGS: &[Binding] = &[
     bind(8, "events", Access::Write),
     bind(9, "fired", Access::Read),
 ];
+/// `chain/walk.wgsl` and `chain/begin.wgsl`.
+pub const CHAIN_BINDINGS: &[Binding] = &[
+    bind(0, "params", Access::Uniform),
+    bind(1, "job", Access::Uniform),
+    bind(2, "sensor", Access::Uniform),
+    bind(3, "luminance_layers", Access::Layers),
+    bind(4, "frozen", Access::Read),
+    bind(5, "feed", Access::Read),
+    bind(6, "memory_in", Access::Read),
+    bind(7, "memory_out", Access::Write),
+    bind(8, "cells", Access::Write),
+    bind(9, "block_offsets", Access::Read),
+    bind(10, "report", Access::Write),
+    bind(11, "events", Access::Write),
+];
 /// `trigger/resolve.wgsl`.
 pub const RESOLVE_BINDINGS: &[Binding] =
     &[bind(0, "samples", Access::Multisampled), bind(1, "layer", Access::StorageLayer)];
 
+/// What walks pixels over the instants of a submission, to count and to emit.
+pub enum WalkPasses {
+    /// Thresholds alone.
+    Ideal {
+        /// Events per pixel.
+        count: ComputePass,
+        /// Events to their places.
+        emit: ComputePass,
+    },
+    /// Any stage.
+    Chain(Box<ChainPasses>),
+}
+
 /// The trigger passes.
 pub struct TriggerPasses {
-    /// Events per pixel.
-    pub count: ComputePass,
+    /// What walks pixels.
+    pub walk: WalkPasses,
     /// Prefix within blocks.
     pub block: ComputePass,
     /// Offsets of blocks and views.
     pub scan: ComputePass,
-    /// Events to their places.
-    pub emit: ComputePass,
     /// Mean of coverage samples.
     pub resolve: ComputePass,
 }
@@ -65,26 +93,45 @@ impl TriggerPasses {
     ///
     /// `unknown`: whether a luminance below 0 stands for one that is not known.
     pub fn new(device: &wgpu::Device, sensor: &SensorConfig, samples: u32, unknown: bool) -> Self {
-        let rule = match sensor.trigger {
-            TriggerRule::Crossing => 0.0,
-            TriggerRule::Latch => 1.0,
+        let walk = if sensor.is_ideal() {
+            let constants = ideal_constants(sensor, samples, unknown);
+            WalkPasses::Ideal {
+                count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &constants),
+                emit: ComputePass::new(device, "trigger/emit.wgsl", EMIT_BINDINGS, &constants),
+            }
+        } else {
+            WalkPasses::Chain(Box::new(ChainPasses::new(device, ChainPlan::new(sensor, samples, unknown))))
         };
-        let interpolation = match sensor.interpolation {
-            Interpolation::Log => 0.0,
-            Interpolation::Light => 1.0,
-        };
-        let constants = [
-            ("TRIGGER_RULE", rule),
-            ("INTERPOLATION", interpolation),
-            ("SAMPLES", f64::from(samples)),
-            ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
-        ];
         Self {
-            count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &constants),
+            walk,
             block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),
             scan: ComputePass::new(device, "trigger/scan.wgsl", SCAN_BINDINGS, &[]),
-            emit: ComputePass::new(device, "trigger/emit.wgsl", EMIT_BINDINGS, &constants),
             resolve: ComputePass::new(device, "trigger/resolve.wgsl", RESOLVE_BINDINGS, &[]),
         }
     }
+
+    /// The chain, where more than thresholds is on.
+    pub fn chain(&self) -> Option<&ChainPasses> {
+        match &self.walk {
+            WalkPasses::Ideal { .. } => None,
+            WalkPasses::Chain(chain) => Some(chain),
+        }
+    }
+}
+
+fn ideal_constants(sensor: &SensorConfig, samples: u32, unknown: bool) -> [(&'static str, f64); 4] {
+    let rule = match sensor.trigger {
+        TriggerRule::Crossing => 0.0,
+        TriggerRule::Latch => 1.0,
+    };
+    let interpolation = match sensor.interpolation {
+        Interpolation::Log => 0.0,
+        Interpolation::Light => 1.0,
+    };
+    [
+        ("TRIGGER_RULE", rule),
+        ("INTERPOLATION", interpolation),
+        ("SAMPLES", f64::from(samples)),
+        ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
+    ]
 }

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 
+use evis_core::random::StreamId;
 use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
 
 use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
@@ -58,6 +59,8 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/scan.wgsl", &[trigger::SCAN_BINDINGS]),
         ("trigger/emit.wgsl", &[trigger::EMIT_BINDINGS]),
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
+        ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
+        ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
     ]
 }
 
@@ -312,7 +315,7 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "trigger/count.wgsl",
         "Status",
-        uniforms::Status { stalled, event_count, clamped, mismatched, unknown, pad }
+        uniforms::Status { stalled, event_count, clamped, mismatched, unknown, suppressed }
     );
     same_layout!("splat/prepare.wgsl", "KeyParams", uniforms::KeyParams { width, height, view, pad });
     same_layout!(
@@ -345,6 +348,25 @@ fn host_and_shader_structs_have_one_layout() {
             pad_2,
         }
     );
+    same_layout!("chain/walk.wgsl", "ChainStep", uniforms::ChainStep { mode, first, end, pad });
+    same_layout!(
+        "chain/walk.wgsl",
+        "ChainSensor",
+        uniforms::ChainSensor {
+            log_eps,
+            dark_light,
+            full_scale,
+            knee,
+            below_knee,
+            filter_rate,
+            bandwidth_offset,
+            bandwidth_least,
+            bandwidth_most,
+            leak_jitter,
+            refractory_us,
+            latency_light_us,
+        }
+    );
     same_layout!("trigger/block.wgsl", "BlockParams", uniforms::BlockParams { block_count, row });
     same_layout!(
         "trigger/scan.wgsl",
@@ -363,12 +385,12 @@ fn canary_a_swapped_field_is_seen() {
         clamped: u32,
         mismatched: u32,
         unknown: u32,
-        pad: u32,
+        suppressed: u32,
     }
     same_layout!(
         "trigger/count.wgsl",
         "Status",
-        Swapped { stalled, event_count, clamped, mismatched, unknown, pad }
+        Swapped { stalled, event_count, clamped, mismatched, unknown, suppressed }
     );
 }
 
@@ -405,6 +427,19 @@ fn constants_agree() {
     }
     let limit = f64::from(evis_core::trigger::MAX_EVENTS_PER_INTERVAL);
     assert_eq!(constant("trigger/count.wgsl", "MAX_EVENTS_PER_INTERVAL"), limit);
+    let chain_constants = [
+        ("VIEW_WORDS", f64::from(crate::chain::VIEW_WORDS)),
+        ("STRIKE_WORDS", f64::from(crate::chain::STRIKE_WORDS)),
+        ("OLD", f64::from(crate::chain::OLD_US)),
+        ("STREAM_START", StreamId::Start as u32 as f64),
+        ("STREAM_LEAK_JITTER", StreamId::LeakJitter as u32 as f64),
+        ("EPOCH_SHIFT", f64::from(evis_core::random::EPOCH_SHIFT)),
+        ("JITTER_SHIFT", f64::from(evis_core::emulator::parts::JITTER_SHIFT)),
+    ];
+    for (name, value) in chain_constants {
+        let file = if name == "STREAM_START" { "chain/begin.wgsl" } else { "chain/walk.wgsl" };
+        assert_eq!(constant(file, name), value, "{name}");
+    }
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();
     assert_eq!(MAX_INSTANTS as usize, params.spans.len());

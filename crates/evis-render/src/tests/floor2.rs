@@ -72,7 +72,7 @@ fn run(
     unknown: bool,
 ) -> Ran {
     let plan = Plan { views_per_group: VIEWS, instants: INSTANTS, layers: VIEWS * INSTANTS * SAMPLES };
-    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered);
+    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, false);
     for (layer, pixels) in layers.iter().enumerate() {
         gpu.queue.write_texture(
             wgpu::TexelCopyTextureInfo {
@@ -90,7 +90,7 @@ fn run(
             wgpu::Extent3d { width: WIDTH, height: HEIGHT, depth_or_array_layers: 1 },
         );
     }
-    let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors);
+    let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors, None);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, interpolation, ..Default::default() };
     let passes = TriggerPasses::new(&gpu.device, &rules, SAMPLES, unknown);

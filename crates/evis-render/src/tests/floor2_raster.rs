@@ -391,7 +391,7 @@ fn render_labels(gpu: &Gpu, scene: &Arc<Scene>) -> Vec<LabelFrame> {
         samples: 1,
         rate_hz: 50.0,
         label_rate_hz: 50.0,
-        labels: LabelKind::ALL.to_vec(),
+        labels: LabelKind::ALL.into_iter().filter(|kind| *kind != LabelKind::Frame).collect(),
         reference_luminance: Some(1.0),
         ..RunConfig::default()
     };

@@ -3,9 +3,12 @@
 mod floor0;
 mod floor1;
 mod floor2;
+mod floor2_chain;
 mod floor2_raster;
 mod floor2_splat;
 mod floor3;
+mod floor3_chain;
+mod floor3_frames;
 mod floor3_splat;
 mod floor3_still;
 mod raster_scenes;

@@ -97,7 +97,8 @@ impl LabelType {
             | LabelKind::FlowForward
             | LabelKind::FlowBackward
             | LabelKind::Normal
-            | LabelKind::Hdr => Self::F32,
+            | LabelKind::Hdr
+            | LabelKind::Frame => Self::F32,
             LabelKind::Instance | LabelKind::Semantic => Self::U32,
             LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid => Self::U8,
         }
@@ -111,7 +112,7 @@ impl LabelType {
     }
 }
 
-/// Whether a label has a second time: the other end of a flow's interval.
+/// Whether a label has a second time: the other end of a flow's interval, the start of an exposure.
 const fn has_other_time(kind: LabelKind) -> bool {
     matches!(
         kind,
@@ -119,5 +120,6 @@ const fn has_other_time(kind: LabelKind) -> bool {
             | LabelKind::FlowForwardValid
             | LabelKind::FlowBackward
             | LabelKind::FlowBackwardValid
+            | LabelKind::Frame
     )
 }

@@ -1,0 +1,110 @@
+//! What another engine takes from this sensor: what is frozen about pixels, when noise may strike, and the wire.
+//!
+//! A shader that walks pixels needs thresholds, candidates of noise and a readout that are the emulator's, bit for bit.
+
+use rayon::prelude::*;
+
+use super::TILE;
+pub use super::chain::{Frozen, JITTER_SHIFT};
+pub use super::noise::Cause;
+use super::noise::{Candidate, TileNoise};
+use super::readout::{self, delay_us};
+use crate::event::{Event, Polarity};
+use crate::random::Key;
+use crate::sensor::{Readout, SensorConfig};
+use crate::simd::Isa;
+
+/// A time at which noise may strike a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Strike {
+    /// Row-major index.
+    pub pixel: u32,
+    /// Microseconds of the stream.
+    pub t_us: i64,
+    /// It happens where the pixel's light, relative to `Y_ref`, is below this; infinite for always.
+    pub light_below: f32,
+    /// Its polarity; where `relative`, that of a pixel's first event.
+    pub polarity: Polarity,
+    /// Whether its polarity is that of the pixel's last event (`Off`) or the other one (`On`).
+    pub relative: Option<Polarity>,
+    /// Why.
+    pub cause: Cause,
+}
+
+/// The noise of one camera's pixels.
+#[derive(Clone, Debug)]
+pub struct NoiseFeed {
+    sensor: SensorConfig,
+    key: Key,
+    isa: Isa,
+    pixels: usize,
+    tiles: Vec<TileNoise>,
+}
+
+impl NoiseFeed {
+    /// The noise of the pixels whose thresholds these are; `None` where nothing ever strikes.
+    pub fn new(sensor: &SensorConfig, key: Key, frozen: &Frozen) -> Option<Self> {
+        let pixels = frozen.on.len();
+        let noise = &sensor.noise;
+        let poisson_leak = noise.leak_hz > 0.0 && !super::chain::ramps(sensor);
+        if !(poisson_leak || noise.shot_hz > 0.0 || (noise.hot_share > 0.0 && noise.hot_hz > 0.0)) {
+            return None;
+        }
+        let tile = |(i, (on, off)): (usize, (&[f32], &[f32]))| {
+            TileNoise::new(sensor, key, (i * TILE) as u32, on, off)
+        };
+        let tiles = frozen.on.par_chunks(TILE).zip(frozen.off.par_chunks(TILE)).enumerate().map(tile);
+        let tiles = tiles.collect();
+        Some(Self { sensor: sensor.clone(), key, isa: Isa::detect(), pixels, tiles })
+    }
+
+    /// What may strike in `(start_us, end_us]`, by pixel and time.
+    pub fn strikes(&mut self, start_us: i64, end_us: i64) -> impl Iterator<Item = Strike> + '_ {
+        let Self { sensor, key, isa, pixels, tiles } = self;
+        let noise = &sensor.noise;
+        tiles.par_iter_mut().enumerate().for_each(|(i, tile)| {
+            let first = i * TILE;
+            tile.gather(*isa, noise, *key, (first as u32, (*pixels - first).min(TILE)), (start_us, end_us));
+        });
+        tiles.iter().enumerate().flat_map(move |(i, tile)| {
+            let strike = move |candidate: &Candidate| {
+                let settled = candidate.settle(noise, &tile.rates(candidate.pixel as usize));
+                Strike {
+                    pixel: (i * TILE) as u32 + candidate.pixel,
+                    t_us: candidate.t_us,
+                    light_below: settled.light_below,
+                    polarity: settled.polarity,
+                    relative: settled.relative,
+                    cause: settled.cause,
+                }
+            };
+            tile.now.iter().map(strike)
+        })
+    }
+}
+
+/// Events of one camera on their way out.
+#[derive(Clone, Debug)]
+pub struct Wire {
+    readout: Readout,
+    key: Key,
+    width: u32,
+    queue: readout::Wire,
+}
+
+impl Wire {
+    /// A wire with nothing on it, of a sensor with rows of `width` pixels.
+    pub fn new(readout: &Readout, key: Key, width: u32) -> Self {
+        Self { readout: *readout, key, width, queue: readout::Wire::default() }
+    }
+
+    /// Takes what left its pixel until `end_us`, in firing order per pixel; what leaves the sensor until then is appended
+    /// to `out`, in canonical order. Gives how many the rate limit dropped.
+    pub fn pass(&mut self, fired: &mut Vec<Event>, end_us: i64, out: &mut Vec<Event>) -> u64 {
+        for event in fired.iter_mut() {
+            let pixel = u32::from(event.y) * self.width + u32::from(event.x);
+            event.t += i64::from(delay_us(&self.readout, self.key, pixel, event.t));
+        }
+        self.queue.pass(&self.readout, fired, end_us, out)
+    }
+}

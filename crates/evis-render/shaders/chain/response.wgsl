@@ -1,0 +1,112 @@
+#import chain/state.wgsl
+#import chain/arithmetic.wgsl
+// From light to the signal: curve, then low-pass.
+
+// Y / Y_ref of the pixel at an instant; below 0 where a method does not know it.
+fn light_of(instant: u32) -> f32 {
+    let layer = (view * params.instants + instant) * SAMPLES;
+    var sum = 0.0;
+    for (var s = 0u; s < SAMPLES; s++) {
+        sum += textureLoad(luminance_layers, pixel, layer + s, 0).r;
+    }
+    if (MAY_BE_UNKNOWN && sum < 0.0) {
+        return -1.0;
+    }
+    return min(clamp(sum * (1.0 / f32(SAMPLES)), 0.0, LIGHT_LIMIT) * inverse_reference, LIGHT_LIMIT);
+}
+
+// `y` has the dark light in it.
+fn curve(y: f32) -> f32 {
+    if (LINLOG) {
+        let i = y * sensor.full_scale;
+        return select(precise_ln(max(i, 1.0)), i * sensor.below_knee, i <= sensor.knee);
+    }
+    return precise_ln(y + sensor.log_eps);
+}
+
+// What multiplies the cutoff; `y` has the dark light in it.
+fn bandwidth(y: f32) -> f32 {
+    if (!LIGHT_BANDWIDTH) {
+        return 1.0;
+    }
+    let relative = (y + sensor.bandwidth_offset) / (1.0 + sensor.bandwidth_offset);
+    return clamp(relative, sensor.bandwidth_least, sensor.bandwidth_most);
+}
+
+// Of a ramp that lasts `u` time constants: what one pole and two poles follow of it, 0 to 1; then e^-u, 1 - e^-u.
+fn follows(u: f32) -> vec4<f32> {
+    let e = precise_exp(-u);
+    if (u < 0.1) {
+        return vec4<f32>(
+            u * (0.5 - u * (1.0 / 6.0 - u * (1.0 / 24.0))),
+            u * u * (1.0 / 6.0 - u * (1.0 / 12.0 - u * (1.0 / 40.0))),
+            e,
+            u * (1.0 - u * (0.5 - u * (1.0 / 6.0 - u * (1.0 / 24.0)))),
+        );
+    }
+    return vec4<f32>(1.0 - (1.0 - e) / u, 1.0 - (2.0 - 2.0 * e - u * e) / u, e, 1.0 - e);
+}
+
+// Time constants per microsecond, over the interval.
+fn filter_rate() -> f32 {
+    if (LIGHT_BANDWIDTH) {
+        return sensor.filter_rate * bandwidth(0.5 * (light + next_light) + sensor.dark_light);
+    }
+    return sensor.filter_rate;
+}
+
+// The signal as the trigger sees it: now, and at the interval's end.
+fn output() -> f32 {
+    if (FILTER == 0u) {
+        return input;
+    }
+    return select(first, second, FILTER == 3u);
+}
+
+fn next_output() -> f32 {
+    if (FILTER == 0u) {
+        return next_input;
+    }
+    return select(next_first, next_second, FILTER == 3u);
+}
+
+// Samples at the interval's end; an unknown pixel sees what it last saw.
+fn respond(instant: u32) {
+    let y = light_of(instant);
+    next_light = light;
+    next_input = input;
+    if (y >= 0.0) {
+        next_light = y;
+        next_input = curve(y + sensor.dark_light);
+    } else {
+        unknown++;
+    }
+    if (FILTER == 1u) {
+        let part = min(f32(interval) * sensor.filter_rate * bandwidth(next_light + sensor.dark_light), 1.0);
+        next_first = first + part * (next_input - first);
+    } else if (FILTER >= 2u) {
+        let u = f32(interval) * filter_rate();
+        let share = follows(u);
+        let change = next_input - input;
+        let behind = first - input;
+        next_first = input + change * share.x + behind * share.z;
+        if (FILTER == 3u) {
+            next_second = input + change * share.y + (second - input + behind * u) * share.z;
+        }
+    }
+}
+
+// The first sample of all.
+fn begin_response(instant: u32) {
+    light = max(light_of(instant), 0.0);
+    input = curve(light + sensor.dark_light);
+    first = input;
+    second = input;
+}
+
+fn advance() {
+    input = next_input;
+    first = next_first;
+    second = next_second;
+    light = next_light;
+}
