@@ -10,6 +10,7 @@ use evis_chart::verify::{Reference, Report, SceneReport, SceneSettings, Swept, T
 use evis_chart::{ChartError, Stage};
 use evis_core::SensorConfig;
 use evis_core::closed_form::convergence::Variant;
+use evis_core::metric::ToleranceScore;
 use evis_scene::builtin;
 use evis_truth::PixelChoice;
 
@@ -43,8 +44,13 @@ fn the_engine_converges_on_a_scene() {
         score.at(1000).unwrap().scaled.f1
     };
     // Four samples, 64 samples, latch with 64: each from 250 to 2000 Hz.
-    let floor = chart.truth.floor.as_ref().unwrap().at(1000).unwrap().scaled.f1;
-    assert!(floor > 0.9 && (0..12).all(|i| f1(i) < floor), "{floor}");
+    let floor = chart.truth.floor.as_ref().unwrap().at(1000).unwrap();
+    assert!(floor.scaled.f1 > 0.9);
+    // On so few events F1 is coarse: with 64 samples the engine's is as good. Times tell.
+    let median = |tolerance: &ToleranceScore| tolerance.scaled.time_error.as_ref().unwrap().median_us;
+    let own = median(floor);
+    let engine = |i: usize| median(chart.points[i].score.at(1000).unwrap());
+    assert!((0..12).all(|i| engine(i) > 2.0 * own), "{own} us");
     assert!(f1(7) > f1(3) + 0.1, "more samples: {} {}", f1(7), f1(3));
     assert!(f1(4) > f1(8) + 0.1, "a crossing, not a latch: {} {}", f1(4), f1(8));
     let find = |trigger, over, against| {

@@ -1,7 +1,7 @@
 //! Image-based light: sky, diffuse irradiance and prefiltered specular light.
 //!
 //! Everything is linear Rec. 709 radiance in the file's own scale. An equirectangular map is read once, on the
-//! CPU, into three cube maps; see [`Environment`] for what each holds and [`equirect`] for how a map is turned.
+//! CPU, into three cube maps; see [`Environment`] for what each holds and [`direction_from_equirect`] for how a map is turned.
 
 use std::path::Path;
 

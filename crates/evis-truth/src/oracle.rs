@@ -18,6 +18,8 @@ use crate::walk::{PixelTruth, Rules, walk};
 
 /// For the log-mean, squares of so many pixels share a beam.
 const REFERENCE_BLOCK: usize = 4;
+/// Of so many pixels the log-mean is known from many points each; of larger pictures, from one pixel of each block.
+const REFERENCE_PIXELS: usize = 19_200;
 
 /// Where a truth comes from; stored with it.
 #[derive(Serialize)]
@@ -172,11 +174,14 @@ fn assemble(
 fn reference(moment: &Moment) -> f64 {
     let camera = &moment.camera;
     // Few points for every pixel. Where light varies within a pixel at random, the logarithm of their mean lies below that
-    // of the whole area's by half of its relative variance: one pixel of each block is asked with many, too.
+    // of the whole area's by half of its relative variance: some of the pixels are asked with many, too.
     let few: Vec<[f64; 2]> = (0..13)
         .map(|i| [(f64::from(i) + 0.5) / 13.0 - 0.5, f64::from((8 * i + 6) % 13) / 13.0 - 6.0 / 13.0])
         .collect();
     let many = Lattice::First.offsets(0);
+    let block = REFERENCE_BLOCK * REFERENCE_BLOCK;
+    // How far apart, in a block, those pixels are.
+    let apart = (camera.width * camera.height).div_ceil(REFERENCE_PIXELS).clamp(1, block);
     let blocks = [camera.width, camera.height].map(|size| size.div_ceil(REFERENCE_BLOCK));
     let (sum, lit, lift, asked) = (0..blocks[0] * blocks[1])
         .into_par_iter()
@@ -193,16 +198,16 @@ fn reference(moment: &Moment) -> f64 {
             };
             let side = REFERENCE_BLOCK;
             // In no step with the blocks' own rows and columns.
-            let chosen = (i * 7 + i / blocks[0] * 5) % (side * side);
+            let chosen = (i * 7 + i / blocks[0] * 5) % block;
             let (mut sum, mut lit, mut lift, mut asked) = (0.0, 0_u64, 0.0, 0_u64);
-            for k in 0..side * side {
+            for k in 0..block {
                 let pixel = [low[0] + (k % side) as f64, low[1] + (k / side) as f64];
                 if pixel[0] >= end[0] || pixel[1] >= end[1] {
                     continue;
                 }
                 let Some(rough) = log(pixel, &few) else { continue };
                 (sum, lit) = (sum + rough, lit + 1);
-                if k == chosen
+                if (k + chosen).is_multiple_of(apart)
                     && let Some(fine) = log(pixel, &many)
                 {
                     (lift, asked) = (lift + fine - rough, asked + 1);

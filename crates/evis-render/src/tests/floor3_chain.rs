@@ -147,7 +147,7 @@ fn small_buffers_cost_reruns_and_no_byte() {
         assert!(none == 0 && lost > 0);
         let (grown, same, reruns) = run(Some((16, 1 << 20, 1 << 20)), &mut config);
         assert!(reruns > 0 && grown == expected && same == lost, "grown buffers");
-        let busiest = expected.iter().map(|v| v.0.len()).sum::<usize>() as u32 / 10;
+        let busiest = expected.iter().map(|v| v.0.len()).sum::<usize>() as u32 / 5;
         let (split, same, reruns) = run(Some((16, busiest, 1 << 20)), &mut config);
         assert!(reruns > 0 && split == expected && same == lost, "split submissions");
         // Room for the strikes of an instant or two.

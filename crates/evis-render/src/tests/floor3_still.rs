@@ -20,14 +20,14 @@ enum Drawing {
     ChangesWithoutShadows,
 }
 
-/// The events of each view, and how many instants of each step's last submission were drawn whole, in part, and not at all.
+/// The events of each view, and how many steps' last instants were drawn whole, in part, and not at all.
 fn run(
     gpu: &Gpu,
     scene: &Arc<Scene>,
     config: &RunConfig,
     drawing: Drawing,
     step_us: i64,
-) -> (Vec<Vec<Event>>, [usize; 3]) {
+) -> (Vec<Vec<Event>>, [i64; 3]) {
     let mut config = config.clone();
     let (views, _) = view::views(scene, &config).unwrap();
     let mut events = vec![Vec::new(); views.len()];
@@ -40,13 +40,12 @@ fn run(
     for until_us in (1..=60_000 / step_us).map(|step| step * step_us) {
         let packet = engine.deliver(until_us, until_us).unwrap();
         events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
-        for change in &engine.parts().0.frame_data.changes {
-            counts[match change {
-                Change::All => 0,
-                Change::Parts(_) => 1,
-                Change::Nothing => 2,
-            }] += 1;
-        }
+        // Of the step's last submission: how long those are depends on how busy the machine is.
+        counts[match engine.parts().0.frame_data.changes.last() {
+            None | Some(Change::All) => 0,
+            Some(Change::Parts(_)) => 1,
+            Some(Change::Nothing) => 2,
+        }] += 1;
     }
     (events, counts)
 }
@@ -75,7 +74,7 @@ fn what_is_still_is_not_drawn_again_and_no_byte_differs() {
             let (events, [whole, parts, _]) = run(&gpu, &scene, &config, Drawing::Changes, step_us);
             assert!(events == expected, "{shadows:?}, steps of {step_us} us");
             assert!(
-                whole <= 3 && parts > 30,
+                whole <= 1 && parts >= 60_000 / step_us - 1,
                 "{shadows:?}, steps of {step_us} us: {whole} whole, {parts} in part"
             );
         }
@@ -94,7 +93,7 @@ fn views_of_a_batch_are_still_each_for_itself() {
     let (expected, _) = run(&gpu, &scene, &config(), Drawing::All, 6_000);
     let (events, [whole, parts, _]) = run(&gpu, &scene, &config(), Drawing::Changes, 6_000);
     assert!(events == expected && expected[0] != expected[1]);
-    assert!(whole <= 4 && parts > 60, "{whole} whole, {parts} in part");
+    assert!(whole == 0 && parts == 10, "{whole} whole, {parts} in part");
 }
 
 #[test]
@@ -109,7 +108,7 @@ fn nothing_moves_and_nothing_is_drawn() {
         })
     });
     let (events, [whole, parts, nothing]) = run(&gpu, &scene, &config(), Drawing::Changes, 6_000);
-    assert!(events[0].is_empty() && whole <= 1 && parts == 0 && nothing > 40, "{whole}, {parts}, {nothing}");
+    assert!(events[0].is_empty() && whole == 0 && parts == 0 && nothing == 10, "{whole}, {parts}, {nothing}");
 }
 
 #[test]
