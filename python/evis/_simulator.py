@@ -87,8 +87,8 @@ class Simulator:
     antialias : {"samples", "edges"}
         ``samples``: visibility and shading at every sample. ``edges``: visibility at 4, shading once.
     texture_taps : int, optional
-        Places at which a sample reads a texture, at most, along each side of its share of the pixel, 1 to 16; 2
-        up to 8 samples, 3 up to 15, then 4 where not given. Beyond them mip levels average, and blur.
+        Places at which a sample reads a texture, at most, along each side of its share of the pixel, 1 to
+        16; 2 up to 8 samples, 3 up to 15, then 4 where not given. Beyond them mip levels average, and blur.
     shadows : {"maps", "rays"}
         ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by
         rays, as sharp as what throws them, for several times the work; things that throw shadows must be
