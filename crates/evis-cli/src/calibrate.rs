@@ -8,7 +8,7 @@ use evis_core::stats::{Calibration, FlickerFit, calibrate as fit, calibrate_flic
 
 use crate::args::CalibrateArgs;
 use crate::failure::bad_input;
-use crate::run::check_parent;
+use crate::run::{check_free, check_parent};
 use crate::{extent, sensor_source, text};
 
 /// Fits, tells and writes.
@@ -18,14 +18,12 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<i32> {
             return Err(bad_input(format!("--output {}: a sensor is a .toml file", output.display())));
         }
         check_parent(output, "--output")?;
-        if output.exists() && !args.force {
-            return Err(bad_input(format!(
-                "--output {} exists already; --force overwrites it, or choose another name",
-                output.display()
-            )));
-        }
+        check_free(output, args.force)?;
     }
-    let base = args.base.as_deref().map_or_else(|| Ok(SensorConfig::default()), sensor_source::load)?;
+    let base = match &args.base {
+        Some(name) => sensor_source::load("--base", name)?,
+        None => SensorConfig::default(),
+    };
     let names: Vec<String> = args.recordings.iter().map(|path| path.display().to_string()).collect();
     let read = |path: &Path| extent::part(path, args.camera.as_deref(), args.start, args.duration);
     if args.stimulus.is_empty() {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, SensorConfig, TriggerRule};
+use evis_core::{CameraInfo, TriggerRule};
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
     DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig, StageTimes,
@@ -19,7 +19,7 @@ use crate::args::{self, MethodArg, RunArgs};
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
 use crate::progress::Progress;
-use crate::{scene_source, text};
+use crate::{scene_source, sensor_source, text};
 
 /// Packets are this long; the stream's bytes do not depend on it.
 const PACKET_US: i64 = 10_000;
@@ -116,7 +116,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
 fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let mut config = RunConfig { method: method(args)?, ..RunConfig::default() };
     if let Some(sensor) = &args.sensor {
-        config.sensor = self::sensor(sensor)?;
+        config.sensor = sensor_source::load("--sensor", sensor)?;
     } else if args.method == Some(MethodArg::EvisPaper) {
         config.sensor.trigger = TriggerRule::Latch;
         config.sensor.log_eps = EVIS_PAPER_LOG_EPS;
@@ -162,19 +162,6 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
         config.exposure_us = config.exposure_us.min((0.5e6 / rate_hz) as i64 * 2);
     }
     Ok(config)
-}
-
-/// A preset by its name, or a file of one.
-fn sensor(name: &str) -> anyhow::Result<SensorConfig> {
-    let path = Path::new(name);
-    let is_file = path.extension().is_some() || path.components().count() > 1 || path.is_file();
-    if !is_file {
-        return SensorConfig::preset(name)
-            .map_err(|error| bad_input(format!("--sensor: {error}, or the path of a TOML file")));
-    }
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| bad_input(format!("--sensor {name}: cannot be read ({error}); name a TOML file")))?;
-    SensorConfig::from_toml(&text).map_err(|error| bad_input(format!("--sensor {name}: {error}")))
 }
 
 /// The method with its flags; flags of another method are refused, they would be ignored.

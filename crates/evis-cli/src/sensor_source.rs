@@ -2,25 +2,26 @@
 
 use std::path::Path;
 
-use anyhow::Context;
 use evis_core::SensorConfig;
 use evis_core::sensor::PRESETS;
 
 use crate::failure::bad_input;
 
-/// The preset `name`, or the sensor in the TOML file of that name.
-pub(crate) fn load(name: &str) -> anyhow::Result<SensorConfig> {
+/// The preset `name`, or the sensor in the TOML file of that name; `flag` asked for it.
+pub(crate) fn load(flag: &str, name: &str) -> anyhow::Result<SensorConfig> {
     let path = Path::new(name);
     if PRESETS.iter().any(|preset| preset.name == name) {
         return Ok(SensorConfig::preset(name)?);
     }
-    if !path.exists() {
+    let is_file = path.extension().is_some() || path.components().count() > 1 || path.is_file();
+    if !is_file {
         let names: Vec<_> = PRESETS.iter().map(|preset| preset.name).collect();
         return Err(bad_input(format!(
-            "--sensor {name}: neither a preset nor a file; presets are {}, or name a TOML file",
+            "{flag} {name}: neither a preset nor a file; presets are {}, or name a TOML file",
             names.join(", ")
         )));
     }
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read --sensor {name}"))?;
-    SensorConfig::from_toml(&text).with_context(|| format!("--sensor {name}"))
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| bad_input(format!("{flag} {name}: cannot be read ({error}); name a TOML file")))?;
+    SensorConfig::from_toml(&text).map_err(|error| bad_input(format!("{flag} {name}: {error}")))
 }

@@ -22,7 +22,10 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
     check_free(&args.output, args.force)?;
     let defaults = VideoConfig::default();
     let config = VideoConfig {
-        sensor: args.sensor.as_deref().map_or(Ok(defaults.sensor), sensor_source::load)?,
+        sensor: match &args.sensor {
+            Some(name) => sensor_source::load("--sensor", name)?,
+            None => defaults.sensor,
+        },
         seed: args.seed.unwrap_or(defaults.seed),
         reference_luminance: args.reference_luminance.unwrap_or(defaults.reference_luminance),
         ..VideoConfig::default()

@@ -85,31 +85,12 @@ impl Context {
 
     /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
     pub(crate) fn upload_frames(&mut self, views: &[View], times_us: &[i64]) -> wgpu::BindGroup {
-        self.upload(views, times_us, false, None)
+        self.upload_frames_as(views, times_us, false, None)
     }
 
-    /// The same for the instants from `first` on of the group whose first view is `group`, and what changes from each to
-    /// the next.
-    pub(crate) fn upload_watched(
-        &mut self,
-        views: &[View],
-        times_us: &[i64],
-        (group, first): (usize, i64),
-    ) -> wgpu::BindGroup {
-        self.upload(views, times_us, false, Some((group, first)))
-    }
-
-    /// The same, with the numbers of records in place of the ids of objects where `record_ids`.
+    /// The same, with the numbers of records in place of the ids of objects where `record_ids`, and telling what changes
+    /// from instant to instant where `watch` is the group's first view and the first instant.
     pub(crate) fn upload_frames_as(
-        &mut self,
-        views: &[View],
-        times_us: &[i64],
-        record_ids: bool,
-    ) -> wgpu::BindGroup {
-        self.upload(views, times_us, record_ids, None)
-    }
-
-    fn upload(
         &mut self,
         views: &[View],
         times_us: &[i64],

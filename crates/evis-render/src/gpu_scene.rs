@@ -362,12 +362,13 @@ pub fn moves(scene: &Scene, mut node: usize) -> bool {
     }
 }
 
-/// Centre and radius of a sphere around `points`: of their box, which is near enough for culling.
+/// Least and greatest coordinates of `points`.
 fn extent(points: &[[f32; 3]]) -> (DVec3, DVec3) {
     let points = || points.iter().map(|&p| Vec3::from(p).as_dvec3());
     (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max))
 }
 
+/// Centre and radius of a sphere around `points`: of their box, which is near enough for culling.
 fn bounding_sphere(points: &[[f32; 3]], (low, high): (DVec3, DVec3)) -> (DVec3, f64) {
     let center = (low + high) / 2.0;
     let distances = points.iter().map(|&p| Vec3::from(p).as_dvec3().distance(center));

@@ -306,7 +306,10 @@ pub fn encode_luminance(
     first_layer: u32,
     parts: Option<&[(Rect, Vec<DrawItem>)]>,
 ) {
-    let visible = &context.frame_data.visible[frame as usize];
+    let visible =
+        || vec![(Rect::whole(layers.width, layers.height), &context.frame_data.visible[frame as usize][..])];
+    let drawn: Vec<(Rect, &[DrawItem])> =
+        parts.map_or_else(visible, |parts| parts.iter().map(|(rect, items)| (*rect, &items[..])).collect());
     let targets = layers.each.iter().skip(first_layer as usize);
     for ((sample, offset), layer) in (0..).zip(&context.offsets).zip(targets) {
         let color = layers.multisampled.as_ref().unwrap_or(layer);
@@ -332,10 +335,7 @@ pub fn encode_luminance(
         // A shifted viewport samples the pixel elsewhere: no second set of matrices.
         let (width, height) = (layers.width as f32, layers.height as f32);
         pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
-        let whole = [(Rect { low: [0, 0], high: [layers.width, layers.height] }, &visible[..])];
-        let some =
-            parts.map(|parts| parts.iter().map(|(rect, items)| (*rect, &items[..])).collect::<Vec<_>>());
-        for (rect, items) in some.as_deref().unwrap_or(&whole) {
+        for (rect, items) in &drawn {
             let [width, height] = rect.size();
             pass.set_scissor_rect(rect.low[0], rect.low[1], width, height);
             let what =
@@ -476,7 +476,7 @@ pub fn trigger_steps<'a>(
     queue.write_buffer(&slot.scan_params, 0, bytemuck::bytes_of(&scan));
 
     let (counting, emitting) = match &passes.walk {
-        WalkPasses::Ideal { .. } => ideal_walks(device, passes, targets, group, slot),
+        WalkPasses::Ideal { count, emit } => ideal_walks(device, (count, emit), targets, group, slot),
         WalkPasses::Chain(chain) => chain_walks(device, chain, targets, group, unit, slot),
     };
     let block = pass::group(
@@ -523,12 +523,11 @@ type PixelWalk<'a> = (&'a wgpu::ComputePipeline, wgpu::BindGroup);
 /// Count and emit of thresholds alone.
 fn ideal_walks<'a>(
     device: &wgpu::Device,
-    passes: &'a TriggerPasses,
+    (count, emit): (&'a ComputePass, &'a ComputePass),
     targets: &Targets,
     group: &Group,
     slot: &Slot,
 ) -> (Vec<PixelWalk<'a>>, PixelWalk<'a>) {
-    let WalkPasses::Ideal { count, emit } = &passes.walk else { unreachable!("the caller matched it") };
     let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
     let layers = || wgpu::BindingResource::TextureView(&targets.layers.array);
     let counting = pass::group(

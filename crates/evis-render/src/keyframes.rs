@@ -199,7 +199,7 @@ impl KeyframeFrames {
     ) -> Self {
         // Nothing lies before the stream: there a keyframe is its own neighbour.
         let times: Vec<i64> = (first - 1..=last + 1).map(|j| context.grid.keyframe_us(j.max(0))).collect();
-        let frame_group = context.upload_frames_as(&views, &times, record_ids);
+        let frame_group = context.upload_frames_as(&views, &times, record_ids, None);
         let objects = context.gpu_scene.objects.len() as u32;
         let (width, height) = views.first().map_or((1, 1), |v| (v.lens.width, v.lens.height));
         let label = LabelFrame {

@@ -66,12 +66,9 @@ impl NativeRoom {
         let watches = context.skips_still && layers.multisampled.is_none();
         let first_view = group.views[0];
         // Where everything is, at every instant.
-        let frame_group = if watches {
-            context.upload_watched(&views, &times, (first_view, unit.first))
-        } else {
-            context.upload_frames(&views, &times)
-        };
-        let whole = Rect { low: [0, 0], high: [layers.width, layers.height] };
+        let watch = watches.then_some((first_view, unit.first));
+        let frame_group = context.upload_frames_as(&views, &times, false, watch);
+        let whole = Rect::whole(layers.width, layers.height);
         for k in 0..unit.instants {
             // What the lights see, where casters or lights move.
             context.encode_moving_shadows(encoder, &frame_group, &views, unit.instants, k);

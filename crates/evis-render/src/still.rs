@@ -4,6 +4,8 @@
 //! Nothing is guessed: a view is still where what its shaders read is equal byte for byte, an object where its pose and its
 //! record are. So skipping changes no byte of a stream.
 
+use std::mem::offset_of;
+
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
@@ -41,6 +43,11 @@ pub struct Rect {
 }
 
 impl Rect {
+    /// All of a picture.
+    pub const fn whole(width: u32, height: u32) -> Self {
+        Self { low: [0, 0], high: [width, height] }
+    }
+
     /// Width and height.
     pub const fn size(&self) -> [u32; 2] {
         [self.high[0] - self.low[0], self.high[1] - self.low[1]]
@@ -331,9 +338,9 @@ impl StillWatch {
         let Some(last) = self.seen.get_mut(now.view) else { return Change::All };
         let mut frame = now.frame.to_vec();
         // Where the records of moving casters lie among others' is not what is seen.
-        if let Some(head) = frame.get_mut(..size_of::<Frame>()) {
-            let head: &mut Frame = bytemuck::from_bytes_mut(head);
-            head.occluder_first = 0;
+        let first_occluder = offset_of!(Frame, occluder_first);
+        if let Some(bytes) = frame.get_mut(first_occluder..first_occluder + size_of::<u32>()) {
+            bytes.fill(0);
         }
         #[cfg(test)]
         let now = &Moment { lamps: if self.overlooks_shadows { &[] } else { now.lamps }, ..*now };

@@ -875,7 +875,7 @@ impl Pixel<'_> {
 pub const JITTER_SHIFT: u32 = 12;
 
 /// Share of the mean time that the next leak event takes: nearly normal, the sum of four uniform draws, so that neither
-/// end is far away and a move of the reference costs no logarithm. Twin: `jitter_at` in `shaders/chain/pixel.wgsl`.
+/// end is far away and a move of the reference costs no logarithm. Twin: `jitter_at` in `shaders/chain/leak.wgsl`.
 pub(crate) fn jitter_at(key: Key, pixel: u32, t_us: i64, jitter: f32) -> f32 {
     let draw = (t_us >> JITTER_SHIFT) as u32 & ((1 << (EPOCH_SHIFT - JITTER_SHIFT)) - 1);
     let words = key.draw(pixel, StreamId::LeakJitter, t_us >> EPOCH_SHIFT, draw);

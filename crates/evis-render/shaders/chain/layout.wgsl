@@ -26,7 +26,6 @@ override SEQUENTIAL: bool = false;
 override MOST_EVENTS: u32 = 65535;
 
 // Planes of the pixel memory; one that is off is never touched.
-override PLANES: u32 = 2;
 override INPUT_PLANE: u32 = 1;
 override FIRST_PLANE: u32 = 0;
 override SECOND_PLANE: u32 = 0;

@@ -155,13 +155,7 @@ fn a_buffer_that_proves_too_small_costs_a_rerun_and_no_event() {
 #[test]
 fn a_device_from_outside_gives_the_same_bytes() {
     let Some(gpu) = super::device() else { return };
-    // WebGPU's default limits and no features: what any host's device has.
-    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-    descriptor.backends = wgpu::Backends::PRIMARY;
-    let instance = wgpu::Instance::new(descriptor);
-    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
-    let (device, queue) =
-        pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap();
+    let (device, queue) = super::least_device();
     let given = Gpu::from_device(device.clone(), queue.clone());
     let (scene, config) = (scene(), config());
     assert!(stream(&given, &scene, &config, 10_000) == stream(&gpu, &scene, &config, 10_000));

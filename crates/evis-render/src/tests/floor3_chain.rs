@@ -113,12 +113,7 @@ fn a_camera_of_two_has_the_noise_that_it_has_alone() {
 #[test]
 fn a_device_with_the_least_limits_gives_the_same_bytes() {
     let Some(gpu) = super::device() else { return };
-    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-    descriptor.backends = wgpu::Backends::PRIMARY;
-    let instance = wgpu::Instance::new(descriptor);
-    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
-    let (device, queue) =
-        pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap();
+    let (device, queue) = super::least_device();
     let given = Gpu::from_device(device, queue);
     let (scene, config) = (batch(&[0.0]), config(&sensors()[0]));
     assert!(stream(&given, &scene, &config, 10_000) == stream(&gpu, &scene, &config, 10_000));

@@ -27,6 +27,15 @@ fn device() -> Option<Gpu> {
     }
 }
 
+/// A device with WebGPU's default limits and no features: what any host's device has.
+fn least_device() -> (wgpu::Device, wgpu::Queue) {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::PRIMARY;
+    let instance = wgpu::Instance::new(descriptor);
+    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
+    pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap()
+}
+
 /// The words of a buffer on the device.
 fn read(gpu: &Gpu, buffer: &wgpu::Buffer) -> Vec<u32> {
     let staging = gpu.device.create_buffer(&wgpu::BufferDescriptor {
