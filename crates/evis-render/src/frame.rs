@@ -4,10 +4,11 @@ use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
 use crate::gpu_scene::{DrawItem, GpuScene, Object};
+use crate::lamp::Lamp;
 use crate::occluders::{self, Occluders};
 use crate::pass::raster::frame_stride;
 use crate::shadow::{LightView, ShadowPlan};
-use crate::still::{Change, Lamp, Moment, StillWatch};
+use crate::still::{Change, Moment, StillWatch};
 use crate::uniforms::{Frame, InstanceRecord, LightRecord, ObjectRecord, OccluderRecord};
 use crate::variant::light_kind;
 use crate::view::{PixelLens, View};

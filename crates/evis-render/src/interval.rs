@@ -13,7 +13,7 @@ use crate::pass::trigger::{
 };
 use crate::pass::{self, ComputePass};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
-use crate::still::Rect;
+use crate::area::Rect;
 use crate::targets::{Layers, Targets};
 use crate::uniforms::{BlockParams, PixelMemory, ScanParams, Status, TriggerParams, ViewSensor};
 use crate::variant::INSTANCE_SLOT;

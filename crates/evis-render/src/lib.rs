@@ -3,6 +3,7 @@
 //! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop.
 
 #[doc(hidden)]
+mod area;
 pub mod bench;
 mod chain;
 pub mod config;
@@ -19,6 +20,7 @@ pub mod grid;
 mod interval;
 mod keyframes;
 mod labels;
+mod lamp;
 mod method;
 mod occluders;
 pub mod packet;

@@ -1,9 +1,10 @@
 //! How an instant is sampled: a method fills the luminance layers of the instants, and the trigger knows nothing of it.
 
+use crate::area::Rect;
 use crate::engine::Context;
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::splat::SplatRoom;
-use crate::still::{Change, Rect};
+use crate::still::Change;
 use crate::targets::Targets;
 use crate::view::View;
 

@@ -1,0 +1,177 @@
+//! Lights that throw shadows: where what moves may darken what is seen.
+
+use evis_scene::{LightKind, Scene, SceneState};
+use glam::DVec3;
+
+use crate::area::{Corners, bounds, corners};
+use crate::shadow::LightView;
+
+/// Texels around a shadow's border that it may reach: a look at a map takes 4x4 at most, up to two texels off its place.
+const MARGIN_TEXELS: f64 = 8.0;
+
+/// Extent of what casts, along its way from a light through a box: factors of distance (spot) or lengths (directional).
+fn passage(from: (DVec3, DVec3), origin: DVec3, within: (DVec3, DVec3)) -> Option<(f64, f64)> {
+    let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..3 {
+        let (low, high) = (from.0[axis], from.1[axis]);
+        let (near, far) = (within.0[axis] - origin[axis], within.1[axis] - origin[axis]);
+        if low > 0.0 {
+            enter = enter.max(near / high);
+            leave = leave.min(far / low);
+        } else if high < 0.0 {
+            enter = enter.max(far / low);
+            leave = leave.min(near / high);
+        }
+        // Where the sign is open, this axis says nothing.
+    }
+    (enter <= leave).then_some((enter, leave))
+}
+
+/// A light that throws shadows. `texel`: world size of its map's texels, at a distance of 1 for a spot light.
+pub enum Lamp {
+    /// From a place.
+    Spot {
+        /// In the world.
+        position: DVec3,
+        /// Metres per metre.
+        texel: f64,
+    },
+    /// From everywhere the same way.
+    Directional {
+        /// The way light takes.
+        along: DVec3,
+        /// Metres.
+        texel: f64,
+    },
+}
+
+impl Lamp {
+    /// The light at `node`, whose map sees `view`.
+    pub fn new(scene: &Scene, state: &SceneState, node: usize, view: &LightView) -> Option<Self> {
+        let light = &scene.lights[scene.nodes[node].light?];
+        let world = &state.world_from_node[node];
+        let texel = view.texel;
+        Some(match light.kind {
+            LightKind::Directional => {
+                let along = (-world.z_axis.truncate()).normalize_or(DVec3::NEG_Z);
+                Self::Directional { along, texel }
+            }
+            LightKind::Point | LightKind::Spot { .. } => {
+                Self::Spot { position: world.w_axis.truncate(), texel }
+            }
+        })
+    }
+
+    /// How light on its way through `caster` passes `receiver`; `None` where it does not.
+    pub fn passage(&self, caster: &[DVec3], receiver: (DVec3, DVec3)) -> Option<Passage> {
+        let (low, high) = bounds(caster);
+        let (low, high, from, to) = match *self {
+            Self::Spot { position, texel } => {
+                // Along the axis a distance is no more than in space.
+                let away = caster.iter().map(|c| c.distance(position)).fold(0.0, f64::max);
+                let grow = DVec3::splat(MARGIN_TEXELS * texel * away);
+                let (low, high) = (low - grow, high + grow);
+                if (low - position).max(position - high).max_element() <= 0.0 {
+                    return Some(Passage::Everywhere);
+                }
+                let (enter, leave) = passage((low - position, high - position), position, receiver)?;
+                (low, high, enter.max(1.0), leave)
+            }
+            Self::Directional { along, texel } => {
+                let grow = DVec3::splat(MARGIN_TEXELS * texel);
+                let (low, high) = (low - grow, high + grow);
+                // Lengths t with low + t along <= receiver's high and high + t along >= its low, per axis.
+                let (mut enter, mut leave) = (0.0_f64, 1e6_f64);
+                for axis in 0..3 {
+                    let step = along[axis];
+                    let (a, b) = (receiver.0[axis] - high[axis], receiver.1[axis] - low[axis]);
+                    if step.abs() < 1e-12 {
+                        if a > 0.0 || b < 0.0 {
+                            return None;
+                        }
+                        continue;
+                    }
+                    let (first, last) = if step > 0.0 { (a / step, b / step) } else { (b / step, a / step) };
+                    enter = enter.max(first);
+                    leave = leave.min(last);
+                }
+                (low, high, enter, leave)
+            }
+        };
+        let reach = [from, to].map(|s| if s.is_finite() { s } else { 1e6 });
+        (from <= to).then_some(Passage::Through { low, high, reach })
+    }
+
+    /// Where light through `point` is, so far along its way as [`Passage::Through`] counts it.
+    pub fn carry(&self, point: DVec3, by: f64) -> DVec3 {
+        match *self {
+            Self::Spot { position, .. } => position + by * (point - position),
+            Self::Directional { along, .. } => point + by * along,
+        }
+    }
+
+    /// The hull of what `caster` may darken within `receiver`; `None` where nothing.
+    pub fn shadow(&self, caster: &Corners, receiver: (DVec3, DVec3)) -> Option<Vec<DVec3>> {
+        Some(match self.passage(caster, receiver)? {
+            Passage::Everywhere => corners(receiver.0, receiver.1).to_vec(),
+            Passage::Through { low, high, reach } => {
+                let corners = corners(low, high);
+                reach.iter().flat_map(|by| corners.map(|c| self.carry(c, *by))).collect()
+            }
+        })
+    }
+}
+
+/// How light on its way through a caster's box passes a receiver's.
+pub enum Passage {
+    /// The light is inside the caster's box.
+    Everywhere,
+    /// From the caster's box on.
+    Through {
+        /// The box, grown by what a look at the map may reach.
+        low: DVec3,
+        /// The same.
+        high: DVec3,
+        /// From where to where along the way, in distances from the light (spot) or metres (directional).
+        reach: [f64; 2],
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shadows_fall_where_light_through_the_caster_falls() {
+        // Points between a lamp and a receiver, through a caster, in a fixed order: each is inside the hull's bounds.
+        let (low, high) = (DVec3::new(-0.3, 1.0, 0.2), DVec3::new(0.4, 1.6, 0.9));
+        let receiver = (DVec3::new(-6.0, -0.1, -5.0), DVec3::new(7.0, 0.1, 8.0));
+        for lamp in [
+            Lamp::Spot { position: DVec3::new(1.0, 4.0, -0.5), texel: 0.0 },
+            Lamp::Spot { position: DVec3::new(0.1, 1.9, 0.5), texel: 0.0 },
+            Lamp::Directional { along: DVec3::new(0.3, -0.9, 0.4), texel: 0.0 },
+        ] {
+            let hull = bounds(&lamp.shadow(&corners(low, high), receiver).unwrap());
+            let mut fallen = 0;
+            for i in 0..1000 {
+                let part = |digit: i32| f64::from(i / 10_i32.pow(digit as u32) % 10) / 9.0;
+                let through = low + (high - low) * DVec3::new(part(0), part(1), part(2));
+                let way = match lamp {
+                    Lamp::Spot { position, .. } => through - position,
+                    Lamp::Directional { along, .. } => along,
+                };
+                let ground = through - way * (through.y / way.y);
+                if way.y < 0.0 && ground.cmpge(receiver.0).all() && ground.cmple(receiver.1).all() {
+                    fallen += 1;
+                    assert!((ground - hull.0).min_element() > -1e-9, "{ground} outside of {hull:?}");
+                    assert!((hull.1 - ground).min_element() > -1e-9, "{ground} outside of {hull:?}");
+                }
+            }
+            assert!(fallen > 300, "{fallen}");
+        }
+        // Behind the caster is no shadow.
+        let above = (DVec3::new(-1.0, 4.5, -1.0), DVec3::new(1.0, 5.0, 1.0));
+        let spot = Lamp::Spot { position: DVec3::new(1.0, 4.0, -0.5), texel: 0.0 };
+        assert!(spot.shadow(&corners(low, high), above).is_none());
+    }
+}
