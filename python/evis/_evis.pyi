@@ -260,7 +260,9 @@ class Simulator:
         sensor: str,
         method: str,
         splat: str | None,
+        target: str,
         rate_hz: float,
+        adaptive_px: float | None,
         samples: int,
         antialias: str,
         texture_taps: int | None,
@@ -282,6 +284,8 @@ class Simulator:
     def environments(self) -> int: ...
     @property
     def device(self) -> dict[str, Any]: ...
+    @property
+    def chosen(self) -> tuple[str, str] | None: ...
     @property
     def reference_luminance(self) -> float | None: ...
     @property

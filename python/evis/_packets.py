@@ -199,6 +199,8 @@ class Report:
         Pixels and intervals whose event count hit the limit.
     instants : int
         Instants sampled.
+    drawn_pixels : int
+        Pixels drawn for events, all views and instants, each by all of its samples; margins of keyframes too.
     keyframes : int
         Keyframes drawn, all views; 0 for a method without them.
     unknown : int
@@ -214,6 +216,7 @@ class Report:
     suppressed: int
     clamped: int
     instants: int
+    drawn_pixels: int
     keyframes: int
     unknown: int
     reruns: int

@@ -77,19 +77,27 @@ class Simulator:
         Sensor of every camera, or the name of a preset; a camera's own thresholds come before the sensor's.
         Ideal, 0.2 / 0.2, where not given (with the method ``evis-paper``: the same that latches, with
         ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
-    method : {"native", "splat", "evis-paper"} or Splat
-        How instants are sampled: each rendered, or splatted from keyframes.
+    method : {"auto", "native", "splat", "evis-paper"} or Splat, optional
+        How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses method,
+        rate, samples and shadows for a target. Where not given: ``native`` if any of ``rate_hz``,
+        ``adaptive_px``, ``samples``, ``antialias``, ``texture_taps`` and ``shadows`` is, else ``auto``.
+    target : {"draft", "default", "exact"}
+        How near to the truth ``auto`` shall come. `chosen` says what it chose and what that reached elsewhere.
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
         ``native``: a method with keyframes has its own.
-    samples : int
-        Samples per pixel and instant, 1 to 256, averaged in linear light.
-    antialias : {"samples", "edges"}
+    adaptive_px : float, optional
+        Only for ``native``: each tile of the picture is rendered no more often than that nothing it may show
+        moves farther than so many pixels between two of its samples, and ``rate_hz`` at most. Everything is
+        rendered at ``rate_hz`` where not given.
+    samples : int, optional
+        Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
+    antialias : {"samples", "edges"}, optional
         ``samples``: visibility and shading at every sample. ``edges``: visibility at 4, shading once.
     texture_taps : int, optional
         Places at which a sample reads a texture, at most, along each side of its share of the pixel, 1 to
         16; 2 up to 8 samples, 3 up to 15, then 4 where not given. Beyond them mip levels average, and blur.
-    shadows : {"maps", "rays"}
+    shadows : {"maps", "rays"}, optional
         ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by
         rays, as sharp as what throws them, for several times the work; things that throw shadows must be
         rigid and without holes.
@@ -131,12 +139,14 @@ class Simulator:
         scene: Scene,
         *,
         sensor: Sensor | str | None = None,
-        method: Method = "native",
+        method: Method | None = None,
+        target: Literal["draft", "default", "exact"] = "default",
         rate_hz: float | None = None,
-        samples: int = 4,
-        antialias: Literal["samples", "edges"] = "samples",
+        adaptive_px: float | None = None,
+        samples: int | None = None,
+        antialias: Literal["samples", "edges"] | None = None,
         texture_taps: int | None = None,
-        shadows: Literal["maps", "rays"] = "maps",
+        shadows: Literal["maps", "rays"] | None = None,
         cameras: Sequence[str | EventCamera] | None = None,
         size: tuple[int, int] | None = None,
         labels: Iterable[LabelName] = (),
@@ -148,7 +158,25 @@ class Simulator:
         reference_luminance: float | None = None,
         device: Device | str | int | None = None,
     ) -> None:
+        by_hand = {
+            "rate_hz": rate_hz,
+            "adaptive_px": adaptive_px,
+            "samples": samples,
+            "antialias": antialias,
+            "texture_taps": texture_taps,
+            "shadows": shadows,
+        }
+        given = [name for name, value in by_hand.items() if value is not None]
+        if method is None:
+            method = "native" if given else "auto"
         splat = _method.chosen(method)
+        if method == "auto" and given:
+            raise ConfigError(
+                f"{given[0]} is {by_hand[given[0]]!r}; the method auto chooses that itself: take the method "
+                "'native' to set it, or target= for how near to the truth it shall come"
+            )
+        if method != "auto" and target != "default":
+            raise ConfigError(f"target is {target!r}; only the method 'auto' has targets")
         if splat is not None and rate_hz is not None:
             raise ConfigError(
                 f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "
@@ -174,13 +202,15 @@ class Simulator:
         self._engine = _evis.Simulator(
             scene._raw,
             sensor=sensor._json(),
-            method="native" if splat is None else "splat",
+            method=("auto" if method == "auto" else "native") if splat is None else "splat",
+            target=target,
             splat=_method.as_json(splat),
             rate_hz=1000.0 if rate_hz is None else rate_hz,
-            samples=_whole("samples", samples, 2**32),
-            antialias=antialias,
+            adaptive_px=adaptive_px,
+            samples=4 if samples is None else _whole("samples", samples, 2**32),
+            antialias=antialias or "samples",
             texture_taps=texture_taps,
-            shadows=shadows,
+            shadows=shadows or "maps",
             cameras=names,
             size=_size(size),
             start_us=micros("start", start),
@@ -192,7 +222,7 @@ class Simulator:
             reference_luminance=reference_luminance,
             device=_selector(device),
         )
-        self._method = _method.name(splat)
+        self._method = "auto" if method == "auto" else _method.name(splat)
         self._start_us = micros("start", start)
         self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
@@ -237,6 +267,12 @@ class Simulator:
     def config_toml(self) -> str:
         """The settings in force as TOML, as event files store them."""
         return self._engine.config_toml
+
+    @property
+    def chosen(self) -> str | None:
+        """What the method ``auto`` chose and why, and what that reached on the built-in scenes; None for others."""
+        chosen = self._engine.chosen
+        return None if chosen is None else f"{chosen[0]}; expects {chosen[1]}"
 
     @property
     def reference_luminance(self) -> float | None:

@@ -1,7 +1,7 @@
 //! Which settings are measured.
 
 use evis_core::{ConfigError, Interpolation, TimeGrid, TriggerRule};
-use evis_render::{Antialias, Carrier, Method, Motion, RunConfig, SplatConfig};
+use evis_render::{Antialias, Carrier, Method, Motion, RunConfig, SplatConfig, Target};
 use serde::{Deserialize, Serialize};
 
 /// A point of the chart, as data: it may name a method that this version of the engine does not have.
@@ -25,6 +25,12 @@ pub struct Setting {
     /// How crossings between two samples are found.
     #[serde(default)]
     pub interpolation: Interpolation,
+    /// Pixels that anything may move between two samples of it; `None` where every pixel is sampled at `rate_hz`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adaptive_px: Option<f64>,
+    /// What `auto` is asked for; it chooses all else but the trigger.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target: Option<Target>,
     /// Settings of `splat` and `evis-paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub splat: Option<SplatConfig>,
@@ -44,8 +50,31 @@ impl Setting {
             antialias,
             trigger,
             interpolation,
+            adaptive_px: None,
+            target: None,
             splat: None,
         }
+    }
+
+    /// Everything is rendered when something has moved by `step_px` pixels, and at `rate_hz` at most.
+    pub fn adaptive(step_px: f64, rate_hz: f64, samples: u32) -> Self {
+        let native = Self::native(rate_hz, samples, Antialias::Samples, TriggerRule::Crossing);
+        Self { adaptive_px: Some(step_px), ..native }
+    }
+
+    /// What `auto` makes of `target`. Rates and samples are known when it has run.
+    pub fn auto(target: Target) -> Self {
+        let native = Self::native(1000.0, 1, Antialias::Samples, TriggerRule::Crossing);
+        Self { method: "auto".into(), target: Some(target), ..native }
+    }
+
+    /// The same as `config` ran it, which rendered `drawn_hz` whole pictures per simulated second.
+    pub fn settled(self, config: &RunConfig, drawn_hz: f64) -> Self {
+        if self.target.is_none() && self.adaptive_px.is_none() {
+            return self;
+        }
+        let rate_hz = config.rate_hz;
+        Self { rate_hz, rendered_hz: drawn_hz.min(rate_hz), samples: config.samples, ..self }
     }
 
     /// Keyframes of `samples` samples, and splatted instants between them.
@@ -59,6 +88,8 @@ impl Setting {
             antialias: Antialias::Samples,
             trigger,
             interpolation: Interpolation::Log,
+            adaptive_px: None,
+            target: None,
             splat: Some(splat),
         }
     }
@@ -72,6 +103,7 @@ impl Setting {
     pub fn engine_method(&self) -> Option<Method> {
         match (self.method.as_str(), self.splat) {
             ("native", None) => Some(Method::Native),
+            ("auto", None) => self.target.map(Method::Auto),
             ("splat" | "evis-paper", Some(splat)) => Some(Method::Splat(splat)),
             _ => None,
         }
@@ -84,6 +116,7 @@ impl Setting {
         config.rate_hz = self.rate_hz;
         config.samples = self.samples;
         config.antialias = self.antialias;
+        config.adaptive_px = self.adaptive_px;
         config.sensor.trigger = self.trigger;
         config.sensor.interpolation = self.interpolation;
         Some(config)
@@ -91,11 +124,17 @@ impl Setting {
 
     /// Short and complete: `1000 Hz ×16`, `250 Hz edges`, `1000 Hz ×4 latch`, `splat 250×4 Hz latch`.
     pub fn label(&self) -> String {
+        if let Some(target) = self.target {
+            return format!("auto {}", target.name());
+        }
         let mut label = String::new();
-        if self.method != "native" {
+        if let Some(px) = self.adaptive_px {
+            label = format!("{} px up to {} Hz", number(px), number(self.rate_hz));
+        } else if self.method != "native" {
             label = format!("{} ", self.method);
         }
-        if self.rendered_hz < self.rate_hz {
+        if self.adaptive_px.is_some() {
+        } else if self.rendered_hz < self.rate_hz {
             let steps = self.rate_hz / self.rendered_hz;
             label += &format!("{}×{} Hz", number(self.rendered_hz), number(steps));
         } else {
@@ -168,7 +207,11 @@ impl Setting {
             (Antialias::Samples, 1) => "1 sample".to_owned(),
             (Antialias::Samples, n) => format!("{n} samples"),
         };
-        if self.method == "native" {
+        if self.target.is_some() {
+            "auto".into()
+        } else if self.adaptive_px.is_some() {
+            format!("adaptive, {trigger}, {pixel}")
+        } else if self.method == "native" {
             format!("{trigger}, {pixel}")
         } else {
             format!("{}{}, {trigger}, {pixel}", self.method, self.splat_words())
@@ -177,8 +220,14 @@ impl Setting {
 
     /// The flags of `run` that differ from its defaults.
     pub fn run_flags(&self) -> String {
+        if let Some(target) = self.target {
+            return format!("--target {}", target.name());
+        }
         let mut flags = match &self.splat {
-            None => format!("--rate {}", number(self.rate_hz)),
+            None => match self.adaptive_px {
+                None => format!("--rate {}", number(self.rate_hz)),
+                Some(px) => format!("--rate {} --adaptive {}", number(self.rate_hz), number(px)),
+            },
             Some(splat) => {
                 let (rate, steps) = (number(splat.keyframe_hz), splat.steps);
                 format!("--method {} --keyframe-rate {rate} --steps {steps}", self.method)
@@ -231,6 +280,9 @@ pub(crate) fn number(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
+/// Finest rate of adaptive settings.
+const ADAPTIVE_HZ: f64 = 4000.0;
+
 /// Shape of a ladder: every combination of these, and the published settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -250,6 +302,10 @@ pub struct Ladder {
     pub most_samples_hz: Option<f64>,
     /// Also the settings that the EVIS paper publishes.
     pub published: bool,
+    /// Pixels that anything may move between two samples of it, at 4000 Hz at most, with 4 samples.
+    pub adaptive_px: Vec<f64>,
+    /// What `auto` is asked for.
+    pub targets: Vec<Target>,
     /// Keyframes per second and instants per gap of `splat`, with 4 samples.
     pub splat: Vec<(f64, u32)>,
     /// Also `splat` with each of its options changed, at 125 keyframes per second and 8 instants per gap.
@@ -266,6 +322,8 @@ impl Default for Ladder {
             latch_hz: vec![1000.0],
             most_samples_hz: Some(16_000.0),
             published: true,
+            adaptive_px: vec![1.0, 0.5, 0.25],
+            targets: vec![Target::Draft, Target::Default],
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
             splat_options: true,
         }
@@ -283,6 +341,8 @@ impl Ladder {
             latch_hz: vec![1000.0],
             most_samples_hz: Some(16_000.0),
             published: true,
+            adaptive_px: vec![0.5],
+            targets: vec![Target::Draft],
             splat: vec![(125.0, 8)],
             splat_options: false,
         }
@@ -330,6 +390,12 @@ impl Ladder {
                 add(Setting::native(rate_hz, count, samples, TriggerRule::Latch));
             }
         }
+        for &step_px in &self.adaptive_px {
+            let setting = Setting::adaptive(step_px, ADAPTIVE_HZ, 4);
+            setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
+            add(setting);
+        }
+        self.targets.iter().for_each(|target| add(Setting::auto(*target)));
         for &(keyframe_hz, steps) in &self.splat {
             let splat = SplatConfig { keyframe_hz, steps, ..SplatConfig::default() };
             splat.check()?;
@@ -393,7 +459,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9);
+        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 2);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
@@ -403,6 +469,14 @@ mod tests {
         assert_eq!(labels.len(), before, "labels tell settings apart");
         let named: Vec<_> = all.iter().filter_map(|s| s.published.as_deref()).collect();
         assert_eq!(named, ["EVIS 1000 Hz", "EVIS 250×4", "EVIS 125×8", "EVIS 40×8", "EVIS 30×8"]);
+        let auto = Setting::auto(Target::Draft);
+        assert_eq!((auto.label(), auto.run_flags()), ("auto draft".into(), "--target draft".into()));
+        let ran = RunConfig { rate_hz: 4000.0, samples: 4, ..RunConfig::default() };
+        let settled = auto.settled(&ran, 700.0);
+        assert_eq!((settled.rate_hz, settled.rendered_hz, settled.samples), (4000.0, 700.0, 4));
+        let adaptive = Setting::adaptive(0.5, 2000.0, 4);
+        assert_eq!(adaptive.label(), "0.5 px up to 2000 Hz ×4");
+        assert_eq!(adaptive.run_flags(), "--rate 2000 --adaptive 0.5 --samples 4");
         assert!(Ladder::quick().settings().unwrap().len() < all.len() / 2 + 5);
     }
 
@@ -444,6 +518,8 @@ mod tests {
             latch_hz: vec![],
             most_samples_hz: None,
             published: false,
+            adaptive_px: vec![],
+            targets: vec![],
             splat: vec![],
             splat_options: false,
         };

@@ -42,6 +42,10 @@ struct Run {
     wall_ms_per_s: f64,
     events: Vec<Event>,
     clamped: u64,
+    /// As it was settled.
+    config: RunConfig,
+    /// Whole pictures per simulated second.
+    drawn_hz: f64,
 }
 
 /// Measures every setting: all of them once, then all of them again, so that whatever else the machine does meets all
@@ -68,7 +72,7 @@ pub fn measure(
             let hash = hash(&run.events);
             match points.get_mut(index) {
                 None => points.push(Point {
-                    setting: setting.clone(),
+                    setting: setting.clone().settled(&run.config, run.drawn_hz),
                     setup_ms: run.setup_ms,
                     wall_ms_per_s: vec![run.wall_ms_per_s],
                     events: run.events.len() as u64,
@@ -110,9 +114,13 @@ fn run(series: &Series<'_>, config: &RunConfig, progress: &dyn Fn(f64) -> bool) 
     let simulator = Simulator::new(series.gpu, Arc::clone(&series.scene), config.clone())?;
     let setup = started.elapsed();
 
+    let settled = simulator.config().clone();
+    let pixels: u64 = simulator.cameras().iter().map(|c| u64::from(c.width) * u64::from(c.height)).sum();
+    let pixels = pixels.max(1) as f64 * simulator.environments() as f64;
+
     let started = Instant::now();
     let mut events = Vec::new();
-    let mut clamped = 0;
+    let (mut clamped, mut drawn) = (0, 0);
     let mut stream = simulator.stream(series.duration_us, PACKET_US)?;
     loop {
         match stream.poll_next(LOOK) {
@@ -121,6 +129,7 @@ fn run(series: &Series<'_>, config: &RunConfig, progress: &dyn Fn(f64) -> bool) 
             Poll::Ready(Some(packet)) => {
                 let mut packet = packet?;
                 clamped += packet.report.clamped;
+                drawn += packet.report.drawn_pixels;
                 if let Some(view) = packet.views.first_mut() {
                     events.append(&mut view.events);
                 }
@@ -140,6 +149,8 @@ fn run(series: &Series<'_>, config: &RunConfig, progress: &dyn Fn(f64) -> bool) 
         wall_ms_per_s: wall_ms / (series.duration_us as f64 * 1.0e-6),
         events,
         clamped,
+        config: settled,
+        drawn_hz: drawn as f64 / pixels / (series.duration_us as f64 * 1.0e-6),
     })
 }
 
@@ -187,7 +198,14 @@ mod tests {
     fn repetitions_that_differ_are_an_error() {
         let mut point = made_up::scene_chart("x").points.remove(0);
         point.hash = format!("{:016x}", 7);
-        let run = Run { setup_ms: 1.0, wall_ms_per_s: 5.0, events: vec![], clamped: 0 };
+        let run = Run {
+            setup_ms: 1.0,
+            wall_ms_per_s: 5.0,
+            events: vec![],
+            clamped: 0,
+            config: RunConfig::default(),
+            drawn_hz: 1.0,
+        };
         point.repeat(&run, 1, 7).unwrap();
         assert_eq!((point.wall_ms_per_s.last(), point.setup_ms), (Some(&5.0), 1.0));
         let error = point.repeat(&run, 2, 8).unwrap_err().to_string();

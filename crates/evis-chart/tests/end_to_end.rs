@@ -26,6 +26,8 @@ fn tiny() -> ChartSettings {
             latch_hz: vec![],
             most_samples_hz: None,
             published: true,
+            adaptive_px: vec![1.0],
+            targets: vec![evis_render::Target::Draft],
             splat: vec![],
             splat_options: false,
         },
@@ -52,7 +54,7 @@ fn a_scene_becomes_a_chart() {
     let made = chart(&gpu, "spinner", &scene, &tiny(), &told).unwrap();
     assert!(stages.iter().all(|n| n.load(Ordering::Relaxed) > 0), "every stage tells of itself");
 
-    assert_eq!((made.width, made.height, made.points.len()), (32, 24, 9));
+    assert_eq!((made.width, made.height, made.points.len()), (32, 24, 11));
     assert!(made.not_measured.is_empty());
     assert!(made.truth.events > 0 && made.truth.floor.is_some());
     for point in &made.points {

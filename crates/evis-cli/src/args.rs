@@ -8,7 +8,7 @@ use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
 use evis_core::{Interpolation, LabelKind, Transfer, TriggerRule};
-use evis_render::{Antialias, Carrier, Motion, Shadows, SplatConfig};
+use evis_render::{Antialias, Carrier, Motion, Shadows, SplatConfig, Target};
 use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -88,15 +88,24 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
     pub(crate) size: Option<(u32, u32)>,
 
+    /// How near to the truth --method auto shall come [default: default].
+    #[arg(long, value_enum)]
+    pub(crate) target: Option<TargetArg>,
+
     /// Sampled instants per second, for --method native [default: 1000].
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) rate: Option<f64>,
+
+    /// Render each part of the picture only as often as it moves by so many pixels, and at --rate at most.
+    #[arg(long, value_name = "PX", allow_hyphen_values = true)]
+    pub(crate) adaptive: Option<f64>,
 
     /// Samples per pixel and instant, 1 to 256 [default: 4].
     #[arg(long, value_name = "N", value_parser = sample_count, allow_hyphen_values = true)]
     pub(crate) samples: Option<u32>,
 
-    /// How an instant is sampled [default: native].
+    /// How an instant is sampled [default: auto; native where --rate, --adaptive, --samples, --aa, --shadows or
+    /// --texture-taps is given].
     #[arg(long, value_enum)]
     pub(crate) method: Option<MethodArg>,
 
@@ -235,6 +244,22 @@ pub(crate) struct SplatArgs {
     /// Luminance where neither keyframe shows anything [default: unknown, the pixel waits; 0 for evis-paper].
     #[arg(long, value_name = "Y", value_parser = fill, allow_hyphen_values = true)]
     pub(crate) fill: Option<f32>,
+}
+
+impl RunArgs {
+    /// The first flag that was given which sets by hand what `auto` chooses.
+    pub(crate) fn sampling_flag(&self) -> Option<&'static str> {
+        [
+            (self.rate.is_some(), "--rate"),
+            (self.adaptive.is_some(), "--adaptive"),
+            (self.samples.is_some(), "--samples"),
+            (self.aa.is_some(), "--aa"),
+            (self.texture_taps.is_some(), "--texture-taps"),
+            (self.shadows.is_some(), "--shadows"),
+        ]
+        .into_iter()
+        .find_map(|(given, flag)| given.then_some(flag))
+    }
 }
 
 impl SplatArgs {
@@ -773,12 +798,34 @@ pub(crate) struct ListArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MethodArg {
+    /// Method, rate and samples are chosen for --target.
+    Auto,
     /// Every instant is rendered.
     Native,
     /// Keyframes are rendered; what lies between is splatted from both.
     Splat,
     /// As the EVIS paper publishes it: linear motion, colours, latch, black holes.
     EvisPaper,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum TargetArg {
+    /// Cheap: 4 samples where something has moved by half a pixel.
+    Draft,
+    /// 16 samples where something has moved by 0.3 pixels.
+    Default,
+    /// 64 samples where something has moved by 0.15 pixels; shadows by rays where the scene allows them.
+    Exact,
+}
+
+impl From<TargetArg> for Target {
+    fn from(target: TargetArg) -> Self {
+        match target {
+            TargetArg::Draft => Self::Draft,
+            TargetArg::Default => Self::Default,
+            TargetArg::Exact => Self::Exact,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -10,7 +10,7 @@ use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, TriggerRule};
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
-    DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig, StageTimes,
+    DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig, StageTimes, Target,
 };
 use evis_scene::Scene;
 use serde::Serialize;
@@ -137,6 +137,7 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
     }
+    config.adaptive_px = args.adaptive;
     config.texture_taps = args.texture_taps;
     if let Some(shadows) = args.shadows {
         config.shadows = shadows.into();
@@ -166,15 +167,32 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
 
 /// The method with its flags; flags of another method are refused, they would be ignored.
 fn method(args: &RunArgs) -> anyhow::Result<Method> {
-    let base = match args.method.unwrap_or(MethodArg::Native) {
-        MethodArg::Native => {
-            return match args.splat.given() {
-                None => Ok(Method::Native),
+    let own = args.sampling_flag();
+    let asked = args.method.unwrap_or(if own.is_some() { MethodArg::Native } else { MethodArg::Auto });
+    if let Some(target) = args.target.filter(|_| !matches!(asked, MethodArg::Auto)) {
+        let name = Target::from(target).name();
+        let remedy = match own.filter(|_| args.method.is_none()) {
+            Some(flag) => format!("leave out {flag}, which sets sampling by hand"),
+            None => "leave out --method, or say --method auto".into(),
+        };
+        return Err(bad_input(format!("--target {name}: only auto has targets; {remedy}")));
+    }
+    let base = match asked {
+        MethodArg::Auto | MethodArg::Native if let Some(flag) = args.splat.given() => {
+            return Err(bad_input(format!(
+                "{flag} needs keyframes; add --method splat or --method evis-paper"
+            )));
+        }
+        MethodArg::Auto => {
+            return match own {
+                None => Ok(Method::Auto(args.target.map_or_else(Target::default, Target::from))),
                 Some(flag) => Err(bad_input(format!(
-                    "{flag} needs keyframes; add --method splat or --method evis-paper"
+                    "{flag}: --method auto chooses that itself; say --method native to set it, or --target for how near \
+                     to the truth it shall come"
                 ))),
             };
         }
+        MethodArg::Native => return Ok(Method::Native),
         MethodArg::Splat => SplatConfig::default(),
         MethodArg::EvisPaper => {
             let SplatConfig { keyframe_hz, steps, .. } = SplatConfig::default();
@@ -432,6 +450,12 @@ struct ViewTally {
     labels: u64,
 }
 
+impl ViewTally {
+    fn pixels(&self) -> f64 {
+        f64::from(self.width) * f64::from(self.height)
+    }
+}
+
 /// Counts and times of the run so far.
 struct Tally {
     views: Vec<ViewTally>,
@@ -481,6 +505,7 @@ impl Tally {
         sum.clamped += new.clamped;
         sum.instants += new.instants;
         sum.reruns += new.reruns;
+        sum.drawn_pixels += new.drawn_pixels;
         sum.keyframes += new.keyframes;
         sum.unknown += new.unknown;
         add_times(&mut sum.times, &new.times);
@@ -534,6 +559,8 @@ struct Report {
     /// How instants were sampled.
     method: &'static str,
     instants: u64,
+    /// Pixels drawn, all views and instants, each by all of its samples.
+    drawn_pixels: u64,
     keyframes: u64,
     /// Pixels and instants that the method could not know.
     unknown: u64,
@@ -578,6 +605,7 @@ impl Report {
             clamped: tally.report.clamped,
             method: settings.run.method.name(),
             instants: tally.report.instants,
+            drawn_pixels: tally.report.drawn_pixels,
             keyframes: tally.report.keyframes,
             unknown: tally.report.unknown,
             reruns: tally.report.reruns,
@@ -599,7 +627,29 @@ impl Report {
     fn method_line(&self) -> String {
         let instants = text::grouped(self.instants);
         match self.settings.run.method.keyframes() {
-            None => format!("{}, {instants} instants", self.method),
+            None => {
+                let run = &self.settings.run;
+                let drawn =
+                    self.drawn_pixels as f64 / self.views.iter().map(ViewTally::pixels).sum::<f64>().max(1.0);
+                let mut line = format!("{}, {} samples, ", self.method, run.samples);
+                if let Some(px) = run.adaptive_px {
+                    let hz = if self.stream_s > 0.0 { drawn / self.stream_s } else { 0.0 };
+                    line += &format!(
+                        "every {px} px at up to {} Hz, {hz:.0} pictures' pixels per second, ",
+                        run.rate_hz
+                    );
+                }
+                line += &format!("{instants} instants");
+                if let Some(chosen) = &run.chosen {
+                    line += &format!(
+                        "\n                   chosen by auto for {}: {}\n                   expects {}",
+                        chosen.target.name(),
+                        chosen.why,
+                        chosen.expects
+                    );
+                }
+                line
+            }
             Some((keyframe_hz, steps)) => format!(
                 "{} {keyframe_hz} Hz ×{steps}, {} keyframes, {instants} instants, {} pixels unknown",
                 self.method,

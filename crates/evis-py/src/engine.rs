@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity};
-use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig, Shadows};
+use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig, Shadows, Target};
 use evis_scene::{Image, SceneError};
 use half::f16;
 use pyo3::prelude::*;
@@ -22,14 +22,18 @@ fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, F
     })
 }
 
-/// `native`, or `splat` with its settings as JSON.
-pub(crate) fn method(name: &str, splat: Option<&str>) -> Result<Method, Failure> {
+/// `auto` for a target, `native`, or `splat` with its settings as JSON.
+pub(crate) fn method(name: &str, splat: Option<&str>, target: &str) -> Result<Method, Failure> {
     match (name, splat) {
         ("native", None) => Ok(Method::Native),
+        ("auto", None) => {
+            let targets = [Target::Draft, Target::Default, Target::Exact].map(|t| (t.name(), t));
+            choose("target", target, &targets).map(Method::Auto)
+        }
         ("splat", Some(json)) => serde_json::from_str(json)
             .map(Method::Splat)
             .map_err(|e| ConfigError::new("method", json, format!("settings that splat has ({e})")).into()),
-        _ => Err(ConfigError::new("method", format!("'{name}'"), "'native' or 'splat'").into()),
+        _ => Err(ConfigError::new("method", format!("'{name}'"), "'auto', 'native' or 'splat'").into()),
     }
 }
 

@@ -94,6 +94,7 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     dict.set_item("suppressed", report.suppressed)?;
     dict.set_item("clamped", report.clamped)?;
     dict.set_item("instants", report.instants)?;
+    dict.set_item("drawn_pixels", report.drawn_pixels)?;
     dict.set_item("keyframes", report.keyframes)?;
     dict.set_item("unknown", report.unknown)?;
     dict.set_item("reruns", report.reruns)?;

@@ -50,7 +50,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, sensor, method, splat, rate_hz, samples, antialias, texture_taps,
+        scene, *, sensor, method, splat, target, rate_hz, adaptive_px, samples, antialias, texture_taps,
         shadows, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
         reference_luminance, device
     ))]
@@ -61,7 +61,9 @@ impl Simulator {
         sensor: &str,
         method: &str,
         splat: Option<&str>,
+        target: &str,
         rate_hz: f64,
+        adaptive_px: Option<f64>,
         samples: u32,
         antialias: &str,
         texture_taps: Option<u32>,
@@ -79,8 +81,10 @@ impl Simulator {
     ) -> PyResult<Self> {
         let config = RunConfig {
             sensor: crate::emulator::from_json(sensor)?,
-            method: engine::method(method, splat)?,
+            method: engine::method(method, splat, target)?,
+            chosen: None,
             rate_hz,
+            adaptive_px,
             samples,
             antialias: engine::antialias(antialias)?,
             texture_taps,
@@ -134,6 +138,12 @@ impl Simulator {
     #[getter]
     fn config_toml(&self) -> PyResult<String> {
         engine::config_toml(&self.scene, self.environments, &self.config).map_err(Into::into)
+    }
+
+    /// What `auto` chose, in one line, and what it expects; None for other methods.
+    #[getter]
+    fn chosen(&self) -> Option<(String, String)> {
+        self.config.chosen.as_ref().map(|chosen| (chosen.why.clone(), chosen.expects.clone()))
     }
 
     #[getter]

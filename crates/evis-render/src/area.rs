@@ -19,6 +19,12 @@ impl Rect {
         Self { low: [0, 0], high: [width, height] }
     }
 
+    /// How many.
+    pub fn pixels(&self) -> u64 {
+        let [width, height] = self.size();
+        u64::from(width) * u64::from(height)
+    }
+
     /// Width and height.
     pub const fn size(&self) -> [u32; 2] {
         [self.high[0] - self.low[0], self.high[1] - self.low[1]]
@@ -61,6 +67,14 @@ pub struct Area {
 impl Area {
     /// No part.
     pub const NOTHING: Self = Self { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2] };
+
+    /// All of any picture.
+    pub const EVERYTHING: Self = Self { low: [f64::NEG_INFINITY; 2], high: [f64::INFINITY; 2] };
+
+    /// Where `rect` is.
+    pub fn of(rect: &Rect) -> Self {
+        Self { low: rect.low.map(f64::from), high: rect.high.map(f64::from) }
+    }
 
     /// Takes a point in.
     pub fn add(&mut self, [x, y]: [f64; 2]) {

@@ -67,8 +67,9 @@ pub struct ChainPlan {
 }
 
 impl ChainPlan {
-    /// For `samples` layers per instant; `unknown`: whether a luminance below 0 stands for one that is not known.
-    pub fn new(sensor: &SensorConfig, samples: u32, unknown: bool) -> Self {
+    /// For `samples` layers per instant; `unknown`: whether a luminance below 0 stands for one that is not known; `block`:
+    /// instants of a block within which tiles have paces of their own, 1 without.
+    pub fn new(sensor: &SensorConfig, samples: u32, unknown: bool, block: u32) -> Self {
         let (receptor, noise) = (&sensor.photoreceptor, &sensor.noise);
         let filter = match (receptor.cutoff_hz > 0.0, receptor.filter, receptor.order) {
             (false, ..) => 0,
@@ -116,6 +117,7 @@ impl ChainPlan {
         let constants = vec![
             ("SAMPLES", f64::from(samples)),
             ("MAY_BE_UNKNOWN", flag(unknown)),
+            ("BLOCK_INSTANTS", f64::from(block)),
             ("LINLOG", flag(receptor.curve == Curve::Linlog)),
             ("FILTER", f64::from(filter)),
             ("LIGHT_BANDWIDTH", flag(light_bandwidth)),

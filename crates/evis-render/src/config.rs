@@ -3,9 +3,14 @@
 use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid};
 use serde::{Deserialize, Serialize};
 
+use crate::auto::{Chosen, Target};
 use crate::chain::OLD_US;
 use crate::grid::SampleGrid;
+use crate::sizes::MAX_INSTANTS;
 use crate::splat_config::SplatConfig;
+
+/// Seconds of a block of adaptive sampling.
+const BLOCK_S: f64 = 0.016;
 
 /// How an instant is sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -14,6 +19,8 @@ pub enum Method {
     /// Every instant is rendered.
     #[default]
     Native,
+    /// Whatever the target asks for: settled when a simulator is made, see [`RunConfig::chosen`].
+    Auto(Target),
     /// Keyframes are rendered; the instants between two of them are splatted from both.
     Splat(SplatConfig),
 }
@@ -23,6 +30,7 @@ impl Method {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Native => "native",
+            Self::Auto(_) => "auto",
             Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
             Self::Splat(_) => "splat",
         }
@@ -31,7 +39,7 @@ impl Method {
     /// Keyframes per second and instants per gap, where it has keyframes.
     pub const fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
-            Self::Native => None,
+            Self::Native | Self::Auto(_) => None,
             Self::Splat(splat) => Some((splat.keyframe_hz, splat.steps)),
         }
     }
@@ -68,8 +76,13 @@ pub struct RunConfig {
     pub sensor: SensorConfig,
     /// Sampling method.
     pub method: Method,
+    /// What `auto` chose: it has set method, rate, samples and shadows.
+    pub chosen: Option<Chosen>,
     /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
     pub rate_hz: f64,
+    /// `native` only: every tile of the picture is rendered no more often than that nothing it may show moves farther than so
+    /// many pixels between two of its samples, and `rate_hz` at most. `None` renders everything at `rate_hz`.
+    pub adaptive_px: Option<f64>,
     /// Samples per pixel and instant, 1 to 256.
     pub samples: u32,
     /// How they are taken.
@@ -104,7 +117,9 @@ impl Default for RunConfig {
         Self {
             sensor: SensorConfig::default(),
             method: Method::Native,
+            chosen: None,
             rate_hz: 1000.0,
+            adaptive_px: None,
             samples: 4,
             antialias: Antialias::Samples,
             texture_taps: None,
@@ -128,8 +143,20 @@ impl RunConfig {
     /// # Errors
     /// A rate that is not above 0, or above 1 MHz.
     pub fn sample_grid(&self) -> Result<SampleGrid, ConfigError> {
-        let (keyframe_hz, steps) = self.method.keyframes().unwrap_or((self.rate_hz, 1));
+        let block = self.block();
+        let (keyframe_hz, steps) =
+            self.method.keyframes().unwrap_or((self.rate_hz / f64::from(block), block));
         SampleGrid::new(keyframe_hz, steps)
+    }
+
+    /// Instants within which each tile of a picture has a pace of its own, a power of two: some 16 ms of them, so that what
+    /// hardly moves is looked at 60 times a second. 1 where all tiles are sampled at every instant.
+    pub fn block(&self) -> u32 {
+        let longest = (self.rate_hz * BLOCK_S).clamp(1.0, f64::from(MAX_INSTANTS)) as u32;
+        match (&self.method, self.adaptive_px) {
+            (Method::Native, Some(_)) => 1 << longest.max(1).ilog2(),
+            _ => 1,
+        }
     }
 
     /// [`RunConfig::texture_taps`], chosen where it is not given.
@@ -190,7 +217,19 @@ impl RunConfig {
         if let Method::Splat(splat) = &self.method {
             splat.check()?;
         }
-        let interval_us = self.sample_grid()?.longest_interval_us();
+        if let Some(px) = self.adaptive_px {
+            if !matches!(self.method, Method::Native) {
+                return Err(ConfigError::new("adaptive_px", px, "set with the native method only"));
+            }
+            if !(px.is_finite() && px > 0.0) {
+                return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));
+            }
+            if self.antialias == Antialias::Edges {
+                return Err(ConfigError::new("antialias", "edges", "samples, where adaptive_px is set"));
+            }
+        }
+        // What a pace may stretch an interval to.
+        let interval_us = self.sample_grid()?.longest_interval_us() * f64::from(self.block());
         if !self.sensor.is_ideal() && interval_us > f64::from(OLD_US / 2) {
             return Err(ConfigError::new(
                 "rate",

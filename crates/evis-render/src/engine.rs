@@ -9,6 +9,8 @@ use std::time::Instant;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
 use evis_scene::{Scene, SceneState};
 
+use crate::adaptive::AdaptiveRoom;
+use crate::auto;
 use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
 use crate::error::EngineError;
@@ -41,6 +43,19 @@ const RING: usize = 3;
 const SUBMISSION_MS: f64 = 200.0;
 /// Events that a submission's buffer holds at first.
 const FIRST_CAPACITY: u32 = 1 << 18;
+/// The same, per pixel, where submissions are whole blocks.
+const EVENTS_PER_PIXEL: u64 = 4;
+
+/// What an upload of frames brings beside them.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Upload {
+    /// The numbers of records in place of the ids of objects.
+    pub record_ids: bool,
+    /// What changes from instant to instant: the group's first view and the first instant.
+    pub watch: Option<(usize, i64)>,
+    /// Where everything was.
+    pub trail: bool,
+}
 
 /// What every submission reads.
 pub struct Context {
@@ -85,17 +100,15 @@ impl Context {
 
     /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
     pub(crate) fn upload_frames(&mut self, views: &[View], times_us: &[i64]) -> wgpu::BindGroup {
-        self.upload_frames_as(views, times_us, false, None)
+        self.upload_frames_as(views, times_us, Upload::default())
     }
 
-    /// The same, with the numbers of records in place of the ids of objects where `record_ids`, and telling what changes
-    /// from instant to instant where `watch` is the group's first view and the first instant.
+    /// The same, with what `upload` asks for.
     pub(crate) fn upload_frames_as(
         &mut self,
         views: &[View],
         times_us: &[i64],
-        record_ids: bool,
-        watch: Option<(usize, i64)>,
+        upload: Upload,
     ) -> wgpu::BindGroup {
         let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
         let plan = self.shadows.as_ref().map(|s| &s.plan);
@@ -106,9 +119,10 @@ impl Context {
             times_s: &times_s,
             shadows: plan,
             occluders,
-            record_ids,
+            record_ids: upload.record_ids,
             shadow_maps: moving,
-            watch,
+            watch: upload.watch,
+            trail: upload.trail,
         };
         self.frame_data.build(&self.scene, &self.gpu_scene, &request);
         self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
@@ -172,6 +186,8 @@ pub struct Engine {
     label_room: Option<LabelRoom>,
     exposure_room: Option<ExposureRoom>,
     label_grid: TimeGrid,
+    /// Instants that no submission parts.
+    block: u32,
     in_flight: VecDeque<InFlight>,
     free: Vec<Slot>,
     capacity: u32,
@@ -210,6 +226,13 @@ impl Engine {
             texture_layers: limits.max_texture_array_layers,
             storage_binding: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
         };
+        let mut state = SceneState::default();
+        scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
+        let layouts = SurfaceLayouts::new(device);
+        let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
+        if let Method::Auto(target) = config.method {
+            auto::choose(target, &scene, &gpu_scene, &views, config);
+        }
         let edges = config.antialias == Antialias::Edges;
         let offsets = if edges { vec![[0.0, 0.0]] } else { crate::pattern::offsets(config.samples) };
         let samples = offsets.len() as u32;
@@ -218,17 +241,14 @@ impl Engine {
         let shares = crate::pattern::shares(&places);
         let grid = config.sample_grid()?;
         let rendered = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
+        let block = config.block();
         // What the trigger averages, and how it comes to be.
         let (layer_samples, made) = match &config.method {
-            Method::Native => (samples, rendered),
+            Method::Native if config.adaptive_px.is_some() => (1, LayerUse::Computed),
+            Method::Native | Method::Auto(_) => (samples, rendered),
             Method::Splat(_) => (1, LayerUse::Computed),
         };
         let may_be_unknown = matches!(&config.method, Method::Splat(splat) if splat.fill.is_none());
-
-        let mut state = SceneState::default();
-        scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
-        let layouts = SurfaceLayouts::new(device);
-        let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
         let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, config)?;
         let constants = SceneConstants {
             lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),
@@ -264,7 +284,7 @@ impl Engine {
         let [r, g, b] = scene.background.map(f64::from);
         let mut context = Context {
             gpu: gpu.clone(),
-            trigger: TriggerPasses::new(device, &config.sensor, layer_samples, may_be_unknown),
+            trigger: TriggerPasses::new(device, &config.sensor, layer_samples, may_be_unknown, block),
             gpu_scene,
             layouts,
             views,
@@ -285,7 +305,10 @@ impl Engine {
         crate::shadow::draw_still_maps(&mut context);
 
         let mut sampling = match &config.method {
-            Method::Native => Sampling::Native(NativeRoom::default()),
+            Method::Native if let Some(step_px) = config.adaptive_px => {
+                Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block)))
+            }
+            Method::Native | Method::Auto(_) => Sampling::Native(NativeRoom::default()),
             Method::Splat(splat) => Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat))),
         };
         let sizes = classes(&context.views);
@@ -293,7 +316,7 @@ impl Engine {
         let mut members = Vec::new();
         for ((width, height), views) in sizes {
             let needs = match &config.method {
-                Method::Native => MethodNeeds::default(),
+                Method::Native | Method::Auto(_) => MethodNeeds { block, ..Default::default() },
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
             };
@@ -316,9 +339,11 @@ impl Engine {
                     ))
                 })?;
             let chain = context.trigger.chain().is_some();
-            targets.push(Targets::new(device, width, height, plan, made, chain));
-            if let (Sampling::Splat(room), Some(targets)) = (&mut sampling, targets.last()) {
-                room.add_size(&context, targets, edges);
+            targets.push(Targets::new(device, width, height, plan, made, chain, block));
+            match (&mut sampling, targets.last()) {
+                (Sampling::Splat(room), Some(targets)) => room.add_size(&context, targets, edges),
+                (Sampling::Adaptive(room), Some(targets)) => room.add_size(&context, targets),
+                _ => {}
             }
             for chunk in views.chunks(plan.views_per_group as usize) {
                 members.push((targets.len() - 1, chunk.to_vec()));
@@ -356,15 +381,17 @@ impl Engine {
             .collect();
         let most_capacity =
             (device_limits.storage_binding / 8).min(limits.max_buffer_size / 8 - 4096).min(1 << 28) as u32;
+        let capacity = first_capacity(&groups, &targets, block).min(most_capacity);
         Ok(Self {
             sampling,
             targets,
             label_room,
             exposure_room: ExposureRoom::new(&context, config, rendered)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
+            block,
             in_flight: VecDeque::new(),
             free: Vec::new(),
-            capacity: FIRST_CAPACITY.min(most_capacity),
+            capacity,
             most_capacity,
             // Buffers for them are half as long again.
             most_feed: device_limits.storage_binding / 4 * 2 / 3 - 4,
@@ -444,7 +471,7 @@ impl Engine {
     pub fn splat_store(&self) -> Option<&splat::Store> {
         match &self.sampling {
             Sampling::Splat(room) => room.store(0),
-            Sampling::Native(_) => None,
+            Sampling::Native(_) | Sampling::Adaptive(_) => None,
         }
     }
 
@@ -491,6 +518,7 @@ impl Engine {
         self.delivered_us = until_us;
         packet.report = std::mem::take(&mut self.report);
         packet.report.keyframes = self.sampling.take_keyframes();
+        packet.report.drawn_pixels = self.sampling.take_drawn();
         packet.report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
         packet.report.times.pack_ms += milliseconds(packing);
         packet.report.times.total_ms = milliseconds(started);
@@ -532,9 +560,13 @@ impl Engine {
         } else if next <= last {
             let planned = f64::from(self.targets[self.groups[group].targets].plan.instants);
             let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
-            // The first instant of a chain has a pass of its own.
-            let most = if next == 0 && self.context.trigger.chain().is_some() { 1 } else { most };
-            let unit = Unit { group, first: next, instants: most.min(last - next + 1) as u32 };
+            let block = i64::from(self.block);
+            // The first instant of a chain has a pass of its own, and so has the one before the first block.
+            let alone = next == 0 && (block > 1 || self.context.trigger.chain().is_some());
+            let whole = |instants: i64| (instants / block).max(1) * block;
+            let left = last - next + block;
+            let instants = if alone { 1 } else { whole(most).min(whole(left)) };
+            let unit = Unit { group, first: next, instants: instants as u32 };
             self.submit_unit(unit)?;
         } else {
             return Ok(false);
@@ -548,7 +580,7 @@ impl Engine {
         let group = &mut self.groups[unit.group];
         let feed = group.chain.as_mut().map(|chain| unit.feed(chain, &self.context.grid));
         if let Some(words) = feed.as_ref().filter(|words| words.len() as u64 > self.most_feed) {
-            let Some(halves) = unit.halves() else {
+            let Some(halves) = unit.halves(self.block) else {
                 return Err(EngineError::Device(format!(
                     "noise may strike {} times in one instant, and this device's buffers hold {}; lower the rates of \
                      the sensor's noise, raise --rate, or render fewer cameras at once",
@@ -755,7 +787,7 @@ impl Engine {
         self.in_flight = others;
         self.report.reruns += again.len() as u64;
         if needed > self.most_capacity {
-            let Some(halves) = unit.halves() else {
+            let Some(halves) = unit.halves(self.block) else {
                 return Err(EngineError::Device(format!(
                     "{needed} events in one instant, and this device's buffers hold {}; raise --rate or the \
                      thresholds, or render fewer cameras at once",
@@ -812,6 +844,17 @@ impl Drop for Engine {
         // Nothing of ours may still run when the caller's device is handed on.
         let _ = self.context.gpu.device.poll(wgpu::PollType::wait_indefinitely());
     }
+}
+
+/// Events that buffers hold at first: blocks of instants bring many at once, and running them again is dear.
+fn first_capacity(groups: &[Group], targets: &[Targets], block: u32) -> u32 {
+    let pixels = |group: &Group| {
+        let targets = &targets[group.targets];
+        u64::from(targets.width) * u64::from(targets.height) * group.views.len() as u64
+    };
+    let most = groups.iter().map(pixels).max().unwrap_or(0);
+    let events = if block > 1 { EVENTS_PER_PIXEL * most } else { 0 };
+    (events.min(1 << 24) as u32).max(FIRST_CAPACITY)
 }
 
 /// Views by size, in order of first appearance.

@@ -34,6 +34,8 @@ pub struct FrameData {
     pub changes: Vec<Change>,
     /// Compares instants.
     pub watch: StillWatch,
+    /// Where everything was, where that was asked for.
+    pub trail: Trail,
     state: SceneState,
     joint_scratch: Vec<DMat4>,
 }
@@ -54,6 +56,19 @@ pub struct FrameRequest<'a> {
     pub shadow_maps: bool,
     /// Whether to tell what changes from instant to instant: the group's first view, and the first instant.
     pub watch: Option<(usize, i64)>,
+    /// Whether to keep where everything was.
+    pub trail: bool,
+}
+
+/// Where everything was at the instants of a submission.
+#[derive(Default)]
+pub struct Trail {
+    /// Per frame.
+    pub camera_from_world: Vec<DMat4>,
+    /// Per frame: number of what its view shares with others at that instant.
+    pub shared_of: Vec<usize>,
+    /// What views of an environment share at an instant.
+    pub shared: Vec<Shared>,
 }
 
 impl FrameData {
@@ -78,6 +93,13 @@ impl FrameData {
         if let Some((group, first)) = request.watch {
             self.changes.resize_with(frame_count, Change::default);
             self.watch.begin(group, views.len(), first);
+        }
+        self.trail.shared.clear();
+        self.trail.camera_from_world.clear();
+        self.trail.shared_of.clear();
+        if request.trail {
+            self.trail.camera_from_world.resize(frame_count, DMat4::IDENTITY);
+            self.trail.shared_of.resize(frame_count, 0);
         }
 
         let mut state = std::mem::take(&mut self.state);
@@ -107,6 +129,13 @@ impl FrameData {
                         };
                         self.changes[index] = self.watch.compare(gpu_scene, k, &moment);
                     }
+                    if request.trail {
+                        self.trail.camera_from_world[index] = camera_from_world;
+                        self.trail.shared_of[index] = self.trail.shared.len();
+                    }
+                }
+                if request.trail {
+                    self.trail.shared.push(shared);
                 }
             }
             first = end;
@@ -214,13 +243,16 @@ impl FrameData {
     }
 }
 
-struct Shared {
-    lights: Vec<LightRecord>,
+/// What all views of an environment share at an instant.
+pub struct Shared {
+    /// Every light.
+    pub lights: Vec<LightRecord>,
     /// Of the lights that throw shadows.
-    lamps: Vec<Lamp>,
+    pub lamps: Vec<Lamp>,
+    /// Per object: its pose.
+    pub world: Vec<DMat4>,
     /// Per object.
-    world: Vec<DMat4>,
-    records: Vec<ObjectRecord>,
+    pub records: Vec<ObjectRecord>,
     shadow_layer_base: u32,
     rays: ShadowRays,
 }

@@ -1,5 +1,6 @@
 //! One submission: some instants of a group of views, from poses to events in a staging buffer.
 
+use crate::area::Rect;
 use crate::chain::{ChainPasses, GroupChain, Walk};
 use crate::engine::Context;
 use crate::gpu::Gpu;
@@ -13,7 +14,6 @@ use crate::pass::trigger::{
 };
 use crate::pass::{self, ComputePass};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
-use crate::area::Rect;
 use crate::targets::{Layers, Targets};
 use crate::uniforms::{BlockParams, PixelMemory, ScanParams, Status, TriggerParams, ViewSensor};
 use crate::variant::INSTANCE_SLOT;
@@ -40,9 +40,9 @@ impl Unit {
         grid.instant_us(self.first + i64::from(self.instants) - 1)
     }
 
-    /// The same instants in two halves, where there is more than one.
-    pub fn halves(&self) -> Option<[Self; 2]> {
-        let front = self.instants / 2;
+    /// The same instants in two halves of whole blocks, where there is more than one.
+    pub fn halves(&self, block: u32) -> Option<[Self; 2]> {
+        let front = self.instants / 2 / block * block;
         (front > 0).then(|| {
             [
                 Self { instants: front, ..*self },
@@ -530,6 +530,7 @@ fn ideal_walks<'a>(
 ) -> (Vec<PixelWalk<'a>>, PixelWalk<'a>) {
     let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
     let layers = || wgpu::BindingResource::TextureView(&targets.layers.array);
+    let paces = || wgpu::BindingResource::TextureView(&targets.paces_view);
     let counting = pass::group(
         device,
         "count",
@@ -544,6 +545,7 @@ fn ideal_walks<'a>(
             targets.counts.as_entire_binding(),
             group.status.as_entire_binding(),
             targets.fired.as_entire_binding(),
+            paces(),
         ],
     );
     let emitting = pass::group(
@@ -562,6 +564,7 @@ fn ideal_walks<'a>(
             group.status.as_entire_binding(),
             slot.events.as_entire_binding(),
             targets.fired.as_entire_binding(),
+            paces(),
         ],
     );
     (vec![(&count.pipeline, counting)], (&emit.pipeline, emitting))
@@ -601,6 +604,7 @@ fn chain_walks<'a>(
                 targets.block_sums.as_entire_binding(),
                 group.status.as_entire_binding(),
                 slot.events.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&targets.paces_view),
             ],
         );
         (&pass.pipeline, bindings)

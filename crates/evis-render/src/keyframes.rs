@@ -1,7 +1,7 @@
 //! Keyframes: what the cameras see, with a margin around it, at the ends of a gap; light, depth, and motion to the
 //! neighbouring keyframes. Two are kept at a time: the newer one of a gap is the older one of the next.
 
-use crate::engine::Context;
+use crate::engine::{Context, Upload};
 use crate::geometry::{GeometryGroups, GeometryPass, GeometryRoom, sky_flow};
 use crate::gpu::Gpu;
 use crate::interval::encode_luminance;
@@ -199,7 +199,8 @@ impl KeyframeFrames {
     ) -> Self {
         // Nothing lies before the stream: there a keyframe is its own neighbour.
         let times: Vec<i64> = (first - 1..=last + 1).map(|j| context.grid.keyframe_us(j.max(0))).collect();
-        let frame_group = context.upload_frames_as(&views, &times, record_ids, None);
+        let frame_group =
+            context.upload_frames_as(&views, &times, Upload { record_ids, ..Default::default() });
         let objects = context.gpu_scene.objects.len() as u32;
         let (width, height) = views.first().map_or((1, 1), |v| (v.lens.width, v.lens.height));
         let label = LabelFrame {

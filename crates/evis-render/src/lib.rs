@@ -3,7 +3,9 @@
 //! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop.
 
 #[doc(hidden)]
+mod adaptive;
 mod area;
+pub mod auto;
 pub mod bench;
 mod chain;
 pub mod config;
@@ -23,6 +25,7 @@ mod labels;
 mod lamp;
 mod method;
 mod occluders;
+mod pace;
 pub mod packet;
 mod pass;
 pub mod pattern;
@@ -42,6 +45,7 @@ pub mod view;
 #[cfg(test)]
 mod tests;
 
+pub use auto::{Chosen, Target};
 pub use config::{Antialias, Method, RunConfig, Shadows};
 pub use error::EngineError;
 pub use evis_scene as scene;

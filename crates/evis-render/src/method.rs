@@ -1,7 +1,8 @@
 //! How an instant is sampled: a method fills the luminance layers of the instants, and the trigger knows nothing of it.
 
+use crate::adaptive::AdaptiveRoom;
 use crate::area::Rect;
-use crate::engine::Context;
+use crate::engine::{Context, Upload};
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::splat::SplatRoom;
 use crate::still::Change;
@@ -12,6 +13,8 @@ use crate::view::View;
 pub enum Sampling {
     /// Every instant is rendered, a layer per sample.
     Native(NativeRoom),
+    /// The same, each tile of a picture as often as what it shows moves.
+    Adaptive(Box<AdaptiveRoom>),
     /// Keyframes are rendered, and what lies between is splatted.
     Splat(Box<SplatRoom>),
 }
@@ -29,14 +32,24 @@ impl Sampling {
     ) {
         match self {
             Self::Native(room) => room.encode(context, encoder, targets, group, unit),
+            Self::Adaptive(room) => room.encode(context, encoder, targets, group, unit),
             Self::Splat(room) => room.encode(context, encoder, targets, group, unit),
+        }
+    }
+
+    /// Pixels drawn since this was last asked, each by all of its samples.
+    pub fn take_drawn(&mut self) -> u64 {
+        match self {
+            Self::Native(room) => std::mem::take(&mut room.drawn_pixels),
+            Self::Adaptive(room) => room.take_drawn(),
+            Self::Splat(room) => room.take_drawn_pixels(),
         }
     }
 
     /// Keyframes drawn since this was last asked.
     pub fn take_keyframes(&mut self) -> u64 {
         match self {
-            Self::Native(_) => 0,
+            Self::Native(_) | Self::Adaptive(_) => 0,
             Self::Splat(room) => room.take_drawn(),
         }
     }
@@ -47,6 +60,7 @@ impl Sampling {
 pub struct NativeRoom {
     /// The layers of the last instant of the submission before, view by view.
     kept: Option<wgpu::Texture>,
+    drawn_pixels: u64,
 }
 
 impl NativeRoom {
@@ -68,7 +82,7 @@ impl NativeRoom {
         let first_view = group.views[0];
         // Where everything is, at every instant.
         let watch = watches.then_some((first_view, unit.first));
-        let frame_group = context.upload_frames_as(&views, &times, false, watch);
+        let frame_group = context.upload_frames_as(&views, &times, Upload { watch, ..Default::default() });
         let whole = Rect::whole(layers.width, layers.height);
         for k in 0..unit.instants {
             // What the lights see, where casters or lights move.
@@ -85,11 +99,13 @@ impl NativeRoom {
                 let copied = match change {
                     None | Some(Change::All) => {
                         encode_luminance(context, encoder, layers, &frame_group, frame, first, None);
+                        self.drawn_pixels += whole.pixels();
                         Vec::new()
                     }
                     Some(Change::Parts(parts)) => {
                         encode_luminance(context, encoder, layers, &frame_group, frame, first, Some(parts));
                         let rects: Vec<Rect> = parts.iter().map(|(rect, _)| *rect).collect();
+                        self.drawn_pixels += rects.iter().map(Rect::pixels).sum::<u64>();
                         Rect::around(&rects, layers.width, layers.height)
                     }
                     Some(Change::Nothing) => vec![whole],

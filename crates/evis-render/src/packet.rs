@@ -44,6 +44,8 @@ pub struct PacketReport {
     pub clamped: u64,
     /// Instants sampled.
     pub instants: u64,
+    /// Pixels drawn for events, all views and instants, each by all of its samples; margins of keyframes too.
+    pub drawn_pixels: u64,
     /// Keyframes drawn, all views; 0 for a method without them.
     pub keyframes: u64,
     /// Pixels and instants that the method could not know: there the pixel waits for its next known instant.

@@ -45,6 +45,8 @@ shaders![
     "trigger/scan.wgsl",
     "trigger/emit.wgsl",
     "trigger/resolve.wgsl",
+    "trigger/pace.wgsl",
+    "adaptive/mean.wgsl",
     "chain/philox.wgsl",
     "chain/arithmetic.wgsl",
     "chain/layout.wgsl",

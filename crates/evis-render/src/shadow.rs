@@ -304,6 +304,7 @@ pub fn draw_still_maps(context: &mut Context) {
         record_ids: false,
         shadow_maps: true,
         watch: None,
+        trail: false,
     };
     context.frame_data.build(&context.scene, &context.gpu_scene, &request);
     let group = context.frame_buffers.upload(

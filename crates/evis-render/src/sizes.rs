@@ -31,6 +31,8 @@ pub struct MethodNeeds {
     pub bytes: u64,
     /// Layers of its widest texture array.
     pub layers: u32,
+    /// Instants that belong together, where more than one do; a power of two, at most [`MAX_INSTANTS`].
+    pub block: u32,
 }
 
 /// What the device allows.
@@ -44,8 +46,8 @@ pub struct DeviceLimits {
     pub storage_binding: u64,
 }
 
-/// Plans `views` views of `width` x `height` with `samples` layers per instant, at most `max_instants` at a time;
-/// `needs` is what the method takes for itself.
+/// Plans `views` views of `width` x `height` with `samples` layers per instant, at most `max_instants` at a time and whole
+/// blocks of `needs.block`; `needs` is what the method takes for itself.
 ///
 /// Returns `None` where even one view and instant does not fit the device.
 pub fn plan(
@@ -71,11 +73,20 @@ pub fn plan(
     let by_budget = (LUMINANCE_BUDGET / layer_bytes).max(1);
     let by_layers = u64::from(limits.texture_layers / samples);
     let by_needs = u64::from(limits.texture_layers / needs.layers.max(1));
-    let views_per_group =
-        by_binding.min(by_budget).min(by_layers).min(by_needs).min(u64::from(views)).max(1) as u32;
+    let block = u64::from(needs.block.max(1));
+    if by_layers < block {
+        return None;
+    }
+    let views_per_group = by_binding
+        .min((by_budget / block).max(1))
+        .min(by_layers / block)
+        .min(by_needs)
+        .min(u64::from(views))
+        .max(1) as u32;
     let instants = (by_budget / u64::from(views_per_group))
         .min(by_layers / u64::from(views_per_group))
-        .clamp(1, u64::from(max_instants.clamp(1, MAX_INSTANTS))) as u32;
+        .clamp(1, u64::from(max_instants.clamp(1, MAX_INSTANTS)));
+    let instants = (instants / block * block).max(block) as u32;
     Some(Plan { views_per_group, instants, layers: views_per_group * instants * samples })
 }
 

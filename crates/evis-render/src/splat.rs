@@ -42,6 +42,7 @@ pub struct SplatRoom {
     log_floor: f32,
     brightest: f32,
     drawn: u64,
+    drawn_pixels: u64,
 }
 
 /// What the views of one size have.
@@ -127,6 +128,7 @@ impl SplatRoom {
             log_floor: 0.0,
             brightest: BRIGHTEST,
             drawn: 0,
+            drawn_pixels: 0,
         }
     }
 
@@ -144,7 +146,7 @@ impl SplatRoom {
         let canvas = u64::from(canvas_width) * u64::from(canvas_height);
         let target = u64::from(width) * u64::from(height) * u64::from(config.supersample).pow(2);
         let bytes = (canvas * 2 * PLACED_PLANES * 4).max(target * 2 * SUM_PLANES * 4);
-        (bytes <= limits.storage_binding).then_some(MethodNeeds { bytes, layers: SLOTS })
+        (bytes <= limits.storage_binding).then_some(MethodNeeds { bytes, layers: SLOTS, block: 1 })
     }
 
     /// Adds what the views of one size need, in the order of `Targets`.
@@ -171,6 +173,11 @@ impl SplatRoom {
     /// Keyframes drawn since this was last asked.
     pub fn take_drawn(&mut self) -> u64 {
         std::mem::take(&mut self.drawn)
+    }
+
+    /// Pixels of keyframes drawn since this was last asked.
+    pub fn take_drawn_pixels(&mut self) -> u64 {
+        std::mem::take(&mut self.drawn_pixels)
     }
 
     /// Fills the layers of `unit`'s instants.
@@ -212,7 +219,9 @@ impl SplatRoom {
                 [older, Some(step.gap + 1)].map(|key| key.filter(|&j| !held.claim(unit.group, j)))
             })
             .collect();
-        self.drawn += u64::from(count) * draws.iter().flatten().flatten().count() as u64;
+        let drawn = u64::from(count) * draws.iter().flatten().flatten().count() as u64;
+        self.drawn += drawn;
+        self.drawn_pixels += drawn * u64::from(held.width) * u64::from(held.height);
 
         let store = &self.stores[group.targets];
         let inputs = Inputs {

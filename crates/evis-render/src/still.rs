@@ -8,7 +8,7 @@ use std::mem::offset_of;
 
 use glam::{DMat4, DVec3};
 
-use crate::area::{Area, Rect, bounds, corners, seen};
+use crate::area::{Area, Corners, Rect, bounds, corners, seen};
 use crate::gpu_scene::{DrawItem, GpuScene, Object};
 use crate::lamp::Lamp;
 use crate::uniforms::{Frame, ObjectRecord};
@@ -118,16 +118,23 @@ impl StillWatch {
     }
 }
 
+/// The corners of `object`'s box in the world; `None` where it deforms.
+pub fn place(object: &Object, world: &DMat4) -> Option<Corners> {
+    let (low, high) = object.extent?;
+    Some(corners(low, high).map(|c| world.transform_point3(c)))
+}
+
+/// The pixels that something between `corners` may change.
+pub fn own_area(corners: &Corners, camera_from_world: &DMat4, lens: &PixelLens) -> Area {
+    seen(corners, camera_from_world, lens).grown(MARGIN_PX)
+}
+
 fn change(scene: &GpuScene, last: &Seen, now: &Moment<'_>) -> Change {
     let same = |o: usize| last.world.get(o) == now.world.get(o) && last.records.get(o) == now.records.get(o);
     let moved: Vec<usize> = (0..scene.objects.len()).filter(|o| !same(*o)).collect();
     if moved.is_empty() && last.world.len() == now.world.len() {
         return Change::Nothing;
     }
-    let place = |object: &Object, world: &DMat4| {
-        let (low, high) = object.extent?;
-        Some(corners(low, high).map(|c| world.transform_point3(c)))
-    };
     // Both where it was and where it is.
     let mut boxes = Vec::new();
     for o in moved {
@@ -147,7 +154,7 @@ fn change(scene: &GpuScene, last: &Seen, now: &Moment<'_>) -> Change {
         let Some(corners) = now.world.get(o as usize).and_then(|world| place(object, world)) else {
             return Change::All;
         };
-        let own = see(&corners).grown(MARGIN_PX);
+        let own = own_area(&corners, now.camera_from_world, now.lens);
         places.push(own);
         let receiver = bounds(&corners);
         for shadow in now.lamps.iter().flat_map(|lamp| boxes.iter().filter_map(|b| lamp.shadow(b, receiver)))

@@ -1,5 +1,6 @@
 //! Targets and per-pixel buffers of the views of one size; groups of views share them in turn.
 
+use crate::pace::tiles_along;
 use crate::pass::raster::{DEPTH_FORMAT, LUMINANCE_FORMAT};
 use crate::sizes::{BLOCK_PIXELS, Plan, padded_pixels};
 
@@ -114,10 +115,14 @@ pub struct Targets {
     pub prefixes: wgpu::Buffer,
     /// Sums, then offsets, of blocks.
     pub block_sums: wgpu::Buffer,
+    /// Paces of tiles, a layer per view and block; one texel where every pixel is always sampled.
+    pub paces: wgpu::Texture,
+    /// The same, for the trigger.
+    pub paces_view: wgpu::TextureView,
 }
 
 impl Targets {
-    /// Allocates for `plan`.
+    /// Allocates for `plan`, with blocks of `block` instants.
     pub fn new(
         device: &wgpu::Device,
         width: u32,
@@ -125,6 +130,7 @@ impl Targets {
         plan: Plan,
         made: LayerUse,
         chain: bool,
+        block: u32,
     ) -> Self {
         let pixels = u64::from(plan.views_per_group) * u64::from(padded_pixels(width, height));
         let storage = |label, entries: u64| {
@@ -135,10 +141,34 @@ impl Targets {
                 mapped_at_creation: false,
             })
         };
+        let (columns, rows, blocks) = match block {
+            1 => (1, 1, 1),
+            _ => (
+                tiles_along(width),
+                tiles_along(height),
+                plan.views_per_group * (plan.instants / block).max(1),
+            ),
+        };
+        let paces = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("paces"),
+            size: wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: blocks },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R8Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let paces_view = paces.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2Array),
+            ..Default::default()
+        });
         Self {
             width,
             height,
             plan,
+            paces,
+            paces_view,
             layers: Layers::new(device, width, height, plan.layers, made),
             counts: storage("counts", pixels),
             fired: storage("fired", if chain { 1 } else { pixels }),

@@ -210,6 +210,20 @@ pub struct Status {
     pub suppressed: u32,
 }
 
+/// `MeanJob` in `adaptive/mean.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct MeanJob {
+    /// Number of its first tile.
+    pub first: u32,
+    /// Tiles.
+    pub count: u32,
+    /// Workgroups per row of the dispatch.
+    pub row: u32,
+    /// Where the means go.
+    pub layer: u32,
+}
+
 /// `ChainStep` in `chain/layout.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

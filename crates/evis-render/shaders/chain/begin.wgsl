@@ -26,7 +26,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         return;
     }
     load_pixel(id, workgroup);
-    set_interval(0u);
+    set_interval(0u, 1u);
     begin_pixel();
     store_memory(true, 0u);
 }

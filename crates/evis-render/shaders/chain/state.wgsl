@@ -1,4 +1,5 @@
 #import chain/layout.wgsl
+#import trigger/pace.wgsl
 // One pixel: what it is, what it remembers, and what it says.
 
 var<private> pixel: vec2<u32>;
@@ -150,8 +151,9 @@ fn store_memory(last: bool, end: u32) {
     }
 }
 
-fn set_interval(instant: u32) {
-    let span = params.spans[instant];
+// The interval of `step` instants that ends at `instant`.
+fn set_interval(instant: u32, step: u32) {
+    let span = span_between(instant + 1u - step, instant);
     start = span.x;
     interval = span.y;
     clock = span.zw;

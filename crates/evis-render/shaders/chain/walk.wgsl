@@ -27,9 +27,13 @@ fn peak_of(instant: u32) -> u32 {
     return view * 32u + instant;
 }
 
-// Tells the others how many events this pixel asks for at an instant that its memory has come to.
+// Tells the others how many events this pixel asks for at an instant that its memory has come to, where it is sampled.
 fn report_peak(instant: u32) {
-    set_interval(instant);
+    let step = step_at(pixel, view, instant);
+    if (sample_from(instant, step) != instant) {
+        return;
+    }
+    set_interval(instant, step);
     respond(instant);
     report_steps(instant);
 }
@@ -44,8 +48,8 @@ fn report_steps(instant: u32) {
     }
 }
 
-fn take_interval(instant: u32) {
-    set_interval(instant);
+fn take_interval(instant: u32, step: u32) {
+    set_interval(instant, step);
     respond(instant);
     if (threshold_on < BEYOND && wakes()) {
         if (LATCH || TIMES != 0u) {
@@ -108,9 +112,18 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         report_peak(job.first);
         return;
     }
-    find_strikes(params.spans[job.first].x, block);
-    for (var instant = job.first; instant < job.end; instant++) {
-        take_interval(instant);
+    // A pixel's first interval may have begun before the job's first instant.
+    let first_step = step_at(pixel, view, job.first);
+    find_strikes(params.spans[sample_from(job.first, first_step) + 1u - first_step].x, block);
+    var next = job.first;
+    while (next < job.end) {
+        // A view's tiles are sampled at their own pace.
+        let step = step_at(pixel, view, next);
+        let at = sample_from(next, step);
+        next = at + 1u;
+        if (at < job.end) {
+            take_interval(at, step);
+        }
     }
     if (emits) {
         if (written != room) {

@@ -1,4 +1,5 @@
 #import trigger/sample.wgsl
+#import trigger/pace.wgsl
 #import trigger/decide.wgsl
 // Counts each pixel's events over the instants of a submission and writes its next memory beside the old one.
 // The old memory stays until the submission is known to fit: that is what lets it run again.
@@ -32,15 +33,18 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         k = 1u;
     }
     var unknown = 0u;
-    for (; k < params.instants; k++) {
-        if (is_unknown(id.xy, id.z, k)) {
+    while (k < params.instants) {
+        // A view's tiles are sampled at their own pace.
+        let at = sample_from(k, step_at(id.xy, id.z, k));
+        k = at + 1u;
+        if (is_unknown(id.xy, id.z, at)) {
             unknown++;
             continue;
         }
-        let l = log_luma_at(sensor, id.xy, id.z, k);
+        let l = log_luma_at(sensor, id.xy, id.z, at);
         let decision = decide(sensor, state, l);
         clamped += u32(decision.clamped);
-        fires |= u32(decision.count != 0u) << k;
+        fires |= u32(decision.count != 0u) << at;
         count += decision.count;
         state = PixelMemory(decision.reference_log, l);
     }

@@ -1,4 +1,5 @@
 #import trigger/sample.wgsl
+#import trigger/pace.wgsl
 #import trigger/decide.wgsl
 // Visits the instants at which a pixel fires, through the same decision, and writes its events to their places.
 // Between two of them the reference stays as it is, so all others can be passed over.
@@ -32,7 +33,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         let k = firstTrailingBit(left);
         var before = memory.log_luma;
         // The last instant at which the pixel was known, as the counting pass had it.
-        var last = k;
+        let start = k + 1u - step_at(id.xy, id.z, k);
+        var last = start;
         while (last != 0u && is_unknown(id.xy, id.z, last - 1u)) {
             last--;
         }
@@ -41,7 +43,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         }
         let after = log_luma_at(sensor, id.xy, id.z, k);
         let decision = decide(sensor, PixelMemory(reference_log, before), after);
-        let span = params.spans[k];
+        let span = span_between(start, k);
         for (var i = 1u; i <= decision.count && written < count; i++) {
             let t = span.x + fire_time(decision, i, span.y);
             events[base + written] = vec2<u32>(t, packed_pixel | (decision.polarity << 26u));

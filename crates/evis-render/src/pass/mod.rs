@@ -1,5 +1,6 @@
 //! Passes: one name in four places (declaration here, shader, CPU twin, test).
 
+pub mod adaptive;
 pub mod labels;
 pub mod raster;
 pub mod shadow_map;
@@ -34,6 +35,8 @@ pub enum Access {
     Picture,
     /// Unsigned texture.
     UintPicture,
+    /// Unsigned texture array.
+    UintLayers,
     /// `r32float` storage texture, written.
     StorageLayer,
     /// `r32float` storage texture array, written.
@@ -116,6 +119,7 @@ fn binding_type(access: Access) -> wgpu::BindingType {
             texture(TextureSampleType::Float { filterable: false }, TextureViewDimension::D2, false)
         }
         Access::UintPicture => texture(TextureSampleType::Uint, TextureViewDimension::D2, false),
+        Access::UintLayers => texture(TextureSampleType::Uint, TextureViewDimension::D2Array, false),
         Access::StorageLayer => storage_texture(wgpu::TextureFormat::R32Float, TextureViewDimension::D2),
         Access::StorageLayers => {
             storage_texture(wgpu::TextureFormat::R32Float, TextureViewDimension::D2Array)

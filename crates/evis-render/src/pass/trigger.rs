@@ -6,6 +6,9 @@ use evis_core::{Interpolation, SensorConfig, TriggerRule};
 use super::{Access, Binding, ComputePass, bind};
 use crate::chain::{ChainPasses, ChainPlan};
 
+/// `trigger/pace.wgsl`, wherever pixels walk.
+const PACES_BINDING: u32 = 12;
+
 /// `trigger/count.wgsl`.
 pub const COUNT_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::Uniform),
@@ -16,6 +19,7 @@ pub const COUNT_BINDINGS: &[Binding] = &[
     bind(5, "counts", Access::Write),
     bind(6, "status", Access::Write),
     bind(7, "fired", Access::Write),
+    bind(PACES_BINDING, "paces", Access::UintLayers),
 ];
 /// `trigger/block.wgsl`.
 pub const BLOCK_BINDINGS: &[Binding] = &[
@@ -43,6 +47,7 @@ pub const EMIT_BINDINGS: &[Binding] = &[
     bind(7, "status", Access::Write),
     bind(8, "events", Access::Write),
     bind(9, "fired", Access::Read),
+    bind(PACES_BINDING, "paces", Access::UintLayers),
 ];
 /// `chain/walk.wgsl` and `chain/begin.wgsl`.
 pub const CHAIN_BINDINGS: &[Binding] = &[
@@ -58,6 +63,7 @@ pub const CHAIN_BINDINGS: &[Binding] = &[
     bind(9, "block_offsets", Access::Read),
     bind(10, "report", Access::Write),
     bind(11, "events", Access::Write),
+    bind(PACES_BINDING, "paces", Access::UintLayers),
 ];
 /// `trigger/resolve.wgsl`.
 pub const RESOLVE_BINDINGS: &[Binding] =
@@ -91,16 +97,26 @@ pub struct TriggerPasses {
 impl TriggerPasses {
     /// Builds them for the rules of `sensor` and `samples` layers per instant.
     ///
-    /// `unknown`: whether a luminance below 0 stands for one that is not known.
-    pub fn new(device: &wgpu::Device, sensor: &SensorConfig, samples: u32, unknown: bool) -> Self {
+    /// `unknown`: whether a luminance below 0 stands for one that is not known. `block`: instants of a block within which
+    /// tiles have paces of their own, 1 without.
+    pub fn new(
+        device: &wgpu::Device,
+        sensor: &SensorConfig,
+        samples: u32,
+        unknown: bool,
+        block: u32,
+    ) -> Self {
         let walk = if sensor.is_ideal() {
-            let constants = ideal_constants(sensor, samples, unknown);
+            let constants = ideal_constants(sensor, samples, unknown, block);
             WalkPasses::Ideal {
                 count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &constants),
                 emit: ComputePass::new(device, "trigger/emit.wgsl", EMIT_BINDINGS, &constants),
             }
         } else {
-            WalkPasses::Chain(Box::new(ChainPasses::new(device, ChainPlan::new(sensor, samples, unknown))))
+            WalkPasses::Chain(Box::new(ChainPasses::new(
+                device,
+                ChainPlan::new(sensor, samples, unknown, block),
+            )))
         };
         Self {
             walk,
@@ -119,7 +135,12 @@ impl TriggerPasses {
     }
 }
 
-fn ideal_constants(sensor: &SensorConfig, samples: u32, unknown: bool) -> [(&'static str, f64); 4] {
+fn ideal_constants(
+    sensor: &SensorConfig,
+    samples: u32,
+    unknown: bool,
+    block: u32,
+) -> [(&'static str, f64); 5] {
     let rule = match sensor.trigger {
         TriggerRule::Crossing => 0.0,
         TriggerRule::Latch => 1.0,
@@ -133,5 +154,6 @@ fn ideal_constants(sensor: &SensorConfig, samples: u32, unknown: bool) -> [(&'st
         ("INTERPOLATION", interpolation),
         ("SAMPLES", f64::from(samples)),
         ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
+        ("BLOCK_INSTANTS", f64::from(block)),
     ]
 }

@@ -7,7 +7,7 @@ use evis_core::random::StreamId;
 use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
 
 use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
-use crate::pass::{Access, Binding, labels, splat, trigger};
+use crate::pass::{Access, Binding, adaptive, labels, splat, trigger};
 use crate::shader::{self, compose};
 use crate::uniforms;
 use crate::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
@@ -59,6 +59,7 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/scan.wgsl", &[trigger::SCAN_BINDINGS]),
         ("trigger/emit.wgsl", &[trigger::EMIT_BINDINGS]),
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
+        ("adaptive/mean.wgsl", &[adaptive::MEAN_BINDINGS]),
         ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
     ]
@@ -165,6 +166,7 @@ fn access_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Access {
             }
             (_, true, ImageClass::Storage { .. }) => Access::StorageLayers,
             (_, _, ImageClass::Storage { .. }) => Access::StorageLayer,
+            (_, true, ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. }) => Access::UintLayers,
             (_, _, ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. }) => Access::UintPicture,
             (_, _, ImageClass::Sampled { multi: true, .. }) => Access::Multisampled,
             (_, true, _) => Access::Layers,
@@ -348,6 +350,7 @@ fn host_and_shader_structs_have_one_layout() {
             pad_2,
         }
     );
+    same_layout!("adaptive/mean.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
     same_layout!("chain/walk.wgsl", "ChainStep", uniforms::ChainStep { mode, first, end, pad });
     same_layout!(
         "chain/walk.wgsl",
@@ -415,6 +418,8 @@ fn constants_agree() {
     use crate::sizes::{BLOCK_PIXELS, MAX_INSTANTS, WORKGROUP};
     assert_eq!(constant("trigger/count.wgsl", "WORKGROUP"), f64::from(WORKGROUP));
     assert_eq!(constant("trigger/block.wgsl", "BLOCK_PIXELS"), f64::from(BLOCK_PIXELS));
+    assert_eq!(constant("trigger/count.wgsl", "TILE"), f64::from(crate::pace::TILE));
+    assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::pace::TILE));
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
     let splat_constants = [
         ("SPLAT_WORKGROUP", f64::from(splat::SPLAT_WORKGROUP)),

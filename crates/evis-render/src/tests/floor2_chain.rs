@@ -77,8 +77,8 @@ fn run(
 ) -> Ran {
     let longest = cuts.iter().copied().max().unwrap();
     let plan = Plan { views_per_group: VIEWS as u32, instants: longest, layers: VIEWS as u32 * longest };
-    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, true);
-    let passes = TriggerPasses::new(&gpu.device, sensor, 1, true);
+    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, true, 1);
+    let passes = TriggerPasses::new(&gpu.device, sensor, 1, true, 1);
     let chain = passes.chain().expect("more than thresholds");
     let views: Vec<View> = (0..VIEWS)
         .map(|v| View { threshold_on: sensor.threshold_on, threshold_off: sensor.threshold_off, ..view(v) })

@@ -7,6 +7,7 @@ mod floor2_chain;
 mod floor2_raster;
 mod floor2_splat;
 mod floor3;
+mod floor3_adaptive;
 mod floor3_chain;
 mod floor3_frames;
 mod floor3_splat;

@@ -1,0 +1,39 @@
+// Mean of a pixel's samples in linear light, into the layer of an instant, in the tiles that were drawn. Summed as
+// trigger/sample.wgsl does, so that a pixel which is sampled always has the light that it has without tiles.
+
+const TILE: u32 = 16u;
+override SAMPLES: u32 = 1;
+
+struct MeanJob {
+    // Of `tiles`.
+    first: u32,
+    count: u32,
+    // Workgroups per row of the dispatch.
+    row: u32,
+    layer: u32,
+};
+
+@group(0) @binding(0) var<uniform> job: MeanJob;
+// Column | row << 16.
+@group(0) @binding(1) var<storage, read> tiles: array<u32>;
+@group(0) @binding(2) var samples: texture_2d_array<f32>;
+@group(0) @binding(3) var layers: texture_storage_2d_array<r32float, write>;
+
+@compute @workgroup_size(16, 16)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) id: vec3<u32>) {
+    let number = group.y * job.row + group.x;
+    if (number >= job.count) {
+        return;
+    }
+    let tile = tiles[job.first + number];
+    let pixel = vec2<u32>(tile & 0xffffu, tile >> 16u) * TILE + id.xy;
+    let size = textureDimensions(layers);
+    if (any(pixel >= size)) {
+        return;
+    }
+    var sum = 0.0;
+    for (var s = 0u; s < SAMPLES; s++) {
+        sum += textureLoad(samples, pixel, s, 0).r;
+    }
+    textureStore(layers, pixel, job.layer, vec4<f32>(sum * (1.0 / f32(SAMPLES)), 0.0, 0.0, 0.0));
+}

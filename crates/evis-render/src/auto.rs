@@ -1,0 +1,170 @@
+//! `auto`: settings from a target, the scene and its poses. It reads no truth, no clock, no packet and no neighbour, so a
+//! stream's bytes are a function of what the user asks for; and what it chooses is written into the run's settings, which
+//! give the same bytes when they are asked for by themselves.
+
+use evis_scene::{AlphaMode, Scene};
+use serde::{Deserialize, Serialize};
+
+use crate::config::{Antialias, Method, RunConfig, Shadows};
+use crate::frame::{FrameData, FrameRequest};
+use crate::gpu_scene::GpuScene;
+use crate::pace::{Pacer, Passing};
+use crate::view::View;
+
+/// How near to the truth events should be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Target {
+    /// Cheap.
+    Draft,
+    /// A compromise.
+    #[default]
+    Default,
+    /// As near as sampling comes within reason.
+    Exact,
+}
+
+impl Target {
+    /// As users write it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Default => "default",
+            Self::Exact => "exact",
+        }
+    }
+
+    /// Pixels that anything may move between two samples of it, samples per pixel, places at which each reads a texture.
+    ///
+    /// Measured on the built-in scenes; see docs/accuracy.md.
+    const fn settings(self) -> (f64, u32, u32) {
+        match self {
+            Self::Draft => (0.5, 4, 4),
+            Self::Default => (0.3, 16, 4),
+            Self::Exact => (0.15, 64, 4),
+        }
+    }
+
+    /// What the same settings reached on the built-in scenes.
+    const fn expected(self) -> &'static str {
+        match self {
+            Self::Draft => "F1 (1 ms) 0.88 to 0.96",
+            Self::Default => "F1 (1 ms) 0.93 to 0.99",
+            Self::Exact => "F1 (1 ms) 0.94 to 0.99",
+        }
+    }
+}
+
+/// What was chosen, and why.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Chosen {
+    /// What was asked for.
+    pub target: Target,
+    /// In one line.
+    pub why: String,
+    /// What the settings reached on the built-in scenes: a goal, not a promise.
+    pub expects: String,
+}
+
+/// Times of the scene at which speeds are looked at.
+const LOOKS: usize = 12;
+/// Seconds over which a speed is taken.
+const SPAN_S: f64 = 0.000_5;
+/// Views whose speeds are looked at.
+const VIEWS: usize = 4;
+/// Finest rates that are chosen from.
+const RATES_HZ: [f64; 6] = [250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0];
+/// Share of the tiles that may be faster than the finest rate has them.
+const LEFT_OUT: f64 = 0.01;
+
+/// Settles `config`, which asks for `target`.
+pub fn choose(target: Target, scene: &Scene, gpu_scene: &GpuScene, views: &[View], config: &mut RunConfig) {
+    let (step_px, samples, taps) = target.settings();
+    let (needed_hz, fastest_px_s) = needed_rate(scene, gpu_scene, views, config, step_px);
+    let rate_hz =
+        RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(RATES_HZ[RATES_HZ.len() - 1]);
+    let rays = target == Target::Exact && rays_know(scene, gpu_scene);
+    config.method = Method::Native;
+    config.antialias = Antialias::Samples;
+    config.rate_hz = rate_hz;
+    config.adaptive_px = Some(step_px);
+    config.samples = samples;
+    config.texture_taps = Some(taps);
+    config.shadows = if rays { Shadows::Rays } else { Shadows::Maps };
+    let reach = if needed_hz > rate_hz {
+        format!(", {:.2} px for the fastest", step_px * needed_hz / rate_hz)
+    } else {
+        String::new()
+    };
+    config.chosen = Some(Chosen {
+        target,
+        why: format!(
+            "tiles move up to {fastest_px_s:.0} px/s, so they are rendered up to {rate_hz:.0} times a second: every \
+             {step_px} px{reach}"
+        ),
+        expects: target.expected().into(),
+    });
+}
+
+/// The rate at which all but a few tiles are sampled often enough, and how fast the fastest of them moves.
+fn needed_rate(
+    scene: &Scene,
+    gpu_scene: &GpuScene,
+    views: &[View],
+    config: &RunConfig,
+    step_px: f64,
+) -> (f64, f64) {
+    let views = &views[..views.len().min(VIEWS)];
+    let start_s = config.start_us as f64 * 1e-6;
+    let length_s = scene.duration_s.filter(|s| s.is_finite() && *s > start_s).map_or(1.0, |s| s - start_s);
+    let times_s: Vec<f64> = (0..LOOKS)
+        .flat_map(|i| {
+            let at = start_s + length_s * i as f64 / LOOKS as f64;
+            [at, at + SPAN_S]
+        })
+        .collect();
+    let request = FrameRequest {
+        views,
+        times_s: &times_s,
+        shadows: None,
+        occluders: None,
+        record_ids: false,
+        shadow_maps: false,
+        watch: None,
+        trail: true,
+    };
+    let mut data = FrameData::default();
+    data.build(scene, gpu_scene, &request);
+    let pacer = Pacer::new(scene, gpu_scene, 1.0, 1);
+    let sky = scene.environment.as_ref().is_some_and(|e| e.visible);
+    let mut speeds: Vec<f64> = Vec::new();
+    for (v, view) in views.iter().enumerate() {
+        for look in 0..LOOKS {
+            let frames = v * times_s.len() + 2 * look..v * times_s.len() + 2 * look + 2;
+            let trail = &data.trail;
+            let visible = crate::adaptive::visible(&data.visible[frames.clone()]);
+            let passing = Passing {
+                lens: &view.lens,
+                camera_from_world: trail.camera_from_world[frames.clone()].iter().collect(),
+                shared: trail.shared_of[frames].iter().map(|&s| &trail.shared[s]).collect(),
+                visible: &visible,
+                sky,
+            };
+            speeds.extend(
+                pacer.needs(gpu_scene, &passing).into_iter().filter(|s| s.is_finite()).map(|s| s / SPAN_S),
+            );
+        }
+    }
+    speeds.sort_by(f64::total_cmp);
+    // What deforms or is lit by moving lights has no speed that poses tell: the middle of the rates.
+    let Some(fastest) = speeds.len().checked_sub(1) else { return (2000.0, 0.0) };
+    let most = speeds[fastest - (fastest as f64 * LEFT_OUT) as usize];
+    (most / step_px, most)
+}
+
+/// Whether rays can tell every shadow of the scene.
+fn rays_know(scene: &Scene, gpu_scene: &GpuScene) -> bool {
+    gpu_scene.objects.iter().all(|o| {
+        o.skin.is_none() && o.morph.is_none() && scene.materials[o.material].alpha == AlphaMode::Opaque
+    })
+}

@@ -1,0 +1,17 @@
+//! `adaptive/mean.wgsl`: the mean of the samples in the tiles that were drawn. Twin: `cpu/trigger.rs`, `log_luma`.
+
+use super::{Access, Binding, ComputePass, bind};
+
+/// `adaptive/mean.wgsl`.
+pub const MEAN_BINDINGS: &[Binding] = &[
+    bind(0, "job", Access::DynamicUniform),
+    bind(1, "tiles", Access::Read),
+    bind(2, "samples", Access::Layers),
+    bind(3, "layers", Access::StorageLayers),
+];
+
+/// The pass for `samples` per pixel.
+pub fn mean(device: &wgpu::Device, samples: u32) -> ComputePass {
+    let constants = [("SAMPLES", f64::from(samples))];
+    ComputePass::new(device, "adaptive/mean.wgsl", MEAN_BINDINGS, &constants)
+}

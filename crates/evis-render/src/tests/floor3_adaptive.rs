@@ -1,0 +1,135 @@
+//! Floor 3: sampling each tile at its own pace gives what sampling everything at that pace gives.
+
+use std::sync::Arc;
+
+use evis_core::{Event, SensorConfig};
+use evis_scene::Scene;
+
+use crate::config::RunConfig;
+use crate::engine::Engine;
+use crate::gpu::Gpu;
+use crate::method::Sampling;
+use crate::view;
+
+/// 64 ms of `scene` in steps of `step_us`: the events of each view, and the pixels drawn.
+fn run(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &RunConfig,
+    forced: Option<u8>,
+    step_us: i64,
+    buffers: Option<(u32, u32)>,
+) -> (Vec<Vec<Event>>, u64) {
+    let mut config = config.clone();
+    let (views, _) = view::views(scene, &config).unwrap();
+    let mut events = vec![Vec::new(); views.len()];
+    let mut engine = Engine::new(gpu, scene.clone(), views, &mut config).unwrap();
+    if let Some((capacity, most)) = buffers {
+        engine.limit_buffers(capacity, most);
+    }
+    if let Sampling::Adaptive(room) = engine.parts().1 {
+        room.forced = forced;
+    }
+    let mut drawn = 0;
+    for until_us in (1..=64_000 / step_us).map(|step| step * step_us) {
+        let packet = engine.deliver(until_us, until_us).unwrap();
+        drawn += packet.report.drawn_pixels;
+        events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
+    }
+    (events, drawn)
+}
+
+fn scene(name: &str) -> Arc<Scene> {
+    Arc::new(evis_scene::builtin::load(name, 0).unwrap())
+}
+
+fn config(adaptive_px: Option<f64>, rate_hz: f64) -> RunConfig {
+    RunConfig {
+        size: Some((100, 76)),
+        rate_hz,
+        adaptive_px,
+        samples: 2,
+        reference_luminance: Some(1.0),
+        ..Default::default()
+    }
+}
+
+#[test]
+fn at_one_pace_everywhere_it_is_native_at_that_rate() {
+    let Some(gpu) = super::device() else { return };
+    let noisy = SensorConfig::preset("evis").unwrap();
+    let shared = SensorConfig::preset("v2e-noisy").unwrap();
+    for (name, sensor) in [("spinner", SensorConfig::default()), ("spinner", noisy), ("desk", shared)] {
+        let scene = scene(name);
+        for pace in [0, 2, 4] {
+            let plain = RunConfig { sensor: sensor.clone(), ..config(None, 1000.0 / f64::from(1 << pace)) };
+            let paced = RunConfig { sensor: sensor.clone(), ..config(Some(1.0), 1000.0) };
+            let (expected, all) = run(&gpu, &scene, &plain, None, 8_000, None);
+            let (events, drawn) = run(&gpu, &scene, &paced, Some(pace), 8_000, None);
+            assert!(expected[0].len() > 100, "{name}");
+            assert!(events == expected, "{name} {pace}: {} and {}", events[0].len(), expected[0].len());
+            if name == "spinner" {
+                // Blocks end at 64 ms, which native samples too.
+                assert_eq!(drawn, all, "{name} {pace}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_finest_pace_everywhere_changes_nothing_and_what_is_still_is_left_out() {
+    let Some(gpu) = super::device() else { return };
+    for name in ["spinner", "desk"] {
+        let scene = scene(name);
+        let (expected, all) = run(&gpu, &scene, &config(None, 1000.0), None, 16_000, None);
+        // So small a step is never kept: whatever moves is sampled at every instant.
+        let (events, drawn) = run(&gpu, &scene, &config(Some(1e-9), 1000.0), None, 16_000, None);
+        assert!(events == expected, "{name}");
+        assert!(drawn <= all, "{name}: {drawn} and {all}");
+    }
+}
+
+#[test]
+fn packets_reruns_and_neighbours_change_no_byte() {
+    let Some(gpu) = super::device() else { return };
+    let variant = |time_offset_s| evis_scene::Variant { time_offset_s, ..Default::default() };
+    for name in ["spinner", "desk"] {
+        let alone = scene(name);
+        let config = config(Some(0.3), 2000.0);
+        let (expected, drawn) = run(&gpu, &alone, &config, None, 64_000, None);
+        let (_, all) =
+            run(&gpu, &alone, &RunConfig { adaptive_px: None, ..config.clone() }, None, 64_000, None);
+        assert!(drawn < all / 2, "{name}: {drawn} of {all} pixels");
+        for (step_us, buffers) in [(4_000, None), (1_000, None), (64_000, Some((16, 1 << 20)))] {
+            let (events, _) = run(&gpu, &alone, &config, None, step_us, buffers);
+            assert!(events == expected, "{name}: steps of {step_us} us, {buffers:?}");
+        }
+        let mut both = (*alone).clone();
+        both.variants = vec![variant(0.0), variant(0.7)];
+        let (events, _) = run(&gpu, &Arc::new(both), &config, None, 16_000, None);
+        assert!(events[0] == expected[0] && events[1] != events[0], "{name}: beside another");
+    }
+}
+
+#[test]
+fn a_coarser_pace_keeps_close_to_the_finest() {
+    let Some(gpu) = super::device() else { return };
+    for name in ["spinner", "desk", "street"] {
+        let scene = scene(name);
+        let [fine, paced, coarse] = [None, Some(0.2), Some(3.0)]
+            .map(|px| run(&gpu, &scene, &config(px, 2000.0), None, 16_000, None).0.remove(0));
+        // Events of a pixel and polarity that have a partner within 1 ms.
+        let found = |events: &[Event]| {
+            let mut left: std::collections::HashMap<_, Vec<i64>> = Default::default();
+            for e in events {
+                left.entry((e.x, e.y, e.p)).or_default().push(e.t);
+            }
+            let near = |e: &&Event| {
+                left.get(&(e.x, e.y, e.p)).is_some_and(|times| times.iter().any(|t| (t - e.t).abs() <= 1_000))
+            };
+            fine.iter().filter(near).count() as f64 / fine.len() as f64
+        };
+        let (close, far) = (found(&paced), found(&coarse));
+        assert!(close > 0.9 && far < close - 0.05, "{name}: {close:.3}, canary {far:.3}");
+    }
+}
