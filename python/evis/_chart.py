@@ -44,6 +44,10 @@ class ChartSetting:
         How crossings between two samples are found.
     splat : Splat or None
         Settings of ``splat`` and ``evis-paper``.
+    adaptive_px : float or None
+        Pixels that anything may move between two samples of it; None where everything is sampled at ``rate_hz``.
+    target : str or None
+        What ``auto`` was asked for.
     """
 
     published: str | None
@@ -55,6 +59,8 @@ class ChartSetting:
     trigger: Trigger
     interpolation: Interpolation
     splat: Splat | None
+    adaptive_px: float | None = None
+    target: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,6 +339,7 @@ def chart(
     latch_rates_hz: Sequence[float] | None = None,
     published: bool = True,
     splat: bool = True,
+    adaptive: bool = True,
     repetitions: int = 3,
     sensor: Sensor | None = None,
     camera: str | None = None,
@@ -370,6 +377,8 @@ def chart(
         Whether the settings that the EVIS paper publishes are measured too, as far as they exist.
     splat : bool
         Whether ``splat`` is measured too, with each of its options unless ``quick``.
+    adaptive : bool
+        Whether adaptive time and ``auto`` are measured too.
     repetitions : int
         Runs of each setting; the fastest counts.
     sensor : Sensor, optional
@@ -420,6 +429,7 @@ def chart(
         most_samples_hz=most if rates_hz is None and samples is None else None,
         published=published,
         splat=splat,
+        adaptive=adaptive,
         quick=quick,
         repetitions=_whole("repetitions", repetitions, 2**32),
         threshold_on=sensor.threshold_on,

@@ -119,6 +119,7 @@ def chart(
     most_samples_hz: float | None,
     published: bool,
     splat: bool,
+    adaptive: bool,
     quick: bool,
     repetitions: int,
     threshold_on: float,

@@ -500,6 +500,10 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_published: bool,
 
+    /// Leave out adaptive time and `auto`.
+    #[arg(long)]
+    pub(crate) no_adaptive: bool,
+
     /// Leave out `splat` and its options.
     #[arg(long)]
     pub(crate) no_splat: bool,

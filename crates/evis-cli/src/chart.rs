@@ -161,6 +161,10 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
         ladder.splat.clear();
         ladder.splat_options = false;
     }
+    if args.no_adaptive {
+        ladder.adaptive_px.clear();
+        ladder.targets.clear();
+    }
     ladder.edges &= !args.no_edges;
     ladder.published &= !args.no_published;
     let default = ChartSettings::default();

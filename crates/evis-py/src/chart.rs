@@ -33,7 +33,7 @@ const TEXT: &str = "chart";
 /// Measures a scene; returns the chart as JSON.
 #[pyfunction]
 #[pyo3(signature = (
-    scene, *, rates_hz, samples, edges, light_samples, latch_rates_hz, most_samples_hz, published, splat, quick,
+    scene, *, rates_hz, samples, edges, light_samples, latch_rates_hz, most_samples_hz, published, splat, adaptive, quick,
     repetitions, threshold_on, threshold_off, log_eps, camera, size, start_us, duration_us, truth_pixels, reference_luminance, floor, cache,
     device
 ))]
@@ -49,6 +49,7 @@ pub(crate) fn chart(
     most_samples_hz: Option<f64>,
     published: bool,
     splat: bool,
+    adaptive: bool,
     quick: bool,
     repetitions: usize,
     threshold_on: f32,
@@ -74,6 +75,8 @@ pub(crate) fn chart(
             latch_hz: latch_rates_hz,
             most_samples_hz,
             published,
+            adaptive_px: if adaptive { usual.adaptive_px } else { Vec::new() },
+            targets: if adaptive { usual.targets } else { Vec::new() },
             splat: if splat { usual.splat } else { Vec::new() },
             splat_options: splat && usual.splat_options,
         },
