@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -281,6 +282,39 @@ def test_ctrl_c_ends_a_long_step_and_loses_nothing(device: evis.Device):
     assert "the same" in text, text
 
 
+def test_auto_chooses_and_whoever_samples_by_hand_gets_native(device: evis.Device):
+    scene = evis.Scene.builtin("spinner")
+    auto = evis.Simulator(scene, size=(48, 36), target="draft")
+    assert auto.method == "auto"
+    assert auto.chosen is not None and "px/s" in auto.chosen and "F1" in auto.chosen
+    packet = auto.step(40_000)
+    assert 0 < packet.report.drawn_pixels
+    assert 'target = "draft"' in auto.config_toml
+    # The settings in the file, by hand, give the same events.
+    held = tomllib.loads(auto.config_toml)
+    held = held.get("run", held)
+    by_hand = evis.Simulator(
+        scene,
+        size=(48, 36),
+        rate_hz=held["rate_hz"],
+        adaptive_px=held["adaptive_px"],
+        samples=held["samples"],
+        texture_taps=held["texture_taps"],
+    )
+    assert (by_hand.method, by_hand.chosen) == ("native", None)
+    assert np.array_equal(by_hand.step(40_000).view.events, packet.view.events)
+    whole = evis.Simulator(scene, size=(48, 36), rate_hz=held["rate_hz"])
+    assert whole.step(40_000).report.drawn_pixels >= packet.report.drawn_pixels / 1.5
+    with pytest.raises(evis.ConfigError, match="samples is 4.*native"):
+        evis.Simulator(scene, method="auto", samples=4)
+    with pytest.raises(evis.ConfigError, match="target is 'draft'.*auto"):
+        evis.Simulator(scene, method="native", target="draft")
+    with pytest.raises(evis.ConfigError, match="target.*'fine'.*draft"):
+        evis.Simulator(scene, target="fine")  # type: ignore[arg-type]
+    with pytest.raises(evis.ConfigError, match="adaptive_px.*above 0"):
+        evis.Simulator(scene, adaptive_px=-1.0)
+
+
 def test_a_method_samples_instants_from_keyframes(device: evis.Device):
     scene = evis.Scene.builtin("spinner")
 
@@ -288,7 +322,7 @@ def test_a_method_samples_instants_from_keyframes(device: evis.Device):
         sim = evis.Simulator(scene, size=(48, 36), **settings)
         return sim, sim.step(50_000)
 
-    _, native = run()
+    _, native = run(method="native")
     assert (native.report.keyframes, native.report.unknown) == (0, 0)
     sim, splat = run(method=evis.Splat(keyframe_hz=50, steps=4))
     assert (sim.method, splat.report.keyframes) == ("splat", 4)

@@ -58,7 +58,10 @@ fn a_scene_is_charted_and_drawn_again() {
     if no_device(&folder) {
         return;
     }
-    let output = evis(&folder, &format!("chart spinner -o a.png -o a.svg --json r.json --no-splat {TINY}"));
+    let output = evis(
+        &folder,
+        &format!("chart spinner -o a.png -o a.svg --json r.json --no-splat --no-adaptive {TINY}"),
+    );
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     let told = stdout(&output);
     assert!(

@@ -47,6 +47,38 @@ fn a_scene_becomes_a_recording() {
 }
 
 #[test]
+fn auto_says_what_it_chose_and_the_same_by_hand_gives_the_same_bytes() {
+    let folder = Folder::new("auto");
+    if no_device(&folder) {
+        return;
+    }
+    let run = |name: &str, arguments: &str| {
+        let line = format!("run spinner -o {name}.h5 --size 64x48 --duration 0.05 --json {arguments}");
+        let output = evis(&folder, &line);
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        json(&output)
+    };
+    let chosen = run("auto", "--target draft");
+    let settings = &chosen["settings"]["run"];
+    assert_eq!(settings["chosen"]["target"], "draft");
+    assert!(settings["chosen"]["why"].as_str().unwrap().contains("px/s"), "{settings}");
+    assert!(chosen["drawn_pixels"].as_u64().unwrap() > 0);
+    let (rate, step, taps) = (&settings["rate_hz"], &settings["adaptive_px"], &settings["texture_taps"]);
+    let by_hand = run(
+        "hand",
+        &format!("--rate {rate} --adaptive {step} --samples {} --texture-taps {taps}", settings["samples"]),
+    );
+    assert!(by_hand["settings"]["run"]["chosen"].is_null());
+    assert_eq!((&chosen["events"], &chosen["on"]), (&by_hand["events"], &by_hand["on"]));
+    let finer = run("finer", "");
+    assert_eq!(finer["settings"]["run"]["chosen"]["target"], "default");
+    assert!(finer["settings"]["run"]["samples"].as_u64() > settings["samples"].as_u64());
+    let text = evis(&folder, "run spinner -o text.h5 --size 64x48 --duration 0.02 --target draft");
+    let text = String::from_utf8_lossy(&text.stdout).into_owned();
+    assert!(text.contains("chosen by auto for draft") && text.contains("expects F1"), "{text}");
+}
+
+#[test]
 fn a_sensor_is_a_preset_or_a_file_and_flags_come_before_it() {
     let folder = Folder::new("sensor");
     if no_device(&folder) {

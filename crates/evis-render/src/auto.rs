@@ -48,8 +48,8 @@ impl Target {
     /// What the same settings reached on the built-in scenes.
     const fn expected(self) -> &'static str {
         match self {
-            Self::Draft => "F1 (1 ms) 0.88 to 0.96",
-            Self::Default => "F1 (1 ms) 0.93 to 0.99",
+            Self::Draft => "F1 (1 ms) 0.82 to 0.97",
+            Self::Default => "F1 (1 ms) 0.91 to 0.99",
             Self::Exact => "F1 (1 ms) 0.94 to 0.99",
         }
     }
@@ -75,7 +75,7 @@ const VIEWS: usize = 4;
 /// Finest rates that are chosen from.
 const RATES_HZ: [f64; 6] = [250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0];
 /// Share of the tiles that may be faster than the finest rate has them.
-const LEFT_OUT: f64 = 0.01;
+const LEFT_OUT: f64 = 0.05;
 
 /// Settles `config`, which asks for `target`.
 pub fn choose(target: Target, scene: &Scene, gpu_scene: &GpuScene, views: &[View], config: &mut RunConfig) {

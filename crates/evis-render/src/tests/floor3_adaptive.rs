@@ -5,7 +5,8 @@ use std::sync::Arc;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
-use crate::config::RunConfig;
+use crate::auto::Target;
+use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::method::Sampling;
@@ -132,4 +133,33 @@ fn a_coarser_pace_keeps_close_to_the_finest() {
         let (close, far) = (found(&paced), found(&coarse));
         assert!(close > 0.9 && far < close - 0.05, "{name}: {close:.3}, canary {far:.3}");
     }
+}
+
+#[test]
+fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
+    let Some(gpu) = super::device() else { return };
+    let chosen = |scene: &Arc<Scene>, target: Target, size: (u32, u32)| {
+        let mut config = RunConfig { method: Method::Auto(target), size: Some(size), ..config(None, 1000.0) };
+        let (views, _) = view::views(scene, &config).unwrap();
+        drop(Engine::new(&gpu, scene.clone(), views, &mut config).unwrap());
+        config
+    };
+    let spinner = scene("spinner");
+    let small = chosen(&spinner, Target::Draft, (100, 76));
+    let large = chosen(&spinner, Target::Draft, (400, 304));
+    // Four times the pixels per second.
+    assert_eq!(large.rate_hz, 4.0 * small.rate_hz, "{:?}", large.chosen);
+    assert!(chosen(&spinner, Target::Default, (100, 76)).rate_hz > small.rate_hz);
+    assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, crate::config::Shadows::Rays);
+    let settings = |config: &RunConfig| RunConfig { chosen: None, ..config.clone() };
+    let (expected, _) = run(&gpu, &spinner, &settings(&small), None, 16_000, None);
+    let auto = RunConfig { method: Method::Auto(Target::Draft), ..config(None, 1000.0) };
+    let (events, _) = run(&gpu, &spinner, &auto, None, 16_000, None);
+    assert!(events == expected && expected[0].len() > 100);
+    // What does not move needs no more than the least rate.
+    let mut still = (*spinner).clone();
+    for node in &mut still.nodes {
+        node.motion = evis_scene::Motion::Fixed(glam::DMat4::IDENTITY);
+    }
+    assert_eq!(chosen(&Arc::new(still), Target::Exact, (100, 76)).rate_hz, 250.0);
 }
