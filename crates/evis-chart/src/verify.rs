@@ -2,6 +2,8 @@
 //! scene the whole engine.
 
 mod draw;
+mod eye;
+pub mod failures;
 mod forms;
 pub(crate) mod plot;
 mod scene;
