@@ -29,7 +29,7 @@ use crate::chart::{Progress, Stage, date};
 use crate::error::ChartError;
 use crate::result::DeviceNote;
 
-pub use limits::{Bound, Limit};
+pub use limits::{Bound, Limit, limit};
 pub use methods::{NamedMethod, methods};
 
 /// The word by which JSON tells this report from others.
@@ -52,6 +52,25 @@ pub struct FailureSettings {
 impl Default for FailureSettings {
     fn default() -> Self {
         Self { methods: methods(), failures: Vec::new(), cache: None }
+    }
+}
+
+impl FailureSettings {
+    /// Checks what can be checked without a device.
+    ///
+    /// # Errors
+    /// A failure that does not exist, no method, or two of one name.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        cases::chosen(&self.failures)?;
+        if self.methods.is_empty() {
+            return Err(ConfigError::new("methods", "empty", "at least one"));
+        }
+        for (i, method) in self.methods.iter().enumerate() {
+            if self.methods.iter().take(i).any(|m| m.name == method.name) {
+                return Err(ConfigError::new("methods", &method.name, "each named once"));
+            }
+        }
+        Ok(())
     }
 }
 
@@ -191,15 +210,8 @@ pub fn verify_failures(
     settings: &FailureSettings,
     progress: &Progress<'_>,
 ) -> Result<FailureReport, ChartError> {
+    settings.check()?;
     let cases = cases::chosen(&settings.failures)?;
-    if settings.methods.is_empty() {
-        return Err(ConfigError::new("methods", "empty", "at least one").into());
-    }
-    for (i, method) in settings.methods.iter().enumerate() {
-        if settings.methods[..i].iter().any(|m| m.name == method.name) {
-            return Err(ConfigError::new("methods", &method.name, "each named once").into());
-        }
-    }
     let mut ids: Vec<shots::ShotId> = Vec::new();
     for id in cases.iter().flat_map(|case| case.shots) {
         if !ids.contains(id) {
@@ -230,6 +242,12 @@ pub fn verify_failures(
             };
             let seen: Vec<_> = case.shots.iter().filter_map(seen).collect();
             cells.push(case.cell(method, &seen)?);
+        }
+    }
+    for cells in &mut cells {
+        let native = cells.iter().find(|c| c.method == "native").and_then(|c| c.f1);
+        for cell in cells {
+            cell.faults = cell.limit.as_ref().map_or_else(Vec::new, |limit| limit.faults(cell, native));
         }
     }
     let device = gpu.summary();

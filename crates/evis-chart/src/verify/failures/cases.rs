@@ -7,7 +7,7 @@ use evis_core::{ConfigError, Region, Truth};
 use super::detect::{self, Ratio};
 use super::methods::NamedMethod;
 use super::run::Seen;
-use super::shots::{CUT_US, REST_US, ShotId, TURN_HZ};
+use super::shots::{CUT_US, REST_US, SPOT_RADIUS, ShotId, TURN_HZ};
 use super::{Cell, Detail, FailureNote, SCORED_US, limits};
 use crate::error::ChartError;
 
@@ -22,6 +22,9 @@ const FAR_PX: f64 = 2.0;
 
 /// The square's speed, in pixels per second.
 const SQUARE_SPEED: f64 = 120.0;
+
+/// Pixels from its circle that the spot reaches.
+const SPOT_REACH: f64 = 3.0;
 
 /// From so long after a cut on, every method has frames of the new view alone: longer than a gap of 125 per second.
 const SETTLED_US: i64 = 16_000;
@@ -212,16 +215,18 @@ pub(super) const CASES: &[Case] = &[
         shots: &[ShotId::Slow { with_spot: true }, ShotId::Slow { with_spot: false }],
         detect: |seen, _| {
             let [with, without] = seen else { return Ok(Finding::default()) };
-            // Where the slow picture alone fires, it fires the same with the spot around it.
-            let quiet = &without.known.truth;
-            let slow: Vec<bool> = silent(quiet).into_iter().map(|s| !s).collect();
-            let at_slow = detect::at_pixels(quiet, |x, y| {
-                quiet.pixel_index(x, y).and_then(|i| slow.get(i)).copied().unwrap_or(false)
-            });
-            let score = detect::scored(&with.run.events, &at_slow)?;
+            let slow = |s: &Seen<'_>| {
+                let [cx, cy] = [s.known.truth.camera.cx, s.known.truth.camera.cy];
+                let apart = |x: u16, y: u16| {
+                    let radius = (f64::from(x) + 0.5 - cx).hypot(f64::from(y) + 0.5 - cy);
+                    (radius - SPOT_RADIUS).abs() > SPOT_REACH
+                };
+                let slow = detect::at_pixels(&s.known.truth, apart);
+                Ok::<_, ChartError>(detect::scored(&s.run.events, &slow)?.as_ref().and_then(f1))
+            };
             Ok(Finding::of((without.run.drawn > 0.0).then(|| with.run.drawn / without.run.drawn))
-                .with("F1 of the slow part beside the spot", score.as_ref().and_then(f1))
-                .with("F1 of the slow part alone", without.run.score.as_ref().and_then(f1)))
+                .with("F1 of what the spot does not touch", slow(with)?)
+                .with("without the spot", slow(without)?))
         },
     },
     Case {
@@ -232,11 +237,15 @@ pub(super) const CASES: &[Case] = &[
         detect: |seen, _| {
             let [s] = seen else { return Ok(Finding::default()) };
             let events = detect::at_still(&s.run.events, &s.known.truth, &s.known.still);
-            let after_us = CUT_US + SETTLED_US;
-            let after = detect::from_time(&s.known.truth, after_us);
-            let later: Vec<_> = s.run.events.iter().filter(|e| e.t >= after_us).copied().collect();
-            let score = detect::scored(&later, &after)?;
-            Ok(Finding::of(Some(events as f64)).with("F1 afterwards", score.as_ref().and_then(f1)))
+            let between = |from_us: i64, to_us: i64| {
+                let truth = detect::between(&s.known.truth, from_us, to_us);
+                let events: Vec<_> =
+                    s.run.events.iter().filter(|e| (from_us..to_us).contains(&e.t)).copied().collect();
+                Ok::<_, ChartError>(detect::scored(&events, &truth)?.as_ref().and_then(f1))
+            };
+            Ok(Finding::of(Some(events as f64))
+                .with("F1 until a gap before the cut", between(0, CUT_US - SETTLED_US)?)
+                .with("F1 from two gaps after it", between(CUT_US + SETTLED_US, s.known.truth.duration_us)?))
         },
     },
     Case {
@@ -301,7 +310,7 @@ impl Case {
         let Finding { number, interval, details } = (self.detect)(seen, method)?;
         let scores = || seen.iter().filter_map(|s| s.run.score.as_ref());
         let least = |a: f64, b: f64| a.min(b);
-        let mut cell = Cell {
+        Ok(Cell {
             failure: self.id.into(),
             method: method.name.clone(),
             number,
@@ -315,11 +324,9 @@ impl Case {
             still_pixels: seen.iter().flat_map(|s| &s.known.still).filter(|still| **still).count() as u64,
             outside: seen.iter().map(|s| s.run.outside).sum(),
             unknown: seen.iter().map(|s| s.run.unknown).sum(),
-            limit: limits::find(self.id, &method.name),
+            limit: limits::limit(self.id, &method.name),
             faults: Vec::new(),
-        };
-        cell.faults = cell.limit.as_ref().map_or_else(Vec::new, |limit| limit.faults(&cell));
-        Ok(cell)
+        })
     }
 }
 
@@ -370,6 +377,7 @@ fn burst(seen: &[Seen<'_>], keyframe_hz: f64) -> Result<Finding, ChartError> {
     let [s] = seen else { return Ok(Finding::default()) };
     let half_us = BURST_PART * 1e6 / keyframe_hz;
     Ok(Finding::ratio(detect::burst(&s.run.events, &s.known.truth, keyframe_hz, half_us))
+        .with("most in any eighth of a gap, over truth's", detect::densest(&s.run.events, &s.known.truth, keyframe_hz))
         .with("events over truth's", count_ratio(s)))
 }
 
@@ -395,15 +403,4 @@ fn mean_radius(truth: &Truth) -> f64 {
     let [cx, cy] = [truth.camera.cx, truth.camera.cy];
     let radius = |x: u16, y: u16| (f64::from(x) + 0.5 - cx).hypot(f64::from(y) + 0.5 - cy);
     truth.events.iter().map(|e| radius(e.x, e.y)).sum::<f64>() / truth.events.len().max(1) as f64
-}
-
-/// Per pixel of the truth: whether it has no event.
-fn silent(truth: &Truth) -> Vec<bool> {
-    let mut silent = vec![true; truth.pixels.len()];
-    for event in &truth.events {
-        if let Some(entry) = truth.pixel_index(event.x, event.y).and_then(|i| silent.get_mut(i)) {
-            *entry = false;
-        }
-    }
-    silent
 }

@@ -56,14 +56,14 @@ pub(super) fn at_pixels(truth: &Truth, keep: impl Fn(u16, u16) -> bool) -> Truth
     out
 }
 
-/// `truth` without its events before `from_us`.
-pub(super) fn from_time(truth: &Truth, from_us: i64) -> Truth {
-    let skip = truth.events.partition_point(|e| e.t < from_us);
-    let rest = |n: usize| skip.min(n);
+/// `truth` with its events in `[from_us, to_us)` only.
+pub(super) fn between(truth: &Truth, from_us: i64, to_us: i64) -> Truth {
+    let from = truth.events.partition_point(|e| e.t < from_us);
+    let to = truth.events.partition_point(|e| e.t < to_us).max(from);
     Truth {
-        events: truth.events[skip..].to_vec(),
-        speed: truth.speed[rest(truth.speed.len())..].to_vec(),
-        event_region: truth.event_region[rest(truth.event_region.len())..].to_vec(),
+        events: truth.events[from..to].to_vec(),
+        speed: truth.speed.get(from..to).unwrap_or(&[]).to_vec(),
+        event_region: truth.event_region.get(from..to).unwrap_or(&[]).to_vec(),
         ..truth.clone()
     }
 }
@@ -132,6 +132,24 @@ pub(super) fn burst(events: &[Event], truth: &Truth, keyframe_hz: f64, half_us: 
     let value = (near / all) / (true_near / true_all);
     let error = (1.0 / near - 1.0 / all + 1.0 / true_near - 1.0 / true_all).max(0.0).sqrt();
     Some(Ratio { value, interval: [value * (-SURE * error).exp(), value * (SURE * error).exp()] })
+}
+
+/// Largest share of `events` in any eighth of a gap (around each of eight evenly spaced instants, a keyframe being one of
+/// them), over truth's share there. `None` where truth lacks events in one of them.
+pub(super) fn densest(events: &[Event], truth: &Truth, keyframe_hz: f64) -> Option<f64> {
+    let gap = 1e6 / keyframe_hz;
+    let shares = |events: &mut dyn Iterator<Item = &Event>| {
+        let (mut bins, mut all) = ([0.0; 8], 0.0);
+        for event in events.filter(|e| e.t as f64 >= 0.5 * gap) {
+            let eighth = (event.t as f64 / gap * 8.0).round() as usize % 8;
+            bins[eighth] += 1.0;
+            all += 1.0;
+        }
+        bins.map(|count| count / f64::max(all, 1.0))
+    };
+    let known = ByPixel::new(events, truth);
+    let pairs = shares(&mut known.pixels().flatten()).into_iter().zip(shares(&mut truth.events.iter()));
+    pairs.map(|(got, expected)| (expected > 0.0).then(|| got / expected)).reduce(|a, b| Some(a?.max(b?))).flatten()
 }
 
 /// Pixel-seconds that `truth` spends in `region`.
@@ -260,6 +278,17 @@ mod tests {
         let found = burst(&bursting, &truth, 125.0, half).unwrap();
         assert!((found.value - 1.25).abs() < 0.03, "{found:?}");
         assert!(found.interval[0] > 1.0, "canary: its interval leaves 1 out, {found:?}");
+        let densest = |events: &[Event]| densest(events, &truth, 125.0).unwrap();
+        assert!((densest(&even(100)) - 1.0).abs() < 0.03, "{}", densest(&even(100)));
+        // All of one eighth's events moved to its neighbour.
+        let moved: Vec<Event> = even(100)
+            .into_iter()
+            .map(|mut e| {
+                e.t += if (e.t + 500).rem_euclid(8000) < 1000 { 1000 } else { 0 };
+                e
+            })
+            .collect();
+        assert!(densest(&moved) > 1.9, "canary");
         assert!(burst(&[], &truth, 125.0, half).is_none());
     }
 
@@ -278,8 +307,8 @@ mod tests {
         assert_eq!((closer_than(&right, &truth, 1000), closer_than(&right, &truth, 1001)), (0, 7));
         let still = [true, true, true, false, true, true, true, true];
         assert_eq!((at_still(&right, &truth, &still), at_still(&wrong, &truth, &still)), (0, 1));
-        let cut = from_time(&truth, 13_000);
-        assert_eq!((cut.events.len(), cut.speed.len()), (5, 0));
+        let cut = between(&truth, 13_000, 16_000);
+        assert_eq!((cut.events.len(), cut.speed.len()), (3, 0));
         let part = at_pixels(&truth, |x, _| x > 3);
         assert_eq!((part.pixels.len(), part.events.len()), (4, 0));
         assert!(scored(&right, &part).unwrap().is_none(), "nothing to score against");

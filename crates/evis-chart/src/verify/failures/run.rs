@@ -26,8 +26,8 @@ const PACKET_US: i64 = 10_000;
 /// How often a run looks whether it should stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Error of an event's time that truth aims at: a twenty-fifth of the tolerance that is scored.
-const TIME_ERROR_US: f64 = 40.0;
+/// Error of an event's time that truth aims at: a twelfth of the tolerance that is scored.
+const TIME_ERROR_US: f64 = 80.0;
 
 /// Time between two frames of light for an emulator that stands for truth: in it an edge moves by a twentieth of a pixel.
 const FRAME_US: usize = 500;
@@ -64,6 +64,7 @@ impl Known {
             pixels: shot.pixels,
             reference_luminance: Some(shot.reference_luminance),
             time_error_us: Some(TIME_ERROR_US),
+            audit_share: 0.0,
             ..TruthSettings::default()
         };
         let made = match cache {
@@ -149,6 +150,7 @@ impl Run {
         let base = RunConfig {
             sensor: shot.sensor.clone(),
             reference_luminance: Some(shot.reference_luminance),
+            shadows: shot.shadows,
             ..RunConfig::default()
         };
         let Some(config) = method.setting.run_config(&base) else {
@@ -210,4 +212,31 @@ fn drawn(method: &NamedMethod, run: &Run, known: &Known) -> f64 {
 pub(super) struct Seen<'a> {
     pub known: &'a Known,
     pub run: &'a Run,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_drawn_follows_instants_keyframes_and_margins() {
+        let known = Known {
+            shot: ShotId::Square.build().unwrap(),
+            scene: Arc::default(),
+            truth: Truth::from_events(
+                vec![],
+                evis_core::CameraInfo { name: "c".into(), width: 64, height: 48, fx: 1.0, fy: 1.0, cx: 32.0, cy: 24.0 },
+                SensorConfig::default(),
+                1.0,
+                1,
+            ),
+            still: vec![],
+        };
+        let run = |instants, keyframes| Run { instants, keyframes, ..Run::default() };
+        let told = |name, run| drawn(&NamedMethod::named(name).unwrap(), &run, &known);
+        assert_eq!(told("native", run(100, 0)), 100.0 * 16.0 * 64.0 * 48.0);
+        assert_eq!(told("splat", run(100, 13)), 100.0 * 64.0 * 48.0 + 13.0 * 16.0 * 128.0 * 112.0);
+        let (with, without) = (told("native", run(800, 0)), told("native", run(100, 0)));
+        assert!(with / without > 1.5, "canary: a step that a fast pixel sets for all shows");
+    }
 }

@@ -15,3 +15,24 @@ fn lab() {
     println!("{report}\n{:.1} s", start.elapsed().as_secs_f64());
     std::fs::write("/tmp/fail-report.json", report.to_json().unwrap()).unwrap();
 }
+
+#[test]
+fn lab2() {
+    let gpu = Gpu::open(None).unwrap();
+    let known = run::Known::new(shots::ShotId::Burst { keyframe_hz: Some(30.0) }, Some(Path::new("/tmp/fail-cache")), &|_| true).unwrap();
+    let hist = |events: &mut dyn Iterator<Item = &evis_core::Event>| { let mut h = [[0; 2]; 34]; for e in events { if e.t > 16666 { let ph = (e.t as f64 / 33333.333).fract(); h[(ph * 33.0) as usize][e.p as usize] += 1; } } h };
+    let t = hist(&mut known.truth.events.iter());
+    for m in ["native", "splat"] {
+        let r = run::Run::new(&gpu, &known, &NamedMethod::named(m).unwrap(), &|_| true).unwrap();
+        let b = detect::ByPixel::new(&r.events, &known.truth);
+        let h = hist(&mut b.pixels().flatten());
+        for k in 0..33 { println!("{m} {k} {:?} truth {:?}", h[k], t[k]); }
+    }
+    let px = known.truth.pixels[100];
+    let r = run::Run::new(&gpu, &known, &NamedMethod::named("splat").unwrap(), &|_| true).unwrap();
+    println!("{px:?} {:?}", r.events.iter().filter(|e| [e.x, e.y] == px).map(|e| (e.t, e.p)).collect::<Vec<_>>());
+    println!("{:?}", known.truth.events.iter().filter(|e| [e.x, e.y] == px).map(|e| (e.t, e.p)).collect::<Vec<_>>());
+    let method = NamedMethod::named("splat").unwrap().with_keyframes(30.0);
+    let config = method.setting.run_config(&evis_render::RunConfig { reference_luminance: Some(0.5), ..Default::default() }).unwrap();
+    println!("{config:?}");
+}
