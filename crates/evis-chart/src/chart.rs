@@ -291,7 +291,7 @@ fn make_truth(
 }
 
 /// Truth knows one environment, so the others are neither rendered nor timed.
-fn first_environment(scene: &Scene) -> Arc<Scene> {
+pub(crate) fn first_environment(scene: &Scene) -> Arc<Scene> {
     let mut scene = scene.clone();
     scene.variants.truncate(1);
     Arc::new(scene)

@@ -5,11 +5,13 @@ mod draw;
 mod eye;
 pub mod failures;
 mod forms;
+mod light;
 pub(crate) mod plot;
 mod scene;
 
 pub use failures::{FailureReport, FailureSettings, verify_failures};
 pub use forms::{FormCheck, FormsReport, SignalClass, Theory, verify_forms};
+pub use light::{LightError, LightOf, LightPixel, LightReport, LightSettings, verify_light};
 pub use scene::{Fit, Reference, SceneReport, SceneSettings, Swept, TOLERANCES_US, verify_scene};
 
 use std::path::Path;
@@ -33,6 +35,8 @@ pub enum Report {
     Scene(Box<SceneReport>),
     /// Of failure modes.
     Failures(Box<FailureReport>),
+    /// Of light at one instant.
+    Light(Box<LightReport>),
 }
 
 impl Report {
@@ -45,7 +49,10 @@ impl Report {
         let kind = value.as_ref().and_then(|v| v.get("report")).and_then(serde_json::Value::as_str);
         match kind {
             Some(scene::REPORT) => SceneReport::from_json(text, path).map(|r| Self::Scene(Box::new(r))),
-            Some(failures::REPORT) => FailureReport::from_json(text, path).map(|r| Self::Failures(Box::new(r))),
+            Some(failures::REPORT) => {
+                FailureReport::from_json(text, path).map(|r| Self::Failures(Box::new(r)))
+            }
+            Some(light::REPORT) => LightReport::from_json(text, path).map(|r| Self::Light(Box::new(r))),
             _ => FormsReport::from_json(text, path).map(|r| Self::Forms(Box::new(r))),
         }
     }
@@ -59,6 +66,7 @@ impl Report {
             Self::Forms(report) => report.save(path),
             Self::Scene(report) => report.save(path),
             Self::Failures(report) => report.save(path),
+            Self::Light(report) => report.save(path),
         }
     }
 }
@@ -69,6 +77,7 @@ impl std::fmt::Display for Report {
             Self::Forms(report) => report.fmt(f),
             Self::Scene(report) => report.fmt(f),
             Self::Failures(report) => report.fmt(f),
+            Self::Light(report) => report.fmt(f),
         }
     }
 }

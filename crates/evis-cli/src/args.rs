@@ -597,6 +597,14 @@ pub(crate) struct VerifyArgs {
     #[arg(long, value_name = "ID,…", value_delimiter = ',', requires = "failures")]
     pub(crate) only: Vec<String>,
 
+    /// With --light: scene time in milliseconds [default: 0].
+    #[arg(long, value_name = "MS", value_parser = start_ms, requires = "light", allow_hyphen_values = true)]
+    pub(crate) at: Option<f64>,
+
+    /// With --light: how shadows are told from light [default: maps].
+    #[arg(long, value_enum, requires = "light")]
+    pub(crate) shadows: Option<ShadowsArg>,
+
     /// Print the report as JSON.
     #[arg(long)]
     pub(crate) json: bool,
@@ -625,6 +633,11 @@ pub(crate) struct VerifyWhat {
     /// thin and fast objects, shadows, camera cuts, … Ends with 1 where something that is claimed does not hold.
     #[arg(long)]
     pub(crate) failures: bool,
+
+    /// Compare the engine's light on a scene with the oracle's at one instant (--at), pixel by pixel: by region, by object,
+    /// and the worst pixels; with -o a picture of the differences.
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) light: Option<String>,
 }
 
 /// What `verify` asks of more than closed forms.
@@ -635,7 +648,7 @@ pub(crate) struct VerifyCommonArgs {
     #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true, conflicts_with = "failures")]
     pub(crate) size: Option<(u32, u32)>,
 
-    /// Samples per pixel [default: 1,4,16,64].
+    /// Samples per pixel [default: 1,4,16,64; with --light 16].
     #[arg(long, value_name = "N,…", value_parser = sample_count, value_delimiter = ',', allow_hyphen_values = true, conflicts_with = "failures")]
     pub(crate) samples: Vec<u32>,
 
@@ -644,7 +657,7 @@ pub(crate) struct VerifyCommonArgs {
     pub(crate) camera: Option<String>,
 
     /// Folder that keeps truths for the next time [default: the user's cache folder].
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", conflicts_with = "light")]
     pub(crate) cache: Option<PathBuf>,
 
     /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
@@ -1070,6 +1083,12 @@ fn positive(text: &str) -> Result<f32, String> {
 fn window_ms(text: &str) -> Result<f64, String> {
     checked(text, "a number of milliseconds from 0.001 to 1000000, such as 20", |v| {
         (1.0e-3..=1.0e6).contains(&v)
+    })
+}
+
+fn start_ms(text: &str) -> Result<f64, String> {
+    checked(text, "a number of milliseconds from 0 to 2678400000, such as 40", |v| {
+        (0.0..=MAX_SECONDS * 1.0e3).contains(&v)
     })
 }
 

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use anyhow::Context;
 use evis_chart::verify::failures::{NamedMethod, methods};
 use evis_chart::verify::{
-    FailureReport, FailureSettings, SceneReport, SceneSettings, verify_failures, verify_forms, verify_scene,
+    FailureReport, FailureSettings, LightReport, LightSettings, SceneReport, SceneSettings, verify_failures,
+    verify_forms, verify_light, verify_scene,
 };
 use evis_chart::{ChartError, PictureKind, Stage};
 use evis_render::Gpu;
@@ -31,6 +32,11 @@ pub(crate) fn verify(args: &VerifyArgs) -> anyhow::Result<i32> {
         let Some(report) = survive(args)? else { return interrupted() };
         tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
         return Ok(if report.passed() { 0 } else { EXIT_FAILED });
+    }
+    if let Some(name) = &args.what.light {
+        let Some(report) = light(name, args)? else { return interrupted() };
+        tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
+        return Ok(0);
     }
     let Some(name) = &args.what.scene else {
         let report = verify_forms()?;
@@ -86,6 +92,47 @@ fn survive(args: &VerifyArgs) -> anyhow::Result<Option<FailureReport>> {
         Ok(report) => Ok(Some(report)),
         Err(ChartError::Stopped) => Ok(None),
         Err(error) => Err(error).context("the failure modes cannot be measured"),
+    }
+}
+
+/// Light at one instant; `None` where it was interrupted.
+fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
+    let common = &args.common;
+    let default = LightSettings::default();
+    let samples = match common.samples.as_slice() {
+        [] => default.samples,
+        [samples] => *samples,
+        several => {
+            let told = format!("--samples has {} numbers; --light takes one, such as 16", several.len());
+            return Err(bad_input(told));
+        }
+    };
+    let settings = LightSettings {
+        samples,
+        camera: common.camera.clone(),
+        size: common.size.or(default.size),
+        at_us: args.at.map_or(default.at_us, |ms| to_us(ms * 1.0e-3)),
+        shadows: args.shadows.map_or(default.shadows, Into::into),
+        worst: default.worst,
+    };
+    let scene = scene_source::load(name, common.seed.unwrap_or(0))?;
+    if let Some(camera) = &settings.camera {
+        scene.camera(camera)?;
+    }
+    for warning in &scene.warnings {
+        text::complain(&format!("warning: {warning}"));
+    }
+    let gpu = Gpu::open(common.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let interrupt = Interrupt::listen();
+    let progress = Progress::new(WHOLE);
+    let told = |stage: Stage, part: f64| {
+        progress.part(&format!("{name}: {}", stage.name()), part);
+        !interrupt.asked()
+    };
+    match verify_light(&gpu, name, &scene, &settings, &told) {
+        Ok(report) => Ok(Some(report)),
+        Err(ChartError::Stopped) => Ok(None),
+        Err(error) => Err(error).with_context(|| format!("the light of {name} cannot be verified")),
     }
 }
 

@@ -84,10 +84,9 @@ pub(super) const CASES: &[Case] = &[
         shots: &[ShotId::Passing],
         detect: |seen, _| {
             let [s] = seen else { return Ok(Finding::default()) };
-            let region = |r| s.run.score.as_ref().and_then(|score| detect::spurious_in(score, &s.known.truth, r));
-            Ok(Finding::of(region(Region::Disoccluded))
-                .with("F1 there", region_f1(s, Region::Disoccluded))
-                .with("spurious per pixel and second at silhouettes", region(Region::Silhouette)))
+            let region =
+                |r| s.run.score.as_ref().and_then(|score| detect::spurious_in(score, &s.known.truth, r));
+            Ok(Finding::of(region(Region::Disoccluded)).with("F1 there", region_f1(s, Region::Disoccluded)))
         },
     },
     Case {
@@ -113,7 +112,9 @@ pub(super) const CASES: &[Case] = &[
                 let part = detect::at_pixels(&s.known.truth, |_, y| (y < middle) == upper);
                 Ok::<_, ChartError>(detect::scored(&s.run.events, &part)?.as_ref().and_then(recall))
             };
-            Ok(Finding::of(s.run.score.as_ref().and_then(recall)).with("rod", part(true)?).with("ball", part(false)?))
+            Ok(Finding::of(s.run.score.as_ref().and_then(recall))
+                .with("rod", part(true)?)
+                .with("ball", part(false)?))
         },
     },
     Case {
@@ -198,7 +199,8 @@ pub(super) const CASES: &[Case] = &[
             let pixels = s.known.still.iter().filter(|still| **still).count();
             let time = pixels as f64 * s.known.shot.duration_us as f64 * 1e-6;
             let events = detect::at_still(&s.run.events, &s.known.truth, &s.known.still);
-            Ok(Finding::of((time > 0.0).then(|| events as f64 / time)).with("events over truth's", count_ratio(s)))
+            Ok(Finding::of((time > 0.0).then(|| events as f64 / time))
+                .with("events over truth's", count_ratio(s)))
         },
     },
     Case {
@@ -320,7 +322,10 @@ impl Case {
             median_us: scores().filter_map(median_us).reduce(f64::max),
             truth_events: seen.iter().map(|s| s.known.truth.events.len() as u64).sum(),
             events: scores().map(|score| score.events).sum(),
-            at_still: seen.iter().map(|s| detect::at_still(&s.run.events, &s.known.truth, &s.known.still)).sum(),
+            at_still: seen
+                .iter()
+                .map(|s| detect::at_still(&s.run.events, &s.known.truth, &s.known.still))
+                .sum(),
             still_pixels: seen.iter().flat_map(|s| &s.known.still).filter(|still| **still).count() as u64,
             outside: seen.iter().map(|s| s.run.outside).sum(),
             unknown: seen.iter().map(|s| s.run.unknown).sum(),
@@ -377,7 +382,10 @@ fn burst(seen: &[Seen<'_>], keyframe_hz: f64) -> Result<Finding, ChartError> {
     let [s] = seen else { return Ok(Finding::default()) };
     let half_us = BURST_PART * 1e6 / keyframe_hz;
     Ok(Finding::ratio(detect::burst(&s.run.events, &s.known.truth, keyframe_hz, half_us))
-        .with("most in any eighth of a gap, over truth's", detect::densest(&s.run.events, &s.known.truth, keyframe_hz))
+        .with(
+            "most in any eighth of a gap, over truth's",
+            detect::densest(&s.run.events, &s.known.truth, keyframe_hz),
+        )
         .with("events over truth's", count_ratio(s)))
 }
 

@@ -149,7 +149,10 @@ pub(super) fn densest(events: &[Event], truth: &Truth, keyframe_hz: f64) -> Opti
     };
     let known = ByPixel::new(events, truth);
     let pairs = shares(&mut known.pixels().flatten()).into_iter().zip(shares(&mut truth.events.iter()));
-    pairs.map(|(got, expected)| (expected > 0.0).then(|| got / expected)).reduce(|a, b| Some(a?.max(b?))).flatten()
+    pairs
+        .map(|(got, expected)| (expected > 0.0).then(|| got / expected))
+        .reduce(|a, b| Some(a?.max(b?)))
+        .flatten()
 }
 
 /// Pixel-seconds that `truth` spends in `region`.
@@ -226,9 +229,8 @@ pub(super) fn at_still(events: &[Event], truth: &Truth, still: &[bool]) -> u64 {
 /// Pairs of events of one pixel that are closer than `period_us`.
 pub(super) fn closer_than(events: &[Event], truth: &Truth, period_us: i64) -> u64 {
     let stream = ByPixel::new(events, truth);
-    let pairs = |events: &[Event]| {
-        events.array_windows().filter(|[a, b]| b.t - a.t < period_us).count() as u64
-    };
+    let pairs =
+        |events: &[Event]| events.array_windows().filter(|[a, b]| b.t - a.t < period_us).count() as u64;
     stream.pixels().map(pairs).sum()
 }
 

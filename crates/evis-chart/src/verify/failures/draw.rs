@@ -29,9 +29,10 @@ pub(super) fn figure(report: &FailureReport) -> Result<Figure<'_>, ChartError> {
     if report.cells.is_empty() {
         return Err(ChartError::Unreachable("there is nothing measured to draw".into()));
     }
-    let widths = report.failures.iter().flat_map(|failure| {
-        [text_width(&failure.title, LABEL.em), text_width(&failure.number, HINT.em)]
-    });
+    let widths = report
+        .failures
+        .iter()
+        .flat_map(|failure| [text_width(&failure.title, LABEL.em), text_width(&failure.number, HINT.em)]);
     let left = widths.fold(160.0, f64::max) * WIDER + 18.0;
     Ok(Figure { report, left })
 }
@@ -79,7 +80,10 @@ impl Drawing for Figure<'_> {
     fn draw<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {
         let report = self.report;
         canvas.text("Failure modes against truth", [MARGIN, MARGIN + 17.0], Align::Left, TITLE)?;
-        let note = format!("Small scenes; what each row's number is stands below its name. {}, EVIS {}, {}.", report.device.name, report.evis, report.measured);
+        let note = format!(
+            "Small scenes; what each row's number is stands below its name. {}, EVIS {}, {}.",
+            report.device.name, report.evis, report.measured
+        );
         canvas.text(&note, [MARGIN, MARGIN + 40.0], Align::Left, SUBTITLE)?;
         let top = MARGIN + HEAD;
         let right = MARGIN + self.left + COLUMN * report.methods.len() as f64;
@@ -104,7 +108,11 @@ impl Drawing for Figure<'_> {
     }
 }
 
-fn draw_cell<DB: DrawingBackend>(canvas: &Canvas<DB>, cell: &Cell, [x, y]: [f64; 2]) -> Result<(), ChartError> {
+fn draw_cell<DB: DrawingBackend>(
+    canvas: &Canvas<DB>,
+    cell: &Cell,
+    [x, y]: [f64; 2],
+) -> Result<(), ChartError> {
     Mark::of(cell).draw(canvas, [x + 6.0, y + 13.0])?;
     canvas.text(&short(cell.number), [x + 20.0, y + 17.5], Align::Left, LABEL)?;
     if let Some(value) = cell.f1 {

@@ -225,7 +225,15 @@ mod tests {
             scene: Arc::default(),
             truth: Truth::from_events(
                 vec![],
-                evis_core::CameraInfo { name: "c".into(), width: 64, height: 48, fx: 1.0, fy: 1.0, cx: 32.0, cy: 24.0 },
+                evis_core::CameraInfo {
+                    name: "c".into(),
+                    width: 64,
+                    height: 48,
+                    fx: 1.0,
+                    fy: 1.0,
+                    cx: 32.0,
+                    cy: 24.0,
+                },
                 SensorConfig::default(),
                 1.0,
                 1,

@@ -153,7 +153,13 @@ impl Stage {
     }
 
     /// A material of noise between two greys; a texel is a sixth of the board's 64th.
-    fn picture(&mut self, name: &str, seed: u64, [low, high]: [f32; 2], lit: bool) -> Result<usize, SceneError> {
+    fn picture(
+        &mut self,
+        name: &str,
+        seed: u64,
+        [low, high]: [f32; 2],
+        lit: bool,
+    ) -> Result<usize, SceneError> {
         let picture = Procedural::new(Pattern::Noise, 64, seed).with_colors([low; 3], [high; 3]);
         let picture = self.builder.procedural(name, &picture, Sampling::default())?;
         let material = if lit { Material::diffuse(name) } else { Material::unlit(name) };
@@ -224,7 +230,13 @@ fn passing() -> Result<Shot, SceneError> {
     // A card of its own so small would show few texels.
     let settings = ShapeSettings::default().repeat(0.1, 0.1);
     let card = Shape::Card { size: [px(18.0), px(20.0)] };
-    s.builder.shape_with("card", card, near, settings, sliding([px(-20.0), 0.0, -1.0], [px(250.0), 0.0, 0.0]))?;
+    s.builder.shape_with(
+        "card",
+        card,
+        near,
+        settings,
+        sliding([px(-20.0), 0.0, -1.0], [px(250.0), 0.0, 0.0]),
+    )?;
     s.shot(100, PixelChoice::Crop { x: 6, y: 18, width: 50, height: 3 })
 }
 
@@ -246,7 +258,12 @@ fn thin() -> Result<Shot, SceneError> {
         let x = px(-26.0 + 13.0 * f64::from(k));
         s.card(&format!("wall {k}"), [px(11.0), px(20.0)], dark, Placement::at([x, px(-12.0), -1.0]))?;
     }
-    s.card("ball", [2.0 * px(2.0), 2.0 * px(8.0)], bright, sliding([2.0 * px(-30.0), 2.0 * px(-12.0), -2.0], [2.0 * px(800.0), 0.0, 0.0]))?;
+    s.card(
+        "ball",
+        [2.0 * px(2.0), 2.0 * px(8.0)],
+        bright,
+        sliding([2.0 * px(-30.0), 2.0 * px(-12.0), -2.0], [2.0 * px(800.0), 0.0, 0.0]),
+    )?;
     s.shot(90, PixelChoice::Crop { x: 8, y: 17, width: 32, height: 18 })
 }
 
@@ -277,7 +294,13 @@ fn stripes() -> Result<Shot, SceneError> {
     let stripes = s.builder.material(Material::unlit("stripes").textured(image))?;
     let settings = ShapeSettings::default().repeat(2.0 / px(2.5), 2.0 / px(2.5));
     let card = Shape::Card { size: [2.0, 2.0] };
-    s.builder.shape_with("card", card, stripes, settings, sliding([0.0, 0.0, -1.0], [px(100.0), 0.0, 0.0]))?;
+    s.builder.shape_with(
+        "card",
+        card,
+        stripes,
+        settings,
+        sliding([0.0, 0.0, -1.0], [px(100.0), 0.0, 0.0]),
+    )?;
     s.shot(80, PixelChoice::Count(60))
 }
 
@@ -304,7 +327,10 @@ fn shadow() -> Result<Shot, SceneError> {
     s.builder.light(sun, Placement::looking_at([0.0, 1.0, 0.0], [0.05, 0.0, -1.2]))?;
     s.builder.ambient([0.15; 3])?;
     // What a map's texels do to borders is not asked about here.
-    Ok(Shot { shadows: Shadows::Rays, ..s.shot(100, PixelChoice::Crop { x: 6, y: 22, width: 48, height: 5 })? })
+    Ok(Shot {
+        shadows: Shadows::Rays,
+        ..s.shot(100, PixelChoice::Crop { x: 6, y: 22, width: 48, height: 5 })?
+    })
 }
 
 fn lamp() -> Result<Shot, SceneError> {
@@ -322,7 +348,13 @@ fn near() -> Result<Shot, SceneError> {
     // Depths of 20 and 12 mm: 1/z is 50 and 83, and e^(12·50) no number of 32 bits.
     let settings = ShapeSettings::default().repeat(0.2, 0.2);
     let far_card = Shape::Card { size: [0.04, 0.03] };
-    s.builder.shape_with("far", far_card, far, settings, sliding([0.0, 0.0, -0.02], [0.02 * px(120.0), 0.0, 0.0]))?;
+    s.builder.shape_with(
+        "far",
+        far_card,
+        far,
+        settings,
+        sliding([0.0, 0.0, -0.02], [0.02 * px(120.0), 0.0, 0.0]),
+    )?;
     let settings = ShapeSettings::default().repeat(0.1, 0.1);
     let card = Shape::Card { size: [0.012 * px(20.0), 0.012 * px(20.0)] };
     let at = sliding([0.012 * px(-10.0), 0.0, -0.012], [0.012 * px(180.0), 0.0, 0.0]);
@@ -387,14 +419,24 @@ fn cut() -> Result<Shot, SceneError> {
     let cut_s = CUT_US as f64 * 1e-6;
     let path = Path::Keys {
         times: vec![0.0, cut_s - 1e-6, cut_s, 1.0],
-        positions: vec![DVec3::ZERO, DVec3::ZERO, DVec3::new(px(9.0), 0.0, 0.0), DVec3::new(px(9.0), 0.0, 0.0)],
+        positions: vec![
+            DVec3::ZERO,
+            DVec3::ZERO,
+            DVec3::new(px(9.0), 0.0, 0.0),
+            DVec3::new(px(9.0), 0.0, 0.0),
+        ],
         rotations: vec![DQuat::IDENTITY; 4],
         velocities: vec![],
         interpolation: PathInterpolation::Linear,
     };
     s.placement = Placement::along(path.clone());
     let head = s.builder.node("head", Placement::along(path))?;
-    s.card("sill", [px(80.0), px(16.0)], plain, Placement::at([0.0, px(-12.0) * 0.5, -0.5]).scaled([0.5; 3]).on(head))?;
+    s.card(
+        "sill",
+        [px(80.0), px(16.0)],
+        plain,
+        Placement::at([0.0, px(-12.0) * 0.5, -0.5]).scaled([0.5; 3]).on(head),
+    )?;
     s.shot(100, PixelChoice::Crop { x: 18, y: 21, width: 44, height: 10 })
 }
 

@@ -28,12 +28,7 @@ pub(super) fn f1(value: Option<f64>) -> String {
 
 impl FailureReport {
     /// A line per failure, a column per method.
-    fn matrix(
-        &self,
-        f: &mut Formatter<'_>,
-        head: &str,
-        cell: impl Fn(&Cell) -> String,
-    ) -> std::fmt::Result {
+    fn matrix(&self, f: &mut Formatter<'_>, head: &str, cell: impl Fn(&Cell) -> String) -> std::fmt::Result {
         write!(f, "{head:<ID$}")?;
         for method in &self.methods {
             write!(f, " {:>COLUMN$}", method.name)?;
@@ -51,7 +46,11 @@ impl FailureReport {
 
 impl Display for FailureReport {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        writeln!(f, "Failure modes, small scenes against truth; {}, EVIS {}, {}\n", self.device.name, self.evis, self.measured)?;
+        writeln!(
+            f,
+            "Failure modes, small scenes against truth; {}, EVIS {}, {}\n",
+            self.device.name, self.evis, self.measured
+        )?;
         for method in &self.methods {
             writeln!(f, "{:<ID$} {}", method.name, method.setting.label())?;
         }
@@ -61,13 +60,19 @@ impl Display for FailureReport {
             Some(true) => format!("{} ok  ", short(cell.number)),
             Some(false) => format!("{} FAIL", short(cell.number)),
         })?;
-        writeln!(f, "\nok, FAIL: whether what is claimed holds; nothing: nothing is claimed. The numbers are:\n")?;
+        writeln!(
+            f,
+            "\nok, FAIL: whether what is claimed holds; nothing: nothing is claimed. The numbers are:\n"
+        )?;
         for failure in &self.failures {
             writeln!(f, "{:<ID$} {}: {}", failure.id, failure.title, failure.number)?;
         }
         writeln!(f, "\nF1 within 1 ms, scaled by image speed, and median time error in microseconds:\n")?;
         self.matrix(f, "F1, time error", |cell| format!("{} {:>6}", f1(cell.f1), short(cell.median_us)))?;
-        writeln!(f, "\nEvents at pixels whose light does not change / outside their packet / pixels and instants unknown:\n")?;
+        writeln!(
+            f,
+            "\nEvents at pixels whose light does not change / outside their packet / pixels and instants unknown:\n"
+        )?;
         self.matrix(f, "spurious", |cell| {
             let still = if cell.still_pixels == 0 { "-".into() } else { cell.at_still.to_string() };
             format!("{still} / {} / {}", cell.outside, cell.unknown)
@@ -87,7 +92,13 @@ impl Display for FailureReport {
             writeln!(f, "\nWhat does not hold:\n")?;
             for cell in claimed.iter().filter(|c| !c.faults.is_empty()) {
                 let reason = cell.limit.as_ref().map_or("", |limit| limit.reason.as_str());
-                writeln!(f, "{:<ID$} {:<COLUMN$} {} ({reason})", cell.failure, cell.method, cell.faults.join("; "))?;
+                writeln!(
+                    f,
+                    "{:<ID$} {:<COLUMN$} {} ({reason})",
+                    cell.failure,
+                    cell.method,
+                    cell.faults.join("; ")
+                )?;
             }
         }
         match claimed.len() {
