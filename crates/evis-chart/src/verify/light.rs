@@ -12,7 +12,7 @@ use evis_core::{ConfigError, Region};
 use evis_render::{Gpu, RunConfig, Shadows, Simulator};
 use evis_scene::Scene;
 use evis_truth::Lattice;
-use evis_truth::rays::Textures;
+use evis_truth::rays::{Beam, Textures};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +24,9 @@ use crate::result::DeviceNote;
 
 /// The word by which JSON tells this report from others.
 pub(super) const REPORT: &str = "light";
+
+/// Relative difference up to which two sets of few samples agree.
+const AGREE: f64 = 1e-3;
 
 /// What light is compared with.
 #[derive(Clone, Debug, PartialEq)]
@@ -211,7 +214,7 @@ pub fn verify_light(
 
     let textures = Textures::new(&scene);
     let eye = Eye::new(&scene, &textures, &info, settings.at_us as f64)?;
-    let lattices = [0, 1, 2].map(|level| Lattice::First.offsets(level));
+    let lattices = [Lattice::First.offsets(0), Lattice::Second.offsets(0), Lattice::First.offsets(2)];
     let mut seen: Vec<Seen> = Vec::with_capacity(engine.len());
     for y in 0..info.height {
         if !progress(Stage::Truth, f64::from(y) / f64::from(info.height)) {
@@ -283,27 +286,27 @@ pub fn verify_light(
     })
 }
 
-/// A pixel's mean light: with few samples where one surface fills it, with many where an edge runs through it.
-fn look(eye: &Eye<'_>, lattices: &[Vec<[f64; 2]>; 3], pixel: [u16; 2]) -> Seen {
-    let at = |[u, v]: [f64; 2]| [f64::from(pixel[0]) + 0.5 + u, f64::from(pixel[1]) + 0.5 + v];
+/// A pixel's mean light: with few samples where two independent sets of them agree, with many elsewhere.
+fn look(eye: &Eye<'_>, lattices: &[Vec<[f64; 2]>; 3], [x, y]: [u16; 2]) -> Seen {
+    let corner = [f64::from(x), f64::from(y)];
+    let at = |[u, v]: [f64; 2]| [corner[0] + 0.5 + u, corner[1] + 0.5 + v];
+    // All rays of a pixel share one look for what they can meet.
+    let beam = Beam::new(&eye.caster, &eye.pinhole, corner, corner.map(|v| v + 1.0));
     let (mut shapes, mut kinds) = (BTreeSet::new(), BTreeSet::new());
-    let mut mean = |offsets: &[[f64; 2]]| {
+    let mut sum = |offsets: &[[f64; 2]]| -> f64 {
         let light = offsets.iter().map(|o| {
-            let (light, kind) = eye.caster.look(&eye.pinhole, at(*o));
+            let (light, kind) = beam.look(at(*o));
             shapes.insert((kind.object, kind.face));
             kinds.insert(kind);
             light
         });
-        light.sum::<f64>() / offsets.len().max(1) as f64
+        light.sum()
     };
-    let mut luminance = mean(&lattices[0]);
-    let middle = mean(&lattices[1]);
-    // An edge, or texture that few samples do not know well.
-    if (middle - luminance).abs() > 1e-3 * middle {
-        luminance = mean(&lattices[2]);
-    } else {
-        luminance = middle;
-    }
+    let [first, second, many] = lattices;
+    let [a, b] = [first, second].map(|offsets| (sum(offsets), offsets.len() as f64));
+    let mean = (a.0 + b.0) / (a.1 + b.1);
+    let apart = (a.0 / a.1 - b.0 / b.1).abs();
+    let luminance = if apart > AGREE * mean { sum(many) / many.len() as f64 } else { mean };
     let region = match (shapes.len(), kinds.len()) {
         (0 | 1, 0 | 1) => Region::Interior,
         (0 | 1, _) => Region::ShadowEdge,
