@@ -14,7 +14,7 @@ pixel; polarity is ON = 1, OFF = 0.
 from . import metrics, motion
 from ._builder import SceneBuilder
 from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
-from ._emulator import EmulatorReport, EventEmulator
+from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, Warp
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
@@ -73,6 +73,7 @@ __all__ = [
     "FormCheck",
     "FormatError",
     "Frames",
+    "KeyframeReport",
     "Labels",
     "Noise",
     "Packet",
@@ -100,6 +101,7 @@ __all__ = [
     "Verification",
     "VideoReport",
     "View",
+    "Warp",
     "Waveform",
     "Writer",
     "__version__",

@@ -419,6 +419,19 @@ class EventEmulator:
     def push(
         self, frames: npt.NDArray[Any], t_us: int, *, channels: int, transfer: str, gamma: float
     ) -> list[npt.NDArray[np.void]]: ...
+    def push_keyframe(
+        self,
+        light: npt.NDArray[np.float32],
+        depth: npt.NDArray[np.float32],
+        motion: npt.NDArray[np.float32],
+        t_us: int,
+        *,
+        motion_forward: npt.NDArray[np.float32] | None,
+        cut: list[bool],
+        channels: int,
+        warp: str,
+    ) -> list[npt.NDArray[np.void]]: ...
+    def keyframe_reports(self) -> list[dict[str, Any]]: ...
     def reset(self, environments: list[int] | None) -> None: ...
     def reports(self) -> tuple[dict[str, int], dict[str, int]]: ...
     def now_us(self) -> int | None: ...

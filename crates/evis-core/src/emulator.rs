@@ -4,12 +4,15 @@ mod chain;
 mod diffusion;
 pub(crate) mod frames;
 mod ideal;
+mod keyframe;
+mod links;
 mod noise;
 mod order;
 pub mod parts;
 mod readout;
 mod shape;
 mod state;
+mod warp;
 
 use rayon::prelude::*;
 
@@ -22,10 +25,13 @@ use chain::{Chain, Plan, Scan};
 use diffusion::Diffuse;
 use frames::{Source, Tables};
 use ideal::{Interval, Pixels, Tally};
+use keyframe::{Benches, Keyframe};
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
 use readout::Wire;
 
 pub use frames::{FrameData, Frames, Transfer};
+pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
+pub use warp::{Carrier, Filter, WarpConfig};
 
 /// Pixels per tile: the unit of work of a thread. Its memory stays within a core's second cache.
 const TILE: usize = 1 << 14;
@@ -107,6 +113,8 @@ pub struct EventEmulator {
     now_us: Option<i64>,
     last: EmulatorReport,
     total: EmulatorReport,
+    benches: Benches,
+    keyframe_reports: Vec<KeyframeReport>,
 }
 
 /// How pixels are computed: chosen once.
@@ -132,6 +140,8 @@ struct Environment {
     wire: Wire,
     fired: Vec<Event>,
     report: EmulatorReport,
+    /// What the last frame was, if it had depth and motion.
+    keyframe: Option<Box<Keyframe>>,
 }
 
 /// Pixels that one thread treats at a time, with their memory.
@@ -199,6 +209,7 @@ impl EventEmulator {
             wire: Wire::default(),
             fired: Vec::new(),
             report: EmulatorReport::default(),
+            keyframe: None,
         };
         let kernel = if config.sensor.diffusion.is_some() {
             Kernel::Diffusion
@@ -230,6 +241,8 @@ impl EventEmulator {
             now_us: None,
             last: EmulatorReport::default(),
             total: EmulatorReport::default(),
+            benches: Benches::default(),
+            keyframe_reports: Vec::new(),
             config,
         })
     }
@@ -305,21 +318,7 @@ impl EventEmulator {
         let run = || {
             // Nothing changes before all light has been found possible.
             let scan = |environment: &mut Environment, source: &Source<'_>| {
-                let (key, first_frame) = (environment.key, !environment.started);
-                if first_frame {
-                    environment.clear();
-                }
-                if parallel {
-                    let tiles = environment.tiles.par_iter_mut();
-                    tiles
-                        .map(|tile| tile.scan(&work, key, source, first_frame))
-                        .reduce(Scan::default, Scan::join)
-                } else {
-                    let tiles = environment.tiles.iter_mut();
-                    tiles
-                        .map(|tile| tile.scan(&work, key, source, first_frame))
-                        .fold(Scan::default(), Scan::join)
-                }
+                environment.scan(&work, source, parallel)
             };
             let scans: Vec<Scan> = if parallel {
                 environments.par_iter_mut().zip(&sources).map(|(all, source)| scan(all, source)).collect()
@@ -329,21 +328,11 @@ impl EventEmulator {
             if scans.iter().any(|scan| scan.impossible) {
                 return Err(impossible_light(frames, config));
             }
-            let fire = |environment: &mut Environment,
-                        scan: &Scan,
-                        source: &Source<'_>,
-                        out: &mut Vec<Event>| {
-                let key = environment.key;
-                if parallel {
-                    environment
-                        .tiles
-                        .par_iter_mut()
-                        .for_each(|tile| tile.fire(&work, key, source, scan.most));
-                } else {
-                    environment.tiles.iter_mut().for_each(|tile| tile.fire(&work, key, source, scan.most));
-                }
-                environment.finish(&work, scan, out);
-            };
+            let fire =
+                |environment: &mut Environment, scan: &Scan, source: &Source<'_>, out: &mut Vec<Event>| {
+                    environment.keyframe = None;
+                    environment.fire(&work, scan, source, parallel, out);
+                };
             let scans = scans.iter().zip(&sources);
             if parallel {
                 let all: Vec<_> = environments.iter_mut().zip(scans).zip(out).collect();
@@ -361,6 +350,13 @@ impl EventEmulator {
             Some(pool) => pool.install(run)?,
             None => run()?,
         }
+        self.keyframe_reports.clear();
+        self.note(t_us);
+        Ok(())
+    }
+
+    /// Adds up what a push to `t_us` did.
+    fn note(&mut self, t_us: i64) {
         self.now_us = Some(t_us);
         self.last = EmulatorReport::default();
         for environment in &self.environments {
@@ -368,7 +364,6 @@ impl EventEmulator {
         }
         let last = self.last;
         self.total.add(&last);
-        Ok(())
     }
 
     /// Lets the environments `indices` (all, where there is no list) begin anew with their next frame. With all of them
@@ -421,6 +416,7 @@ impl EventEmulator {
 }
 
 /// What all tiles of a push share.
+#[derive(Clone, Copy)]
 struct Push<'a> {
     config: &'a EmulatorConfig,
     kernel: &'a Kernel,
@@ -469,6 +465,47 @@ impl Environment {
                 memory => *memory = Memory::None,
             }
         }
+    }
+
+    /// First pass: nothing that outlives a push changes.
+    fn scan(&mut self, work: &Push<'_>, source: &Source<'_>, parallel: bool) -> Scan {
+        let (key, first_frame) = (self.key, !self.started);
+        if first_frame {
+            self.clear();
+        }
+        let scan = |tile: &mut Tile| tile.scan(work, key, source, first_frame);
+        if parallel {
+            self.tiles.par_iter_mut().map(scan).reduce(Scan::default, Scan::join)
+        } else {
+            self.tiles.iter_mut().map(scan).fold(Scan::default(), Scan::join)
+        }
+    }
+
+    /// Second pass: events.
+    fn fire(
+        &mut self,
+        work: &Push<'_>,
+        scan: &Scan,
+        source: &Source<'_>,
+        parallel: bool,
+        events: &mut Vec<Event>,
+    ) {
+        let (key, most) = (self.key, scan.most);
+        if parallel {
+            self.tiles.par_iter_mut().for_each(|tile| tile.fire(work, key, source, most));
+        } else {
+            self.tiles.iter_mut().for_each(|tile| tile.fire(work, key, source, most));
+        }
+        self.finish(work, scan, events);
+    }
+
+    /// Both passes over light that was found possible.
+    fn advance(&mut self, work: &Push<'_>, light: &[f32], events: &mut Vec<Event>) {
+        let source =
+            Source::Linear { values: light, inverse_reference: 1.0 / work.config.reference_luminance };
+        let parallel = work.threads > 1 && light.len() > TILE;
+        let scan = self.scan(work, &source, parallel);
+        self.fire(work, &scan, &source, parallel, events);
     }
 
     /// Sorts what the tiles fired.

@@ -4,6 +4,8 @@
 
 use rayon::prelude::*;
 
+pub use super::warp::{Gap, Pictures, Scratch, Side};
+
 use super::TILE;
 pub use super::chain::{Frozen, JITTER_SHIFT};
 pub use super::noise::Cause;
