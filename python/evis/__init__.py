@@ -19,7 +19,7 @@ from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
 from ._method import Splat
-from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
+from ._packets import CAUSES, CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Diffusion, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
 from ._simulator import Device, Simulator, Stream, devices
@@ -48,6 +48,7 @@ from ._video import Frames, VideoReport, frames, video
 from .motion import Placement, Waveform
 
 __all__ = [
+    "CAUSES",
     "Calibration",
     "CameraInfo",
     "Chart",

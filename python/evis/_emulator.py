@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast, overload
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from . import _evis
 from ._events import EventArray
 from ._evis import ConfigError
+from ._packets import CAUSE
 from ._sensor import Sensor
 
 Transfer: TypeAlias = Literal["linear", "log", "srgb", "rec709", "gamma"]
@@ -174,6 +175,8 @@ class EventEmulator(Generic[Out]):
         Y_ref of the sensor's formula.
     threads : int
         Threads that work on a push; 0: as many as there are cores.
+    labels : sequence of {"cause"}
+        ``cause``: `causes` tells why each event fired.
 
     Raises
     ------
@@ -204,6 +207,7 @@ class EventEmulator(Generic[Out]):
         camera: int = 0,
         reference_luminance: float = 1.0,
         threads: int = 0,
+        labels: Iterable[Literal["cause"]] = (),
     ) -> None: ...
 
     @overload
@@ -218,6 +222,7 @@ class EventEmulator(Generic[Out]):
         camera: int = 0,
         reference_luminance: float = 1.0,
         threads: int = 0,
+        labels: Iterable[Literal["cause"]] = (),
     ) -> None: ...
 
     def __init__(
@@ -231,6 +236,7 @@ class EventEmulator(Generic[Out]):
         camera: int = 0,
         reference_luminance: float = 1.0,
         threads: int = 0,
+        labels: Iterable[Literal["cause"]] = (),
     ) -> None:
         if sensor is None:
             sensor = Sensor()
@@ -247,6 +253,12 @@ class EventEmulator(Generic[Out]):
             limit = 64 if what == "seed" else 32
             if not 0 <= value < 2**limit:
                 raise ConfigError(f"{what} is {value}; it must be at least 0 and below 2**{limit}")
+        if isinstance(labels, str):
+            raise ConfigError("labels is a sequence: write ['cause'], not 'cause'")
+        wanted = list(labels)
+        for label in wanted:
+            if label != CAUSE:
+                raise ConfigError(f"label is {label!r}; it must be 'cause': images come from a Simulator")
         sensor.check()
         self._sensor = sensor
         self._settings: dict[str, Any] = {
@@ -257,10 +269,13 @@ class EventEmulator(Generic[Out]):
             "camera": int(camera),
             "reference_luminance": float(reference_luminance),
             "threads": int(threads),
+            "labels": tuple(wanted),
         }
         self._copies = (0, 0)
         self._emulator = _evis.EventEmulator(
-            **{**self._settings, "batch": 1 if batch is None else batch}, sensor=sensor._json()
+            **{name: value for name, value in self._settings.items() if name != "labels"}
+            | {"batch": 1 if batch is None else batch, "causes": CAUSE in wanted},
+            sensor=sensor._json(),
         )
 
     @property
@@ -287,6 +302,17 @@ class EventEmulator(Generic[Out]):
     def now_us(self) -> int | None:
         """Time of the last frame, microseconds; None before the first one."""
         return self._emulator.now_us()
+
+    @property
+    def causes(self) -> npt.NDArray[np.uint8] | Any:
+        """Why each event of the last push fired: uint8 (N,), indices of `CAUSES`; a list with a batch.
+
+        None where ``cause`` is not among the labels, and before the first push.
+        """
+        lists = self._emulator.causes()
+        if not lists:
+            return None
+        return lists[0] if self.batch is None else lists
 
     @property
     def report(self) -> EmulatorReport:

@@ -16,7 +16,7 @@ mod warp;
 
 use rayon::prelude::*;
 
-use crate::event::Event;
+use crate::event::{Cause, Event, take_causes};
 use crate::random::Key;
 use crate::sensor::{ConfigError, Sensor, SensorConfig};
 use crate::simd::Isa;
@@ -55,6 +55,8 @@ pub struct EmulatorConfig {
     pub reference_luminance: f32,
     /// Threads that work on a push; 0: as many as there are cores. No event depends on it.
     pub threads: usize,
+    /// Whether [`EventEmulator::causes`] tells why each event fired.
+    pub causes: bool,
 }
 
 impl Default for EmulatorConfig {
@@ -68,6 +70,7 @@ impl Default for EmulatorConfig {
             sensor: SensorConfig::default(),
             reference_luminance: 1.0,
             threads: 0,
+            causes: false,
         }
     }
 }
@@ -115,6 +118,8 @@ pub struct EventEmulator {
     total: EmulatorReport,
     benches: Benches,
     keyframe_reports: Vec<KeyframeReport>,
+    /// Of the last push's events, per environment.
+    causes: Vec<Vec<u8>>,
 }
 
 /// How pixels are computed: chosen once.
@@ -152,6 +157,8 @@ struct Tile {
     /// Nothing before the first frame says of which kind frames are.
     memory: Memory,
     records: Vec<Record>,
+    /// Of the records, where they are asked for and can differ.
+    causes: Vec<Cause>,
     tally: Tally,
 }
 
@@ -243,6 +250,7 @@ impl EventEmulator {
             total: EmulatorReport::default(),
             benches: Benches::default(),
             keyframe_reports: Vec::new(),
+            causes: Vec::new(),
             config,
         })
     }
@@ -293,6 +301,7 @@ impl EventEmulator {
             return Err(ConfigError::new("number of event lists", out.len(), self.config.batch.to_string()));
         }
         let interval_us = self.check_time(t_us)?;
+        let before: Vec<usize> = out.iter().map(Vec::len).collect();
         let pixels = self.config.width as usize * self.config.height as usize;
         frames.check(pixels * self.config.batch)?;
         let inverse = 1.0 / self.config.reference_luminance;
@@ -315,7 +324,7 @@ impl EventEmulator {
         {
             tile.check(source)?;
         }
-        let run = || {
+        let mut run = || {
             // Nothing changes before all light has been found possible.
             let scan = |environment: &mut Environment, source: &Source<'_>| {
                 environment.scan(&work, source, parallel)
@@ -335,12 +344,14 @@ impl EventEmulator {
                 };
             let scans = scans.iter().zip(&sources);
             if parallel {
-                let all: Vec<_> = environments.iter_mut().zip(scans).zip(out).collect();
+                let all: Vec<_> = environments.iter_mut().zip(scans).zip(&mut *out).collect();
                 all.into_par_iter().for_each(|((environment, (scan, source)), events)| {
                     fire(environment, scan, source, events);
                 });
             } else {
-                for ((environment, (scan, source)), events) in environments.iter_mut().zip(scans).zip(out) {
+                for ((environment, (scan, source)), events) in
+                    environments.iter_mut().zip(scans).zip(&mut *out)
+                {
                     fire(environment, scan, source, events);
                 }
             }
@@ -352,7 +363,22 @@ impl EventEmulator {
         }
         self.keyframe_reports.clear();
         self.note(t_us);
+        self.take_causes(out, &before);
         Ok(())
+    }
+
+    /// Takes the causes off the events of each list from `before` on.
+    fn take_causes(&mut self, lists: &mut [Vec<Event>], before: &[usize]) {
+        if self.config.causes {
+            let news = lists.iter_mut().zip(before).filter_map(|(list, from)| list.get_mut(*from..));
+            self.causes = news.map(take_causes).collect();
+        }
+    }
+
+    /// Why each event of the last push fired, as numbers of [`Cause`]: a list per environment. Empty where
+    /// [`EmulatorConfig::causes`] is off.
+    pub fn causes(&self) -> &[Vec<u8>] {
+        &self.causes
     }
 
     /// Adds up what a push to `t_us` did.
@@ -515,14 +541,28 @@ impl Environment {
         let parts: Vec<&[Record]> = self.tiles.iter().map(|tile| tile.records.as_slice()).collect();
         let readout = &work.config.sensor.readout;
         let mut dropped = 0;
-        if readout.is_off() {
+        let marked = work.config.causes && matches!(work.kernel, Kernel::Chain(_));
+        if readout.is_off() && !marked {
             append_sorted(&parts, work.start_us, work.interval_us, &mut self.spans, work.threads, events);
         } else {
             self.fired.clear();
-            let all = parts.iter().flat_map(|part| part.iter());
-            self.fired.extend(all.map(|record| record.event(work.start_us)));
+            if marked {
+                let all = self.tiles.iter().flat_map(|tile| tile.records.iter().zip(&tile.causes));
+                let event =
+                    |(record, cause): (&Record, &Cause)| record.event(work.start_us).with_cause(*cause);
+                self.fired.extend(all.map(event));
+            } else {
+                let all = parts.iter().flat_map(|part| part.iter());
+                self.fired.extend(all.map(|record| record.event(work.start_us)));
+            }
             let end_us = work.start_us + i64::from(work.interval_us);
-            dropped = self.wire.pass(readout, &mut self.fired, end_us, events);
+            if readout.is_off() {
+                // Stable: by pixel and in firing order within a microsecond.
+                self.fired.sort_by_key(|event| event.t);
+                events.append(&mut self.fired);
+            } else {
+                dropped = self.wire.pass(readout, &mut self.fired, end_us, events);
+            }
         }
         self.report = EmulatorReport {
             events: (events.len() - before) as u64,
@@ -540,7 +580,7 @@ impl Environment {
 impl Tile {
     const fn new(first: usize, end: usize) -> Self {
         let tally = Tally { unknown: 0, clamped: 0, suppressed: 0 };
-        Self { first, end, memory: Memory::None, records: Vec::new(), tally }
+        Self { first, end, memory: Memory::None, records: Vec::new(), causes: Vec::new(), tally }
     }
 
     const fn interval<'a>(&self, work: &Push<'a>) -> Interval<'a> {
@@ -585,11 +625,13 @@ impl Tile {
     fn fire(&mut self, work: &Push<'_>, key: Key, source: &Source<'_>, most: u32) {
         let at = self.interval(work);
         self.records.clear();
+        self.causes.clear();
         let records = &mut self.records;
         self.tally = match (&mut self.memory, work.kernel) {
             (Memory::Ideal(pixels), _) => pixels.fire(work.isa, *source, &at, records),
             (Memory::Chain(chain), Kernel::Chain(plan)) => {
-                chain.fire(work.isa, plan, &at, key, (work.start_us, most), records)
+                let causes = work.config.causes.then_some(&mut self.causes);
+                chain.fire(work.isa, plan, &at, key, (work.start_us, most), records, causes)
             }
             (Memory::Diffusion(diffuse), _) => {
                 diffuse.fire(&work.config.sensor, &at, key, work.start_us, records)

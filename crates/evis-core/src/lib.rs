@@ -21,7 +21,7 @@ pub use emulator::{
     Carrier, EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes,
     Transfer, WarpConfig,
 };
-pub use event::{Event, Polarity};
+pub use event::{Cause, Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 pub use sensor::{ConfigError, Interpolation, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;

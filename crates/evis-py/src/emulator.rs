@@ -7,7 +7,7 @@ use evis_core::{
     ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, KeyframeReport, Keyframes, Sensor,
     SensorConfig, Transfer, WarpConfig,
 };
-use numpy::PyReadonlyArray1;
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -100,7 +100,7 @@ fn transfer(name: &str, gamma: f32) -> Result<Transfer, Failure> {
 #[pymethods]
 impl EventEmulator {
     #[new]
-    #[pyo3(signature = (*, width, height, batch, seed, camera, sensor, reference_luminance, threads))]
+    #[pyo3(signature = (*, width, height, batch, seed, camera, sensor, reference_luminance, threads, causes))]
     #[allow(clippy::too_many_arguments, reason = "keyword arguments, all with names")]
     fn new(
         py: Python<'_>,
@@ -112,10 +112,20 @@ impl EventEmulator {
         sensor: &str,
         reference_luminance: f32,
         threads: usize,
+        causes: bool,
     ) -> PyResult<Self> {
         let sensor = from_json(sensor)?;
-        let config =
-            EmulatorConfig { width, height, batch, seed, camera, sensor, reference_luminance, threads };
+        let config = EmulatorConfig {
+            width,
+            height,
+            batch,
+            seed,
+            camera,
+            sensor,
+            reference_luminance,
+            threads,
+            causes,
+        };
         py.enter_engine(|| Ok::<_, Failure>(Self(Mutex::new(evis_core::EventEmulator::new(config)?))))
     }
 
@@ -178,6 +188,15 @@ impl EventEmulator {
             emulator.push_keyframe(&keyframes, t_us, &warp).map_err(Failure::from)
         })?;
         Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
+    }
+
+    /// Why the events of the last push fired, an array per environment; none where that was not asked for.
+    fn causes<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray1<u8>>>> {
+        let lists = py.enter_engine(|| {
+            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            Ok::<_, Failure>(emulator.causes().to_vec())
+        })?;
+        Ok(lists.into_iter().map(|list| PyArray1::from_vec(py, list)).collect())
     }
 
     /// What became of the last keyframes, per environment.

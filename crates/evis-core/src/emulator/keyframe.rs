@@ -268,6 +268,8 @@ impl EventEmulator {
             }
         };
         self.note(t_us);
+        let before = vec![0; out.len()];
+        self.take_causes(&mut out, &before);
         Ok(out)
     }
 
