@@ -14,12 +14,12 @@ pixel; polarity is ON = 1, OFF = 0.
 from . import metrics, motion
 from ._builder import SceneBuilder
 from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
-from ._emulator import EmulatorReport, EventEmulator
+from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, Warp
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
 from ._method import Splat
-from ._packets import CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
+from ._packets import CAUSES, CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Diffusion, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
 from ._simulator import Device, Simulator, Stream, devices
@@ -55,6 +55,7 @@ from ._video import Frames, VideoReport, frames, video
 from .motion import Placement, Waveform
 
 __all__ = [
+    "CAUSES",
     "Calibration",
     "CameraInfo",
     "Chart",
@@ -82,6 +83,7 @@ __all__ = [
     "FormCheck",
     "FormatError",
     "Frames",
+    "KeyframeReport",
     "Labels",
     "LightError",
     "LightPixel",
@@ -112,6 +114,7 @@ __all__ = [
     "Verification",
     "VideoReport",
     "View",
+    "Warp",
     "Waveform",
     "Writer",
     "__version__",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from . import _evis
 from ._events import EventArray
 from ._evis import ConfigError
+from ._packets import CAUSE
 from ._sensor import Sensor
 
 Transfer: TypeAlias = Literal["linear", "log", "srgb", "rec709", "gamma"]
@@ -50,6 +52,105 @@ class EmulatorReport:
     copies: int
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class KeyframeReport:
+    """What became of one environment's keyframe and the gap before it.
+
+    Attributes
+    ----------
+    steps : int
+        Instants of the gap, the keyframe included.
+    motion_px : float
+        Pixels that all but a thousandth of the picture's pixels moved at most since the last keyframe.
+    linked : float
+        Part of the picture whose surfaces were found in the last keyframe, by motion and depth.
+    unknown : int
+        Pixels and instants at which no light was known: there the pixel's memory stayed.
+    bad_depth : int
+        Pixels with a depth that is none (0, negative, NaN): taken for nothing there.
+    bad_motion : int
+        Pixels with a motion vector that is none (NaN, or 16 384 pixels and more): not moved.
+    cut : {"none", "start", "declared", "detected"}
+        Why the gap was not warped, if it was not: there was no last keyframe, or a cut.
+    warnings : tuple of str
+        What to change, in words: motion too large for the rate, vectors of another convention, a cut.
+    """
+
+    steps: int
+    motion_px: float
+    linked: float
+    unknown: int
+    bad_depth: int
+    bad_motion: int
+    cut: Literal["none", "start", "declared", "detected"]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Warp:
+    """How the instants between two pushed keyframes come from both.
+
+    Values are checked when keyframes are pushed; ``docs/methods.md`` says what each option does.
+
+    Attributes
+    ----------
+    steps : int, optional
+        Instants per gap, the keyframe that ends it included; as many as ``step_px`` asks for if not given.
+    step_px : float
+        Where ``steps`` is not given: pixels that the picture moves from instant to instant, at most.
+    margin : int
+        Pixels that keyframes show beyond each border of the sensor: pictures are larger by it on every side.
+    carrier : {"index", "colour"}
+        What is splatted: the number of the source pixel, whose light is then read from its keyframe, or its
+        luminance, with a softmax over depth.
+    filter : {"cubic", "bilinear"}
+        How an index's light is read between its keyframe's pixels: cubic keeps the contrast of fine texture.
+    nearest : bool
+        Where both keyframes show something, the nearer surface wins; else the newer keyframe.
+    blend : bool
+        Where both show the same surface, both count, in log light and by their distance in time.
+    dilate : int
+        Pixels by which the motion of nearer surfaces reaches over their antialiased fringe.
+    sharpness : float
+        Of the softmax: importance is e^(sharpness (1/z) / max(1/z)).
+    hole_below : float
+        A pixel with less splatted weight than this is a hole.
+    fill : float or None
+        Luminance of what neither keyframe shows; None leaves the pixel's memory untouched and counts it as
+        unknown.
+    detect_cuts : bool
+        Whether keyframes that nothing links are taken for a cut: light then goes straight from one to the
+        other.
+    """
+
+    steps: int | None = None
+    step_px: float = 1.0
+    margin: int = 0
+    carrier: Literal["index", "colour"] = "index"
+    filter: Literal["cubic", "bilinear"] = "cubic"
+    nearest: bool = True
+    blend: bool = True
+    dilate: int = 1
+    sharpness: float = 12.0
+    hole_below: float = 0.3
+    fill: float | None = None
+    detect_cuts: bool = True
+
+    @classmethod
+    def evis_paper(cls, steps: int = 8) -> Warp:
+        """Return the settings that the EVIS paper publishes; its sensor latches, with ``log_eps`` 1e-5."""
+        return cls(
+            steps=steps,
+            carrier="colour",
+            filter="bilinear",
+            nearest=False,
+            blend=False,
+            dilate=0,
+            hole_below=1e-4,
+            fill=0.0,
+        )
+
+
 class EventEmulator(Generic[Out]):
     """Turn frames into events, for light that somebody else made.
 
@@ -74,6 +175,8 @@ class EventEmulator(Generic[Out]):
         Y_ref of the sensor's formula.
     threads : int
         Threads that work on a push; 0: as many as there are cores.
+    labels : sequence of {"cause"}
+        ``cause``: `causes` tells why each event fired.
 
     Raises
     ------
@@ -104,6 +207,7 @@ class EventEmulator(Generic[Out]):
         camera: int = 0,
         reference_luminance: float = 1.0,
         threads: int = 0,
+        labels: Iterable[Literal["cause"]] = (),
     ) -> None: ...
 
     @overload
@@ -118,6 +222,7 @@ class EventEmulator(Generic[Out]):
         camera: int = 0,
         reference_luminance: float = 1.0,
         threads: int = 0,
+        labels: Iterable[Literal["cause"]] = (),
     ) -> None: ...
 
     def __init__(
@@ -131,6 +236,7 @@ class EventEmulator(Generic[Out]):
         camera: int = 0,
         reference_luminance: float = 1.0,
         threads: int = 0,
+        labels: Iterable[Literal["cause"]] = (),
     ) -> None:
         if sensor is None:
             sensor = Sensor()
@@ -147,6 +253,12 @@ class EventEmulator(Generic[Out]):
             limit = 64 if what == "seed" else 32
             if not 0 <= value < 2**limit:
                 raise ConfigError(f"{what} is {value}; it must be at least 0 and below 2**{limit}")
+        if isinstance(labels, str):
+            raise ConfigError("labels is a sequence: write ['cause'], not 'cause'")
+        wanted = list(labels)
+        for label in wanted:
+            if label != CAUSE:
+                raise ConfigError(f"label is {label!r}; it must be 'cause': images come from a Simulator")
         sensor.check()
         self._sensor = sensor
         self._settings: dict[str, Any] = {
@@ -157,10 +269,13 @@ class EventEmulator(Generic[Out]):
             "camera": int(camera),
             "reference_luminance": float(reference_luminance),
             "threads": int(threads),
+            "labels": tuple(wanted),
         }
         self._copies = (0, 0)
         self._emulator = _evis.EventEmulator(
-            **{**self._settings, "batch": 1 if batch is None else batch}, sensor=sensor._json()
+            **{name: value for name, value in self._settings.items() if name != "labels"}
+            | {"batch": 1 if batch is None else batch, "causes": CAUSE in wanted},
+            sensor=sensor._json(),
         )
 
     @property
@@ -187,6 +302,17 @@ class EventEmulator(Generic[Out]):
     def now_us(self) -> int | None:
         """Time of the last frame, microseconds; None before the first one."""
         return self._emulator.now_us()
+
+    @property
+    def causes(self) -> npt.NDArray[np.uint8] | Any:
+        """Why each event of the last push fired: uint8 (N,), indices of `CAUSES`; a list with a batch.
+
+        None where ``cause`` is not among the labels, and before the first push.
+        """
+        lists = self._emulator.causes()
+        if not lists:
+            return None
+        return lists[0] if self.batch is None else lists
 
     @property
     def report(self) -> EmulatorReport:
@@ -231,12 +357,129 @@ class EventEmulator(Generic[Out]):
         channels = self._channels(array)
         if transfer is None:
             transfer = "linear" if array.dtype == np.float32 else "srgb"
-        if not isinstance(t_us, (int, np.integer)) or isinstance(t_us, bool) or not -(2**62) < t_us < 2**62:
-            raise ConfigError(f"t_us is {t_us!r}; it must be an integer, microseconds")
         lists = self._emulator.push(
-            array.reshape(-1), int(t_us), channels=channels, transfer=str(transfer), gamma=float(gamma)
+            array.reshape(-1), _time(t_us), channels=channels, transfer=str(transfer), gamma=float(gamma)
         )
-        self._copies = (int(copied), self._copies[1] + int(copied))
+        return self._made(lists, int(copied))
+
+    def push_keyframe(
+        self,
+        hdr: Any,
+        depth: Any,
+        motion_vectors: Any,
+        t_us: int,
+        *,
+        motion_forward: Any = None,
+        cut: bool | Sequence[bool] | npt.NDArray[np.bool_] = False,
+        steps: int | None = None,
+        warp: Warp | Literal["splat", "evis-paper"] = "splat",
+    ) -> Out:
+        """Take what a renderer knows of one time; return the events since the last keyframe.
+
+        The light between two keyframes is warped along the motion vectors from both, at as many instants as
+        the motion asks for, then felt as by `push`. Where neither keyframe knows it, a pixel's memory stays.
+        Arrays are float32, NumPy or DLPack on the CPU; ``(H, W)`` stands for the sensor's size, larger by
+        ``warp.margin`` on every side, and for ``(N, H, W)`` with a batch.
+
+        Parameters
+        ----------
+        hdr : array_like or DLPack tensor
+            Linear light, before any tone curve: (H, W), (H, W, 1) or (H, W, 3). NaN means unknown.
+        depth : array_like or DLPack tensor
+            Planar z in metres, +inf where nothing is: (H, W) or (H, W, 1). 0, negative values and NaN count
+            as nothing; the report counts them.
+        motion_vectors : array_like or DLPack tensor
+            (H, W, 2): where each pixel's surface was at the last keyframe, as seen from where it is now, in
+            pixels, x right, y down: ``before = here + motion``. This is `flow_backward` of a `Simulator` and
+            ``motion_vectors`` of Isaac Lab as they are; docs/methods.md maps others. NaN, or 16 384 pixels
+            and more, means unknown. Those of an environment's first keyframe are not looked at.
+        t_us : int
+            Time in microseconds, above that of the last push.
+        motion_forward : array_like or DLPack tensor, optional
+            (H, W, 2): the same to where it will be at the *next* keyframe: ``after = here + motion``. Without
+            it, the next keyframe's vectors are turned around, and what it does not show moves on evenly.
+        cut : bool or sequence of bool
+            Whether this keyframe has nothing to do with the last one (a camera cut, a teleported robot), or
+            per environment. That environment begins anew, as after `reset`: it makes no events.
+        steps : int, optional
+            Instants per gap, before ``warp.steps``.
+        warp : Warp or {"splat", "evis-paper"}
+            How the instants between keyframes are made.
+
+        Returns
+        -------
+        EventArray or list of EventArray
+            Events in ``(t0, t1]``; with a batch, one per environment. The first keyframe of an environment
+            makes none. `keyframe_report` says what was done, and what to change.
+
+        Raises
+        ------
+        ConfigError
+            If shape, dtype, time or settings cannot be used, or light is negative or infinite. Nothing has
+            changed then.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import evis
+        >>> emulator = evis.EventEmulator(32, 24)
+        >>> def render(x0):  # a bright edge at column x0
+        ...     row = np.where(np.arange(32) < x0, 0.8, 0.2)
+        ...     return np.tile(row, (24, 1)).astype(np.float32)
+        >>> depth = np.full((24, 32), 2.0, np.float32)
+        >>> motion = np.zeros((24, 32, 2), np.float32)
+        >>> motion[..., 0] = -4  # it was 4 pixels to the left
+        >>> emulator.push_keyframe(render(10), depth, motion, 0)
+        EventArray(0 events, 32x24)
+        >>> events = emulator.push_keyframe(render(14), depth, motion, 8000)
+        >>> sorted(set(events.x.tolist())), emulator.keyframe_report.steps
+        ([10, 11, 12, 13], 4)
+        """
+        chosen = _warp(warp, steps)
+        border = 2 * chosen.margin if isinstance(chosen.margin, int) else 0
+        size_hw: tuple[int, int] = (self.height + border, self.width + border)
+        shape: tuple[int, ...] = size_hw if self.batch is None else (self.batch, *size_hw)
+        light, copies = _picture("hdr", hdr, shape, (1, 3))
+        depths, copied = _picture("depth", depth, shape, (1,))
+        motion, moved = _picture("motion_vectors", motion_vectors, shape, (2,))
+        copies += copied + moved
+        forward = None
+        if motion_forward is not None:
+            forward, copied = _picture("motion_forward", motion_forward, shape, (2,))
+            copies += copied
+        channels = light.size // max(depths.size, 1)
+        size = 1 if self.batch is None else self.batch
+        cuts = np.atleast_1d(np.asarray(cut))
+        if cuts.dtype != np.bool_ or cuts.shape not in ((1,), (size,)):
+            raise ConfigError(f"cut is {cut!r}; it must be a bool, or {size} of them")
+        lists = self._emulator.push_keyframe(
+            light.reshape(-1),
+            depths.reshape(-1),
+            motion.reshape(-1),
+            _time(t_us),
+            motion_forward=None if forward is None else forward.reshape(-1),
+            cut=np.broadcast_to(cuts, size).tolist(),
+            channels=channels,
+            warp=json.dumps(asdict(chosen)),
+        )
+        return self._made(lists, copies)
+
+    @property
+    def keyframe_report(self) -> KeyframeReport | Any:
+        """What became of the last keyframe: a `KeyframeReport`, with a batch a list of them, one each.
+
+        None where the last push was none of keyframes.
+        """
+        reports = [
+            KeyframeReport(**{**report, "warnings": tuple(report["warnings"])})
+            for report in self._emulator.keyframe_reports()
+        ]
+        if not reports:
+            return None
+        return reports[0] if self.batch is None else reports
+
+    def _made(self, lists: list[npt.NDArray[np.void]], copies: int) -> Out:
+        self._copies = (copies, self._copies[1] + copies)
         made = [EventArray._trusted(events, self.width, self.height) for events in lists]
         return cast("Out", made[0] if self.batch is None else made)
 
@@ -307,18 +550,53 @@ def _unpickle(sensor: Sensor, settings: dict[str, Any], state: bytes) -> EventEm
     return emulator
 
 
-def _as_array(frames: Any) -> tuple[npt.NDArray[Any], bool]:
+def _time(t_us: int) -> int:
+    if not isinstance(t_us, (int, np.integer)) or isinstance(t_us, bool) or not -(2**62) < t_us < 2**62:
+        raise ConfigError(f"t_us is {t_us!r}; it must be an integer, microseconds")
+    return int(t_us)
+
+
+def _warp(warp: Any, steps: int | None) -> Warp:
+    if isinstance(warp, Warp):
+        chosen = warp
+    elif warp == "splat":
+        chosen = Warp()
+    elif warp == "evis-paper":
+        chosen = Warp.evis_paper()
+    else:
+        raise ConfigError(f"warp is {warp!r}; it must be 'splat', 'evis-paper' or a Warp")
+    return chosen if steps is None else replace(chosen, steps=steps)
+
+
+def _picture(
+    what: str, values: Any, shape: tuple[int, ...], channels: tuple[int, ...]
+) -> tuple[npt.NDArray[np.float32], int]:
+    """View one picture per environment as contiguous float32; say how many copies that took."""
+    array, copied = _as_array(values, what, (np.float32,))
+    wanted = [(*shape, number) for number in channels]
+    if 1 in channels:
+        wanted.insert(0, shape)
+    if array.shape not in wanted:
+        raise ConfigError(f"{what} has shape {array.shape}; it must have {' or '.join(map(str, wanted))}")
+    return array, int(copied)
+
+
+def _as_array(
+    frames: Any, what: str = "frames", dtypes: tuple[Any, ...] = (np.float32, np.uint8, np.uint16)
+) -> tuple[npt.NDArray[Any], bool]:
     """View anything as a C-contiguous array of a dtype that the engine reads; say whether it was copied."""
     if not isinstance(frames, np.ndarray) and hasattr(frames, "__dlpack_device__"):
         device = frames.__dlpack_device__()
         if int(device[0]) != _CPU:
             raise ConfigError(
-                f"frames are on DLPack device {int(device[0])}:{int(device[1])}; "
-                "they must be on the CPU (tensor.cpu())"
+                f"{what}: on DLPack device {int(device[0])}:{int(device[1])}; "
+                "it must be on the CPU (tensor.cpu())"
             )
         frames = np.from_dlpack(frames)
     array: npt.NDArray[Any] = np.asarray(frames)
-    if array.dtype not in (np.float32, np.uint8, np.uint16):
-        raise ConfigError(f"frames have dtype {array.dtype}; they must have float32, uint8 or uint16")
+    if array.dtype not in dtypes:
+        *others, last = (np.dtype(dtype).name for dtype in dtypes)
+        wanted = f"{', '.join(others)} or {last}" if others else last
+        raise ConfigError(f"dtype of {what} is {array.dtype}; it must be {wanted}")
     contiguous = np.ascontiguousarray(array)
     return contiguous, not np.may_share_memory(contiguous, array)

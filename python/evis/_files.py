@@ -18,7 +18,7 @@ import numpy.typing as npt
 from . import _evis
 from ._events import EventArray, EventCD, as_event_cd
 from ._evis import ConfigError, EvisError, FormatError
-from ._packets import LABEL_KINDS, CameraInfo, Packet, Poses
+from ._packets import CAUSE, LABEL_KINDS, CameraInfo, Packet, Poses
 from ._simulator import Simulator, Stream
 
 HDF5_ENDINGS = (".h5", ".hdf5")
@@ -45,6 +45,7 @@ class _Source(Protocol):
     def report_json(self) -> str | None: ...
     def event_count(self, camera: int) -> int: ...
     def events(self, camera: int, limits: tuple[int, int] | None) -> npt.NDArray[np.void]: ...
+    def causes(self, camera: int, limits: tuple[int, int] | None) -> npt.NDArray[np.uint8] | None: ...
     def label_times(self, camera: int, kind: str) -> npt.NDArray[np.int64]: ...
     def label(self, camera: int, kind: str, index: int) -> _evis.Label: ...
     def poses(
@@ -77,6 +78,9 @@ class _ArraySource:
 
     def events(self, camera: int, limits: tuple[int, int] | None) -> npt.NDArray[np.void]:
         return (self._events if limits is None else self._events.slice_time(*limits)).to_numpy()
+
+    def causes(self, camera: int, limits: tuple[int, int] | None) -> None:
+        return None
 
     def label_times(self, camera: int, kind: str) -> npt.NDArray[np.int64]:
         return np.empty(0, np.int64)
@@ -128,6 +132,11 @@ class RecordedLabels(Sequence[npt.NDArray[Any]]):
         frame = self._frame(index)
         return frame.t_us, frame.t_other_us
 
+    def exposure_us(self, index: int) -> tuple[int, int]:
+        """Return when image ``index`` begins and ends: a frame's exposure; labels have none (us)."""
+        t_us, other_us = self.interval_us(index)
+        return (other_us, 2 * t_us - other_us) if self.kind == "frame" else (t_us, t_us)
+
     def _frame(self, index: int) -> _evis.Label:
         position = index + len(self) if index < 0 else index
         if not 0 <= position < len(self):
@@ -162,6 +171,11 @@ class RecordedView:
         """All events; read once and kept."""
         return self._array(None)
 
+    @cached_property
+    def causes(self) -> npt.NDArray[np.uint8] | None:
+        """Why each event fired, uint8 (N,), indices of `CAUSES`; None where the file does not say."""
+        return self._source.causes(self._index, None)
+
     def slice_time(self, start_us: int, end_us: int) -> EventArray:
         """Read the events with ``start_us <= t < end_us``, and no others."""
         return self._array((start_us, max(start_us, end_us)))
@@ -173,7 +187,8 @@ class RecordedView:
     @cached_property
     def labels(self) -> Mapping[str, RecordedLabels]:
         """Labels by kind."""
-        return {kind: RecordedLabels(self._source, self._index, kind) for kind in self._source.labels}
+        images = [kind for kind in self._source.labels if kind != CAUSE]
+        return {kind: RecordedLabels(self._source, self._index, kind) for kind in images}
 
     @cached_property
     def poses(self) -> Poses:
@@ -444,7 +459,7 @@ class Writer:
         for view in packet.views:
             writer = writers[view.environment]
             camera = self._camera_index[view.camera.name]
-            writer.write_events(camera, np.ascontiguousarray(view.events))
+            writer.write_events(camera, np.ascontiguousarray(view.events), view.causes)
             for labels in view.labels.values():
                 for t_us, t_other_us, image in zip(
                     labels.t_us.tolist(), labels.t_other_us.tolist(), labels.images, strict=True
@@ -584,7 +599,7 @@ def _save_recording(path: Path, recording: Recording, overwrite: bool) -> None:
         overwrite=overwrite,
     )
     for index, view in enumerate(recording.values()):
-        writer.write_events(index, view.events.to_numpy())
+        writer.write_events(index, view.events.to_numpy(), view.causes)
         for kind, images in view.labels.items():
             for position in range(len(images)):
                 t_us, t_other_us = images.interval_us(position)

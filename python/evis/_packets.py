@@ -14,6 +14,11 @@ from . import _evis
 from ._events import EventArray, Events
 from ._evis import ConfigError, EvisError
 
+CAUSE = "cause"
+
+CAUSES = ("signal", "leak", "shot", "hot")
+"""Why an event fired, by number: light, the pixel's leak, shot noise, a hot pixel."""
+
 LABEL_KINDS: Mapping[str, tuple[np.dtype[Any], int]] = MappingProxyType(
     {name: (np.dtype(dtype), channels) for name, dtype, channels in _evis.label_kinds()}
 )
@@ -102,7 +107,7 @@ class Labels:
         int64 (N,), microseconds since the stream's start.
     t_other_us : numpy.ndarray
         int64 (N,), the other end of a flow's interval, or the start of a frame's exposure, whose middle is
-        `t_us`; equal to `t_us` for every other kind.
+        `t_us`; equal to `t_us` for every other kind. `start_us` and `end_us` are an exposure's ends.
     images : tuple of numpy.ndarray
         N images, never copied.
     """
@@ -112,6 +117,16 @@ class Labels:
     t_other_us: npt.NDArray[np.int64]
     images: tuple[npt.NDArray[Any], ...]
     _size: tuple[int, int]
+
+    @property
+    def start_us(self) -> npt.NDArray[np.int64]:
+        """When each image begins, int64 (N,): a frame's exposure; of labels, their time."""
+        return self.t_other_us if self.kind == "frame" else self.t_us
+
+    @property
+    def end_us(self) -> npt.NDArray[np.int64]:
+        """When each image ends, int64 (N,): a frame's exposure; of labels, their time."""
+        return 2 * self.t_us - self.t_other_us if self.kind == "frame" else self.t_us
 
     def __len__(self) -> int:
         """Count the images."""
@@ -149,6 +164,9 @@ class View:
         One entry per label asked for, also where no image falls into the packet.
     poses : Poses
         Poses of the camera at the label rate.
+    causes : numpy.ndarray or None
+        Why each event fired, uint8 (N,), indices of `CAUSES`; None where ``cause`` is not among the labels
+        asked for.
     """
 
     environment: int
@@ -156,6 +174,7 @@ class View:
     events: Events
     labels: Mapping[str, Labels]
     poses: Poses
+    causes: npt.NDArray[np.uint8] | None = None
 
     @property
     def t(self) -> npt.NDArray[np.int64]:
@@ -261,6 +280,11 @@ class _OneView:
     def p(self) -> npt.NDArray[np.int16]:
         """Polarities, ON = 1 and OFF = 0, int16 (N,); one view only."""
         return self.view.p
+
+    @property
+    def causes(self) -> npt.NDArray[np.uint8] | None:
+        """Why each event fired, uint8 (N,), indices of `CAUSES`, where asked for; one view only."""
+        return self.view.causes
 
 
 class EnvironmentPacket(_OneView, Mapping[str, View]):
@@ -455,6 +479,8 @@ def packet_from(raw: _evis.Packet, cameras: tuple[CameraInfo, ...], kinds: tuple
     views = []
     for view in raw.views:
         camera = cameras[view.camera]
-        labels = labels_from(view.labels, kinds, (camera.width, camera.height))
-        views.append(View(view.environment, camera, view.events, labels, Poses(*view.poses)))
+        images = tuple(kind for kind in kinds if kind != CAUSE)
+        labels = labels_from(view.labels, images, (camera.width, camera.height))
+        causes = view.causes if CAUSE in kinds else None
+        views.append(View(view.environment, camera, view.events, labels, Poses(*view.poses), causes))
     return Packet(raw.start_us, raw.end_us, tuple(views), Report(**raw.report))

@@ -26,6 +26,7 @@ LabelName: TypeAlias = Literal[
     "semantic",
     "normal",
     "hdr",
+    "cause",
 ]
 
 
@@ -109,12 +110,13 @@ class Simulator:
         none).
     labels : sequence of str
         Any of ``depth``, ``flow``, ``instance``, ``semantic``, ``normal``, ``hdr``; ``flow`` stands for
-        ``flow_forward`` and ``flow_backward`` with their validity masks.
+        ``flow_forward`` and ``flow_backward`` with their validity masks. ``cause`` is no image: it tells why
+        each event fired (`View.causes`).
     label_rate_hz : float
         Label images and poses per second.
     frame_rate_hz : float, optional
         Frames per second beside the events, as ``labels["frame"]``: float32 (H, W), mean linear luminance
-        over an exposure; ``t_us`` is its middle, ``t_other_us`` its start. None if not given.
+        over an exposure; ``t_us`` is its middle, `start_us` and `end_us` its ends. None if not given.
     exposure_us : int
         Exposure of those frames: even, and at most the time between two.
     start : float

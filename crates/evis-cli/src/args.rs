@@ -1053,6 +1053,8 @@ pub(crate) enum LabelArg {
     Normal,
     /// Linear RGB frames.
     Hdr,
+    /// Why each event fired: signal, leak, shot noise or hot pixel; a column beside the events.
+    Cause,
 }
 
 impl LabelArg {
@@ -1070,13 +1072,15 @@ impl LabelArg {
             Self::Semantic => &[LabelKind::Semantic],
             Self::Normal => &[LabelKind::Normal],
             Self::Hdr => &[LabelKind::Hdr],
+            Self::Cause => &[LabelKind::Cause],
         }
     }
 }
 
 /// Kinds of `labels` in file order, each once.
 pub(crate) fn label_kinds(labels: &[LabelArg]) -> Vec<LabelKind> {
-    LabelKind::ALL.into_iter().filter(|kind| labels.iter().any(|l| l.kinds().contains(kind))).collect()
+    let all = LabelKind::ALL.into_iter().chain([LabelKind::Cause]);
+    all.filter(|kind| labels.iter().any(|l| l.kinds().contains(kind))).collect()
 }
 
 /// Background of the event picture.

@@ -398,7 +398,7 @@ impl Job {
                 .writers
                 .get_mut(view.environment)
                 .with_context(|| format!("the engine sent environment {}, one too many", view.environment))?;
-            writer.write_events(view.camera, &view.events)?;
+            writer.write_caused_events(view.camera, &view.events, &view.causes)?;
             for label in &view.labels {
                 writer.write_label(view.camera, label)?;
             }

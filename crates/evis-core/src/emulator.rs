@@ -4,16 +4,19 @@ mod chain;
 mod diffusion;
 pub(crate) mod frames;
 mod ideal;
+mod keyframe;
+mod links;
 mod noise;
 mod order;
 pub mod parts;
 mod readout;
 mod shape;
 mod state;
+mod warp;
 
 use rayon::prelude::*;
 
-use crate::event::Event;
+use crate::event::{Cause, Event, take_causes};
 use crate::random::Key;
 use crate::sensor::{ConfigError, Sensor, SensorConfig};
 use crate::simd::Isa;
@@ -22,10 +25,13 @@ use chain::{Chain, Plan, Scan};
 use diffusion::Diffuse;
 use frames::{Source, Tables};
 use ideal::{Interval, Pixels, Tally};
+use keyframe::{Benches, Keyframe};
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
 use readout::Wire;
 
 pub use frames::{FrameData, Frames, Transfer};
+pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
+pub use warp::{Carrier, Filter, WarpConfig};
 
 /// Pixels per tile: the unit of work of a thread. Its memory stays within a core's second cache.
 const TILE: usize = 1 << 14;
@@ -49,6 +55,8 @@ pub struct EmulatorConfig {
     pub reference_luminance: f32,
     /// Threads that work on a push; 0: as many as there are cores. No event depends on it.
     pub threads: usize,
+    /// Whether [`EventEmulator::causes`] tells why each event fired.
+    pub causes: bool,
 }
 
 impl Default for EmulatorConfig {
@@ -62,6 +70,7 @@ impl Default for EmulatorConfig {
             sensor: SensorConfig::default(),
             reference_luminance: 1.0,
             threads: 0,
+            causes: false,
         }
     }
 }
@@ -107,6 +116,10 @@ pub struct EventEmulator {
     now_us: Option<i64>,
     last: EmulatorReport,
     total: EmulatorReport,
+    benches: Benches,
+    keyframe_reports: Vec<KeyframeReport>,
+    /// Of the last push's events, per environment.
+    causes: Vec<Vec<u8>>,
 }
 
 /// How pixels are computed: chosen once.
@@ -132,6 +145,8 @@ struct Environment {
     wire: Wire,
     fired: Vec<Event>,
     report: EmulatorReport,
+    /// What the last frame was, if it had depth and motion.
+    keyframe: Option<Box<Keyframe>>,
 }
 
 /// Pixels that one thread treats at a time, with their memory.
@@ -142,6 +157,8 @@ struct Tile {
     /// Nothing before the first frame says of which kind frames are.
     memory: Memory,
     records: Vec<Record>,
+    /// Of the records, where they are asked for and can differ.
+    causes: Vec<Cause>,
     tally: Tally,
 }
 
@@ -199,6 +216,7 @@ impl EventEmulator {
             wire: Wire::default(),
             fired: Vec::new(),
             report: EmulatorReport::default(),
+            keyframe: None,
         };
         let kernel = if config.sensor.diffusion.is_some() {
             Kernel::Diffusion
@@ -230,6 +248,9 @@ impl EventEmulator {
             now_us: None,
             last: EmulatorReport::default(),
             total: EmulatorReport::default(),
+            benches: Benches::default(),
+            keyframe_reports: Vec::new(),
+            causes: Vec::new(),
             config,
         })
     }
@@ -280,6 +301,7 @@ impl EventEmulator {
             return Err(ConfigError::new("number of event lists", out.len(), self.config.batch.to_string()));
         }
         let interval_us = self.check_time(t_us)?;
+        let before: Vec<usize> = out.iter().map(Vec::len).collect();
         let pixels = self.config.width as usize * self.config.height as usize;
         frames.check(pixels * self.config.batch)?;
         let inverse = 1.0 / self.config.reference_luminance;
@@ -302,24 +324,10 @@ impl EventEmulator {
         {
             tile.check(source)?;
         }
-        let run = || {
+        let mut run = || {
             // Nothing changes before all light has been found possible.
             let scan = |environment: &mut Environment, source: &Source<'_>| {
-                let (key, first_frame) = (environment.key, !environment.started);
-                if first_frame {
-                    environment.clear();
-                }
-                if parallel {
-                    let tiles = environment.tiles.par_iter_mut();
-                    tiles
-                        .map(|tile| tile.scan(&work, key, source, first_frame))
-                        .reduce(Scan::default, Scan::join)
-                } else {
-                    let tiles = environment.tiles.iter_mut();
-                    tiles
-                        .map(|tile| tile.scan(&work, key, source, first_frame))
-                        .fold(Scan::default(), Scan::join)
-                }
+                environment.scan(&work, source, parallel)
             };
             let scans: Vec<Scan> = if parallel {
                 environments.par_iter_mut().zip(&sources).map(|(all, source)| scan(all, source)).collect()
@@ -329,29 +337,21 @@ impl EventEmulator {
             if scans.iter().any(|scan| scan.impossible) {
                 return Err(impossible_light(frames, config));
             }
-            let fire = |environment: &mut Environment,
-                        scan: &Scan,
-                        source: &Source<'_>,
-                        out: &mut Vec<Event>| {
-                let key = environment.key;
-                if parallel {
-                    environment
-                        .tiles
-                        .par_iter_mut()
-                        .for_each(|tile| tile.fire(&work, key, source, scan.most));
-                } else {
-                    environment.tiles.iter_mut().for_each(|tile| tile.fire(&work, key, source, scan.most));
-                }
-                environment.finish(&work, scan, out);
-            };
+            let fire =
+                |environment: &mut Environment, scan: &Scan, source: &Source<'_>, out: &mut Vec<Event>| {
+                    environment.keyframe = None;
+                    environment.fire(&work, scan, source, parallel, out);
+                };
             let scans = scans.iter().zip(&sources);
             if parallel {
-                let all: Vec<_> = environments.iter_mut().zip(scans).zip(out).collect();
+                let all: Vec<_> = environments.iter_mut().zip(scans).zip(&mut *out).collect();
                 all.into_par_iter().for_each(|((environment, (scan, source)), events)| {
                     fire(environment, scan, source, events);
                 });
             } else {
-                for ((environment, (scan, source)), events) in environments.iter_mut().zip(scans).zip(out) {
+                for ((environment, (scan, source)), events) in
+                    environments.iter_mut().zip(scans).zip(&mut *out)
+                {
                     fire(environment, scan, source, events);
                 }
             }
@@ -361,6 +361,28 @@ impl EventEmulator {
             Some(pool) => pool.install(run)?,
             None => run()?,
         }
+        self.keyframe_reports.clear();
+        self.note(t_us);
+        self.take_causes(out, &before);
+        Ok(())
+    }
+
+    /// Takes the causes off the events of each list from `before` on.
+    fn take_causes(&mut self, lists: &mut [Vec<Event>], before: &[usize]) {
+        if self.config.causes {
+            let news = lists.iter_mut().zip(before).filter_map(|(list, from)| list.get_mut(*from..));
+            self.causes = news.map(take_causes).collect();
+        }
+    }
+
+    /// Why each event of the last push fired, as numbers of [`Cause`]: a list per environment. Empty where
+    /// [`EmulatorConfig::causes`] is off.
+    pub fn causes(&self) -> &[Vec<u8>] {
+        &self.causes
+    }
+
+    /// Adds up what a push to `t_us` did.
+    fn note(&mut self, t_us: i64) {
         self.now_us = Some(t_us);
         self.last = EmulatorReport::default();
         for environment in &self.environments {
@@ -368,7 +390,6 @@ impl EventEmulator {
         }
         let last = self.last;
         self.total.add(&last);
-        Ok(())
     }
 
     /// Lets the environments `indices` (all, where there is no list) begin anew with their next frame. With all of them
@@ -421,6 +442,7 @@ impl EventEmulator {
 }
 
 /// What all tiles of a push share.
+#[derive(Clone, Copy)]
 struct Push<'a> {
     config: &'a EmulatorConfig,
     kernel: &'a Kernel,
@@ -471,6 +493,47 @@ impl Environment {
         }
     }
 
+    /// First pass: nothing that outlives a push changes.
+    fn scan(&mut self, work: &Push<'_>, source: &Source<'_>, parallel: bool) -> Scan {
+        let (key, first_frame) = (self.key, !self.started);
+        if first_frame {
+            self.clear();
+        }
+        let scan = |tile: &mut Tile| tile.scan(work, key, source, first_frame);
+        if parallel {
+            self.tiles.par_iter_mut().map(scan).reduce(Scan::default, Scan::join)
+        } else {
+            self.tiles.iter_mut().map(scan).fold(Scan::default(), Scan::join)
+        }
+    }
+
+    /// Second pass: events.
+    fn fire(
+        &mut self,
+        work: &Push<'_>,
+        scan: &Scan,
+        source: &Source<'_>,
+        parallel: bool,
+        events: &mut Vec<Event>,
+    ) {
+        let (key, most) = (self.key, scan.most);
+        if parallel {
+            self.tiles.par_iter_mut().for_each(|tile| tile.fire(work, key, source, most));
+        } else {
+            self.tiles.iter_mut().for_each(|tile| tile.fire(work, key, source, most));
+        }
+        self.finish(work, scan, events);
+    }
+
+    /// Both passes over light that was found possible.
+    fn advance(&mut self, work: &Push<'_>, light: &[f32], events: &mut Vec<Event>) {
+        let source =
+            Source::Linear { values: light, inverse_reference: 1.0 / work.config.reference_luminance };
+        let parallel = work.threads > 1 && light.len() > TILE;
+        let scan = self.scan(work, &source, parallel);
+        self.fire(work, &scan, &source, parallel, events);
+    }
+
     /// Sorts what the tiles fired.
     fn finish(&mut self, work: &Push<'_>, scan: &Scan, events: &mut Vec<Event>) {
         self.started = true;
@@ -478,14 +541,28 @@ impl Environment {
         let parts: Vec<&[Record]> = self.tiles.iter().map(|tile| tile.records.as_slice()).collect();
         let readout = &work.config.sensor.readout;
         let mut dropped = 0;
-        if readout.is_off() {
+        let marked = work.config.causes && matches!(work.kernel, Kernel::Chain(_));
+        if readout.is_off() && !marked {
             append_sorted(&parts, work.start_us, work.interval_us, &mut self.spans, work.threads, events);
         } else {
             self.fired.clear();
-            let all = parts.iter().flat_map(|part| part.iter());
-            self.fired.extend(all.map(|record| record.event(work.start_us)));
+            if marked {
+                let all = self.tiles.iter().flat_map(|tile| tile.records.iter().zip(&tile.causes));
+                let event =
+                    |(record, cause): (&Record, &Cause)| record.event(work.start_us).with_cause(*cause);
+                self.fired.extend(all.map(event));
+            } else {
+                let all = parts.iter().flat_map(|part| part.iter());
+                self.fired.extend(all.map(|record| record.event(work.start_us)));
+            }
             let end_us = work.start_us + i64::from(work.interval_us);
-            dropped = self.wire.pass(readout, &mut self.fired, end_us, events);
+            if readout.is_off() {
+                // Stable: by pixel and in firing order within a microsecond.
+                self.fired.sort_by_key(|event| event.t);
+                events.append(&mut self.fired);
+            } else {
+                dropped = self.wire.pass(readout, &mut self.fired, end_us, events);
+            }
         }
         self.report = EmulatorReport {
             events: (events.len() - before) as u64,
@@ -503,7 +580,7 @@ impl Environment {
 impl Tile {
     const fn new(first: usize, end: usize) -> Self {
         let tally = Tally { unknown: 0, clamped: 0, suppressed: 0 };
-        Self { first, end, memory: Memory::None, records: Vec::new(), tally }
+        Self { first, end, memory: Memory::None, records: Vec::new(), causes: Vec::new(), tally }
     }
 
     const fn interval<'a>(&self, work: &Push<'a>) -> Interval<'a> {
@@ -548,11 +625,13 @@ impl Tile {
     fn fire(&mut self, work: &Push<'_>, key: Key, source: &Source<'_>, most: u32) {
         let at = self.interval(work);
         self.records.clear();
+        self.causes.clear();
         let records = &mut self.records;
         self.tally = match (&mut self.memory, work.kernel) {
             (Memory::Ideal(pixels), _) => pixels.fire(work.isa, *source, &at, records),
             (Memory::Chain(chain), Kernel::Chain(plan)) => {
-                chain.fire(work.isa, plan, &at, key, (work.start_us, most), records)
+                let causes = work.config.causes.then_some(&mut self.causes);
+                chain.fire(work.isa, plan, &at, key, (work.start_us, most), records, causes)
             }
             (Memory::Diffusion(diffuse), _) => {
                 diffuse.fire(&work.config.sensor, &at, key, work.start_us, records)

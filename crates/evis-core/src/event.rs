@@ -21,6 +21,36 @@ impl Polarity {
     }
 }
 
+/// Why an event fired.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Cause {
+    /// The scene's light.
+    #[default]
+    Signal = 0,
+    /// The pixel's leak: at random times, or a ramp that had at least half a part in reaching the threshold.
+    Leak = 1,
+    /// Shot noise.
+    Shot = 2,
+    /// A hot pixel.
+    Hot = 3,
+}
+
+impl Cause {
+    /// All of them, by number.
+    pub const ALL: [Self; 4] = [Self::Signal, Self::Leak, Self::Shot, Self::Hot];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Signal => "signal",
+            Self::Leak => "leak",
+            Self::Shot => "shot",
+            Self::Hot => "hot",
+        }
+    }
+}
+
 /// One event, laid out as Metavision's `EventCD` (16 bytes): `x <u2 @0, y <u2 @2, p <i2 @4, t <i8 @8`.
 ///
 /// The two bytes after `p` are always zero, so equal streams are equal as bytes.
@@ -33,7 +63,8 @@ pub struct Event {
     pub y: u16,
     /// Polarity: ON = 1, OFF = 0.
     pub p: i16,
-    pad: u16,
+    /// Zero in every stream; while an event is on its way, its cause where that is asked for.
+    mark: u16,
     /// Microseconds since the stream's start.
     pub t: i64,
 }
@@ -41,7 +72,13 @@ pub struct Event {
 impl Event {
     /// An event at pixel (`x`, `y`) and time `t` in microseconds.
     pub const fn new(t: i64, x: u16, y: u16, polarity: Polarity) -> Self {
-        Self { x, y, p: polarity.as_i16(), pad: 0, t }
+        Self { x, y, p: polarity.as_i16(), mark: 0, t }
+    }
+
+    /// The same event, marked with its cause; see [`take_causes`].
+    #[must_use]
+    pub const fn with_cause(self, cause: Cause) -> Self {
+        Self { mark: cause as u16, ..self }
     }
 
     /// The canonical order within a stream: time, then row, then column. Events of one pixel at one
@@ -49,6 +86,11 @@ impl Event {
     pub const fn order(&self) -> (i64, u16, u16) {
         (self.t, self.y, self.x)
     }
+}
+
+/// Takes the marks off `events`: the number of each one's [`Cause`], in their order.
+pub fn take_causes(events: &mut [Event]) -> Vec<u8> {
+    events.iter_mut().map(|event| std::mem::take(&mut event.mark) as u8).collect()
 }
 
 /// The part of time-sorted `events` with `start_us <= t < end_us`, without a copy.

@@ -17,8 +17,11 @@ pub mod time;
 pub mod trigger;
 pub mod truth;
 
-pub use emulator::{EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, Transfer};
-pub use event::{Event, Polarity};
+pub use emulator::{
+    Carrier, EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes,
+    Transfer, WarpConfig,
+};
+pub use event::{Cause, Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 pub use sensor::{ConfigError, Interpolation, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;

@@ -48,10 +48,12 @@ pub enum LabelKind {
     Hdr,
     /// Mean linear luminance over an exposure, stamped at its middle: f32 (H, W). No label, but it travels with them.
     Frame,
+    /// Why each event fired: u8 per event, a number of [`crate::Cause`]. No image, and so not in [`LabelKind::ALL`].
+    Cause,
 }
 
 impl LabelKind {
-    /// All kinds, in file order.
+    /// All kinds of images, in file order.
     pub const ALL: [Self; 10] = [
         Self::Depth,
         Self::FlowForward,
@@ -78,7 +80,13 @@ impl LabelKind {
             Self::Normal => "normal",
             Self::Hdr => "hdr",
             Self::Frame => "frame",
+            Self::Cause => "cause",
         }
+    }
+
+    /// Whether it is an image.
+    pub const fn is_image(self) -> bool {
+        !matches!(self, Self::Cause)
     }
 
     /// Values per pixel.

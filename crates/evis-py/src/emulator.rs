@@ -4,9 +4,10 @@ use std::sync::{Mutex, PoisonError};
 
 use evis_core::sensor::{PRESETS, sample};
 use evis_core::{
-    ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, Sensor, SensorConfig, Transfer,
+    ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, KeyframeReport, Keyframes, Sensor,
+    SensorConfig, Transfer, WarpConfig,
 };
-use numpy::PyReadonlyArray1;
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -99,7 +100,7 @@ fn transfer(name: &str, gamma: f32) -> Result<Transfer, Failure> {
 #[pymethods]
 impl EventEmulator {
     #[new]
-    #[pyo3(signature = (*, width, height, batch, seed, camera, sensor, reference_luminance, threads))]
+    #[pyo3(signature = (*, width, height, batch, seed, camera, sensor, reference_luminance, threads, causes))]
     #[allow(clippy::too_many_arguments, reason = "keyword arguments, all with names")]
     fn new(
         py: Python<'_>,
@@ -111,10 +112,20 @@ impl EventEmulator {
         sensor: &str,
         reference_luminance: f32,
         threads: usize,
+        causes: bool,
     ) -> PyResult<Self> {
         let sensor = from_json(sensor)?;
-        let config =
-            EmulatorConfig { width, height, batch, seed, camera, sensor, reference_luminance, threads };
+        let config = EmulatorConfig {
+            width,
+            height,
+            batch,
+            seed,
+            camera,
+            sensor,
+            reference_luminance,
+            threads,
+            causes,
+        };
         py.enter_engine(|| Ok::<_, Failure>(Self(Mutex::new(evis_core::EventEmulator::new(config)?))))
     }
 
@@ -145,6 +156,56 @@ impl EventEmulator {
             emulator.push(&frames, t_us).map_err(Failure::from)
         })?;
         Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
+    }
+
+    /// Takes frames with depth and motion; gives an array of events per environment.
+    #[pyo3(signature = (light, depth, motion, t_us, *, motion_forward, cut, channels, warp))]
+    #[allow(clippy::too_many_arguments, reason = "what a keyframe has")]
+    fn push_keyframe<'py>(
+        &self,
+        py: Python<'py>,
+        light: PyReadonlyArray1<'py, f32>,
+        depth: PyReadonlyArray1<'py, f32>,
+        motion: PyReadonlyArray1<'py, f32>,
+        t_us: i64,
+        motion_forward: Option<PyReadonlyArray1<'py, f32>>,
+        cut: Vec<bool>,
+        channels: usize,
+        warp: &str,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let warp: WarpConfig = serde_json::from_str(warp)
+            .map_err(|error| Failure::Config(format!("warp: {}", error.to_string().replace('`', "'"))))?;
+        let keyframes = Keyframes {
+            light: light.as_slice()?,
+            channels,
+            depth: depth.as_slice()?,
+            motion: motion.as_slice()?,
+            motion_forward: motion_forward.as_ref().map(|values| values.as_slice()).transpose()?,
+            cut: &cut,
+        };
+        let lists = py.enter_engine(|| {
+            let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            emulator.push_keyframe(&keyframes, t_us, &warp).map_err(Failure::from)
+        })?;
+        Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
+    }
+
+    /// Why the events of the last push fired, an array per environment; none where that was not asked for.
+    fn causes<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray1<u8>>>> {
+        let lists = py.enter_engine(|| {
+            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            Ok::<_, Failure>(emulator.causes().to_vec())
+        })?;
+        Ok(lists.into_iter().map(|list| PyArray1::from_vec(py, list)).collect())
+    }
+
+    /// What became of the last keyframes, per environment.
+    fn keyframe_reports<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let reports = py.enter_engine(|| {
+            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            Ok::<_, Failure>(emulator.keyframe_reports().to_vec())
+        })?;
+        reports.iter().map(|report| keyframe_dict(py, report)).collect()
     }
 
     /// Lets environments begin anew.
@@ -198,5 +259,20 @@ fn report_dict<'py>(py: Python<'py>, report: &EmulatorReport) -> PyResult<Bound<
     dict.set_item("clamped", clamped)?;
     dict.set_item("suppressed", suppressed)?;
     dict.set_item("dropped", dropped)?;
+    Ok(dict)
+}
+
+fn keyframe_dict<'py>(py: Python<'py>, report: &KeyframeReport) -> PyResult<Bound<'py, PyDict>> {
+    let warnings = report.warnings();
+    let KeyframeReport { steps, motion_px, linked, unknown, bad_depth, bad_motion, cut, hint: _ } = *report;
+    let dict = PyDict::new(py);
+    dict.set_item("steps", steps)?;
+    dict.set_item("motion_px", motion_px)?;
+    dict.set_item("linked", linked)?;
+    dict.set_item("unknown", unknown)?;
+    dict.set_item("bad_depth", bad_depth)?;
+    dict.set_item("bad_motion", bad_motion)?;
+    dict.set_item("cut", cut.name())?;
+    dict.set_item("warnings", warnings)?;
     Ok(dict)
 }

@@ -57,6 +57,8 @@ pub(crate) fn labels(names: &[String]) -> Result<Vec<LabelKind>, Failure> {
     for name in names {
         if name == "flow" {
             kinds.extend(LabelKind::ALL.iter().filter(|kind| kind.name().starts_with("flow_")));
+        } else if name == LabelKind::Cause.name() {
+            kinds.push(LabelKind::Cause);
         } else {
             kinds.push(label(name)?);
         }

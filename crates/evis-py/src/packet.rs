@@ -25,6 +25,7 @@ pub(crate) struct View {
     environment: usize,
     camera: usize,
     events: Py<PyAny>,
+    causes: Py<PyAny>,
     labels: Vec<Py<Label>>,
     poses: Py<PyAny>,
 }
@@ -53,6 +54,7 @@ pub(crate) fn convert(py: Python<'_>, packet: evis_render::Packet, sizes: &[(u32
             environment: view.environment,
             camera: view.camera,
             events: events::into_numpy(py, view.events).into_any().unbind(),
+            causes: view.causes.into_pyarray(py).into_any().unbind(),
             labels: labels.collect::<PyResult<_>>()?,
             poses: poses(py, &view.poses)?,
         };
@@ -109,7 +111,7 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
 pub(crate) fn dtype(kind: LabelKind) -> &'static str {
     match kind {
         LabelKind::Instance | LabelKind::Semantic => "<u4",
-        LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid => "|u1",
+        LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid | LabelKind::Cause => "|u1",
         LabelKind::Depth
         | LabelKind::FlowForward
         | LabelKind::FlowBackward

@@ -75,15 +75,18 @@ impl Writer {
         Ok(Self { writer: Mutex::new(Some(writer)) })
     }
 
-    /// Appends EventCD events of camera `camera`.
+    /// Appends EventCD events of camera `camera`, with their causes where the file has them.
+    #[pyo3(signature = (camera, events, causes=None))]
     fn write_events(
         &self,
         py: Python<'_>,
         camera: usize,
         events: PyReadonlyArray1<'_, EventCd>,
+        causes: Option<PyReadonlyArray1<'_, u8>>,
     ) -> PyResult<()> {
         let events = events::as_events(&events)?;
-        self.with(py, |writer| writer.write_events(camera, events))
+        let causes = causes.as_ref().map_or(Ok(&[][..]), |causes| causes.as_slice())?;
+        self.with(py, |writer| writer.write_caused_events(camera, events, causes))
     }
 
     /// Appends a label image of camera `camera`.
@@ -212,6 +215,17 @@ impl Recording {
             None => self.0.events(camera),
         })?;
         Ok(events::into_numpy(py, events).into_any())
+    }
+
+    /// Why events fired, as [`Self::events`] gives those.
+    fn causes<'py>(
+        &self,
+        py: Python<'py>,
+        camera: usize,
+        limits: Option<(i64, i64)>,
+    ) -> PyResult<Option<Bound<'py, PyArray1<u8>>>> {
+        let causes = py.enter_engine(|| self.0.causes(camera, limits))?;
+        Ok(causes.map(|causes| PyArray1::from_vec(py, causes)))
     }
 
     fn label_times<'py>(

@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
-use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
+use evis_core::event::take_causes;
+use evis_core::{Event, LabelFrame, LabelKind, PoseSample, TimeGrid};
 use evis_scene::{Scene, SceneState};
 
 use crate::adaptive::AdaptiveRoom;
@@ -209,6 +210,8 @@ pub struct Engine {
     report: PacketReport,
     pose_state: SceneState,
     stop: Arc<AtomicBool>,
+    /// Whether events carry why they fired.
+    caused: bool,
 }
 
 impl Engine {
@@ -383,6 +386,7 @@ impl Engine {
             (device_limits.storage_binding / 8).min(limits.max_buffer_size / 8 - 4096).min(1 << 28) as u32;
         let capacity = first_capacity(&groups, &targets, block).min(most_capacity);
         Ok(Self {
+            caused: config.labels.contains(&LabelKind::Cause),
             sampling,
             targets,
             label_room,
@@ -507,10 +511,13 @@ impl Engine {
             let count = arrived.events.partition_point(|e| e.t < until_us);
             let rest = arrived.events.split_off(count);
             let labels = arrived.labels.partition_point(|l| l.t_us < until_us);
+            let mut events = std::mem::replace(&mut arrived.events, rest);
+            let causes = if self.caused { take_causes(&mut events) } else { Vec::new() };
             packet.views.push(ViewPacket {
                 environment: view.environment,
                 camera: view.camera,
-                events: std::mem::replace(&mut arrived.events, rest),
+                events,
+                causes,
                 labels: arrived.labels.drain(..labels).collect(),
                 poses: std::mem::take(&mut arrived.poses),
             });
@@ -729,14 +736,15 @@ impl Engine {
             let end_us = unit.end_us(&self.context.grid);
             match group.chain.as_mut().filter(|chain| !chain.wires.is_empty()) {
                 None => {
-                    unpack::views(records, &offsets, base_us, span_us, group.views.iter().copied(), |v, e| {
+                    let views = group.views.iter().copied();
+                    unpack::views(records, &offsets, base_us, span_us, self.caused, views, |v, e| {
                         unpack::append(&mut self.arrived[v].events, e)
                     })
                 }
                 Some(chain) => {
                     let parts = offsets.windows(2).map(|w| &records[w[0] as usize..w[1] as usize]);
                     for ((wire, records), v) in chain.wires.iter_mut().zip(parts).zip(&group.views) {
-                        let mut fired = unpack::events(records, base_us);
+                        let mut fired = unpack::events(records, base_us, self.caused);
                         self.report.dropped += wire.pass(&mut fired, end_us, &mut self.arrived[*v].events);
                     }
                 }

@@ -64,8 +64,8 @@ impl LabelRoom {
         limits: DeviceLimits,
     ) -> Result<Option<Self>, EngineError> {
         let mut kinds = config.labels.clone();
-        // Frames are made elsewhere.
-        kinds.retain(|kind| *kind != LabelKind::Frame);
+        // Frames are made elsewhere, and causes are no images.
+        kinds.retain(|kind| kind.is_image() && *kind != LabelKind::Frame);
         if kinds.is_empty() {
             return Ok(None);
         }
@@ -333,7 +333,7 @@ impl LabelRoom {
                     LabelKind::Hdr => LabelData::F32(
                         color.as_ref()?.texels::<[f32; 4]>().flat_map(|v| [v[0], v[1], v[2]]).collect(),
                     ),
-                    LabelKind::Frame => return None,
+                    LabelKind::Frame | LabelKind::Cause => return None,
                 };
                 let t_other_us = if forward {
                     job.next_us

@@ -25,6 +25,8 @@ pub struct ViewPacket {
     pub camera: usize,
     /// In canonical order.
     pub events: Vec<Event>,
+    /// Why each event fired, as numbers of [`evis_core::Cause`]; empty where that is not asked for.
+    pub causes: Vec<u8>,
     /// Label images whose time lies in the packet, by time, then kind.
     pub labels: Vec<LabelFrame>,
     /// `world_from_camera` at every label instant (at the label rate, also where no label is asked for).

@@ -15,16 +15,7 @@ pub enum Motion {
     Exact,
 }
 
-/// What is splatted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Carrier {
-    /// Luminance, added up with bilinear weight and a softmax over depth.
-    Colour,
-    /// The number of the source pixel, the nearest surface winning; luminance is then read from the keyframe.
-    #[default]
-    Index,
-}
+pub use evis_core::Carrier;
 
 /// `eps` of the EVIS paper's code in `ln(Y + eps)`.
 pub const EVIS_PAPER_LOG_EPS: f32 = 1e-5;

@@ -1,18 +1,20 @@
 //! From device records to events in canonical order.
 
-use evis_core::{Event, Polarity};
+use evis_core::{Cause, Event, Polarity};
 use rayon::prelude::*;
 
 /// Column and row take 13 bits each in a record's second word; then polarity, then cause.
 const COORDINATE_BITS: u32 = 13;
 
-/// One record of the device: microseconds since `base_us`, then the packed pixel.
-fn event(record: [u32; 2], base_us: i64) -> Event {
+/// One record of the device: microseconds since `base_us`, then the packed pixel; with `caused`, marked with its cause.
+fn event(record: [u32; 2], base_us: i64, caused: bool) -> Event {
     let mask = (1 << COORDINATE_BITS) - 1;
     let x = (record[1] & mask) as u16;
     let y = (record[1] >> COORDINATE_BITS & mask) as u16;
     let polarity = if record[1] >> (2 * COORDINATE_BITS) & 1 == 1 { Polarity::On } else { Polarity::Off };
-    Event::new(base_us + i64::from(record[0]), x, y, polarity)
+    let event = Event::new(base_us + i64::from(record[0]), x, y, polarity);
+    let cause = (record[1] >> (2 * COORDINATE_BITS + 1)) as usize % Cause::ALL.len();
+    if caused { event.with_cause(Cause::ALL[cause]) } else { event }
 }
 
 /// Splits `records` at `offsets` and hands each view's events, in canonical order, to `sink`.
@@ -24,27 +26,28 @@ pub fn views(
     offsets: &[u32],
     base_us: i64,
     span_us: u32,
+    caused: bool,
     view_indices: impl Iterator<Item = usize>,
     mut sink: impl FnMut(usize, Vec<Event>),
 ) {
     let slices: Vec<&[[u32; 2]]> =
         offsets.windows(2).map(|w| &records[w[0] as usize..w[1] as usize]).collect();
-    let sorted: Vec<Vec<Event>> = slices.par_iter().map(|s| sort(s, base_us, span_us)).collect();
+    let sorted: Vec<Vec<Event>> = slices.par_iter().map(|s| sort(s, base_us, span_us, caused)).collect();
     for (view, events) in view_indices.zip(sorted) {
         sink(view, events);
     }
 }
 
 /// The events of `records`, as they come: pixel by pixel, in firing order.
-pub fn events(records: &[[u32; 2]], base_us: i64) -> Vec<Event> {
-    records.iter().map(|&record| event(record, base_us)).collect()
+pub fn events(records: &[[u32; 2]], base_us: i64, caused: bool) -> Vec<Event> {
+    records.iter().map(|&record| event(record, base_us, caused)).collect()
 }
 
 /// Stable sort by time: counting sort where events are many for the span, comparison sort where few.
-fn sort(records: &[[u32; 2]], base_us: i64, span_us: u32) -> Vec<Event> {
+fn sort(records: &[[u32; 2]], base_us: i64, span_us: u32, caused: bool) -> Vec<Event> {
     let bins = span_us as usize + 1;
     if records.len() < bins / 16 {
-        let mut events: Vec<_> = records.iter().map(|&r| event(r, base_us)).collect();
+        let mut events: Vec<_> = records.iter().map(|&r| event(r, base_us, caused)).collect();
         events.sort_by_key(|e| e.t);
         return events;
     }
@@ -58,7 +61,7 @@ fn sort(records: &[[u32; 2]], base_us: i64, span_us: u32) -> Vec<Event> {
     let mut events = vec![Event::default(); records.len()];
     for &record in records {
         let at = &mut starts[(record[0] as usize).min(bins - 1)];
-        events[*at as usize] = event(record, base_us);
+        events[*at as usize] = event(record, base_us, caused);
         *at += 1;
     }
     events
@@ -98,8 +101,8 @@ mod tests {
             record(3, 0, 1, 1),
             record(9, 8191, 8191, 0),
         ];
-        let dense = sort(&records, 100, 20);
-        let sparse = sort(&records, 100, 1_000_000);
+        let dense = sort(&records, 100, 20, false);
+        let sparse = sort(&records, 100, 1_000_000, false);
         assert_eq!(dense, sparse);
         let got: Vec<_> = dense.iter().map(|e| (e.t, e.x, e.y, e.p)).collect();
         assert_eq!(
@@ -121,7 +124,7 @@ mod tests {
     fn each_view_gets_its_own() {
         let records = [record(1, 0, 0, 1), record(2, 5, 5, 0), record(1, 2, 2, 1)];
         let mut got = Vec::new();
-        views(&records, &[0, 1, 1, 3], 0, 10, [4, 7, 2].into_iter(), |v, e| got.push((v, e.len())));
+        views(&records, &[0, 1, 1, 3], 0, 10, false, [4, 7, 2].into_iter(), |v, e| got.push((v, e.len())));
         assert_eq!(got, [(4, 1), (7, 0), (2, 2)]);
     }
 }

@@ -10,7 +10,7 @@ use super::noise::{Candidate, TileNoise, spread_mean};
 use super::order::Record;
 use super::readout::delay_us;
 use super::shape::Shape;
-use crate::event::Polarity;
+use crate::event::{Cause, Polarity};
 use crate::random::{EPOCH_SHIFT, Key, StreamId, normals, unit, unit_f32};
 use crate::sensor::{
     Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times,
@@ -466,6 +466,7 @@ impl Chain {
     }
 
     /// Second pass: events of the pixels that could fire or that noise may reach; the samples become the last ones.
+    #[expect(clippy::too_many_arguments, reason = "two of them are where events and their causes go")]
     pub fn fire(
         &mut self,
         isa: Isa,
@@ -474,6 +475,7 @@ impl Chain {
         key: Key,
         (start_us, most): (i64, u32),
         records: &mut Vec<Record>,
+        mut causes: Option<&mut Vec<Cause>>,
     ) -> Tally {
         let mut tally = Tally::default();
         let end_us = start_us + i64::from(interval.us);
@@ -511,6 +513,7 @@ impl Chain {
                     us: interval.us,
                     tally: &mut tally,
                     records,
+                    causes: causes.as_deref_mut(),
                 };
                 one.step(mine, most);
             }
@@ -534,6 +537,8 @@ struct Pixel<'a> {
     us: u32,
     tally: &'a mut Tally,
     records: &'a mut Vec<Record>,
+    /// Where they are asked for.
+    causes: Option<&'a mut Vec<Cause>>,
 }
 
 impl Pixel<'_> {
@@ -646,13 +651,16 @@ impl Pixel<'_> {
     }
 
     /// Writes an event.
-    fn emit(&mut self, t: f64, polarity: Polarity) {
+    fn emit(&mut self, t: f64, polarity: Polarity, cause: Cause) {
         let offset = (t as u32).clamp(1, self.us.max(1));
         let (x, y) = self.place;
         let left = offset + self.light_delay(t);
         let t_us = self.start_us + i64::from(left);
         let delay = delay_us(&self.plan.sensor.readout, self.key, self.pixel, t_us);
         self.records.push(Record::new(left + delay, x, y, polarity));
+        if let Some(causes) = &mut self.causes {
+            causes.push(cause);
+        }
         if let Some(fired) = self.chain.fired.get_mut(self.index) {
             *fired = (self.start_us + i64::from(offset) - self.chain.base_us) as i32;
         }
@@ -672,7 +680,7 @@ impl Pixel<'_> {
     }
 
     /// What a candidate of noise becomes at its time.
-    fn decide(&self, candidate: &Candidate) -> Option<Polarity> {
+    fn decide(&self, candidate: &Candidate) -> Option<(Polarity, Cause)> {
         let noise = &self.plan.sensor.noise;
         let settled = candidate.settle(noise, &self.chain.noise.rates(self.index));
         let light = || self.light_at((candidate.t_us - self.start_us) as f64) as f32;
@@ -680,7 +688,7 @@ impl Pixel<'_> {
             return None;
         }
         let last = self.chain.polarity.get(self.index).copied();
-        Some(match (settled.relative, last) {
+        let polarity = match (settled.relative, last) {
             (Some(side), Some(last)) if last < 2 => {
                 if (last == 1) != (side == Polarity::On) {
                     Polarity::On
@@ -689,18 +697,19 @@ impl Pixel<'_> {
                 }
             }
             _ => settled.polarity,
-        })
+        };
+        Some((polarity, settled.cause))
     }
 
     /// A candidate's turn; whether it fired.
     fn noise(&mut self, candidate: &Candidate, signal: f64) -> bool {
         let t = (candidate.t_us - self.start_us) as f64;
-        let Some(polarity) = self.decide(candidate) else { return false };
+        let Some((polarity, cause)) = self.decide(candidate) else { return false };
         if self.is_refractory(t) {
             self.tally.suppressed += 1;
             return false;
         }
-        self.emit(t, polarity);
+        self.emit(t, polarity, cause);
         if self.plan.sensor.noise.reference == NoiseReference::Signal {
             self.chain.reference[self.index] = signal as f32;
             self.moved_at(t);
@@ -758,7 +767,7 @@ impl Pixel<'_> {
                     if self.is_refractory(at) {
                         self.tally.suppressed += 1;
                     } else {
-                        self.emit(at, polarity);
+                        self.emit(at, polarity, cause_of(rises, leaked + drift * at, on));
                     }
                     if count > self.plan.sensor.most_events {
                         self.tally.clamped += 1;
@@ -838,7 +847,7 @@ impl Pixel<'_> {
             let silent = self.is_refractory(t);
             self.tally.suppressed += u64::from(silent);
             if !silent {
-                self.emit(t, polarity);
+                self.emit(t, polarity, cause_of(change >= 0.0, leaked.into(), f64::from(change)));
             }
             fired += u32::from(!silent || sensor.refractory.rule == RefractoryRule::Suppress);
         }
@@ -868,6 +877,12 @@ impl Pixel<'_> {
             self.moved_at(end);
         }
     }
+}
+
+/// Why a threshold was reached: by a rise of which the leak's ramp is at least half, or by light. Twin: `cause_of` in
+/// `shaders/chain/pixel.wgsl`.
+fn cause_of(rises: bool, leaked: f64, rise: f64) -> Cause {
+    if rises && leaked >= 0.5 * rise && leaked > 0.0 { Cause::Leak } else { Cause::Signal }
 }
 
 /// A leak's jitter is drawn for each pixel and 2^12 microseconds: two computations whose times differ by a rounding

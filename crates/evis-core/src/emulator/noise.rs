@@ -4,7 +4,7 @@
 //! epoch of 2^14 microseconds, from the pixel, the epoch and nothing else; so no step, chunk or thread changes them.
 //! What a candidate becomes is decided where the light of its instant is known (thinning).
 
-use crate::event::Polarity;
+use crate::event::{Cause, Polarity};
 use crate::random::{EPOCH_SHIFT, EPOCH_US, Key, StreamId, normals, unit};
 use crate::sensor::{LeakLaw, Noise, SensorConfig};
 use crate::simd::{bits_of, dispatched};
@@ -24,21 +24,6 @@ pub(crate) struct Candidate {
     pub side: u32,
     /// Whether the pixel is hot and this is why.
     pub hot: bool,
-}
-
-/// Why an event fired.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(u8)]
-pub enum Cause {
-    /// The scene, or a leaking reference that carried the signal to a threshold.
-    #[default]
-    Signal = 0,
-    /// A leak at random times.
-    Leak = 1,
-    /// Shot noise.
-    Shot = 2,
-    /// A hot pixel.
-    Hot = 3,
 }
 
 /// What a candidate's event is like, if light lets it happen.

@@ -4,11 +4,13 @@
 
 use rayon::prelude::*;
 
+pub use super::warp::{Gap, Pictures, Scratch, Side};
+
 use super::TILE;
 pub use super::chain::{Frozen, JITTER_SHIFT};
-pub use super::noise::Cause;
 use super::noise::{Candidate, TileNoise};
 use super::readout::{self, delay_us};
+pub use crate::event::Cause;
 use crate::event::{Event, Polarity};
 use crate::random::Key;
 use crate::sensor::{Readout, SensorConfig};

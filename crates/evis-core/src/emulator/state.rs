@@ -3,12 +3,14 @@
 use bytemuck::Pod;
 
 use super::ideal::{Memory as IdealMemory, Pixels};
+use super::keyframe::Keyframe;
+use super::warp::MOST_MARGIN;
 use super::{Chain, Diffuse, EmulatorReport, Environment, EventEmulator, Kernel, Memory, Tile};
 use crate::event::Event;
 use crate::sensor::ConfigError;
 
 /// Begins every state; the last digit is the layout's version.
-const MAGIC: &[u8; 8] = b"EVISEMU1";
+const MAGIC: &[u8; 8] = b"EVISEMU2";
 
 /// Writes or reads the same things in the same order.
 enum Pass<'a> {
@@ -141,10 +143,39 @@ impl EventEmulator {
             if !environment.started {
                 continue;
             }
+            self.walk_keyframe(pass, &mut environment.keyframe)?;
             let key = environment.key;
             for tile in &mut environment.tiles {
                 self.walk_tile(pass, key, tile)?;
             }
+        }
+        Ok(())
+    }
+
+    fn walk_keyframe(&self, pass: &mut Pass<'_>, keyframe: &mut Option<Box<Keyframe>>) -> Result<(), Broken> {
+        let mut is_there = u64::from(keyframe.is_some());
+        pass.one(&mut is_there)?;
+        if is_there == 0 {
+            *keyframe = None;
+            return Ok(());
+        }
+        let keyframe = keyframe.get_or_insert_default();
+        pass.one(&mut keyframe.margin)?;
+        if keyframe.margin > MOST_MARGIN {
+            return Err(Broken);
+        }
+        pass.one(&mut keyframe.gap_us)?;
+        pass.list(&mut keyframe.light)?;
+        pass.list(&mut keyframe.nearness)?;
+        pass.list(&mut keyframe.back)?;
+        pass.list(&mut keyframe.forward)?;
+        let margin = 2 * u64::from(keyframe.margin);
+        let size = (u64::from(self.config.width) + margin) * (u64::from(self.config.height) + margin);
+        let pixels = keyframe.light.len();
+        let whole =
+            pixels as u64 == size && keyframe.nearness.len() == pixels && keyframe.back.len() == pixels;
+        if !whole || !matches!(keyframe.forward.len(), n if n == 0 || n == pixels) {
+            return Err(Broken);
         }
         Ok(())
     }

@@ -4,6 +4,7 @@
 // microseconds since the interval's start. Twin: chain.rs of evis_core's emulator.
 
 const CAUSE_SIGNAL: u32 = 0u;
+const CAUSE_LEAK: u32 = 1u;
 
 // Within `feed`: the pixel's next strike, and where its block's end.
 var<private> strike: u32;
@@ -61,6 +62,11 @@ fn fire(t: f32, on: bool, cause: u32) {
         fired = i32(start + offset);
         polarity = u32(on);
     }
+}
+
+// Why a threshold was reached: by a rise of which the leak's ramp is at least half, or by light.
+fn cause_of(rises: bool, leaked: f32, rise: f32) -> u32 {
+    return select(CAUSE_SIGNAL, CAUSE_LEAK, rises && leaked >= 0.5 * rise && leaked > 0.0);
 }
 
 // When the strike comes; beyond any time where none is left.
@@ -163,7 +169,7 @@ fn walk_continuous() {
         if (is_refractory(t)) {
             suppressed++;
         } else {
-            fire(t, crossing.side == 1u, CAUSE_SIGNAL);
+            fire(t, crossing.side == 1u, cause_of(crossing.side == 1u, before + drift() * t, threshold_on));
         }
         if (count > MOST_EVENTS) {
             clamped++;
@@ -237,7 +243,7 @@ fn walk_sampled(most: u32) {
         if (silent) {
             suppressed++;
         } else {
-            fire(t, on, CAUSE_SIGNAL);
+            fire(t, on, cause_of(on, leak, change));
         }
         fires += u32(!silent || REFRACTORY == 1u);
         next++;

@@ -143,7 +143,7 @@ fn run(
             .collect();
         for (v, range) in offsets.windows(2).enumerate() {
             let mut fired =
-                unpack::events(&records[range[0] as usize..range[1] as usize], unit.base_us(grid));
+                unpack::events(&records[range[0] as usize..range[1] as usize], unit.base_us(grid), false);
             match group.chain.as_mut().unwrap().wires.get_mut(v) {
                 Some(wire) => {
                     wire.pass(&mut fired, unit.end_us(grid), &mut ran.events[v]);

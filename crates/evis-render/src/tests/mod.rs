@@ -12,6 +12,7 @@ mod floor3_chain;
 mod floor3_frames;
 mod floor3_splat;
 mod floor3_still;
+mod pushed;
 mod raster_scenes;
 
 use crate::gpu::Gpu;

@@ -2,10 +2,12 @@
 //!
 //! ```text
 //! /<camera>/events/{x u16, y u16, t u32 or i64, p u8}   1-D, chunks of 65 536, shuffle + gzip 2
+//! /<camera>/events/cause    u8, where asked for: 0 signal, 1 leak, 2 shot noise, 3 hot pixel
 //! /<camera>/events/{width, height}                      i64
 //! /<camera>/ms_to_idx       u64   ms_to_idx[ms] = first i with t[i] >= 1000 * ms
 //! /<camera>/t_offset        i64   absolute time = t + t_offset
 //! /<camera>/labels/<kind>   (T, H, W[, C]), one frame per chunk; <kind>_t_us (T), flows: <kind>_t_other_us
+//! /<camera>/labels/frame    frame_t_us is an exposure's middle, frame_t_other_us its start, frame_t_end_us its end
 //! /<camera>/poses/{t_us (T), position (T, 3), rotation_xyzw (T, 4)}
 //! /<camera>/intrinsics/{fx, fy, cx, cy f64, width, height i64}
 //! /evis/{seed u64, environment u32, complete u8}        attributes version, method
@@ -100,7 +102,7 @@ impl LabelType {
             | LabelKind::Hdr
             | LabelKind::Frame => Self::F32,
             LabelKind::Instance | LabelKind::Semantic => Self::U32,
-            LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid => Self::U8,
+            LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid | LabelKind::Cause => Self::U8,
         }
     }
 

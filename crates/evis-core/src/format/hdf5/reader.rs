@@ -10,7 +10,7 @@ use rust_hdf5::format::superblock::SuperblockV2V3;
 use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
 use super::{LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
-use crate::event::{Event, Polarity, slice_time};
+use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
 use crate::format::FormatError;
 use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 
@@ -69,6 +69,20 @@ impl Recording {
         with_file(&self.path, |source| source.all_events(name))
     }
 
+    /// Why each event of camera `camera` fired, as numbers of [`crate::Cause`], of those with `start_us <= t < end_us`
+    /// where there are limits. `None` where the file does not say.
+    ///
+    /// # Errors
+    /// As [`Recording::event_count`].
+    pub fn causes(&self, camera: usize, limits: Option<(i64, i64)>) -> Result<Option<Vec<u8>>, FormatError> {
+        if !self.header.labels.contains(&LabelKind::Cause) {
+            return Ok(None);
+        }
+        let (start_us, end_us) = limits.unwrap_or((i64::MIN, i64::MAX));
+        let mut events = self.between(camera, start_us, end_us, true)?;
+        Ok(Some(take_causes(&mut events)))
+    }
+
     /// The events of camera `camera` with `start_us <= t < end_us`. Only the chunks around them are read.
     ///
     /// # Errors
@@ -79,9 +93,24 @@ impl Recording {
         start_us: i64,
         end_us: i64,
     ) -> Result<Vec<Event>, FormatError> {
+        self.between(camera, start_us, end_us, false)
+    }
+
+    fn between(
+        &self,
+        camera: usize,
+        start_us: i64,
+        end_us: i64,
+        marked: bool,
+    ) -> Result<Vec<Event>, FormatError> {
         let name = &self.camera(camera)?.name;
         with_file(&self.path, |source| {
-            let columns = source.events(name)?;
+            let mut columns = source.events(name)?;
+            if marked {
+                let cause = source.dataset(&format!("{name}/events/cause"))?;
+                columns.count = columns.count.min(source.rows(&cause, "events/cause")?);
+                columns.cause = Some(cause);
+            }
             let index = source.dataset(&format!("{name}/ms_to_idx"))?;
             let entries = source.rows(&index, "ms_to_idx")?;
             // Where the index has no entry, it has not got there yet, or no event is that late.
@@ -105,12 +134,14 @@ impl Recording {
         })
     }
 
-    /// The label kinds of camera `camera`, in file order.
+    /// The kinds of label images of camera `camera`, in file order.
     ///
     /// # Errors
     /// No such camera.
     pub fn label_kinds(&self, camera: usize) -> Result<&[LabelKind], FormatError> {
-        self.camera(camera).map(|_| self.header.labels.as_slice())
+        // What is no image comes last.
+        let images = self.header.labels.partition_point(|kind| kind.is_image());
+        self.camera(camera).map(|_| self.header.labels.get(..images).unwrap_or_default())
     }
 
     /// The times of a label, in microseconds; their number is the number of frames.
@@ -278,6 +309,8 @@ struct EventColumns {
     y: H5Dataset,
     t: H5Dataset,
     p: H5Dataset,
+    /// Where it is asked for.
+    cause: Option<H5Dataset>,
     count: u64,
 }
 
@@ -406,6 +439,11 @@ impl Source<'_> {
             let group = self.check(&name, group.group("labels"))?;
             let present = self.check(&name, group.dataset_names())?;
             labels.extend(LabelKind::ALL.into_iter().filter(|k| present.iter().any(|n| n == k.name())));
+            let events = self.check(&name, self.file.root_group().group(&name))?;
+            let events = self.check(&name, events.group("events"))?;
+            if self.check(&name, events.dataset_names())?.iter().any(|n| n == LabelKind::Cause.name()) {
+                labels.insert(LabelKind::Cause);
+            }
         }
         if cameras.is_empty() {
             return Err(self.damaged("it has no camera"));
@@ -438,6 +476,7 @@ impl Source<'_> {
             y: column("y")?,
             t: column("t")?,
             p: column("p")?,
+            cause: None,
             count: u64::MAX,
         };
         for dataset in [&columns.x, &columns.y, &columns.t, &columns.p] {
@@ -467,7 +506,7 @@ impl EventColumns {
                 4 => source.slice::<u32>(&self.t, at, count)?.into_iter().map(i64::from).collect(),
                 _ => source.slice(&self.t, at, count)?,
             };
-            let block: Vec<Event> = t
+            let mut block: Vec<Event> = t
                 .iter()
                 .zip(&x)
                 .zip(&y)
@@ -476,6 +515,13 @@ impl EventColumns {
                     Event::new(t, x, y, if p == 0 { Polarity::Off } else { Polarity::On })
                 })
                 .collect();
+            if let Some(cause) = &self.cause {
+                let causes: Vec<u8> = source.slice(cause, at, count)?;
+                for (event, cause) in block.iter_mut().zip(causes) {
+                    *event =
+                        event.with_cause(Cause::ALL.get(usize::from(cause)).copied().unwrap_or_default());
+                }
+            }
             visit(&block);
             at += count;
         }

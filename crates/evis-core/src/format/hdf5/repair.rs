@@ -47,9 +47,14 @@ pub fn repair(path: &Path) -> Result<RepairReport, FormatError> {
     }
     roots.retain(|name| !RESERVED_NAMES.contains(&name.as_str()));
     for camera in roots {
-        let events = ["x", "y", "t", "p"].map(|c| format!("{camera}/events/{c}"));
+        let present = store.names(&format!("{camera}/events"))?;
+        let all = ["x", "y", "t", "p", "cause"].into_iter();
+        let events: Vec<String> = all
+            .filter(|c| *c != "cause" || present.iter().any(|name| name == c))
+            .map(|c| format!("{camera}/events/{c}"))
+            .collect();
         let (count, mut columns) = align(&mut store, &events, &mut report)?;
-        if let [_, _, t, _] = columns.as_mut_slice() {
+        if let [_, _, t, ..] = columns.as_mut_slice() {
             complete_index(&mut store, &camera, t, &mut report)?;
         }
         report.events.push((camera.clone(), count));
@@ -58,8 +63,9 @@ pub fn repair(path: &Path) -> Result<RepairReport, FormatError> {
         align(&mut store, &poses, &mut report)?;
         let labels = store.names(&format!("{camera}/labels"))?;
         for kind in labels.iter().filter(|name| !name.ends_with("_us")) {
-            let parts: Vec<String> = [kind.clone(), format!("{kind}_t_us"), format!("{kind}_t_other_us")]
-                .into_iter()
+            let times = ["_t_us", "_t_other_us", "_t_end_us"].map(|ending| format!("{kind}{ending}"));
+            let parts: Vec<String> = std::iter::once(kind.clone())
+                .chain(times)
                 .filter(|name| labels.contains(name))
                 .map(|name| format!("{camera}/labels/{name}"))
                 .collect();

@@ -13,7 +13,7 @@ use super::store::{Column, FileState, Store, compress};
 use super::{
     EVENTS_PER_CHUNK, GZIP_LEVEL, LAYOUT_VERSION, LabelType, RESERVED_NAMES, RecordingHeader, has_other_time,
 };
-use crate::event::Event;
+use crate::event::{Cause, Event};
 use crate::format::FormatError;
 use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 
@@ -59,6 +59,8 @@ struct CameraColumns {
     y: Column,
     t: Column,
     p: Column,
+    /// Where the header announced it.
+    cause: Option<Column>,
     /// `t` is u32.
     narrow: bool,
     ms_to_idx: Column,
@@ -74,6 +76,8 @@ struct LabelColumns {
     data: Column,
     t: Column,
     t_other: Option<Column>,
+    /// End of an exposure.
+    t_end: Option<Column>,
     last_t: Option<i64>,
 }
 
@@ -145,15 +149,38 @@ impl RecordingWriter {
     /// that the file cannot hold; then none of `events` is written. A failed write (disk full) keeps what
     /// was flushed before, and every later call fails too.
     pub fn write_events(&mut self, camera_index: usize, events: &[Event]) -> Result<(), FormatError> {
+        self.write_caused_events(camera_index, events, &[])
+    }
+
+    /// As [`RecordingWriter::write_events`], with the cause of each event where the header's labels list
+    /// [`LabelKind::Cause`]; without any where they do not.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::write_events`], and a number of causes that is not asked for.
+    pub fn write_caused_events(
+        &mut self,
+        camera_index: usize,
+        events: &[Event],
+        causes: &[u8],
+    ) -> Result<(), FormatError> {
         self.check_usable()?;
         let camera = self.camera(camera_index)?;
         let last_t = self.cameras.get(camera).map_or(0, |c| c.last_t);
         self.check_events(camera, events, last_t)?;
-        let mut rest = events;
+        let wanted =
+            if self.cameras.get(camera).is_some_and(|c| c.cause.is_some()) { events.len() } else { 0 };
+        if causes.len() != wanted || causes.iter().any(|cause| usize::from(*cause) >= Cause::ALL.len()) {
+            let what = format!("{} events came with {} causes", events.len(), causes.len());
+            let remedy =
+                format!("give {wanted}, each below 4: the header's labels say whether there is a column");
+            return Err(FormatError::invalid(self.store.path(), what, remedy));
+        }
+        let (mut rest, mut causes) = (events, causes);
         while !rest.is_empty() {
             let part = rest.get(..EVENTS_PER_CHUNK * CHUNKS_AT_ONCE).unwrap_or(rest);
-            let taken = self.cameras.get_mut(camera).map_or(part.len(), |c| c.push_events(part));
+            let taken = self.cameras.get_mut(camera).map_or(part.len(), |c| c.push_events(part, causes));
             rest = rest.get(taken..).unwrap_or_default();
+            causes = causes.get(taken..).unwrap_or_default();
             self.store_full_chunks()?;
             self.flush_if_due()?;
         }
@@ -201,6 +228,11 @@ impl RecordingWriter {
         label.t.push(&frame.t_us.to_le_bytes());
         if let Some(other) = &mut label.t_other {
             other.push(&frame.t_other_us.to_le_bytes());
+        }
+        if let Some(end) = &mut label.t_end {
+            // The middle lies as far from the start as from the end.
+            let length = frame.t_us.saturating_sub(frame.t_other_us);
+            end.push(&frame.t_us.saturating_add(length).to_le_bytes());
         }
         label.last_t = Some(frame.t_us);
         self.store_full_chunks()?;
@@ -429,11 +461,13 @@ impl CameraColumns {
             y: column("events/y")?,
             t: column("events/t")?,
             p: column("events/p")?,
+            cause: labels.contains(&LabelKind::Cause).then(|| column("events/cause")).transpose()?,
             narrow,
             ms_to_idx: column("ms_to_idx")?,
             last_t: 0,
             labels: labels
                 .iter()
+                .filter(|kind| kind.is_image())
                 .map(|&kind| {
                     let name = kind.name();
                     Ok(LabelColumns {
@@ -442,6 +476,9 @@ impl CameraColumns {
                         t: column(&format!("labels/{name}_t_us"))?,
                         t_other: has_other_time(kind)
                             .then(|| column(&format!("labels/{name}_t_other_us")))
+                            .transpose()?,
+                        t_end: (kind == LabelKind::Frame)
+                            .then(|| column(&format!("labels/{name}_t_end_us")))
                             .transpose()?,
                         last_t: None,
                     })
@@ -456,17 +493,20 @@ impl CameraColumns {
     /// All columns, in the order in which a commit extends them: what is pointed to before what points.
     fn all(&mut self) -> impl Iterator<Item = &mut Column> {
         let labels = self.labels.iter_mut().flat_map(|l| {
-            std::iter::once(&mut l.data).chain(&mut l.t_other).chain(std::iter::once(&mut l.t))
+            let times = l.t_other.iter_mut().chain(&mut l.t_end);
+            std::iter::once(&mut l.data).chain(times).chain(std::iter::once(&mut l.t))
         });
-        [&mut self.x, &mut self.y, &mut self.p, &mut self.t, &mut self.ms_to_idx]
+        [&mut self.x, &mut self.y, &mut self.p]
             .into_iter()
+            .chain(&mut self.cause)
+            .chain([&mut self.t, &mut self.ms_to_idx])
             .chain(labels)
             .chain([&mut self.position, &mut self.rotation, &mut self.pose_t])
     }
 
     /// Takes events from the front of `events` and says how many: a long silence fills so much of
     /// `ms_to_idx` that it must be stored in between.
-    fn push_events(&mut self, events: &[Event]) -> usize {
+    fn push_events(&mut self, events: &[Event], causes: &[u8]) -> usize {
         let before = self.t.rows();
         let mut taken = events.len();
         for (i, event) in events.iter().enumerate() {
@@ -487,6 +527,9 @@ impl CameraColumns {
         self.x.push_each(events.iter().map(|e| e.x.to_le_bytes()));
         self.y.push_each(events.iter().map(|e| e.y.to_le_bytes()));
         self.p.push_each(events.iter().map(|e| [e.p.to_le_bytes()[0]]));
+        if let Some(column) = &mut self.cause {
+            column.push(causes.get(..taken).unwrap_or_default());
+        }
         if self.narrow {
             // Checked at the door: times fit.
             self.t.push_each(events.iter().map(|e| u32::try_from(e.t).unwrap_or(u32::MAX).to_le_bytes()));
@@ -634,6 +677,9 @@ fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) 
         rows::<i64>(&events, "t", EVENTS_PER_CHUNK, &[])?;
     }
     rows::<u8>(&events, "p", EVENTS_PER_CHUNK, &[])?;
+    if header.labels.contains(&LabelKind::Cause) {
+        rows::<u8>(&events, "cause", EVENTS_PER_CHUNK, &[])?;
+    }
     scalar(&events, "width", width)?;
     scalar(&events, "height", height)?;
     rows::<u64>(&group, "ms_to_idx", MILLIS_PER_CHUNK, &[])?;
@@ -652,7 +698,7 @@ fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) 
     rows::<f64>(&poses, "rotation_xyzw", ROWS_PER_CHUNK, &[4])?;
 
     let labels = group.create_group("labels")?;
-    for &kind in &header.labels {
+    for &kind in header.labels.iter().filter(|kind| kind.is_image()) {
         let mut frame = vec![camera.height as usize, camera.width as usize];
         if kind.channels() > 1 {
             frame.push(kind.channels());
@@ -665,6 +711,9 @@ fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) 
         rows::<i64>(&labels, &format!("{}_t_us", kind.name()), ROWS_PER_CHUNK, &[])?;
         if has_other_time(kind) {
             rows::<i64>(&labels, &format!("{}_t_other_us", kind.name()), ROWS_PER_CHUNK, &[])?;
+        }
+        if kind == LabelKind::Frame {
+            rows::<i64>(&labels, "frame_t_end_us", ROWS_PER_CHUNK, &[])?;
         }
     }
     Ok(())

@@ -1,0 +1,435 @@
+//! Frames with depth and motion vectors: the light between two of them is warped, then felt.
+
+use std::sync::{Mutex, PoisonError};
+
+use rayon::prelude::*;
+
+use super::frames::{Frames, LUMINANCE, Source};
+use super::links::Links;
+use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
+use super::{EmulatorReport, Environment, EventEmulator, Push};
+use crate::event::Event;
+use crate::sensor::ConfigError;
+
+/// Motion per gap beyond which a report warns: on `spinner`, F1 within 4 ms falls from 0.85 at 1 px per gap to 0.6 at 2 and
+/// 0.4 at 6.
+pub const WARN_GAP_PX: f32 = 4.0;
+
+/// Instants per gap where their number is not given, at most.
+const MOST_STEPS: u32 = 256;
+
+/// Nearest 1 / depth.
+const LARGEST_INVERSE_DEPTH: f32 = 1e6;
+
+/// What a renderer says of one time: one picture of each kind per environment, row-major, environments outermost.
+///
+/// With a margin, pictures are larger than the sensor by it at every border.
+#[derive(Clone, Copy, Debug)]
+pub struct Keyframes<'a> {
+    /// Linear light: one value per pixel, or R, G, B. NaN: unknown.
+    pub light: &'a [f32],
+    /// Values of `light` per pixel: 1 or 3.
+    pub channels: usize,
+    /// Planar depth in metres, +inf where nothing is. What is no depth (0, negative, NaN) counts as nothing too.
+    pub depth: &'a [f32],
+    /// Where each pixel's surface was at the last keyframe, seen from where it is now: (x, y) pairs in pixels, x right,
+    /// y down, so that `before = here + motion`. NaN, or 16 384 pixels and more: not known.
+    pub motion: &'a [f32],
+    /// If known: the same to where it will be at the next keyframe.
+    pub motion_forward: Option<&'a [f32]>,
+    /// Per environment: whether this keyframe has nothing to do with the last one. Empty: none is cut.
+    pub cut: &'a [bool],
+}
+
+/// Why a gap was not warped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Cut {
+    /// It was.
+    #[default]
+    None,
+    /// There is no last keyframe: the stream begins, or the last frame had no depth and motion.
+    Start,
+    /// The user said so: the environment began anew.
+    Declared,
+    /// Nothing links the two keyframes: light went straight from one to the other.
+    Detected,
+}
+
+impl Cut {
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Start => "start",
+            Self::Declared => "declared",
+            Self::Detected => "detected",
+        }
+    }
+}
+
+/// What became of one environment's keyframe and the gap before it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct KeyframeReport {
+    /// Instants of the gap, the keyframe included.
+    pub steps: u32,
+    /// Pixels that all but a thousandth of the picture's pixels moved at most.
+    pub motion_px: f32,
+    /// Part of the picture whose surfaces were found in the last keyframe, by motion and depth.
+    pub linked: f32,
+    /// Pixels and instants at which no light was known: memory stayed.
+    pub unknown: u64,
+    /// Pixels with a depth that is none.
+    pub bad_depth: u64,
+    /// Pixels with a motion vector that is none.
+    pub bad_motion: u64,
+    /// Whether the gap was warped.
+    pub cut: Cut,
+    /// What would make motion vectors explain the light far better.
+    pub hint: Option<&'static str>,
+}
+
+impl KeyframeReport {
+    /// What a user should change, in words; empty where nothing.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        if self.cut == Cut::Detected {
+            out.push(format!(
+                "{:.0} % of the picture is linked to the last keyframe: a cut that was not declared, or motion vectors \
+                 of another convention",
+                self.linked * 100.0
+            ));
+        }
+        if let Some(hint) = self.hint {
+            out.push(format!("light fits motion vectors far better {hint}: check their convention"));
+        }
+        if self.motion_px > WARN_GAP_PX && self.cut == Cut::None {
+            out.push(format!(
+                "{:.1} px per gap: render faster, {:.0} times as often for {WARN_GAP_PX} px",
+                self.motion_px,
+                (self.motion_px / WARN_GAP_PX).ceil()
+            ));
+        }
+        out
+    }
+}
+
+/// An environment's last keyframe.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Keyframe {
+    /// Pixels beyond each border.
+    pub margin: u32,
+    /// Since the one before it; 0: there was none, so that `back` says nothing.
+    pub gap_us: i64,
+    pub light: Vec<f32>,
+    pub nearness: Vec<f32>,
+    pub back: Vec<[f32; 2]>,
+    /// Empty where it was not given.
+    pub forward: Vec<[f32; 2]>,
+}
+
+/// Memory that threads take and give back.
+#[derive(Debug, Default)]
+pub(crate) struct Benches(Mutex<Vec<(Scratch, Vec<f32>)>>);
+
+impl Benches {
+    fn take(&self) -> (Scratch, Vec<f32>) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    fn give(&self, bench: (Scratch, Vec<f32>)) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(bench);
+    }
+}
+
+/// Nearness of a planar depth, and whether it is one.
+fn nearness(depth: f32) -> (f32, bool) {
+    if depth > 0.0 {
+        let inverse = (1.0 / depth).min(LARGEST_INVERSE_DEPTH);
+        (inverse / (1.0 + 1e-3 * inverse), true)
+    } else {
+        (0.0, false)
+    }
+}
+
+impl Keyframe {
+    /// Reads the pictures of environment `index`, of `canvas` pixels; counts depths and motion vectors that are none.
+    fn read(
+        from: &Keyframes<'_>,
+        index: usize,
+        canvas: [usize; 2],
+        config: &WarpConfig,
+        gap_us: i64,
+    ) -> (Self, [u64; 2]) {
+        let pixels = canvas[0] * canvas[1];
+        let range = index * pixels..(index + 1) * pixels;
+        let light = if from.channels == 3 {
+            let weights = LUMINANCE.map(|weight| weight as f32);
+            let triples = &from.light.as_chunks::<3>().0[range.clone()];
+            triples.iter().map(|[r, g, b]| weights[0] * r + weights[1] * g + weights[2] * b).collect()
+        } else {
+            from.light[range.clone()].to_vec()
+        };
+        let depths = &from.depth[range.clone()];
+        let mut nearness: Vec<f32> = depths.iter().map(|depth| nearness(*depth).0).collect();
+        let bad_depth = depths.iter().filter(|depth| !self::nearness(**depth).1).count() as u64;
+        let pairs = |values: &[f32]| values.as_chunks::<2>().0[range.clone()].to_vec();
+        let mut back = pairs(from.motion);
+        let bad_motion = back.iter().filter(|motion| !is_motion(**motion)).count() as u64;
+        let mut forward = from.motion_forward.map(pairs).unwrap_or_default();
+        if config.dilate > 0 {
+            let nearest = dilated(&nearness, canvas, config.dilate as usize);
+            let pick =
+                |motion: &[[f32; 2]]| nearest.iter().filter_map(|at| motion.get(*at).copied()).collect();
+            back = pick(&back);
+            forward = pick(&forward);
+            nearness = nearest.iter().map(|at| nearness[*at]).collect();
+        }
+        let margin = config.margin;
+        (Self { margin, gap_us, light, nearness, back, forward }, [bad_depth, bad_motion])
+    }
+
+    /// The sensor's part of the light.
+    fn crop(&self, pictures: &Pictures, out: &mut Vec<f32>) {
+        let margin = self.margin as usize;
+        let [width, height] = pictures.size;
+        out.clear();
+        for row in self.light.chunks_exact(pictures.canvas[0]).skip(margin).take(height) {
+            out.extend_from_slice(&row[margin..margin + width]);
+        }
+    }
+}
+
+/// Per pixel, the nearest one within `reach` pixels along each axis; itself where none is nearer.
+fn dilated(nearness: &[f32], [width, height]: [usize; 2], reach: usize) -> Vec<usize> {
+    (0..nearness.len())
+        .map(|at| {
+            let (x, y) = (at % width, at / width);
+            let mut nearest = at;
+            for y in y.saturating_sub(reach)..(y + reach + 1).min(height) {
+                for x in x.saturating_sub(reach)..(x + reach + 1).min(width) {
+                    let other = y * width + x;
+                    if nearness[other] > nearness[nearest] {
+                        nearest = other;
+                    }
+                }
+            }
+            nearest
+        })
+        .collect()
+}
+
+impl EventEmulator {
+    /// Takes the keyframes of time `t_us` and gives the events since the last ones, one list per environment. The light of
+    /// the instants between is warped along the motion vectors from both keyframes, then felt as by [`Self::push`]: where
+    /// neither keyframe knows it, a pixel's memory stays.
+    ///
+    /// An environment's first keyframe makes no events, nor does one that is cut.
+    ///
+    /// # Errors
+    /// Wrong sizes, a time that does not increase, light that is infinite or negative, settings that cannot be used.
+    /// Nothing has changed then.
+    pub fn push_keyframe(
+        &mut self,
+        keyframes: &Keyframes<'_>,
+        t_us: i64,
+        warp: &WarpConfig,
+    ) -> Result<Vec<Vec<Event>>, ConfigError> {
+        warp.check()?;
+        let interval_us = self.check_time(t_us)?;
+        let pictures = self.check_keyframes(keyframes, warp)?;
+        let mut out = vec![Vec::new(); self.config.batch];
+        let Self { config, isa, pool, kernel, environments, benches, keyframe_reports, .. } = self;
+        let threads = pool.as_ref().map_or(1, rayon::ThreadPool::current_num_threads);
+        let step = Gapped {
+            push: Push {
+                config,
+                kernel,
+                isa: *isa,
+                threads: if environments.len() == 1 { threads } else { 1 },
+                start_us: t_us - i64::from(interval_us),
+                interval_us,
+            },
+            pictures,
+            warp,
+            at_once: threads.div_ceil(config.batch),
+            benches,
+        };
+        let run = |index: usize, environment: &mut Environment, out: &mut Vec<Event>| {
+            step.run(environment, keyframes, index, out)
+        };
+        *keyframe_reports = match pool {
+            Some(pool) => pool.install(|| {
+                let all = environments.par_iter_mut().zip(out.par_iter_mut()).enumerate();
+                all.map(|(index, (environment, out))| run(index, environment, out)).collect()
+            }),
+            None => {
+                let all = environments.iter_mut().zip(&mut out).enumerate();
+                all.map(|(index, (environment, out))| run(index, environment, out)).collect()
+            }
+        };
+        self.note(t_us);
+        let before = vec![0; out.len()];
+        self.take_causes(&mut out, &before);
+        Ok(out)
+    }
+
+    /// What became of the last keyframes, one report per environment; empty where the last frames were none.
+    pub fn keyframe_reports(&self) -> &[KeyframeReport] {
+        &self.keyframe_reports
+    }
+
+    /// Checks sizes and light.
+    fn check_keyframes(&self, keyframes: &Keyframes<'_>, warp: &WarpConfig) -> Result<Pictures, ConfigError> {
+        let config = &self.config;
+        let size = [config.width as usize, config.height as usize];
+        let canvas = size.map(|n| n + 2 * warp.margin as usize);
+        let pixels = canvas[0] * canvas[1];
+        if pixels >= MOST_PIXELS {
+            let value = format!("{} x {}", canvas[0], canvas[1]);
+            return Err(ConfigError::new("size of a keyframe", value, format!("below {MOST_PIXELS} pixels")));
+        }
+        let all = pixels * config.batch;
+        Frames { channels: keyframes.channels, ..Frames::linear(keyframes.light) }.check(all)?;
+        for (what, values, per_pixel) in [
+            ("number of depths", Some(keyframes.depth), 1),
+            ("number of values of motion", Some(keyframes.motion), 2),
+            ("number of values of motion_forward", keyframes.motion_forward, 2),
+        ] {
+            if let Some(values) = values.filter(|values| values.len() != all * per_pixel) {
+                let remedy = format!("{} (environments × height × width × {per_pixel})", all * per_pixel);
+                return Err(ConfigError::new(what, values.len(), remedy));
+            }
+        }
+        if !keyframes.cut.is_empty() && keyframes.cut.len() != config.batch {
+            let remedy = format!("{}, one per environment, or none", config.batch);
+            return Err(ConfigError::new("number of cuts", keyframes.cut.len(), remedy));
+        }
+        let bad = |value: &f32| value.is_infinite() || *value < 0.0;
+        if let Some(index) = keyframes.light.iter().position(bad) {
+            let pixel = index / keyframes.channels % pixels;
+            let what = format!(
+                "light of pixel ({}, {}) of environment {}",
+                pixel % canvas[0],
+                pixel / canvas[0],
+                index / keyframes.channels / pixels
+            );
+            let remedy = "finite and at least 0, or NaN where unknown";
+            return Err(ConfigError::new(&what, keyframes.light[index], remedy));
+        }
+        for environment in &self.environments {
+            let before = environment.keyframe.as_ref().map(|keyframe| keyframe.margin);
+            if let Some(before) = before.filter(|before| environment.started && *before != warp.margin) {
+                let remedy = format!("{before}, as at the last keyframe; or reset all environments first");
+                return Err(ConfigError::new("margin", warp.margin, remedy));
+            }
+        }
+        if let Some(tile) = self.environments.iter().find_map(Environment::begun) {
+            tile.check(&Source::Linear { values: &[], inverse_reference: 1.0 })?;
+        }
+        Ok(Pictures {
+            size,
+            canvas,
+            log_floor: config.sensor.log_eps * config.reference_luminance,
+            reference_luminance: config.reference_luminance,
+        })
+    }
+}
+
+/// What all environments of a push of keyframes share.
+struct Gapped<'a> {
+    push: Push<'a>,
+    pictures: Pictures,
+    warp: &'a WarpConfig,
+    /// Instants that threads warp side by side.
+    at_once: usize,
+    benches: &'a Benches,
+}
+
+impl Gapped<'_> {
+    fn run(
+        &self,
+        environment: &mut Environment,
+        keyframes: &Keyframes<'_>,
+        index: usize,
+        out: &mut Vec<Event>,
+    ) -> KeyframeReport {
+        let gap_us = i64::from(self.push.interval_us);
+        let mut report = KeyframeReport::default();
+        let declared = keyframes.cut.get(index).copied().unwrap_or(false);
+        if declared {
+            environment.started = false;
+        }
+        let before = environment.keyframe.take().filter(|_| environment.started);
+        let since = if before.is_some() { gap_us } else { 0 };
+        let canvas = self.pictures.canvas;
+        let (now, [bad_depth, bad_motion]) = Keyframe::read(keyframes, index, canvas, self.warp, since);
+        (report.bad_depth, report.bad_motion) = (bad_depth, bad_motion);
+        let mut sum = EmulatorReport::default();
+        let mut between = None;
+        report.cut = match &before {
+            None if declared => Cut::Declared,
+            None => Cut::Start,
+            Some(before) => {
+                let links = Links::find(before, &now, canvas, self.pictures.log_floor);
+                (report.motion_px, report.linked, report.hint) = (links.motion_px, links.linked, links.hint);
+                if self.warp.detect_cuts && links.is_cut() {
+                    Cut::Detected
+                } else {
+                    let forward = super::links::forward_motion(before, &now, canvas);
+                    between = Some((before, forward));
+                    Cut::None
+                }
+            }
+        };
+        report.steps = match &between {
+            None => 1,
+            Some(_) => {
+                let wanted = self.warp.steps.unwrap_or_else(|| {
+                    ((report.motion_px / self.warp.step_px).ceil() as u32).clamp(1, MOST_STEPS)
+                });
+                // Instants are whole microseconds.
+                wanted.min(self.push.interval_us)
+            }
+        };
+        let gap = between.as_ref().map(|(before, forward)| {
+            let older = Side { light: &before.light, nearness: &before.nearness, motion: forward };
+            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back };
+            Gap::new(self.warp, &self.pictures, older, newer)
+        });
+        let steps = i64::from(report.steps);
+        let offset = |k: i64| (k * gap_us + steps / 2) / steps;
+        let mut k = 1;
+        while k <= steps {
+            let last = (k + self.at_once as i64 - 1).min(steps);
+            let look = |k: i64| {
+                let (mut scratch, mut frame) = self.benches.take();
+                match &gap {
+                    Some(gap) if k < steps => {
+                        gap.instant((offset(k) as f64 / gap_us as f64) as f32, &mut scratch, &mut frame);
+                    }
+                    _ => now.crop(&self.pictures, &mut frame),
+                }
+                (scratch, frame)
+            };
+            let looks: Vec<_> =
+                if last > k { (k..=last).into_par_iter().map(look).collect() } else { vec![look(k)] };
+            for (k, bench) in (k..).zip(looks) {
+                let start = offset(k - 1);
+                let push = Push {
+                    start_us: self.push.start_us + start,
+                    // At most the whole interval, which is a u32.
+                    interval_us: (offset(k) - start) as u32,
+                    ..self.push
+                };
+                environment.advance(&push, &bench.1, out);
+                sum.add(&environment.report);
+                self.benches.give(bench);
+            }
+            k = last + 1;
+        }
+        report.unknown = sum.unknown;
+        environment.report = sum;
+        environment.keyframe = Some(Box::new(now));
+        report
+    }
+}

@@ -1,0 +1,599 @@
+//! An instant between two keyframes from both, each pixel moved to where it then is: `splat` without a device.
+//!
+//! The same algorithm as the engine's `splat/*.wgsl`, with linear motion, one instant per thread: nothing is shared, so
+//! nothing depends on how many threads there are. Positions are whole multiples of 1/1024 pixel.
+
+use serde::{Deserialize, Serialize};
+
+use crate::sensor::ConfigError;
+use crate::simd::{self, Isa, dispatched};
+
+/// Parts of a pixel that a position is told in, as a power of two.
+const SUBPIXEL_BITS: i32 = 10;
+const SUBPIXELS: i32 = 1 << SUBPIXEL_BITS;
+/// Weight of a whole pixel in a colour's sums; the bilinear weight's steps per step of it.
+const WEIGHT_STEPS: f32 = 4096.0;
+const WEIGHT_UNIT: f32 = 1.0 / 256.0;
+/// Steps of light in a colour's sums.
+const LIGHT_STEPS: f32 = 524_287.0;
+/// Most light that colours add up, in reference luminances.
+const BRIGHTEST: f32 = 256.0;
+/// Depths at least this part of one another are taken for one surface.
+pub(crate) const SAME_SURFACE: f32 = 0.95;
+/// A motion vector with a component of so many pixels is none.
+pub(crate) const MOTION_LIMIT: f32 = 16_384.0;
+/// Pixels of a keyframe at most: an index and how near it is share 32 bits.
+pub(crate) const MOST_PIXELS: usize = 1 << 24;
+
+/// Pixels that a keyframe may show beyond each border.
+pub(crate) const MOST_MARGIN: u32 = 512;
+
+/// What is splatted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Carrier {
+    /// Luminance, added up with bilinear weight and a softmax over depth.
+    Colour,
+    /// The number of the source pixel, the nearest surface winning; luminance is then read from the keyframe.
+    #[default]
+    Index,
+}
+
+/// How light is read between a keyframe's pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Filter {
+    /// Between the four pixels around: fine texture loses contrast halfway between them, and gets it back.
+    Bilinear,
+    /// Between sixteen, by the spline of Catmull and Rom, within a surface: it keeps contrast.
+    #[default]
+    Cubic,
+}
+
+/// How the instants between two pushed keyframes come from both.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WarpConfig {
+    /// Instants per gap, the keyframe that ends it included; `None` takes as many as `step_px` asks for.
+    pub steps: Option<u32>,
+    /// Where `steps` is not given: pixels that the picture moves from instant to instant, at most.
+    pub step_px: f32,
+    /// Pixels that keyframes show beyond each border of the sensor.
+    pub margin: u32,
+    /// What is splatted.
+    pub carrier: Carrier,
+    /// How an index's light is read.
+    pub filter: Filter,
+    /// Where both keyframes show something, the nearer surface wins; else the newer keyframe.
+    pub nearest: bool,
+    /// Where both show the same surface, both count, in log light and by their distance in time.
+    pub blend: bool,
+    /// Pixels by which the motion of nearer surfaces reaches over their antialiased fringe.
+    pub dilate: u32,
+    /// Sharpness of the softmax: importance is e^(sharpness · (1/z) / max(1/z)).
+    pub sharpness: f32,
+    /// A pixel with less splatted weight than this is a hole; for an index, the least weight of one source.
+    pub hole_below: f32,
+    /// Luminance of what neither keyframe shows; `None` leaves the pixel's memory untouched and counts it as unknown.
+    pub fill: Option<f32>,
+    /// Whether keyframes that nothing links are taken for a cut.
+    pub detect_cuts: bool,
+}
+
+impl Default for WarpConfig {
+    fn default() -> Self {
+        Self {
+            steps: None,
+            step_px: 1.0,
+            margin: 0,
+            carrier: Carrier::Index,
+            filter: Filter::Cubic,
+            nearest: true,
+            blend: true,
+            // Antialiased fringes: on `spinner` and `warehouse` F1 rose by 0.01 to 0.02.
+            dilate: 1,
+            sharpness: 12.0,
+            hole_below: 0.3,
+            fill: None,
+            detect_cuts: true,
+        }
+    }
+}
+
+impl WarpConfig {
+    /// As the EVIS paper publishes it: softmax 12 on 1/(z + 1e-3), holes below 1e-4 of a pixel, newer keyframe first,
+    /// older in its holes, black where neither shows anything.
+    pub const fn evis_paper(steps: u32) -> Self {
+        Self {
+            steps: Some(steps),
+            step_px: 1.0,
+            margin: 0,
+            carrier: Carrier::Colour,
+            filter: Filter::Bilinear,
+            nearest: false,
+            blend: false,
+            dilate: 0,
+            sharpness: 12.0,
+            hole_below: 1e-4,
+            fill: Some(0.0),
+            detect_cuts: true,
+        }
+    }
+
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// Names the first that cannot be used, and what would work.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        if let Some(steps) = self.steps.filter(|steps| !(1..=1000).contains(steps)) {
+            return Err(ConfigError::new("steps", steps, "between 1 and 1000, or not given"));
+        }
+        if !(0.01..=100.0).contains(&self.step_px) {
+            return Err(ConfigError::new("step_px", self.step_px, "between 0.01 and 100 pixels"));
+        }
+        for (what, value, most) in [("margin", self.margin, MOST_MARGIN), ("dilate", self.dilate, 8)] {
+            if value > most {
+                return Err(ConfigError::new(what, value, format!("between 0 and {most} pixels")));
+            }
+        }
+        if !(0.0..=1000.0).contains(&self.sharpness) {
+            return Err(ConfigError::new("sharpness", self.sharpness, "between 0 and 1000"));
+        }
+        if !(self.hole_below > 0.0 && self.hole_below <= 1.0) {
+            return Err(ConfigError::new("hole_below", self.hole_below, "above 0 and at most 1"));
+        }
+        if let Some(fill) = self.fill
+            && !(fill.is_finite() && fill >= 0.0)
+        {
+            return Err(ConfigError::new("fill", fill, "a finite luminance, 0 or above"));
+        }
+        Ok(())
+    }
+
+    /// Least weight of a tap that counts, less one.
+    fn reach(&self) -> u32 {
+        match self.carrier {
+            Carrier::Colour => 0,
+            Carrier::Index => ((self.hole_below * WEIGHT_STEPS / WEIGHT_UNIT) as u32).max(1) - 1,
+        }
+    }
+
+    fn is_hole(&self, word: u32) -> bool {
+        match self.carrier {
+            Carrier::Colour => (word as f32) < self.hole_below * WEIGHT_STEPS,
+            Carrier::Index => word == 0,
+        }
+    }
+
+    /// Whether the older keyframe is looked at where the newer one shows something.
+    const fn uses_both(&self) -> bool {
+        self.nearest || self.blend
+    }
+}
+
+/// One keyframe of a gap, seen from the other: what is splatted.
+#[derive(Clone, Copy, Debug)]
+pub struct Side<'a> {
+    /// Light per pixel; NaN or negative where unknown.
+    pub light: &'a [f32],
+    /// 1 / (depth + 1e-3), 0 where nothing is.
+    pub nearness: &'a [f32],
+    /// Pixels to where each surface is at the other keyframe; not a number where that is not known.
+    pub motion: &'a [[f32; 2]],
+}
+
+/// Sizes of a gap's pictures and what its pixels feel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pictures {
+    /// Sensor pixels, width and height.
+    pub size: [usize; 2],
+    /// Keyframe pixels: the sensor's and a margin around.
+    pub canvas: [usize; 2],
+    /// Light beside which none is dark: `eps · Y_ref`.
+    pub log_floor: f32,
+    /// `Y_ref`.
+    pub reference_luminance: f32,
+}
+
+/// A side with what all instants of the gap have in common.
+struct Prepared<'a> {
+    side: Side<'a>,
+    /// Bits of the nearness, plus 1; 0 where a pixel goes nowhere.
+    keys: Vec<u32>,
+    /// Whether all pixels within two of a pixel show its surface, and are known: light between them needs no look at each.
+    plain: Vec<bool>,
+    /// The largest light, as a power of two above it, and the largest nearness (colours).
+    scale: f32,
+    nearest: f32,
+}
+
+/// The gap between two keyframes.
+pub struct Gap<'a> {
+    config: WarpConfig,
+    pictures: Pictures,
+    older: Prepared<'a>,
+    newer: Prepared<'a>,
+    isa: Isa,
+}
+
+/// Memory of one thread; any number of instants may use it, one after the other.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    older: Sums,
+    newer: Sums,
+    rows: [Vec<f32>; 2],
+}
+
+/// What a side amounts to at each sensor pixel.
+#[derive(Debug, Default)]
+struct Sums {
+    /// Nearest key.
+    depth: Vec<u32>,
+    /// Weight, or an index with how near it is before it.
+    word: Vec<u32>,
+    /// Light times weight.
+    light: Vec<u64>,
+}
+
+impl Sums {
+    fn clear(&mut self, pixels: usize, colours: bool) {
+        for plane in [&mut self.depth, &mut self.word] {
+            plane.clear();
+            plane.resize(pixels, 0);
+        }
+        self.light.clear();
+        self.light.resize(if colours { pixels } else { 0 }, 0);
+    }
+}
+
+/// Whether a vector moves a pixel.
+#[inline(always)]
+pub(crate) fn is_motion(motion: [f32; 2]) -> bool {
+    motion[0].abs() < MOTION_LIMIT && motion[1].abs() < MOTION_LIMIT
+}
+
+fn nearness_of(key: u32) -> f32 {
+    f32::from_bits(key.wrapping_sub(1))
+}
+
+/// Whether two points at these nearnesses may be on one surface.
+#[inline(always)]
+fn same_surface(a: f32, b: f32) -> bool {
+    a.min(b) >= a.max(b) * SAME_SURFACE
+}
+
+impl<'a> Prepared<'a> {
+    fn new(side: Side<'a>, width: usize, brightest: f32) -> Self {
+        let mut largest = (0.0_f32, 0.0_f32);
+        let pixels = side.light.iter().zip(side.nearness).zip(side.motion);
+        let keys = pixels
+            .map(|((light, nearness), motion)| {
+                largest = (largest.0.max(*light), largest.1.max(*nearness));
+                let placed = *light >= 0.0 && is_motion(*motion);
+                if placed { nearness.max(0.0).to_bits().wrapping_add(1) } else { 0 }
+            })
+            .collect();
+        // A power of two above the brightest.
+        let bits = largest.0.to_bits().clamp(0x0080_0000, brightest.to_bits().max(0x0080_0000));
+        let scale = f32::from_bits(((bits >> 23) + 1) << 23);
+        Self { side, keys, plain: plain(&side, width), scale, nearest: largest.1 }
+    }
+}
+
+/// Where a source is, in parts of a pixel of the sensor.
+#[inline(always)]
+fn place(x: usize, y: usize, margin: i32, motion: [f32; 2], moved: f32) -> [i32; 2] {
+    let at = |pixel: usize, d: f32| {
+        // Motion is below 2^14 pixels, or the key is 0: far from the ends of an i32. The conversion saturates.
+        let d = (d * moved * SUBPIXELS as f32 + 0.5).floor() as i32;
+        ((pixel as i32).wrapping_sub(margin) << SUBPIXEL_BITS).wrapping_add(d)
+    };
+    [at(x, motion[0]), at(y, motion[1])]
+}
+
+/// Calls `each` with the index and the bilinear weight of the pixels around `q` that are within `size`.
+#[inline(always)]
+fn for_taps(q: [i32; 2], size: [usize; 2], mut each: impl FnMut(usize, u32)) {
+    let base = q.map(|v| v >> SUBPIXEL_BITS);
+    let f = q.map(|v| (v & (SUBPIXELS - 1)) as u32);
+    let g = f.map(|v| (SUBPIXELS as u32).wrapping_sub(v));
+    let weights =
+        [g[0].wrapping_mul(g[1]), f[0].wrapping_mul(g[1]), g[0].wrapping_mul(f[1]), f[0].wrapping_mul(f[1])];
+    let (width, height) = (size[0] as i32, size[1] as i32);
+    let first = (base[1] as isize).wrapping_mul(width as isize).wrapping_add(base[0] as isize);
+    if base[0] >= 0 && base[1] >= 0 && base[0] < width - 1 && base[1] < height - 1 {
+        let first = first as usize;
+        each(first, weights[0]);
+        each(first.wrapping_add(1), weights[1]);
+        each(first.wrapping_add(size[0]), weights[2]);
+        each(first.wrapping_add(size[0]).wrapping_add(1), weights[3]);
+        return;
+    }
+    if base[0] < -1 || base[1] < -1 || base[0] >= width || base[1] >= height {
+        return;
+    }
+    for (i, weight) in weights.into_iter().enumerate() {
+        let (right, down) = ((i & 1) as i32, (i >> 1) as i32);
+        let (x, y) = (base[0] + right, base[1] + down);
+        if x >= 0 && y >= 0 && x < width && y < height {
+            each(y as usize * size[0] + x as usize, weight);
+        }
+    }
+}
+
+impl<'a> Gap<'a> {
+    /// A gap between the keyframes `older` and `newer`, all of whose pictures have `pictures.canvas` pixels.
+    pub fn new(config: &WarpConfig, pictures: &Pictures, older: Side<'a>, newer: Side<'a>) -> Self {
+        let brightest = BRIGHTEST * pictures.reference_luminance;
+        Self {
+            config: *config,
+            pictures: *pictures,
+            older: Prepared::new(older, pictures.canvas[0], brightest),
+            newer: Prepared::new(newer, pictures.canvas[0], brightest),
+            isa: Isa::detect(),
+        }
+    }
+
+    /// Light of each sensor pixel when the part `elapsed` of the gap has passed; NaN where it is not known.
+    pub fn instant(&self, elapsed: f32, scratch: &mut Scratch, out: &mut Vec<f32>) {
+        let Scratch { older, newer, rows } = scratch;
+        self.splat(&self.newer, 1.0 - elapsed, None, newer);
+        self.splat(&self.older, elapsed, (!self.config.uses_both()).then_some(&*newer), older);
+        let [width, height] = self.pictures.size;
+        out.clear();
+        out.resize(width * height, f32::NAN);
+        for row in rows.iter_mut() {
+            row.resize(width, f32::NAN);
+        }
+        let [a, b] = rows;
+        for (y, out) in out.chunks_exact_mut(width).enumerate() {
+            self.look(y, elapsed, (older, newer), (a, b));
+            blend_by(self.isa, a, b, elapsed, self.pictures.log_floor, out);
+            if let Some(fill) = self.config.fill {
+                for light in out {
+                    *light = if light.is_nan() { fill } else { *light };
+                }
+            }
+        }
+    }
+
+    /// Splats one side: depths first, then what is nearest, or colours.
+    fn splat(&self, from: &Prepared<'_>, moved: f32, holes_of: Option<&Sums>, sums: &mut Sums) {
+        let size = self.pictures.size;
+        let config = &self.config;
+        sums.clear(size[0] * size[1], config.carrier == Carrier::Colour);
+        let reach = config.reach();
+        let Sums { depth, word, light } = sums;
+        let wanted = |p: usize| holes_of.is_none_or(|other| config.is_hole(other.word[p]));
+        self.for_sources(from, moved, |_, key, q| {
+            for_taps(q, size, |p, weight| {
+                if weight > reach && depth[p] < key && wanted(p) {
+                    depth[p] = key;
+                }
+            });
+        });
+        match config.carrier {
+            Carrier::Index => {
+                let bits = index_bits(from.keys.len());
+                let most = (1_u32 << (32 - bits)) - 1;
+                let scale = most as f32 / 1_048_576.0;
+                self.for_sources(from, moved, |source, key, q| {
+                    let nearness = nearness_of(key);
+                    for_taps(q, size, |p, weight| {
+                        if weight > reach && nearness >= nearness_of(depth[p]) * SAME_SURFACE && wanted(p) {
+                            let near = ((weight as f32 * scale) as u32).clamp(1, most);
+                            word[p] = word[p].max((near << bits) | source as u32);
+                        }
+                    });
+                });
+            }
+            Carrier::Colour => {
+                let factor = LIGHT_STEPS / from.scale;
+                let sharpness = config.sharpness / from.nearest.max(1e-30);
+                self.for_sources(from, moved, |source, key, q| {
+                    let steps = (from.side.light[source] * factor + 0.5).min(LIGHT_STEPS) as u32;
+                    let nearness = nearness_of(key);
+                    for_taps(q, size, |p, bilinear| {
+                        if bilinear > 0 && wanted(p) {
+                            let behind = (nearness - nearness_of(depth[p])).min(0.0);
+                            let importance = if behind < 0.0 { simd::exp(behind * sharpness) } else { 1.0 };
+                            let weight = (bilinear as f32 * WEIGHT_UNIT * importance + 0.5) as u32;
+                            word[p] = word[p].wrapping_add(weight);
+                            light[p] = light[p].wrapping_add(u64::from(weight) * u64::from(steps));
+                        }
+                    });
+                });
+            }
+        }
+    }
+
+    /// Calls `each` with the number, the key and the place of every source that goes somewhere.
+    #[inline(always)]
+    fn for_sources(&self, from: &Prepared<'_>, moved: f32, mut each: impl FnMut(usize, u32, [i32; 2])) {
+        let width = self.pictures.canvas[0];
+        let margin = self.config.margin as i32;
+        let rows = from.keys.chunks_exact(width).zip(from.side.motion.chunks_exact(width));
+        for (y, (keys, motions)) in rows.enumerate() {
+            let first = y * width;
+            for (x, (key, motion)) in keys.iter().zip(motions).enumerate() {
+                if *key != 0 {
+                    each(first.wrapping_add(x), *key, place(x, y, margin, *motion, moved));
+                }
+            }
+        }
+    }
+
+    /// What the older and the newer side show in row `y`; both the same where one is taken, NaN where nothing is.
+    fn look(&self, y: usize, elapsed: f32, sums: (&Sums, &Sums), rows: (&mut [f32], &mut [f32])) {
+        let config = &self.config;
+        let width = self.pictures.size[0];
+        for (x, (a, b)) in rows.0.iter_mut().zip(rows.1).enumerate() {
+            let p = y * width + x;
+            let newer = self.seen(&self.newer, 1.0 - elapsed, sums.1, (x, y, p));
+            let older = if newer.is_none() || config.uses_both() {
+                self.seen(&self.older, elapsed, sums.0, (x, y, p))
+            } else {
+                None
+            };
+            (*a, *b) = match (older, newer) {
+                (None, None) => (f32::NAN, f32::NAN),
+                (Some((only, _)), None) | (None, Some((only, _))) => (only, only),
+                (Some((old, far)), Some((new, near))) => {
+                    if config.nearest && near < far * SAME_SURFACE {
+                        (old, old)
+                    } else if config.nearest && far < near * SAME_SURFACE || !config.blend {
+                        (new, new)
+                    } else {
+                        (old, new)
+                    }
+                }
+            };
+        }
+    }
+
+    /// Light and nearness of what a side shows at a pixel.
+    #[inline(always)]
+    fn seen(
+        &self,
+        from: &Prepared<'_>,
+        moved: f32,
+        sums: &Sums,
+        (x, y, p): (usize, usize, usize),
+    ) -> Option<(f32, f32)> {
+        let (key, word) = (sums.depth[p], sums.word[p]);
+        if key == 0 || word == 0 || self.config.is_hole(word) {
+            return None;
+        }
+        let light = match self.config.carrier {
+            Carrier::Colour => {
+                let light = sums.light[p] as f32 / word as f32 * (from.scale / LIGHT_STEPS);
+                light.min(from.scale)
+            }
+            Carrier::Index => {
+                let source = word & ((1 << index_bits(from.keys.len())) - 1);
+                self.gathered(from, moved, source as usize, (x, y))
+            }
+        };
+        Some((light, nearness_of(key)))
+    }
+
+    /// Light of a source, read between its keyframe's pixels as far from it as the pixel is from where it is now; across
+    /// an edge its own.
+    #[inline(always)]
+    fn gathered(&self, from: &Prepared<'_>, moved: f32, source: usize, (x, y): (usize, usize)) -> f32 {
+        let [width, height] = self.pictures.canvas;
+        let Side { light, nearness, motion } = &from.side;
+        let own_y = source / width;
+        let own_x = source - own_y * width;
+        let q = place(own_x, own_y, self.config.margin as i32, motion[source], moved);
+        let offset = |at: usize, q: i32| ((at as i32) << SUBPIXEL_BITS).wrapping_sub(q);
+        let (dx, dy) = (offset(x, q[0]), offset(y, q[1]));
+        let part = |d: i32| (d & (SUBPIXELS - 1)) as f32 * (1.0 / SUBPIXELS as f32);
+        let (fx, fy) = (part(dx), part(dy));
+        // Within a pixel of the source, for the taps of a splat reach no farther.
+        let (left, top) = (own_x as i32 + (dx >> SUBPIXEL_BITS), own_y as i32 + (dy >> SUBPIXEL_BITS));
+        if from.plain[source] {
+            // Two pixels from any border: nothing wraps.
+            let corner = (top as usize).wrapping_mul(width).wrapping_add(left as usize);
+            let four = |at: usize| light.get(at..).and_then(|row| row.first_chunk::<4>()).copied();
+            if self.config.filter == Filter::Cubic {
+                let first = corner.wrapping_sub(width).wrapping_sub(1);
+                let row =
+                    |down: usize| four(first.wrapping_add(width.wrapping_mul(down))).unwrap_or_default();
+                return cubic([row(0), row(1), row(2), row(3)], fx, fy);
+            }
+            let two = |at: usize| light.get(at..).and_then(|row| row.first_chunk::<2>()).copied();
+            let row = |down: usize| two(corner.wrapping_add(width.wrapping_mul(down))).unwrap_or_default();
+            let ([a, b], [c, d]) = (row(0), row(1));
+            return (1.0 - fx) * (1.0 - fy) * a + fx * (1.0 - fy) * b + (1.0 - fx) * fy * c + fx * fy * d;
+        }
+        let column = |right: i32| (left + right).clamp(0, width as i32 - 1) as usize;
+        let row = |down: i32| (top + down).clamp(0, height as i32 - 1) as usize;
+        let (own, own_nearness) = (light[source], nearness[source]);
+        let (top, bottom) = (row(0) * width, row(1) * width);
+        let (left, right) = (column(0), column(1));
+        let beside = |at: usize| {
+            let known = same_surface(own_nearness, nearness[at]) && light[at] >= 0.0;
+            if known { light[at] } else { own }
+        };
+        (1.0 - fx) * (1.0 - fy) * beside(top + left)
+            + fx * (1.0 - fy) * beside(top + right)
+            + (1.0 - fx) * fy * beside(bottom + left)
+            + fx * fy * beside(bottom + right)
+    }
+}
+
+/// Weights of four neighbours at the part `f` of the way from the second to the third.
+#[inline(always)]
+fn catmull_rom(f: f32) -> [f32; 4] {
+    let (f2, f3) = (f * f, f * f * f);
+    [
+        0.5 * (2.0 * f2 - f - f3),
+        0.5 * (2.0 - 5.0 * f2 + 3.0 * f3),
+        0.5 * (f + 4.0 * f2 - 3.0 * f3),
+        0.5 * (f3 - f2),
+    ]
+}
+
+/// Light between the four pixels in the middle of sixteen. The spline overshoots: never beyond those four.
+#[inline(always)]
+fn cubic(rows: [[f32; 4]; 4], fx: f32, fy: f32) -> f32 {
+    let (wx, wy) = (catmull_rom(fx), catmull_rom(fy));
+    let along = |row: &[f32; 4]| (wx[0] * row[0] + wx[1] * row[1]) + (wx[2] * row[2] + wx[3] * row[3]);
+    let sum = (wy[0] * along(&rows[0]) + wy[1] * along(&rows[1]))
+        + (wy[2] * along(&rows[2]) + wy[3] * along(&rows[3]));
+    let [_, [_, a, b, _], [_, c, d, _], _] = rows;
+    sum.max(a.min(b).min(c.min(d))).min(a.max(b).max(c.max(d)))
+}
+
+/// Which pixels have a whole neighbourhood of one surface, see [`Prepared::plain`].
+fn plain(side: &Side<'_>, width: usize) -> Vec<bool> {
+    const REACH: usize = 2;
+    let pixels = side.nearness.len();
+    let height = pixels / width.max(1);
+    let mut out = vec![false; pixels];
+    if width <= 2 * REACH || height <= 2 * REACH {
+        return out;
+    }
+    // Least and most nearness along rows; an unknown pixel has a range that no surface has.
+    let mut ranges = vec![(0.0_f32, f32::INFINITY); pixels];
+    let mut known = vec![(0.0_f32, f32::INFINITY); width];
+    for (y, ranges) in ranges.chunks_exact_mut(width).enumerate() {
+        let row = y * width..(y + 1) * width;
+        let pairs = side.nearness[row.clone()].iter().zip(&side.light[row]);
+        for (known, (nearness, light)) in known.iter_mut().zip(pairs) {
+            *known = if *light >= 0.0 { (*nearness, *nearness) } else { (0.0, f32::INFINITY) };
+        }
+        for (range, window) in ranges[REACH..].iter_mut().zip(known.windows(2 * REACH + 1)) {
+            *range = window.iter().fold((f32::INFINITY, 0.0_f32), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        }
+    }
+    for y in REACH..height - REACH {
+        for x in REACH..width - REACH {
+            let at = y * width + x;
+            let column = (0..=2 * REACH).map(|k| ranges[at + k * width - REACH * width]);
+            let (least, most) = column.fold((f32::INFINITY, 0.0_f32), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+            out[at] = same_surface(least, most);
+        }
+    }
+    out
+}
+
+/// Bits that the number of one of `pixels` pixels takes.
+const fn index_bits(pixels: usize) -> u32 {
+    u32::BITS - (pixels as u32).leading_zeros()
+}
+
+/// Blends two rows in the logarithm that pixels feel.
+#[inline(always)]
+fn blend_body(older: &[f32], newer: &[f32], elapsed: f32, log_floor: f32, out: &mut [f32]) {
+    for ((older, newer), out) in older.iter().zip(newer).zip(out) {
+        let floor = if log_floor > 1e-30 { log_floor } else { 1e-30 };
+        let (a, b) = (simd::ln(older + floor), simd::ln(newer + floor));
+        let light = simd::exp(a + (b - a) * elapsed) - floor;
+        let light = if light > 0.0 { light } else { 0.0 };
+        // Also where both are NaN: the logarithm would make a number of it.
+        *out = if older.to_bits() == newer.to_bits() { *newer } else { light };
+    }
+}
+dispatched!(fn blend_by(older: &[f32], newer: &[f32], elapsed: f32, log_floor: f32, out: &mut [f32]) = blend_body);

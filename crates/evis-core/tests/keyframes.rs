@@ -1,0 +1,427 @@
+//! Frames with depth and motion: what the light between them is, against patterns whose light is known at any time.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use evis_core::emulator::Cut;
+use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, Keyframes, SensorConfig, WarpConfig};
+
+const WIDTH: usize = 96;
+const HEIGHT: usize = 40;
+const PIXELS: usize = WIDTH * HEIGHT;
+const GAP_US: i64 = 10_000;
+
+/// A picture of one time.
+#[derive(Clone)]
+struct Picture {
+    light: Vec<f32>,
+    depth: Vec<f32>,
+    motion: Vec<f32>,
+}
+
+impl Picture {
+    fn new(at: impl Fn(f64, f64) -> (f64, f32, [f32; 2])) -> Self {
+        let mut out = Self { light: Vec::new(), depth: Vec::new(), motion: Vec::new() };
+        for i in 0..PIXELS {
+            let (light, depth, motion) = at((i % WIDTH) as f64 + 0.5, (i / WIDTH) as f64 + 0.5);
+            out.light.push(light as f32);
+            out.depth.push(depth);
+            out.motion.extend(motion);
+        }
+        out
+    }
+
+    fn keyframes(&self) -> Keyframes<'_> {
+        Keyframes {
+            light: &self.light,
+            channels: 1,
+            depth: &self.depth,
+            motion: &self.motion,
+            motion_forward: None,
+            cut: &[],
+        }
+    }
+}
+
+fn wave(u: f64, v: f64) -> f64 {
+    0.5 + 0.2 * (u / 2.9).sin() + 0.2 * (v / 3.7 + 0.3 * u).cos()
+}
+
+/// A wall that slides by `speed` pixels per gap, at time `t` in gaps.
+fn sliding(speed: [f64; 2], t: f64) -> Picture {
+    Picture::new(|x, y| (wave(x - speed[0] * t, y - speed[1] * t), 3.0, [-speed[0] as f32, -speed[1] as f32]))
+}
+
+fn emulator(threads: usize, batch: usize) -> EventEmulator {
+    let (width, height) = (WIDTH as u32, HEIGHT as u32);
+    EventEmulator::new(EmulatorConfig { width, height, threads, batch, ..Default::default() }).unwrap()
+}
+
+fn push(emulator: &mut EventEmulator, picture: &Picture, t_us: i64) -> Vec<Event> {
+    emulator.push_keyframe(&picture.keyframes(), t_us, &WarpConfig::default()).unwrap().remove(0)
+}
+
+/// Share of the events of `truth` that have one of the same pixel and polarity in `events` within `tolerance_us`; those of
+/// the borders are left out.
+fn found(events: &[Event], truth: &[Event], tolerance_us: i64, border: u16) -> f64 {
+    let inner = |event: &&Event| {
+        let (x, y) = (event.x, event.y);
+        x >= border && y >= border && x + border < WIDTH as u16 && y + border < HEIGHT as u16
+    };
+    let mut by_pixel = std::collections::HashMap::<_, Vec<i64>>::new();
+    for event in events {
+        by_pixel.entry((event.x, event.y, event.p)).or_default().push(event.t);
+    }
+    let (mut all, mut hits) = (0, 0);
+    for event in truth.iter().filter(inner) {
+        all += 1;
+        if let Some(times) = by_pixel.get_mut(&(event.x, event.y, event.p))
+            && let Some(at) = times.iter().position(|t| (t - event.t).abs() <= tolerance_us)
+        {
+            times.remove(at);
+            hits += 1;
+        }
+    }
+    assert!(all > 200, "{all} events are too few to tell");
+    f64::from(hits) / f64::from(all)
+}
+
+/// Events of `of` at a hundred times the rate of keyframes.
+fn truth(of: impl Fn(f64) -> Picture, gaps: i64) -> Vec<Event> {
+    let mut emulator = emulator(1, 1);
+    let mut events = Vec::new();
+    for k in 0..=gaps * 100 {
+        let light = of(k as f64 / 100.0).light;
+        events.extend(emulator.push(&Frames::linear(&light), k * GAP_US / 100).unwrap().remove(0));
+    }
+    events
+}
+
+#[test]
+fn a_sliding_wall_fires_as_if_it_were_seen_all_the_time() {
+    for speed in [[4.0, 0.0], [-2.6, 1.7], [0.0, -6.3]] {
+        let truth = truth(|t| sliding(speed, t), 4);
+        let run = |sign: f64| {
+            let mut emulator = emulator(1, 1);
+            let mut events = Vec::new();
+            for k in 0..=4 {
+                let light = sliding(speed, k as f64).light;
+                let motion = sliding(speed.map(|v| v * sign), 0.0).motion;
+                let picture = Picture { light, depth: vec![3.0; PIXELS], motion };
+                events.extend(push(&mut emulator, &picture, k * GAP_US));
+            }
+            (events, emulator.keyframe_reports()[0])
+        };
+        let (events, report) = run(1.0);
+        let share = found(&events, &truth, 300, 8);
+        assert!(share > 0.95, "{speed:?}: {share}");
+        assert!(report.steps >= 4 && report.hint.is_none() && report.cut == Cut::None, "{report:?}");
+        // Canary: vectors of the other sign find far fewer, and the report says what is wrong.
+        let (events, report) = run(-1.0);
+        let share = found(&events, &truth, 300, 8);
+        assert!(share < 0.6, "{speed:?}: {share} by wrong vectors");
+        assert!(report.hint.is_some_and(|hint| hint.contains("both signs")), "{report:?}");
+    }
+}
+
+/// A camera in a painted sphere turns to the right: pictures go left, so vectors to the last keyframe point right.
+#[test]
+fn a_camera_that_turns_right_sees_vectors_that_point_right() {
+    let (focal, turn) = (80.0_f64, 0.04_f64);
+    let seen = |t: f64| {
+        Picture::new(|x, y| {
+            let (u, v) = ((x - WIDTH as f64 / 2.0) / focal, (y - HEIGHT as f64 / 2.0) / focal);
+            // Azimuth and height of the ray, with the camera's yaw added.
+            let azimuth = u.atan() + turn * t;
+            let height = v / u.hypot(1.0);
+            let before = (u.atan() + turn).tan();
+            let v_before = height * before.hypot(1.0);
+            let motion = [(before - u) * focal, (v_before - v) * focal];
+            (wave(azimuth * 90.0, height * 90.0), f32::INFINITY, motion.map(|d| d as f32))
+        })
+    };
+    assert!(seen(0.0).motion.iter().step_by(2).all(|x| *x > 3.0));
+    let truth = truth(seen, 3);
+    let mut emulator = emulator(1, 1);
+    let mut events = Vec::new();
+    for k in 0..=3 {
+        events.extend(push(&mut emulator, &seen(k as f64), k * GAP_US));
+        assert!(emulator.keyframe_reports()[0].hint.is_none());
+    }
+    let share = found(&events, &truth, 300, 8);
+    assert!(share > 0.95, "{share}");
+}
+
+#[test]
+fn other_conventions_are_told_apart() {
+    let speed = [3.0, 2.0];
+    for (scale, said) in [
+        ([-1.0, -1.0], "both signs"),
+        ([1.0, -1.0], "y's sign"),
+        ([-1.0, 1.0], "x's sign"),
+        ([1.0 / WIDTH as f64, 1.0 / HEIGHT as f64], "parts of the picture"),
+        ([2.0 / WIDTH as f64, -2.0 / HEIGHT as f64], "clip space"),
+    ] {
+        let mut emulator = emulator(1, 1);
+        for k in 0..2 {
+            let mut picture = sliding(speed, k as f64);
+            for pair in picture.motion.chunks_exact_mut(2) {
+                pair[0] *= scale[0] as f32;
+                pair[1] *= scale[1] as f32;
+            }
+            push(&mut emulator, &picture, k * GAP_US);
+        }
+        let warnings = emulator.keyframe_reports()[0].warnings();
+        assert!(warnings.iter().any(|warning| warning.contains(said)), "{scale:?}: {warnings:?}");
+    }
+}
+
+#[test]
+fn nothing_depends_on_threads_or_on_the_batch() {
+    let sensor = SensorConfig::preset("v2e-noisy").unwrap();
+    let make = |threads, batch| {
+        let (width, height) = (WIDTH as u32, HEIGHT as u32);
+        let sensor = sensor.clone();
+        EventEmulator::new(EmulatorConfig {
+            width,
+            height,
+            threads,
+            batch,
+            seed: 3,
+            sensor,
+            ..Default::default()
+        })
+        .unwrap()
+    };
+    let (mut one, mut many, mut both) = (make(1, 1), make(3, 1), make(2, 2));
+    let mut saved: Option<Vec<u8>> = None;
+    let mut count = 0;
+    for k in 0..4 {
+        let slow = sliding([2.5, 0.3], k as f64);
+        let fast = sliding([9.0, -2.0], k as f64);
+        let expected = push(&mut one, &slow, k * GAP_US);
+        assert_eq!(push(&mut many, &slow, k * GAP_US), expected);
+        let join = |a: &[f32], b: &[f32]| [a, b].concat();
+        let joined = Picture {
+            light: join(&slow.light, &fast.light),
+            depth: join(&slow.depth, &fast.depth),
+            motion: join(&slow.motion, &fast.motion),
+        };
+        let lists = both.push_keyframe(&joined.keyframes(), k * GAP_US, &WarpConfig::default()).unwrap();
+        assert_eq!(lists[0], expected);
+        if k > 0 {
+            let reports = both.keyframe_reports();
+            assert!(reports[1].steps > reports[0].steps, "canary: the two must differ");
+            assert_ne!(lists[1], lists[0]);
+        }
+        // Saved and restored between keyframes.
+        if let Some(state) = saved.take() {
+            let mut again = make(2, 1);
+            again.restore(&state).unwrap();
+            assert_eq!(push(&mut again, &slow, k * GAP_US), expected);
+        }
+        saved = Some(one.state());
+        count += expected.len();
+    }
+    assert!(count > 2000, "{count}");
+    let mut broken = one.state();
+    broken.truncate(broken.len() - 5);
+    assert!(make(1, 1).restore(&broken).is_err());
+}
+
+#[test]
+fn a_picture_that_stands_still_stays_silent() {
+    let mut emulator = emulator(2, 1);
+    let still = Picture { motion: vec![0.0; 2 * PIXELS], ..sliding([0.0, 0.0], 0.0) };
+    for k in 0..4 {
+        let warp = WarpConfig { steps: Some(5), ..WarpConfig::default() };
+        let events = emulator.push_keyframe(&still.keyframes(), k * GAP_US, &warp).unwrap().remove(0);
+        assert!(events.is_empty());
+        assert_eq!(emulator.report().unknown, 0);
+    }
+}
+
+#[test]
+fn what_is_no_depth_or_motion_is_counted_and_poisons_nothing() {
+    let speed = [3.0, 0.0];
+    let mut emulator = emulator(1, 1);
+    push(&mut emulator, &sliding(speed, 0.0), 0);
+    let mut bad = sliding(speed, 1.0);
+    let depths = [0.0, -2.0, f32::NAN, f32::NEG_INFINITY, 1e-30, f32::MAX, f32::INFINITY];
+    let motions = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e6, -1e30, 16_384.0, 16_383.0];
+    for (k, at) in (0..PIXELS).step_by(5).enumerate() {
+        match k % 3 {
+            0 => bad.depth[at] = depths[k / 3 % depths.len()],
+            1 => bad.motion[2 * at + k / 3 % 2] = motions[k / 3 % motions.len()],
+            _ => bad.light[at] = f32::NAN,
+        }
+    }
+    let events = push(&mut emulator, &bad, GAP_US);
+    assert!(events.iter().all(|event| event.t > 0 && event.t <= GAP_US));
+    let report = emulator.keyframe_reports()[0];
+    assert!(report.bad_depth > 100 && report.bad_motion > 150 && report.unknown > 200, "{report:?}");
+    // The next gaps are as if it had not happened, but for what was missed.
+    let mut after = push(&mut emulator, &sliding(speed, 2.0), 2 * GAP_US);
+    after.extend(push(&mut emulator, &sliding(speed, 3.0), 3 * GAP_US));
+    let truth: Vec<Event> =
+        truth(|t| sliding(speed, t), 3).into_iter().filter(|event| event.t > 2 * GAP_US).collect();
+    let share = found(&after, &truth, 300, 8);
+    assert!(share > 0.9, "{share}");
+    // Nothing but bad values.
+    let nothing = Picture {
+        light: vec![f32::NAN; PIXELS],
+        depth: vec![f32::NAN; PIXELS],
+        motion: vec![f32::NAN; 2 * PIXELS],
+    };
+    assert!(push(&mut emulator, &nothing, 4 * GAP_US).is_empty());
+    assert!(!push(&mut emulator, &sliding(speed, 5.0), 5 * GAP_US).is_empty());
+}
+
+#[test]
+fn holes_keep_their_memory_and_the_paper_paints_them_black() {
+    // A wall to the right has no motion vectors: nothing between keyframes is known of it.
+    let mut emulator = emulator(1, 1);
+    let mut paper = fresh();
+    let picture = |t: f64| {
+        let mut picture = sliding([2.0, 0.0], t);
+        for (i, pair) in picture.motion.chunks_exact_mut(2).enumerate() {
+            if i % WIDTH > 60 {
+                pair.fill(f32::NAN);
+                picture.depth[i] = 6.0;
+            }
+        }
+        picture
+    };
+    for k in 0..2 {
+        let events = push(&mut emulator, &picture(k as f64), k * GAP_US);
+        let inside = |event: &&Event| event.t < GAP_US / 2 - 1 && event.x > 66;
+        assert_eq!(events.iter().filter(inside).count(), 0);
+        let warp = WarpConfig::evis_paper(4);
+        let events =
+            paper.push_keyframe(&picture(k as f64).keyframes(), k * GAP_US, &warp).unwrap().remove(0);
+        assert_eq!(events.iter().filter(inside).count() > 0, k == 1, "black must fire");
+    }
+    assert!(emulator.keyframe_reports()[0].unknown > 0);
+    assert_eq!(paper.keyframe_reports()[0].unknown, 0);
+}
+
+fn fresh() -> EventEmulator {
+    emulator(1, 1)
+}
+
+#[test]
+fn cuts_do_not_warp() {
+    let other = Picture { depth: vec![0.5; PIXELS], ..sliding([0.0, 2.0], 50.0) };
+    // Declared: the environment begins anew.
+    let mut emulator = emulator(1, 2);
+    let joined = |a: &Picture, b: &Picture| Picture {
+        light: [&a.light[..], &b.light].concat(),
+        depth: [&a.depth[..], &b.depth].concat(),
+        motion: [&a.motion[..], &b.motion].concat(),
+    };
+    let first = sliding([3.0, 0.0], 0.0);
+    let second = sliding([3.0, 0.0], 1.0);
+    let warp = WarpConfig::default();
+    emulator.push_keyframe(&joined(&first, &first).keyframes(), 0, &warp).unwrap();
+    let pictures = joined(&second, &other);
+    let keyframes = Keyframes { cut: &[false, true], ..pictures.keyframes() };
+    let lists = emulator.push_keyframe(&keyframes, GAP_US, &warp).unwrap();
+    assert!(!lists[0].is_empty() && lists[1].is_empty());
+    assert_eq!(emulator.keyframe_reports()[1].cut, Cut::Declared);
+    // Detected: light goes straight from one to the other, as if frames were pushed.
+    let mut undeclared = fresh();
+    let mut plain = fresh();
+    push(&mut undeclared, &first, 0);
+    plain.push(&Frames::linear(&first.light), 0).unwrap();
+    let events = push(&mut undeclared, &other, GAP_US);
+    assert_eq!(events, plain.push(&Frames::linear(&other.light), GAP_US).unwrap().remove(0));
+    let report = undeclared.keyframe_reports()[0];
+    assert_eq!(report.cut, Cut::Detected);
+    assert!(report.warnings()[0].contains("cut that was not declared"), "{:?}", report.warnings());
+    // Canary: the next keyframe of the new scene is linked to it.
+    push(&mut undeclared, &Picture { depth: vec![0.5; PIXELS], ..sliding([0.0, 2.0], 51.0) }, 2 * GAP_US);
+    assert_eq!(undeclared.keyframe_reports()[0].cut, Cut::None);
+}
+
+#[test]
+fn resets_and_plain_frames_break_the_chain_of_keyframes() {
+    let mut emulator = emulator(1, 1);
+    push(&mut emulator, &sliding([3.0, 0.0], 0.0), 0);
+    emulator.reset(Some(&[0])).unwrap();
+    assert!(push(&mut emulator, &sliding([3.0, 0.0], 7.0), GAP_US).is_empty());
+    assert_eq!(emulator.keyframe_reports()[0].cut, Cut::Start);
+    let light = sliding([3.0, 0.0], 8.0).light;
+    emulator.push(&Frames::linear(&light), 2 * GAP_US).unwrap();
+    assert!(emulator.keyframe_reports().is_empty());
+    push(&mut emulator, &sliding([3.0, 0.0], 9.0), 3 * GAP_US);
+    assert_eq!((emulator.keyframe_reports()[0].cut, emulator.keyframe_reports()[0].steps), (Cut::Start, 1));
+    push(&mut emulator, &sliding([3.0, 0.0], 10.0), 4 * GAP_US);
+    assert_eq!(emulator.keyframe_reports()[0].cut, Cut::None);
+}
+
+#[test]
+fn bad_pushes_are_named_and_change_nothing() {
+    let good = sliding([3.0, 0.0], 0.0);
+    let mut emulator = emulator(1, 1);
+    push(&mut emulator, &good, 10);
+    let state = emulator.state();
+    let short = &good.depth[1..];
+    let keyframes = good.keyframes();
+    let negative: Vec<f32> = good.light.iter().map(|light| light - 2.0).collect();
+    let warp = WarpConfig::default();
+    let cases = [
+        (keyframes, 10, warp, "t_us"),
+        (keyframes, 9, warp, "t_us"),
+        (Keyframes { depth: short, ..keyframes }, 20, warp, "number of depths"),
+        (Keyframes { motion: short, ..keyframes }, 20, warp, "number of values of motion"),
+        (Keyframes { motion_forward: Some(short), ..keyframes }, 20, warp, "motion_forward"),
+        (Keyframes { light: short, ..keyframes }, 20, warp, "number of values"),
+        (Keyframes { channels: 2, ..keyframes }, 20, warp, "channels"),
+        (Keyframes { light: &negative, ..keyframes }, 20, warp, "light of pixel (0, 0)"),
+        (Keyframes { cut: &[false, false], ..keyframes }, 20, warp, "number of cuts"),
+        (keyframes, 20, WarpConfig { steps: Some(0), ..warp }, "steps"),
+        (keyframes, 20, WarpConfig { step_px: f32::NAN, ..warp }, "step_px"),
+        (keyframes, 20, WarpConfig { margin: 4, ..warp }, "number of values"),
+        (keyframes, 20, WarpConfig { hole_below: 0.0, ..warp }, "hole_below"),
+    ];
+    for (keyframes, t_us, warp, said) in cases {
+        let error = emulator.push_keyframe(&keyframes, t_us, &warp).unwrap_err().to_string();
+        assert!(error.contains(said), "{said}: {error}");
+        assert_eq!(emulator.state(), state);
+    }
+    push(&mut emulator, &good, 20);
+}
+
+#[test]
+fn a_margin_is_seen_before_it_comes_in() {
+    // The wall slides to the right by 6 pixels: what comes in from the left is known with a margin only.
+    const MARGIN: usize = 8;
+    let (width, height) = (WIDTH - 2 * MARGIN, HEIGHT - 2 * MARGIN);
+    let config = EmulatorConfig { width: width as u32, height: height as u32, ..Default::default() };
+    let mut emulator = EventEmulator::new(config).unwrap();
+    let warp = WarpConfig { margin: MARGIN as u32, ..Default::default() };
+    let mut events = Vec::new();
+    for k in 0..4 {
+        let picture = sliding([6.0, 0.0], k as f64);
+        events.extend(emulator.push_keyframe(&picture.keyframes(), k * GAP_US, &warp).unwrap().remove(0));
+        assert_eq!(emulator.report().unknown, 0);
+    }
+    let shifted: Vec<Event> = truth(|t| sliding([6.0, 0.0], t), 3);
+    let mut moved = events;
+    for event in &mut moved {
+        event.x += MARGIN as u16;
+        event.y += MARGIN as u16;
+    }
+    let share = found(&moved, &shifted, 300, MARGIN as u16);
+    assert!(share > 0.95, "{share}");
+    let small = WarpConfig { margin: 0, ..warp };
+    let crop = vec![0.5; width * height];
+    let keyframes = Keyframes {
+        light: &crop,
+        channels: 1,
+        depth: &crop,
+        motion: &vec![0.0; 2 * crop.len()],
+        motion_forward: None,
+        cut: &[],
+    };
+    let error = emulator.push_keyframe(&keyframes, 4 * GAP_US, &small).unwrap_err().to_string();
+    assert!(error.contains("margin is 0; it must be 8"), "{error}");
+}

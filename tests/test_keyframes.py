@@ -1,0 +1,241 @@
+"""Keyframes of other renderers: what they become, beside the engine's own splat, and what is refused."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import evis
+
+SIZE = (96, 72)
+RATE_HZ = 25.0
+END_US = 160_001
+
+Keyframe = tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.float32]]
+
+
+@pytest.fixture(scope="module")
+def scene() -> evis.Scene:
+    return evis.Scene.builtin("spinner")
+
+
+@pytest.fixture(scope="module")
+def rendered(scene: evis.Scene) -> tuple[list[Keyframe], list[npt.NDArray[np.float32]], float]:
+    """Light, depth and flow as the engine labels them, one sample per pixel; flow to the next; Y_ref."""
+    simulator = evis.Simulator(
+        scene, size=SIZE, labels=["hdr", "depth", "flow"], label_rate_hz=RATE_HZ, rate_hz=RATE_HZ, samples=1
+    )
+    labels = simulator.step(END_US).labels
+    keyframes, forward = [], []
+    for i, t_us in enumerate(labels["hdr"].t_us):
+        flows = []
+        for kind in ("flow_backward", "flow_forward"):
+            flow = labels[kind].images[i].copy()
+            flow[labels[f"{kind}_valid"].images[i] == 0] = np.nan
+            flows.append(flow)
+        keyframes.append((int(t_us), labels["hdr"].images[i], labels["depth"].images[i], flows[0]))
+        forward.append(flows[1])
+    assert simulator.reference_luminance is not None
+    return keyframes, forward, simulator.reference_luminance
+
+
+def joined(parts: list[evis.EventArray]) -> evis.EventArray:
+    return evis.EventArray(np.concatenate([part.to_numpy() for part in parts]), width=SIZE[0], height=SIZE[1])
+
+
+def test_pushed_keyframes_fire_as_the_engines_splat(scene: evis.Scene, rendered: Any) -> None:
+    keyframes, forward, y_ref = rendered
+    splat = evis.Splat(keyframe_hz=RATE_HZ, steps=6, margin=0, motion="linear")
+    engine = evis.Simulator(
+        scene, size=SIZE, method=splat, samples=1, texture_taps=4, reference_luminance=y_ref
+    )
+    truth = evis.Truth.from_events(
+        evis.EventArray(engine.step(END_US).events, width=SIZE[0], height=SIZE[1]),
+        sensor=evis.Sensor(),
+        duration_us=END_US,
+    )
+    warp = evis.Warp(steps=6, filter="bilinear", dilate=0)
+
+    def f1(with_forward: bool, sign: float) -> float:
+        emulator = evis.EventEmulator(*SIZE, reference_luminance=y_ref)
+        parts = []
+        for (t_us, hdr, depth, motion), ahead in zip(keyframes, forward, strict=True):
+            parts.append(
+                emulator.push_keyframe(
+                    hdr,
+                    depth,
+                    sign * motion,
+                    t_us,
+                    motion_forward=sign * ahead if with_forward else None,
+                    warp=warp,
+                )
+            )
+            assert emulator.keyframe_report.steps in (1, 6)
+        return evis.metrics.score(joined(parts), truth).at(1000).plain.f1
+
+    # A label stands for a whole pixel, at 4x4 places: the engine's light, rounded otherwise.
+    assert f1(True, 1.0) > 0.95
+    # Without vectors to the next keyframe, those of the next one are turned around.
+    assert f1(False, 1.0) > 0.9
+    # Canary: of the wrong convention.
+    assert f1(True, -1.0) < 0.8
+
+
+def test_a_known_rotation_meets_the_convention(rendered: Any) -> None:
+    keyframes, _, y_ref = rendered
+    # What a host with the other sign, or y up, would give is told.
+    for flip, said in (((1, 1), ""), ((-1, -1), "both signs"), ((1, -1), "y's sign")):
+        emulator = evis.EventEmulator(*SIZE, reference_luminance=y_ref)
+        warnings = set()
+        for t_us, hdr, depth, motion in keyframes:
+            emulator.push_keyframe(hdr, depth, motion * np.array(flip, np.float32), t_us)
+            warnings |= {text for text in emulator.keyframe_report.warnings if "convention" in text}
+        assert any(said in text for text in warnings) if said else not warnings, warnings
+
+
+def sliding(k: int, shift: float = 3.0, channels: int | None = None) -> dict[str, npt.NDArray[np.float32]]:
+    height, width = SIZE[1], SIZE[0]
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    light = (0.5 + 0.3 * np.sin((x - shift * k) / 3) * np.cos(y / 4)).astype(np.float32)
+    if channels:
+        light = np.repeat(light[..., None], channels, -1)
+    motion = np.zeros((height, width, 2), np.float32)
+    motion[..., 0] = -shift
+    return {"hdr": light, "depth": np.full((height, width), 2.0, np.float32), "motion_vectors": motion}
+
+
+class Tensor:
+    """A tensor of another library: nothing but DLPack."""
+
+    def __init__(self, array: npt.NDArray[Any], device: tuple[int, int] = (1, 0)) -> None:
+        self.array = array
+        self.device = device
+
+    def __dlpack__(self, **keywords: Any) -> Any:
+        return self.array.__dlpack__(**keywords)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return self.device
+
+
+def test_tensors_colours_and_trailing_axes_are_the_same() -> None:
+    def run(convert: Any, channels: int | None = None) -> tuple[evis.EventArray, int]:
+        emulator = evis.EventEmulator(*SIZE)
+        parts = []
+        for k in range(3):
+            pictures = {name: convert(name, value) for name, value in sliding(k, channels=channels).items()}
+            parts.append(emulator.push_keyframe(**pictures, t_us=8000 * k))
+        return joined(parts), emulator.total_report.copies
+
+    plain, copies = run(lambda _, value: value)
+    assert len(plain) > 1000
+    assert copies == 0
+    assert run(lambda _, value: Tensor(value)) == (plain, 0)
+    assert run(lambda name, value: value if name == "motion_vectors" else value[..., None]) == (plain, 0)
+    assert run(lambda _, value: np.asfortranarray(value)) == (plain, 9)
+    colour, _ = run(lambda _, value: value, 3)
+    assert abs(len(colour) - len(plain)) < 0.01 * len(plain)
+
+
+def test_a_batch_gives_lists_and_cuts_one_environment() -> None:
+    def both(k: int) -> dict[str, npt.NDArray[np.float32]]:
+        slow, fast = sliding(k), sliding(k, 7.0)
+        return {name: np.stack([slow[name], fast[name]]) for name in slow}
+
+    batch = evis.EventEmulator(*SIZE, batch=2)
+    single = evis.EventEmulator(*SIZE)
+    for k in range(3):
+        first, second = batch.push_keyframe(**both(k), t_us=9000 * k)
+        assert first == single.push_keyframe(**sliding(k), t_us=9000 * k)
+    reports = batch.keyframe_report
+    assert [report.steps for report in reports] == [3, 7]
+    assert len(second) > len(first)
+    assert "7.0 px per gap: render faster" in reports[1].warnings[0]
+    first, second = batch.push_keyframe(**both(3), t_us=27_000, cut=[False, True])
+    assert len(first) > 0
+    assert len(second) == 0
+    assert [report.cut for report in batch.keyframe_report] == ["none", "declared"]
+    batch.reset([0])
+    first, second = batch.push_keyframe(**both(4), t_us=36_000)
+    assert [len(first) > 0, len(second) > 0] == [False, True]
+    batch.push(both(5)["hdr"], 45_000)
+    assert batch.keyframe_report is None
+
+
+def test_state_is_taken_up_between_keyframes() -> None:
+    whole = evis.EventEmulator(*SIZE, "v2e-noisy", seed=4)
+    for k in range(2):
+        whole.push_keyframe(**sliding(k), t_us=8000 * k)
+    copies = [pickle.loads(pickle.dumps(whole)), evis.EventEmulator(*SIZE, "v2e-noisy", seed=4, threads=1)]
+    copies[1].set_state(whole.get_state())
+    expected = whole.push_keyframe(**sliding(2), t_us=16_000)
+    assert len(expected) > 1000
+    for copy in copies:
+        assert copy.push_keyframe(**sliding(2), t_us=16_000) == expected
+
+
+def test_bad_geometry_is_counted_and_held() -> None:
+    emulator = evis.EventEmulator(*SIZE)
+    for k in range(4):
+        pictures = sliding(k)
+        if k == 2:
+            pictures["depth"][::3] = np.array([0, -1, np.nan, -np.inf], np.float32).repeat(24)
+            pictures["motion_vectors"][1::3] = np.nan
+            pictures["motion_vectors"][2::3, ::2] = 1e6
+        events = emulator.push_keyframe(**pictures, t_us=8000 * k)
+        report = emulator.keyframe_report
+        assert (report.bad_depth > 0) == (report.bad_motion > 0) == (k == 2)
+        if len(events):
+            assert events.t[0] > 8000 * (k - 1)
+            assert events.t[-1] <= 8000 * k
+
+
+def test_the_papers_setting_is_there() -> None:
+    emulator = evis.EventEmulator(*SIZE, evis.Sensor(trigger="latch", log_eps=1e-5))
+    for k in range(3):
+        events = emulator.push_keyframe(**sliding(k), t_us=8000 * k, warp="evis-paper")
+    assert emulator.keyframe_report.steps == 8
+    assert len(events) > 0
+    assert set(np.unique(events.t).tolist()) <= {8000 + 1000 * step for step in range(1, 9)}
+
+
+GOOD = sliding(0)
+
+
+def bad_pushes() -> Iterator[tuple[dict[str, Any], str]]:
+    yield {"t_us": 10}, "t_us is 10"
+    yield {"t_us": 9}, "t_us is 9"
+    yield {"hdr": GOOD["hdr"].astype(np.float64)}, "dtype of hdr is float64"
+    yield {"hdr": (GOOD["hdr"] * 255).astype(np.uint8)}, "dtype of hdr is uint8"
+    yield {"hdr": GOOD["hdr"][1:]}, r"hdr has shape \(71, 96\)"
+    yield {"hdr": GOOD["hdr"] - 3}, "light of pixel"
+    yield {"hdr": np.full_like(GOOD["hdr"], np.inf)}, "light of pixel"
+    yield {"depth": GOOD["depth"].T}, r"depth has shape \(96, 72\)"
+    yield {"motion_vectors": GOOD["motion_vectors"][..., 0]}, "motion_vectors has shape"
+    yield {"motion_vectors": GOOD["motion_vectors"].transpose(2, 0, 1)}, "motion_vectors has shape"
+    yield {"motion_forward": GOOD["depth"]}, "motion_forward has shape"
+    yield {"depth": Tensor(GOOD["depth"], (2, 0))}, "depth: on DLPack device 2:0.*CPU"
+    yield {"cut": [True, False]}, "cut is"
+    yield {"cut": 1}, "cut is 1"
+    yield {"steps": 0}, "steps is 0"
+    yield {"steps": -1}, "steps|u32"
+    yield {"warp": "splatt"}, "splatt"
+    yield {"warp": evis.Warp(margin=5)}, r"\(82, 106\)"
+    yield {"warp": evis.Warp(fill=-1.0)}, "fill"
+    yield {"warp": evis.Warp(carrier="color")}, "color"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("changes", "said"), list(bad_pushes()))
+def test_bad_pushes_are_named_and_change_nothing(changes: dict[str, Any], said: str) -> None:
+    emulator = evis.EventEmulator(*SIZE)
+    emulator.push_keyframe(**GOOD, t_us=10)
+    state = emulator.get_state()
+    with pytest.raises(evis.ConfigError, match=said):
+        emulator.push_keyframe(**{**GOOD, "t_us": 20, **changes})
+    assert emulator.get_state() == state
+    emulator.push_keyframe(**GOOD, t_us=20)
