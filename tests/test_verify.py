@@ -64,6 +64,46 @@ def test_a_scene_is_measured(spinner: evis.Scene, tmp_path: Path):
     assert repr(report) == "SceneVerification(spinner: 8 settings)"
 
 
+def test_failure_modes_are_measured(tmp_path: Path):
+    report = evis.verify_failures(methods=["native", "evis-paper"], failures=["borders"], cache=False)
+    assert repr(report) == "FailureVerification(1 of 1 claims hold)"
+    assert report.passed
+    assert set(report.failures) == {"borders"}
+    native, paper = (report.cell("borders", method) for method in ("native", "evis-paper"))
+    assert native.passed and native.claim and native.number is not None and native.number > 0.98
+    assert native.f1 == native.number
+    assert paper.passed is None and paper.number is not None and paper.number < 0.9, "canary"
+    assert native.details["events over truth's"] == pytest.approx(1.0, abs=0.02)
+    with pytest.raises(KeyError):
+        report.cell("borders", "march")
+    assert "1 of 1 claims hold" in str(report)
+    report.save(tmp_path / "a.svg")
+    assert "borders without margin" in (tmp_path / "a.svg").read_text()
+    with pytest.raises(evis.ConfigError, match="one of native, splat"):
+        evis.verify_failures(methods=["teleport"])
+    with pytest.raises(evis.ConfigError, match="keyframe-burst"):
+        evis.verify_failures(failures=["border"])
+
+
+def test_light_is_compared(spinner: evis.Scene, tmp_path: Path):
+    report = evis.verify_light(spinner, at=0.01, samples=64, size=(32, 24), worst=3)
+    coarse = evis.verify_light(spinner, at=0.01, samples=1, size=(32, 24))
+    assert report.all.pixels == 32 * 24
+    assert coarse.all.median > 2 * report.all.median, "canary: fewer samples are worse"
+    assert report.difference.shape == (24, 32)
+    worst = report.worst[0]
+    assert len(report.worst) == 3
+    assert report.difference[worst.y, worst.x] == pytest.approx(worst.difference, abs=1e-6)
+    assert abs(worst.difference) == pytest.approx(report.all.worst, abs=1e-6)
+    assert "interior" in report.regions
+    assert sum(error.pixels for error in report.objects.values()) == report.regions["interior"].pixels
+    assert "worst pixels" in str(report)
+    report.save(tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(evis.ConfigError, match="shadows is .soft."):
+        evis.verify_light(spinner, shadows="soft")  # type: ignore[arg-type]
+
+
 def test_what_cannot_be_verified_is_told(spinner: evis.Scene):
     with pytest.raises(evis.ConfigError, match=r"triggers has .swing."):
         evis.verify_scene(spinner, triggers=["swing"])  # type: ignore[list-item]

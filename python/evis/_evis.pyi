@@ -58,6 +58,8 @@ __all__ = [
     "static_scene",
     "statistics",
     "verify",
+    "verify_failures",
+    "verify_light",
     "verify_scene",
     "verify_table",
     "voxel_l1",
@@ -164,6 +166,24 @@ def verify_scene(
     duration_us: int,
     truth_pixels: int | None,
     cache: Path | None,
+    device: str | None,
+) -> str: ...
+def verify_failures(
+    *,
+    methods: list[str] | None,
+    failures: list[str] | None,
+    cache: Path | None,
+    device: str | None,
+) -> str: ...
+def verify_light(
+    scene: Scene,
+    *,
+    at_us: int,
+    samples: int,
+    shadows: str,
+    camera: str | None,
+    size: tuple[int, int] | None,
+    worst: int,
     device: str | None,
 ) -> str: ...
 def verify_table(json: str) -> str: ...

@@ -1,13 +1,16 @@
-"""Whether events converge to truth, and as fast as theory says."""
+"""Whether events converge to truth, as fast as theory says, and survive what is known to break methods."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
 
 from . import _evis
 from ._chart import SceneChart, _scene_chart
@@ -195,6 +198,194 @@ class SceneVerification(_Report):
         return f"SceneVerification({self._chart.scene}: {len(self._chart.points)} settings)"
 
 
+@dataclass(frozen=True, slots=True)
+class FailureCell:
+    """A failure's number for a method.
+
+    Attributes
+    ----------
+    failure, method : str
+        Id of the failure and name of the method.
+    number : float or None
+        What tells the failure; ``FailureVerification.failures`` says what it is. None where the run gave nothing to
+        take it from.
+    interval : (float, float) or None
+        Where the number lies with 95 % confidence, for those that say so.
+    details : dict of str to float or None
+        What else tells about it.
+    f1 : float or None
+        Within 1 ms, scaled by image speed, at all pixels of truth; None where truth has no events.
+    median_us : float or None
+        Median time error of the pairs, microseconds.
+    truth_events, events : int
+        Events of truth, and of the method at truth's pixels.
+    at_still, still_pixels : int
+        Events at pixels whose light does not change, and how many of those there are.
+    outside : int
+        Events outside the interval of their packet.
+    unknown : int
+        Pixels and instants that the method said it could not know.
+    claim : str or None
+        Why a limit is claimed; None where nothing is.
+    faults : tuple of str
+        Which claims do not hold.
+    """
+
+    failure: str
+    method: str
+    number: float | None
+    interval: tuple[float, float] | None
+    details: Mapping[str, float | None]
+    f1: float | None
+    median_us: float | None
+    truth_events: int
+    events: int
+    at_still: int
+    still_pixels: int
+    outside: int
+    unknown: int
+    claim: str | None
+    faults: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether all that is claimed holds; None where nothing is claimed."""
+        return None if self.claim is None else not self.faults
+
+
+class FailureVerification(_Report):
+    """Every failure mode for every method; made by `verify_failures`. ``print`` shows a table."""
+
+    __slots__ = ("_cells", "_failures")
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        held = json.loads(text)
+        self._cells = tuple(_cell(cell) for cell in held["cells"])
+        self._failures = {note["id"]: f"{note['title']}: {note['number']}" for note in held["failures"]}
+
+    @property
+    def cells(self) -> tuple[FailureCell, ...]:
+        """One per failure and method, failure by failure."""
+        return self._cells
+
+    @property
+    def failures(self) -> Mapping[str, str]:
+        """What each failure is, and what its number is, by id."""
+        return self._failures
+
+    @property
+    def passed(self) -> bool:
+        """Whether every claim holds."""
+        return all(cell.passed is not False for cell in self._cells)
+
+    def cell(self, failure: str, method: str) -> FailureCell:
+        """Return the cell of a failure and a method.
+
+        Raises
+        ------
+        KeyError
+            If it was not measured.
+        """
+        for cell in self._cells:
+            if (cell.failure, cell.method) == (failure, method):
+                return cell
+        raise KeyError((failure, method))
+
+    def __repr__(self) -> str:
+        """Say how many claims hold."""
+        claims = [cell for cell in self._cells if cell.claim is not None]
+        return f"FailureVerification({sum(not c.faults for c in claims)} of {len(claims)} claims hold)"
+
+
+@dataclass(frozen=True, slots=True)
+class LightError:
+    """How far log light is off over some pixels, engine less oracle.
+
+    Attributes
+    ----------
+    pixels : int
+        How many.
+    median, p95, worst : float
+        Of the magnitude of the difference of ``ln(Y / Y_ref + eps)``.
+    bias : float
+        Its mean; positive where the engine is too bright.
+    """
+
+    pixels: int
+    median: float
+    p95: float
+    worst: float
+    bias: float
+
+
+@dataclass(frozen=True, slots=True)
+class LightPixel:
+    """One of the worst pixels.
+
+    Attributes
+    ----------
+    x, y : int
+        Column and row.
+    object : str
+        Object and material in its middle.
+    region : {"interior", "silhouette", "shadow_edge"}
+        What runs through it.
+    engine, oracle : float
+        Luminance.
+    difference : float
+        Of log light.
+    """
+
+    x: int
+    y: int
+    object: str
+    region: Literal["interior", "silhouette", "shadow_edge"]
+    engine: float
+    oracle: float
+    difference: float
+
+
+class LightVerification(_Report):
+    """The engine's light against the oracle's; made by `verify_light`. ``print`` shows a table."""
+
+    __slots__ = ("_held",)
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._held = json.loads(text)
+
+    @property
+    def all(self) -> LightError:
+        """Over all pixels."""
+        return LightError(**self._held["all"])
+
+    @property
+    def regions(self) -> Mapping[str, LightError]:
+        """By region, those that occur."""
+        return {of["name"]: LightError(**of["error"]) for of in self._held["regions"]}
+
+    @property
+    def objects(self) -> Mapping[str, LightError]:
+        """By object and material, of pixels that nothing runs through; those that are off most first."""
+        return {of["name"]: LightError(**of["error"]) for of in self._held["objects"]}
+
+    @property
+    def worst(self) -> tuple[LightPixel, ...]:
+        """The worst pixels, the worst first."""
+        return tuple(LightPixel(**pixel) for pixel in self._held["worst"])
+
+    @property
+    def difference(self) -> npt.NDArray[np.float32]:
+        """Difference of log light, float32 of shape (height, width)."""
+        shape = (self._held["height"], self._held["width"])
+        return np.array(self._held["difference"], np.float32).reshape(shape)
+
+    def __repr__(self) -> str:
+        """Say what was compared."""
+        return f"LightVerification({self._held['scene']}: median {self.all.median:.4f}, 95 % {self.all.p95:.4f})"
+
+
 def verify() -> Verification:
     """Measure every trigger on closed forms, and hold the order of its error against theory.
 
@@ -277,6 +468,125 @@ def verify_scene(
         device=_selector(device),
     )
     return SceneVerification(text)
+
+
+def verify_failures(
+    *,
+    methods: Sequence[str] | None = None,
+    failures: Sequence[str] | None = None,
+    cache: str | PathLike[str] | bool = True,
+    device: Device | str | int | None = None,
+) -> FailureVerification:
+    """Measure every method on small scenes that are known to break methods, against truth.
+
+    Takes minutes. The GIL is released; Ctrl-C ends it.
+
+    Parameters
+    ----------
+    methods : sequence of str, optional
+        Names of methods, such as ``"native"``, ``"splat"``, ``"evis-paper"``; all where not given.
+    failures : sequence of str, optional
+        Ids of failures, such as ``"keyframe-burst"``, ``"rotation"``; all where not given.
+    cache : path or bool
+        Folder that keeps truths; True for the user's own cache, False for none.
+    device : Device, str or int, optional
+        A device, its index, or a part of its name; the fastest kind where not given.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such method or failure; the message lists those that exist.
+    DeviceError
+        If there is no such device, or it failed.
+    """
+    text = _evis.verify_failures(
+        methods=None if methods is None else list(methods),
+        failures=None if failures is None else list(failures),
+        cache=_evis.chart_cache() if cache is True else None if cache is False else Path(cache),
+        device=_selector(device),
+    )
+    return FailureVerification(text)
+
+
+def verify_light(
+    scene: Scene,
+    *,
+    at: float = 0.0,
+    samples: int = 16,
+    shadows: Literal["maps", "rays"] = "maps",
+    camera: str | None = None,
+    size: tuple[int, int] | None = (160, 120),
+    worst: int = 10,
+    device: Device | str | int | None = None,
+) -> LightVerification:
+    """Compare the engine's light with the oracle's at one instant, pixel by pixel.
+
+    Takes seconds to minutes. The GIL is released; Ctrl-C ends it.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to look at.
+    at : float
+        Scene time in seconds.
+    samples : int
+        The engine's samples per pixel.
+    shadows : {"maps", "rays"}
+        How the engine tells shadow from light.
+    camera : str, optional
+        Name of the camera; the first where not given.
+    size : (int, int), optional
+        Width and height in pixels; None takes the camera's own.
+    worst : int
+        How many of the worst pixels are listed.
+    device : Device, str or int, optional
+        A device, its index, or a part of its name; the fastest kind where not given.
+
+    Raises
+    ------
+    ConfigError
+        If a value cannot be used.
+    DeviceError
+        If there is no such device, or it failed.
+    """
+    text = _evis.verify_light(
+        scene._raw,
+        at_us=micros("at", at),
+        samples=_whole("samples", samples, 2**32),
+        shadows=shadows,
+        camera=camera,
+        size=_size(size),
+        worst=_whole("worst", worst, 2**32),
+        device=_selector(device),
+    )
+    return LightVerification(text)
+
+
+def _cell(held: dict[str, Any]) -> FailureCell:
+    interval = held.get("interval")
+    limit = held["limit"]
+    return FailureCell(
+        **{
+            key: held[key]
+            for key in (
+                "failure",
+                "method",
+                "number",
+                "f1",
+                "median_us",
+                "truth_events",
+                "events",
+                "at_still",
+                "still_pixels",
+                "outside",
+                "unknown",
+            )
+        },
+        interval=None if interval is None else (interval[0], interval[1]),
+        details={detail["name"]: detail["value"] for detail in held["details"]},
+        claim=None if limit is None else limit["reason"],
+        faults=tuple(held["faults"]),
+    )
 
 
 def _check(held: dict[str, Any]) -> FormCheck:

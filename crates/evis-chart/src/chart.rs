@@ -291,14 +291,14 @@ fn make_truth(
 }
 
 /// Truth knows one environment, so the others are neither rendered nor timed.
-fn first_environment(scene: &Scene) -> Arc<Scene> {
+pub(crate) fn first_environment(scene: &Scene) -> Arc<Scene> {
     let mut scene = scene.clone();
     scene.variants.truncate(1);
     Arc::new(scene)
 }
 
 /// YYYY-MM-DD of a time since 1970 (H. Hinnant, "chrono-compatible low-level date algorithms", civil_from_days).
-fn date(seconds: u64) -> String {
+pub(crate) fn date(seconds: u64) -> String {
     let days = (seconds / 86_400) as i64 + 719_468;
     let era = days.div_euclid(146_097);
     let day_of_era = days.rem_euclid(146_097);

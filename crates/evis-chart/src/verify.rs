@@ -1,12 +1,17 @@
 //! Does the product converge to truth, and as fast as theory says? On closed forms the trigger alone is asked, on a
-//! scene the whole engine.
+//! scene the whole engine. And does every method survive what is known to break methods ([`failures`])?
 
 mod draw;
+mod eye;
+pub mod failures;
 mod forms;
+mod light;
 pub(crate) mod plot;
 mod scene;
 
+pub use failures::{FailureReport, FailureSettings, verify_failures};
 pub use forms::{FormCheck, FormsReport, SignalClass, Theory, verify_forms};
+pub use light::{LightError, LightOf, LightPixel, LightReport, LightSettings, verify_light};
 pub use scene::{Fit, Reference, SceneReport, SceneSettings, Swept, TOLERANCES_US, verify_scene};
 
 use std::path::Path;
@@ -21,27 +26,34 @@ use crate::error::ChartError;
 /// Version of the JSON; another one is refused.
 pub const VERSION: u32 = 1;
 
-/// Either report, for those who only pass it on.
+/// Any report, for those who only pass it on.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Report {
     /// Of triggers on closed forms.
     Forms(Box<FormsReport>),
     /// Of the engine on a scene.
     Scene(Box<SceneReport>),
+    /// Of failure modes.
+    Failures(Box<FailureReport>),
+    /// Of light at one instant.
+    Light(Box<LightReport>),
 }
 
 impl Report {
-    /// Reads either report's JSON; `path` names it in errors.
+    /// Reads any report's JSON; `path` names it in errors.
     ///
     /// # Errors
     /// No JSON, no report, or one of another version.
     pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
         let value: Option<serde_json::Value> = serde_json::from_str(text).ok();
         let kind = value.as_ref().and_then(|v| v.get("report")).and_then(serde_json::Value::as_str);
-        if kind == Some(scene::REPORT) {
-            SceneReport::from_json(text, path).map(|report| Self::Scene(Box::new(report)))
-        } else {
-            FormsReport::from_json(text, path).map(|report| Self::Forms(Box::new(report)))
+        match kind {
+            Some(scene::REPORT) => SceneReport::from_json(text, path).map(|r| Self::Scene(Box::new(r))),
+            Some(failures::REPORT) => {
+                FailureReport::from_json(text, path).map(|r| Self::Failures(Box::new(r)))
+            }
+            Some(light::REPORT) => LightReport::from_json(text, path).map(|r| Self::Light(Box::new(r))),
+            _ => FormsReport::from_json(text, path).map(|r| Self::Forms(Box::new(r))),
         }
     }
 
@@ -53,6 +65,8 @@ impl Report {
         match self {
             Self::Forms(report) => report.save(path),
             Self::Scene(report) => report.save(path),
+            Self::Failures(report) => report.save(path),
+            Self::Light(report) => report.save(path),
         }
     }
 }
@@ -62,6 +76,8 @@ impl std::fmt::Display for Report {
         match self {
             Self::Forms(report) => report.fmt(f),
             Self::Scene(report) => report.fmt(f),
+            Self::Failures(report) => report.fmt(f),
+            Self::Light(report) => report.fmt(f),
         }
     }
 }

@@ -3,11 +3,15 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use evis_chart::verify::{SceneReport, SceneSettings, verify_forms, verify_scene};
+use evis_chart::verify::failures::{NamedMethod, methods};
+use evis_chart::verify::{
+    FailureReport, FailureSettings, LightReport, LightSettings, SceneReport, SceneSettings, verify_failures,
+    verify_forms, verify_light, verify_scene,
+};
 use evis_chart::{ChartError, PictureKind, Stage};
 use evis_render::Gpu;
 
-use crate::args::{VerifyArgs, VerifySceneArgs};
+use crate::args::VerifyArgs;
 use crate::chart::cache_folder;
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
@@ -24,17 +28,29 @@ pub(crate) fn verify(args: &VerifyArgs) -> anyhow::Result<i32> {
         PictureKind::of(output)?;
         check_parent(output, "--output")?;
     }
-    let Some(name) = &args.scene else {
+    if args.what.failures {
+        let Some(report) = survive(args)? else { return interrupted() };
+        tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
+        return Ok(if report.passed() { 0 } else { EXIT_FAILED });
+    }
+    if let Some(name) = &args.what.light {
+        let Some(report) = light(name, args)? else { return interrupted() };
+        tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
+        return Ok(0);
+    }
+    let Some(name) = &args.what.scene else {
         let report = verify_forms()?;
         tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
         return Ok(if report.passed() { 0 } else { EXIT_FAILED });
     };
-    let Some(report) = measure(name, &args.measuring)? else {
-        text::complain("interrupted; nothing was written");
-        return Ok(EXIT_INTERRUPTED);
-    };
+    let Some(report) = measure(name, args)? else { return interrupted() };
     tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
     Ok(0)
+}
+
+fn interrupted() -> anyhow::Result<i32> {
+    text::complain("interrupted; nothing was written");
+    Ok(EXIT_INTERRUPTED)
 }
 
 /// Prints `report` as it was asked for, and draws it.
@@ -54,19 +70,85 @@ fn tell<R: std::fmt::Display>(
     Ok(())
 }
 
-/// `None` where it was interrupted.
-fn measure(name: &str, args: &VerifySceneArgs) -> anyhow::Result<Option<SceneReport>> {
-    let settings = settings(args);
-    settings.settings()?;
-    let scene = scene_source::load(name, args.seed.unwrap_or(0))?;
+/// Failure modes; `None` where it was interrupted.
+fn survive(args: &VerifyArgs) -> anyhow::Result<Option<FailureReport>> {
+    let named = args.methods.iter().map(|name| NamedMethod::named(name));
+    let named = named.collect::<Result<Vec<_>, _>>()?;
+    let settings = FailureSettings {
+        methods: if named.is_empty() { methods() } else { named },
+        failures: args.only.clone(),
+        cache: None,
+    };
+    settings.check()?;
+    let settings = FailureSettings { cache: cache_folder(args.common.cache.as_deref()), ..settings };
+    let gpu = Gpu::open(args.common.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let interrupt = Interrupt::listen();
+    let progress = Progress::new(WHOLE);
+    let told = |stage: Stage, part: f64| {
+        progress.part(&format!("failure modes: {}", stage.name()), part);
+        !interrupt.asked()
+    };
+    match verify_failures(&gpu, &settings, &told) {
+        Ok(report) => Ok(Some(report)),
+        Err(ChartError::Stopped) => Ok(None),
+        Err(error) => Err(error).context("the failure modes cannot be measured"),
+    }
+}
+
+/// Light at one instant; `None` where it was interrupted.
+fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
+    let common = &args.common;
+    let default = LightSettings::default();
+    let samples = match common.samples.as_slice() {
+        [] => default.samples,
+        [samples] => *samples,
+        several => {
+            let told = format!("--samples has {} numbers; --light takes one, such as 16", several.len());
+            return Err(bad_input(told));
+        }
+    };
+    let settings = LightSettings {
+        samples,
+        camera: common.camera.clone(),
+        size: common.size.or(default.size),
+        at_us: args.at.map_or(default.at_us, |ms| to_us(ms * 1.0e-3)),
+        shadows: args.shadows.map_or(default.shadows, Into::into),
+        worst: default.worst,
+    };
+    let scene = scene_source::load(name, common.seed.unwrap_or(0))?;
     if let Some(camera) = &settings.camera {
         scene.camera(camera)?;
     }
     for warning in &scene.warnings {
         text::complain(&format!("warning: {warning}"));
     }
-    let settings = SceneSettings { cache: cache_folder(args.cache.as_deref()), ..settings };
-    let gpu = Gpu::open(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let gpu = Gpu::open(common.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let interrupt = Interrupt::listen();
+    let progress = Progress::new(WHOLE);
+    let told = |stage: Stage, part: f64| {
+        progress.part(&format!("{name}: {}", stage.name()), part);
+        !interrupt.asked()
+    };
+    match verify_light(&gpu, name, &scene, &settings, &told) {
+        Ok(report) => Ok(Some(report)),
+        Err(ChartError::Stopped) => Ok(None),
+        Err(error) => Err(error).with_context(|| format!("the light of {name} cannot be verified")),
+    }
+}
+
+/// `None` where it was interrupted.
+fn measure(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<SceneReport>> {
+    let settings = settings(args);
+    settings.settings()?;
+    let scene = scene_source::load(name, args.common.seed.unwrap_or(0))?;
+    if let Some(camera) = &settings.camera {
+        scene.camera(camera)?;
+    }
+    for warning in &scene.warnings {
+        text::complain(&format!("warning: {warning}"));
+    }
+    let settings = SceneSettings { cache: cache_folder(args.common.cache.as_deref()), ..settings };
+    let gpu = Gpu::open(args.common.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let interrupt = Interrupt::listen();
     let progress = Progress::new(WHOLE);
     let told = |stage: Stage, part: f64| {
@@ -81,7 +163,8 @@ fn measure(name: &str, args: &VerifySceneArgs) -> anyhow::Result<Option<SceneRep
 }
 
 /// Flags over defaults.
-fn settings(args: &VerifySceneArgs) -> SceneSettings {
+fn settings(args: &VerifyArgs) -> SceneSettings {
+    let VerifyArgs { common, measuring: args, .. } = args;
     let default = SceneSettings::default();
     let or = |given: &[f64], usual: Vec<f64>| if given.is_empty() { usual } else { given.to_vec() };
     let mut sensor = default.sensor.clone();
@@ -90,14 +173,14 @@ fn settings(args: &VerifySceneArgs) -> SceneSettings {
     SceneSettings {
         sensor,
         rates_hz: or(&args.rates, default.rates_hz),
-        samples: if args.samples.is_empty() { default.samples } else { args.samples.clone() },
+        samples: if common.samples.is_empty() { default.samples } else { common.samples.clone() },
         triggers: if args.triggers.is_empty() {
             default.triggers
         } else {
             args.triggers.iter().copied().map(Into::into).collect()
         },
-        camera: args.camera.clone(),
-        size: args.size.or(default.size),
+        camera: common.camera.clone(),
+        size: common.size.or(default.size),
         duration_us: args.duration_ms.map_or(default.duration_us, |ms| to_us(ms * 1.0e-3).max(1)),
         pixels: args.pixels.unwrap_or(default.pixels),
         ..default

@@ -36,6 +36,15 @@ fn bad_input_is_told_before_any_work() {
         ("verify --scene spinner --samples 1,0", ["--samples", "'0'"]),
         ("verify --scene spinner --triggers swing", ["--triggers", "crossing, light, latch"]),
         ("verify --scene spinner --duration-ms 0", ["--duration-ms", "'0'"]),
+        ("verify --failures --scene spinner", ["--scene", "cannot be used"]),
+        ("verify --failures --size 32x24", ["--size", "cannot be used"]),
+        ("verify --failures --methods teleport", ["teleport", "native"]),
+        ("verify --failures --only cuts", ["cuts", "cracks"]),
+        ("verify --only cut", ["--failures", "required"]),
+        ("verify --light spiner", ["spiner", "spinner"]),
+        ("verify --light spinner --samples 4,16", ["--samples", "takes one"]),
+        ("verify --light spinner --rates 100", ["--scene", "required"]),
+        ("verify --at 5", ["--light", "required"]),
     ] {
         let output = evis(&folder, line);
         let message = stderr(&output);
@@ -45,6 +54,35 @@ fn bad_input_is_told_before_any_work() {
         }
         assert!(folder.names().is_empty(), "{line} left something behind");
     }
+}
+
+#[test]
+fn failure_modes_are_measured_and_light_is_compared() {
+    let folder = Folder::new("verify-failures");
+    if no_device(&folder) {
+        return;
+    }
+    let line = "verify --failures --methods native,no-aa --only borders --cache cache";
+    let output = evis(&folder, &format!("{line} --json -o a.svg"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let report = json(&output);
+    assert_eq!(
+        (report["report"].as_str(), report["cells"].as_array().map(Vec::len)),
+        (Some("failures"), Some(2))
+    );
+    assert!(report["cells"][0]["limit"]["reason"].is_string() && report["cells"][1]["limit"].is_null());
+    assert!(std::fs::read_to_string(folder.file("a.svg")).unwrap().contains("borders without margin"));
+
+    let line = "verify --light spinner --size 32x24 --samples 4 --at 20 --shadows rays -o b.png";
+    let output = evis(&folder, line);
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let told = stdout(&output);
+    for words in
+        ["spinner: 32x24 pixels at 20 ms, 4 samples, shadows by rays", "interior", "worst pixels", "b.png"]
+    {
+        assert!(told.contains(words), "the table lacks '{words}':\n{told}");
+    }
+    assert!(image::open(folder.file("b.png")).unwrap().width() > 1000);
 }
 
 #[test]

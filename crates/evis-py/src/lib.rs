@@ -48,7 +48,7 @@ mod _evis {
         calibrate_flicker, calibrate_still, compare_table, draw_compare, static_scene, statistics,
     };
     #[pymodule_export]
-    use crate::verify::{draw_verify, verify, verify_scene, verify_table};
+    use crate::verify::{draw_verify, verify, verify_failures, verify_light, verify_scene, verify_table};
     #[pymodule_export]
     use crate::video::{FrameReader, convert_video};
 

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evis_chart::verify::{Report, SceneSettings, verify_forms};
+use evis_chart::verify::failures::{NamedMethod, methods};
+use evis_chart::verify::{FailureSettings, LightSettings, Report, SceneSettings, verify_forms};
 use evis_core::SensorConfig;
 use evis_core::closed_form::convergence::Variant;
 use evis_render::Gpu;
@@ -65,6 +66,60 @@ pub(crate) fn verify_scene(
         let gpu = Gpu::open(device.as_deref())?;
         let going = |_, _| !stop.load(Ordering::Relaxed);
         let made = evis_chart::verify::verify_scene(&gpu, &scene.name, &scene, &settings, &going)?;
+        Ok::<_, Failure>(made.to_json()?)
+    })
+}
+
+/// Measures the failure modes; returns the report as JSON. Without names, all methods and all failures.
+#[pyfunction]
+#[pyo3(signature = (*, methods, failures, cache, device))]
+pub(crate) fn verify_failures(
+    py: Python<'_>,
+    methods: Option<Vec<String>>,
+    failures: Option<Vec<String>>,
+    cache: Option<PathBuf>,
+    device: Option<String>,
+) -> PyResult<String> {
+    let named = |names: Vec<String>| names.iter().map(|name| NamedMethod::named(name)).collect();
+    let methods: Result<Vec<NamedMethod>, _> = methods.map_or_else(|| Ok(self::methods()), named);
+    let settings = FailureSettings {
+        methods: methods.map_err(Failure::from)?,
+        failures: failures.unwrap_or_default(),
+        cache,
+    };
+    let stop = AtomicBool::new(false);
+    py.enter_engine_for_long(&stop, || {
+        settings.check()?;
+        let gpu = Gpu::open(device.as_deref())?;
+        let going = |_, _| !stop.load(Ordering::Relaxed);
+        Ok::<_, Failure>(evis_chart::verify::verify_failures(&gpu, &settings, &going)?.to_json()?)
+    })
+}
+
+/// Compares light at one instant; returns the report as JSON.
+#[pyfunction]
+#[pyo3(signature = (scene, *, at_us, samples, shadows, camera, size, worst, device))]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
+pub(crate) fn verify_light(
+    py: Python<'_>,
+    scene: &Scene,
+    at_us: i64,
+    samples: u32,
+    shadows: &str,
+    camera: Option<String>,
+    size: Option<(u32, u32)>,
+    worst: usize,
+    device: Option<String>,
+) -> PyResult<String> {
+    let shadows = serde_json::from_value(serde_json::Value::String(shadows.into()))
+        .map_err(|_| Failure::Config(format!("shadows is {shadows:?}; it must be \"maps\" or \"rays\"")))?;
+    let settings = LightSettings { camera, size, at_us, samples, shadows, worst };
+    let scene = scene.shared();
+    let stop = AtomicBool::new(false);
+    py.enter_engine_for_long(&stop, || {
+        let gpu = Gpu::open(device.as_deref())?;
+        let going = |_, _| !stop.load(Ordering::Relaxed);
+        let made = evis_chart::verify::verify_light(&gpu, &scene.name, &scene, &settings, &going)?;
         Ok::<_, Failure>(made.to_json()?)
     })
 }
