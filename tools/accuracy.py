@@ -23,6 +23,7 @@ COMMANDS = {
     "spinner-256-samples": "verify --scene spinner --rates 1000 --samples 256 --triggers crossing",
     "spinner-low-threshold": "verify --scene spinner --size 640x480 --pixels 200 --rates 1000 --samples 16 "
     "--triggers crossing,latch --threshold-on 0.1 --threshold-off 0.1",
+    "failures": "verify --failures -o docs/images/verify-failures.png",
 }
 
 TOLERANCES = ("2 ms", "1 ms", "300 us", "100 us")
@@ -136,7 +137,7 @@ def main(evis: str, *, fill_only: bool) -> None:
             )
             kept.write_text(done.stdout, encoding="utf-8")
         texts[name] = kept.read_text(encoding="utf-8")
-    reports = {name: Report(text) for name, text in texts.items() if name != "closed-forms"}
+    reports = {name: Report(text) for name, text in texts.items() if name.startswith("spinner")}
     for name in ("spinner-640x480", "spinner-160x120"):
         shown = f"```sh\nevis-rs {COMMANDS[name]}\n```\n\n{reports[name].head}\n\n{reports[name].table()}"
         page = fill(page, name, shown)

@@ -207,8 +207,8 @@ class FailureCell:
     failure, method : str
         Id of the failure and name of the method.
     number : float or None
-        What tells the failure; ``FailureVerification.failures`` says what it is. None where the run gave nothing to
-        take it from.
+        What tells the failure; ``FailureVerification.failures`` says what it is. None where the run gave
+        nothing to take it from.
     interval : (float, float) or None
         Where the number lies with 95 % confidence, for those that say so.
     details : dict of str to float or None
@@ -383,7 +383,9 @@ class LightVerification(_Report):
 
     def __repr__(self) -> str:
         """Say what was compared."""
-        return f"LightVerification({self._held['scene']}: median {self.all.median:.4f}, 95 % {self.all.p95:.4f})"
+        return (
+            f"LightVerification({self._held['scene']}: median {self.all.median:.4f}, 95 % {self.all.p95:.4f})"
+        )
 
 
 def verify() -> Verification:
