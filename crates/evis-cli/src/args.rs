@@ -619,19 +619,19 @@ pub(crate) struct VerifyArgs {
     pub(crate) what: VerifyWhat,
 
     /// With --failures: methods to measure [default: all; docs/failures.md lists them].
-    #[arg(long, value_name = "NAME,…", value_delimiter = ',', requires = "failures")]
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',', requires = "failures", conflicts_with_all = ["scene", "light"])]
     pub(crate) methods: Vec<String>,
 
     /// With --failures: failures to measure [default: all; docs/failures.md lists them].
-    #[arg(long, value_name = "ID,…", value_delimiter = ',', requires = "failures")]
+    #[arg(long, value_name = "ID,…", value_delimiter = ',', requires = "failures", conflicts_with_all = ["scene", "light"])]
     pub(crate) only: Vec<String>,
 
     /// With --light: scene time in milliseconds [default: 0].
-    #[arg(long, value_name = "MS", value_parser = start_ms, requires = "light", allow_hyphen_values = true)]
+    #[arg(long, value_name = "MS", value_parser = start_ms, requires = "light", conflicts_with_all = ["scene", "failures"], allow_hyphen_values = true)]
     pub(crate) at: Option<f64>,
 
     /// With --light: how shadows are told from light [default: maps].
-    #[arg(long, value_enum, requires = "light")]
+    #[arg(long, value_enum, requires = "light", conflicts_with_all = ["scene", "failures"])]
     pub(crate) shadows: Option<ShadowsArg>,
 
     /// Print the report as JSON.
@@ -648,6 +648,8 @@ pub(crate) struct VerifyArgs {
     #[command(flatten)]
     pub(crate) measuring: VerifySceneArgs,
 }
+
+// clap does not ask for what conflicts with something given: what requires one of these conflicts with the others, too.
 
 /// What `verify` looks at; the triggers on closed forms where nothing is named.
 #[derive(Debug, Args)]
@@ -700,7 +702,7 @@ pub(crate) struct VerifyCommonArgs {
 
 /// How `verify --scene` measures.
 #[derive(Debug, Args)]
-#[group(id = "verifying", multiple = true, requires = "scene")]
+#[group(id = "verifying", multiple = true, requires = "scene", conflicts_with_all = ["failures", "light"])]
 pub(crate) struct VerifySceneArgs {
     /// Milliseconds to simulate [default: 100].
     #[arg(long, value_name = "MS", value_parser = duration_ms, allow_hyphen_values = true)]

@@ -43,7 +43,10 @@ fn bad_input_is_told_before_any_work() {
         ("verify --only cut", ["--failures", "required"]),
         ("verify --light spiner", ["spiner", "spinner"]),
         ("verify --light spinner --samples 4,16", ["--samples", "takes one"]),
-        ("verify --light spinner --rates 100", ["--scene", "required"]),
+        ("verify --light spinner --rates 100", ["--rates", "cannot be used"]),
+        ("verify --failures --rates 100", ["--rates", "cannot be used"]),
+        ("verify --scene spinner --only cut", ["--only", "cannot be used"]),
+        ("verify --scene spinner --at 5", ["--at", "cannot be used"]),
         ("verify --at 5", ["--light", "required"]),
     ] {
         let output = evis(&folder, line);

@@ -1,9 +1,9 @@
 //! The failure suite: every way in which interpolated events are known to go wrong (DESIGN, failure modes) as a small
 //! scene with a number against truth, for every method.
 //!
-//! A *failure* is a row: one or more shots ([`shots`]), a detector, and the number that it gives. A *method* is a column:
+//! A *failure* is a row: one or more shots (`shots.rs`), a detector, and the number that it gives. A *method* is a column:
 //! a named setting ([`methods`]). A *cell* is a failure's number for a method, with F1 and time error beside it, and
-//! whether it keeps the [`limits`] that we claim.
+//! whether it keeps the limits that we claim ([`limit`]).
 
 mod cases;
 mod detect;

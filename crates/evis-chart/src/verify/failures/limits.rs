@@ -253,13 +253,7 @@ const LIMITS: &[Row] = &[
         0.94,
         "both keyframes count, in log light and by their distance in time",
     ),
-    today(
-        "keyframe-burst-30",
-        SPLAT,
-        Any,
-        0.0,
-        "an index splat loses one keyframe where offsets near half a pixel both ways",
-    ),
+    // Of `keyframe-burst-30` nothing: an index splat loses one keyframe where offsets near half a pixel both ways.
     today(
         "disocclusion",
         SPLAT,
