@@ -111,6 +111,8 @@ pub(crate) struct Chain {
     off: Vec<f32>,
     pub noise: TileNoise,
     masks: Vec<u64>,
+    /// Pixels whose reference moved at the interval's end: their leak's jitter is drawn for many at once.
+    moved_last: Vec<u32>,
 }
 
 /// Values of a tile's pixels at one time.
@@ -248,6 +250,7 @@ impl Chain {
             off,
             noise: tile_noise,
             masks: vec![0; length / BLOCK],
+            moved_last: Vec::new(),
         }
     }
 
@@ -519,10 +522,46 @@ impl Chain {
             }
         }
         self.noise.now = candidates;
+        self.draw_slopes(isa, plan, key, interval.first as u32, end_us);
         std::mem::swap(&mut self.now, &mut self.next);
         tally
     }
 }
+
+impl Chain {
+    /// Draws the slopes of the pixels whose reference moved at `t_us`, the interval's end.
+    fn draw_slopes(&mut self, isa: Isa, plan: &Plan, key: Key, first: u32, t_us: i64) {
+        let Self { moved_last, slope, steady, .. } = self;
+        let (mut pixels, mut factors) = ([0; BLOCK], [0.0; BLOCK]);
+        for part in moved_last.chunks(BLOCK) {
+            pixels[..part.len()].copy_from_slice(part);
+            jitters_by(isa, key, first, &pixels, t_us, plan.sensor.noise.leak_jitter, &mut factors);
+            for (pixel, factor) in part.iter().zip(&factors) {
+                let i = *pixel as usize;
+                slope[i] = steady[i] / factor;
+            }
+        }
+        moved_last.clear();
+    }
+}
+
+/// [`jitter_at`] of many pixels.
+#[inline(always)]
+fn jitters(key: Key, first: u32, pixels: &[u32; BLOCK], t_us: i64, jitter: f32, out: &mut [f32; BLOCK]) {
+    for i in 0..BLOCK {
+        out[i] = jitter_at(key, first.wrapping_add(pixels[i]), t_us, jitter);
+    }
+}
+dispatched!(
+    fn jitters_by(
+        key: Key,
+        first: u32,
+        pixels: &[u32; BLOCK],
+        t_us: i64,
+        jitter: f32,
+        out: &mut [f32; BLOCK],
+    ) = jitters
+);
 
 /// One pixel in one interval; times are microseconds since its start.
 struct Pixel<'a> {
@@ -588,6 +627,19 @@ impl Pixel<'_> {
         if jitter > 0.0 {
             // The time to the next event is drawn, not the slope, so that the mean rate stays.
             self.chain.slope[i] = self.chain.steady[i] / jitter_at(self.key, self.pixel, t_us, jitter);
+        }
+    }
+
+    /// Notes that the reference moved at the interval's end, the last that happens to the pixel in it.
+    fn moved_at_end(&mut self) {
+        if !self.plan.ramp {
+            return;
+        }
+        let i = self.index;
+        let end_us = self.start_us + i64::from(self.us);
+        self.chain.moved[i] = (end_us - self.chain.base_us) as i32;
+        if self.plan.sensor.noise.leak_jitter > 0.0 {
+            self.chain.moved_last.push(i as u32);
         }
     }
 
@@ -817,7 +869,7 @@ impl Pixel<'_> {
                 return;
             }
             self.chain.reference[i] = output;
-            self.moved_at(end);
+            self.moved_at_end();
             return;
         }
         let (on, off) = (self.chain.on[i], self.chain.off[i]);
@@ -860,21 +912,21 @@ impl Pixel<'_> {
         let holds = sensor.refractory.rule == RefractoryRule::Hold && self.period() > 0.0;
         if holds {
             self.chain.reference[i] = if self.fired() + self.period() > end { f32::INFINITY } else { output };
-            self.moved_at(end);
+            self.moved_at_end();
         } else if latch {
             if fired > 0 {
                 self.chain.reference[i] = output;
-                self.moved_at(end);
+                self.moved_at_end();
             }
         } else if steps > number {
             self.tally.clamped += 1;
             self.chain.reference[i] = output;
-            self.moved_at(end);
+            self.moved_at_end();
         } else if fired > 0 {
             let moved = fired as f32 * step;
             let sign = if polarity == Polarity::On { 1.0 } else { -1.0 };
             self.chain.reference[i] += sign * moved - leaked;
-            self.moved_at(end);
+            self.moved_at_end();
         }
     }
 }
@@ -891,11 +943,13 @@ pub const JITTER_SHIFT: u32 = 12;
 
 /// Share of the mean time that the next leak event takes: nearly normal, the sum of four uniform draws, so that neither
 /// end is far away and a move of the reference costs no logarithm. Twin: `jitter_at` in `shaders/chain/leak.wgsl`.
+#[inline(always)]
 pub(crate) fn jitter_at(key: Key, pixel: u32, t_us: i64, jitter: f32) -> f32 {
     let draw = (t_us >> JITTER_SHIFT) as u32 & ((1 << (EPOCH_SHIFT - JITTER_SHIFT)) - 1);
     let words = key.draw(pixel, StreamId::LeakJitter, t_us >> EPOCH_SHIFT, draw);
     // 24 bits: exact in f32.
-    let sum = words.iter().map(|word| word >> 10).sum::<u32>() as f32 * (1.0 / 4_194_304.0);
+    let [a, b, c, d] = words.map(|word| word >> 10);
+    let sum = a.wrapping_add(b).wrapping_add(c).wrapping_add(d) as i32 as f32 * (1.0 / 4_194_304.0);
     // Their variance is 4 / 12.
     1.0 + jitter * ((sum - 2.0) * 1.732_050_8)
 }

@@ -113,6 +113,16 @@ impl Load for Any<'_> {
 pub(crate) struct Light<L> {
     pub load: L,
     pub eps: f32,
+    /// How far apart the ends of a range are, as a ratio of light: a little less than the thresholds allow.
+    pub reach: f32,
+}
+
+impl<L> Light<L> {
+    fn new(load: L, sensor: &SensorConfig) -> Self {
+        // Twice the widest margin of `range`: logarithms of f32 end at 88.
+        let reach = simd::exp(sensor.threshold_on + sensor.threshold_off - 2.0 * (2e-6 + 90.0 * 1e-6));
+        Self { load, eps: sensor.log_eps, reach }
+    }
 }
 
 impl<L: Load> Domain for Light<L> {
@@ -130,10 +140,11 @@ impl<L: Load> Domain for Light<L> {
         simd::ln(picked + self.eps)
     }
     #[inline(always)]
-    fn between(&self, from: f32, to: f32) -> (f32, f32) {
-        let low = simd::exp(from) - self.eps;
+    fn between(&self, from: f32, _: f32) -> (f32, f32) {
+        let start = simd::exp(from);
+        let low = start - self.eps;
         // Negative light leaves every range, so that it is seen.
-        (if low < 0.0 { 0.0 } else { low }, simd::exp(to) - self.eps)
+        (if low < 0.0 { 0.0 } else { low }, start * self.reach - self.eps)
     }
     #[inline(always)]
     #[allow(clippy::manual_range_contains, reason = "NaN is possible")]
@@ -667,12 +678,11 @@ impl Pixels {
                 scan_u16(isa, &Integers(values, codes), at, memory)
             }
             (Self::Light(memory), Source::Linear { values, inverse_reference }) => {
-                let load = Linear { values, inverse_reference };
-                scan_linear(isa, &Light { load, eps: at.sensor.log_eps }, at, memory)
+                let light = Light::new(Linear { values, inverse_reference }, at.sensor);
+                scan_linear(isa, &light, at, memory)
             }
             (Self::Light(memory), source) => {
-                let eps = at.sensor.log_eps;
-                scan_light(isa, &Light { load: Any(source, eps), eps }, at, memory)
+                scan_light(isa, &Light::new(Any(source, at.sensor.log_eps), at.sensor), at, memory)
             }
             // `check` was asked before.
             _ => (0, false),
@@ -696,12 +706,11 @@ impl Pixels {
                 fire_u16(isa, &Integers(values, codes), at, memory, records)
             }
             (Self::Light(memory), Source::Linear { values, inverse_reference }) => {
-                let load = Linear { values, inverse_reference };
-                fire_linear(isa, &Light { load, eps: at.sensor.log_eps }, at, memory, records)
+                let light = Light::new(Linear { values, inverse_reference }, at.sensor);
+                fire_linear(isa, &light, at, memory, records)
             }
             (Self::Light(memory), source) => {
-                let eps = at.sensor.log_eps;
-                fire_light(isa, &Light { load: Any(source, eps), eps }, at, memory, records)
+                fire_light(isa, &Light::new(Any(source, at.sensor.log_eps), at.sensor), at, memory, records)
             }
             _ => Tally::default(),
         }

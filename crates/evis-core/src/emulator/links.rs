@@ -90,7 +90,7 @@ fn hint(before: &Keyframe, now: &Keyframe, canvas: [usize; 2], log_floor: f32) -
     let stride = (now.back.len() / TRIED).max(1);
     for at in (stride / 2..now.back.len()).step_by(stride) {
         let motion = now.back[at];
-        if !is_motion(motion) || !(now.light[at] >= 0.0) {
+        if !is_motion(motion) || now.light[at].is_nan() {
             continue;
         }
         let (x, y) = ((at % canvas[0]) as f32, (at / canvas[0]) as f32);
