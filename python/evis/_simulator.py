@@ -80,8 +80,8 @@ class Simulator:
         ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
     method : {"auto", "native", "splat", "evis-paper"} or Splat, optional
         How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses method,
-        rate, samples and shadows for a target. Where not given: ``native`` if any of ``rate_hz``,
-        ``adaptive_px``, ``samples``, ``antialias``, ``texture_taps`` and ``shadows`` is, else ``auto``.
+        rate and samples for a target (and rays for shadows, for ``exact``). Where not given: ``native`` if any of ``rate_hz``,
+        ``adaptive_px``, ``samples``, ``antialias`` and ``texture_taps`` is, else ``auto``.
     target : {"draft", "default", "exact"}
         How near to the truth ``auto`` shall come. `chosen` says what it chose and what that reached elsewhere.
     rate_hz : float, optional
@@ -166,7 +166,6 @@ class Simulator:
             "samples": samples,
             "antialias": antialias,
             "texture_taps": texture_taps,
-            "shadows": shadows,
         }
         given = [name for name, value in by_hand.items() if value is not None]
         if method is None:

@@ -104,8 +104,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "N", value_parser = sample_count, allow_hyphen_values = true)]
     pub(crate) samples: Option<u32>,
 
-    /// How an instant is sampled [default: auto; native where --rate, --adaptive, --samples, --aa, --shadows or
-    /// --texture-taps is given].
+    /// How an instant is sampled [default: auto; native where --rate, --adaptive, --samples, --aa or --texture-taps is
+    /// given].
     #[arg(long, value_enum)]
     pub(crate) method: Option<MethodArg>,
 
@@ -255,7 +255,6 @@ impl RunArgs {
             (self.samples.is_some(), "--samples"),
             (self.aa.is_some(), "--aa"),
             (self.texture_taps.is_some(), "--texture-taps"),
-            (self.shadows.is_some(), "--shadows"),
         ]
         .into_iter()
         .find_map(|(given, flag)| given.then_some(flag))

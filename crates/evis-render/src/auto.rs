@@ -72,41 +72,45 @@ const LOOKS: usize = 12;
 const SPAN_S: f64 = 0.000_5;
 /// Views whose speeds are looked at.
 const VIEWS: usize = 4;
-/// Finest rates that are chosen from.
-const RATES_HZ: [f64; 6] = [250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0];
-/// Share of the tiles that may be faster than the finest rate has them.
-const LEFT_OUT: f64 = 0.05;
+/// Finest rates that are chosen from. What is slow costs no more at a finer one, and what no pose tells (a cut of the camera)
+/// is then told to a millisecond; above 4 kHz blocks are so short that what is slow does cost more.
+const RATES_HZ: [f64; 3] = [1000.0, 2000.0, 4000.0];
+/// The finest rate of [`Target::Exact`].
+const EXACT_HZ: f64 = 8000.0;
 
 /// Settles `config`, which asks for `target`.
 pub fn choose(target: Target, scene: &Scene, gpu_scene: &GpuScene, views: &[View], config: &mut RunConfig) {
     let (step_px, samples, taps) = target.settings();
     let (needed_hz, fastest_px_s) = needed_rate(scene, gpu_scene, views, config, step_px);
-    let rate_hz =
-        RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(RATES_HZ[RATES_HZ.len() - 1]);
-    let rays = target == Target::Exact && rays_know(scene, gpu_scene);
+    let finest = if target == Target::Exact { EXACT_HZ } else { RATES_HZ[RATES_HZ.len() - 1] };
+    let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(finest);
+    if target == Target::Exact && rays_know(scene, gpu_scene) {
+        config.shadows = Shadows::Rays;
+    }
     config.method = Method::Native;
     config.antialias = Antialias::Samples;
     config.rate_hz = rate_hz;
     config.adaptive_px = Some(step_px);
     config.samples = samples;
     config.texture_taps = Some(taps);
-    config.shadows = if rays { Shadows::Rays } else { Shadows::Maps };
-    let reach = if needed_hz > rate_hz {
-        format!(", {:.2} px for the fastest", step_px * needed_hz / rate_hz)
-    } else {
-        String::new()
+    let reach = match needed_hz > rate_hz {
+        false => String::new(),
+        true if needed_hz.is_infinite() => ", more for what passes the camera".into(),
+        true => format!(", {:.2} px for the fastest", step_px * needed_hz / rate_hz),
     };
+    let fastest =
+        if fastest_px_s.is_finite() { format!("{fastest_px_s:.0}") } else { "any number of".into() };
     config.chosen = Some(Chosen {
         target,
         why: format!(
-            "tiles move up to {fastest_px_s:.0} px/s, so they are rendered up to {rate_hz:.0} times a second: every \
+            "tiles move up to {fastest} px/s, so they are rendered up to {rate_hz:.0} times a second: every \
              {step_px} px{reach}"
         ),
         expects: target.expected().into(),
     });
 }
 
-/// The rate at which all but a few tiles are sampled often enough, and how fast the fastest of them moves.
+/// The rate at which all tiles are sampled often enough, and how fast the fastest of them moves.
 fn needed_rate(
     scene: &Scene,
     gpu_scene: &GpuScene,
@@ -137,7 +141,7 @@ fn needed_rate(
     data.build(scene, gpu_scene, &request);
     let pacer = Pacer::new(scene, gpu_scene, 1.0, 1);
     let sky = scene.environment.as_ref().is_some_and(|e| e.visible);
-    let mut speeds: Vec<f64> = Vec::new();
+    let mut most: Option<f64> = None;
     for (v, view) in views.iter().enumerate() {
         for look in 0..LOOKS {
             let frames = v * times_s.len() + 2 * look..v * times_s.len() + 2 * look + 2;
@@ -150,16 +154,16 @@ fn needed_rate(
                 visible: &visible,
                 sky,
             };
-            speeds.extend(
-                pacer.needs(gpu_scene, &passing).into_iter().filter(|s| s.is_finite()).map(|s| s / SPAN_S),
-            );
+            let needs = pacer.needs(gpu_scene, &passing);
+            // What deforms or is lit by moving lights has no speed that poses tell.
+            if needs.iter().any(|need| need.is_finite()) {
+                let fastest = needs.into_iter().fold(0.0, f64::max) / SPAN_S;
+                most = Some(most.map_or(fastest, |other| other.max(fastest)));
+            }
         }
     }
-    speeds.sort_by(f64::total_cmp);
-    // What deforms or is lit by moving lights has no speed that poses tell: the middle of the rates.
-    let Some(fastest) = speeds.len().checked_sub(1) else { return (2000.0, 0.0) };
-    let most = speeds[fastest - (fastest as f64 * LEFT_OUT) as usize];
-    (most / step_px, most)
+    // Where none is told, the middle of the rates.
+    most.map_or((RATES_HZ[1], 0.0), |most| (most / step_px, most))
 }
 
 /// Whether rays can tell every shadow of the scene.

@@ -146,10 +146,9 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     };
     let spinner = scene("spinner");
     let small = chosen(&spinner, Target::Draft, (100, 76));
-    let large = chosen(&spinner, Target::Draft, (400, 304));
-    // Four times the pixels per second.
-    assert_eq!(large.rate_hz, 4.0 * small.rate_hz, "{:?}", large.chosen);
-    assert!(chosen(&spinner, Target::Default, (100, 76)).rate_hz > small.rate_hz);
+    let large = chosen(&spinner, Target::Draft, (2000, 1520));
+    assert_eq!(small.rate_hz, 1000.0, "{:?}", small.chosen);
+    assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
     assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, crate::config::Shadows::Rays);
     let settings = |config: &RunConfig| RunConfig { chosen: None, ..config.clone() };
     let (expected, _) = run(&gpu, &spinner, &settings(&small), None, 16_000, None);
@@ -161,5 +160,5 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     for node in &mut still.nodes {
         node.motion = evis_scene::Motion::Fixed(glam::DMat4::IDENTITY);
     }
-    assert_eq!(chosen(&Arc::new(still), Target::Exact, (100, 76)).rate_hz, 250.0);
+    assert_eq!(chosen(&Arc::new(still), Target::Exact, (100, 76)).rate_hz, 1000.0);
 }

@@ -336,6 +336,13 @@ const LIMITS: &[Row] = &[
     near_native("keyframe-burst", "auto", EVEN),
     near_native("keyframe-burst-30", "auto", EVEN),
     near_native(ANY, "auto", Any),
+    today(
+        "refractory",
+        "auto",
+        AtMost(0.0),
+        0.55,
+        "a rest of three instants makes small errors of time large: not within 0.02 of native, itself at 0.78",
+    ),
     claim("keyframe-burst", "march", EVEN, 0.0, "its signal is continuous at keyframes"),
     claim("keyframe-burst-30", "march", EVEN, 0.0, "its signal is continuous at keyframes"),
     claim(ANY, "march", Any, 0.0, "a pixel whose light does not change never fires"),
