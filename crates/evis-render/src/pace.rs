@@ -202,48 +202,56 @@ impl Pacer {
                 log_change(pair[0].records[o].emission_factor, pair[1].records[o].emission_factor)
             });
             let glow = glow.fold(0.0, f64::max) / LIGHT_STEP;
-            let in_view = view.visible.contains(&(o as u32));
-            for piece in pieces.iter() {
-                let box_corners = corners(piece.0, piece.1);
-                let places: Vec<[DVec3; 8]> = moments
-                    .iter()
-                    .map(|&k| box_corners.map(|c| view.shared[k].world[o].transform_point3(c)))
-                    .collect();
-                if in_view {
-                    let (area, speed) = follow(view, moments, &places);
+            if view.visible.contains(&(o as u32)) {
+                for piece in pieces.iter() {
+                    let (area, speed) = follow(view, moments, &places(view, moments, o, piece));
                     needs.add(area, (speed / self.step_px).max(glow));
                 }
-                for (l, lamp) in first.lamps.iter().enumerate() {
-                    let all: Vec<DVec3> = places.iter().flatten().copied().collect();
-                    for (receiver, own) in &receivers {
-                        let reach = match lamp.passage(&all, *receiver) {
-                            None => continue,
-                            Some(Passage::Everywhere) => {
-                                needs.add(*own, f64::INFINITY);
-                                continue;
-                            }
-                            Some(Passage::Through { reach, .. }) => reach,
-                        };
-                        let mut fastest: f64 = 0.0;
-                        for by in reach {
-                            let shadow: Vec<[DVec3; 8]> = places
-                                .iter()
-                                .zip(moments)
-                                .map(|(places, &k)| places.map(|c| view.shared[k].lamps[l].carry(c, by)))
-                                .collect();
-                            fastest = fastest.max(follow(view, moments, &shadow).1);
-                        }
-                        // Wherever between the ends of its way something may receive it.
-                        let hull: Vec<DVec3> =
-                            reach.iter().flat_map(|by| all.iter().map(|c| lamp.carry(*c, *by))).collect();
-                        let mut area = Area::NOTHING;
-                        for &k in moments {
-                            area = area.join(seen(&hull, view.camera_from_world[k], view.lens));
-                        }
-                        let need = (fastest / self.step_px).max(f64::MIN_POSITIVE);
-                        needs.add(area.grown(MARGIN_PX).meet(*own), need);
+            }
+            if let Some(extent) = gpu_scene.objects[o].extent.filter(|_| !receivers.is_empty()) {
+                self.shadows(view, moments, &places(view, moments, o, &extent), &receivers, needs);
+            }
+        }
+    }
+
+    /// What the shadows of a box, which lies at `places` at the `moments`, ask for on `receivers`.
+    fn shadows(
+        &self,
+        view: &Passing<'_>,
+        moments: &[usize],
+        places: &[[DVec3; 8]],
+        receivers: &[(Extent, Area)],
+        needs: &mut Needs,
+    ) {
+        let (low, high) = bounds(places.as_flattened());
+        let whole = corners(low, high);
+        for (l, lamp) in view.shared[0].lamps.iter().enumerate() {
+            for (receiver, own) in receivers {
+                let reach = match lamp.passage(&whole, *receiver) {
+                    None => continue,
+                    Some(Passage::Everywhere) => {
+                        needs.add(*own, f64::INFINITY);
+                        continue;
                     }
+                    Some(Passage::Through { reach, .. }) => reach,
+                };
+                let mut fastest: f64 = 0.0;
+                for by in reach {
+                    let shadow: Vec<[DVec3; 8]> = places
+                        .iter()
+                        .zip(moments)
+                        .map(|(places, &k)| places.map(|c| view.shared[k].lamps[l].carry(c, by)))
+                        .collect();
+                    fastest = fastest.max(follow(view, moments, &shadow).1);
                 }
+                // Wherever between the ends of its way something may receive it.
+                let Some(hull) = lamp.shadow(&whole, *receiver) else { continue };
+                let mut area = Area::NOTHING;
+                for &k in moments {
+                    area = area.join(seen(&hull, view.camera_from_world[k], view.lens));
+                }
+                let need = (fastest / self.step_px).max(f64::MIN_POSITIVE);
+                needs.add(area.grown(MARGIN_PX).meet(*own), need);
             }
         }
     }
@@ -298,6 +306,12 @@ impl Pacer {
             .collect();
         grid.speeds(lens, &steps, view.sky, needs, self.step_px);
     }
+}
+
+/// Where the corners of a box in object `o` are at the `moments`.
+fn places(view: &Passing<'_>, moments: &[usize], o: usize, (low, high): &Extent) -> Vec<[DVec3; 8]> {
+    let corners = corners(*low, *high);
+    moments.iter().map(|&k| corners.map(|c| view.shared[k].world[o].transform_point3(c))).collect()
 }
 
 /// How the logarithm of a light changes: without end where it moves.

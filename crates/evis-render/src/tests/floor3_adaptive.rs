@@ -86,7 +86,9 @@ fn the_finest_pace_everywhere_changes_nothing_and_what_is_still_is_left_out() {
         // So small a step is never kept: whatever moves is sampled at every instant.
         let (events, drawn) = run(&gpu, &scene, &config(Some(1e-9), 1000.0), None, 16_000, None);
         assert!(events == expected, "{name}");
-        assert!(drawn <= all, "{name}: {drawn} and {all}");
+        // Whole tiles instead of rectangles, and half of the picture at most where only a toy moves.
+        let most = if name == "desk" { 65 * 100 * 76 / 2 } else { all };
+        assert!(drawn <= most, "{name}: {drawn} of {most}, native {all}");
     }
 }
 
