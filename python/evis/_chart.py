@@ -45,7 +45,8 @@ class ChartSetting:
     splat : Splat or None
         Settings of ``splat`` and ``evis-paper``.
     adaptive_px : float or None
-        Pixels that anything may move between two samples of it; None where everything is sampled at ``rate_hz``.
+        Pixels that anything may move between two samples of it; None where everything is sampled at
+        ``rate_hz``.
     target : str or None
         What ``auto`` was asked for.
     """

@@ -79,11 +79,13 @@ class Simulator:
         Ideal, 0.2 / 0.2, where not given (with the method ``evis-paper``: the same that latches, with
         ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
     method : {"auto", "native", "splat", "evis-paper"} or Splat, optional
-        How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses method,
-        rate and samples for a target (and rays for shadows, for ``exact``). Where not given: ``native`` if any of ``rate_hz``,
-        ``adaptive_px``, ``samples``, ``antialias`` and ``texture_taps`` is, else ``auto``.
+        How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses
+        method, rate and samples for a target (and rays for shadows, for ``exact``). Where not given:
+        ``native`` if any of ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and ``texture_taps`` is,
+        else ``auto``.
     target : {"draft", "default", "exact"}
-        How near to the truth ``auto`` shall come. `chosen` says what it chose and what that reached elsewhere.
+        How near to the truth ``auto`` shall come. `chosen` says what it chose, and what that reached
+        elsewhere.
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
         ``native``: a method with keyframes has its own.
@@ -271,7 +273,7 @@ class Simulator:
 
     @property
     def chosen(self) -> str | None:
-        """What the method ``auto`` chose and why, and what that reached on the built-in scenes; None for others."""
+        """What ``auto`` chose, why, and what that reached on built-in scenes; None for other methods."""
         chosen = self._engine.chosen
         return None if chosen is None else f"{chosen[0]}; expects {chosen[1]}"
 
