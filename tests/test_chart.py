@@ -21,6 +21,7 @@ TINY: dict[str, Any] = {
     "edges": False,
     "light_samples": [],
     "splat": False,
+    "adaptive": False,
     "repetitions": 2,
     "truth_pixels": 120,
     "cache": False,

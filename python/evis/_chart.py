@@ -187,7 +187,11 @@ class Recommendation:
     def simulator(self) -> dict[str, Any]:
         """Keyword arguments for `Simulator`: sensor, rate_hz or method, samples, antialias."""
         splat = self.setting.splat
-        instants = {"rate_hz": self.setting.rate_hz} if splat is None else {"method": splat}
+        if self.setting.target is not None:
+            return {"sensor": self.sensor, "target": self.setting.target}
+        instants: dict[str, Any] = {"method": splat}
+        if splat is None:
+            instants = {"rate_hz": self.setting.rate_hz, "adaptive_px": self.setting.adaptive_px}
         return {
             "sensor": self.sensor,
             **instants,
@@ -202,7 +206,7 @@ class Chart:
     >>> import evis
     >>> made = evis.chart(evis.Scene.builtin("spinner"), size=(32, 24), duration=0.05, truth_pixels=200,
     ...                   rates_hz=[500], samples=[4], edges=False, light_samples=[], published=False,
-    ...                   splat=False, repetitions=1, floor=False, cache=False)
+    ...                   splat=False, adaptive=False, repetitions=1, floor=False, cache=False)
     >>> [point.setting.trigger for point in made.points]
     ['crossing', 'latch']
     """
