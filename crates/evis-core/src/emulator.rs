@@ -31,7 +31,7 @@ use readout::Wire;
 
 pub use frames::{FrameData, Frames, Transfer};
 pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
-pub use warp::{Carrier, Filter, WarpConfig};
+pub use warp::{Carrier, Filter, WarpConfig, check_carrying};
 
 /// Pixels per tile: the unit of work of a thread. Its memory stays within a core's second cache.
 const TILE: usize = 1 << 14;

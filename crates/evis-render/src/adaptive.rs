@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use crate::area::{Area, Rect};
 use crate::engine::{Context, Upload};
 use crate::frame_buffers::GrowingBuffer;
-use crate::gpu_scene::DrawItem;
+use crate::gpu_scene::{DrawItem, push_item};
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::pace::{Pacer, Paces, Passing, STILL, rects, tiles_along};
 use crate::pass::adaptive::MEAN_BINDINGS;
@@ -84,7 +84,7 @@ impl AdaptiveRoom {
     }
 
     /// Pixels drawn since this was last asked.
-    pub fn take_drawn(&mut self) -> u64 {
+    pub fn take_drawn_pixels(&mut self) -> u64 {
         std::mem::take(&mut self.drawn_pixels)
     }
 
@@ -98,7 +98,7 @@ impl AdaptiveRoom {
         group: &Group,
         unit: &Unit,
     ) {
-        let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
+        let views = context.views_of(group);
         // The instant before the first is where things come from.
         let times: Vec<i64> = (-1..i64::from(unit.instants))
             .map(|k| context.grid.instant_us((unit.first + k).max(0)))
@@ -109,7 +109,7 @@ impl AdaptiveRoom {
         let kept = self.kept.remove(&first_view);
         let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first);
         let paces = self.paces(context, &views, unit);
-        write_paces(context, targets, &paces, self.block, unit);
+        write_paces(context, targets, &paces, self.block_of(unit));
 
         let mut tiles = Vec::new();
         let looks = self.looks(context, &views, unit, &paces, follows, &mut tiles);
@@ -139,18 +139,22 @@ impl AdaptiveRoom {
         self.keep(context, encoder, targets, group, unit, kept);
     }
 
+    /// Instants of a block of `unit`: the stream's first instant has a submission of its own.
+    const fn block_of(&self, unit: &Unit) -> u32 {
+        if unit.first == 0 { 1 } else { self.block }
+    }
+
     /// Per view and block.
     fn paces(&self, context: &Context, views: &[View], unit: &Unit) -> Vec<Paces> {
-        let blocks = unit.instants.div_ceil(self.block);
+        let length = self.block_of(unit);
+        let blocks = unit.instants / length;
         let frames = unit.instants as usize + 1;
-        let trail = &context.frame_data.trail;
         let mut paces = Vec::new();
         for (v, view) in views.iter().enumerate() {
             let (columns, rows) = (tiles_along(view.lens.width), tiles_along(view.lens.height));
             for block in 0..blocks {
                 let all = |pace| Paces { columns, tiles: vec![pace; (columns * rows) as usize] };
                 if unit.first == 0 {
-                    // The stream's first instant has a submission of its own.
                     paces.push(all(0));
                     continue;
                 }
@@ -159,15 +163,9 @@ impl AdaptiveRoom {
                     paces.push(all(pace));
                     continue;
                 }
-                let start = v * frames + (block * self.block) as usize;
-                let range = start..start + self.block as usize + 1;
-                let passing = Passing {
-                    lens: &view.lens,
-                    camera_from_world: trail.camera_from_world[range.clone()].iter().collect(),
-                    shared: trail.shared_of[range.clone()].iter().map(|&s| &trail.shared[s]).collect(),
-                    visible: &visible(&context.frame_data.visible[range]),
-                    sky: self.sky,
-                };
+                let start = v * frames + (block * length) as usize;
+                let range = start..start + length as usize + 1;
+                let passing = Passing::new(&context.frame_data, range, &view.lens, self.sky);
                 paces.push(self.pacer.paces(&context.gpu_scene, &passing));
             }
         }
@@ -184,19 +182,18 @@ impl AdaptiveRoom {
         follows: bool,
         tiles: &mut Vec<u32>,
     ) -> Vec<Look> {
-        let blocks = unit.instants.div_ceil(self.block);
+        let length = self.block_of(unit);
+        let blocks = unit.instants / length;
         let frames = unit.instants + 1;
         let mut looks = Vec::new();
         for block in 0..blocks {
             // By view, then by how often the instants come: rectangles, for the objects where they are at the block's end.
             let mut plans: Vec<HashMap<u32, Vec<Rect>>> = vec![HashMap::new(); views.len()];
-            for k in 0..self.block.min(unit.instants) {
-                let instant = block * self.block + k;
-                // A tile of pace p is sampled where 2^p divides this.
-                let number = if unit.first == 0 { self.block } else { k + 1 };
-                let ends = number == self.block;
+            // A tile of pace p is sampled where 2^p divides this.
+            for number in 1..=length {
+                let instant = block * length + number - 1;
                 // Nobody has kept what still tiles showed.
-                let still_too = ends && block == 0 && !follows;
+                let still_too = number == length && block == 0 && !follows;
                 for (v, view) in (0..).zip(views) {
                     let of = &paces[(v * blocks + block) as usize];
                     let active = |pace: u8| match pace {
@@ -269,20 +266,21 @@ impl AdaptiveRoom {
         paces: &[Paces],
         kept: Option<&wgpu::Texture>,
     ) {
-        let blocks = unit.instants.div_ceil(self.block);
+        let length = self.block_of(unit);
+        let blocks = unit.instants / length;
         let layers = &targets.layers;
         for (index, paces) in (0..).zip(paces) {
             let (view, block) = (index / blocks, index % blocks);
-            let layer = view * unit.instants + ((block + 1) * self.block).min(unit.instants) - 1;
+            let layer = view * unit.instants + (block + 1) * length - 1;
             let before = match (kept, block) {
                 (Some(kept), 0) => (kept, view),
                 // Drawn, since nobody has it.
                 (None, 0) => continue,
-                _ => (&layers.texture, layer - self.block),
+                _ => (&layers.texture, layer - length),
             };
             let still = |x: u32, y: u32| paces.tiles[(y * paces.columns + x) as usize] == STILL;
             // A copy has no price beside its pixels: exactly the still tiles.
-            let exact = |rect: &Rect| f64::from(rect.size()[0]) * f64::from(rect.size()[1]) + 1e-3;
+            let exact = |rect: &Rect| rect.pixels() as f64 + 1e-3;
             for rect in rects(still, (layers.width, layers.height), exact) {
                 copy_layers(encoder, before, (&layers.texture, layer), 1, rect);
             }
@@ -317,10 +315,9 @@ impl AdaptiveRoom {
     }
 }
 
-/// Tells the trigger.
-fn write_paces(context: &Context, targets: &Targets, paces: &[Paces], block: u32, unit: &Unit) {
-    let slowest = block.trailing_zeros() as u8;
-    let slowest = if unit.first == 0 { 0 } else { slowest };
+/// Tells the trigger the paces of blocks of `length` instants; what is still is looked at when they end.
+fn write_paces(context: &Context, targets: &Targets, paces: &[Paces], length: u32) {
+    let slowest = length.trailing_zeros() as u8;
     let bytes: Vec<u8> = paces.iter().flat_map(|p| p.tiles.iter().map(|pace| (*pace).min(slowest))).collect();
     let (columns, rows) = (tiles_along(targets.width), tiles_along(targets.height));
     context.gpu.queue.write_texture(
@@ -329,14 +326,6 @@ fn write_paces(context: &Context, targets: &Targets, paces: &[Paces], block: u32
         wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(columns), rows_per_image: Some(rows) },
         wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: paces.len() as u32 },
     );
-}
-
-/// Objects that are in view at any of some instants, in order.
-pub fn visible(items: &[Vec<DrawItem>]) -> Vec<u32> {
-    let mut objects: Vec<u32> = items.iter().flatten().flat_map(|item| item.objects.clone()).collect();
-    objects.sort_unstable();
-    objects.dedup();
-    objects
 }
 
 /// A visible object: how it is drawn, where it is seen, and what it takes.
@@ -367,10 +356,9 @@ fn areas(context: &Context, view: &View, frame: u32) -> Vec<Placed> {
 
 /// What drawing `rect` takes, in pixels.
 fn cost(rect: &Rect, areas: &[Placed]) -> f64 {
-    let [width, height] = rect.size();
     let within = Area::of(rect);
     let objects: f64 = areas.iter().filter(|p| !p.area.meet(within).is_nothing()).map(|p| p.price).sum();
-    RECT_PX + f64::from(width) * f64::from(height) + objects
+    RECT_PX + rect.pixels() as f64 + objects
 }
 
 /// What is drawn within `rect`.
@@ -378,11 +366,7 @@ fn items(rect: &Rect, areas: &[Placed]) -> Vec<DrawItem> {
     let within = Area::of(rect);
     let mut items: Vec<DrawItem> = Vec::new();
     for placed in areas.iter().filter(|p| !p.area.meet(within).is_nothing()) {
-        let o = placed.object;
-        match items.last_mut() {
-            Some(last) if last.draw == placed.draw && last.objects.end == o => last.objects.end += 1,
-            _ => items.push(DrawItem { draw: placed.draw, objects: o..o + 1 }),
-        }
+        push_item(&mut items, placed.draw, placed.object);
     }
     items
 }

@@ -4,6 +4,9 @@ use glam::{DMat4, DVec3};
 
 use crate::view::PixelLens;
 
+/// Pixels around what moves that it may change: samples reach half a pixel out, the rest is rounding's.
+pub const MARGIN_PX: f64 = 2.0;
+
 /// Whole pixels: from, and up to but not including.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rect {
@@ -17,6 +20,14 @@ impl Rect {
     /// All of a picture.
     pub const fn whole(width: u32, height: u32) -> Self {
         Self { low: [0, 0], high: [width, height] }
+    }
+
+    /// What holds both.
+    pub fn join(&self, other: &Self) -> Self {
+        Self {
+            low: [0, 1].map(|i| self.low[i].min(other.low[i])),
+            high: [0, 1].map(|i| self.high[i].max(other.high[i])),
+        }
     }
 
     /// How many.

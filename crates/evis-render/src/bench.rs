@@ -10,7 +10,7 @@ use crate::engine::{Engine, map, wait_mapped};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::interval::{self, Slot, Unit};
-use crate::view::{self, View};
+use crate::view;
 
 /// How far a submission goes; each includes those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -102,7 +102,7 @@ impl Stages {
         if stage >= Stage::Raster {
             sampling.encode(context, &mut encoder, targets, group, &unit);
         } else {
-            let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
+            let views = context.views_of(group);
             let times: Vec<i64> =
                 (0..instants).map(|i| context.grid.instant_us(first + i64::from(i))).collect();
             context.upload_frames(&views, &times);

@@ -99,6 +99,11 @@ impl Context {
         [frame * raster::frame_stride(self.light_count) as u32, share * raster::UNIFORM_ALIGNMENT as u32]
     }
 
+    /// The views of `group`.
+    pub(crate) fn views_of(&self, group: &Group) -> Vec<View> {
+        group.views.iter().map(|&v| self.views[v].clone()).collect()
+    }
+
     /// Evaluates `views` at `times_us` and uploads the result; returns group 0.
     pub(crate) fn upload_frames(&mut self, views: &[View], times_us: &[i64]) -> wgpu::BindGroup {
         self.upload_frames_as(views, times_us, Upload::default())
@@ -525,7 +530,7 @@ impl Engine {
         self.delivered_us = until_us;
         packet.report = std::mem::take(&mut self.report);
         packet.report.keyframes = self.sampling.take_keyframes();
-        packet.report.drawn_pixels = self.sampling.take_drawn();
+        packet.report.drawn_pixels = self.sampling.take_drawn_pixels();
         packet.report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
         packet.report.times.pack_ms += milliseconds(packing);
         packet.report.times.total_ms = milliseconds(started);

@@ -3,7 +3,7 @@
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
-use crate::gpu_scene::{DrawItem, GpuScene, Object};
+use crate::gpu_scene::{DrawItem, GpuScene, Object, push_item};
 use crate::lamp::Lamp;
 use crate::occluders::{self, Occluders};
 use crate::pass::raster::frame_stride;
@@ -304,10 +304,7 @@ fn visible_items(
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
     items.clear();
     for (_, draw, object) in found {
-        match items.last_mut() {
-            Some(item) if item.draw == draw && item.objects.end == object => item.objects.end += 1,
-            _ => items.push(DrawItem { draw, objects: object..object + 1 }),
-        }
+        push_item(items, draw, object);
     }
 }
 

@@ -37,6 +37,14 @@ pub struct DrawItem {
     pub objects: Range<u32>,
 }
 
+/// Adds `object`, drawn by `draw`: objects that follow each other in record order are drawn at once.
+pub fn push_item(items: &mut Vec<DrawItem>, draw: u32, object: u32) {
+    match items.last_mut() {
+        Some(last) if last.draw == draw && last.objects.end == object => last.objects.end += 1,
+        _ => items.push(DrawItem { draw, objects: object..object + 1 }),
+    }
+}
+
 /// One primitive of one node: what its record is made from.
 #[derive(Clone, Debug)]
 pub struct Object {
@@ -179,12 +187,7 @@ impl GpuScene {
         for (index, draw) in self.draws.iter().enumerate() {
             let draw_index = index as u32;
             for object in draw.objects.clone().filter(|&o| wanted(&self.objects[o as usize])) {
-                match items.last_mut() {
-                    Some(item) if item.draw == draw_index && item.objects.end == object => {
-                        item.objects.end += 1;
-                    }
-                    _ => items.push(DrawItem { draw: draw_index, objects: object..object + 1 }),
-                }
+                push_item(&mut items, draw_index, object);
             }
         }
         items

@@ -153,7 +153,7 @@ impl LabelRoom {
         index: i64,
         grid: &TimeGrid,
     ) -> (LabelJob, wgpu::SubmissionIndex) {
-        let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
+        let views = context.views_of(group);
         let (width, height) = (views[0].lens.width, views[0].lens.height);
         let t_us = grid.instant_us(index);
         let next_us = grid.instant_us(index + 1);

@@ -7,7 +7,6 @@ use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::splat::SplatRoom;
 use crate::still::Change;
 use crate::targets::Targets;
-use crate::view::View;
 
 /// The room between scene and trigger, by method.
 pub enum Sampling {
@@ -38,10 +37,10 @@ impl Sampling {
     }
 
     /// Pixels drawn since this was last asked, each by all of its samples.
-    pub fn take_drawn(&mut self) -> u64 {
+    pub fn take_drawn_pixels(&mut self) -> u64 {
         match self {
             Self::Native(room) => std::mem::take(&mut room.drawn_pixels),
-            Self::Adaptive(room) => room.take_drawn(),
+            Self::Adaptive(room) => room.take_drawn_pixels(),
             Self::Splat(room) => room.take_drawn_pixels(),
         }
     }
@@ -50,7 +49,7 @@ impl Sampling {
     pub fn take_keyframes(&mut self) -> u64 {
         match self {
             Self::Native(_) | Self::Adaptive(_) => 0,
-            Self::Splat(room) => room.take_drawn(),
+            Self::Splat(room) => room.take_keyframes(),
         }
     }
 }
@@ -72,7 +71,7 @@ impl NativeRoom {
         group: &Group,
         unit: &Unit,
     ) {
-        let views: Vec<View> = group.views.iter().map(|&v| context.views[v].clone()).collect();
+        let views = context.views_of(group);
         let times: Vec<i64> =
             (0..unit.instants).map(|k| context.grid.instant_us(unit.first + i64::from(k))).collect();
         let samples = context.offsets.len() as u32;

@@ -10,7 +10,7 @@ use evis_core::ConfigError;
 use evis_scene::{AlphaMode, Scene, SceneState};
 use glam::{DMat4, Vec3};
 
-use crate::gpu_scene::GpuScene;
+use crate::gpu_scene::{GpuScene, Object};
 use crate::uniforms::OccluderRecord;
 
 /// Triangles of a leaf, at most. Three bits of a leaf's word hold the number.
@@ -34,6 +34,14 @@ pub struct Occluders {
     moving: Vec<(usize, u32)>,
 }
 
+/// Why rays do not know the shadow of `object`; `None` where they do.
+pub fn hinders(scene: &Scene, object: &Object) -> Option<&'static str> {
+    if object.skin.is_some() || object.morph.is_some() {
+        return Some("it deforms");
+    }
+    (scene.materials[object.material].alpha != AlphaMode::Opaque).then_some("its material has holes")
+}
+
 impl Occluders {
     /// Of `scene`, whose streams start at `start_us` of its time.
     ///
@@ -42,9 +50,7 @@ impl Occluders {
     pub fn new(scene: &Scene, gpu_scene: &GpuScene, start_us: i64) -> Result<Self, ConfigError> {
         let objects = &gpu_scene.objects;
         for object in objects {
-            let deforms = object.skin.is_some() || object.morph.is_some();
-            if deforms || scene.materials[object.material].alpha != AlphaMode::Opaque {
-                let why = if deforms { "it deforms" } else { "its material has holes" };
+            if let Some(why) = hinders(scene, object) {
                 let name = &scene.nodes[object.node].name;
                 let remedy =
                     format!("`maps` in this scene: rays do not know the shadow of {name:?}, since {why}");

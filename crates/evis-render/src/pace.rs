@@ -9,15 +9,17 @@
 //! knows what hides it.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use evis_scene::Scene;
 use glam::{DMat4, DVec3};
 
-use crate::area::{Area, Rect, bounds, corners, seen};
-use crate::frame::Shared;
+use crate::area::{Area, MARGIN_PX, Rect, bounds, corners, seen};
+use crate::frame::{FrameData, Shared};
 use crate::gpu_scene::GpuScene;
 use crate::lamp::Passage;
+use crate::still;
 use crate::uniforms::LightRecord;
 use crate::view::PixelLens;
 
@@ -27,8 +29,6 @@ pub const TILE: u32 = 16;
 pub const STILL: u8 = u8::MAX;
 /// How much the logarithm of a light may change between two looks: a tenth of the usual threshold.
 const LIGHT_STEP: f64 = 0.02;
-/// Pixels around what moves that it may change: samples reach half a pixel out, the rest is rounding's.
-const MARGIN_PX: f64 = 2.0;
 /// Moments of a block at which speeds are taken, beside its start.
 const MOMENTS: usize = 8;
 /// Triangles that share a box, where a body has many.
@@ -97,10 +97,28 @@ pub struct Passing<'a> {
     pub camera_from_world: Vec<&'a DMat4>,
     /// All else.
     pub shared: Vec<&'a Shared>,
-    /// Objects that may be in view.
-    pub visible: &'a [u32],
+    /// Objects that are in view at any of them, in order.
+    pub visible: Vec<u32>,
     /// Whether something is seen at infinity that a turn of the camera moves.
     pub sky: bool,
+}
+
+impl<'a> Passing<'a> {
+    /// The frames `frames` of `data`, which was asked for its trail.
+    pub fn new(data: &'a FrameData, frames: Range<usize>, lens: &'a PixelLens, sky: bool) -> Self {
+        let trail = &data.trail;
+        let items = data.visible[frames.clone()].iter().flatten();
+        let mut visible: Vec<u32> = items.flat_map(|item| item.objects.clone()).collect();
+        visible.sort_unstable();
+        visible.dedup();
+        Self {
+            lens,
+            camera_from_world: trail.camera_from_world[frames.clone()].iter().collect(),
+            shared: trail.shared_of[frames].iter().map(|&s| &trail.shared[s]).collect(),
+            visible,
+            sky,
+        }
+    }
 }
 
 /// How often each tile of a view is looked at during a block.
@@ -191,7 +209,7 @@ impl Pacer {
         let receivers: Vec<(Extent, Area)> = if moved.is_empty() || first.lamps.is_empty() {
             Vec::new()
         } else {
-            view.visible.iter().filter_map(|&o| self.receiver(gpu_scene, view, moments, o as usize)).collect()
+            view.visible.iter().filter_map(|&o| receiver(gpu_scene, view, moments, o as usize)).collect()
         };
         for &o in &moved {
             let Some(pieces) = &self.pieces.0[o] else {
@@ -256,32 +274,12 @@ impl Pacer {
         }
     }
 
-    /// The box of object `o` over the block, and where it is seen.
-    fn receiver(
-        &self,
-        gpu_scene: &GpuScene,
-        view: &Passing<'_>,
-        moments: &[usize],
-        o: usize,
-    ) -> Option<(Extent, Area)> {
-        let (low, high) = gpu_scene.objects[o].extent?;
-        let own = corners(low, high);
-        let mut area = Area::NOTHING;
-        let mut all = Vec::new();
-        for &k in moments {
-            let places = own.map(|c| view.shared[k].world[o].transform_point3(c));
-            area = area.join(seen(&places, view.camera_from_world[k], view.lens));
-            all.extend(places);
-        }
-        Some((bounds(&all), area.grown(MARGIN_PX)))
-    }
-
     /// What stands still in the world and moves in the picture, because the camera does.
     fn camera(&self, gpu_scene: &GpuScene, view: &Passing<'_>, moments: &[usize], needs: &mut Needs) {
         let lens = view.lens;
         let start = view.camera_from_world[0];
         let mut grid = DepthGrid::new(lens, needs.columns, needs.rows);
-        for &o in view.visible {
+        for &o in &view.visible {
             let object = &gpu_scene.objects[o as usize];
             let Some(pieces) = self.pieces.0[o as usize].as_ref().filter(|_| !object.moving) else {
                 continue;
@@ -306,6 +304,19 @@ impl Pacer {
             .collect();
         grid.speeds(lens, &steps, view.sky, needs, self.step_px);
     }
+}
+
+/// The box of object `o` over the block, and where it is seen.
+fn receiver(gpu_scene: &GpuScene, view: &Passing<'_>, moments: &[usize], o: usize) -> Option<(Extent, Area)> {
+    let object = &gpu_scene.objects[o];
+    let mut area = Area::NOTHING;
+    let mut all = Vec::new();
+    for &k in moments {
+        let places = still::place(object, &view.shared[k].world[o])?;
+        area = area.join(still::own_area(&places, view.camera_from_world[k], view.lens));
+        all.extend(places);
+    }
+    Some((bounds(&all), area))
 }
 
 /// Where the corners of a box in object `o` are at the `moments`.
@@ -565,7 +576,7 @@ pub fn rects(
         let mut own = cost(&now);
         // Joins with whatever is cheaper drawn together.
         while let Some((i, joined, price)) = all.iter().enumerate().find_map(|(i, (other, theirs))| {
-            let joined = join(&now, other);
+            let joined = now.join(other);
             let price = cost(&joined);
             (price <= own + theirs).then_some((i, joined, price))
         }) {
@@ -575,10 +586,6 @@ pub fn rects(
         all.push((now, own));
     }
     all.into_iter().map(|(rect, _)| rect).collect()
-}
-
-fn join(a: &Rect, b: &Rect) -> Rect {
-    Rect { low: [0, 1].map(|i| a.low[i].min(b.low[i])), high: [0, 1].map(|i| a.high[i].max(b.high[i])) }
 }
 
 #[cfg(test)]

@@ -171,7 +171,7 @@ impl SplatRoom {
     }
 
     /// Keyframes drawn since this was last asked.
-    pub fn take_drawn(&mut self) -> u64 {
+    pub fn take_keyframes(&mut self) -> u64 {
         std::mem::take(&mut self.drawn)
     }
 

@@ -1,6 +1,7 @@
 //! What `splat` is asked to do.
 
 use evis_core::ConfigError;
+use evis_core::emulator::check_carrying;
 use serde::{Deserialize, Serialize};
 
 /// How a surface point gets from its keyframe to an instant.
@@ -121,23 +122,7 @@ impl SplatConfig {
             );
             return Err(ConfigError::new("steps", self.steps, remedy));
         }
-        for (what, value, most) in [("margin", self.margin, 512), ("dilate", self.dilate, 8)] {
-            if value > most {
-                return Err(ConfigError::new(what, value, format!("between 0 and {most} pixels")));
-            }
-        }
-        if !(0.0..=1000.0).contains(&self.sharpness) {
-            return Err(ConfigError::new("sharpness", self.sharpness, "between 0 and 1000"));
-        }
-        if !(self.hole_below > 0.0 && self.hole_below <= 1.0) {
-            return Err(ConfigError::new("hole_below", self.hole_below, "above 0 and at most 1"));
-        }
-        if let Some(fill) = self.fill
-            && !(fill.is_finite() && fill >= 0.0)
-        {
-            return Err(ConfigError::new("fill", fill, "a finite luminance, 0 or above"));
-        }
-        Ok(())
+        check_carrying(self.margin, self.dilate, self.sharpness, self.hole_below, self.fill)
     }
 }
 

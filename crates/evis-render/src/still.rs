@@ -8,14 +8,12 @@ use std::mem::offset_of;
 
 use glam::{DMat4, DVec3};
 
-use crate::area::{Area, Corners, Rect, bounds, corners, seen};
-use crate::gpu_scene::{DrawItem, GpuScene, Object};
+use crate::area::{Area, Corners, MARGIN_PX, Rect, bounds, corners, seen};
+use crate::gpu_scene::{DrawItem, GpuScene, Object, push_item};
 use crate::lamp::Lamp;
 use crate::uniforms::{Frame, ObjectRecord};
 use crate::view::PixelLens;
 
-/// Pixels around what moves that are drawn too: samples reach half a pixel out, the rest is rounding's.
-const MARGIN_PX: f64 = 2.0;
 /// A part of a picture larger than this is not worth being drawn apart.
 const LARGEST_PART: f64 = 0.7;
 
@@ -176,10 +174,7 @@ fn change(scene: &GpuScene, last: &Seen, now: &Moment<'_>) -> Change {
             if own.meet(area).is_nothing() {
                 continue;
             }
-            match items.last_mut() {
-                Some(last) if last.draw == item.draw && last.objects.end == o => last.objects.end += 1,
-                _ => items.push(DrawItem { draw: item.draw, objects: o..o + 1 }),
-            }
+            push_item(&mut items, item.draw, o);
         }
         parts.push((rect, items));
     }

@@ -100,6 +100,36 @@ impl Default for WarpConfig {
     }
 }
 
+/// What a splat may be asked to do, on frames and on scenes alike.
+///
+/// # Errors
+/// Names the first setting that cannot be used, its value, and what would work.
+pub fn check_carrying(
+    margin: u32,
+    dilate: u32,
+    sharpness: f32,
+    hole_below: f32,
+    fill: Option<f32>,
+) -> Result<(), ConfigError> {
+    for (what, value, most) in [("margin", margin, MOST_MARGIN), ("dilate", dilate, 8)] {
+        if value > most {
+            return Err(ConfigError::new(what, value, format!("between 0 and {most} pixels")));
+        }
+    }
+    if !(0.0..=1000.0).contains(&sharpness) {
+        return Err(ConfigError::new("sharpness", sharpness, "between 0 and 1000"));
+    }
+    if !(hole_below > 0.0 && hole_below <= 1.0) {
+        return Err(ConfigError::new("hole_below", hole_below, "above 0 and at most 1"));
+    }
+    if let Some(fill) = fill
+        && !(fill.is_finite() && fill >= 0.0)
+    {
+        return Err(ConfigError::new("fill", fill, "a finite luminance, 0 or above"));
+    }
+    Ok(())
+}
+
 impl WarpConfig {
     /// As the EVIS paper publishes it: softmax 12 on 1/(z + 1e-3), holes below 1e-4 of a pixel, newer keyframe first,
     /// older in its holes, black where neither shows anything.
@@ -131,23 +161,7 @@ impl WarpConfig {
         if !(0.01..=100.0).contains(&self.step_px) {
             return Err(ConfigError::new("step_px", self.step_px, "between 0.01 and 100 pixels"));
         }
-        for (what, value, most) in [("margin", self.margin, MOST_MARGIN), ("dilate", self.dilate, 8)] {
-            if value > most {
-                return Err(ConfigError::new(what, value, format!("between 0 and {most} pixels")));
-            }
-        }
-        if !(0.0..=1000.0).contains(&self.sharpness) {
-            return Err(ConfigError::new("sharpness", self.sharpness, "between 0 and 1000"));
-        }
-        if !(self.hole_below > 0.0 && self.hole_below <= 1.0) {
-            return Err(ConfigError::new("hole_below", self.hole_below, "above 0 and at most 1"));
-        }
-        if let Some(fill) = self.fill
-            && !(fill.is_finite() && fill >= 0.0)
-        {
-            return Err(ConfigError::new("fill", fill, "a finite luminance, 0 or above"));
-        }
-        Ok(())
+        check_carrying(self.margin, self.dilate, self.sharpness, self.hole_below, self.fill)
     }
 
     /// Least weight of a tap that counts, less one.
