@@ -849,6 +849,8 @@ pub(crate) enum MethodArg {
     Auto,
     /// Every instant is rendered.
     Native,
+    /// Visibility at every instant, in adaptive time; light of what stands still from keyframes.
+    Reproject,
     /// Keyframes are rendered; what lies between is splatted from both.
     Splat,
     /// As the EVIS paper publishes it: linear motion, colours, latch, black holes.

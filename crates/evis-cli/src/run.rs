@@ -178,7 +178,7 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
         return Err(bad_input(format!("--target {name}: only auto has targets; {remedy}")));
     }
     let base = match asked {
-        MethodArg::Auto | MethodArg::Native if let Some(flag) = args.splat.given() => {
+        MethodArg::Auto | MethodArg::Native | MethodArg::Reproject if let Some(flag) = args.splat.given() => {
             return Err(bad_input(format!(
                 "{flag} needs keyframes; add --method splat or --method evis-paper"
             )));
@@ -193,6 +193,7 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
             };
         }
         MethodArg::Native => return Ok(Method::Native),
+        MethodArg::Reproject => return Ok(Method::Reproject),
         MethodArg::Splat => SplatConfig::default(),
         MethodArg::EvisPaper => {
             let SplatConfig { keyframe_hz, steps, .. } = SplatConfig::default();

@@ -6,16 +6,19 @@
 //! reaches into the next one.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use crate::area::{Area, Rect};
 use crate::engine::{Context, Upload};
 use crate::frame_buffers::GrowingBuffer;
 use crate::gpu_scene::{DrawItem, push_item};
+use crate::grid::SampleGrid;
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::pace::{Pacer, Paces, Passing, STILL, rects, tiles_along};
-use crate::pass::adaptive::MEAN_BINDINGS;
-use crate::pass::raster::UNIFORM_ALIGNMENT;
+use crate::pass::adaptive::{MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
+use crate::pass::raster::{SceneConstants, UNIFORM_ALIGNMENT};
 use crate::pass::{self, ComputePass};
+use crate::reuse::{Instant, Keyframe, ReuseGroups, ReuseRoom, steady};
 use crate::sizes;
 use crate::still;
 use crate::targets::{LayerUse, Layers, Targets};
@@ -28,17 +31,30 @@ const INDEX_PX: f64 = 0.3;
 /// What a rectangle takes.
 const RECT_PX: f64 = 200.0;
 
+/// Microseconds from one keyframe to the next, about: 30 a second.
+const KEY_US: f64 = 33_000.0;
+
+/// Blocks of `block` instants from one keyframe to the next, where light is used again.
+fn blocks_per_key(grid: &SampleGrid, block: u32) -> u32 {
+    let longest = KEY_US / (grid.longest_interval_us() * f64::from(block));
+    1 << (longest.max(1.0) as u32).ilog2()
+}
+
 /// The room.
 pub struct AdaptiveRoom {
     pacer: Pacer,
     /// Instants of a block.
     block: u32,
+    /// Blocks from one keyframe to the next.
+    blocks_per_key: u32,
     sky: bool,
     mean: ComputePass,
     jobs: GrowingBuffer,
     tiles: GrowingBuffer,
     /// Per size: the samples of the instant in work.
     scratch: Vec<Layers>,
+    /// Light that is used again, and the mean of coverage samples.
+    reuse: Option<(ReuseRoom, ComputePass)>,
     /// By the first view of a group: the instant that comes next, and the layers of the last one, view by view.
     kept: HashMap<usize, (i64, wgpu::Texture)>,
     drawn_pixels: u64,
@@ -52,23 +68,30 @@ struct Look {
     view: u32,
     instant: u32,
     parts: Vec<(Rect, Vec<DrawItem>)>,
+    /// Per part: what takes its light from keyframes.
+    still: Vec<Vec<DrawItem>>,
     first_tile: u32,
     tiles: u32,
 }
 
 impl AdaptiveRoom {
-    /// For blocks of `block` instants within which nothing moves more than `step_px` pixels unseen.
-    pub fn new(context: &Context, step_px: f64, block: u32) -> Self {
+    /// For blocks of `block` instants within which nothing moves more than `step_px` pixels unseen; with `reuse`, light is
+    /// used again.
+    pub fn new(context: &Context, step_px: f64, block: u32, reuse: Option<&SceneConstants>) -> Self {
         let device = &context.gpu.device;
         let samples = context.offsets.len() as u32;
         Self {
             pacer: Pacer::new(&context.scene, &context.gpu_scene, step_px, block),
             block,
+            blocks_per_key: blocks_per_key(&context.grid, block),
             sky: context.sky.is_some(),
             mean: crate::pass::adaptive::mean(device, samples),
             jobs: GrowingBuffer::new(device, "mean jobs", wgpu::BufferUsages::UNIFORM),
             tiles: GrowingBuffer::new(device, "tiles", wgpu::BufferUsages::STORAGE),
             scratch: Vec::new(),
+            reuse: reuse.map(|constants| {
+                (ReuseRoom::new(context, constants), crate::pass::adaptive::resolve(device))
+            }),
             kept: HashMap::new(),
             drawn_pixels: 0,
             #[cfg(test)]
@@ -80,12 +103,22 @@ impl AdaptiveRoom {
     pub fn add_size(&mut self, context: &Context, targets: &Targets) {
         let samples = context.offsets.len() as u32;
         let (width, height) = (targets.width, targets.height);
-        self.scratch.push(Layers::new(&context.gpu.device, width, height, samples, LayerUse::Rendered));
+        let device = &context.gpu.device;
+        let made = if self.reuse.is_some() { LayerUse::Resolved } else { LayerUse::Rendered };
+        self.scratch.push(Layers::new(device, width, height, samples, made));
+        if let Some((reuse, _)) = &mut self.reuse {
+            reuse.add_size(device, width, height);
+        }
     }
 
     /// Pixels drawn since this was last asked.
     pub fn take_drawn_pixels(&mut self) -> u64 {
         std::mem::take(&mut self.drawn_pixels)
+    }
+
+    /// Keyframes drawn since this was last asked.
+    pub fn take_keyframes(&mut self) -> u64 {
+        self.reuse.as_mut().map_or(0, |(reuse, _)| reuse.take_keyframes())
     }
 
     /// Records what makes the luminance of `unit`: a layer per view and instant, of which tiles that are not sampled there
@@ -99,9 +132,12 @@ impl AdaptiveRoom {
         unit: &Unit,
     ) {
         let views = context.views_of(group);
+        let keys = self.keys(unit);
         // The instant before the first is where things come from.
         let times: Vec<i64> = (-1..i64::from(unit.instants))
-            .map(|k| context.grid.instant_us((unit.first + k).max(0)))
+            .map(|k| (unit.first + k).max(0))
+            .chain(keys.clone().map(|key| key * self.between_keys()))
+            .map(|instant| context.grid.instant_us(instant))
             .collect();
         let frame_group =
             context.upload_frames_as(&views, &times, Upload { trail: true, ..Default::default() });
@@ -111,28 +147,67 @@ impl AdaptiveRoom {
         let paces = self.paces(context, &views, unit);
         write_paces(context, targets, &paces, self.block_of(unit));
 
+        let reused = self.reused(context, &views, unit);
         let mut tiles = Vec::new();
-        let looks = self.looks(context, &views, unit, &paces, follows, &mut tiles);
+        let looks = self.looks(context, &views, unit, &paces, &reused, follows, &mut tiles);
         self.drawn_pixels +=
             looks.iter().flat_map(|look| &look.parts).map(|(rect, _)| rect.pixels()).sum::<u64>();
         let groups = self.upload(context, targets, group, unit, &looks, &tiles);
+        let plan = self.plan_reuse(context, &views, group, unit, &reused, &looks);
 
-        let frames = unit.instants + 1;
+        let frames = self.frames(unit);
         let mut shadows_at = None;
-        for (number, look) in looks.iter().enumerate() {
+        let mut keyframes = plan.iter().flat_map(|plan| &plan.keyframes).zip(0..).peekable();
+        for (number, look) in (0..).zip(&looks) {
             let k = look.instant + 1;
+            let frame = look.view * frames + k;
+            if let (Some(plan), Some((reuse, _))) = (&plan, &mut self.reuse) {
+                let due = |block: u32| block <= look.instant / self.block;
+                while let Some(((_, keyframe), entry)) = keyframes.next_if(|((block, _), _)| due(*block)) {
+                    let at = keyframe.frame % frames;
+                    context.encode_moving_shadows(encoder, &frame_group, &views, frames, at);
+                    shadows_at = Some(at);
+                    reuse.encode_keyframe(
+                        context,
+                        encoder,
+                        &frame_group,
+                        &plan.groups,
+                        group.targets,
+                        first_view,
+                        keyframe,
+                        entry,
+                    );
+                }
+            }
             if shadows_at != Some(k) {
                 context.encode_moving_shadows(encoder, &frame_group, &views, frames, k);
                 shadows_at = Some(k);
             }
-            let frame = look.view * frames + k;
             let scratch = &self.scratch[group.targets];
-            encode_luminance(context, encoder, scratch, &frame_group, frame, 0, Some(&look.parts));
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_pipeline(&self.mean.pipeline);
-            pass.set_bind_group(0, &groups, &[number as u32 * UNIFORM_ALIGNMENT as u32]);
-            let (x, y) = sizes::dispatch(look.tiles, 1);
-            pass.dispatch_workgroups(x, y, 1);
+            let samples = context.offsets.len() as u32;
+            let job = |pass: u32| [(number * (1 + samples) + pass) * UNIFORM_ALIGNMENT as u32];
+            match (&self.reuse, &plan, &groups.resolve) {
+                (Some((reuse, resolve)), Some(plan), Some(resolving)) => {
+                    for sample in 0..samples {
+                        reuse.encode_instant(
+                            context,
+                            encoder,
+                            &frame_group,
+                            &plan.groups,
+                            scratch,
+                            &look.parts,
+                            &look.still,
+                            frame,
+                            (number, sample),
+                        );
+                        encode_tiles(encoder, resolve, resolving, job(1 + sample), look.tiles);
+                    }
+                }
+                _ => encode_luminance(context, encoder, scratch, &frame_group, frame, 0, Some(&look.parts)),
+            }
+            if self.reuse.is_none() || samples > 1 {
+                encode_tiles(encoder, &self.mean, &groups.mean, job(0), look.tiles);
+            }
         }
         let kept = kept.map(|(_, texture)| texture);
         self.carry(encoder, targets, unit, &paces, kept.as_ref().filter(|_| follows));
@@ -148,12 +223,13 @@ impl AdaptiveRoom {
     fn paces(&self, context: &Context, views: &[View], unit: &Unit) -> Vec<Paces> {
         let length = self.block_of(unit);
         let blocks = unit.instants / length;
-        let frames = unit.instants as usize + 1;
+        let frames = self.frames(unit) as usize;
         let mut paces = Vec::new();
         for (v, view) in views.iter().enumerate() {
             let (columns, rows) = (tiles_along(view.lens.width), tiles_along(view.lens.height));
             for block in 0..blocks {
-                let all = |pace| Paces { columns, tiles: vec![pace; (columns * rows) as usize] };
+                let count = (columns * rows) as usize;
+                let all = |pace| Paces { columns, tiles: vec![pace; count], relit: vec![false; count] };
                 if unit.first == 0 {
                     paces.push(all(0));
                     continue;
@@ -172,23 +248,118 @@ impl AdaptiveRoom {
         paces
     }
 
+    /// Instants from one keyframe to the next.
+    fn between_keys(&self) -> i64 {
+        i64::from(self.block * self.blocks_per_key)
+    }
+
+    /// The keyframes around the instants of `unit`.
+    fn keys(&self, unit: &Unit) -> Range<i64> {
+        if self.reuse.is_none() {
+            return 0..0;
+        }
+        let last = unit.first + i64::from(unit.instants) - 1;
+        let every = self.between_keys();
+        (unit.first - 1).max(0) / every..(last.max(1) + every - 1) / every + 1
+    }
+
+    /// Frames of a view in a submission: the instant before the first, the instants, the keyframes.
+    fn frames(&self, unit: &Unit) -> u32 {
+        let keys = self.keys(unit);
+        1 + unit.instants + (keys.end - keys.start) as u32
+    }
+
+    /// Per view and block: whose light is used again, and from where.
+    fn reused(&self, context: &Context, views: &[View], unit: &Unit) -> Vec<Option<Reused>> {
+        let length = self.block_of(unit);
+        let (blocks, frames, keys) = (unit.instants / length, self.frames(unit), self.keys(unit));
+        if keys.is_empty() {
+            return Vec::new();
+        }
+        let trail = &context.frame_data.trail;
+        let of = |v: u32, block: u32| {
+            let older = (unit.first + i64::from(block * length) - 1).max(0) / self.between_keys();
+            let start = v * frames;
+            let frame_of = |key: i64| start + 1 + unit.instants + (key - keys.start) as u32;
+            let around = [frame_of(older), frame_of(older + 1)];
+            let block = start + block * length..=start + (block + 1) * length;
+            let all = || block.clone().chain(around).map(|frame| frame as usize);
+            // Where the camera stands still, nothing that stands still is rendered again anyway.
+            let camera = &trail.camera_from_world[around[0] as usize];
+            if all().all(|frame| trail.camera_from_world[frame] == *camera) {
+                return None;
+            }
+            Some(Reused { steady: steady(trail, all())?, keyframes: [older, older + 1], frames: around })
+        };
+        (0..views.len() as u32).flat_map(|v| (0..blocks).map(move |block| (v, block))).map(|(v, b)| of(v, b)).collect()
+    }
+
+    /// Which keyframes a submission draws, and what its instants read of them.
+    fn plan_reuse(
+        &mut self,
+        context: &Context,
+        views: &[View],
+        group: &Group,
+        unit: &Unit,
+        reused: &[Option<Reused>],
+        looks: &[Look],
+    ) -> Option<ReusePlan> {
+        let length = self.block_of(unit);
+        let (blocks, frames) = (unit.instants / length, self.frames(unit));
+        let every = self.between_keys();
+        let (reuse, _) = self.reuse.as_mut()?;
+        let first_view = group.views[0];
+        let lens = &views[0].lens;
+        reuse.open(&context.gpu.device, first_view, views.len() as u32, [lens.width, lens.height]);
+        let mut keyframes = Vec::new();
+        let mut instants = Vec::new();
+        for look in looks {
+            let block = look.instant / length;
+            let Some(of) = &reused[(look.view * blocks + block) as usize] else {
+                // Nothing is looked up.
+                instants.push(Instant::default());
+                continue;
+            };
+            for (number, frame) in of.keyframes.into_iter().zip(of.frames) {
+                if reuse.claim(first_view, look.view, number) {
+                    keyframes.push((block, Keyframe { view: look.view, number, frame }));
+                }
+            }
+            let us = |instant: i64| context.grid.instant_us(instant) as f64;
+            let [older, newer] = of.keyframes.map(|number| us(number * every));
+            let now = us(unit.first + i64::from(look.instant));
+            instants.push(Instant {
+                view: look.view,
+                frame: look.view * frames + look.instant + 1,
+                around: of.frames,
+                keyframes: of.keyframes,
+                weight: ((now - older) / (newer - older)) as f32,
+            });
+        }
+        let drawn: Vec<Keyframe> = keyframes.iter().map(|(_, keyframe)| *keyframe).collect();
+        let groups = reuse.upload(context, first_view, views, &instants, &drawn)?;
+        Some(ReusePlan { groups, keyframes })
+    }
+
     /// What is drawn, in order of time, then view; the numbers of its tiles go to `tiles`.
+    #[expect(clippy::too_many_arguments, reason = "all that decides what is drawn")]
     fn looks(
         &self,
         context: &Context,
         views: &[View],
         unit: &Unit,
         paces: &[Paces],
+        reused: &[Option<Reused>],
         follows: bool,
         tiles: &mut Vec<u32>,
     ) -> Vec<Look> {
         let length = self.block_of(unit);
         let blocks = unit.instants / length;
-        let frames = unit.instants + 1;
+        let frames = self.frames(unit);
         let mut looks = Vec::new();
         for block in 0..blocks {
             // By view, then by how often the instants come: rectangles, for the objects where they are at the block's end.
-            let mut plans: Vec<HashMap<u32, Vec<Rect>>> = vec![HashMap::new(); views.len()];
+            let mut plans: Vec<HashMap<u32, Vec<(Rect, bool)>>> = vec![HashMap::new(); views.len()];
             // A tile of pace p is sampled where 2^p divides this.
             for number in 1..=length {
                 let instant = block * length + number - 1;
@@ -196,6 +367,7 @@ impl AdaptiveRoom {
                 let still_too = number == length && block == 0 && !follows;
                 for (v, view) in (0..).zip(views) {
                     let of = &paces[(v * blocks + block) as usize];
+                    let reused = reused.get((v * blocks + block) as usize).and_then(Option::as_ref);
                     let active = |pace: u8| match pace {
                         STILL => still_too,
                         pace => number.trailing_zeros() >= u32::from(pace),
@@ -207,8 +379,21 @@ impl AdaptiveRoom {
                     let areas = areas(context, view, frame);
                     let size = (view.lens.width, view.lens.height);
                     let rects = plans[v as usize].entry(number.trailing_zeros()).or_insert_with(|| {
-                        let active = |x, y| active(of.tiles[(y * of.columns + x) as usize]);
-                        rects(active, size, |rect| cost(rect, &areas))
+                        let at = |x: u32, y: u32| (y * of.columns + x) as usize;
+                        let chosen = |relit: bool| {
+                            let chosen = |x, y| {
+                                active(of.tiles[at(x, y)]) && (reused.is_none() || of.relit[at(x, y)] == relit)
+                            };
+                            rects(chosen, size, |rect| cost(rect, &areas))
+                        };
+                        // What is lit anew first: where rectangles overlap, the first one stays.
+                        let anew = chosen(true).into_iter().map(|rect| (rect, true));
+                        match reused {
+                            None => anew.collect(),
+                            Some(_) => {
+                                anew.chain(chosen(false).into_iter().map(|rect| (rect, false))).collect()
+                            }
+                        }
                     });
                     let first_tile = tiles.len() as u32;
                     for (index, pace) in (0..).zip(&of.tiles) {
@@ -216,9 +401,15 @@ impl AdaptiveRoom {
                             tiles.push((index % of.columns) | (index / of.columns) << 16);
                         }
                     }
-                    let parts = rects.iter().map(|rect| (*rect, items(rect, &areas))).collect();
+                    let (mut parts, mut still) = (Vec::new(), Vec::new());
+                    for (rect, anew) in rects.iter() {
+                        let all = items(rect, &areas);
+                        let known = reused.filter(|_| !anew);
+                        still.push(known.map_or(Vec::new(), |of| of.still(context, &all)));
+                        parts.push((*rect, all));
+                    }
                     let count = tiles.len() as u32 - first_tile;
-                    looks.push(Look { view: v, instant, parts, first_tile, tiles: count });
+                    looks.push(Look { view: v, instant, parts, still, first_tile, tiles: count });
                 }
             }
         }
@@ -234,27 +425,39 @@ impl AdaptiveRoom {
         unit: &Unit,
         looks: &[Look],
         tiles: &[u32],
-    ) -> wgpu::BindGroup {
+    ) -> MeanGroups {
         let (device, queue) = (&context.gpu.device, &context.gpu.queue);
-        let mut bytes = vec![0; looks.len().max(1) * UNIFORM_ALIGNMENT as usize];
-        for (slot, look) in bytes.chunks_exact_mut(UNIFORM_ALIGNMENT as usize).zip(looks) {
+        let samples = context.offsets.len() as u32;
+        // Per look: the mean of its samples, then what each of them is the mean of.
+        let each = 1 + samples;
+        let mut bytes = vec![0; looks.len().max(1) * (each * UNIFORM_ALIGNMENT as u32) as usize];
+        let slots = bytes.chunks_exact_mut(UNIFORM_ALIGNMENT as usize);
+        for (slot, (look, pass)) in slots.zip(looks.iter().flat_map(|l| (0..each).map(move |p| (l, p)))) {
+            let layer = look.view * unit.instants + look.instant;
             let job = MeanJob {
                 first: look.first_tile,
                 count: look.tiles,
                 row: sizes::dispatch(look.tiles, 1).0,
-                layer: look.view * unit.instants + look.instant,
+                layer: if pass > 0 && samples > 1 { pass - 1 } else { layer },
             };
             slot[..size_of::<MeanJob>()].copy_from_slice(bytemuck::bytes_of(&job));
         }
         self.jobs.write(device, queue, &bytes);
         self.tiles.write(device, queue, bytemuck::cast_slice(tiles));
-        let resources = vec![
-            pass::part(self.jobs.get(), 0, size_of::<MeanJob>() as u64),
-            self.tiles.get().as_entire_binding(),
-            wgpu::BindingResource::TextureView(&self.scratch[group.targets].array),
-            wgpu::BindingResource::TextureView(&targets.layers.array),
-        ];
-        pass::group(device, "mean", &self.mean.layout, MEAN_BINDINGS, resources)
+        let scratch = &self.scratch[group.targets];
+        let view = wgpu::BindingResource::TextureView;
+        let resources = |from, to| {
+            let job = pass::part(self.jobs.get(), 0, size_of::<MeanJob>() as u64);
+            vec![job, self.tiles.get().as_entire_binding(), view(from), view(to)]
+        };
+        let layers = &targets.layers.array;
+        let mean = resources(&scratch.array, layers);
+        let resolve = self.reuse.as_ref().zip(scratch.multisampled.as_ref()).map(|((_, resolve), samples4)| {
+            let to = if samples > 1 { &scratch.array } else { layers };
+            let resources = resources(samples4, to);
+            pass::group(device, "tile resolve", &resolve.layout, TILE_RESOLVE_BINDINGS, resources)
+        });
+        MeanGroups { mean: pass::group(device, "mean", &self.mean.layout, MEAN_BINDINGS, mean), resolve }
     }
 
     /// Copies what is still from the end of one block to the end of the next.
@@ -313,6 +516,57 @@ impl AdaptiveRoom {
         }
         self.kept.insert(group.views[0], (unit.first + i64::from(unit.instants), texture));
     }
+}
+
+/// What means read and write: of samples, and of coverage samples.
+struct MeanGroups {
+    mean: wgpu::BindGroup,
+    resolve: Option<wgpu::BindGroup>,
+}
+
+/// Whose light is used again during a block of a view, and from where.
+struct Reused {
+    /// Per object: whether it stands still.
+    steady: Vec<bool>,
+    /// Numbers of the keyframes around the block.
+    keyframes: [i64; 2],
+    /// Their frames.
+    frames: [u32; 2],
+}
+
+impl Reused {
+    /// What of `all` takes its light from keyframes: nothing that moves, nothing that has holes.
+    fn still(&self, context: &Context, all: &[DrawItem]) -> Vec<DrawItem> {
+        let mut still = Vec::new();
+        for item in all.iter().filter(|item| !context.gpu_scene.draws[item.draw as usize].variant.mask) {
+            for object in item.objects.clone().filter(|&object| self.steady[object as usize]) {
+                push_item(&mut still, item.draw, object);
+            }
+        }
+        still
+    }
+}
+
+/// What a submission uses again.
+struct ReusePlan {
+    groups: ReuseGroups,
+    /// With the block at whose begin each is drawn.
+    keyframes: Vec<(u32, Keyframe)>,
+}
+
+/// Records `pass` over `tiles` tiles.
+fn encode_tiles(
+    encoder: &mut wgpu::CommandEncoder,
+    what: &ComputePass,
+    group: &wgpu::BindGroup,
+    job: [u32; 1],
+    tiles: u32,
+) {
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+    pass.set_pipeline(&what.pipeline);
+    pass.set_bind_group(0, group, &job);
+    let (x, y) = sizes::dispatch(tiles, 1);
+    pass.dispatch_workgroups(x, y, 1);
 }
 
 /// Tells the trigger the paces of blocks of `length` instants; what is still is looked at when they end.

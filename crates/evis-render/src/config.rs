@@ -21,6 +21,9 @@ pub enum Method {
     Native,
     /// Whatever the target asks for: settled when a simulator is made, see [`RunConfig::chosen`].
     Auto(Target),
+    /// Visibility is rendered at every instant; light of what stands still comes from the two keyframes around it. In
+    /// adaptive time, with four coverage samples at each sample.
+    Reproject,
     /// Keyframes are rendered; the instants between two of them are splatted from both.
     Splat(SplatConfig),
 }
@@ -31,6 +34,7 @@ impl Method {
         match self {
             Self::Native => "native",
             Self::Auto(_) => "auto",
+            Self::Reproject => "reproject",
             Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
             Self::Splat(_) => "splat",
         }
@@ -39,7 +43,7 @@ impl Method {
     /// Keyframes per second and instants per gap, where it has keyframes.
     pub const fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
-            Self::Native | Self::Auto(_) => None,
+            Self::Native | Self::Auto(_) | Self::Reproject => None,
             Self::Splat(splat) => Some((splat.keyframe_hz, splat.steps)),
         }
     }
@@ -154,7 +158,7 @@ impl RunConfig {
     pub fn block(&self) -> u32 {
         let longest = (self.rate_hz * BLOCK_S).clamp(1.0, f64::from(MAX_INSTANTS)) as u32;
         match (&self.method, self.adaptive_px) {
-            (Method::Native, Some(_)) => 1 << longest.max(1).ilog2(),
+            (Method::Native | Method::Reproject, Some(_)) => 1 << longest.max(1).ilog2(),
             _ => 1,
         }
     }
@@ -218,8 +222,8 @@ impl RunConfig {
             splat.check()?;
         }
         if let Some(px) = self.adaptive_px {
-            if !matches!(self.method, Method::Native) {
-                return Err(ConfigError::new("adaptive_px", px, "set with the native method only"));
+            if !matches!(self.method, Method::Native | Method::Reproject) {
+                return Err(ConfigError::new("adaptive_px", px, "set with native and reproject only"));
             }
             if !(px.is_finite() && px > 0.0) {
                 return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));
@@ -227,6 +231,11 @@ impl RunConfig {
             if self.antialias == Antialias::Edges {
                 return Err(ConfigError::new("antialias", "edges", "samples, where adaptive_px is set"));
             }
+        } else if self.method == Method::Reproject {
+            return Err(ConfigError::new("adaptive_px", "none", "set (pixels between two samples), for reproject"));
+        }
+        if self.method == Method::Reproject && !self.samples.is_multiple_of(4) {
+            return Err(ConfigError::new("samples", self.samples, "a multiple of 4, for reproject"));
         }
         // What a pace may stretch an interval to.
         let interval_us = self.sample_grid()?.longest_interval_us() * f64::from(self.block());

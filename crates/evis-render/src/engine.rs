@@ -47,6 +47,9 @@ const FIRST_CAPACITY: u32 = 1 << 18;
 /// The same, per pixel, where submissions are whole blocks.
 const EVENTS_PER_PIXEL: u64 = 4;
 
+/// Cells of a keyframe along a pixel's side, where light is used again.
+const KEYFRAME_CELLS: u32 = 4;
+
 /// What an upload of frames brings beside them.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Upload {
@@ -242,7 +245,17 @@ impl Engine {
             auto::choose(target, &scene, &gpu_scene, &views, config);
         }
         let edges = config.antialias == Antialias::Edges;
-        let offsets = if edges { vec![[0.0, 0.0]] } else { crate::pattern::offsets(config.samples) };
+        let reuses = config.method == Method::Reproject;
+        let offsets = match (edges, reuses) {
+            (true, _) => vec![[0.0, 0.0]],
+            // Four coverage samples lie around each, a quarter of a pixel apart in x and in y: these fill what is between.
+            (_, true) => {
+                let quarter = |o: [f32; 2]| o.map(|v| 0.25 * v);
+                crate::pattern::offsets(config.samples / 4).into_iter().map(quarter).collect()
+            }
+            _ => crate::pattern::offsets(config.samples),
+        };
+        let edges = edges || reuses;
         let samples = offsets.len() as u32;
         // A picture that is moved by an offset is sampled at the opposite place.
         let places: Vec<[f32; 2]> = offsets.iter().map(|o| o.map(|v| -v)).collect();
@@ -252,8 +265,8 @@ impl Engine {
         let block = config.block();
         // What the trigger averages, and how it comes to be.
         let (layer_samples, made) = match &config.method {
-            Method::Native if config.adaptive_px.is_some() => (1, LayerUse::Computed),
-            Method::Native | Method::Auto(_) => (samples, rendered),
+            Method::Native | Method::Reproject if config.adaptive_px.is_some() => (1, LayerUse::Computed),
+            Method::Native | Method::Auto(_) | Method::Reproject => (samples, rendered),
             Method::Splat(_) => (1, LayerUse::Computed),
         };
         let may_be_unknown = matches!(&config.method, Method::Splat(splat) if splat.fill.is_none());
@@ -265,6 +278,7 @@ impl Engine {
             environment: scene.environment.is_some(),
             samples,
             texture_taps: config.taps(),
+            cells: KEYFRAME_CELLS,
         };
         let sample_count = if edges { 4 } else { 1 };
         let luminance = raster::luminance_pipelines(
@@ -313,10 +327,11 @@ impl Engine {
         crate::shadow::draw_still_maps(&mut context);
 
         let mut sampling = match &config.method {
-            Method::Native if let Some(step_px) = config.adaptive_px => {
-                Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block)))
+            Method::Native | Method::Reproject if let Some(step_px) = config.adaptive_px => {
+                let reuse = reuses.then_some(&constants);
+                Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block, reuse)))
             }
-            Method::Native | Method::Auto(_) => Sampling::Native(NativeRoom::default()),
+            Method::Native | Method::Auto(_) | Method::Reproject => Sampling::Native(NativeRoom::default()),
             Method::Splat(splat) => Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat))),
         };
         let sizes = classes(&context.views);
@@ -324,7 +339,7 @@ impl Engine {
         let mut members = Vec::new();
         for ((width, height), views) in sizes {
             let needs = match &config.method {
-                Method::Native | Method::Auto(_) => MethodNeeds { block, ..Default::default() },
+                Method::Native | Method::Auto(_) | Method::Reproject => MethodNeeds { block, ..Default::default() },
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
             };

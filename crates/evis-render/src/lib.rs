@@ -29,6 +29,7 @@ mod pace;
 pub mod packet;
 mod pass;
 pub mod pattern;
+mod reuse;
 mod shader;
 mod shadow;
 pub mod simulator;

@@ -48,7 +48,8 @@ impl Sampling {
     /// Keyframes drawn since this was last asked.
     pub fn take_keyframes(&mut self) -> u64 {
         match self {
-            Self::Native(_) | Self::Adaptive(_) => 0,
+            Self::Native(_) => 0,
+            Self::Adaptive(room) => room.take_keyframes(),
             Self::Splat(room) => room.take_keyframes(),
         }
     }

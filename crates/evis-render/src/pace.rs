@@ -128,6 +128,8 @@ pub struct Paces {
     pub columns: u32,
     /// Per tile, row by row: every `2^pace` instants; [`STILL`] for never.
     pub tiles: Vec<u8>,
+    /// Per tile: whether a moving shadow may fall on it, or lights change.
+    pub relit: Vec<bool>,
 }
 
 /// Tiles along `pixels`.
@@ -152,21 +154,26 @@ impl Pacer {
 
     /// The paces of one view during one block.
     pub fn paces(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Paces {
-        let tiles = self.needs(gpu_scene, view).into_iter().map(|need| self.pace(need)).collect();
-        Paces { columns: tiles_along(view.lens.width), tiles }
+        let needs = self.tell(gpu_scene, view);
+        let tiles = needs.tiles.into_iter().map(|need| self.pace(need)).collect();
+        Paces { columns: needs.columns, tiles, relit: needs.relit }
     }
 
     /// Looks per instant that each tile asks for; without end where poses do not tell.
     pub fn needs(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Vec<f64> {
+        self.tell(gpu_scene, view).tiles
+    }
+
+    fn tell(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Needs {
         let lens = view.lens;
         let (columns, rows) = (tiles_along(lens.width), tiles_along(lens.height));
         let count = (columns * rows) as usize;
         let lights = self.need_of_lights(view);
         let deforms = view.visible.iter().any(|&o| self.pieces.0[o as usize].is_none());
         if lights.is_infinite() || deforms {
-            return vec![f64::INFINITY; count];
+            return Needs { columns, rows, tiles: vec![f64::INFINITY; count], relit: vec![true; count] };
         }
-        let mut needs = Needs { columns, rows, tiles: vec![lights; count] };
+        let mut needs = Needs { columns, rows, tiles: vec![lights; count], relit: vec![lights > 0.0; count] };
         let last = view.shared.len() - 1;
         let stride = (last / MOMENTS).max(1);
         let moments: Vec<usize> = (0..=last).step_by(stride).collect();
@@ -174,7 +181,7 @@ impl Pacer {
         if view.camera_from_world.iter().any(|c| *c != view.camera_from_world[0]) {
             self.camera(gpu_scene, view, &moments, &mut needs);
         }
-        needs.tiles
+        needs
     }
 
     /// `need`: looks per instant.
@@ -249,6 +256,7 @@ impl Pacer {
                     None => continue,
                     Some(Passage::Everywhere) => {
                         needs.add(*own, f64::INFINITY);
+                        needs.relight(*own);
                         continue;
                     }
                     Some(Passage::Through { reach, .. }) => reach,
@@ -269,7 +277,9 @@ impl Pacer {
                     area = area.join(seen(&hull, view.camera_from_world[k], view.lens));
                 }
                 let need = (fastest / self.step_px).max(f64::MIN_POSITIVE);
-                needs.add(area.grown(MARGIN_PX).meet(*own), need);
+                let area = area.grown(MARGIN_PX).meet(*own);
+                needs.add(area, need);
+                needs.relight(area);
             }
         }
     }
@@ -371,11 +381,21 @@ struct Needs {
     columns: u32,
     rows: u32,
     tiles: Vec<f64>,
+    /// Whether light may change there on what stands still.
+    relit: Vec<bool>,
 }
 
 impl Needs {
     fn everywhere(&mut self, need: f64) {
         self.tiles.iter_mut().for_each(|tile| *tile = tile.max(need));
+        self.relit.fill(true);
+    }
+
+    /// Light may change in the tiles that `area` touches.
+    fn relight(&mut self, area: Area) {
+        for (x, y) in tiles_of(area, self.columns, self.rows) {
+            self.relit[(y * self.columns + x) as usize] = true;
+        }
     }
 
     /// In the tiles that `area` touches.
@@ -598,7 +618,10 @@ mod tests {
 
     fn needs(lens: &PixelLens) -> Needs {
         let (columns, rows) = (tiles_along(lens.width), tiles_along(lens.height));
-        Needs { columns, rows, tiles: vec![0.0; (columns * rows) as usize] }
+        {
+            let count = (columns * rows) as usize;
+            Needs { columns, rows, tiles: vec![0.0; count], relit: vec![false; count] }
+        }
     }
 
     #[test]

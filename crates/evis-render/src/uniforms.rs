@@ -224,6 +224,42 @@ pub struct MeanJob {
     pub layer: u32,
 }
 
+/// `ReuseFrame` in `reuse/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ReuseFrame {
+    /// Columns: from the world to the older keyframe's clip space.
+    pub older_clip_from_world: [[f32; 4]; 4],
+    /// The same of the newer one.
+    pub newer_clip_from_world: [[f32; 4]; 4],
+    /// Cells of a keyframe, across and down.
+    pub cells: [f32; 2],
+    /// From the sample to the pixel's centre, in pixels.
+    pub shift: [f32; 2],
+    /// Layer of the older keyframe.
+    pub older: u32,
+    /// Layer of the newer one.
+    pub newer: u32,
+    /// Part of the newer keyframe's light.
+    pub weight: f32,
+    /// Record of the first object of the frame.
+    pub first_record: u32,
+}
+
+/// `MeanParams` in `reuse/mean.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MeanParams {
+    /// Cells per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Layer.
+    pub layer: u32,
+    /// Nothing.
+    pub pad: u32,
+}
+
 /// `ChainStep` in `chain/layout.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

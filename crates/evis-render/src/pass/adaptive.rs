@@ -15,3 +15,16 @@ pub fn mean(device: &wgpu::Device, samples: u32) -> ComputePass {
     let constants = [("SAMPLES", f64::from(samples))];
     ComputePass::new(device, "adaptive/mean.wgsl", MEAN_BINDINGS, &constants)
 }
+
+/// `adaptive/resolve.wgsl`.
+pub const TILE_RESOLVE_BINDINGS: &[Binding] = &[
+    bind(0, "job", Access::DynamicUniform),
+    bind(1, "tiles", Access::Read),
+    bind(2, "samples", Access::Multisampled),
+    bind(3, "layers", Access::StorageLayers),
+];
+
+/// The mean of four coverage samples.
+pub fn resolve(device: &wgpu::Device) -> ComputePass {
+    ComputePass::new(device, "adaptive/resolve.wgsl", TILE_RESOLVE_BINDINGS, &[])
+}

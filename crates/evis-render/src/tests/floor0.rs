@@ -7,7 +7,7 @@ use evis_core::random::StreamId;
 use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
 
 use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
-use crate::pass::{Access, Binding, adaptive, labels, splat, trigger};
+use crate::pass::{Access, Binding, adaptive, labels, reuse, splat, trigger};
 use crate::shader::{self, compose};
 use crate::uniforms;
 use crate::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
@@ -60,6 +60,16 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/emit.wgsl", &[trigger::EMIT_BINDINGS]),
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
         ("adaptive/mean.wgsl", &[adaptive::MEAN_BINDINGS]),
+        ("adaptive/resolve.wgsl", &[adaptive::TILE_RESOLVE_BINDINGS]),
+        (
+            "reuse/keyframe.wgsl",
+            &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, reuse::KEYFRAME_BINDINGS],
+        ),
+        (
+            "reuse/luminance.wgsl",
+            &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, reuse::REUSE_BINDINGS],
+        ),
+        ("reuse/mean.wgsl", &[reuse::CELL_MEAN_BINDINGS]),
         ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
     ]
@@ -72,7 +82,11 @@ fn draws_surfaces(file: &str) -> bool {
 /// The interface that the file's pass asks for.
 fn interface(file: &str) -> Interface {
     let shades = compose(file, "").contains("fn surface_radiance(");
-    Interface { normal_label: file.starts_with("labels/appearance"), shades }
+    Interface {
+        normal_label: file.starts_with("labels/appearance"),
+        shades,
+        places: file.starts_with("reuse/"),
+    }
 }
 
 fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Module {
@@ -351,6 +365,22 @@ fn host_and_shader_structs_have_one_layout() {
         }
     );
     same_layout!("adaptive/mean.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
+    same_layout!("adaptive/resolve.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
+    same_layout!("reuse/mean.wgsl", "MeanParams", uniforms::MeanParams { width, height, layer, pad });
+    same_layout!(
+        "reuse/luminance.wgsl",
+        "ReuseFrame",
+        uniforms::ReuseFrame {
+            older_clip_from_world,
+            newer_clip_from_world,
+            cells,
+            shift,
+            older,
+            newer,
+            weight,
+            first_record,
+        }
+    );
     same_layout!("chain/walk.wgsl", "ChainStep", uniforms::ChainStep { mode, first, end, pad });
     same_layout!(
         "chain/walk.wgsl",
