@@ -67,6 +67,9 @@ def micros(what: str, seconds: float) -> int:
     return round(seconds * 1e6)
 
 
+REPROJECT_STEP_PX = 0.3  # where adaptive_px is not given
+
+
 class Simulator:
     """Renders a scene as event cameras see it.
 
@@ -78,7 +81,7 @@ class Simulator:
         Sensor of every camera, or the name of a preset; a camera's own thresholds come before the sensor's.
         Ideal, 0.2 / 0.2, where not given (with the method ``evis-paper``: the same that latches, with
         ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
-    method : {"auto", "native", "splat", "evis-paper"} or Splat, optional
+    method : {"auto", "native", "reproject", "splat", "evis-paper"} or Splat, optional
         How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses
         method, rate and samples for a target (and rays for shadows, for ``exact``). Where not given:
         ``native`` if any of ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and ``texture_taps`` is,
@@ -205,11 +208,11 @@ class Simulator:
         self._engine = _evis.Simulator(
             scene._raw,
             sensor=sensor._json(),
-            method=("auto" if method == "auto" else "native") if splat is None else "splat",
+            method=str(method) if splat is None else "splat",
             target=target,
             splat=_method.as_json(splat),
             rate_hz=1000.0 if rate_hz is None else rate_hz,
-            adaptive_px=adaptive_px,
+            adaptive_px=REPROJECT_STEP_PX if method == "reproject" and adaptive_px is None else adaptive_px,
             samples=4 if samples is None else _whole("samples", samples, 2**32),
             antialias=antialias or "samples",
             texture_taps=texture_taps,

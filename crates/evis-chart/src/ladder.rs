@@ -62,6 +62,14 @@ impl Setting {
         Self { adaptive_px: Some(step_px), ..native }
     }
 
+    /// Visibility at every instant of adaptive time, light from keyframes.
+    pub fn reproject(step_px: f64, rate_hz: f64, samples: u32) -> Self {
+        let adaptive = Self::adaptive(step_px, rate_hz, samples);
+        let setting = Self { method: "reproject".into(), ..adaptive };
+        let keyframe_hz = setting.run_config(&RunConfig::default()).and_then(|config| config.keyframe_hz());
+        Self { rendered_hz: keyframe_hz.unwrap_or(rate_hz), ..setting }
+    }
+
     /// What `auto` makes of `target`. Rates and samples are known when it has run.
     pub fn auto(target: Target) -> Self {
         let native = Self::native(1000.0, 1, Antialias::Samples, TriggerRule::Crossing);
@@ -74,7 +82,9 @@ impl Setting {
             return self;
         }
         let rate_hz = config.rate_hz;
-        Self { rate_hz, rendered_hz: drawn_hz.min(rate_hz), samples: config.samples, ..self }
+        // With keyframes, these are what a heavier renderer renders.
+        let rendered_hz = config.keyframe_hz().unwrap_or(drawn_hz.min(rate_hz));
+        Self { rate_hz, rendered_hz, samples: config.samples, ..self }
     }
 
     /// Keyframes of `samples` samples, and splatted instants between them.
@@ -103,6 +113,7 @@ impl Setting {
     pub fn engine_method(&self) -> Option<Method> {
         match (self.method.as_str(), self.splat) {
             ("native", None) => Some(Method::Native),
+            ("reproject", None) => Some(Method::Reproject),
             ("auto", None) => self.target.map(Method::Auto),
             ("splat" | "evis-paper", Some(splat)) => Some(Method::Splat(splat)),
             _ => None,
@@ -129,7 +140,8 @@ impl Setting {
         }
         let mut label = String::new();
         if let Some(px) = self.adaptive_px {
-            label = format!("{} px up to {} Hz", number(px), number(self.rate_hz));
+            let method = if self.method == "native" { String::new() } else { format!("{} ", self.method) };
+            label = format!("{method}{} px up to {} Hz", number(px), number(self.rate_hz));
         } else if self.method != "native" {
             label = format!("{} ", self.method);
         }
@@ -210,7 +222,8 @@ impl Setting {
         if self.target.is_some() {
             "auto".into()
         } else if self.adaptive_px.is_some() {
-            format!("adaptive, {trigger}, {pixel}")
+            let method = if self.method == "native" { "adaptive" } else { &self.method };
+            format!("{method}, {trigger}, {pixel}")
         } else if self.method == "native" {
             format!("{trigger}, {pixel}")
         } else {
@@ -226,7 +239,10 @@ impl Setting {
         let mut flags = match &self.splat {
             None => match self.adaptive_px {
                 None => format!("--rate {}", number(self.rate_hz)),
-                Some(px) => format!("--rate {} --adaptive {}", number(self.rate_hz), number(px)),
+                Some(px) => {
+                    let flags = format!("--rate {} --adaptive {}", number(self.rate_hz), number(px));
+                    if self.method == "native" { flags } else { format!("--method {} {flags}", self.method) }
+                }
             },
             Some(splat) => {
                 let (rate, steps) = (number(splat.keyframe_hz), splat.steps);
@@ -304,6 +320,8 @@ pub struct Ladder {
     pub published: bool,
     /// Pixels that anything may move between two samples of it, at 4000 Hz at most, with 4 samples.
     pub adaptive_px: Vec<f64>,
+    /// The same of `reproject`, with 4 and with 16 coverage samples.
+    pub reproject_px: Vec<f64>,
     /// What `auto` is asked for.
     pub targets: Vec<Target>,
     /// Keyframes per second and instants per gap of `splat`, with 4 samples.
@@ -323,6 +341,7 @@ impl Default for Ladder {
             most_samples_hz: Some(16_000.0),
             published: true,
             adaptive_px: vec![1.0, 0.5, 0.25],
+            reproject_px: vec![0.5],
             targets: vec![Target::Draft, Target::Default],
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
             splat_options: true,
@@ -342,6 +361,7 @@ impl Ladder {
             most_samples_hz: Some(16_000.0),
             published: true,
             adaptive_px: vec![0.5],
+            reproject_px: vec![0.5],
             targets: vec![Target::Draft],
             splat: vec![(125.0, 8)],
             splat_options: false,
@@ -392,6 +412,11 @@ impl Ladder {
         }
         for &step_px in &self.adaptive_px {
             let setting = Setting::adaptive(step_px, ADAPTIVE_HZ, 4);
+            setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
+            add(setting);
+        }
+        for (&step_px, count) in self.reproject_px.iter().flat_map(|px| [4, 16].map(|count| (px, count))) {
+            let setting = Setting::reproject(step_px, ADAPTIVE_HZ, count);
             setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
             add(setting);
         }

@@ -137,7 +137,9 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
     }
-    config.adaptive_px = args.adaptive;
+    // Reproject has no other time than adaptive time.
+    let reprojects = config.method == Method::Reproject;
+    config.adaptive_px = args.adaptive.or(reprojects.then_some(REPROJECT_STEP_PX));
     config.texture_taps = args.texture_taps;
     if let Some(shadows) = args.shadows {
         config.shadows = shadows.into();
@@ -164,6 +166,9 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     }
     Ok(config)
 }
+
+/// Pixels that anything may move between two samples, where `--method reproject` is not told by `--adaptive`.
+const REPROJECT_STEP_PX: f64 = 0.3;
 
 /// The method with its flags; flags of another method are refused, they would be ignored.
 fn method(args: &RunArgs) -> anyhow::Result<Method> {

@@ -12,7 +12,6 @@ use crate::area::{Area, Rect};
 use crate::engine::{Context, Upload};
 use crate::frame_buffers::GrowingBuffer;
 use crate::gpu_scene::{DrawItem, push_item};
-use crate::grid::SampleGrid;
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::pace::{Pacer, Paces, Passing, STILL, rects, tiles_along};
 use crate::pass::adaptive::{MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
@@ -30,15 +29,6 @@ const DRAW_PX: f64 = 100.0;
 const INDEX_PX: f64 = 0.3;
 /// What a rectangle takes.
 const RECT_PX: f64 = 200.0;
-
-/// Microseconds from one keyframe to the next, about: 30 a second.
-const KEY_US: f64 = 33_000.0;
-
-/// Blocks of `block` instants from one keyframe to the next, where light is used again.
-fn blocks_per_key(grid: &SampleGrid, block: u32) -> u32 {
-    let longest = KEY_US / (grid.longest_interval_us() * f64::from(block));
-    1 << (longest.max(1.0) as u32).ilog2()
-}
 
 /// The room.
 pub struct AdaptiveRoom {
@@ -75,21 +65,21 @@ struct Look {
 }
 
 impl AdaptiveRoom {
-    /// For blocks of `block` instants within which nothing moves more than `step_px` pixels unseen; with `reuse`, light is
-    /// used again.
-    pub fn new(context: &Context, step_px: f64, block: u32, reuse: Option<&SceneConstants>) -> Self {
+    /// For blocks of `block` instants within which nothing moves more than `step_px` pixels unseen. With `reuse`, light is
+    /// used again: of keyframes so many blocks apart.
+    pub fn new(context: &Context, step_px: f64, block: u32, reuse: Option<(&SceneConstants, u32)>) -> Self {
         let device = &context.gpu.device;
         let samples = context.offsets.len() as u32;
         Self {
             pacer: Pacer::new(&context.scene, &context.gpu_scene, step_px, block),
             block,
-            blocks_per_key: blocks_per_key(&context.grid, block),
+            blocks_per_key: reuse.map_or(1, |(_, blocks)| blocks),
             sky: context.sky.is_some(),
             mean: crate::pass::adaptive::mean(device, samples),
             jobs: GrowingBuffer::new(device, "mean jobs", wgpu::BufferUsages::UNIFORM),
             tiles: GrowingBuffer::new(device, "tiles", wgpu::BufferUsages::STORAGE),
             scratch: Vec::new(),
-            reuse: reuse.map(|constants| {
+            reuse: reuse.map(|(constants, _)| {
                 (ReuseRoom::new(context, constants), crate::pass::adaptive::resolve(device))
             }),
             kept: HashMap::new(),

@@ -11,6 +11,8 @@ use crate::splat_config::SplatConfig;
 
 /// Seconds of a block of adaptive sampling.
 const BLOCK_S: f64 = 0.016;
+/// Seconds from one keyframe of `reproject` to the next, at most.
+const KEY_S: f64 = 0.034;
 
 /// How an instant is sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -160,6 +162,20 @@ impl RunConfig {
         match (&self.method, self.adaptive_px) {
             (Method::Native | Method::Reproject, Some(_)) => 1 << longest.max(1).ilog2(),
             _ => 1,
+        }
+    }
+
+    /// Blocks from one keyframe of `reproject` to the next, a power of two: some 30 keyframes a second.
+    pub fn blocks_per_key(&self) -> u32 {
+        let longest = KEY_S * self.rate_hz / f64::from(self.block());
+        1 << (longest.clamp(1.0, 1e6) as u32).ilog2()
+    }
+
+    /// Keyframes per second, where the method has any.
+    pub fn keyframe_hz(&self) -> Option<f64> {
+        match &self.method {
+            Method::Reproject => Some(self.rate_hz / f64::from(self.block() * self.blocks_per_key())),
+            other => other.keyframes().map(|(hz, _)| hz),
         }
     }
 

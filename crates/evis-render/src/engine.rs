@@ -328,7 +328,7 @@ impl Engine {
 
         let mut sampling = match &config.method {
             Method::Native | Method::Reproject if let Some(step_px) = config.adaptive_px => {
-                let reuse = reuses.then_some(&constants);
+                let reuse = reuses.then(|| (&constants, config.blocks_per_key()));
                 Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block, reuse)))
             }
             Method::Native | Method::Auto(_) | Method::Reproject => Sampling::Native(NativeRoom::default()),
