@@ -67,7 +67,7 @@ struct Taps {
     down: vec2<f32>,
     columns: u32,
     rows: u32,
-    // What the grid is too coarse for, the mip levels average.
+    // What the grid is too coarse for, a mip level averages: one, a texel of which is no larger than from place to place.
     level: f32,
 };
 
@@ -85,8 +85,9 @@ fn texture_taps(uv: vec2<f32>, size: vec2<u32>) -> Taps {
     let fine = clamp(2.0 * max(texels.x, texels.y) - 1.0, 0.0, 1.0);
     let middle = uv + fine * (pixel_x * share.shift.x + pixel_y * share.shift.y);
     let first = middle - 0.5 * (dx + dy) + 0.5 * (dx / count.x + dy / count.y);
-    // Off 0, where log2 is not defined: magnified beyond any level.
-    let level = log2(max(max(apart.x, apart.y), 1e-12));
+    // Off 0, where log2 is not defined: magnified beyond any level. A blend of two levels would read twice as many texels, the
+    // coarser ones wider than the places are apart: it blurs.
+    let level = floor(log2(max(max(apart.x, apart.y), 1e-12)));
     return Taps(first, dx / count.x, dy / count.y, u32(count.x), u32(count.y), level);
 }
 
