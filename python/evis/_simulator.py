@@ -82,7 +82,9 @@ class Simulator:
         Ideal, 0.2 / 0.2, where not given (with the method ``evis-paper``: the same that latches, with
         ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
     method : {"auto", "native", "reproject", "splat", "evis-paper"} or Splat, optional
-        How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses
+        How instants are sampled: each rendered (``native``); visibility at each, in adaptive time, and light
+        of what stands still from some 30 keyframes a second (``reproject``); or splatted from keyframes.
+        ``auto`` chooses
         method, rate and samples for a target (and rays for shadows, for ``exact``). Where not given:
         ``native`` if any of ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and ``texture_taps`` is,
         else ``auto``.
@@ -91,11 +93,11 @@ class Simulator:
         elsewhere.
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
-        ``native``: a method with keyframes has its own.
+        ``native`` and ``reproject``: a splat has its own.
     adaptive_px : float, optional
-        Only for ``native``: each tile of the picture is rendered no more often than that nothing it may show
-        moves farther than so many pixels between two of its samples, and ``rate_hz`` at most. Everything is
-        rendered at ``rate_hz`` where not given.
+        Only for ``native`` and ``reproject``: each tile of the picture is rendered no more often than that
+        nothing it may show moves farther than so many pixels between two of its samples, and ``rate_hz`` at
+        most. Where not given, ``native`` renders everything at ``rate_hz``, and ``reproject`` takes 0.3.
     samples : int, optional
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional

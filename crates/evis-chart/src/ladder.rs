@@ -544,6 +544,7 @@ mod tests {
             most_samples_hz: None,
             published: false,
             adaptive_px: vec![],
+            reproject_px: vec![],
             targets: vec![],
             splat: vec![],
             splat_options: false,

@@ -499,7 +499,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_published: bool,
 
-    /// Leave out adaptive time and `auto`.
+    /// Leave out adaptive time, `reproject` and `auto`.
     #[arg(long)]
     pub(crate) no_adaptive: bool,
 

@@ -106,6 +106,12 @@ impl AdaptiveRoom {
         std::mem::take(&mut self.drawn_pixels)
     }
 
+    /// Where light comes from that is used again.
+    #[cfg(test)]
+    pub fn reuse(&self) -> Option<&ReuseRoom> {
+        self.reuse.as_ref().map(|(reuse, _)| reuse)
+    }
+
     /// Keyframes drawn since this was last asked.
     pub fn take_keyframes(&mut self) -> u64 {
         self.reuse.as_mut().map_or(0, |(reuse, _)| reuse.take_keyframes())

@@ -186,6 +186,13 @@ impl ReuseRoom {
         self.depth.push(depth.create_view(&Default::default()));
     }
 
+    /// Lights, keys and means, of a view's two keyframes in turn.
+    #[cfg(test)]
+    pub fn textures(&self, first_view: usize) -> Option<[&wgpu::Texture; 3]> {
+        let store = self.stores.get(&first_view)?;
+        Some([&store.lights.texture, &store.keys.texture, &store.means.texture])
+    }
+
     /// Keyframes drawn since this was last asked.
     pub fn take_keyframes(&mut self) -> u64 {
         std::mem::take(&mut self.drawn)

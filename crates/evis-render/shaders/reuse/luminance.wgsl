@@ -2,7 +2,7 @@
 #import reuse/layout.wgsl
 // The first raster pass of `reproject`: what stands still in the world takes its light from the two keyframes around,
 // where both show it and agree. Elsewhere nothing is drawn, and the pass that shades finds the place empty: software drivers
-// run both sides of a branch, but shade nothing that is behind what was drawn. Twin: cpu/reuse.rs.
+// run both sides of a branch, but shade nothing that is behind what was drawn. Test: tests/floor3_reproject.rs.
 
 // Cells along a pixel's side.
 override CELLS: f32 = 4.0;

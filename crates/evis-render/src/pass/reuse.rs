@@ -1,4 +1,4 @@
-//! `reuse/*.wgsl`: keyframes of light, and surfaces that take theirs from two of them. Twin: `cpu/reuse.rs`.
+//! `reuse/*.wgsl`: keyframes of light, and surfaces that take theirs from two of them. Twin of the means: `cpu/reuse.rs`.
 
 use super::raster::{
     LUMINANCE_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline,

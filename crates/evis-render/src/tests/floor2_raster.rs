@@ -104,6 +104,8 @@ fn changes<T: PartialEq>(at: [f64; 2], reach: f64, see: impl Fn([f64; 2]) -> T) 
 struct Twin<'a> {
     /// One per sample: each reads textures by its own share of the pixel.
     samples: Vec<RayCaster<'a>>,
+    /// The same with shares a little smaller and larger: where these differ, rounding decides which level is read.
+    rounded: Vec<[RayCaster<'a>; 2]>,
     /// Textures read at their base level, and half a level deeper than the device should.
     base: RayCaster<'a>,
     deeper: RayCaster<'a>,
@@ -123,6 +125,7 @@ impl<'a> Twin<'a> {
         };
         Self {
             samples: shares.iter().map(|share| with(averaged(share, 1.0, taps))).collect(),
+            rounded: shares.iter().map(|s| [0.999, 1.001].map(|by| with(averaged(s, by, taps)))).collect(),
             base: with(TextureFilter::BaseLevel),
             deeper: with(averaged(&Share { shift: [0.0; 2], ..shares[0] }, 2.0, taps)),
             camera: pinhole(scene, state),
@@ -147,10 +150,14 @@ impl<'a> Twin<'a> {
         let dark = |p: [f64; 2]| self.base.radiance_at(camera, p) == DVec3::ZERO;
         centers()
             .map(|c| {
-                offsets.iter().any(|o| {
+                offsets.iter().zip(&self.rounded).any(|(o, [less, more])| {
                     let at = [c[0] + o[0], c[1] + o[1]];
                     changes(at, case.reach, triangle)
                         || case.shadow_reach.is_some_and(|reach| changes(at, reach, dark))
+                        || case.minified && {
+                            let [less, more] = [less, more].map(|r| r.radiance_at(camera, at).element_sum());
+                            (less - more).abs() > 0.02 * less
+                        }
                         || !case.minified
                             && self.base.radiance_at(camera, at) != self.deeper.radiance_at(camera, at)
                 })

@@ -10,6 +10,7 @@ mod floor3;
 mod floor3_adaptive;
 mod floor3_chain;
 mod floor3_frames;
+mod floor3_reproject;
 mod floor3_splat;
 mod floor3_still;
 mod pushed;

@@ -1,0 +1,164 @@
+//! Floors 2 and 3: keyframes of light against their twin, light from them against light that was shaded, and bytes.
+
+use std::sync::Arc;
+
+use evis_core::Event;
+use evis_scene::Scene;
+
+use crate::config::{Method, RunConfig};
+use crate::cpu::reuse::Cells;
+use crate::engine::Engine;
+use crate::gpu::Gpu;
+use crate::method::Sampling;
+use crate::view;
+
+fn scene(name: &str) -> Arc<Scene> {
+    Arc::new(evis_scene::builtin::load(name, 0).unwrap())
+}
+
+fn config(method: Method) -> RunConfig {
+    RunConfig {
+        size: Some((128, 96)),
+        rate_hz: 1000.0,
+        adaptive_px: Some(0.3),
+        samples: 4,
+        reference_luminance: Some(1.0),
+        method,
+        ..Default::default()
+    }
+}
+
+fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig) -> Engine {
+    let mut config = config.clone();
+    let (views, _) = view::views(scene, &config).unwrap();
+    Engine::new(gpu, scene.clone(), views, &mut config).unwrap()
+}
+
+/// 64 ms of `scene` in steps of `step_us`: the events of each view, and the keyframes drawn.
+fn run(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &RunConfig,
+    step_us: i64,
+    buffers: Option<(u32, u32)>,
+) -> (Vec<Vec<Event>>, u64) {
+    let mut engine = engine(gpu, scene, config);
+    if let Some((capacity, most)) = buffers {
+        engine.limit_buffers(capacity, most);
+    }
+    let (mut events, mut keyframes) = (Vec::new(), 0);
+    for until_us in (1..=64_000 / step_us).map(|step| step * step_us) {
+        let packet = engine.deliver(until_us, until_us).unwrap();
+        keyframes += packet.report.keyframes;
+        events.resize(packet.views.len(), Vec::new());
+        events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
+    }
+    (events, keyframes)
+}
+
+/// Layer `layer` of a texture of 32-bit texels, rows of which are a multiple of 256 bytes long.
+fn texels(gpu: &Gpu, texture: &wgpu::Texture, layer: u32) -> Vec<u32> {
+    let size = texture.size();
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: u64::from(size.width * size.height) * 4,
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    });
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.copy_texture_to_buffer(
+        wgpu::TexelCopyTextureInfo {
+            origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
+            ..texture.as_image_copy()
+        },
+        wgpu::TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(size.width * 4),
+                rows_per_image: None,
+            },
+        },
+        wgpu::Extent3d { depth_or_array_layers: 1, ..size },
+    );
+    gpu.queue.submit([encoder.finish()]);
+    super::read(gpu, &buffer)
+}
+
+#[test]
+fn a_keyframes_means_are_their_twins() {
+    let Some(gpu) = super::device() else { return };
+    let mut engine = engine(&gpu, &scene("street"), &config(Method::Reproject));
+    engine.deliver(1_000, 1_000).unwrap();
+    let Sampling::Adaptive(room) = engine.parts().1 else { panic!("not in adaptive time") };
+    let [lights, keys, means] = room.reuse().unwrap().textures(0).unwrap().map(|t| texels(&gpu, t, 0));
+    let lights: Vec<f32> = lights.into_iter().map(f32::from_bits).collect();
+    let (width, cells) = (128 * 4, Cells { width: 128 * 4, lights: &lights, keys: &keys });
+    let (mut known, mut apart) = (0, 0);
+    for (place, mean) in means.into_iter().map(f32::from_bits).enumerate() {
+        let twin = cells.mean_at(place % width, place / width, 4, 0.02);
+        assert_eq!(mean < 0.0, twin < 0.0, "{place}");
+        assert!((mean - twin).abs() <= 1e-6 * twin.abs(), "{place}: {mean} and {twin}");
+        known += usize::from(mean >= 0.0);
+        apart += usize::from(mean < 0.0);
+    }
+    assert!(known > width * 100 && apart > width * 20, "{known} known, {apart} not");
+}
+
+#[test]
+fn light_from_keyframes_is_the_light_that_would_be_shaded() {
+    let Some(gpu) = super::device() else { return };
+    for name in ["spinner", "street", "warehouse"] {
+        let scene = scene(name);
+        // 16 samples, and what is sampled 16 ms after one keyframe and before the next.
+        let at = |method: Method, instant: i64| {
+            let config = RunConfig { samples: 16, ..config(method) };
+            let mut engine = engine(&gpu, &scene, &config);
+            if let Sampling::Adaptive(room) = engine.parts().1 {
+                room.forced = Some(0);
+            }
+            // The block that begins at instant 17.
+            engine.instants(17, 16).unwrap().swap_remove((instant - 17) as usize)
+        };
+        let (shaded, later, reused) =
+            (at(Method::Native, 20), at(Method::Native, 30), at(Method::Reproject, 20));
+        let apart = |a: &[f32], b: &[f32]| {
+            let mut all: Vec<f64> =
+                a.iter().zip(b).map(|(a, b)| (f64::from(*a) / f64::from(*b)).ln().abs()).collect();
+            all.sort_by(f64::total_cmp);
+            [0.5, 0.9].map(|part| all[(part * all.len() as f64) as usize])
+        };
+        let ([median, most], [far, _]) = (apart(&reused, &shaded), apart(&reused, &later));
+        assert!(median < 0.03 && most < 0.2, "{name}: {median:.4}, {most:.4}");
+        assert!(far > 2.0 * median, "{name}: canary {far:.4} beside {median:.4}");
+    }
+}
+
+#[test]
+fn packets_reruns_and_neighbours_change_no_byte() {
+    let Some(gpu) = super::device() else { return };
+    let variant = |time_offset_s| evis_scene::Variant { time_offset_s, ..Default::default() };
+    for name in ["spinner", "street"] {
+        let alone = scene(name);
+        let config = config(Method::Reproject);
+        let (expected, keyframes) = run(&gpu, &alone, &config, 64_000, None);
+        // At 0, 32 and 64 ms.
+        assert!(expected[0].len() > 100 && keyframes == 3, "{name}: {keyframes} keyframes");
+        for (step_us, buffers) in [(4_000, None), (1_000, None), (64_000, Some((16, 1 << 20)))] {
+            let (events, _) = run(&gpu, &alone, &config, step_us, buffers);
+            assert!(events == expected, "{name}: steps of {step_us} us, {buffers:?}");
+        }
+        let mut both = (*alone).clone();
+        both.variants = vec![variant(0.0), variant(0.7)];
+        let (events, _) = run(&gpu, &Arc::new(both), &config, 16_000, None);
+        assert!(events[0] == expected[0] && events[1] != events[0], "{name}: beside another");
+    }
+}
+
+#[test]
+fn where_the_camera_stands_still_it_is_native() {
+    let Some(gpu) = super::device() else { return };
+    let desk = scene("desk");
+    let (events, keyframes) = run(&gpu, &desk, &config(Method::Reproject), 16_000, None);
+    assert!(events[0].len() > 100 && keyframes == 0, "{} events, {keyframes} keyframes", events[0].len());
+}
