@@ -16,7 +16,7 @@ struct MeanJob {
 @group(0) @binding(0) var<uniform> job: MeanJob;
 // Column | row << 16.
 @group(0) @binding(1) var<storage, read> tiles: array<u32>;
-@group(0) @binding(2) var samples: texture_2d_array<f32>;
+@group(0) @binding(2) var samples: texture_storage_2d_array<r32float, read>;
 @group(0) @binding(3) var layers: texture_storage_2d_array<r32float, write>;
 
 @compute @workgroup_size(16, 16)
@@ -33,7 +33,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) i
     }
     var sum = 0.0;
     for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(samples, pixel, s, 0).r;
+        sum += textureLoad(samples, pixel, s).r;
     }
     textureStore(layers, pixel, job.layer, vec4<f32>(sum * (1.0 / f32(SAMPLES)), 0.0, 0.0, 0.0));
 }
