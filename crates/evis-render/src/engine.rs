@@ -41,7 +41,7 @@ use crate::view::View;
 const RING: usize = 3;
 /// Submissions are kept near this long, so that a stop, which is seen between them, is seen soon. How instants are
 /// grouped never shows in the events.
-const SUBMISSION_MS: f64 = 200.0;
+const SUBMISSION_MS: f64 = 400.0;
 /// Events that a submission's buffer holds at first.
 const FIRST_CAPACITY: u32 = 1 << 18;
 /// The same, per pixel, where submissions are whole blocks.

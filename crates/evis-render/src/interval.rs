@@ -14,8 +14,8 @@ use crate::pass::trigger::{
 };
 use crate::pass::{self, ComputePass};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
-use crate::targets::{Layers, Targets};
-use crate::uniforms::{BlockParams, PixelMemory, ScanParams, Status, TriggerParams, ViewSensor};
+use crate::targets::{Layers, Targets, array, whole};
+use crate::uniforms::{BlockParams, ScanParams, Status, TriggerParams, ViewSensor};
 use crate::variant::INSTANCE_SLOT;
 
 /// Some instants of one group.
@@ -75,6 +75,24 @@ impl Unit {
     }
 }
 
+/// What survives a submission in the pixels of a group.
+pub enum PixelStore {
+    /// Of thresholds alone: a layer per view, a texel per pixel. Its first half is a `PixelMemory`, its second what counting
+    /// tells emitting.
+    Layers(wgpu::TextureView),
+    /// Of a chain: its planes.
+    Planes(wgpu::Buffer),
+}
+
+impl PixelStore {
+    fn binding(&self) -> wgpu::BindingResource<'_> {
+        match self {
+            Self::Layers(view) => wgpu::BindingResource::TextureView(view),
+            Self::Planes(buffer) => buffer.as_entire_binding(),
+        }
+    }
+}
+
 /// Views that go through one submission, and what survives it.
 pub struct Group {
     /// Index of its targets.
@@ -82,13 +100,13 @@ pub struct Group {
     /// Indices of its views, in view order.
     pub views: Vec<usize>,
     /// Old and new pixel memory, in turn.
-    pub memory: [wgpu::Buffer; 2],
+    pub memory: [PixelStore; 2],
     /// Which of them is the old one.
     pub parity: usize,
     /// Status of its last submission.
     pub status: wgpu::Buffer,
-    /// Per view.
-    pub sensors: wgpu::Buffer,
+    /// Per view a texel: [`ViewSensor`].
+    sensors: wgpu::TextureView,
     /// Where each view's events start.
     pub view_offsets: wgpu::Buffer,
     /// What the whole chain needs, where it is on.
@@ -124,13 +142,29 @@ impl Group {
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let pixels = u64::from(padded_pixels(targets.width, targets.height)) * views.len() as u64;
-        let pixel_bytes = match &chain {
-            Some((passes, _)) => 4 * u64::from(passes.plan.planes.count),
-            None => size_of::<PixelMemory>() as u64,
-        };
         // Most events of a pixel, per view and instant.
         let peaks = if chain.is_some() { 4 * u64::from(sizes::MAX_INSTANTS) * views.len() as u64 } else { 0 };
-        let memory = || buffer("pixel memory", pixels * pixel_bytes, storage | wgpu::BufferUsages::COPY_SRC);
+        let view_count = views.len() as u32;
+        let memory = || match &chain {
+            Some((passes, _)) => {
+                let bytes = pixels * 4 * u64::from(passes.plan.planes.count);
+                PixelStore::Planes(buffer("pixel memory", bytes, storage | wgpu::BufferUsages::COPY_SRC))
+            }
+            None => {
+                let size = [targets.width, targets.height, view_count];
+                let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC;
+                let format = wgpu::TextureFormat::Rgba32Uint;
+                let texture = array(&gpu.device, "pixel memory", size, format, usage);
+                PixelStore::Layers(whole(&texture))
+            }
+        };
+        let sensor_texels = array(
+            &gpu.device,
+            "sensors",
+            [view_count, 1, 1],
+            wgpu::TextureFormat::Rgba32Float,
+            wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        );
         let group = Self {
             targets: targets_index,
             memory: [memory(), memory()],
@@ -140,7 +174,7 @@ impl Group {
                 size_of::<Status>() as u64 + peaks,
                 storage | wgpu::BufferUsages::COPY_SRC,
             ),
-            sensors: buffer("sensors", size_of_val(sensors) as u64, storage),
+            sensors: sensor_texels.create_view(&Default::default()),
             view_offsets: buffer(
                 "view offsets",
                 4 * (views.len() as u64 + 1),
@@ -161,7 +195,16 @@ impl Group {
         let block_count = (pixels / u64::from(BLOCK_PIXELS)) as u32;
         let row = sizes::dispatch(block_count, WORKGROUP).0 * WORKGROUP;
         let queue = &gpu.queue;
-        queue.write_buffer(&group.sensors, 0, bytemuck::cast_slice(sensors));
+        queue.write_texture(
+            sensor_texels.as_image_copy(),
+            bytemuck::cast_slice(sensors),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(size_of_val(sensors) as u32),
+                rows_per_image: None,
+            },
+            sensor_texels.size(),
+        );
         queue.write_buffer(&group.block_params, 0, bytemuck::bytes_of(&BlockParams { block_count, row }));
         group
     }
@@ -529,8 +572,7 @@ fn ideal_walks<'a>(
     slot: &Slot,
 ) -> (Vec<PixelWalk<'a>>, PixelWalk<'a>) {
     let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
-    let layers = || wgpu::BindingResource::TextureView(&targets.layers.array);
-    let paces = || wgpu::BindingResource::TextureView(&targets.paces_view);
+    let texture = wgpu::BindingResource::TextureView;
     let counting = pass::group(
         device,
         "count",
@@ -538,14 +580,14 @@ fn ideal_walks<'a>(
         COUNT_BINDINGS,
         vec![
             slot.params.as_entire_binding(),
-            group.sensors.as_entire_binding(),
-            layers(),
-            old.as_entire_binding(),
-            new.as_entire_binding(),
+            texture(&group.sensors),
+            texture(&targets.layers.array),
+            old.binding(),
+            new.binding(),
             targets.counts.as_entire_binding(),
             group.status.as_entire_binding(),
-            targets.fired.as_entire_binding(),
-            paces(),
+            texture(&targets.means),
+            texture(&targets.paces_view),
         ],
     );
     let emitting = pass::group(
@@ -555,16 +597,15 @@ fn ideal_walks<'a>(
         EMIT_BINDINGS,
         vec![
             slot.params.as_entire_binding(),
-            group.sensors.as_entire_binding(),
-            layers(),
-            old.as_entire_binding(),
-            targets.counts.as_entire_binding(),
+            texture(&group.sensors),
+            texture(targets.mean_layers()),
+            old.binding(),
+            new.binding(),
             targets.prefixes.as_entire_binding(),
             targets.block_sums.as_entire_binding(),
             group.status.as_entire_binding(),
             slot.events.as_entire_binding(),
-            targets.fired.as_entire_binding(),
-            paces(),
+            texture(&targets.paces_view),
         ],
     );
     (vec![(&count.pipeline, counting)], (&emit.pipeline, emitting))
@@ -596,8 +637,8 @@ fn chain_walks<'a>(
                 wgpu::BindingResource::TextureView(&targets.layers.array),
                 frozen.as_entire_binding(),
                 feed.as_entire_binding(),
-                old.as_entire_binding(),
-                new.as_entire_binding(),
+                old.binding(),
+                new.binding(),
                 // The emitting walk finds its counts in their prefixes: one binding less.
                 if matches!(walk, Walk::Emit(_)) { &targets.prefixes } else { &targets.counts }
                     .as_entire_binding(),

@@ -60,8 +60,8 @@ pub fn plan(
     limits: DeviceLimits,
 ) -> Option<Plan> {
     let pixels = u64::from(padded_pixels(width, height));
-    // Eight bytes of pixel memory per pixel are the widest per-pixel binding.
-    let by_binding = limits.storage_binding / (pixels * 8).max(needs.bytes);
+    // Four bytes per pixel are the widest of the trigger's buffers: counts.
+    let by_binding = limits.storage_binding / (pixels * 4).max(needs.bytes);
     if width > limits.texture_edge
         || height > limits.texture_edge
         || samples > limits.texture_layers
@@ -130,8 +130,8 @@ mod tests {
                         continue;
                     };
                     assert!(plan.layers <= 256 && plan.instants >= 1 && plan.views_per_group >= 1);
-                    let memory = u64::from(plan.views_per_group) * u64::from(padded_pixels(w, h)) * 8;
-                    assert!(memory <= LIMITS.storage_binding, "{plan:?} {w}x{h}");
+                    let counts = u64::from(plan.views_per_group) * u64::from(padded_pixels(w, h)) * 4;
+                    assert!(counts <= LIMITS.storage_binding, "{plan:?} {w}x{h}");
                 }
             }
         }

@@ -52,10 +52,8 @@ impl Layers {
         };
         let attachment = wgpu::TextureUsages::RENDER_ATTACHMENT;
         let sampled = wgpu::TextureUsages::TEXTURE_BINDING;
-        let mut usage = attachment | sampled | wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
-        if made != LayerUse::Rendered {
-            usage |= wgpu::TextureUsages::STORAGE_BINDING;
-        }
+        let copied = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
+        let usage = attachment | sampled | copied | wgpu::TextureUsages::STORAGE_BINDING;
         let all = texture("luminance", LUMINANCE_FORMAT, count, 1, usage);
         let each = (0..count)
             .map(|layer| {
@@ -67,10 +65,7 @@ impl Layers {
                 })
             })
             .collect();
-        let array = all.create_view(&wgpu::TextureViewDescriptor {
-            dimension: Some(wgpu::TextureViewDimension::D2Array),
-            ..Default::default()
-        });
+        let array = whole(&all);
         let depth =
             texture("depth", DEPTH_FORMAT, 1, sample_count, attachment).create_view(&Default::default());
         let multisampled = edges.then(|| {
@@ -84,16 +79,8 @@ impl Layers {
 impl Layers {
     /// `count` layers of the same size and format, to copy into and out of.
     pub fn like(&self, device: &wgpu::Device, count: u32) -> wgpu::Texture {
-        device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("kept luminance"),
-            size: wgpu::Extent3d { width: self.width, height: self.height, depth_or_array_layers: count },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: LUMINANCE_FORMAT,
-            usage: wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        })
+        let usage = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
+        array(device, "kept luminance", [self.width, self.height, count], LUMINANCE_FORMAT, usage)
     }
 }
 
@@ -109,8 +96,10 @@ pub struct Targets {
     pub layers: Layers,
     /// Events per pixel of the submission in work.
     pub counts: wgpu::Buffer,
-    /// Per pixel, the instants at which it fires: one bit each. Nothing for a chain.
-    pub fired: wgpu::Buffer,
+    /// Means of samples, a layer per view and instant; one texel where there is one sample, and for a chain.
+    pub means: wgpu::TextureView,
+    /// Samples per view and instant.
+    pub samples: u32,
     /// Exclusive prefix within blocks.
     pub prefixes: wgpu::Buffer,
     /// Sums, then offsets, of blocks.
@@ -149,31 +138,63 @@ impl Targets {
                 plan.views_per_group * (plan.instants / block).max(1),
             ),
         };
-        let paces = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("paces"),
-            size: wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: blocks },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R8Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
-        let paces_view = paces.create_view(&wgpu::TextureViewDescriptor {
-            dimension: Some(wgpu::TextureViewDimension::D2Array),
-            ..Default::default()
-        });
+        let paces = array(
+            device,
+            "paces",
+            [columns, rows, blocks],
+            wgpu::TextureFormat::R8Uint,
+            wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        );
+        let samples = plan.layers / (plan.views_per_group * plan.instants);
+        let means = if chain || samples == 1 { [1; 3] } else { [width, height, plan.layers / samples] };
+        let means = array(device, "means", means, LUMINANCE_FORMAT, wgpu::TextureUsages::STORAGE_BINDING);
         Self {
             width,
             height,
             plan,
+            paces_view: whole(&paces),
             paces,
-            paces_view,
+            samples,
+            means: whole(&means),
             layers: Layers::new(device, width, height, plan.layers, made),
             counts: storage("counts", pixels),
-            fired: storage("fired", if chain { 1 } else { pixels }),
             prefixes: storage("prefixes", pixels),
             block_sums: storage("block sums", pixels / u64::from(BLOCK_PIXELS)),
         }
     }
+}
+
+impl Targets {
+    /// A layer per view and instant: the only sample, or what counting wrote.
+    pub fn mean_layers(&self) -> &wgpu::TextureView {
+        if self.samples > 1 { &self.means } else { &self.layers.array }
+    }
+}
+
+/// A texture array of `[width, height, layers]`.
+pub fn array(
+    device: &wgpu::Device,
+    label: &str,
+    [width, height, layers]: [u32; 3],
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage,
+        view_formats: &[],
+    })
+}
+
+/// All layers of `texture`.
+pub fn whole(texture: &wgpu::Texture) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    })
 }

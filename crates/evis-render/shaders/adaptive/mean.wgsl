@@ -2,6 +2,8 @@
 // trigger/sample.wgsl does, so that a pixel which is sampled always has the light that it has without tiles.
 
 const TILE: u32 = 16u;
+// Rows of a tile between those of one invocation, which thus looks up its tile once for several pixels.
+const ROWS: u32 = 4u;
 override SAMPLES: u32 = 1;
 
 struct MeanJob {
@@ -16,24 +18,27 @@ struct MeanJob {
 @group(0) @binding(0) var<uniform> job: MeanJob;
 // Column | row << 16.
 @group(0) @binding(1) var<storage, read> tiles: array<u32>;
-@group(0) @binding(2) var samples: texture_2d_array<f32>;
+@group(0) @binding(2) var samples: texture_storage_2d_array<r32float, read>;
 @group(0) @binding(3) var layers: texture_storage_2d_array<r32float, write>;
 
-@compute @workgroup_size(16, 16)
+@compute @workgroup_size(TILE, ROWS)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) id: vec3<u32>) {
     let number = group.y * job.row + group.x;
     if (number >= job.count) {
         return;
     }
     let tile = tiles[job.first + number];
-    let pixel = vec2<u32>(tile & 0xffffu, tile >> 16u) * TILE + id.xy;
+    let corner = vec2<u32>(tile & 0xffffu, tile >> 16u) * TILE;
     let size = textureDimensions(layers);
-    if (any(pixel >= size)) {
-        return;
+    for (var row = id.y; row < TILE; row += ROWS) {
+        let pixel = corner + vec2<u32>(id.x, row);
+        if (any(pixel >= size)) {
+            return;
+        }
+        var sum = 0.0;
+        for (var s = 0u; s < SAMPLES; s++) {
+            sum += textureLoad(samples, pixel, s).r;
+        }
+        textureStore(layers, pixel, job.layer, vec4<f32>(sum * (1.0 / f32(SAMPLES)), 0.0, 0.0, 0.0));
     }
-    var sum = 0.0;
-    for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(samples, pixel, s, 0).r;
-    }
-    textureStore(layers, pixel, job.layer, vec4<f32>(sum * (1.0 / f32(SAMPLES)), 0.0, 0.0, 0.0));
 }

@@ -85,7 +85,7 @@ struct ChainStatus {
 @group(0) @binding(0) var<uniform> params: TriggerParams;
 @group(0) @binding(1) var<uniform> job: ChainStep;
 @group(0) @binding(2) var<uniform> sensor: ChainSensor;
-@group(0) @binding(3) var luminance_layers: texture_2d_array<f32>;
+@group(0) @binding(3) var luminance_layers: texture_storage_2d_array<r32float, read>;
 // Views, then planes: ON thresholds, OFF thresholds, slopes.
 @group(0) @binding(4) var<storage, read> frozen: array<u32>;
 // Where each block's strikes begin, then strikes by block, pixel and time.

@@ -7,7 +7,7 @@ fn light_of(instant: u32) -> f32 {
     let layer = (view * params.instants + instant) * SAMPLES;
     var sum = 0.0;
     for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(luminance_layers, pixel, layer + s, 0).r;
+        sum += textureLoad(luminance_layers, pixel, layer + s).r;
     }
     if (MAY_BE_UNKNOWN && sum < 0.0) {
         return -1.0;

@@ -4,12 +4,34 @@
 // Counts each pixel's events over the instants of a submission and writes its next memory beside the old one.
 // The old memory stays until the submission is known to fit: that is what lets it run again.
 
-@group(0) @binding(3) var<storage, read> memory_in: array<PixelMemory>;
-@group(0) @binding(4) var<storage, read_write> memory_out: array<PixelMemory>;
+override SAMPLES: u32 = 1;
+
+// View by view, instant by instant, sample by sample.
+@group(0) @binding(2) var luminance_layers: texture_storage_2d_array<r32float, read>;
+@group(0) @binding(3) var memory_in: texture_storage_2d_array<rgba32uint, read>;
+// Also tells the emitting pass of the submission: z, bit k, that the pixel fires at instant k; w, its count.
+@group(0) @binding(4) var memory_out: texture_storage_2d_array<rgba32uint, write>;
 @group(0) @binding(5) var<storage, read_write> counts: array<u32>;
 @group(0) @binding(6) var<storage, read_write> status: Status;
-// Per pixel, bit k: it fires at instant k.
-@group(0) @binding(7) var<storage, read_write> fired: array<u32>;
+// With several samples, their means, so that the emitting pass reads one layer per instant.
+@group(0) @binding(7) var means: texture_storage_2d_array<r32float, write>;
+
+// Mean of a pixel's samples in linear light; below 0 where it is unknown.
+fn mean_at(pixel: vec2<u32>, view: u32, instant: u32) -> f32 {
+    let place = view * params.instants + instant;
+    var sum = 0.0;
+    for (var s = 0u; s < SAMPLES; s++) {
+        sum += textureLoad(luminance_layers, pixel, place * SAMPLES + s).r;
+    }
+    var mean = sum * (1.0 / f32(SAMPLES));
+    if (MAY_BE_UNKNOWN && textureLoad(luminance_layers, pixel, place * SAMPLES).r < 0.0) {
+        mean = -1.0;
+    }
+    if (SAMPLES > 1u) {
+        textureStore(means, pixel, place, vec4<f32>(mean, 0.0, 0.0, 0.0));
+    }
+    return mean;
+}
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) workgroup: vec3<u32>) {
@@ -21,32 +43,36 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         counts[index] = 0u;
         return;
     }
-    let sensor = sensors[workgroup.z];
-    var state = memory_in[index];
+    let sensor = sensor_of(workgroup.z);
+    var state = memory_of(textureLoad(memory_in, id.xy, id.z));
     var count = 0u;
     var fires = 0u;
     var clamped = 0u;
-    var k = 0u;
-    if (params.first == 1u) {
-        let l = log_luma_at(sensor, id.xy, id.z, 0u);
-        state = PixelMemory(l, l);
-        k = 1u;
-    }
     var unknown = 0u;
-    while (k < params.instants) {
-        // A view's tiles are sampled at their own pace.
-        let at = sample_from(k, step_at(id.xy, id.z, k));
-        k = at + 1u;
-        if (is_unknown(id.xy, id.z, at)) {
-            unknown++;
-            continue;
+    var begin = 0u;
+    if (params.first == 1u) {
+        let l = log_luma_of(sensor, mean_at(id.xy, id.z, 0u));
+        state = PixelMemory(l, l);
+        begin = 1u;
+    }
+    // A view's tiles are sampled at their own pace, block by block.
+    let length = select(BLOCK_INSTANTS, params.instants, BLOCK_INSTANTS == 1u);
+    for (; begin < params.instants; begin += length) {
+        let step = step_at(id.xy, id.z, begin);
+        let end = min(begin + length, params.instants);
+        for (var at = sample_from(begin, step); at < end; at += step) {
+            let mean = mean_at(id.xy, id.z, at);
+            if (is_unknown(mean)) {
+                unknown++;
+                continue;
+            }
+            let l = log_luma_of(sensor, mean);
+            let decision = decide(sensor, state, l);
+            clamped += u32(decision.clamped);
+            fires |= u32(decision.count != 0u) << at;
+            count += decision.count;
+            state = PixelMemory(decision.reference_log, l);
         }
-        let l = log_luma_at(sensor, id.xy, id.z, at);
-        let decision = decide(sensor, state, l);
-        clamped += u32(decision.clamped);
-        fires |= u32(decision.count != 0u) << at;
-        count += decision.count;
-        state = PixelMemory(decision.reference_log, l);
     }
     if (clamped != 0u) {
         atomicAdd(&status.clamped, clamped);
@@ -55,6 +81,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         atomicAdd(&status.unknown, unknown);
     }
     counts[index] = count;
-    fired[index] = fires;
-    memory_out[index] = state;
+    let next = vec2<u32>(bitcast<u32>(state.reference_log), bitcast<u32>(state.log_luma));
+    textureStore(memory_out, id.xy, id.z, vec4<u32>(next, fires, count));
 }

@@ -4,44 +4,53 @@
 // Visits the instants at which a pixel fires, through the same decision, and writes its events to their places.
 // Between two of them the reference stays as it is, so all others can be passed over.
 
-@group(0) @binding(3) var<storage, read> memory_in: array<PixelMemory>;
-@group(0) @binding(4) var<storage, read> counts: array<u32>;
+// View by view, instant by instant.
+@group(0) @binding(2) var means: texture_storage_2d_array<r32float, read>;
+@group(0) @binding(3) var memory_in: texture_storage_2d_array<rgba32uint, read>;
+@group(0) @binding(4) var memory_out: texture_storage_2d_array<rgba32uint, read>;
 @group(0) @binding(5) var<storage, read> prefixes: array<u32>;
 @group(0) @binding(6) var<storage, read> block_offsets: array<u32>;
 @group(0) @binding(7) var<storage, read_write> status: Status;
 // x: microseconds since the submission's base; y: column | row << 13 | polarity << 26 | cause << 27 (0 signal).
 @group(0) @binding(8) var<storage, read_write> events: array<vec2<u32>>;
-@group(0) @binding(9) var<storage, read> fired: array<u32>;
+
+fn mean_at(pixel: vec2<u32>, view: u32, instant: u32) -> f32 {
+    return textureLoad(means, pixel, view * params.instants + instant).r;
+}
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) workgroup: vec3<u32>) {
-    let index = (id.z * params.height + id.y) * params.stride + id.x;
-    let count = counts[index];
-    if (count == 0u || status.stalled != 0u) {
+    if (status.stalled != 0u || id.x >= params.width) {
         return;
     }
-    let sensor = sensors[workgroup.z];
+    let counted = textureLoad(memory_out, id.xy, id.z);
+    let count = counted.w;
+    if (count == 0u) {
+        return;
+    }
+    let index = (id.z * params.height + id.y) * params.stride + id.x;
+    let sensor = sensor_of(workgroup.z);
     let packed_pixel = id.x | (id.y << 13u);
     let base = block_offsets[index / BLOCK_PIXELS] + prefixes[index];
-    let memory = memory_in[index];
+    let memory = memory_of(textureLoad(memory_in, id.xy, id.z));
     var reference_log = memory.reference_log;
     if (params.first == 1u) {
-        reference_log = log_luma_at(sensor, id.xy, id.z, 0u);
+        reference_log = log_luma_of(sensor, mean_at(id.xy, id.z, 0u));
     }
     var written = 0u;
-    for (var left = fired[index]; left != 0u; left &= left - 1u) {
+    for (var left = counted.z; left != 0u; left &= left - 1u) {
         let k = firstTrailingBit(left);
         var before = memory.log_luma;
         // The last instant at which the pixel was known, as the counting pass had it.
         let start = k + 1u - step_at(id.xy, id.z, k);
         var last = start;
-        while (last != 0u && is_unknown(id.xy, id.z, last - 1u)) {
+        while (last != 0u && is_unknown(mean_at(id.xy, id.z, last - 1u))) {
             last--;
         }
         if (last != 0u) {
-            before = log_luma_at(sensor, id.xy, id.z, last - 1u);
+            before = log_luma_of(sensor, mean_at(id.xy, id.z, last - 1u));
         }
-        let after = log_luma_at(sensor, id.xy, id.z, k);
+        let after = log_luma_of(sensor, mean_at(id.xy, id.z, k));
         let decision = decide(sensor, PixelMemory(reference_log, before), after);
         let span = span_between(start, k);
         for (var i = 1u; i <= decision.count && written < count; i++) {

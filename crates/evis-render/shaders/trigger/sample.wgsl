@@ -1,30 +1,30 @@
 #import trigger/layout.wgsl
-// Mean of a pixel's samples in linear light, then the logarithm. Twin: cpu/trigger.rs, log_luma.
+// From a pixel's light to the logarithm that its thresholds see. Twin: cpu/trigger.rs, log_luma.
 
-override SAMPLES: u32 = 1;
 // Whether a method may leave a pixel unknown, by a luminance below 0; such an instant passes the pixel by.
 override MAY_BE_UNKNOWN: bool = false;
 
 @group(0) @binding(0) var<uniform> params: TriggerParams;
-@group(0) @binding(1) var<storage, read> sensors: array<ViewSensor>;
-@group(0) @binding(2) var luminance_layers: texture_2d_array<f32>;
+// A texel per view. Per-pixel data are textures because software drivers read a storage buffer lane by lane.
+@group(0) @binding(1) var sensors: texture_2d<f32>;
 
 // Luminance beyond this is treated as this: no infinity reaches the logarithm.
 const LUMINANCE_LIMIT: f32 = 1e30;
 
-fn log_luma_at(sensor: ViewSensor, pixel: vec2<u32>, view: u32, instant: u32) -> f32 {
-    let layer = (view * params.instants + instant) * SAMPLES;
-    var sum = 0.0;
-    for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(luminance_layers, pixel, layer + s, 0).r;
-    }
-    let y = clamp(sum * (1.0 / f32(SAMPLES)), 0.0, LUMINANCE_LIMIT);
+fn sensor_of(view: u32) -> ViewSensor {
+    let s = textureLoad(sensors, vec2<u32>(view, 0u), 0);
+    return ViewSensor(s.x, s.y, s.z, s.w);
+}
+
+fn memory_of(texel: vec4<u32>) -> PixelMemory {
+    return PixelMemory(bitcast<f32>(texel.x), bitcast<f32>(texel.y));
+}
+
+fn log_luma_of(sensor: ViewSensor, mean: f32) -> f32 {
+    let y = clamp(mean, 0.0, LUMINANCE_LIMIT);
     return log(y * sensor.inverse_reference_luminance + sensor.log_eps);
 }
 
-fn is_unknown(pixel: vec2<u32>, view: u32, instant: u32) -> bool {
-    if (!MAY_BE_UNKNOWN) {
-        return false;
-    }
-    return textureLoad(luminance_layers, pixel, (view * params.instants + instant) * SAMPLES, 0).r < 0.0;
+fn is_unknown(mean: f32) -> bool {
+    return MAY_BE_UNKNOWN && mean < 0.0;
 }

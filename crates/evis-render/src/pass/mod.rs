@@ -38,12 +38,18 @@ pub enum Access {
     UintPicture,
     /// Unsigned texture array.
     UintLayers,
+    /// `r32float` storage texture array, read: software drivers do so three times as fast as by a fetch.
+    ReadLayers,
+    /// `rgba32uint` storage texture array, read.
+    ReadLayersWords,
     /// `r32float` storage texture, written.
     StorageLayer,
     /// `r32float` storage texture array, written.
     StorageLayers,
     /// `rgba32float` storage texture array, written.
     StorageLayersRgba,
+    /// `rgba32uint` storage texture array, written.
+    StorageLayersWords,
     /// Filtering sampler.
     Sampler,
     /// Sampler that does not filter.
@@ -90,7 +96,9 @@ pub fn layout(
 }
 
 fn binding_type(access: Access) -> wgpu::BindingType {
-    use wgpu::{BufferBindingType, TextureSampleType, TextureViewDimension};
+    use wgpu::{
+        BufferBindingType, StorageTextureAccess, TextureFormat, TextureSampleType, TextureViewDimension,
+    };
     let buffer =
         |ty, has_dynamic_offset| wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
     let texture = |sample_type, view_dimension, multisampled| wgpu::BindingType::Texture {
@@ -121,12 +129,19 @@ fn binding_type(access: Access) -> wgpu::BindingType {
         }
         Access::UintPicture => texture(TextureSampleType::Uint, TextureViewDimension::D2, false),
         Access::UintLayers => texture(TextureSampleType::Uint, TextureViewDimension::D2Array, false),
-        Access::StorageLayer => storage_texture(wgpu::TextureFormat::R32Float, TextureViewDimension::D2),
-        Access::StorageLayers => {
-            storage_texture(wgpu::TextureFormat::R32Float, TextureViewDimension::D2Array)
-        }
+        Access::ReadLayers => storage_layers(TextureFormat::R32Float, StorageTextureAccess::ReadOnly),
+        Access::ReadLayersWords => storage_layers(TextureFormat::Rgba32Uint, StorageTextureAccess::ReadOnly),
+        Access::StorageLayer => wgpu::BindingType::StorageTexture {
+            access: StorageTextureAccess::WriteOnly,
+            format: TextureFormat::R32Float,
+            view_dimension: TextureViewDimension::D2,
+        },
+        Access::StorageLayers => storage_layers(TextureFormat::R32Float, StorageTextureAccess::WriteOnly),
         Access::StorageLayersRgba => {
-            storage_texture(wgpu::TextureFormat::Rgba32Float, TextureViewDimension::D2Array)
+            storage_layers(TextureFormat::Rgba32Float, StorageTextureAccess::WriteOnly)
+        }
+        Access::StorageLayersWords => {
+            storage_layers(TextureFormat::Rgba32Uint, StorageTextureAccess::WriteOnly)
         }
         Access::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
         Access::PointSampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering),
@@ -134,15 +149,11 @@ fn binding_type(access: Access) -> wgpu::BindingType {
     }
 }
 
-const fn storage_texture(
+const fn storage_layers(
     format: wgpu::TextureFormat,
-    view_dimension: wgpu::TextureViewDimension,
+    access: wgpu::StorageTextureAccess,
 ) -> wgpu::BindingType {
-    wgpu::BindingType::StorageTexture {
-        access: wgpu::StorageTextureAccess::WriteOnly,
-        format,
-        view_dimension,
-    }
+    wgpu::BindingType::StorageTexture { access, format, view_dimension: wgpu::TextureViewDimension::D2Array }
 }
 
 /// `bytes` of `buffer` from `offset` on.

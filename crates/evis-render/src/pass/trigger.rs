@@ -12,13 +12,13 @@ const PACES_BINDING: u32 = 12;
 /// `trigger/count.wgsl`.
 pub const COUNT_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::Uniform),
-    bind(1, "sensors", Access::Read),
-    bind(2, "luminance_layers", Access::Layers),
-    bind(3, "memory_in", Access::Read),
-    bind(4, "memory_out", Access::Write),
+    bind(1, "sensors", Access::Picture),
+    bind(2, "luminance_layers", Access::ReadLayers),
+    bind(3, "memory_in", Access::ReadLayersWords),
+    bind(4, "memory_out", Access::StorageLayersWords),
     bind(5, "counts", Access::Write),
     bind(6, "status", Access::Write),
-    bind(7, "fired", Access::Write),
+    bind(7, "means", Access::StorageLayers),
     bind(PACES_BINDING, "paces", Access::UintLayers),
 ];
 /// `trigger/block.wgsl`.
@@ -38,15 +38,14 @@ pub const SCAN_BINDINGS: &[Binding] = &[
 /// `trigger/emit.wgsl`.
 pub const EMIT_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::Uniform),
-    bind(1, "sensors", Access::Read),
-    bind(2, "luminance_layers", Access::Layers),
-    bind(3, "memory_in", Access::Read),
-    bind(4, "counts", Access::Read),
+    bind(1, "sensors", Access::Picture),
+    bind(2, "means", Access::ReadLayers),
+    bind(3, "memory_in", Access::ReadLayersWords),
+    bind(4, "memory_out", Access::ReadLayersWords),
     bind(5, "prefixes", Access::Read),
     bind(6, "block_offsets", Access::Read),
     bind(7, "status", Access::Write),
     bind(8, "events", Access::Write),
-    bind(9, "fired", Access::Read),
     bind(PACES_BINDING, "paces", Access::UintLayers),
 ];
 /// `chain/walk.wgsl` and `chain/begin.wgsl`.
@@ -54,7 +53,7 @@ pub const CHAIN_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::Uniform),
     bind(1, "job", Access::Uniform),
     bind(2, "sensor", Access::Uniform),
-    bind(3, "luminance_layers", Access::Layers),
+    bind(3, "luminance_layers", Access::ReadLayers),
     bind(4, "frozen", Access::Read),
     bind(5, "feed", Access::Read),
     bind(6, "memory_in", Access::Read),
@@ -107,9 +106,10 @@ impl TriggerPasses {
         block: u32,
     ) -> Self {
         let walk = if sensor.is_ideal() {
-            let constants = ideal_constants(sensor, samples, unknown, block);
+            let constants = ideal_constants(sensor, unknown, block);
+            let counting = [&[("SAMPLES", f64::from(samples))], &constants[..]].concat();
             WalkPasses::Ideal {
-                count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &constants),
+                count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &counting),
                 emit: ComputePass::new(device, "trigger/emit.wgsl", EMIT_BINDINGS, &constants),
             }
         } else {
@@ -135,12 +135,7 @@ impl TriggerPasses {
     }
 }
 
-fn ideal_constants(
-    sensor: &SensorConfig,
-    samples: u32,
-    unknown: bool,
-    block: u32,
-) -> [(&'static str, f64); 5] {
+fn ideal_constants(sensor: &SensorConfig, unknown: bool, block: u32) -> [(&'static str, f64); 4] {
     let rule = match sensor.trigger {
         TriggerRule::Crossing => 0.0,
         TriggerRule::Latch => 1.0,
@@ -152,7 +147,6 @@ fn ideal_constants(
     [
         ("TRIGGER_RULE", rule),
         ("INTERPOLATION", interpolation),
-        ("SAMPLES", f64::from(samples)),
         ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
         ("BLOCK_INSTANTS", f64::from(block)),
     ]

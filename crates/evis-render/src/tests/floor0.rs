@@ -175,10 +175,17 @@ fn access_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Access {
         (_, TypeInner::Image { dim, arrayed, class }) => match (dim, arrayed, class) {
             (ImageDimension::Cube, ..) => Access::Cube,
             (_, true, ImageClass::Depth { .. }) => Access::DepthLayers,
-            (_, true, ImageClass::Storage { format: naga::StorageFormat::Rgba32Float, .. }) => {
-                Access::StorageLayersRgba
+            (_, true, ImageClass::Storage { format, access }) => {
+                use naga::StorageFormat::{R32Float, Rgba32Float, Rgba32Uint};
+                match (format, access.contains(StorageAccess::STORE)) {
+                    (R32Float, false) => Access::ReadLayers,
+                    (Rgba32Uint, false) => Access::ReadLayersWords,
+                    (R32Float, true) => Access::StorageLayers,
+                    (Rgba32Float, true) => Access::StorageLayersRgba,
+                    (Rgba32Uint, true) => Access::StorageLayersWords,
+                    other => panic!("{:?}: {other:?}", variable.name),
+                }
             }
-            (_, true, ImageClass::Storage { .. }) => Access::StorageLayers,
             (_, _, ImageClass::Storage { .. }) => Access::StorageLayer,
             (_, true, ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. }) => Access::UintLayers,
             (_, _, ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. }) => Access::UintPicture,

@@ -7,7 +7,7 @@ use crate::cpu::trigger::{log_luma, walk};
 use crate::engine::{map, wait_mapped};
 use crate::gpu::Gpu;
 use crate::grid::SampleGrid;
-use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
+use crate::interval::{Group, PixelStore, Slot, Unit, encode_trigger, trigger_steps};
 use crate::pass::trigger::TriggerPasses;
 use crate::sizes::Plan;
 use crate::targets::{LayerUse, Targets};
@@ -104,15 +104,28 @@ fn run(
     let offsets = 4 * (u64::from(VIEWS) + 1);
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, status_bytes as u64, offsets);
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, header, u64::from(capacity) * 8);
+    // The first submission writes the second memory.
+    let PixelStore::Layers(written) = &group.memory[1] else { panic!("thresholds alone") };
+    let written = written.texture();
+    let row = (WIDTH * 16).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let memory = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
-        size: group.memory[1].size(),
+        size: u64::from(row * HEIGHT * VIEWS),
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
-    // The first submission writes the second memory.
-    let copy = group.memory[1].size();
-    encoder.copy_buffer_to_buffer(&group.memory[1], 0, &memory, 0, copy);
+    encoder.copy_texture_to_buffer(
+        written.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &memory,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(row),
+                rows_per_image: Some(HEIGHT),
+            },
+        },
+        written.size(),
+    );
     let submission = gpu.queue.submit([encoder.finish()]);
     for buffer in [&slot.staging, &memory] {
         wait_mapped(gpu, &submission, &map(buffer)).unwrap();
@@ -127,7 +140,11 @@ fn run(
     let records = bytes[header as usize..].chunks_exact(8).take(status.event_count.min(capacity) as usize);
     let records = records.map(bytemuck::pod_read_unaligned).collect();
     let memory = memory.get_mapped_range(..).unwrap();
-    let memory = memory.chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
+    let pixels = |row: &[u8]| -> Vec<PixelMemory> {
+        let texels = row.chunks_exact(16).take(WIDTH as usize);
+        texels.map(|texel| bytemuck::pod_read_unaligned(&texel[..8])).collect()
+    };
+    let memory = memory.chunks_exact(row as usize).flat_map(pixels).collect();
     Ran { status, offsets, records, memory }
 }
 
@@ -233,8 +250,7 @@ fn compare(
                     out.wrong.push(format!("({x}, {y}) view {view}: at {} us, twin {}", a.0, b.0));
                 }
             }
-            let stride = crate::sizes::row_stride(WIDTH);
-            let memory = ran.memory[((view * HEIGHT + y) * stride + x) as usize];
+            let memory = ran.memory[((view * HEIGHT + y) * WIDTH + x) as usize];
             if (memory.reference_log - state.reference_log).abs() > BAND
                 || (memory.log_luma - state.log_luma).abs() > BAND
             {
