@@ -34,7 +34,8 @@ pub(crate) fn method(name: &str, splat: Option<&str>, target: &str) -> Result<Me
         ("splat", Some(json)) => serde_json::from_str(json)
             .map(Method::Splat)
             .map_err(|e| ConfigError::new("method", json, format!("settings that splat has ({e})")).into()),
-        _ => Err(ConfigError::new("method", format!("'{name}'"), "'auto', 'native', 'reproject' or 'splat'").into()),
+        _ => Err(ConfigError::new("method", format!("'{name}'"), "'auto', 'native', 'reproject' or 'splat'")
+            .into()),
     }
 }
 

@@ -287,7 +287,10 @@ impl AdaptiveRoom {
             }
             Some(Reused { steady: steady(trail, all())?, keyframes: [older, older + 1], frames: around })
         };
-        (0..views.len() as u32).flat_map(|v| (0..blocks).map(move |block| (v, block))).map(|(v, b)| of(v, b)).collect()
+        (0..views.len() as u32)
+            .flat_map(|v| (0..blocks).map(move |block| (v, block)))
+            .map(|(v, b)| of(v, b))
+            .collect()
     }
 
     /// Which keyframes a submission draws, and what its instants read of them.
@@ -378,7 +381,8 @@ impl AdaptiveRoom {
                         let at = |x: u32, y: u32| (y * of.columns + x) as usize;
                         let chosen = |relit: bool| {
                             let chosen = |x, y| {
-                                active(of.tiles[at(x, y)]) && (reused.is_none() || of.relit[at(x, y)] == relit)
+                                active(of.tiles[at(x, y)])
+                                    && (reused.is_none() || of.relit[at(x, y)] == relit)
                             };
                             rects(chosen, size, |rect| cost(rect, &areas))
                         };
@@ -448,11 +452,12 @@ impl AdaptiveRoom {
         };
         let layers = &targets.layers.array;
         let mean = resources(&scratch.array, layers);
-        let resolve = self.reuse.as_ref().zip(scratch.multisampled.as_ref()).map(|((_, resolve), samples4)| {
-            let to = if samples > 1 { &scratch.array } else { layers };
-            let resources = resources(samples4, to);
-            pass::group(device, "tile resolve", &resolve.layout, TILE_RESOLVE_BINDINGS, resources)
-        });
+        let resolve =
+            self.reuse.as_ref().zip(scratch.multisampled.as_ref()).map(|((_, resolve), samples4)| {
+                let to = if samples > 1 { &scratch.array } else { layers };
+                let resources = resources(samples4, to);
+                pass::group(device, "tile resolve", &resolve.layout, TILE_RESOLVE_BINDINGS, resources)
+            });
         MeanGroups { mean: pass::group(device, "mean", &self.mean.layout, MEAN_BINDINGS, mean), resolve }
     }
 

@@ -248,7 +248,11 @@ impl RunConfig {
                 return Err(ConfigError::new("antialias", "edges", "samples, where adaptive_px is set"));
             }
         } else if self.method == Method::Reproject {
-            return Err(ConfigError::new("adaptive_px", "none", "set (pixels between two samples), for reproject"));
+            return Err(ConfigError::new(
+                "adaptive_px",
+                "none",
+                "set (pixels between two samples), for reproject",
+            ));
         }
         if self.method == Method::Reproject && !self.samples.is_multiple_of(4) {
             return Err(ConfigError::new("samples", self.samples, "a multiple of 4, for reproject"));

@@ -339,7 +339,9 @@ impl Engine {
         let mut members = Vec::new();
         for ((width, height), views) in sizes {
             let needs = match &config.method {
-                Method::Native | Method::Auto(_) | Method::Reproject => MethodNeeds { block, ..Default::default() },
+                Method::Native | Method::Auto(_) | Method::Reproject => {
+                    MethodNeeds { block, ..Default::default() }
+                }
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
             };

@@ -11,8 +11,8 @@ use crate::area::Rect;
 use crate::engine::Context;
 use crate::frame::{Trail, columns};
 use crate::frame_buffers::GrowingBuffer;
-use crate::gpu_scene::DrawItem;
 use crate::geometry::attachment;
+use crate::gpu_scene::DrawItem;
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pass::raster::{DEPTH_FORMAT, LUMINANCE_FORMAT, SceneConstants, UNIFORM_ALIGNMENT};
 use crate::pass::reuse::{CELL_MEAN_BINDINGS, KEY_FORMAT, KEYFRAME_BINDINGS, REUSE_BINDINGS, ReusePasses};
@@ -96,9 +96,8 @@ pub fn steady(trail: &Trail, frames: impl Iterator<Item = usize>) -> Option<Vec<
     if shared.iter().any(|s| s.lights != first.lights) {
         return None;
     }
-    let same = |o: usize| {
-        shared.iter().all(|s| s.world[o] == first.world[o] && s.records[o] == first.records[o])
-    };
+    let same =
+        |o: usize| shared.iter().all(|s| s.world[o] == first.world[o] && s.records[o] == first.records[o]);
     Some((0..first.world.len()).map(same).collect())
 }
 
@@ -199,13 +198,7 @@ impl ReuseRoom {
     }
 
     /// Makes room for the keyframes of `views` views of `width` x `height` pixels, the first of which is `first_view`.
-    pub fn open(
-        &mut self,
-        device: &wgpu::Device,
-        first_view: usize,
-        views: u32,
-        [width, height]: [u32; 2],
-    ) {
+    pub fn open(&mut self, device: &wgpu::Device, first_view: usize, views: u32, [width, height]: [u32; 2]) {
         let cells = self.cells;
         self.stores.entry(first_view).or_insert_with(|| {
             let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
@@ -264,10 +257,8 @@ impl ReuseRoom {
         }
         let first_keyframe = entries.len() as u32;
         for keyframe in keyframes {
-            entries.push(ReuseFrame {
-                first_record: context.object_base(keyframe.frame),
-                ..Default::default()
-            });
+            entries
+                .push(ReuseFrame { first_record: context.object_base(keyframe.frame), ..Default::default() });
         }
         let means: Vec<MeanParams> = keyframes
             .iter()

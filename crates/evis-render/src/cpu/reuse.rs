@@ -22,7 +22,8 @@ impl Cells<'_> {
         if x < half || y < half || x + half > self.width || y + half > height {
             return -1.0;
         }
-        let cells = || (y - half..y + half).flat_map(|y| (x - half..x + half).map(move |x| y * self.width + x));
+        let cells =
+            || (y - half..y + half).flat_map(|y| (x - half..x + half).map(move |x| y * self.width + x));
         let depth = |key: u32| f32::from_bits(key & !NUMBER_BITS);
         let first = self.keys[(y - half) * self.width + x - half];
         let one = |cell: usize| {

@@ -110,7 +110,7 @@ fn light_from_keyframes_is_the_light_that_would_be_shaded() {
     let Some(gpu) = super::device() else { return };
     for name in ["spinner", "street", "warehouse"] {
         let scene = scene(name);
-        // 16 samples, and what is sampled 16 ms after one keyframe and before the next.
+        // 16 samples; keyframes are 32 ms apart.
         let at = |method: Method, instant: i64| {
             let config = RunConfig { samples: 16, ..config(method) };
             let mut engine = engine(&gpu, &scene, &config);
@@ -121,7 +121,7 @@ fn light_from_keyframes_is_the_light_that_would_be_shaded() {
             engine.instants(17, 16).unwrap().swap_remove((instant - 17) as usize)
         };
         let (shaded, later, reused) =
-            (at(Method::Native, 20), at(Method::Native, 30), at(Method::Reproject, 20));
+            (at(Method::Native, 18), at(Method::Native, 32), at(Method::Reproject, 18));
         let apart = |a: &[f32], b: &[f32]| {
             let mut all: Vec<f64> =
                 a.iter().zip(b).map(|(a, b)| (f64::from(*a) / f64::from(*b)).ln().abs()).collect();
