@@ -185,8 +185,8 @@ def test_what_is_probably_not_meant_is_warned_of() -> None:
 
 
 def test_the_simulator_refuses_what_it_would_ignore() -> None:
-    with pytest.raises(evis.ConfigError, match=r"sensor\.diffusion"):
-        evis.Simulator(evis.Scene.builtin("spinner"), sensor="davis346")
+    with pytest.raises(evis.ConfigError, match="adaptive_px.*diffusion"):
+        evis.Simulator(evis.Scene.builtin("spinner"), sensor="davis346", adaptive_px=0.3)
     with pytest.raises(evis.ConfigError, match="v2f"):
         evis.Simulator(evis.Scene.builtin("spinner"), sensor="v2f")
 

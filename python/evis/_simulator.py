@@ -77,7 +77,8 @@ class Simulator:
     sensor : Sensor or str, optional
         Sensor of every camera, or the name of a preset; a camera's own thresholds come before the sensor's.
         Ideal, 0.2 / 0.2, where not given (with the method ``evis-paper``: the same that latches, with
-        ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
+        ``log_eps`` 1e-5). Every stage runs on the device, but ``diffusion``: that runs on the host, from
+        the light of every instant, and without ``adaptive_px``.
     method : {"auto", "native", "splat", "evis-paper"} or Splat, optional
         How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses
         method, rate and samples for a target (and rays for shadows, for ``exact``). Where not given:

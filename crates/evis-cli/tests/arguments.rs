@@ -66,7 +66,7 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--method fast", ["--method", "'fast'", "native"]),
         ("--labels depth,color", ["--labels", "'color'", "hdr"]),
         ("--sensor v2f", ["--sensor", "v2f", "gen4-like"]),
-        ("--sensor davis346", ["sensor.diffusion", "davis346", "EventEmulator"]),
+        ("--sensor davis346 --adaptive 0.3", ["adaptive_px", "0.3", "diffusion"]),
         ("--sensor no/such.toml", ["--sensor", "no/such.toml", "cannot be read"]),
         ("--sensor v2e --rate 0.001", ["rate", "every 1000 s", "268"]),
         ("--frame-rate 0", ["--frame-rate", "'0'", "above 0"]),

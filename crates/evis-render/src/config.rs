@@ -206,14 +206,6 @@ impl RunConfig {
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn check(&self) -> Result<(), ConfigError> {
         Sensor::new(self.sensor.clone())?;
-        if self.sensor.diffusion.is_some() {
-            return Err(ConfigError::new(
-                "sensor.diffusion",
-                "on (as in davis346 and davis240)",
-                "off: the 3D engine has no Brownian trigger. Take another preset, or push rendered frames to an \
-                 EventEmulator",
-            ));
-        }
         if let Method::Splat(splat) = &self.method {
             splat.check()?;
         }
@@ -227,6 +219,7 @@ impl RunConfig {
             if self.antialias == Antialias::Edges {
                 return Err(ConfigError::new("antialias", "edges", "samples, where adaptive_px is set"));
             }
+            crate::diffusion::check_adaptive(self, px)?;
         }
         // What a pace may stretch an interval to.
         let interval_us = self.sample_grid()?.longest_interval_us() * f64::from(self.block());

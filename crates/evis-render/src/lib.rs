@@ -10,6 +10,7 @@ pub mod bench;
 mod chain;
 pub mod config;
 pub mod cpu;
+mod diffusion;
 mod engine;
 pub mod error;
 mod exposure;
