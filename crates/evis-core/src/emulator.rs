@@ -311,7 +311,7 @@ impl EventEmulator {
         let pixels = self.config.width as usize * self.config.height as usize;
         frames.check(pixels * self.config.batch)?;
         let inverse = 1.0 / self.config.reference_luminance;
-        self.tables.prepare(frames, inverse, self.config.sensor.log_eps);
+        self.tables.prepare(frames, inverse, &self.config.sensor);
         let Self { config, isa, pool, tables, kernel, environments, .. } = self;
         let sources: Option<Vec<Source<'_>>> =
             (0..config.batch).map(|index| Source::new(frames, tables, inverse, index, pixels)).collect();
