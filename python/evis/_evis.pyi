@@ -452,7 +452,7 @@ class EventEmulator:
     ) -> list[npt.NDArray[np.void]]: ...
     def push_keyframe(
         self,
-        light: npt.NDArray[np.float32],
+        light: npt.NDArray[Any],
         depth: npt.NDArray[np.float32],
         motion: npt.NDArray[np.float32],
         t_us: int,
@@ -460,6 +460,8 @@ class EventEmulator:
         motion_forward: npt.NDArray[np.float32] | None,
         cut: list[bool],
         channels: int,
+        transfer: str,
+        gamma: float,
         warp: str,
     ) -> list[npt.NDArray[np.void]]: ...
     def causes(self) -> list[npt.NDArray[np.uint8]]: ...
