@@ -78,6 +78,40 @@ fn impossible_numbers_name_flag_value_and_remedy() {
 }
 
 #[test]
+fn a_scenes_sensor_that_cannot_be_is_named_with_file_key_and_value() {
+    let folder = Folder::new("scene-sensor");
+    let write = |name: &str, sensor: &str| {
+        let wall = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\n";
+        let text = format!("{wall}[[cameras]]\nname = \"front\"\n{sensor}\n");
+        std::fs::write(folder.file(name), text).unwrap();
+    };
+    write("preset.toml", "sensor = \"davis345\"");
+    refused(
+        &folder,
+        "run preset.toml -o x.h5",
+        &["preset.toml", "'front'", "sensor", "davis345", "davis346"],
+    );
+    write("value.toml", "sensor = { threshold_on = -0.2 }");
+    refused(
+        &folder,
+        "run value.toml -o x.h5",
+        &["value.toml", "'front'", "sensor", "threshold_on", "-0.2", "above 0"],
+    );
+    write("file.toml", "sensor = \"sensors/none.toml\"");
+    refused(
+        &folder,
+        "run file.toml -o x.h5",
+        &["file.toml", "'front'", "sensors/none.toml", "cannot be read"],
+    );
+    write("kind.toml", "sensor = 7");
+    refused(&folder, "run kind.toml -o x.h5", &["kind.toml", "'front'", "sensor", "7", "preset"]);
+    // It is what is taken: adaptive time and a diffusion exclude each other. Canary: not where --sensor comes before it.
+    write("good.toml", "sensor = \"davis346\"");
+    refused(&folder, "run good.toml -o x.h5 --adaptive 0.3", &["adaptive_px", "diffusion"]);
+    refused(&folder, "run good.toml -o x.h5 --adaptive 0.3 --sensor v2e --device none-such", &["none-such"]);
+}
+
+#[test]
 fn sensor_files_name_the_stage_that_is_wrong() {
     let folder = Folder::new("sensors");
     for (text, told) in [

@@ -72,6 +72,13 @@ pub(crate) fn sensor_sample(json: &str, ranges: &str, seed: u64) -> PyResult<Str
     Ok(to_json(&drawn)?)
 }
 
+/// The sensor that `scene` gives the cameras `names` (all, where there are none), as JSON; None where it gives none.
+#[pyfunction]
+pub(crate) fn scene_sensor(scene: &crate::scene::Scene, names: Vec<String>) -> PyResult<Option<String>> {
+    let sensor = evis_render::scene_sensor(&scene.shared(), &names).map_err(Failure::from)?;
+    Ok(sensor.as_ref().map(to_json).transpose()?)
+}
+
 /// Frames in, events out.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct EventEmulator(Mutex<evis_core::EventEmulator>);
