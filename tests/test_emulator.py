@@ -185,7 +185,7 @@ def test_what_is_probably_not_meant_is_warned_of() -> None:
 
 
 def test_the_simulator_refuses_what_it_would_ignore() -> None:
-    with pytest.raises(evis.ConfigError, match="adaptive_px.*diffusion"):
+    with pytest.raises(evis.ConfigError, match=r"adaptive_px.*diffusion"):
         evis.Simulator(evis.Scene.builtin("spinner"), sensor="davis346", adaptive_px=0.3)
     with pytest.raises(evis.ConfigError, match="v2f"):
         evis.Simulator(evis.Scene.builtin("spinner"), sensor="v2f")
@@ -196,12 +196,18 @@ def test_a_scenes_cameras_bring_their_sensor(tmp_path: Path) -> None:
     [[primitives]]
     name = "wall"
     shape = "box"
+    size = [1, 1, 1]
+    material = "white"
+    [[materials]]
+    name = "white"
     [[cameras]]
     name = "front"
     size = [8, 6]
     sensor = "sensors/own.toml"
     """
+    # In single precision, as a scene has it.
     own = evis.Sensor(threshold_on=0.31, noise=evis.Noise(shot_hz=3.0))
+    own = evis.Sensor.from_toml(own.to_toml())
     (tmp_path / "sensors").mkdir()
     (tmp_path / "sensors" / "own.toml").write_text(own.to_toml())
     (tmp_path / "scene.toml").write_text(text)

@@ -380,14 +380,15 @@ class EventEmulator(Generic[Out]):
 
         The light between two keyframes is warped along the motion vectors from both, at as many instants as
         the motion asks for, then felt as by `push`. Where neither keyframe knows it, a pixel's memory stays.
-        Arrays are float32 (``hdr`` also uint8 or uint16), NumPy or DLPack on the CPU; ``(H, W)`` stands for the sensor's size, larger by
-        ``warp.margin`` on every side, and for ``(N, H, W)`` with a batch.
+        Arrays are NumPy or DLPack on the CPU, float32 but for ``hdr``, which may hold integers; ``(H, W)``
+        stands for the sensor's size, larger by ``warp.margin`` on every side, and for ``(N, H, W)`` with a
+        batch.
 
         Parameters
         ----------
         hdr : array_like or DLPack tensor
-            Linear light, before any tone curve: (H, W), (H, W, 1) or (H, W, 3). NaN means unknown. Or uint8 or
-            uint16 under the curve ``transfer``: what a tone curve has clipped makes no events.
+            Linear light, before any tone curve: (H, W), (H, W, 1) or (H, W, 3). NaN means unknown. Or
+            uint8 or uint16 under the curve ``transfer``: what it has clipped makes no events.
         depth : array_like or DLPack tensor
             Planar z in metres, +inf where nothing is: (H, W) or (H, W, 1). 0, negative values and NaN count
             as nothing; the report counts them.

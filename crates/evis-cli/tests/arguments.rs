@@ -81,7 +81,7 @@ fn impossible_numbers_name_flag_value_and_remedy() {
 fn a_scenes_sensor_that_cannot_be_is_named_with_file_key_and_value() {
     let folder = Folder::new("scene-sensor");
     let write = |name: &str, sensor: &str| {
-        let wall = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\n";
+        let wall = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\nsize = [1, 1, 1]\nmaterial = \"white\"\n[[materials]]\nname = \"white\"\n";
         let text = format!("{wall}[[cameras]]\nname = \"front\"\n{sensor}\n");
         std::fs::write(folder.file(name), text).unwrap();
     };

@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     fn scene(cameras: &str) -> Scene {
-        let wall = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\n";
+        let wall = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\nsize = [1, 1, 1]\nmaterial = \"white\"\n[[materials]]\nname = \"white\"\n";
         evis_scene::toml_scene::parse(&format!("{wall}{cameras}"), ".").unwrap()
     }
 
