@@ -204,6 +204,44 @@ def test_the_papers_setting_is_there() -> None:
     assert set(np.unique(events.t).tolist()) <= {8000 + 1000 * step for step in range(1, 9)}
 
 
+def test_integers_are_the_light_that_their_curve_says() -> None:
+    def light(codes: Any, transfer: str, most: int) -> Any:
+        value = codes / most
+        if transfer == "srgb":
+            return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+        return value if transfer == "linear" else value**1.8
+
+    for dtype, transfer, rgb in [
+        (np.uint8, "srgb", False),
+        (np.uint16, "gamma", False),
+        (np.uint8, "linear", True),
+        (np.uint16, "srgb", True),
+    ]:
+        most = int(np.iinfo(dtype).max)
+        codes, floats, other = (evis.EventEmulator(*SIZE) for _ in range(3))
+        count = 0
+        for k in range(4):
+            pictures = sliding(k)
+            hdr = np.clip(pictures.pop("hdr"), 0, 1)
+            hdr = np.stack([hdr, hdr**2, 1 - hdr], axis=-1) if rgb else hdr
+            integers = np.round(hdr * most).astype(dtype)
+            linear = light(integers.astype(np.float64), transfer, most).astype(np.float32)
+            got = codes.push_keyframe(integers, **pictures, t_us=8000 * k, transfer=transfer, gamma=1.8)
+            expected = floats.push_keyframe(linear, **pictures, t_us=8000 * k)
+            wrong = other.push_keyframe(integers, **pictures, t_us=8000 * k, transfer="rec709")
+            # RGB sums round in another order: a microsecond, or an event in a hundred.
+            assert abs(len(got) - len(expected)) <= len(expected) * (0.01 if rgb else 0)
+            if not rgb:
+                # Powers of two libraries differ in their last place: a microsecond.
+                pair = [got.to_numpy(), expected.to_numpy()]
+                by_pixel = [one[np.lexsort((one["t"], one["x"], one["y"]))] for one in pair]
+                assert all(np.array_equal(by_pixel[0][key], by_pixel[1][key]) for key in "xyp")
+                assert np.abs(by_pixel[0]["t"] - by_pixel[1]["t"]).max(initial=0) <= 1
+            assert k == 0 or len(wrong) != len(expected), "canary: another curve is other light"
+            count += len(got)
+        assert count > 1000, count
+
+
 GOOD = sliding(0)
 
 
@@ -211,7 +249,11 @@ def bad_pushes() -> Iterator[tuple[dict[str, Any], str]]:
     yield {"t_us": 10}, "t_us is 10"
     yield {"t_us": 9}, "t_us is 9"
     yield {"hdr": GOOD["hdr"].astype(np.float64)}, "dtype of hdr is float64"
-    yield {"hdr": (GOOD["hdr"] * 255).astype(np.uint8)}, "dtype of hdr is uint8"
+    yield {"hdr": (GOOD["hdr"] * 255).astype(np.int8)}, "dtype of hdr is int8.*uint16"
+    yield {"transfer": "log"}, "logarithms"
+    yield {"transfer": "srgb"}, "transfer is srgb.*float32"
+    yield {"hdr": (GOOD["hdr"] * 255).astype(np.uint8), "transfer": "pq"}, "transfer is pq"
+    yield {"hdr": (GOOD["hdr"] * 255).astype(np.uint8), "transfer": "gamma", "gamma": 0.0}, "gamma is 0"
     yield {"hdr": GOOD["hdr"][1:]}, r"hdr has shape \(71, 96\)"
     yield {"hdr": GOOD["hdr"] - 3}, "light of pixel"
     yield {"hdr": np.full_like(GOOD["hdr"], np.inf)}, "light of pixel"

@@ -373,18 +373,22 @@ class EventEmulator(Generic[Out]):
         cut: bool | Sequence[bool] | npt.NDArray[np.bool_] = False,
         steps: int | None = None,
         warp: Warp | Literal["splat", "evis-paper"] = "splat",
+        transfer: Transfer | None = None,
+        gamma: float = 2.2,
     ) -> Out:
         """Take what a renderer knows of one time; return the events since the last keyframe.
 
         The light between two keyframes is warped along the motion vectors from both, at as many instants as
         the motion asks for, then felt as by `push`. Where neither keyframe knows it, a pixel's memory stays.
-        Arrays are float32, NumPy or DLPack on the CPU; ``(H, W)`` stands for the sensor's size, larger by
-        ``warp.margin`` on every side, and for ``(N, H, W)`` with a batch.
+        Arrays are NumPy or DLPack on the CPU, float32 but for ``hdr``, which may hold integers; ``(H, W)``
+        stands for the sensor's size, larger by ``warp.margin`` on every side, and for ``(N, H, W)`` with a
+        batch.
 
         Parameters
         ----------
         hdr : array_like or DLPack tensor
-            Linear light, before any tone curve: (H, W), (H, W, 1) or (H, W, 3). NaN means unknown.
+            Linear light, before any tone curve: (H, W), (H, W, 1) or (H, W, 3). NaN means unknown. Or
+            uint8 or uint16 under the curve ``transfer``: what it has clipped makes no events.
         depth : array_like or DLPack tensor
             Planar z in metres, +inf where nothing is: (H, W) or (H, W, 1). 0, negative values and NaN count
             as nothing; the report counts them.
@@ -405,6 +409,10 @@ class EventEmulator(Generic[Out]):
             Instants per gap, before ``warp.steps``.
         warp : Warp or {"splat", "evis-paper"}
             How the instants between keyframes are made.
+        transfer : {"linear", "srgb", "rec709", "gamma"}, optional
+            What the numbers of ``hdr`` are. If not given, linear for float32 and sRGB for integers.
+        gamma : float
+            Exponent where ``transfer`` is ``gamma``: light = value ** gamma.
 
         Returns
         -------
@@ -415,8 +423,8 @@ class EventEmulator(Generic[Out]):
         Raises
         ------
         ConfigError
-            If shape, dtype, time or settings cannot be used, or light is negative or infinite. Nothing has
-            changed then.
+            If shape, dtype, time, transfer or settings cannot be used, or light is negative or infinite.
+            Nothing has changed then.
 
         Examples
         --------
@@ -439,7 +447,9 @@ class EventEmulator(Generic[Out]):
         border = 2 * chosen.margin if isinstance(chosen.margin, int) else 0
         size_hw: tuple[int, int] = (self.height + border, self.width + border)
         shape: tuple[int, ...] = size_hw if self.batch is None else (self.batch, *size_hw)
-        light, copies = _picture("hdr", hdr, shape, (1, 3))
+        light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16))
+        if transfer is None:
+            transfer = "linear" if light.dtype == np.float32 else "srgb"
         depths, copied = _picture("depth", depth, shape, (1,))
         motion, moved = _picture("motion_vectors", motion_vectors, shape, (2,))
         copies += copied + moved
@@ -460,6 +470,8 @@ class EventEmulator(Generic[Out]):
             motion_forward=None if forward is None else forward.reshape(-1),
             cut=np.broadcast_to(cuts, size).tolist(),
             channels=channels,
+            transfer=str(transfer),
+            gamma=float(gamma),
             warp=json.dumps(asdict(chosen)),
         )
         return self._made(lists, copies)
@@ -569,10 +581,14 @@ def _warp(warp: Any, steps: int | None) -> Warp:
 
 
 def _picture(
-    what: str, values: Any, shape: tuple[int, ...], channels: tuple[int, ...]
-) -> tuple[npt.NDArray[np.float32], int]:
-    """View one picture per environment as contiguous float32; say how many copies that took."""
-    array, copied = _as_array(values, what, (np.float32,))
+    what: str,
+    values: Any,
+    shape: tuple[int, ...],
+    channels: tuple[int, ...],
+    dtypes: tuple[Any, ...] = (np.float32,),
+) -> tuple[npt.NDArray[Any], int]:
+    """View one picture per environment as a contiguous array; say how many copies that took."""
+    array, copied = _as_array(values, what, dtypes)
     wanted = [(*shape, number) for number in channels]
     if 1 in channels:
         wanted.insert(0, shape)

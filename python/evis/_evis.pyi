@@ -44,6 +44,7 @@ __all__ = [
     "psnr",
     "recommend_chart",
     "run_cli",
+    "scene_sensor",
     "score",
     "score_table",
     "sensor_check",
@@ -427,6 +428,7 @@ class Truth:
 
 def sensor_presets() -> list[tuple[str, str]]: ...
 def sensor_preset(name: str) -> str: ...
+def scene_sensor(scene: Scene, names: list[str]) -> str | None: ...
 def sensor_check(json: str) -> tuple[list[str], bool]: ...
 def sensor_to_toml(json: str) -> str: ...
 def sensor_from_toml(text: str) -> str: ...
@@ -452,7 +454,7 @@ class EventEmulator:
     ) -> list[npt.NDArray[np.void]]: ...
     def push_keyframe(
         self,
-        light: npt.NDArray[np.float32],
+        light: npt.NDArray[Any],
         depth: npt.NDArray[np.float32],
         motion: npt.NDArray[np.float32],
         t_us: int,
@@ -460,6 +462,8 @@ class EventEmulator:
         motion_forward: npt.NDArray[np.float32] | None,
         cut: list[bool],
         channels: int,
+        transfer: str,
+        gamma: float,
         warp: str,
     ) -> list[npt.NDArray[np.void]]: ...
     def causes(self) -> list[npt.NDArray[np.uint8]]: ...

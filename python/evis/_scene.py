@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -9,6 +10,7 @@ from typing import Any
 
 from . import _evis, _toml
 from ._evis import ConfigError
+from ._sensor import Sensor
 from .motion import HERE, Placement, fields_of
 
 
@@ -34,6 +36,9 @@ class EventCamera:
         Near plane in metres.
     threshold_on, threshold_off : float, optional
         Thresholds of this camera, where they differ from the run's.
+    sensor : Sensor or str, optional
+        Its sensor, or the name of a preset or TOML file: what a `Simulator` takes that is given none. All
+        cameras that are rendered together must have the same.
     """
 
     name: str
@@ -48,6 +53,7 @@ class EventCamera:
     near: float | None = None
     threshold_on: float | None = None
     threshold_off: float | None = None
+    sensor: Sensor | str | None = None
 
     def table(self) -> dict[str, Any]:
         """Return the camera as a scene file has it."""
@@ -57,6 +63,8 @@ class EventCamera:
             raise ConfigError(f"camera '{self.name}' has a width or a height alone; it takes both or none")
         if width is not None:
             table["size"] = (width, height)
+        if isinstance(self.sensor, Sensor):
+            table["sensor"] = json.loads(self.sensor._json())
         return {**table.pop("pose").table(), **table}
 
 

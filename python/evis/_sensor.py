@@ -117,7 +117,11 @@ class Noise:
     hot_share, hot_hz : float
         Share of hot pixels, and their rate.
     burst_events, burst_us : float
-        Mean number of shot events that follow each one (``shot_hz`` counts them all), and their mean delay.
+        Mean number of shot events that follow each one (``shot_hz`` counts them all), and their mean delay;
+        their shortest one where ``burst_longest_us`` is set.
+    burst_longest_us : float
+        Longest delay of those that follow: delays are then as many per decade from ``burst_us`` to here. 0:
+        delays are exponential.
     alternation : float
         Probability that a shot event's polarity is not that of the pixel's last event; below 0: independent.
     """
@@ -137,6 +141,7 @@ class Noise:
     hot_hz: float = 0.0
     burst_events: float = 0.0
     burst_us: float = 300.0
+    burst_longest_us: float = 0.0
     alternation: float = -1.0
 
 

@@ -79,8 +79,9 @@ class Simulator:
         What to render; several simulators may share it.
     sensor : Sensor or str, optional
         Sensor of every camera, or the name of a preset; a camera's own thresholds come before the sensor's.
-        Ideal, 0.2 / 0.2, where not given (with the method ``evis-paper``: the same that latches, with
-        ``log_eps`` 1e-5). Any stage but ``diffusion`` runs on the device.
+        Where not given, what the scene gives the cameras; else ideal, 0.2 / 0.2 (with the method
+        ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Every stage runs on the device, but
+        ``diffusion``: that runs on the host, from the light of every instant, and without ``adaptive_px``.
     method : {"auto", "native", "reproject", "splat", "evis-paper"} or Splat, optional
         How instants are sampled: each rendered (``native``); visibility at each, in adaptive time, and light
         of what stands still from some 30 keyframes a second (``reproject``); or splatted from keyframes.
@@ -190,12 +191,6 @@ class Simulator:
                 f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "
                 "second: set those of a Splat instead"
             )
-        if sensor is None:
-            paper = splat is not None and splat.is_evis_paper
-            sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
-        elif isinstance(sensor, str):
-            sensor = Sensor.preset(sensor)
-        sensor.check()
         if isinstance(cameras, str) or isinstance(labels, str):
             raise ConfigError("cameras and labels are sequences: write ['NAME'], not 'NAME'")
         names: list[str] = []
@@ -205,6 +200,15 @@ class Simulator:
             added = [camera for camera in cameras if isinstance(camera, EventCamera)]
             scene = scene.with_cameras(added) if added else scene
             names = [camera.name if isinstance(camera, EventCamera) else camera for camera in cameras]
+        if sensor is None:
+            own = _evis.scene_sensor(scene._raw, names)
+            sensor = None if own is None else Sensor._of_json(own)
+        if sensor is None:
+            paper = splat is not None and splat.is_evis_paper
+            sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
+        elif isinstance(sensor, str):
+            sensor = Sensor.preset(sensor)
+        sensor.check()
         self._scene = scene
         self._sensor = sensor
         self._engine = _evis.Simulator(

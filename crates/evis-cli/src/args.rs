@@ -113,7 +113,7 @@ pub(crate) struct RunArgs {
     pub(crate) splat: SplatArgs,
 
     /// Sensor: a preset (ideal, evis, v2e, v2e-noisy, esim, openeb, dvxplorer-like, …) or a TOML file; the flags below
-    /// override it [default: ideal].
+    /// override it [default: what the scene gives its cameras, else ideal].
     #[arg(long, value_name = "PRESET|FILE")]
     pub(crate) sensor: Option<String>,
 

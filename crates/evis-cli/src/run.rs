@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, TriggerRule};
+use evis_core::{CameraInfo, SensorConfig, TriggerRule};
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
     DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig, StageTimes, Target,
+    scene_sensor,
 };
 use evis_scene::Scene;
 use serde::Serialize;
@@ -41,11 +42,18 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     if let Some(report) = &args.report {
         check_parent(report, "--report")?;
     }
-    let config = config(args)?;
+    let mut config = config(args)?;
     config.check()?;
     let scene = scene_source::load(&args.scene, config.seed)?;
     for name in &config.cameras {
         scene.camera(name)?;
+    }
+    if args.sensor.is_none()
+        && let Some(sensor) = scene_sensor(&scene, &config.cameras)?
+    {
+        config.sensor = sensor;
+        adjust(args, &mut config.sensor);
+        config.check()?;
     }
     let environments = scene.variants.len().max(1);
     let outputs = output_paths(&args.output, environments);
@@ -112,6 +120,20 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
 }
 
+/// Single settings of the sensor, over what preset, file or scene say.
+fn adjust(args: &RunArgs, sensor: &mut SensorConfig) {
+    let set = |to: &mut f32, from: Option<f32>| *to = from.unwrap_or(*to);
+    set(&mut sensor.threshold_on, args.threshold_on);
+    set(&mut sensor.threshold_off, args.threshold_off);
+    set(&mut sensor.log_eps, args.log_eps);
+    if let Some(trigger) = args.trigger {
+        sensor.trigger = trigger.into();
+    }
+    if let Some(interpolation) = args.interpolation {
+        sensor.interpolation = interpolation.into();
+    }
+}
+
 /// The run's settings: flags over defaults.
 fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let mut config = RunConfig { method: method(args)?, ..RunConfig::default() };
@@ -124,16 +146,7 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
     set(&mut config.rate_hz, args.rate);
     set(&mut config.label_rate_hz, args.label_rate);
-    let set = |to: &mut f32, from: Option<f32>| *to = from.unwrap_or(*to);
-    set(&mut config.sensor.threshold_on, args.threshold_on);
-    set(&mut config.sensor.threshold_off, args.threshold_off);
-    set(&mut config.sensor.log_eps, args.log_eps);
-    if let Some(trigger) = args.trigger {
-        config.sensor.trigger = trigger.into();
-    }
-    if let Some(interpolation) = args.interpolation {
-        config.sensor.interpolation = interpolation.into();
-    }
+    adjust(args, &mut config.sensor);
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
     }

@@ -66,7 +66,7 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--method fast", ["--method", "'fast'", "native"]),
         ("--labels depth,color", ["--labels", "'color'", "hdr"]),
         ("--sensor v2f", ["--sensor", "v2f", "gen4-like"]),
-        ("--sensor davis346", ["sensor.diffusion", "davis346", "EventEmulator"]),
+        ("--sensor davis346 --adaptive 0.3", ["adaptive_px", "0.3", "diffusion"]),
         ("--sensor no/such.toml", ["--sensor", "no/such.toml", "cannot be read"]),
         ("--sensor v2e --rate 0.001", ["rate", "every 1000 s", "268"]),
         ("--frame-rate 0", ["--frame-rate", "'0'", "above 0"]),
@@ -75,6 +75,40 @@ fn impossible_numbers_name_flag_value_and_remedy() {
     ] {
         refused(&folder, &format!("run spinner -o x.h5 {arguments}"), &told);
     }
+}
+
+#[test]
+fn a_scenes_sensor_that_cannot_be_is_named_with_file_key_and_value() {
+    let folder = Folder::new("scene-sensor");
+    let write = |name: &str, sensor: &str| {
+        let wall = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\nsize = [1, 1, 1]\nmaterial = \"white\"\n[[materials]]\nname = \"white\"\n";
+        let text = format!("{wall}[[cameras]]\nname = \"front\"\n{sensor}\n");
+        std::fs::write(folder.file(name), text).unwrap();
+    };
+    write("preset.toml", "sensor = \"davis345\"");
+    refused(
+        &folder,
+        "run preset.toml -o x.h5",
+        &["preset.toml", "'front'", "sensor", "davis345", "davis346"],
+    );
+    write("value.toml", "sensor = { threshold_on = -0.2 }");
+    refused(
+        &folder,
+        "run value.toml -o x.h5",
+        &["value.toml", "'front'", "sensor", "threshold_on", "-0.2", "above 0"],
+    );
+    write("file.toml", "sensor = \"sensors/none.toml\"");
+    refused(
+        &folder,
+        "run file.toml -o x.h5",
+        &["file.toml", "'front'", "sensors/none.toml", "cannot be read"],
+    );
+    write("kind.toml", "sensor = 7");
+    refused(&folder, "run kind.toml -o x.h5", &["kind.toml", "'front'", "sensor", "7", "preset"]);
+    // It is what is taken: adaptive time and a diffusion exclude each other. Canary: not where --sensor comes before it.
+    write("good.toml", "sensor = \"davis346\"");
+    refused(&folder, "run good.toml -o x.h5 --adaptive 0.3", &["adaptive_px", "diffusion"]);
+    refused(&folder, "run good.toml -o x.h5 --adaptive 0.3 --sensor v2e --device none-such", &["none-such"]);
 }
 
 #[test]

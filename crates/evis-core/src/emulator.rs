@@ -178,6 +178,12 @@ impl EventEmulator {
     /// # Errors
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn new(config: EmulatorConfig) -> Result<Self, ConfigError> {
+        let (seed, camera) = (config.seed, config.camera);
+        Self::keyed(config, |environment| Key::new(seed, environment, camera))
+    }
+
+    /// [`Self::new`], with the key that each environment is given.
+    fn keyed(config: EmulatorConfig, key_of: impl Fn(u32) -> Key) -> Result<Self, ConfigError> {
         Sensor::new(config.sensor.clone())?;
         for (what, value) in [("width", config.width), ("height", config.height)] {
             if !(1..=65_536).contains(&value) {
@@ -206,7 +212,7 @@ impl EventEmulator {
         };
         let pixels = config.width as usize * config.height as usize;
         let environment = |index: usize| Environment {
-            key: Key::new(config.seed, index as u32, config.camera),
+            key: key_of(index as u32),
             started: false,
             tiles: (0..pixels)
                 .step_by(TILE)
@@ -305,7 +311,7 @@ impl EventEmulator {
         let pixels = self.config.width as usize * self.config.height as usize;
         frames.check(pixels * self.config.batch)?;
         let inverse = 1.0 / self.config.reference_luminance;
-        self.tables.prepare(frames, inverse, self.config.sensor.log_eps);
+        self.tables.prepare(frames, inverse, &self.config.sensor);
         let Self { config, isa, pool, tables, kernel, environments, .. } = self;
         let sources: Option<Vec<Source<'_>>> =
             (0..config.batch).map(|index| Source::new(frames, tables, inverse, index, pixels)).collect();

@@ -307,6 +307,55 @@ fn bursts_and_alternation_are_what_was_asked_for() {
     assert!((fano - 4.0).abs() < 0.15, "{fano}");
 }
 
+#[test]
+fn long_bursts_last_as_long_as_was_asked_at_any_frame_rate() {
+    let noise = Noise {
+        shot_hz: 0.3,
+        burst_events: 1.5,
+        burst_us: 500.0,
+        burst_longest_us: 300_000.0,
+        ..Noise::default()
+    };
+    let sensor = SensorConfig { noise, ..Default::default() };
+    let seconds = 20_i64;
+    let events = run(&mut emulator(50, 40, &sensor), &grid(5_000, seconds * 1_000_000), |_| 0.5);
+    let expected = 0.3 * 2000.0 * seconds as f64;
+    // Clusters of 1 + G: the count's variance is its mean times 1 + 2 m.
+    assert!((events.len() as f64 - expected).abs() < 3.5 * (4.0 * expected).sqrt(), "{}", events.len());
+    // The same events, however frames cut their time.
+    for step_us in [33_333, 700_000] {
+        let other = run(&mut emulator(50, 40, &sensor), &grid(step_us, seconds * 1_000_000), |_| 0.5);
+        let until = other.last().unwrap().t;
+        let first: Vec<_> = events.iter().filter(|event| event.t <= until).collect();
+        assert!(first.len() >= other.len() && first.iter().zip(&other).all(|(a, b)| **a == *b), "{step_us}");
+    }
+    let intervals = |events: &[Event]| {
+        let mut last = vec![None; 2000];
+        let mut decades = [0.0_f64; 4];
+        for event in events {
+            let pixel = usize::from(event.y) * 50 + usize::from(event.x);
+            if let Some(before) = last[pixel].replace(event.t) {
+                let interval = (event.t - before) as f64;
+                // Half decades of 500 us to 50 ms.
+                let place = (interval / 500.0).log10() * 2.0;
+                if (0.0..4.0).contains(&place) {
+                    decades[place as usize] += 1.0;
+                }
+            }
+        }
+        decades
+    };
+    // As many per decade, nearly: events between two of a burst part their interval.
+    let long = intervals(&events);
+    let (least, most) = long.iter().fold((f64::MAX, 0.0_f64), |(a, b), n| (a.min(*n), b.max(*n)));
+    assert!(least > 500.0 && most < 1.5 * least, "{long:?}");
+    // Canary: exponential delays are not.
+    let noise = Noise { burst_us: 2000.0, burst_longest_us: 0.0, ..sensor.noise };
+    let short = SensorConfig { noise, ..sensor };
+    let short = intervals(&run(&mut emulator(50, 40, &short), &grid(5_000, seconds * 1_000_000), |_| 0.5));
+    assert!(short[0].min(short[3]) < 0.3 * short[1].max(short[2]), "{short:?}");
+}
+
 /// Output of the chain read back by events of a tiny threshold: (time, level).
 fn levels(photoreceptor: Photoreceptor, times: &[i64], light: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
     let c = 0.001;

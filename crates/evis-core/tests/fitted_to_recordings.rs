@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use evis_core::event::slice_time;
 use evis_core::format::read_events;
 use evis_core::stats::{Stats, calibrate, static_scene, stats};
-use evis_core::{ConfigError, SensorConfig};
+use evis_core::{ConfigError, Event, SensorConfig};
 
 const RECORDINGS: [(&str, (u32, u32), &str); 2] = [
     ("dvxplorer_dark_640x480.npz", (640, 480), "dvxplorer-like"),
@@ -63,6 +63,27 @@ fn what_is_fitted_to_the_first_half_holds_for_the_second() {
         let own = expected(&preset, size, length_us).unwrap();
         eprintln!("{name}: preset {own:.5?}");
         assert!(apart(own, want) < 0.2, "{name}: preset has {own:?} for {want:?}");
+
+        // Bursts that last: the time between a pixel's events, and the Fano factor by window, are the recording's too.
+        if preset.noise.burst_longest_us > 0.0 {
+            let told = |events: &[Event], range| {
+                let of = stats(events, size, range).unwrap();
+                let fano: Vec<f64> = of.fano_by_window.iter().map(|point| point[1]).collect();
+                (of.interval_quantiles_us.unwrap()[2], fano)
+            };
+            let near = |(median, fano): &(f64, Vec<f64>), (want_median, want): &(f64, Vec<f64>)| {
+                let windows = fano.iter().zip(want).all(|(got, want)| (got / want - 1.0).abs() < 0.15);
+                windows && fano.len() == want.len() && (median / want_median - 1.0).abs() < 0.3
+            };
+            let want = told(second, (middle_us, end_us));
+            let own = told(&static_scene(&preset, size, length_us, 0.0, 100).unwrap(), (0, length_us));
+            eprintln!("{name}: median interval and Fano factors by window {want:.3?}, preset {own:.3?}");
+            assert!(near(&own, &want), "{own:?} for {want:?}");
+            let mut short = preset.clone();
+            (short.noise.burst_us, short.noise.burst_longest_us) = (2000.0, 0.0);
+            let short = told(&static_scene(&short, size, length_us, 0.0, 100).unwrap(), (0, length_us));
+            assert!(!near(&short, &want), "canary: bursts of 2 ms have {short:?}");
+        }
 
         let other = expected(&SensorConfig::preset("v2e-noisy").unwrap(), size, length_us).unwrap();
         assert!(apart(other, want) > 0.5, "canary: {name}: another sensor has {other:?} for {want:?}");

@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use evis_core::emulator::Cut;
-use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, Keyframes, SensorConfig, WarpConfig};
+use evis_core::{
+    EmulatorConfig, Event, EventEmulator, FrameData, Frames, Keyframes, SensorConfig, Transfer, WarpConfig,
+};
 
 const WIDTH: usize = 96;
 const HEIGHT: usize = 40;
@@ -31,7 +33,7 @@ impl Picture {
 
     fn keyframes(&self) -> Keyframes<'_> {
         Keyframes {
-            light: &self.light,
+            light: FrameData::Linear(&self.light),
             channels: 1,
             depth: &self.depth,
             motion: &self.motion,
@@ -93,6 +95,32 @@ fn truth(of: impl Fn(f64) -> Picture, gaps: i64) -> Vec<Event> {
         events.extend(emulator.push(&Frames::linear(&light), k * GAP_US / 100).unwrap().remove(0));
     }
     events
+}
+
+#[test]
+fn integers_are_light_under_their_curve() {
+    let (mut codes, mut floats, mut other) = (emulator(1, 1), emulator(1, 1), emulator(2, 1));
+    let mut count = 0;
+    for k in 0..4 {
+        let picture = sliding([3.0, 0.0], f64::from(k));
+        let integers: Vec<u16> =
+            picture.light.iter().map(|light| (light.min(1.0) * 65_535.0) as u16).collect();
+        let light =
+            integers.iter().map(|code| Transfer::Rec709.light(f64::from(*code) / 65_535.0) as f32).collect();
+        let warp = WarpConfig::default();
+        let t_us = i64::from(k) * GAP_US;
+        let push = |emulator: &mut EventEmulator, transfer| {
+            let keyframes = Keyframes { light: FrameData::U16(&integers, transfer), ..picture.keyframes() };
+            emulator.push_keyframe(&keyframes, t_us, &warp).unwrap().remove(0)
+        };
+        let got = push(&mut codes, Transfer::Rec709);
+        let wrong = push(&mut other, Transfer::Linear);
+        let linear = Picture { light, depth: picture.depth.clone(), motion: picture.motion.clone() };
+        let expected = floats.push_keyframe(&linear.keyframes(), t_us, &warp).unwrap().remove(0);
+        assert!(got == expected && (k == 0 || wrong != expected), "canary: another curve is other light");
+        count += got.len();
+    }
+    assert!(count > 500, "{count}");
 }
 
 #[test]
@@ -365,6 +393,7 @@ fn bad_pushes_are_named_and_change_nothing() {
     let state = emulator.state();
     let short = &good.depth[1..];
     let keyframes = good.keyframes();
+    let codes = vec![1_u8; PIXELS];
     let negative: Vec<f32> = good.light.iter().map(|light| light - 2.0).collect();
     let warp = WarpConfig::default();
     let cases = [
@@ -373,9 +402,17 @@ fn bad_pushes_are_named_and_change_nothing() {
         (Keyframes { depth: short, ..keyframes }, 20, warp, "number of depths"),
         (Keyframes { motion: short, ..keyframes }, 20, warp, "number of values of motion"),
         (Keyframes { motion_forward: Some(short), ..keyframes }, 20, warp, "motion_forward"),
-        (Keyframes { light: short, ..keyframes }, 20, warp, "number of values"),
+        (Keyframes { light: FrameData::Linear(short), ..keyframes }, 20, warp, "number of values"),
         (Keyframes { channels: 2, ..keyframes }, 20, warp, "channels"),
-        (Keyframes { light: &negative, ..keyframes }, 20, warp, "light of pixel (0, 0)"),
+        (Keyframes { light: FrameData::Linear(&negative), ..keyframes }, 20, warp, "light of pixel (0, 0)"),
+        (Keyframes { light: FrameData::Log(&good.light), ..keyframes }, 20, warp, "logarithms"),
+        (
+            Keyframes { light: FrameData::U8(&[1, 2], Transfer::Srgb), ..keyframes },
+            20,
+            warp,
+            "number of values",
+        ),
+        (Keyframes { light: FrameData::U8(&codes, Transfer::Gamma(0.0)), ..keyframes }, 20, warp, "gamma"),
         (Keyframes { cut: &[false, false], ..keyframes }, 20, warp, "number of cuts"),
         (keyframes, 20, WarpConfig { steps: Some(0), ..warp }, "steps"),
         (keyframes, 20, WarpConfig { step_px: f32::NAN, ..warp }, "step_px"),
@@ -415,7 +452,7 @@ fn a_margin_is_seen_before_it_comes_in() {
     let small = WarpConfig { margin: 0, ..warp };
     let crop = vec![0.5; width * height];
     let keyframes = Keyframes {
-        light: &crop,
+        light: FrameData::Linear(&crop),
         channels: 1,
         depth: &crop,
         motion: &vec![0.0; 2 * crop.len()],

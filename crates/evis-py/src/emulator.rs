@@ -72,6 +72,13 @@ pub(crate) fn sensor_sample(json: &str, ranges: &str, seed: u64) -> PyResult<Str
     Ok(to_json(&drawn)?)
 }
 
+/// The sensor that `scene` gives the cameras `names` (all, where there are none), as JSON; None where it gives none.
+#[pyfunction]
+pub(crate) fn scene_sensor(scene: &crate::scene::Scene, names: Vec<String>) -> PyResult<Option<String>> {
+    let sensor = evis_render::scene_sensor(&scene.shared(), &names).map_err(Failure::from)?;
+    Ok(sensor.as_ref().map(to_json).transpose()?)
+}
+
 /// Frames in, events out.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct EventEmulator(Mutex<evis_core::EventEmulator>);
@@ -82,6 +89,22 @@ enum Values<'py> {
     F32(PyReadonlyArray1<'py, f32>),
     U8(PyReadonlyArray1<'py, u8>),
     U16(PyReadonlyArray1<'py, u16>),
+}
+
+impl Values<'_> {
+    /// What the numbers are, by the name of their curve.
+    fn data(&self, transfer: &str, gamma: f32) -> PyResult<FrameData<'_>> {
+        Ok(match self {
+            Self::F32(values) if transfer == "log" => FrameData::Log(values.as_slice()?),
+            Self::F32(values) if transfer == "linear" => FrameData::Linear(values.as_slice()?),
+            Self::F32(_) => {
+                let remedy = "linear or log for float32 frames";
+                return Err(Failure::from(ConfigError::new("transfer", transfer, remedy)).into());
+            }
+            Self::U8(values) => FrameData::U8(values.as_slice()?, self::transfer(transfer, gamma)?),
+            Self::U16(values) => FrameData::U16(values.as_slice()?, self::transfer(transfer, gamma)?),
+        })
+    }
 }
 
 fn transfer(name: &str, gamma: f32) -> Result<Transfer, Failure> {
@@ -140,16 +163,7 @@ impl EventEmulator {
         transfer: &str,
         gamma: f32,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let data = match &frames {
-            Values::F32(values) if transfer == "log" => FrameData::Log(values.as_slice()?),
-            Values::F32(values) if transfer == "linear" => FrameData::Linear(values.as_slice()?),
-            Values::F32(_) => {
-                let remedy = "linear or log for float32 frames";
-                return Err(Failure::from(ConfigError::new("transfer", transfer, remedy)).into());
-            }
-            Values::U8(values) => FrameData::U8(values.as_slice()?, self::transfer(transfer, gamma)?),
-            Values::U16(values) => FrameData::U16(values.as_slice()?, self::transfer(transfer, gamma)?),
-        };
+        let data = frames.data(transfer, gamma)?;
         let frames = Frames { data, channels };
         let lists = py.enter_engine(|| {
             let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -159,24 +173,28 @@ impl EventEmulator {
     }
 
     /// Takes frames with depth and motion; gives an array of events per environment.
-    #[pyo3(signature = (light, depth, motion, t_us, *, motion_forward, cut, channels, warp))]
+    #[pyo3(signature = (
+        light, depth, motion, t_us, *, motion_forward, cut, channels, transfer, gamma, warp
+    ))]
     #[allow(clippy::too_many_arguments, reason = "what a keyframe has")]
     fn push_keyframe<'py>(
         &self,
         py: Python<'py>,
-        light: PyReadonlyArray1<'py, f32>,
+        light: Values<'py>,
         depth: PyReadonlyArray1<'py, f32>,
         motion: PyReadonlyArray1<'py, f32>,
         t_us: i64,
         motion_forward: Option<PyReadonlyArray1<'py, f32>>,
         cut: Vec<bool>,
         channels: usize,
+        transfer: &str,
+        gamma: f32,
         warp: &str,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let warp: WarpConfig = serde_json::from_str(warp)
             .map_err(|error| Failure::Config(format!("warp: {}", error.to_string().replace('`', "'"))))?;
         let keyframes = Keyframes {
-            light: light.as_slice()?,
+            light: light.data(transfer, gamma)?,
             channels,
             depth: depth.as_slice()?,
             motion: motion.as_slice()?,

@@ -226,14 +226,6 @@ impl RunConfig {
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn check(&self) -> Result<(), ConfigError> {
         Sensor::new(self.sensor.clone())?;
-        if self.sensor.diffusion.is_some() {
-            return Err(ConfigError::new(
-                "sensor.diffusion",
-                "on (as in davis346 and davis240)",
-                "off: the 3D engine has no Brownian trigger. Take another preset, or push rendered frames to an \
-                 EventEmulator",
-            ));
-        }
         if let Method::Splat(splat) = &self.method {
             splat.check()?;
         }
@@ -247,6 +239,7 @@ impl RunConfig {
             if self.antialias == Antialias::Edges {
                 return Err(ConfigError::new("antialias", "edges", "samples, where adaptive_px is set"));
             }
+            crate::diffusion::check_adaptive(self, px)?;
         } else if self.method == Method::Reproject {
             return Err(ConfigError::new(
                 "adaptive_px",

@@ -14,6 +14,7 @@ use crate::adaptive::AdaptiveRoom;
 use crate::auto;
 use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
+use crate::diffusion::{self, DiffusionRoom, Looks};
 use crate::error::EngineError;
 use crate::exposure::ExposureRoom;
 use crate::frame::{FrameData, FrameRequest, rigid};
@@ -175,8 +176,14 @@ struct Arrived {
 }
 
 enum Work {
-    Events { unit: Unit, slot: Slot, predicted: u32 },
+    Events {
+        unit: Unit,
+        slot: Slot,
+        predicted: u32,
+    },
     Labels(LabelJob),
+    /// Light for pixels that the host walks.
+    Looks(Looks),
 }
 
 struct InFlight {
@@ -194,6 +201,7 @@ pub struct Engine {
     groups: Vec<Group>,
     label_room: Option<LabelRoom>,
     exposure_room: Option<ExposureRoom>,
+    diffusion_room: Option<DiffusionRoom>,
     label_grid: TimeGrid,
     /// Instants that no submission parts.
     block: u32,
@@ -243,6 +251,7 @@ impl Engine {
         let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
         if let Method::Auto(target) = config.method {
             auto::choose(target, &scene, &gpu_scene, &views, config);
+            diffusion::settle(config);
         }
         let edges = config.antialias == Antialias::Edges;
         let reuses = config.method == Method::Reproject;
@@ -306,7 +315,13 @@ impl Engine {
         let [r, g, b] = scene.background.map(f64::from);
         let mut context = Context {
             gpu: gpu.clone(),
-            trigger: TriggerPasses::new(device, &config.sensor, layer_samples, may_be_unknown, block),
+            trigger: TriggerPasses::new(
+                device,
+                &diffusion::device_sensor(&config.sensor),
+                layer_samples,
+                may_be_unknown,
+                block,
+            ),
             gpu_scene,
             layouts,
             views,
@@ -413,6 +428,7 @@ impl Engine {
             targets,
             label_room,
             exposure_room: ExposureRoom::new(&context, config, rendered)?,
+            diffusion_room: DiffusionRoom::new(&context.views, config, reference, layer_samples)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             block,
             in_flight: VecDeque::new(),
@@ -605,6 +621,9 @@ impl Engine {
     }
 
     fn submit_unit(&mut self, unit: Unit) -> Result<(), EngineError> {
+        if self.diffusion_room.is_some() {
+            return self.submit_looks(unit);
+        }
         let submitted = Instant::now();
         let group = &mut self.groups[unit.group];
         let feed = group.chain.as_mut().map(|chain| unit.feed(chain, &self.context.grid));
@@ -657,6 +676,22 @@ impl Engine {
         Ok(())
     }
 
+    /// Submits what the host feels for its pixels.
+    fn submit_looks(&mut self, unit: Unit) -> Result<(), EngineError> {
+        let submitted = Instant::now();
+        let Some(room) = &mut self.diffusion_room else { return Ok(()) };
+        let group = &mut self.groups[unit.group];
+        let targets = &self.targets[group.targets];
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        let looks = room.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
+        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let mapped = map(&looks.staging);
+        group.next = unit.first + i64::from(unit.instants);
+        self.in_flight.push_back(InFlight { work: Work::Looks(looks), submitted, submission, mapped });
+        Ok(())
+    }
+
     fn submit_label(&mut self) -> Result<(), EngineError> {
         let submitted = Instant::now();
         let Some(room) = &mut self.label_room else { return Ok(()) };
@@ -684,11 +719,12 @@ impl Engine {
         // The device works in order: on this one since it was submitted, or since the one before it was done.
         let began = self.collected.map_or(oldest.submitted, |done| done.max(oldest.submitted));
         self.collected = Some(Instant::now());
-        if let Work::Events { unit, .. } = &oldest.work {
+        if let Work::Events { unit, .. } | Work::Looks(Looks { unit, .. }) = &oldest.work {
             self.instant_ms = 0.5 * (self.instant_ms + milliseconds(began) / f64::from(unit.instants));
         }
         match oldest.work {
             Work::Events { unit, slot, predicted } => self.take_events(unit, slot, predicted),
+            Work::Looks(looks) => self.take_looks(looks),
             Work::Labels(job) => {
                 let packing = Instant::now();
                 let room = self.label_room.as_mut();
@@ -783,6 +819,25 @@ impl Engine {
         group.unknown = status.unknown;
         self.report.suppressed += u64::from(status.suppressed.wrapping_sub(group.suppressed));
         group.suppressed = status.suppressed;
+        self.report.instants += u64::from(unit.instants);
+        self.report.times.pack_ms += milliseconds(packing);
+        Ok(())
+    }
+
+    /// Lets the host's pixels feel what a submission brought.
+    fn take_looks(&mut self, looks: Looks) -> Result<(), EngineError> {
+        let packing = Instant::now();
+        let Some(room) = &mut self.diffusion_room else { return Ok(()) };
+        let unit = looks.unit;
+        let group = &self.groups[unit.group];
+        for felt in room.take(&self.context, &self.targets[group.targets], group, looks)? {
+            self.arrived[felt.view].events.extend(felt.events);
+            self.report.clamped += felt.report.clamped;
+            self.report.unknown += felt.report.unknown;
+            self.report.suppressed += felt.report.suppressed;
+            self.report.dropped += felt.report.dropped;
+        }
+        self.complete_us[unit.group] = unit.end_us(&self.context.grid);
         self.report.instants += u64::from(unit.instants);
         self.report.times.pack_ms += milliseconds(packing);
         Ok(())

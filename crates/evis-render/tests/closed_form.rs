@@ -904,6 +904,7 @@ impl Card {
             near: 0.05,
             threshold_on: None,
             threshold_off: None,
+            sensor: None,
         });
         scene.validate().unwrap();
         Arc::new(scene)

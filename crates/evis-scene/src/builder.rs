@@ -28,8 +28,8 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use crate::environment::Environment;
 use crate::error::SceneError;
 use crate::model::{
-    AlphaMode, Camera, Image, Lens, Light, LightKind, Material, Mesh, Node, Primitive, Scene, ShadingModel,
-    Texture, TextureRef, Trs, Variant, Wrap,
+    AlphaMode, Camera, CameraSensor, Image, Lens, Light, LightKind, Material, Mesh, Node, Primitive, Scene,
+    SensorKind, ShadingModel, Texture, TextureRef, Trs, Variant, Wrap,
 };
 use crate::motion::{Motion, Path, WaveShape, Waveform};
 use crate::primitive::Shape;
@@ -186,6 +186,8 @@ pub struct EventCamera {
     pub near: f64,
     /// ON and OFF thresholds; `None` takes the run's.
     pub thresholds: [Option<f32>; 2],
+    /// The sensor; `None` takes the run's.
+    pub sensor: Option<CameraSensor>,
 }
 
 impl EventCamera {
@@ -197,6 +199,7 @@ impl EventCamera {
             size: None,
             near: 0.05,
             thresholds: [None; 2],
+            sensor: None,
         }
     }
 
@@ -227,6 +230,13 @@ impl EventCamera {
     /// Contrast thresholds, both positive.
     pub fn thresholds(mut self, on: f32, off: f32) -> Self {
         self.thresholds = [Some(on), Some(off)];
+        self
+    }
+
+    /// A preset of a sensor, by name; it is looked up when the scene is simulated.
+    pub fn sensor(mut self, preset: impl Into<String>) -> Self {
+        let place = format!("camera '{}', sensor", self.name);
+        self.sensor = Some(CameraSensor { kind: SensorKind::Preset(preset.into()), place });
         self
     }
 }
@@ -780,6 +790,7 @@ impl SceneBuilder {
             near: camera.near,
             threshold_on: camera.thresholds[0],
             threshold_off: camera.thresholds[1],
+            sensor: camera.sensor,
         });
         Ok(node)
     }

@@ -81,6 +81,7 @@ impl Scene {
             near: distance * 0.01,
             threshold_on: None,
             threshold_off: None,
+            sensor: None,
         });
         Some(self.cameras.len() - 1)
     }

@@ -333,6 +333,26 @@ pub struct Camera {
     pub threshold_on: Option<f32>,
     /// OFF threshold of this camera, where it differs from the run's.
     pub threshold_off: Option<f32>,
+    /// The sensor that the scene gives it; `None` leaves it to the run.
+    pub sensor: Option<CameraSensor>,
+}
+
+/// A sensor as a scene names it: whoever knows sensors reads it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraSensor {
+    /// Which.
+    pub kind: SensorKind,
+    /// Where the scene says so, for messages: file, table and key.
+    pub place: String,
+}
+
+/// How a scene names a sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SensorKind {
+    /// A preset, by name.
+    Preset(String),
+    /// A sensor as TOML.
+    Toml(String),
 }
 
 /// One environment of a batch: the same scene with some nodes moved and its own clock.

@@ -31,6 +31,7 @@ fn camera(name: &str) -> Camera {
         near: 0.01,
         threshold_on: None,
         threshold_off: None,
+        sensor: None,
     }
 }
 

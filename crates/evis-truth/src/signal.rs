@@ -265,6 +265,7 @@ mod tests {
             near: 0.01,
             threshold_on: None,
             threshold_off: None,
+            sensor: None,
         });
         for (i, luminance) in [0.1, 1.0].into_iter().enumerate() {
             let right = if i == 0 { 0.0 } else { 9.0 };

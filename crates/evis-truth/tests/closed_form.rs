@@ -37,6 +37,7 @@ fn scene() -> Scene {
         near: 0.01,
         threshold_on: None,
         threshold_off: None,
+        sensor: None,
     });
     scene
 }

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::sensor::ConfigError;
+use super::ideal::margin;
+use crate::sensor::{ConfigError, SensorConfig};
 use crate::simd;
 
 /// Pixels that a kernel treats at once.
@@ -134,32 +135,32 @@ impl<'a> Frames<'a> {
 /// Weights of R, G and B in luminance: Rec. ITU-R BT.709-6, item 3.2.
 pub(crate) const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Bins of [`Tables::below`] and [`Tables::above`].
+/// Bins of [`Tables::ranges`].
 const BINS: usize = 4096;
 
 /// What each integer value means, one table per channel; built once per transfer curve.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tables {
     built_for: Option<(bool, usize, Transfer)>,
+    /// Thresholds that ranges are made for: ON, OFF.
+    thresholds: [f32; 2],
     /// Light over `Y_ref`, weighted per channel where there are three.
     light: [Vec<f32>; 3],
     /// `ln(light + eps)` for one channel.
     log: Vec<f32>,
-    /// The logarithm back to values, coarsely: [`Codes`].
-    below: Vec<u16>,
-    above: Vec<u16>,
+    /// From references back to values, coarsely: [`Codes`].
+    ranges: Vec<[u16; 2]>,
     base: f32,
     bins_per_unit: f32,
 }
 
-/// A table of logarithms of one channel of integers, and the way back.
+/// A table of logarithms of one channel of integers, and what values references allow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Codes<'a> {
     /// `ln(light + eps)` of each value, rising.
     log: &'a [f32],
-    /// Per bin of logarithms: the last value whose logarithm is below the bin, and the first one that is above it.
-    below: &'a [u16; BINS],
-    above: &'a [u16; BINS],
+    /// Per bin of references: the first and the last value at which no pixel of such a reference fires.
+    ranges: &'a [[u16; 2]; BINS],
     base: f32,
     bins_per_unit: f32,
 }
@@ -170,23 +171,18 @@ impl Codes<'_> {
         self.log[code]
     }
 
-    /// `(low, high)`: values from `low` to `high` have logarithms between `from` and `to`, or are an end of the scale;
-    /// up to a bin fewer than there could be.
+    /// `[low, high]`: values at which nothing fires, up to a bin fewer than there are; none where `low` is above `high`.
     #[inline(always)]
-    pub fn between(&self, from: f32, to: f32) -> (u16, u16) {
-        (self.above[self.bin(from)], self.below[self.bin(to)])
-    }
-
-    #[inline(always)]
-    fn bin(&self, log: f32) -> usize {
+    pub fn range(&self, reference: f32) -> [u16; 2] {
         // The conversion stops at 0 and at 2^30.
-        (simd::whole((log - self.base) * self.bins_per_unit) as usize).min(BINS - 1)
+        self.ranges[(simd::whole((reference - self.base) * self.bins_per_unit) as usize).min(BINS - 1)]
     }
 }
 
 impl Tables {
     /// Builds the tables that `frames` need, unless they are there already.
-    pub fn prepare(&mut self, frames: &Frames<'_>, inverse_reference: f32, eps: f32) {
+    pub fn prepare(&mut self, frames: &Frames<'_>, inverse_reference: f32, sensor: &SensorConfig) {
+        let eps = sensor.log_eps;
         let (wide, transfer) = match frames.data {
             FrameData::U8(_, transfer) => (false, transfer),
             FrameData::U16(_, transfer) => (true, transfer),
@@ -209,32 +205,39 @@ impl Tables {
             1 => self.light[0].iter().map(|light| simd::ln(light + eps)).collect(),
             _ => Vec::new(),
         };
+        self.thresholds = [sensor.threshold_on, sensor.threshold_off];
         self.invert();
         self.built_for = wanted;
     }
 
-    /// The way back from logarithms to values.
+    /// The way from references back to values.
     fn invert(&mut self) {
         let (Some(first), Some(last)) = (self.log.first(), self.log.last()) else { return };
-        // The first bin ends below the first logarithm, the last one begins above the last.
-        let bin = (f64::from(*last) - f64::from(*first)).max(1e-6) / (BINS - 3) as f64;
-        let base = f64::from(*first) - 1.5 * bin;
+        let [on, off] = self.thresholds.map(f64::from);
+        // No reference is farther from all values than a threshold. A hundredth of a bin makes up for rounding where a bin
+        // is looked up, and the first and the last one have all that lies beyond.
+        let (first, last) = (f64::from(*first) - on, f64::from(*last) + off);
+        let bin = (last - first) / (BINS - 3) as f64;
+        let base = first - 1.5 * bin;
         self.base = base as f32;
         self.bins_per_unit = (1.0 / bin) as f32;
-        // A hundredth of a bin makes up for rounding where a bin is looked up.
-        let edge = |index: f64| (base + index * bin) as f32;
-        let count = |log: f32| self.log.partition_point(|code| *code < log);
+        let margin = f64::from(margin(first.abs().max(last.abs()) as f32));
+        let count = |log: f64| self.log.partition_point(|code| f64::from(*code) < log);
         let code = |index: usize| index.min(self.log.len() - 1) as u16;
-        self.below = (0..BINS).map(|i| code(count(edge(i as f64 - 0.01)).saturating_sub(1))).collect();
-        self.above = (0..BINS).map(|i| code(count(edge(i as f64 + 1.01)))).collect();
+        let range = |i: usize| {
+            let (from, to) = (base + (i as f64 - 0.01) * bin, base + (i as f64 + 1.01) * bin);
+            let (low, high) = (count(to - off + margin), count(from + on - margin));
+            // No value of the scale may be between them.
+            if low >= high || i == 0 || i == BINS - 1 { [u16::MAX, 0] } else { [code(low), code(high - 1)] }
+        };
+        self.ranges = (0..BINS).map(range).collect();
     }
 
     /// The table of one-channel integers.
     pub fn codes(&self) -> Option<Codes<'_>> {
         Some(Codes {
             log: &self.log,
-            below: self.below.first_chunk()?,
-            above: self.above.first_chunk()?,
+            ranges: self.ranges.first_chunk()?,
             base: self.base,
             bins_per_unit: self.bins_per_unit,
         })

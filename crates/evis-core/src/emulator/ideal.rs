@@ -1,8 +1,10 @@
 //! The ideal pixel at memory speed: no noise, no filter, one pair of thresholds for all.
 //!
 //! A pixel fires only when its light leaves the range that its reference allows. That range is kept beside the
-//! reference, in the frame's own numbers, a little narrower than it is: a silent pixel costs two comparisons and no
-//! logarithm. Those that leave it are gathered, and treated in full, 64 and more at a time.
+//! reference, in the frame's own numbers, a little narrower than it is: a silent pixel costs some comparisons and no
+//! logarithm. Those that leave it are gathered, and treated in full, 64 and more at a time. Of a range of light only the
+//! lower end is kept, since the upper one is a fixed ratio above: what a silent pixel moves through memory is the frame,
+//! that end, and the copy of the frame.
 
 use super::frames::{BLOCK, Codes, Source, copy, copy_plain};
 use super::order::Record;
@@ -38,26 +40,20 @@ pub(crate) struct Tally {
 
 /// The type of a frame's numbers.
 pub(crate) trait Value: Copy + PartialOrd + Default + std::fmt::Debug {
-    /// Never in the range of a pixel that has not been seen.
+    /// The range of a pixel that has not been seen: nothing is in it.
     const NEVER: (Self, Self);
     /// Whether a value can be NaN.
     const HAS_UNKNOWN: bool;
     /// What stands for "nothing seen".
     const MISSING: Self;
-    /// Which values are not in their range, as bits; NaN is in none. `WIDE`: the caller is compiled for AVX2 at least.
-    fn outside<const WIDE: bool>(values: &[Self; BLOCK], low: &[Self; BLOCK], high: &[Self; BLOCK]) -> u64;
     /// Whether the value is unknown (NaN).
     fn is_unknown(self) -> bool;
 }
 
 impl Value for f32 {
-    const NEVER: (Self, Self) = (Self::INFINITY, Self::NEG_INFINITY);
+    const NEVER: (Self, Self) = (Self::NAN, Self::NAN);
     const HAS_UNKNOWN: bool = true;
     const MISSING: Self = Self::NAN;
-    #[inline(always)]
-    fn outside<const WIDE: bool>(values: &[Self; BLOCK], low: &[Self; BLOCK], high: &[Self; BLOCK]) -> u64 {
-        floats_outside::<WIDE>(values, low, high)
-    }
     #[inline(always)]
     fn is_unknown(self) -> bool {
         self.is_nan()
@@ -68,14 +64,23 @@ impl Value for f32 {
 pub(crate) trait Domain {
     /// One pixel.
     type Value: Value;
-    /// 64 pixels from `first`; [`Value::MISSING`] beyond the frame's end.
-    fn load(&self, first: usize, out: &mut [Self::Value; BLOCK]);
+    /// Whether the upper end of a range is kept; else it follows from the lower one, which is then given for both.
+    const UPPER: bool;
+    /// Puts 64 pixels from `first` into `out`, [`Value::MISSING`] beyond the frame's end; gives as bits which are not in
+    /// their range. NaN is in none, nor is what no light can be. `WIDE`: the caller is compiled for AVX2 at least.
+    fn load<const WIDE: bool>(
+        &self,
+        first: usize,
+        low: &[Self::Value; BLOCK],
+        high: &[Self::Value; BLOCK],
+        out: &mut [Self::Value; BLOCK],
+    ) -> u64;
     /// The first half of the way to the logarithm: a look-up, pixel by pixel.
     fn pick(&self, value: Self::Value) -> f32;
     /// The second half: arithmetic, many pixels at once.
     fn log(&self, picked: f32) -> f32;
-    /// A range of values whose logarithms lie between `from` and `to`.
-    fn between(&self, from: f32, to: f32) -> (Self::Value, Self::Value);
+    /// The range around `reference` within which nothing fires, narrower than it is by more than all rounding.
+    fn range(&self, sensor: &SensorConfig, reference: f32) -> (Self::Value, Self::Value);
     /// Whether no light has this value (infinite or negative).
     fn is_impossible(value: Self::Value) -> bool;
 }
@@ -91,22 +96,60 @@ pub(crate) struct Any<'a>(pub Source<'a>, pub f32);
 
 /// Loads linear light.
 pub(crate) trait Load {
-    fn load(&self, first: usize, out: &mut [f32; BLOCK]);
+    /// As [`Domain::load`]; `span` is `eps`, and the ratio of a range's ends.
+    fn load<const WIDE: bool>(
+        &self,
+        first: usize,
+        low: &[f32; BLOCK],
+        span: (f32, f32),
+        out: &mut [f32; BLOCK],
+    ) -> u64;
 }
 
 impl Load for Linear<'_> {
     #[inline(always)]
-    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+    fn load<const WIDE: bool>(
+        &self,
+        first: usize,
+        low: &[f32; BLOCK],
+        (eps, reach): (f32, f32),
+        out: &mut [f32; BLOCK],
+    ) -> u64 {
         let inverse = self.inverse_reference;
+        #[cfg(target_arch = "x86_64")]
+        if WIDE && let Some(values) = self.values.get(first..).and_then(|rest| rest.first_chunk()) {
+            // SAFETY: `WIDE` promises AVX2.
+            return unsafe { wide::light_outside(values, inverse, low, eps, reach, out) };
+        }
         copy(self.values, first, f32::NAN, out, |light| light * inverse);
+        light_outside(out, low, eps, reach)
     }
 }
 
 impl Load for Any<'_> {
     #[inline(always)]
-    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+    fn load<const WIDE: bool>(
+        &self,
+        first: usize,
+        low: &[f32; BLOCK],
+        (eps, reach): (f32, f32),
+        out: &mut [f32; BLOCK],
+    ) -> u64 {
         self.0.load_light(first, self.1, out);
+        light_outside(out, low, eps, reach)
     }
+}
+
+/// Which values do not lie, with `eps`, between `low` and `reach` times that, or are negative.
+#[inline(always)]
+fn light_outside(values: &[f32; BLOCK], low: &[f32; BLOCK], eps: f32, reach: f32) -> u64 {
+    let mut outside = [0; BLOCK];
+    for i in 0..BLOCK {
+        let shifted = values[i] + eps;
+        let inside = (shifted >= low[i]) & (shifted <= low[i] * reach) & (values[i] >= 0.0);
+        outside[i] = u8::from(!inside);
+    }
+    bits_of(&outside)
 }
 
 /// Linear light.
@@ -115,21 +158,30 @@ pub(crate) struct Light<L> {
     pub eps: f32,
     /// How far apart the ends of a range are, as a ratio of light: a little less than the thresholds allow.
     pub reach: f32,
+    /// The lower end at most.
+    most: f32,
 }
 
 impl<L> Light<L> {
     fn new(load: L, sensor: &SensorConfig) -> Self {
         // Twice the widest margin of `range`: logarithms of f32 end at 88.
         let reach = simd::exp(sensor.threshold_on + sensor.threshold_off - 2.0 * (2e-6 + 90.0 * 1e-6));
-        Self { load, eps: sensor.log_eps, reach }
+        Self { load, eps: sensor.log_eps, reach, most: 0.5 * f32::MAX / reach }
     }
 }
 
 impl<L: Load> Domain for Light<L> {
     type Value = f32;
+    const UPPER: bool = false;
     #[inline(always)]
-    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
-        self.load.load(first, out);
+    fn load<const WIDE: bool>(
+        &self,
+        first: usize,
+        low: &[f32; BLOCK],
+        _: &[f32; BLOCK],
+        out: &mut [f32; BLOCK],
+    ) -> u64 {
+        self.load.load::<WIDE>(first, low, (self.eps, self.reach), out)
     }
     #[inline(always)]
     fn pick(&self, value: f32) -> f32 {
@@ -140,11 +192,10 @@ impl<L: Load> Domain for Light<L> {
         simd::ln(picked + self.eps)
     }
     #[inline(always)]
-    fn between(&self, from: f32, _: f32) -> (f32, f32) {
-        let start = simd::exp(from);
-        let low = start - self.eps;
-        // Negative light leaves every range, so that it is seen.
-        (if low < 0.0 { 0.0 } else { low }, start * self.reach - self.eps)
+    fn range(&self, sensor: &SensorConfig, reference: f32) -> (f32, f32) {
+        let low = simd::exp(reference - sensor.threshold_off + margin(reference));
+        // Infinite light is in no range.
+        (if low < self.most { low } else { self.most }, 0.0)
     }
     #[inline(always)]
     #[allow(clippy::manual_range_contains, reason = "NaN is possible")]
@@ -158,9 +209,17 @@ pub(crate) struct Logs<'a>(pub &'a [f32]);
 
 impl Domain for Logs<'_> {
     type Value = f32;
+    const UPPER: bool = true;
     #[inline(always)]
-    fn load(&self, first: usize, out: &mut [f32; BLOCK]) {
+    fn load<const WIDE: bool>(
+        &self,
+        first: usize,
+        low: &[f32; BLOCK],
+        high: &[f32; BLOCK],
+        out: &mut [f32; BLOCK],
+    ) -> u64 {
         copy_plain(self.0, first, f32::NAN, out);
+        floats_outside::<WIDE>(out, low, high)
     }
     #[inline(always)]
     fn pick(&self, value: f32) -> f32 {
@@ -171,13 +230,20 @@ impl Domain for Logs<'_> {
         picked
     }
     #[inline(always)]
-    fn between(&self, from: f32, to: f32) -> (f32, f32) {
-        (from, to)
+    fn range(&self, sensor: &SensorConfig, reference: f32) -> (f32, f32) {
+        let margin = margin(reference);
+        (reference - sensor.threshold_off + margin, reference + sensor.threshold_on - margin)
     }
     #[inline(always)]
     fn is_impossible(value: f32) -> bool {
         value.is_infinite()
     }
+}
+
+/// How much narrower a range is kept on either side, in log units.
+#[inline(always)]
+pub(crate) fn margin(reference: f32) -> f32 {
+    2e-6 + 1e-6 * reference.abs()
 }
 
 #[inline(always)]
@@ -221,12 +287,46 @@ fn words_outside<const WIDE: bool>(values: &[u16; BLOCK], low: &[u16; BLOCK], hi
 #[cfg(target_arch = "x86_64")]
 mod wide {
     use std::arch::x86_64::{
-        __m256i, _CMP_GE_OQ, _CMP_LE_OQ, _mm256_and_ps, _mm256_and_si256, _mm256_cmp_ps, _mm256_cmpeq_epi8,
-        _mm256_loadu_ps, _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8, _mm256_movemask_epi8,
-        _mm256_movemask_ps,
+        __m256i, _CMP_GE_OQ, _CMP_LE_OQ, _mm256_add_ps, _mm256_and_ps, _mm256_and_si256, _mm256_cmp_ps,
+        _mm256_cmpeq_epi8, _mm256_loadu_ps, _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8,
+        _mm256_movemask_epi8, _mm256_movemask_ps, _mm256_mul_ps, _mm256_set1_ps, _mm256_setzero_ps,
+        _mm256_storeu_ps,
     };
 
     use super::BLOCK;
+
+    /// `out` becomes `values` times `inverse`; the rest as [`super::light_outside`].
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    pub(super) fn light_outside(
+        values: &[f32; BLOCK],
+        inverse: f32,
+        low: &[f32; BLOCK],
+        eps: f32,
+        reach: f32,
+        out: &mut [f32; BLOCK],
+    ) -> u64 {
+        let (inverse, eps, reach) = (_mm256_set1_ps(inverse), _mm256_set1_ps(eps), _mm256_set1_ps(reach));
+        let zero = _mm256_setzero_ps();
+        let mut inside = [0_u8; BLOCK / 8];
+        for (i, inside) in inside.iter_mut().enumerate() {
+            // SAFETY: eights of arrays of 64, the last of which begins at 56.
+            let (values, low, out) =
+                unsafe { (values.as_ptr().add(8 * i), low.as_ptr().add(8 * i), out.as_mut_ptr().add(8 * i)) };
+            // SAFETY: each reads the 8 floats that are there.
+            let (values, low) = unsafe { (_mm256_loadu_ps(values), _mm256_loadu_ps(low)) };
+            let light = _mm256_mul_ps(values, inverse);
+            // SAFETY: it writes the 8 floats that are there.
+            unsafe { _mm256_storeu_ps(out, light) };
+            let shifted = _mm256_add_ps(light, eps);
+            let above = _mm256_cmp_ps::<_CMP_GE_OQ>(shifted, low);
+            let below = _mm256_cmp_ps::<_CMP_LE_OQ>(shifted, _mm256_mul_ps(low, reach));
+            let possible = _mm256_cmp_ps::<_CMP_GE_OQ>(light, zero);
+            let all = _mm256_and_ps(_mm256_and_ps(above, below), possible);
+            *inside = _mm256_movemask_ps(all) as u8;
+        }
+        !u64::from_le_bytes(inside)
+    }
 
     #[target_feature(enable = "avx2")]
     #[inline]
@@ -282,14 +382,6 @@ macro_rules! integers {
             const HAS_UNKNOWN: bool = false;
             const MISSING: $type = 0;
             #[inline(always)]
-            fn outside<const WIDE: bool>(
-                values: &[$type; BLOCK],
-                low: &[$type; BLOCK],
-                high: &[$type; BLOCK],
-            ) -> u64 {
-                $outside::<WIDE>(values, low, high)
-            }
-            #[inline(always)]
             fn is_unknown(self) -> bool {
                 false
             }
@@ -297,9 +389,17 @@ macro_rules! integers {
 
         impl Domain for Integers<'_, $type> {
             type Value = $type;
+            const UPPER: bool = true;
             #[inline(always)]
-            fn load(&self, first: usize, out: &mut [$type; BLOCK]) {
+            fn load<const WIDE: bool>(
+                &self,
+                first: usize,
+                low: &[$type; BLOCK],
+                high: &[$type; BLOCK],
+                out: &mut [$type; BLOCK],
+            ) -> u64 {
                 copy_plain(self.0, first, 0, out);
+                $outside::<WIDE>(out, low, high)
             }
             #[inline(always)]
             fn pick(&self, value: $type) -> f32 {
@@ -310,8 +410,8 @@ macro_rules! integers {
                 picked
             }
             #[inline(always)]
-            fn between(&self, from: f32, to: f32) -> ($type, $type) {
-                let (low, high) = self.1.between(from, to);
+            fn range(&self, _: &SensorConfig, reference: f32) -> ($type, $type) {
+                let [low, high] = self.1.range(reference);
                 (low as $type, high as $type)
             }
             #[inline(always)]
@@ -332,7 +432,7 @@ pub(crate) struct Memory<T> {
     /// The last value, and the new one while a frame is treated.
     pub last: Vec<T>,
     next: Vec<T>,
-    /// Range of values at which nothing fires.
+    /// Range of values at which nothing fires; no upper ends where they follow from the lower ones.
     pub low: Vec<T>,
     pub high: Vec<T>,
     /// Which pixels of each block left their range in this frame.
@@ -340,25 +440,18 @@ pub(crate) struct Memory<T> {
 }
 
 impl<T: Value> Memory<T> {
-    /// Memory of `length` pixels that have seen nothing.
-    pub fn new(length: usize) -> Self {
+    /// Memory of `length` pixels that have seen nothing; `upper`: with upper ends of ranges.
+    pub fn new(length: usize, upper: bool) -> Self {
         let padded = length.next_multiple_of(BLOCK);
         Self {
             reference: vec![f32::NAN; padded],
             last: vec![T::MISSING; padded],
             next: vec![T::MISSING; padded],
             low: vec![T::NEVER.0; padded],
-            high: vec![T::NEVER.1; padded],
+            high: vec![T::NEVER.1; if upper { padded } else { 0 }],
             masks: vec![0; padded / BLOCK],
         }
     }
-}
-
-/// The range around `reference`, narrower than it is by more than all rounding.
-#[inline(always)]
-fn range<D: Domain>(domain: &D, sensor: &SensorConfig, reference: f32) -> (D::Value, D::Value) {
-    let margin = 2e-6 + 1e-6 * reference.abs();
-    domain.between(reference - sensor.threshold_off + margin, reference + sensor.threshold_on - margin)
 }
 
 /// Finds the pixels that left their range, and puts the frame beside the last one. Gives how many are NaN, and whether
@@ -373,11 +466,12 @@ fn scan_body<D: Domain, const WIDE: bool>(
     let mut impossible = 0;
     let mut unknown = 0;
     let Memory { low, high, last, next, masks, .. } = memory;
-    let ranges = low.as_chunks::<BLOCK>().0.iter().zip(high.as_chunks::<BLOCK>().0);
+    let low = low.as_chunks::<BLOCK>().0;
+    let high = if D::UPPER { high.as_chunks::<BLOCK>().0 } else { low };
+    let ranges = low.iter().zip(high);
     let values = last.as_chunks::<BLOCK>().0.iter().zip(next.as_chunks_mut::<BLOCK>().0);
     for (((low, high), (last, next)), mask) in ranges.zip(values).zip(masks) {
-        domain.load(first, next);
-        *mask = D::Value::outside::<WIDE>(next, low, high);
+        *mask = domain.load::<WIDE>(first, low, high, next);
         if *mask != 0 {
             for next in next.iter() {
                 impossible |= u8::from(D::is_impossible(*next));
@@ -556,30 +650,36 @@ fn flush<D: Domain>(
     }
     let (mut low, mut high) = ([D::Value::MISSING; BATCH], [D::Value::MISSING; BATCH]);
     for i in 0..used {
-        (low[i], high[i]) = range(domain, sensor, reference[i]);
+        (low[i], high[i]) = domain.range(sensor, reference[i]);
     }
+    let count = std::mem::take(count).min(BATCH);
     let in_light = sensor.interpolation == Interpolation::Light && !latch;
-    for i in 0..(*count).min(BATCH) {
-        let index = pixel[i] as usize;
-        memory.low[index] = low[i];
-        memory.high[index] = high[i];
+    // The first event of each pixel, until one has a second.
+    let mut firsts = [Record::new(0, 0, 0, Polarity::Off); BATCH];
+    let mut waiting = 0_usize;
+    for i in 0..count {
         let number = fires[i] & 0x7fff_ffff;
-        if number == 0 {
-            memory.reference[index] = reference[i];
-            continue;
-        }
         let polarity = if fires[i] >> 31 == 1 { Polarity::On } else { Polarity::Off };
         let (x, y) = row.place(pixel[i]);
+        firsts[waiting % BATCH] = Record::new(offset[i], x, y, polarity);
+        // Without a branch: whether a pixel that left its range fires is hard to foretell.
+        waiting = waiting.wrapping_add(usize::from(number != 0 && !in_light));
+        if number <= u32::from(!in_light) {
+            continue;
+        }
+        records.extend_from_slice(&firsts[..waiting.min(BATCH)]);
+        waiting = 0;
         if in_light {
-            let state =
-                PixelState { reference_log: memory.reference[index], log_luma: domain.log(before[i]) };
-            let decision = trigger::decide(sensor, state, domain.log(now[i]));
+            let before = PixelState {
+                reference_log: memory.reference[pixel[i] as usize],
+                log_luma: domain.log(before[i]),
+            };
+            let decision = trigger::decide(sensor, before, domain.log(now[i]));
             for k in 1..=decision.count {
                 let offset = trigger::fire_time_us(sensor, &decision, k, at.us).clamp(1, at.us);
                 records.push(Record::new(offset, x, y, polarity));
             }
         } else {
-            records.push(Record::new(offset[i], x, y, polarity));
             let mut k = 1.0_f32;
             for _ in 1..number {
                 k += 1.0;
@@ -588,10 +688,17 @@ fn flush<D: Domain>(
                 records.push(Record::new(offset.clamp(1, at.us), x, y, polarity));
             }
         }
-        memory.reference[index] = reference[i];
         tally.clamped += u64::from(number == MAX_EVENTS_PER_INTERVAL);
     }
-    *count = 0;
+    records.extend_from_slice(&firsts[..waiting.min(BATCH)]);
+    for i in 0..count {
+        let index = pixel[i] as usize;
+        memory.reference[index] = reference[i];
+        memory.low[index] = low[i];
+        if D::UPPER {
+            memory.high[index] = high[i];
+        }
+    }
 }
 
 /// What kind of frames `source` gives, in words.
@@ -650,10 +757,10 @@ impl Pixels {
     /// Memory for `length` pixels of the kinds 1 to 4: light, logarithms, 8 bits, 16 bits.
     pub fn of_kind(kind: u64, length: usize) -> Self {
         match kind {
-            2 => Self::Log(Memory::new(length)),
-            3 => Self::U8(Memory::new(length)),
-            4 => Self::U16(Memory::new(length)),
-            _ => Self::Light(Memory::new(length)),
+            2 => Self::Log(Memory::new(length, true)),
+            3 => Self::U8(Memory::new(length, true)),
+            4 => Self::U16(Memory::new(length, true)),
+            _ => Self::Light(Memory::new(length, false)),
         }
     }
 

@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
-use super::frames::{Frames, LUMINANCE, Source};
+use super::frames::{BLOCK, FrameData, Frames, LUMINANCE, Source, Tables};
 use super::links::Links;
 use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
 use super::{EmulatorReport, Environment, EventEmulator, Push};
@@ -26,8 +26,8 @@ const LARGEST_INVERSE_DEPTH: f32 = 1e6;
 /// With a margin, pictures are larger than the sensor by it at every border.
 #[derive(Clone, Copy, Debug)]
 pub struct Keyframes<'a> {
-    /// Linear light: one value per pixel, or R, G, B. NaN: unknown.
-    pub light: &'a [f32],
+    /// Linear light, or integers under a transfer curve: one value per pixel, or R, G, B. NaN: unknown.
+    pub light: FrameData<'a>,
     /// Values of `light` per pixel: 1 or 3.
     pub channels: usize,
     /// Planar depth in metres, +inf where nothing is. What is no depth (0, negative, NaN) counts as nothing too.
@@ -155,6 +155,7 @@ impl Keyframe {
     /// Reads the pictures of environment `index`, of `canvas` pixels; counts depths and motion vectors that are none.
     fn read(
         from: &Keyframes<'_>,
+        codes: (&Tables, f32),
         index: usize,
         canvas: [usize; 2],
         config: &WarpConfig,
@@ -162,12 +163,14 @@ impl Keyframe {
     ) -> (Self, [u64; 2]) {
         let pixels = canvas[0] * canvas[1];
         let range = index * pixels..(index + 1) * pixels;
-        let light = if from.channels == 3 {
-            let weights = LUMINANCE.map(|weight| weight as f32);
-            let triples = &from.light.as_chunks::<3>().0[range.clone()];
-            triples.iter().map(|[r, g, b]| weights[0] * r + weights[1] * g + weights[2] * b).collect()
-        } else {
-            from.light[range.clone()].to_vec()
+        let light = match from.light {
+            FrameData::Linear(values) if from.channels == 3 => {
+                let weights = LUMINANCE.map(|weight| weight as f32);
+                let triples = &values.as_chunks::<3>().0[range.clone()];
+                triples.iter().map(|[r, g, b]| weights[0] * r + weights[1] * g + weights[2] * b).collect()
+            }
+            FrameData::Linear(values) => values[range.clone()].to_vec(),
+            _ => from_codes(from, codes, index, pixels),
         };
         let depths = &from.depth[range.clone()];
         let mut nearness: Vec<f32> = depths.iter().map(|depth| nearness(*depth).0).collect();
@@ -197,6 +200,27 @@ impl Keyframe {
             out.extend_from_slice(&row[margin..margin + width]);
         }
     }
+}
+
+/// Light of the integers of environment `index`, of `pixels` pixels, through the tables, which have `Y / Y_ref`.
+fn from_codes(
+    from: &Keyframes<'_>,
+    (tables, reference_luminance): (&Tables, f32),
+    index: usize,
+    pixels: usize,
+) -> Vec<f32> {
+    let mut light = vec![f32::NAN; pixels];
+    let frames = Frames { data: from.light, channels: from.channels };
+    // The tables were made for these frames.
+    let Some(source) = Source::new(&frames, tables, 1.0, index, pixels) else { return light };
+    for (block, out) in light.chunks_mut(BLOCK).enumerate() {
+        let mut relative = [f32::NAN; BLOCK];
+        source.load_light(block * BLOCK, 0.0, &mut relative);
+        for (out, relative) in out.iter_mut().zip(relative) {
+            *out = relative * reference_luminance;
+        }
+    }
+    light
 }
 
 /// Per pixel, the nearest one within `reach` pixels along each axis; itself where none is nearer.
@@ -237,8 +261,10 @@ impl EventEmulator {
         warp.check()?;
         let interval_us = self.check_time(t_us)?;
         let pictures = self.check_keyframes(keyframes, warp)?;
+        let frames = Frames { data: keyframes.light, channels: keyframes.channels };
+        self.tables.prepare(&frames, 1.0 / self.config.reference_luminance, &self.config.sensor);
         let mut out = vec![Vec::new(); self.config.batch];
-        let Self { config, isa, pool, kernel, environments, benches, keyframe_reports, .. } = self;
+        let Self { config, isa, pool, tables, kernel, environments, benches, keyframe_reports, .. } = self;
         let threads = pool.as_ref().map_or(1, rayon::ThreadPool::current_num_threads);
         let step = Gapped {
             push: Push {
@@ -253,6 +279,7 @@ impl EventEmulator {
             warp,
             at_once: threads.div_ceil(config.batch),
             benches,
+            tables,
         };
         let run = |index: usize, environment: &mut Environment, out: &mut Vec<Event>| {
             step.run(environment, keyframes, index, out)
@@ -289,7 +316,11 @@ impl EventEmulator {
             return Err(ConfigError::new("size of a keyframe", value, format!("below {MOST_PIXELS} pixels")));
         }
         let all = pixels * config.batch;
-        Frames { channels: keyframes.channels, ..Frames::linear(keyframes.light) }.check(all)?;
+        if matches!(keyframes.light, FrameData::Log(_)) {
+            let remedy = "light, or integers under a transfer curve: keyframes are blended as light";
+            return Err(ConfigError::new("light of keyframes", "logarithms", remedy));
+        }
+        Frames { data: keyframes.light, channels: keyframes.channels }.check(all)?;
         for (what, values, per_pixel) in [
             ("number of depths", Some(keyframes.depth), 1),
             ("number of values of motion", Some(keyframes.motion), 2),
@@ -305,7 +336,8 @@ impl EventEmulator {
             return Err(ConfigError::new("number of cuts", keyframes.cut.len(), remedy));
         }
         let bad = |value: &f32| value.is_infinite() || *value < 0.0;
-        if let Some(index) = keyframes.light.iter().position(bad) {
+        let light = if let FrameData::Linear(values) = keyframes.light { values } else { &[] };
+        if let Some(index) = light.iter().position(bad) {
             let pixel = index / keyframes.channels % pixels;
             let what = format!(
                 "light of pixel ({}, {}) of environment {}",
@@ -314,7 +346,7 @@ impl EventEmulator {
                 index / keyframes.channels / pixels
             );
             let remedy = "finite and at least 0, or NaN where unknown";
-            return Err(ConfigError::new(&what, keyframes.light[index], remedy));
+            return Err(ConfigError::new(&what, light[index], remedy));
         }
         for environment in &self.environments {
             let before = environment.keyframe.as_ref().map(|keyframe| keyframe.margin);
@@ -343,6 +375,8 @@ struct Gapped<'a> {
     /// Instants that threads warp side by side.
     at_once: usize,
     benches: &'a Benches,
+    /// What integers mean.
+    tables: &'a Tables,
 }
 
 impl Gapped<'_> {
@@ -362,7 +396,9 @@ impl Gapped<'_> {
         let before = environment.keyframe.take().filter(|_| environment.started);
         let since = if before.is_some() { gap_us } else { 0 };
         let canvas = self.pictures.canvas;
-        let (now, [bad_depth, bad_motion]) = Keyframe::read(keyframes, index, canvas, self.warp, since);
+        let codes = (self.tables, self.push.config.reference_luminance);
+        let (now, [bad_depth, bad_motion]) =
+            Keyframe::read(keyframes, codes, index, canvas, self.warp, since);
         (report.bad_depth, report.bad_motion) = (bad_depth, bad_motion);
         let mut sum = EmulatorReport::default();
         let mut between = None;

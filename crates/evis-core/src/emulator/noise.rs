@@ -4,6 +4,8 @@
 //! epoch of 2^14 microseconds, from the pixel, the epoch and nothing else; so no step, chunk or thread changes them.
 //! What a candidate becomes is decided where the light of its instant is known (thinning).
 
+use std::cmp::Ordering;
+
 use crate::event::{Cause, Polarity};
 use crate::random::{EPOCH_SHIFT, EPOCH_US, Key, StreamId, normals, unit};
 use crate::sensor::{LeakLaw, Noise, SensorConfig};
@@ -95,6 +97,8 @@ pub(crate) struct TileNoise {
     epoch: Option<i64>,
     /// Candidates of that epoch by time.
     drawn: Vec<Candidate>,
+    /// What follows events up to that epoch, and happens after it.
+    later: Vec<Candidate>,
     /// Candidates of the interval, by pixel and time.
     pub now: Vec<Candidate>,
 }
@@ -197,14 +201,28 @@ impl TileNoise {
         pixels: usize,
         epoch: i64,
     ) {
-        let Self { rates, quiet, hot, drawn, .. } = self;
+        let Self { rates, quiet, hot, drawn, later, .. } = self;
         drawn.clear();
-        let bursts = noise.burst_events > 0.0;
+        // What follows an event of an epoch before may reach into this one: it is kept, and drawn again where the stream
+        // begins or goes back.
+        let reach =
+            if noise.burst_events > 0.0 { 1 + ((longest_delay(noise) - 1) >> EPOCH_SHIFT) } else { 0 };
+        let from = if self.epoch == Some(epoch - 1) {
+            later.retain(|candidate| {
+                let now = candidate.t_us >> EPOCH_SHIFT == epoch;
+                if now {
+                    drawn.push(*candidate);
+                }
+                !now
+            });
+            epoch
+        } else {
+            later.clear();
+            epoch - reach
+        };
         if !rates.is_empty() {
             let mut masks = vec![0_u64; pixels.div_ceil(BLOCK)];
-            // What follows an event of the epoch before may reach into this one.
-            let epochs = if bursts { epoch - 1..=epoch } else { epoch..=epoch };
-            for from in epochs {
+            for from in from..=epoch {
                 busy(isa, key, first, pixels, from, quiet, &mut masks);
                 for (block, mask) in masks.iter().enumerate() {
                     let mut mask = *mask;
@@ -213,8 +231,10 @@ impl TileNoise {
                         mask &= mask - 1;
                         let rates = rates.get(i).or(rates.first()).copied().unwrap_or_default();
                         parents(noise, key, first, i as u32, from, &rates, |candidate| {
-                            if candidate.t_us >> EPOCH_SHIFT == epoch {
-                                drawn.push(candidate);
+                            match (candidate.t_us >> EPOCH_SHIFT).cmp(&epoch) {
+                                Ordering::Less => {}
+                                Ordering::Equal => drawn.push(candidate),
+                                Ordering::Greater => later.push(candidate),
                             }
                         });
                     }
@@ -243,6 +263,12 @@ impl Rates {
 
 const fn instant(epoch: i64, word: u32) -> i64 {
     (epoch << EPOCH_SHIFT) + (word >> (32 - EPOCH_SHIFT)) as i64
+}
+
+/// The longest time after which an event of a burst follows.
+fn longest_delay(noise: &Noise) -> i64 {
+    // A whole epoch is eight mean delays or more; the rest follows at once.
+    if noise.burst_longest_us > 0.0 { noise.burst_longest_us as i64 } else { EPOCH_US - 1 }
 }
 
 /// A Poisson number of this mean, by inversion of `1 - unit`: large words are 0.
@@ -294,9 +320,13 @@ fn parents(
             for j in 0..count {
                 let draw = (k << 8) | (2 + j);
                 let [delay, mark, side, _] = key.draw(first + pixel, StreamId::NoiseMark, epoch, draw);
-                let delay = (-unit(delay).ln() * f64::from(noise.burst_us)) as i64;
-                // A whole epoch is eight mean delays or more; the rest follows at once.
-                let t_us = t_us + delay.clamp(1, EPOCH_US - 1);
+                let shortest = f64::from(noise.burst_us);
+                let delay = if noise.burst_longest_us > 0.0 {
+                    shortest * (f64::from(noise.burst_longest_us) / shortest).powf(unit(delay))
+                } else {
+                    -unit(delay).ln() * shortest
+                };
+                let t_us = t_us + (delay as i64).clamp(1, longest_delay(noise));
                 found(Candidate { pixel, t_us, mark: within(mark), side, hot: false });
             }
         }

@@ -10,11 +10,20 @@ use super::TILE;
 pub use super::chain::{Frozen, JITTER_SHIFT};
 use super::noise::{Candidate, TileNoise};
 use super::readout::{self, delay_us};
+use super::{EmulatorConfig, EventEmulator};
 pub use crate::event::Cause;
 use crate::event::{Event, Polarity};
 use crate::random::Key;
-use crate::sensor::{Readout, SensorConfig};
+use crate::sensor::{ConfigError, Readout, SensorConfig};
 use crate::simd::Isa;
+
+/// An emulator of one environment whose randomness is that of `key`; seed and camera of `config` are not looked at.
+///
+/// # Errors
+/// As [`EventEmulator::new`].
+pub fn emulator(config: EmulatorConfig, key: Key) -> Result<EventEmulator, ConfigError> {
+    EventEmulator::keyed(EmulatorConfig { batch: 1, ..config }, |_| key)
+}
 
 /// A time at which noise may strike a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]

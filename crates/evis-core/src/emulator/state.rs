@@ -10,7 +10,7 @@ use crate::event::Event;
 use crate::sensor::ConfigError;
 
 /// Begins every state; the last digit is the layout's version.
-const MAGIC: &[u8; 8] = b"EVISEMU2";
+const MAGIC: &[u8; 8] = b"EVISEMU3";
 
 /// Writes or reads the same things in the same order.
 enum Pass<'a> {

@@ -53,6 +53,139 @@ fn the_ideal_kernel_is_the_trigger() {
     assert!(count > 500, "{count}");
 }
 
+/// Events of `logs`, frame by frame, by the trigger's own functions; `unknown` pixels stay as they are.
+fn by_the_trigger(sensor: &SensorConfig, width: u32, frames: &[(i64, Vec<f32>)]) -> Vec<Vec<Event>> {
+    let mut states: Vec<Option<PixelState>> = vec![None; frames[0].1.len()];
+    let mut before = frames[0].0;
+    let mut all = Vec::new();
+    for (t_us, logs) in frames {
+        let mut expected = Vec::new();
+        let interval = (t_us - before) as u32;
+        for (i, (state, log)) in states.iter_mut().zip(logs).enumerate() {
+            if log.is_nan() {
+                continue;
+            }
+            let Some(state) = state else {
+                *state = Some(PixelState { reference_log: *log, log_luma: *log });
+                continue;
+            };
+            let decision = trigger::decide(sensor, *state, *log);
+            for k in 1..=decision.count {
+                let offset = trigger::fire_time_us(sensor, &decision, k, interval).clamp(1, interval);
+                let (x, y) = (i as u32 % width, i as u32 / width);
+                expected.push(Event::new(before + i64::from(offset), x as u16, y as u16, decision.polarity));
+            }
+            *state = PixelState { reference_log: decision.reference_log, log_luma: *log };
+        }
+        expected.sort_by_key(Event::order);
+        all.push(expected);
+        before = *t_us;
+    }
+    all
+}
+
+#[test]
+fn every_kind_of_frame_is_the_trigger_on_every_instruction_set() {
+    let (width, height) = (131, 7);
+    let pixels = (width * height) as usize;
+    let times: Vec<i64> = (0..40).map(|k| k * 1300).collect();
+    // Small steps around the ends of ranges, jumps, darkness, and the scale's ends.
+    let value = |k: usize, i: usize| -> f64 {
+        let slow = (0.37 * i as f64 + 0.02 * (i % 13) as f64 * k as f64).sin();
+        match (i * 31 + k * k * 7) % 97 {
+            0 => 0.0,
+            1 => 1.0,
+            _ => (0.5 + 0.499 * slow).powi(1 + (i % 5) as i32),
+        }
+    };
+    let base = SensorConfig::default();
+    let sensors = [
+        base.clone(),
+        SensorConfig { threshold_on: 0.04, threshold_off: 0.3, ..base.clone() },
+        SensorConfig { threshold_on: 3.0, threshold_off: 0.9, log_eps: 0.02, ..base.clone() },
+        SensorConfig { trigger: crate::sensor::TriggerRule::Latch, ..base.clone() },
+        SensorConfig { interpolation: crate::sensor::Interpolation::Light, ..base },
+    ];
+    let inverse = 1.0 / 0.7_f32;
+    for sensor in sensors {
+        let eps = sensor.log_eps;
+        let curve = |code: u32, most: f64| {
+            crate::simd::ln(Transfer::Srgb.light(f64::from(code) / most) as f32 * inverse + eps)
+        };
+        for kind in ["float32", "uint8", "uint16", "log"] {
+            // Integers are never NaN.
+            let lost = |k: usize, i: usize| (i + k).is_multiple_of(41) && !kind.starts_with("uint");
+            let floats = |k: usize| -> Vec<f32> {
+                (0..pixels).map(|i| if lost(k, i) { f32::NAN } else { value(k, i) as f32 }).collect()
+            };
+            let eight = |k: usize| -> Vec<u8> { (0..pixels).map(|i| (value(k, i) * 255.0) as u8).collect() };
+            let sixteen =
+                |k: usize| -> Vec<u16> { (0..pixels).map(|i| (value(k, i) * 65_535.0) as u16).collect() };
+            let log_of = |light: f32| crate::simd::ln(light * inverse + eps);
+            let logs = |k: usize| -> Vec<f32> {
+                match kind {
+                    "uint8" => eight(k).iter().map(|code| curve((*code).into(), 255.0)).collect(),
+                    "uint16" => sixteen(k).iter().map(|code| curve((*code).into(), 65_535.0)).collect(),
+                    _ => floats(k)
+                        .iter()
+                        .map(|light| if light.is_nan() { f32::NAN } else { log_of(*light) })
+                        .collect(),
+                }
+            };
+            let frames: Vec<_> = times.iter().enumerate().map(|(k, t)| (*t, logs(k))).collect();
+            let expected = by_the_trigger(&sensor, width, &frames);
+            let count: usize = expected.iter().map(Vec::len).sum();
+            assert!(count > 2000, "{kind}: {count}");
+            for isa in Isa::supported() {
+                let config = EmulatorConfig {
+                    width,
+                    height,
+                    sensor: sensor.clone(),
+                    reference_luminance: 0.7,
+                    ..Default::default()
+                };
+                let mut emulator = EventEmulator { isa, ..emulator(config) };
+                for (k, t_us) in times.iter().enumerate() {
+                    let (light, bytes, words, log) = (floats(k), eight(k), sixteen(k), &frames[k].1);
+                    let frame = match kind {
+                        "uint8" => Frames::u8(&bytes, Transfer::Srgb),
+                        "uint16" => Frames::u16(&words, Transfer::Srgb),
+                        "log" => Frames::log(log),
+                        _ => Frames::linear(&light),
+                    };
+                    let got = emulator.push(&frame, *t_us).unwrap().remove(0);
+                    assert!(
+                        got == expected[k],
+                        "{kind} {isa:?} {sensor:?} at {t_us}: {} {}",
+                        got.len(),
+                        expected[k].len()
+                    );
+                }
+            }
+            // Canary: another threshold is another stream.
+            let other = SensorConfig { threshold_on: sensor.threshold_on * 1.05, ..sensor.clone() };
+            assert!(by_the_trigger(&other, width, &frames) != expected);
+        }
+    }
+}
+
+#[test]
+fn light_that_cannot_be_is_seen_even_where_pixels_are_silent() {
+    for reference_luminance in [1.0, 1e-30] {
+        for bad in [f32::INFINITY, f32::NEG_INFINITY, -1e-9, -0.5] {
+            let config = EmulatorConfig { width: 70, height: 2, reference_luminance, ..Default::default() };
+            let mut emulator = emulator(config);
+            let mut frame = vec![1e7_f32; 140];
+            for t_us in [0, 1000] {
+                assert!(emulator.push(&Frames::linear(&frame), t_us).is_ok(), "canary");
+            }
+            frame[3] = bad;
+            let error = emulator.push(&Frames::linear(&frame), 2000).unwrap_err().to_string();
+            assert!(error.contains("(3, 0)"), "{error}");
+        }
+    }
+}
+
 #[test]
 fn instruction_sets_agree_bit_for_bit() {
     let (width, height) = (67, 41);

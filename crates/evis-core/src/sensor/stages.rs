@@ -173,8 +173,11 @@ pub struct Noise {
     pub hot_hz: f32,
     /// Mean number of shot events that follow each shot event; the rate above counts them all.
     pub burst_events: f32,
-    /// Mean delay of those that follow, microseconds; at most 2000.
+    /// Mean delay of those that follow, microseconds; at most 2000. Where `burst_longest_us` is set, their shortest one.
     pub burst_us: f32,
+    /// Longest delay of those that follow, microseconds, at most a million: delays are then as many per decade from
+    /// `burst_us` to here. 0: delays are exponential.
+    pub burst_longest_us: f32,
     /// Probability that a shot event's polarity is not that of its pixel's last event; below 0: polarities are
     /// independent, with `on_share`.
     pub alternation: f32,
@@ -198,6 +201,7 @@ impl Default for Noise {
             hot_hz: 0.0,
             burst_events: 0.0,
             burst_us: 300.0,
+            burst_longest_us: 0.0,
             alternation: -1.0,
         }
     }
@@ -342,6 +346,9 @@ impl Noise {
         within("noise.hot_hz", self.hot_hz, 0.0, 1e4)?;
         within("noise.burst_events", self.burst_events, 0.0, 20.0)?;
         within("noise.burst_us", self.burst_us, 1.0, 2000.0)?;
+        if self.burst_longest_us != 0.0 {
+            within("noise.burst_longest_us", self.burst_longest_us, self.burst_us, 1e6)?;
+        }
         within("noise.alternation", self.alternation, -1.0, 1.0)
     }
 }

@@ -227,7 +227,12 @@ fn first_guess(target: &Stats, base: &SensorConfig) -> Noise {
         on_share: on_share as f32,
         reference: base.noise.reference,
         burst_events: if target.burst_interval_us.is_some() { burst as f32 } else { 0.0 },
-        burst_us: target.burst_interval_us.map_or(300.0, |us| us.clamp(1.0, 2000.0) as f32),
+        burst_us: if base.noise.burst_longest_us > 0.0 {
+            base.noise.burst_us
+        } else {
+            target.burst_interval_us.map_or(300.0, |us| us.clamp(1.0, 2000.0) as f32)
+        },
+        burst_longest_us: base.noise.burst_longest_us,
         alternation: alternation as f32,
         ..Noise::default()
     }
@@ -281,14 +286,18 @@ impl Guess {
         if tail_is_full {
             let burst = f64::from(noise.burst_events) + missing / 2.0;
             next.burst_events = burst.clamp(0.0, 20.0) as f32;
-            // The model's longest: such recordings have delays beyond it.
-            next.burst_us = 2000.0;
+            if noise.burst_longest_us == 0.0 {
+                // As long as exponential delays may be: such recordings have longer ones.
+                next.burst_us = 2000.0;
+            }
             return Self { noise: next, tail_is_full };
         }
         if noise.burst_events > 0.0 {
             let factor = ratio(target.burst_share, got.burst_share, 1.5);
             next.burst_events = (f64::from(noise.burst_events) * factor).clamp(0.0, 20.0) as f32;
-            if let (Some(want), Some(had)) = (target.burst_interval_us, got.burst_interval_us) {
+            if let (Some(want), Some(had), true) =
+                (target.burst_interval_us, got.burst_interval_us, noise.burst_longest_us == 0.0)
+            {
                 next.burst_us = (f64::from(noise.burst_us) * ratio(want, had, 1.5)).clamp(1.0, 2000.0) as f32;
             }
         }
@@ -336,7 +345,12 @@ fn tell(target: &Stats, sensor: &SensorConfig) -> (Vec<Estimate>, Vec<String>) {
     );
     if noise.burst_events > 0.0 {
         say("bursts", noise.burst_events.into(), "events", "that follow each event");
-        say("delay within a burst", noise.burst_us.into(), "us", "mean; at most 2000 in the model");
+        let delay = if noise.burst_longest_us > 0.0 {
+            "shortest; the base's, as the longest is"
+        } else {
+            "mean; at most 2000 in the model"
+        };
+        say("delay within a burst", noise.burst_us.into(), "us", delay);
     }
     if let Some(alternation) = target.alternation {
         let note = if noise.alternation >= 0.0 {

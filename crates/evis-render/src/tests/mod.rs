@@ -9,6 +9,7 @@ mod floor2_splat;
 mod floor3;
 mod floor3_adaptive;
 mod floor3_chain;
+mod floor3_diffusion;
 mod floor3_frames;
 mod floor3_reproject;
 mod floor3_splat;

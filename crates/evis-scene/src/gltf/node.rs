@@ -252,6 +252,7 @@ fn read_camera(document: &Document, index: usize, node: usize, scene: &mut Scene
         near,
         threshold_on: None,
         threshold_off: None,
+        sensor: None,
     });
     Ok(())
 }

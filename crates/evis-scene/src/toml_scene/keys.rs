@@ -49,6 +49,16 @@ impl<'a> Keys<'a> {
         &self.at
     }
 
+    /// The file's name, for messages.
+    pub fn file_name(&self) -> std::path::Display<'a> {
+        self.source.file.display()
+    }
+
+    /// Folder that relative paths start from.
+    pub fn base(&self) -> &'a Path {
+        self.source.base
+    }
+
     pub fn get(&mut self, key: &'static str) -> Option<&'a Value> {
         if !self.asked.contains(&key) {
             self.asked.push(key);

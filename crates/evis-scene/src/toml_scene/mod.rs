@@ -10,7 +10,7 @@ mod trajectory;
 use std::path::Path;
 
 use glam::DMat4;
-use toml::Table;
+use toml::{Table, Value};
 
 use self::keys::{Keys, Source, locate};
 use crate::builder::{
@@ -18,7 +18,8 @@ use crate::builder::{
 };
 use crate::error::SceneError;
 use crate::model::{
-    AlphaMode, Lens, Light, LightKind, Material, Scene, ShadingModel, TextureRef, Variant, Wrap,
+    AlphaMode, CameraSensor, Lens, Light, LightKind, Material, Scene, SensorKind, ShadingModel, TextureRef,
+    Variant, Wrap,
 };
 use crate::primitive::Shape;
 use crate::procedural::{PATTERNS, Procedural};
@@ -367,7 +368,35 @@ fn camera(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
     camera.near = keys.number_or("near", camera.near)?;
     camera.thresholds =
         [keys.number("threshold_on")?.map(|c| c as f32), keys.number("threshold_off")?.map(|c| c as f32)];
+    camera.sensor = sensor(keys)?;
     Ok((camera.name.clone(), Box::new(move |scene, placement| scene.camera(camera, placement))))
+}
+
+/// The sensor under `sensor`: a preset's name, a TOML file, or a table.
+fn sensor(keys: &mut Keys<'_>) -> Result<Option<CameraSensor>, SceneError> {
+    let Some(value) = keys.get("sensor") else { return Ok(None) };
+    let place = |what: &str| format!("{}: {}: sensor{what}", keys.file_name(), keys.at());
+    let unusable = || {
+        keys.error(format!(
+            "sensor is {value}; it takes the name of a preset, the path of a TOML file, or a table of a sensor's keys"
+        ))
+    };
+    Ok(Some(match value {
+        Value::String(name) if name.is_empty() => return Err(unusable()),
+        Value::String(name) => {
+            let path = Path::new(name);
+            if path.extension().is_none() && path.components().count() == 1 {
+                CameraSensor { kind: SensorKind::Preset(name.clone()), place: place("") }
+            } else {
+                let text = std::fs::read_to_string(keys.base().join(path)).map_err(|error| {
+                    keys.error(format!("sensor is \"{name}\", a file that cannot be read ({error})"))
+                })?;
+                CameraSensor { kind: SensorKind::Toml(text), place: place(&format!(" \"{name}\"")) }
+            }
+        }
+        Value::Table(table) => CameraSensor { kind: SensorKind::Toml(table.to_string()), place: place("") },
+        _ => return Err(unusable()),
+    }))
 }
 
 fn environment(mut keys: Keys<'_>, scene: &mut SceneBuilder) -> Result<(), SceneError> {

@@ -1,0 +1,244 @@
+//! A sensor with `diffusion`: its pixels' paths are drawn on the host. A submission brings the light of its instants back
+//! instead of events, and each view's own emulator takes it, instant by instant.
+//!
+//! Brownian bridges need f64, and as many draws as the light asks for: on the device they would be the widest loop of
+//! all, for the sensor that is asked for least. The price is the way of every sample to the host.
+
+use evis_core::emulator::parts::emulator;
+use evis_core::{ConfigError, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames, SensorConfig};
+use rayon::prelude::*;
+
+use crate::config::RunConfig;
+use crate::engine::Context;
+use crate::error::EngineError;
+use crate::gpu::Gpu;
+use crate::interval::{Group, Unit};
+use crate::targets::Targets;
+use crate::view::View;
+
+/// Light is held below this; `chain/layout.wgsl` has the same constant.
+const LIGHT_LIMIT: f64 = 1e30;
+
+/// Refuses tiles of their own pace, `px` pixels per step: an instant's light must be there for every pixel.
+///
+/// # Errors
+/// Where the sensor has a `diffusion`.
+pub fn check_adaptive(config: &RunConfig, px: f64) -> Result<(), ConfigError> {
+    match config.sensor.diffusion {
+        None => Ok(()),
+        Some(_) => Err(ConfigError::new(
+            "adaptive_px",
+            px,
+            "left out for a sensor with diffusion (davis346, davis240): set a rate, at which all pixels are sampled",
+        )),
+    }
+}
+
+/// Takes back what `auto` chose and a `diffusion` cannot have.
+pub fn settle(config: &mut RunConfig) {
+    if config.sensor.diffusion.is_none() || config.adaptive_px.take().is_none() {
+        return;
+    }
+    if let Some(chosen) = &mut config.chosen {
+        chosen.why +=
+            "; all tiles at this rate, since the sensor's diffusion takes every instant of every pixel";
+    }
+}
+
+/// The sensor that the device's own trigger is built for: where the host walks the pixels, the plainest, for no pass of it
+/// is ever run.
+pub fn device_sensor(sensor: &SensorConfig) -> SensorConfig {
+    if sensor.diffusion.is_some() { SensorConfig::default() } else { sensor.clone() }
+}
+
+/// A submission whose light comes to the host.
+pub struct Looks {
+    /// Which.
+    pub unit: Unit,
+    /// All of its layers.
+    pub staging: wgpu::Buffer,
+}
+
+/// The pixels of all views.
+pub struct DiffusionRoom {
+    /// By view, in the engine's order.
+    emulators: Vec<EventEmulator>,
+    samples: u32,
+    /// Buffers that no submission uses.
+    free: Vec<wgpu::Buffer>,
+}
+
+/// What a submission brought of one view.
+pub struct Felt {
+    /// Index of the view.
+    pub view: usize,
+    /// In canonical order.
+    pub events: Vec<Event>,
+    /// Of all instants.
+    pub report: EmulatorReport,
+}
+
+impl DiffusionRoom {
+    /// `None` where the sensor has no `diffusion`. `samples`: layers per view and instant.
+    ///
+    /// # Errors
+    /// A sensor or size that the emulator cannot have.
+    pub fn new(
+        views: &[View],
+        config: &RunConfig,
+        reference_luminance: f32,
+        samples: u32,
+    ) -> Result<Option<Self>, EngineError> {
+        if config.sensor.diffusion.is_none() {
+            return Ok(None);
+        }
+        // Views go side by side; where they are few, each shares its own pixels out.
+        let threads = rayon::current_num_threads().div_ceil(views.len().max(1));
+        let make = |view: &View| {
+            let sensor = SensorConfig {
+                threshold_on: view.threshold_on,
+                threshold_off: view.threshold_off,
+                ..config.sensor.clone()
+            };
+            let config = EmulatorConfig {
+                width: view.lens.width,
+                height: view.lens.height,
+                sensor,
+                reference_luminance,
+                threads,
+                ..EmulatorConfig::default()
+            };
+            emulator(config, view.key)
+        };
+        let emulators = views.iter().map(make).collect::<Result<_, _>>()?;
+        Ok(Some(Self { emulators, samples, free: Vec::new() }))
+    }
+
+    /// Records the way of the light of `unit` to the host.
+    ///
+    /// # Errors
+    /// Layers that no buffer of the device holds.
+    pub fn encode(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        targets: &Targets,
+        group: &Group,
+        unit: Unit,
+    ) -> Result<Looks, EngineError> {
+        let (width, height) = (targets.width, targets.height);
+        let layers = group.views.len() as u32 * unit.instants * self.samples;
+        let row = row_bytes(width);
+        let bytes = u64::from(row) * u64::from(height) * u64::from(layers);
+        let most = gpu.device.limits().max_buffer_size;
+        if bytes > most {
+            return Err(EngineError::Device(format!(
+                "the light of {layers} samples of {width}x{height} pixels takes {bytes} bytes on its way to the \
+                 sensor's diffusion, and this device's buffers hold {most}; choose a smaller --size or fewer --samples"
+            )));
+        }
+        let staging = match self.free.iter().position(|buffer| buffer.size() >= bytes) {
+            Some(index) => self.free.swap_remove(index),
+            None => {
+                self.free.clear();
+                gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some("light for the host"),
+                    size: bytes,
+                    usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                    mapped_at_creation: false,
+                })
+            }
+        };
+        encoder.copy_texture_to_buffer(
+            targets.layers.texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &staging,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(row),
+                    rows_per_image: Some(height),
+                },
+            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: layers },
+        );
+        Ok(Looks { unit, staging })
+    }
+
+    /// Feeds the views of `group` with what `looks` brought.
+    ///
+    /// # Errors
+    /// The device may fail.
+    pub fn take(
+        &mut self,
+        context: &Context,
+        targets: &Targets,
+        group: &Group,
+        looks: Looks,
+    ) -> Result<Vec<Felt>, EngineError> {
+        let Looks { unit, staging } = looks;
+        let (instants, samples) = (unit.instants as usize, self.samples as usize);
+        let row = row_bytes(targets.width) as usize;
+        let layer_bytes = row * targets.height as usize;
+        let felt = {
+            let bytes = staging
+                .get_mapped_range(..)
+                .map_err(|e| EngineError::Device(format!("cannot read the luminance back: {e}")))?;
+            let bytes: &[u8] = &bytes;
+            // What is not of this group rests.
+            let mut own: Vec<(usize, usize, &mut EventEmulator)> = self
+                .emulators
+                .iter_mut()
+                .enumerate()
+                .filter_map(|(view, emulator)| {
+                    let place = group.views.iter().position(|v| *v == view)?;
+                    Some((view, place, emulator))
+                })
+                .collect();
+            let feel = |(view, place, emulator): &mut (usize, usize, &mut EventEmulator)| {
+                let mut felt = Felt { view: *view, events: Vec::new(), report: EmulatorReport::default() };
+                for k in 0..instants {
+                    let first = (*place * instants + k) * samples;
+                    let layers = bytes.get(first * layer_bytes..(first + samples) * layer_bytes);
+                    let light = mean(layers.unwrap_or_default(), targets, samples);
+                    let t_us = context.grid.instant_us(unit.first + k as i64);
+                    let out = std::slice::from_mut(&mut felt.events);
+                    emulator.push_into(&Frames::linear(&light), t_us, out)?;
+                    let report = emulator.report();
+                    felt.report.unknown += report.unknown;
+                    felt.report.clamped += report.clamped;
+                    felt.report.suppressed += report.suppressed;
+                    felt.report.dropped += report.dropped;
+                }
+                Ok(felt)
+            };
+            own.par_iter_mut().map(feel).collect::<Result<Vec<Felt>, EngineError>>()?
+        };
+        staging.unmap();
+        self.free.push(staging);
+        Ok(felt)
+    }
+}
+
+/// Bytes of a row of a layer in a buffer.
+const fn row_bytes(width: u32) -> u32 {
+    (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
+}
+
+/// Mean of `samples` layers, row-major; NaN where it is not known. As [`crate::Simulator::luminance`] has it.
+fn mean(layers: &[u8], targets: &Targets, samples: usize) -> Vec<f32> {
+    let (width, height) = (targets.width as usize, targets.height as usize);
+    let row = row_bytes(targets.width) as usize;
+    let mut sums = vec![0.0_f64; width * height];
+    for layer in layers.chunks_exact((row * height).max(1)) {
+        for (sums, bytes) in sums.chunks_exact_mut(width).zip(layer.chunks_exact(row)) {
+            for (sum, value) in sums.iter_mut().zip(bytes.as_chunks::<4>().0) {
+                *sum += f64::from(f32::from_le_bytes(*value));
+            }
+        }
+    }
+    let light = |sum: f64| {
+        let mean = sum / samples as f64;
+        if mean < 0.0 { f32::NAN } else { mean.min(LIGHT_LIMIT) as f32 }
+    };
+    sums.into_iter().map(light).collect()
+}

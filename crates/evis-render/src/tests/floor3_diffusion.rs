@@ -1,0 +1,157 @@
+//! Floor 3 of sensors with `diffusion`: the emulator's events on the engine's light, whatever else is rendered.
+
+use std::sync::Arc;
+
+use evis_core::emulator::parts::emulator;
+use evis_core::sensor::{Readout, SensorConfig};
+use evis_core::{EmulatorConfig, Event, Frames};
+use evis_scene::Scene;
+
+use super::floor3::{batch, gather};
+use crate::auto::Target;
+use crate::config::{Antialias, Method, RunConfig};
+use crate::gpu::Gpu;
+use crate::simulator::Simulator;
+use crate::splat_config::SplatConfig;
+use crate::view;
+
+fn config() -> RunConfig {
+    let davis = SensorConfig::preset("davis346").unwrap();
+    let readout = Readout { latency_us: 90.0, jitter_us: 30.0, rate_limit_hz: 3e5, ..Readout::default() };
+    let mut sensor = SensorConfig { readout, ..davis };
+    sensor.refractory.period_us = 300;
+    RunConfig {
+        sensor,
+        size: Some((72, 54)),
+        rate_hz: 500.0,
+        samples: 2,
+        seed: 11,
+        reference_luminance: Some(0.5),
+        ..RunConfig::default()
+    }
+}
+
+fn stream(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, packet_us: i64) -> Vec<Vec<Event>> {
+    let simulator = Simulator::new(gpu, scene.clone(), config.clone()).unwrap();
+    let views = gather(simulator.stream(40_000, packet_us).unwrap().map(Result::unwrap));
+    views.into_iter().map(|view| view.0).collect()
+}
+
+#[test]
+fn events_are_those_of_the_emulator_on_the_same_light() {
+    let Some(gpu) = super::device() else { return };
+    let config = config();
+    let scene = batch(&[0.0, 0.4]);
+    let got = stream(&gpu, &scene, &config, 10_000);
+    let (views, _) = view::views(&scene, &config).unwrap();
+    let mut simulator = Simulator::new(&gpu, scene, config.clone()).unwrap();
+    for (index, view) in views.iter().enumerate() {
+        let of_key = |key| {
+            let config = EmulatorConfig {
+                width: 72,
+                height: 54,
+                sensor: config.sensor.clone(),
+                reference_luminance: 0.5,
+                ..EmulatorConfig::default()
+            };
+            emulator(config, key).unwrap()
+        };
+        let (mut right, mut wrong) = (of_key(view.key), of_key(views[1 - index].key));
+        let (mut expected, mut other) = (Vec::new(), Vec::new());
+        for k in 0..=20 {
+            let t_us = 2_000 * k;
+            let light: Vec<f32> =
+                simulator.luminance(index, t_us).unwrap().iter().map(|y| *y as f32).collect();
+            let frame = Frames::linear(&light);
+            right.push_into(&frame, t_us, std::slice::from_mut(&mut expected)).unwrap();
+            wrong.push_into(&frame, t_us, std::slice::from_mut(&mut other)).unwrap();
+        }
+        expected.retain(|event| event.t < 40_000);
+        other.retain(|event| event.t < 40_000);
+        assert!(expected.len() > 500, "{}", expected.len());
+        assert!(got[index] == expected, "view {index}: {} {}", got[index].len(), expected.len());
+        assert!(got[index] != other, "canary: the noise of another environment");
+    }
+}
+
+#[test]
+fn packets_and_steps_change_no_byte() {
+    let Some(gpu) = super::device() else { return };
+    let scene = batch(&[0.0]);
+    let methods = [
+        Method::Native,
+        Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 5, ..SplatConfig::default() }),
+        Method::Splat(SplatConfig::evis_paper(100.0, 5)),
+    ];
+    for method in methods {
+        let mut config = RunConfig { method, ..config() };
+        let expected = stream(&gpu, &scene, &config, 10_000);
+        assert!(expected[0].len() > 500, "{}", expected[0].len());
+        assert!(stream(&gpu, &scene, &config, 777) == expected, "packets of 777 us");
+        let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
+        let steps = [5_000, 5_001, 30_000, 40_000].into_iter().map(|t| simulator.step(t).unwrap());
+        assert!(gather(steps)[0].0 == expected[0], "steps");
+        config.seed = 12;
+        assert!(stream(&gpu, &scene, &config, 10_000) != expected, "canary: another seed");
+    }
+}
+
+#[test]
+fn neighbours_and_threads_change_no_byte() {
+    let Some(gpu) = super::device() else { return };
+    let config = config();
+    let expected = stream(&gpu, &batch(&[0.3, 0.0, 0.7]), &config, 10_000);
+    assert!(stream(&gpu, &batch(&[0.3]), &config, 10_000)[0] == expected[0], "alone");
+    assert!(
+        stream(&gpu, &batch(&[0.1, 0.0, 0.5, 0.2]), &config, 3_333)[1] == expected[1],
+        "other neighbours"
+    );
+    let same = stream(&gpu, &batch(&[0.3, 0.3]), &config, 10_000);
+    assert!(same[0] == expected[0] && same[1] != same[0], "canary: each environment has noise of its own");
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let views = pool.install(|| {
+            let mut simulator = Simulator::new(&gpu, batch(&[0.3, 0.0, 0.7]), config.clone()).unwrap();
+            gather(std::iter::once(simulator.step(40_000).unwrap()))
+        });
+        let events: Vec<_> = views.into_iter().map(|view| view.0).collect();
+        assert!(events == expected, "{threads} threads");
+    }
+}
+
+#[test]
+fn coverage_samples_reach_the_host_too() {
+    let Some(gpu) = super::device() else { return };
+    let edges = RunConfig { antialias: Antialias::Edges, ..config() };
+    let scene = batch(&[0.0]);
+    let (with, without) = (stream(&gpu, &scene, &edges, 10_000), stream(&gpu, &scene, &config(), 10_000));
+    assert!(with[0].len() > 500 && with != without);
+    assert!(stream(&gpu, &scene, &edges, 3_333) == with);
+}
+
+#[test]
+fn auto_samples_every_pixel_at_one_rate_and_says_so() {
+    let Some(gpu) = super::device() else { return };
+    let scene = batch(&[0.0]);
+    let auto = RunConfig { method: Method::Auto(Target::Draft), ..config() };
+    let simulator = Simulator::new(&gpu, scene.clone(), auto.clone()).unwrap();
+    let settled = simulator.config().clone();
+    assert!(settled.adaptive_px.is_none() && settled.method == Method::Native);
+    assert!(settled.chosen.as_ref().unwrap().why.contains("diffusion"));
+    let by_hand = RunConfig { chosen: None, ..settled };
+    assert!(stream(&gpu, &scene, &auto, 10_000) == stream(&gpu, &scene, &by_hand, 10_000));
+    // Canary: a sensor without it has adaptive time.
+    let other = RunConfig { sensor: SensorConfig::default(), ..auto };
+    assert!(Simulator::new(&gpu, scene, other).unwrap().config().adaptive_px.is_some());
+}
+
+#[test]
+fn a_pace_of_their_own_is_refused_by_name() {
+    let adaptive = RunConfig { adaptive_px: Some(0.3), ..config() };
+    let error = adaptive.check().unwrap_err().to_string();
+    assert!(
+        error.contains("adaptive_px") && error.contains("diffusion") && error.contains("rate"),
+        "{error}"
+    );
+    assert!(RunConfig { sensor: SensorConfig::default(), ..adaptive }.check().is_ok(), "canary");
+}
