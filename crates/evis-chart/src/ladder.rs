@@ -320,7 +320,7 @@ pub struct Ladder {
     pub published: bool,
     /// Pixels that anything may move between two samples of it, at 4000 Hz at most, with 4 samples.
     pub adaptive_px: Vec<f64>,
-    /// The same of `reproject`, with 4 and with 16 coverage samples.
+    /// The same of `reproject`, with 4 coverage samples.
     pub reproject_px: Vec<f64>,
     /// What `auto` is asked for.
     pub targets: Vec<Target>,
@@ -415,8 +415,8 @@ impl Ladder {
             setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
             add(setting);
         }
-        for (&step_px, count) in self.reproject_px.iter().flat_map(|px| [4, 16].map(|count| (px, count))) {
-            let setting = Setting::reproject(step_px, ADAPTIVE_HZ, count);
+        for &step_px in &self.reproject_px {
+            let setting = Setting::reproject(step_px, ADAPTIVE_HZ, 4);
             setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
             add(setting);
         }
@@ -484,7 +484,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 2);
+        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 1 + 2);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();

@@ -353,6 +353,13 @@ impl Engine {
         let mut targets = Vec::new();
         let mut members = Vec::new();
         for ((width, height), views) in sizes {
+            if reuses && width.max(height) * KEYFRAME_CELLS > device_limits.texture_edge {
+                return Err(EngineError::Device(format!(
+                    "{width}x{height} pixels: keyframes of reproject are {KEYFRAME_CELLS} times as wide and high, and this \
+                     device has textures of {} at most; choose a smaller --size, or --method native",
+                    device_limits.texture_edge
+                )));
+            }
             let needs = match &config.method {
                 Method::Native | Method::Auto(_) | Method::Reproject => {
                     MethodNeeds { block, ..Default::default() }

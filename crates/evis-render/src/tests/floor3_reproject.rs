@@ -156,6 +156,30 @@ fn packets_reruns_and_neighbours_change_no_byte() {
 }
 
 #[test]
+fn what_reproject_cannot_do_is_refused() {
+    let Some(gpu) = super::device() else { return };
+    let refused = |config: RunConfig| {
+        let mut config = config;
+        if let Err(error) = config.check() {
+            return error.to_string();
+        }
+        let scene = scene("desk");
+        let (views, _) = view::views(&scene, &config).unwrap();
+        Engine::new(&gpu, scene, views, &mut config).err().map_or(String::new(), |error| error.to_string())
+    };
+    let own = || config(Method::Reproject);
+    let wide = gpu.device.limits().max_texture_dimension_2d / 4 + 1;
+    for (config, words) in [
+        (RunConfig { adaptive_px: None, ..own() }, ["adaptive_px", "reproject"]),
+        (RunConfig { samples: 6, ..own() }, ["samples is 6", "multiple of 4"]),
+        (RunConfig { size: Some((wide, 8)), ..own() }, ["keyframes of reproject", "--size"]),
+    ] {
+        let error = refused(config);
+        assert!(words.iter().all(|word| error.contains(word)), "{error}");
+    }
+}
+
+#[test]
 fn where_the_camera_stands_still_it_is_native() {
     let Some(gpu) = super::device() else { return };
     let desk = scene("desk");
