@@ -317,6 +317,19 @@ def test_auto_chooses_and_whoever_samples_by_hand_gets_native(device: evis.Devic
         evis.Simulator(scene, adaptive_px=-1.0)
 
 
+def test_reproject_takes_light_from_keyframes(device: evis.Device):
+    scene = evis.Scene.builtin("spinner")
+    sim = evis.Simulator(scene, size=(64, 48), method="reproject")
+    packet = sim.step(40_000)
+    # At 0, 32 and 64 ms.
+    assert (sim.method, packet.report.keyframes) == ("reproject", 3)
+    assert len(packet.view.events) > 100
+    with pytest.raises(evis.ConfigError, match=r"samples is 6.*multiple of 4"):
+        evis.Simulator(scene, method="reproject", samples=6)
+    with pytest.raises(evis.ConfigError, match=r"reproject.*Splat"):
+        evis.Simulator(scene, method="warp")  # type: ignore[arg-type]
+
+
 def test_a_method_samples_instants_from_keyframes(device: evis.Device):
     scene = evis.Scene.builtin("spinner")
 

@@ -101,10 +101,8 @@ def chosen(method: Method) -> Splat | None:
     )
 
 
-def name(splat: Splat | None) -> str:
+def name(splat: Splat) -> str:
     """Return the method's name, as event files store it."""
-    if splat is None:
-        return "native"
     return "evis-paper" if splat.is_evis_paper else "splat"
 
 

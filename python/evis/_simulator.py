@@ -234,7 +234,7 @@ class Simulator:
             reference_luminance=reference_luminance,
             device=_selector(device),
         )
-        self._method = "auto" if method == "auto" else _method.name(splat)
+        self._method = str(method) if splat is None else _method.name(splat)
         self._start_us = micros("start", start)
         self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
