@@ -130,7 +130,10 @@ impl<'a> Panel<'a> {
 
     fn draw_families<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {
         for (style, line) in self.family_lines() {
-            canvas.line(&line, 1.25, marker::pale(style.colour))?;
+            // Piece by piece: where a line turns back, the drawing library would draw its corner across the sheet.
+            for piece in line.windows(2) {
+                canvas.line(piece, 1.25, marker::pale(style.colour))?;
+            }
         }
         Ok(())
     }
