@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,10 @@ def test_a_recommendation_can_be_simulated(made: evis.Chart):
     assert found.command.startswith("evis run spinner -o events.h5 --size 32x24")
     sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(32, 24), **found.simulator)
     assert len(sim.step(20_000).events) > 0
+    reused = replace(found.setting, method="reproject", rate_hz=1000.0, adaptive_px=0.3, samples=4)
+    found = replace(found, setting=reused)
+    sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(32, 24), **found.simulator)
+    assert sim.method == "reproject"
     with pytest.raises(evis.ConfigError, match="the cheapest is"):
         made.recommend(budget_ms=1e-3)
     with pytest.raises(evis.ConfigError, match="one goal"):

@@ -191,7 +191,11 @@ class Recommendation:
             return {"sensor": self.sensor, "target": self.setting.target}
         instants: dict[str, Any] = {"method": splat}
         if splat is None:
-            instants = {"rate_hz": self.setting.rate_hz, "adaptive_px": self.setting.adaptive_px}
+            instants = {
+                "method": self.setting.method,
+                "rate_hz": self.setting.rate_hz,
+                "adaptive_px": self.setting.adaptive_px,
+            }
         return {
             "sensor": self.sensor,
             **instants,
