@@ -67,9 +67,6 @@ def micros(what: str, seconds: float) -> int:
     return round(seconds * 1e6)
 
 
-REPROJECT_STEP_PX = 0.3  # where adaptive_px is not given
-
-
 class Simulator:
     """Renders a scene as event cameras see it.
 
@@ -85,10 +82,9 @@ class Simulator:
     method : {"auto", "native", "reproject", "splat", "evis-paper"} or Splat, optional
         How instants are sampled: each rendered (``native``); visibility at each, in adaptive time, and light
         of what stands still from some 30 keyframes a second (``reproject``); or splatted from keyframes.
-        ``auto`` chooses
-        method, rate and samples for a target (and rays for shadows, for ``exact``). Where not given:
-        ``native`` if any of ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and ``texture_taps`` is,
-        else ``auto``.
+        ``auto`` chooses method, rate and samples for a target (and rays for shadows, for ``exact``). Where
+        not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and
+        ``texture_taps`` is, else ``auto``.
     target : {"draft", "default", "exact"}
         How near to the truth ``auto`` shall come. `chosen` says what it chose, and what that reached
         elsewhere.
@@ -218,7 +214,7 @@ class Simulator:
             target=target,
             splat=_method.as_json(splat),
             rate_hz=1000.0 if rate_hz is None else rate_hz,
-            adaptive_px=REPROJECT_STEP_PX if method == "reproject" and adaptive_px is None else adaptive_px,
+            adaptive_px=adaptive_px,
             samples=4 if samples is None else _whole("samples", samples, 2**32),
             antialias=antialias or "samples",
             texture_taps=texture_taps,

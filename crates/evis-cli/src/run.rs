@@ -150,9 +150,7 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
     }
-    // Reproject has no other time than adaptive time.
-    let reprojects = config.method == Method::Reproject;
-    config.adaptive_px = args.adaptive.or(reprojects.then_some(REPROJECT_STEP_PX));
+    config.adaptive_px = args.adaptive.or(config.method.usual_adaptive_px());
     config.texture_taps = args.texture_taps;
     if let Some(shadows) = args.shadows {
         config.shadows = shadows.into();
@@ -179,9 +177,6 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     }
     Ok(config)
 }
-
-/// Pixels that anything may move between two samples, where `--method reproject` is not told by `--adaptive`.
-const REPROJECT_STEP_PX: f64 = 0.3;
 
 /// The method with its flags; flags of another method are refused, they would be ignored.
 fn method(args: &RunArgs) -> anyhow::Result<Method> {

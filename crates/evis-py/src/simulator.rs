@@ -79,12 +79,13 @@ impl Simulator {
         reference_luminance: Option<f32>,
         device: Option<String>,
     ) -> PyResult<Self> {
+        let method = engine::method(method, splat, target)?;
         let config = RunConfig {
             sensor: crate::emulator::from_json(sensor)?,
-            method: engine::method(method, splat, target)?,
+            adaptive_px: adaptive_px.or(method.usual_adaptive_px()),
+            method,
             chosen: None,
             rate_hz,
-            adaptive_px,
             samples,
             antialias: engine::antialias(antialias)?,
             texture_taps,

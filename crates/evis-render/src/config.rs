@@ -14,6 +14,9 @@ const BLOCK_S: f64 = 0.016;
 /// Seconds from one keyframe of `reproject` to the next, at most.
 const KEY_S: f64 = 0.034;
 
+/// Pixels that anything may move between two samples, where `reproject` is not told.
+const REPROJECT_STEP_PX: f64 = 0.3;
+
 /// How an instant is sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -39,6 +42,14 @@ impl Method {
             Self::Reproject => "reproject",
             Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
             Self::Splat(_) => "splat",
+        }
+    }
+
+    /// [`RunConfig::adaptive_px`] where the user gives none: `reproject` has no other time than adaptive time.
+    pub const fn usual_adaptive_px(&self) -> Option<f64> {
+        match self {
+            Self::Reproject => Some(REPROJECT_STEP_PX),
+            Self::Native | Self::Auto(_) | Self::Splat(_) => None,
         }
     }
 
