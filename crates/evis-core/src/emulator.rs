@@ -91,7 +91,8 @@ pub struct EmulatorReport {
 }
 
 impl EmulatorReport {
-    fn add(&mut self, other: &Self) {
+    /// Adds another push's.
+    pub fn add(&mut self, other: &Self) {
         self.events += other.events;
         self.unknown += other.unknown;
         self.clamped += other.clamped;

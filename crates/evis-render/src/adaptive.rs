@@ -10,9 +10,9 @@ use std::ops::Range;
 
 use crate::area::{Area, Rect};
 use crate::engine::{Context, Upload};
-use crate::frame_buffers::GrowingBuffer;
+use crate::frame_buffers::{GrowingBuffer, aligned};
 use crate::gpu_scene::{DrawItem, push_item};
-use crate::interval::{Group, Unit, copy_layers, encode_luminance};
+use crate::interval::{Group, Unit, borrowed, copy_layers, encode_luminance, encode_sample};
 use crate::pace::{Pacer, Paces, Passing, STILL, rects, tiles_along};
 use crate::pass::adaptive::{MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
 use crate::pass::raster::{SceneConstants, UNIFORM_ALIGNMENT};
@@ -152,6 +152,7 @@ impl AdaptiveRoom {
         let plan = self.plan_reuse(context, &views, group, unit, &reused, &looks);
 
         let frames = self.frames(unit);
+        let samples = context.offsets.len() as u32;
         let mut shadows_at = None;
         let mut keyframes = plan.iter().flat_map(|plan| &plan.keyframes).zip(0..).peekable();
         for (number, look) in (0..).zip(&looks) {
@@ -180,28 +181,27 @@ impl AdaptiveRoom {
                 shadows_at = Some(k);
             }
             let scratch = &self.scratch[group.targets];
-            let samples = context.offsets.len() as u32;
-            let job = |pass: u32| [(number * (1 + samples) + pass) * UNIFORM_ALIGNMENT as u32];
-            match (&self.reuse, &plan, &groups.resolve) {
-                (Some((reuse, resolve)), Some(plan), Some(resolving)) => {
-                    for sample in 0..samples {
-                        reuse.encode_instant(
-                            context,
-                            encoder,
-                            &frame_group,
-                            &plan.groups,
-                            scratch,
-                            &look.parts,
-                            &look.still,
-                            frame,
-                            (number, sample),
-                        );
-                        encode_tiles(encoder, resolve, resolving, job(1 + sample), look.tiles);
+            let job = |pass: u32| [(number * groups.jobs_per_look + pass) * UNIFORM_ALIGNMENT as u32];
+            let (Some((reuse, resolve)), Some(color), Some(resolving)) =
+                (&self.reuse, &scratch.multisampled, &groups.resolve)
+            else {
+                encode_luminance(context, encoder, scratch, &frame_group, frame, 0, Some(&look.parts));
+                encode_tiles(encoder, &self.mean, &groups.mean, job(0), look.tiles);
+                continue;
+            };
+            let parts = borrowed(&look.parts);
+            for sample in 0..samples {
+                let known = |pass: &mut wgpu::RenderPass<'_>, part: usize| {
+                    if let Some(plan) = &plan {
+                        let place = (frame, sample, number);
+                        reuse.draw(context, pass, &frame_group, &plan.groups, &look.still[part], place);
                     }
-                }
-                _ => encode_luminance(context, encoder, scratch, &frame_group, frame, 0, Some(&look.parts)),
+                };
+                let into = (scratch, color);
+                encode_sample(context, encoder, into, &frame_group, (frame, sample), &parts, known);
+                encode_tiles(encoder, resolve, resolving, job(1 + sample), look.tiles);
             }
-            if self.reuse.is_none() || samples > 1 {
+            if samples > 1 {
                 encode_tiles(encoder, &self.mean, &groups.mean, job(0), look.tiles);
             }
         }
@@ -307,6 +307,9 @@ impl AdaptiveRoom {
         let (blocks, frames) = (unit.instants / length, self.frames(unit));
         let every = self.between_keys();
         let (reuse, _) = self.reuse.as_mut()?;
+        if reused.iter().all(Option::is_none) {
+            return None;
+        }
         let first_view = group.views[0];
         let lens = &views[0].lens;
         reuse.open(&context.gpu.device, first_view, views.len() as u32, [lens.width, lens.height]);
@@ -428,21 +431,20 @@ impl AdaptiveRoom {
     ) -> MeanGroups {
         let (device, queue) = (&context.gpu.device, &context.gpu.queue);
         let samples = context.offsets.len() as u32;
-        // Per look: the mean of its samples, then what each of them is the mean of.
-        let each = 1 + samples;
-        let mut bytes = vec![0; looks.len().max(1) * (each * UNIFORM_ALIGNMENT as u32) as usize];
-        let slots = bytes.chunks_exact_mut(UNIFORM_ALIGNMENT as usize);
-        for (slot, (look, pass)) in slots.zip(looks.iter().flat_map(|l| (0..each).map(move |p| (l, p)))) {
-            let layer = look.view * unit.instants + look.instant;
-            let job = MeanJob {
-                first: look.first_tile,
-                count: look.tiles,
-                row: sizes::dispatch(look.tiles, 1).0,
-                layer: if pass > 0 && samples > 1 { pass - 1 } else { layer },
-            };
-            slot[..size_of::<MeanJob>()].copy_from_slice(bytemuck::bytes_of(&job));
-        }
-        self.jobs.write(device, queue, &bytes);
+        // Per look: the mean of its samples, then what each of them is the mean of, where it is one.
+        let jobs_per_look = if self.reuse.is_some() { 1 + samples } else { 1 };
+        let job = |look: &Look, pass: u32| MeanJob {
+            first: look.first_tile,
+            count: look.tiles,
+            row: sizes::dispatch(look.tiles, 1).0,
+            layer: match pass {
+                1.. if samples > 1 => pass - 1,
+                _ => look.view * unit.instants + look.instant,
+            },
+        };
+        let jobs: Vec<MeanJob> =
+            looks.iter().flat_map(|look| (0..jobs_per_look).map(move |pass| job(look, pass))).collect();
+        self.jobs.write(device, queue, &aligned(&jobs));
         self.tiles.write(device, queue, bytemuck::cast_slice(tiles));
         let scratch = &self.scratch[group.targets];
         let view = wgpu::BindingResource::TextureView;
@@ -458,7 +460,8 @@ impl AdaptiveRoom {
                 let resources = resources(samples4, to);
                 pass::group(device, "tile resolve", &resolve.layout, TILE_RESOLVE_BINDINGS, resources)
             });
-        MeanGroups { mean: pass::group(device, "mean", &self.mean.layout, MEAN_BINDINGS, mean), resolve }
+        let mean = pass::group(device, "mean", &self.mean.layout, MEAN_BINDINGS, mean);
+        MeanGroups { mean, resolve, jobs_per_look }
     }
 
     /// Copies what is still from the end of one block to the end of the next.
@@ -523,6 +526,7 @@ impl AdaptiveRoom {
 struct MeanGroups {
     mean: wgpu::BindGroup,
     resolve: Option<wgpu::BindGroup>,
+    jobs_per_look: u32,
 }
 
 /// Whose light is used again during a block of a view, and from where.

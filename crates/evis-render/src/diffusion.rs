@@ -13,7 +13,7 @@ use crate::engine::Context;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::interval::{Group, Unit};
-use crate::targets::Targets;
+use crate::targets::{Targets, row_bytes};
 use crate::view::View;
 
 /// Light is held below this; `chain/layout.wgsl` has the same constant.
@@ -128,8 +128,7 @@ impl DiffusionRoom {
     ) -> Result<Looks, EngineError> {
         let (width, height) = (targets.width, targets.height);
         let layers = group.views.len() as u32 * unit.instants * self.samples;
-        let row = row_bytes(width);
-        let bytes = u64::from(row) * u64::from(height) * u64::from(layers);
+        let bytes = targets.layers.host_bytes(layers);
         let most = gpu.device.limits().max_buffer_size;
         if bytes > most {
             return Err(EngineError::Device(format!(
@@ -149,18 +148,7 @@ impl DiffusionRoom {
                 })
             }
         };
-        encoder.copy_texture_to_buffer(
-            targets.layers.texture.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &staging,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(row),
-                    rows_per_image: Some(height),
-                },
-            },
-            wgpu::Extent3d { width, height, depth_or_array_layers: layers },
-        );
+        targets.layers.encode_read(encoder, &staging, layers);
         Ok(Looks { unit, staging })
     }
 
@@ -177,8 +165,7 @@ impl DiffusionRoom {
     ) -> Result<Vec<Felt>, EngineError> {
         let Looks { unit, staging } = looks;
         let (instants, samples) = (unit.instants as usize, self.samples as usize);
-        let row = row_bytes(targets.width) as usize;
-        let layer_bytes = row * targets.height as usize;
+        let layer_bytes = targets.layers.host_bytes(1) as usize;
         let felt = {
             let bytes = staging
                 .get_mapped_range(..)
@@ -203,11 +190,7 @@ impl DiffusionRoom {
                     let t_us = context.grid.instant_us(unit.first + k as i64);
                     let out = std::slice::from_mut(&mut felt.events);
                     emulator.push_into(&Frames::linear(&light), t_us, out)?;
-                    let report = emulator.report();
-                    felt.report.unknown += report.unknown;
-                    felt.report.clamped += report.clamped;
-                    felt.report.suppressed += report.suppressed;
-                    felt.report.dropped += report.dropped;
+                    felt.report.add(emulator.report());
                 }
                 Ok(felt)
             };
@@ -217,11 +200,6 @@ impl DiffusionRoom {
         self.free.push(staging);
         Ok(felt)
     }
-}
-
-/// Bytes of a row of a layer in a buffer.
-const fn row_bytes(width: u32) -> u32 {
-    (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
 }
 
 /// Mean of `samples` layers, row-major; NaN where it is not known. As [`crate::Simulator::luminance`] has it.

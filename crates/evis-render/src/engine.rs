@@ -29,10 +29,11 @@ use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
 use crate::pass::trigger::TriggerPasses;
+use crate::reuse;
 use crate::shadow::{ShadowPlan, ShadowRoom};
 use crate::sizes::{self, DeviceLimits, MethodNeeds};
 use crate::splat::{self, SplatRoom};
-use crate::targets::{LayerUse, Layers, Targets};
+use crate::targets::{LayerUse, Layers, Targets, row_bytes};
 use crate::uniforms::{Status, ViewSensor};
 use crate::unpack;
 use crate::variant::LightSet;
@@ -47,9 +48,6 @@ const SUBMISSION_MS: f64 = 400.0;
 const FIRST_CAPACITY: u32 = 1 << 18;
 /// The same, per pixel, where submissions are whole blocks.
 const EVENTS_PER_PIXEL: u64 = 4;
-
-/// Cells of a keyframe along a pixel's side, where light is used again.
-const KEYFRAME_CELLS: u32 = 4;
 
 /// What an upload of frames brings beside them.
 #[derive(Clone, Copy, Default)]
@@ -287,7 +285,6 @@ impl Engine {
             environment: scene.environment.is_some(),
             samples,
             texture_taps: config.taps(),
-            cells: KEYFRAME_CELLS,
         };
         let sample_count = if edges { 4 } else { 1 };
         let luminance = raster::luminance_pipelines(
@@ -353,15 +350,10 @@ impl Engine {
         let mut targets = Vec::new();
         let mut members = Vec::new();
         for ((width, height), views) in sizes {
-            if reuses && width.max(height) * KEYFRAME_CELLS > device_limits.texture_edge {
-                return Err(EngineError::Device(format!(
-                    "{width}x{height} pixels: keyframes of reproject are {KEYFRAME_CELLS} times as wide and high, and this \
-                     device has textures of {} at most; choose a smaller --size, or --method native",
-                    device_limits.texture_edge
-                )));
-            }
             let needs = match &config.method {
-                Method::Native | Method::Auto(_) | Method::Reproject => {
+                Method::Native | Method::Auto(_) => MethodNeeds { block, ..Default::default() },
+                Method::Reproject => {
+                    reuse::check_size(width, height, &device_limits)?;
                     MethodNeeds { block, ..Default::default() }
                 }
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
@@ -1043,27 +1035,13 @@ fn read_layers(
     layers: &Layers,
     count: u32,
 ) -> Result<Vec<Vec<f32>>, EngineError> {
-    let (width, height) = (layers.width, layers.height);
-    let row = (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let layer_bytes = u64::from(row) * u64::from(height);
     let staging = context.gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("luminance for the host"),
-        size: layer_bytes * u64::from(count),
+        size: layers.host_bytes(count),
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
-    encoder.copy_texture_to_buffer(
-        layers.texture.as_image_copy(),
-        wgpu::TexelCopyBufferInfo {
-            buffer: &staging,
-            layout: wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(row),
-                rows_per_image: Some(height),
-            },
-        },
-        wgpu::Extent3d { width, height, depth_or_array_layers: count },
-    );
+    layers.encode_read(&mut encoder, &staging, count);
     let submission = context.gpu.queue.submit([encoder.finish()]);
     let mapped = map(&staging);
     wait_mapped(&context.gpu, &submission, &mapped)?;
@@ -1071,11 +1049,11 @@ fn read_layers(
         .get_mapped_range(..)
         .map_err(|e| EngineError::Device(format!("cannot read the luminance back: {e}")))?;
     let pixels = |row: &[u8]| -> Vec<f32> {
-        row.chunks_exact(4).take(width as usize).map(bytemuck::pod_read_unaligned).collect()
+        row.chunks_exact(4).take(layers.width as usize).map(bytemuck::pod_read_unaligned).collect()
     };
     Ok(bytes
-        .chunks_exact(layer_bytes as usize)
-        .map(|layer| layer.chunks_exact(row as usize).flat_map(pixels).collect())
+        .chunks_exact(layers.host_bytes(1) as usize)
+        .map(|layer| layer.chunks_exact(row_bytes(layers.width) as usize).flat_map(pixels).collect())
         .collect())
 }
 

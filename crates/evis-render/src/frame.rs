@@ -257,6 +257,15 @@ pub struct Shared {
     rays: ShadowRays,
 }
 
+impl Shared {
+    /// Whether object `object` moves, glows or deforms from any of `moments` to another.
+    pub fn moves(moments: &[&Self], object: usize) -> bool {
+        moments
+            .windows(2)
+            .any(|m| m[0].world[object] != m[1].world[object] || m[0].records[object] != m[1].records[object])
+    }
+}
+
 /// What shadow rays are cast through, at an instant.
 #[derive(Clone, Copy)]
 struct ShadowRays {

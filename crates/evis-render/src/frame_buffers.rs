@@ -40,6 +40,15 @@ impl GrowingBuffer {
     }
 }
 
+/// Entries of a uniform buffer, [`raster::UNIFORM_ALIGNMENT`] apart; room for one where there are none.
+pub fn aligned<T: bytemuck::Pod>(entries: &[T]) -> Vec<u8> {
+    let mut bytes = vec![0; entries.len().max(1) * raster::UNIFORM_ALIGNMENT as usize];
+    for (slot, entry) in bytes.chunks_exact_mut(raster::UNIFORM_ALIGNMENT as usize).zip(entries) {
+        slot[..size_of::<T>()].copy_from_slice(bytemuck::bytes_of(entry));
+    }
+    bytes
+}
+
 fn create(device: &wgpu::Device, label: &str, usage: wgpu::BufferUsages, size: u64) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
@@ -69,15 +78,11 @@ impl FrameBuffers {
     pub fn new(device: &wgpu::Device, light_count: u32, shares: &[Share]) -> Self {
         let storage = |label| GrowingBuffer::new(device, label, wgpu::BufferUsages::STORAGE);
         let instances = wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE;
-        let mut bytes = vec![0; (shares.len() + 1) * raster::UNIFORM_ALIGNMENT as usize];
-        let slots = bytes.chunks_exact_mut(raster::UNIFORM_ALIGNMENT as usize);
-        for (slot, share) in slots.zip(std::iter::once(&Share::WHOLE).chain(shares)) {
-            slot[..size_of::<Share>()].copy_from_slice(bytemuck::bytes_of(share));
-        }
+        let shares = [&[Share::WHOLE], shares].concat();
         Self {
             shares: device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some("shares"),
-                contents: &bytes,
+                contents: &aligned(&shares),
                 usage: wgpu::BufferUsages::UNIFORM,
             }),
             frames: GrowingBuffer::new(device, "frames", wgpu::BufferUsages::UNIFORM),

@@ -2,7 +2,7 @@
 
 use crate::engine::Context;
 use crate::frame::{columns, rigid};
-use crate::frame_buffers::GrowingBuffer;
+use crate::frame_buffers::{GrowingBuffer, aligned};
 use crate::gpu_scene::GpuScene;
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pass::labels::{
@@ -78,11 +78,7 @@ impl GeometryRoom {
     pub fn upload(&mut self, context: &Context, label: &LabelFrame, skies: &[SkyFlow]) -> GeometryGroups {
         let gpu = &context.gpu;
         self.label_uniform.write(&gpu.device, &gpu.queue, bytemuck::bytes_of(label));
-        let mut bytes = vec![0u8; skies.len() * UNIFORM_ALIGNMENT as usize];
-        for (sky, bytes) in skies.iter().zip(bytes.chunks_exact_mut(UNIFORM_ALIGNMENT as usize)) {
-            bytes[..size_of::<SkyFlow>()].copy_from_slice(bytemuck::bytes_of(sky));
-        }
-        self.sky_uniform.write(&gpu.device, &gpu.queue, &bytes);
+        self.sky_uniform.write(&gpu.device, &gpu.queue, &aligned(skies));
         let label = vec![
             self.label_uniform.get().as_entire_binding(),
             context.frame_buffers.instances.get().as_entire_binding(),

@@ -3,6 +3,7 @@
 use crate::area::Rect;
 use crate::chain::{ChainPasses, GroupChain, Walk};
 use crate::engine::Context;
+use crate::geometry::attachment;
 use crate::gpu::Gpu;
 use crate::gpu_scene::{Draw, DrawItem};
 use crate::grid::SampleGrid;
@@ -349,52 +350,56 @@ pub fn encode_luminance(
     first_layer: u32,
     parts: Option<&[(Rect, Vec<DrawItem>)]>,
 ) {
-    let visible =
+    let everything =
         || vec![(Rect::whole(layers.width, layers.height), &context.frame_data.visible[frame as usize][..])];
-    let drawn: Vec<(Rect, &[DrawItem])> =
-        parts.map_or_else(visible, |parts| parts.iter().map(|(rect, items)| (*rect, &items[..])).collect());
-    let targets = layers.each.iter().skip(first_layer as usize);
-    for ((sample, offset), layer) in (0..).zip(&context.offsets).zip(targets) {
+    let parts = parts.map_or_else(everything, borrowed);
+    for (sample, layer) in (0..context.offsets.len() as u32).zip(&layers.each[first_layer as usize..]) {
         let color = layers.multisampled.as_ref().unwrap_or(layer);
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("luminance"),
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: color,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color {
-                        r: context.background_luminance,
-                        g: 0.0,
-                        b: 0.0,
-                        a: 0.0,
-                    }),
-                    store: wgpu::StoreOp::Store,
-                },
-            })],
-            depth_stencil_attachment: Some(depth_attachment(&layers.depth, wgpu::StoreOp::Discard)),
-            ..Default::default()
-        });
-        // A shifted viewport samples the pixel elsewhere: no second set of matrices.
-        let (width, height) = (layers.width as f32, layers.height as f32);
-        pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
-        for (rect, items) in &drawn {
-            let [width, height] = rect.size();
-            pass.set_scissor_rect(rect.low[0], rect.low[1], width, height);
-            let what =
-                Drawing { items, frame, sample: Some(sample), first_record: context.object_base(frame) };
-            let surroundings = Some(&context.surroundings);
-            draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);
-            if let Some(sky) = &context.sky {
-                pass.set_pipeline(sky);
-                pass.set_bind_group(0, frame_group, &context.frame_offsets(frame, Some(sample)));
-                pass.set_bind_group(2, &context.surroundings, &[]);
-                pass.draw(0..3, 0..1);
-            }
-        }
-        drop(pass);
+        encode_sample(context, encoder, (layers, color), frame_group, (frame, sample), &parts, |_, _| {});
         if let Some(samples) = &layers.multisampled {
             encode_resolve(context, encoder, layers, samples, layer);
+        }
+    }
+}
+
+/// `parts`, as [`encode_sample`] takes them.
+pub fn borrowed(parts: &[(Rect, Vec<DrawItem>)]) -> Vec<(Rect, &[DrawItem])> {
+    parts.iter().map(|(rect, items)| (*rect, &items[..])).collect()
+}
+
+/// Renders sample `sample` of `parts` of `frame` into `color`, with the depth of `layers`. What `before` draws of a part, by
+/// its number, lies before what is equally far.
+pub fn encode_sample(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    (layers, color): (&Layers, &wgpu::TextureView),
+    frame_group: &wgpu::BindGroup,
+    (frame, sample): (u32, u32),
+    parts: &[(Rect, &[DrawItem])],
+    before: impl Fn(&mut wgpu::RenderPass<'_>, usize),
+) {
+    let background = wgpu::Color { r: context.background_luminance, g: 0.0, b: 0.0, a: 0.0 };
+    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some("luminance"),
+        color_attachments: &[Some(attachment(color, background))],
+        depth_stencil_attachment: Some(depth_attachment(&layers.depth, wgpu::StoreOp::Discard)),
+        ..Default::default()
+    });
+    // A shifted viewport samples the pixel elsewhere: no second set of matrices.
+    let offset = context.offsets[sample as usize];
+    pass.set_viewport(offset[0], offset[1], layers.width as f32, layers.height as f32, 0.0, 1.0);
+    for (number, (rect, items)) in parts.iter().enumerate() {
+        let [width, height] = rect.size();
+        pass.set_scissor_rect(rect.low[0], rect.low[1], width, height);
+        before(&mut pass, number);
+        let what = Drawing { items, frame, sample: Some(sample), first_record: context.object_base(frame) };
+        let surroundings = Some(&context.surroundings);
+        draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);
+        if let Some(sky) = &context.sky {
+            pass.set_pipeline(sky);
+            pass.set_bind_group(0, frame_group, &context.frame_offsets(frame, Some(sample)));
+            pass.set_bind_group(2, &context.surroundings, &[]);
+            pass.draw(0..3, 0..1);
         }
     }
 }

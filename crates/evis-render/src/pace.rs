@@ -207,11 +207,8 @@ impl Pacer {
     /// What moves or glows by itself, and the shadows that it throws.
     fn bodies(&self, gpu_scene: &GpuScene, view: &Passing<'_>, moments: &[usize], needs: &mut Needs) {
         let first = view.shared[0];
-        let moved: Vec<usize> = (0..gpu_scene.objects.len())
-            .filter(|&o| {
-                view.shared.iter().any(|s| s.world[o] != first.world[o] || s.records[o] != first.records[o])
-            })
-            .collect();
+        let moved: Vec<usize> =
+            (0..gpu_scene.objects.len()).filter(|&o| Shared::moves(&view.shared, o)).collect();
         // Of receivers, over the block.
         let receivers: Vec<(Extent, Area)> = if moved.is_empty() || first.lamps.is_empty() {
             Vec::new()

@@ -1,5 +1,5 @@
 //! `reproject`: visibility at every instant, light from keyframes. Keyframes have times of their own, whole blocks of adaptive
-//! time apart, and `cells` x `cells` cells per pixel. What stands still in the world takes its light from the two keyframes
+//! time apart, and [`CELLS`] x [`CELLS`] cells per pixel. What stands still in the world takes its light from the two keyframes
 //! around an instant, where both show it and agree; elsewhere, and on all that moves, it is shaded.
 //!
 //! A keyframe is a function of view and time alone: one that a restart, a split or another submission has displaced is drawn
@@ -7,27 +7,44 @@
 
 use std::collections::HashMap;
 
-use crate::area::Rect;
 use crate::engine::Context;
-use crate::frame::{Trail, columns};
-use crate::frame_buffers::GrowingBuffer;
+use crate::error::EngineError;
+use crate::frame::{Shared, Trail, columns};
+use crate::frame_buffers::{GrowingBuffer, aligned};
 use crate::geometry::attachment;
 use crate::gpu_scene::DrawItem;
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pass::raster::{DEPTH_FORMAT, LUMINANCE_FORMAT, SceneConstants, UNIFORM_ALIGNMENT};
 use crate::pass::reuse::{CELL_MEAN_BINDINGS, KEY_FORMAT, KEYFRAME_BINDINGS, REUSE_BINDINGS, ReusePasses};
 use crate::pass::{self};
-use crate::targets::Layers;
+use crate::sizes::DeviceLimits;
+use crate::targets::{array, each, whole};
 use crate::uniforms::{MeanParams, ReuseFrame};
 use crate::view::View;
 
 /// Keyframes of a view that are kept: the older, and the newer.
 const SLOTS: u32 = 2;
+/// Cells of a keyframe along a pixel's side.
+const CELLS: u32 = 4;
+
+/// Refuses pictures of `width` x `height` pixels whose keyframes no texture of the device holds.
+///
+/// # Errors
+/// Names what would work.
+pub fn check_size(width: u32, height: u32, limits: &DeviceLimits) -> Result<(), EngineError> {
+    if width.max(height) * CELLS <= limits.texture_edge {
+        return Ok(());
+    }
+    Err(EngineError::Device(format!(
+        "{width}x{height} pixels: keyframes of reproject are {CELLS} times as wide and high, and this device has textures \
+         of {} at most; choose a smaller --size, or --method native",
+        limits.texture_edge
+    )))
+}
 
 /// The room.
 pub struct ReuseRoom {
     passes: ReusePasses,
-    cells: u32,
     frames: GrowingBuffer,
     means: GrowingBuffer,
     points: wgpu::Sampler,
@@ -57,35 +74,14 @@ struct Slots {
 impl Slots {
     fn new(
         device: &wgpu::Device,
-        [width, height]: [u32; 2],
-        count: u32,
+        size: [u32; 3],
         format: wgpu::TextureFormat,
         usage: wgpu::TextureUsages,
     ) -> Self {
-        let texture = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("keyframe cells"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: count },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: usage
-                | wgpu::TextureUsages::TEXTURE_BINDING
-                | wgpu::TextureUsages::COPY_SRC
-                | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
-        let view = |dimension, base, layers| {
-            texture.create_view(&wgpu::TextureViewDescriptor {
-                dimension: Some(dimension),
-                base_array_layer: base,
-                array_layer_count: layers,
-                ..Default::default()
-            })
-        };
-        let array = view(wgpu::TextureViewDimension::D2Array, 0, None);
-        let each = (0..count).map(|layer| view(wgpu::TextureViewDimension::D2, layer, Some(1))).collect();
-        Self { texture, array, each }
+        // Tests copy them.
+        let usage = usage | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC;
+        let texture = array(device, "keyframe cells", size, format, usage);
+        Self { array: whole(&texture), each: each(&texture), texture }
     }
 }
 
@@ -96,9 +92,7 @@ pub fn steady(trail: &Trail, frames: impl Iterator<Item = usize>) -> Option<Vec<
     if shared.iter().any(|s| s.lights != first.lights) {
         return None;
     }
-    let same =
-        |o: usize| shared.iter().all(|s| s.world[o] == first.world[o] && s.records[o] == first.records[o]);
-    Some((0..first.world.len()).map(same).collect())
+    Some((0..first.world.len()).map(|object| !Shared::moves(&shared, object)).collect())
 }
 
 /// A keyframe that is to be drawn.
@@ -144,19 +138,12 @@ pub struct Instant {
 }
 
 impl ReuseRoom {
-    /// For keyframes of `cells` x `cells` cells per pixel.
+    /// For what is drawn of the scene.
     pub fn new(context: &Context, constants: &SceneConstants) -> Self {
         let device = &context.gpu.device;
         let variants = context.gpu_scene.variants();
         Self {
-            passes: ReusePasses::new(
-                device,
-                &context.layouts,
-                variants.iter().copied(),
-                constants,
-                constants.cells,
-            ),
-            cells: constants.cells,
+            passes: ReusePasses::new(device, &context.layouts, &variants, constants, CELLS),
             frames: GrowingBuffer::new(device, "reuse frames", wgpu::BufferUsages::UNIFORM),
             means: GrowingBuffer::new(device, "cell means", wgpu::BufferUsages::UNIFORM),
             points: device.create_sampler(&wgpu::SamplerDescriptor::default()),
@@ -168,20 +155,9 @@ impl ReuseRoom {
 
     /// Makes room for views of `width` x `height` pixels, the next size in order.
     pub fn add_size(&mut self, device: &wgpu::Device, width: u32, height: u32) {
-        let depth = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("keyframe depth"),
-            size: wgpu::Extent3d {
-                width: width * self.cells,
-                height: height * self.cells,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: DEPTH_FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        });
+        let size = [width * CELLS, height * CELLS, 1];
+        let depth =
+            array(device, "keyframe depth", size, DEPTH_FORMAT, wgpu::TextureUsages::RENDER_ATTACHMENT);
         self.depth.push(depth.create_view(&Default::default()));
     }
 
@@ -199,12 +175,10 @@ impl ReuseRoom {
 
     /// Makes room for the keyframes of `views` views of `width` x `height` pixels, the first of which is `first_view`.
     pub fn open(&mut self, device: &wgpu::Device, first_view: usize, views: u32, [width, height]: [u32; 2]) {
-        let cells = self.cells;
         self.stores.entry(first_view).or_insert_with(|| {
             let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
-            let slots = |format, usage| {
-                Slots::new(device, [width * cells, height * cells], views * SLOTS, format, usage)
-            };
+            let size = [width * CELLS, height * CELLS, views * SLOTS];
+            let slots = |format, usage| Slots::new(device, size, format, usage);
             Store {
                 lights: slots(LUMINANCE_FORMAT, drawn),
                 keys: slots(KEY_FORMAT, drawn),
@@ -272,19 +246,12 @@ impl ReuseRoom {
         self.frames.write(device, queue, &aligned(&entries));
         self.means.write(device, queue, &aligned(&means));
         let frame = || pass::part(self.frames.get(), 0, size_of::<ReuseFrame>() as u64);
-        let instants = vec![
-            frame(),
-            wgpu::BindingResource::TextureView(&store.lights.array),
-            wgpu::BindingResource::TextureView(&store.keys.array),
-            wgpu::BindingResource::TextureView(&store.means.array),
-            wgpu::BindingResource::Sampler(&self.points),
-        ];
-        let mean = vec![
-            pass::part(self.means.get(), 0, size_of::<MeanParams>() as u64),
-            wgpu::BindingResource::TextureView(&store.lights.array),
-            wgpu::BindingResource::TextureView(&store.keys.array),
-            wgpu::BindingResource::TextureView(&store.means.array),
-        ];
+        let cells = || [&store.lights, &store.keys, &store.means].map(|slots| &slots.array);
+        let textures = || cells().into_iter().map(wgpu::BindingResource::TextureView);
+        let points = wgpu::BindingResource::Sampler(&self.points);
+        let instants = std::iter::once(frame()).chain(textures()).chain([points]).collect();
+        let params = pass::part(self.means.get(), 0, size_of::<MeanParams>() as u64);
+        let mean = std::iter::once(params).chain(textures()).collect();
         let passes = &self.passes;
         Some(ReuseGroups {
             keyframe: pass::group(
@@ -345,58 +312,21 @@ impl ReuseRoom {
         pass.dispatch_workgroups(size.width.div_ceil(64), size.height, 1);
     }
 
-    /// Renders `parts` of a frame with four coverage samples: pass `sample` of instant `number`.
-    #[expect(clippy::too_many_arguments, reason = "what an instant is made of, in order")]
-    pub fn encode_instant(
+    /// Draws what takes its light from keyframes, in sample `sample` of the submission's look `number`.
+    pub fn draw(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        pass: &mut wgpu::RenderPass<'_>,
         frame_group: &wgpu::BindGroup,
         groups: &ReuseGroups,
-        scratch: &Layers,
-        parts: &[(Rect, Vec<DrawItem>)],
-        still: &[Vec<DrawItem>],
-        frame: u32,
-        (number, sample): (u32, u32),
+        still: &[DrawItem],
+        (frame, sample, number): (u32, u32, u32),
     ) {
-        let Some(color) = &scratch.multisampled else { return };
-        let clear = wgpu::Color { r: context.background_luminance, g: 0.0, b: 0.0, a: 0.0 };
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("reproject"),
-            color_attachments: &[Some(attachment(color, clear))],
-            depth_stencil_attachment: Some(depth_attachment(&scratch.depth, wgpu::StoreOp::Discard)),
-            ..Default::default()
-        });
-        let (width, height) = (scratch.width as f32, scratch.height as f32);
-        let offset = context.offsets[sample as usize];
-        pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
         let entry = number * context.offsets.len() as u32 + sample;
+        pass.set_bind_group(3, &groups.instants, &[entry * UNIFORM_ALIGNMENT as u32]);
+        let what =
+            Drawing { items: still, frame, sample: Some(sample), first_record: context.object_base(frame) };
         let surroundings = Some(&context.surroundings);
-        for ((rect, items), still) in parts.iter().zip(still) {
-            let [width, height] = rect.size();
-            pass.set_scissor_rect(rect.low[0], rect.low[1], width, height);
-            let first_record = context.object_base(frame);
-            pass.set_bind_group(3, &groups.instants, &[entry * UNIFORM_ALIGNMENT as u32]);
-            // What is known, then whatever else is seen.
-            for (pipelines, items) in [(&self.passes.surfaces, still), (&context.luminance, items)] {
-                let what = Drawing { items, frame, sample: Some(sample), first_record };
-                draw_surfaces(context, &mut pass, pipelines, frame_group, surroundings, &what);
-            }
-            if let Some(sky) = &context.sky {
-                pass.set_pipeline(sky);
-                pass.set_bind_group(0, frame_group, &context.frame_offsets(frame, Some(sample)));
-                pass.set_bind_group(2, &context.surroundings, &[]);
-                pass.draw(0..3, 0..1);
-            }
-        }
+        draw_surfaces(context, pass, &self.passes.surfaces, frame_group, surroundings, &what);
     }
-}
-
-/// Entries of a uniform buffer.
-fn aligned<T: bytemuck::Pod>(entries: &[T]) -> Vec<u8> {
-    let mut bytes = vec![0; entries.len().max(1) * UNIFORM_ALIGNMENT as usize];
-    for (slot, entry) in bytes.chunks_exact_mut(UNIFORM_ALIGNMENT as usize).zip(entries) {
-        slot[..size_of::<T>()].copy_from_slice(bytemuck::bytes_of(entry));
-    }
-    bytes
 }

@@ -202,7 +202,6 @@ impl ShadowRoom {
             environment: false,
             samples: 1,
             texture_taps: 1,
-            cells: 1,
         };
         let pipelines = shadow_map::pipelines(device, layouts, gpu_scene.variants().into_iter(), &constants);
         Ok(Some(Self {

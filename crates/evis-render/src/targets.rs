@@ -55,17 +55,7 @@ impl Layers {
         let copied = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
         let usage = attachment | sampled | copied | wgpu::TextureUsages::STORAGE_BINDING;
         let all = texture("luminance", LUMINANCE_FORMAT, count, 1, usage);
-        let each = (0..count)
-            .map(|layer| {
-                all.create_view(&wgpu::TextureViewDescriptor {
-                    dimension: Some(wgpu::TextureViewDimension::D2),
-                    base_array_layer: layer,
-                    array_layer_count: Some(1),
-                    ..Default::default()
-                })
-            })
-            .collect();
-        let array = whole(&all);
+        let (array, each) = (whole(&all), each(&all));
         let depth =
             texture("depth", DEPTH_FORMAT, 1, sample_count, attachment).create_view(&Default::default());
         let multisampled = edges.then(|| {
@@ -197,4 +187,46 @@ pub fn whole(texture: &wgpu::Texture) -> wgpu::TextureView {
         dimension: Some(wgpu::TextureViewDimension::D2Array),
         ..Default::default()
     })
+}
+
+/// Each layer of `texture`.
+pub fn each(texture: &wgpu::Texture) -> Vec<wgpu::TextureView> {
+    let layer = |base_array_layer| {
+        texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2),
+            base_array_layer,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    };
+    (0..texture.depth_or_array_layers()).map(layer).collect()
+}
+
+/// Bytes of a row of a luminance layer in a buffer.
+pub const fn row_bytes(width: u32) -> u32 {
+    (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
+}
+
+impl Layers {
+    /// Bytes of `count` layers in a buffer.
+    pub fn host_bytes(&self, count: u32) -> u64 {
+        u64::from(row_bytes(self.width)) * u64::from(self.height) * u64::from(count)
+    }
+
+    /// Records the way of the first `count` layers into `buffer`.
+    pub fn encode_read(&self, encoder: &mut wgpu::CommandEncoder, buffer: &wgpu::Buffer, count: u32) {
+        let (width, height) = (self.width, self.height);
+        encoder.copy_texture_to_buffer(
+            self.texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(row_bytes(width)),
+                    rows_per_image: Some(height),
+                },
+            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: count },
+        );
+    }
 }

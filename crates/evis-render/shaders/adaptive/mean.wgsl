@@ -1,34 +1,21 @@
+#import adaptive/tiles.wgsl
 // Mean of a pixel's samples in linear light, into the layer of an instant, in the tiles that were drawn. Summed as
-// trigger/sample.wgsl does, so that a pixel which is sampled always has the light that it has without tiles.
+// trigger/count.wgsl does, so that a pixel which is sampled always has the light that it has without tiles.
 
-const TILE: u32 = 16u;
 // Rows of a tile between those of one invocation, which thus looks up its tile once for several pixels.
 const ROWS: u32 = 4u;
 override SAMPLES: u32 = 1;
 
-struct MeanJob {
-    // Of `tiles`.
-    first: u32,
-    count: u32,
-    // Workgroups per row of the dispatch.
-    row: u32,
-    layer: u32,
-};
-
-@group(0) @binding(0) var<uniform> job: MeanJob;
-// Column | row << 16.
-@group(0) @binding(1) var<storage, read> tiles: array<u32>;
 @group(0) @binding(2) var samples: texture_storage_2d_array<r32float, read>;
 @group(0) @binding(3) var layers: texture_storage_2d_array<r32float, write>;
 
 @compute @workgroup_size(TILE, ROWS)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) id: vec3<u32>) {
-    let number = group.y * job.row + group.x;
+    let number = tile_number(group);
     if (number >= job.count) {
         return;
     }
-    let tile = tiles[job.first + number];
-    let corner = vec2<u32>(tile & 0xffffu, tile >> 16u) * TILE;
+    let corner = tile_corner(number);
     let size = textureDimensions(layers);
     for (var row = id.y; row < TILE; row += ROWS) {
         let pixel = corner + vec2<u32>(id.x, row);

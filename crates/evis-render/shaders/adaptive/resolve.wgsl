@@ -1,31 +1,17 @@
+#import adaptive/tiles.wgsl
 // Mean of a pixel's four coverage samples in linear light, in the tiles that were drawn. Twin: trigger/resolve.wgsl has
 // the same sum over whole pictures.
 
-const TILE: u32 = 16u;
-
-struct MeanJob {
-    // Of `tiles`.
-    first: u32,
-    count: u32,
-    // Workgroups per row of the dispatch.
-    row: u32,
-    layer: u32,
-};
-
-@group(0) @binding(0) var<uniform> job: MeanJob;
-// Column | row << 16.
-@group(0) @binding(1) var<storage, read> tiles: array<u32>;
 @group(0) @binding(2) var samples: texture_multisampled_2d<f32>;
 @group(0) @binding(3) var layers: texture_storage_2d_array<r32float, write>;
 
 @compute @workgroup_size(16, 16)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) id: vec3<u32>) {
-    let number = group.y * job.row + group.x;
+    let number = tile_number(group);
     if (number >= job.count) {
         return;
     }
-    let tile = tiles[job.first + number];
-    let pixel = vec2<u32>(tile & 0xffffu, tile >> 16u) * TILE + id.xy;
+    let pixel = tile_corner(number) + id.xy;
     if (any(pixel >= textureDimensions(layers))) {
         return;
     }

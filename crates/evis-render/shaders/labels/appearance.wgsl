@@ -1,3 +1,4 @@
+#import raster/stage.wgsl
 #import raster/surface.wgsl
 // Appearance labels, one sample at the pixel's centre: linear RGB and the world normal.
 
@@ -5,12 +6,6 @@ struct AppearanceOut {
     @location(0) color: vec4<f32>,
     @location(1) normal: vec4<f32>,
 };
-
-@vertex
-fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex_index) vertex: u32) -> Varyings {
-    let local = deform(instance, in, vertex);
-    return set_varyings(instance, in, local, input_clip(in) * vec4<f32>(local.position, 1.0));
-}
 
 @fragment
 fn fs_main(v: Varyings, @builtin(front_facing) front: bool) -> AppearanceOut {

@@ -1,3 +1,4 @@
+#import raster/stage.wgsl
 #import raster/surface.wgsl
 #import reuse/layout.wgsl
 // A keyframe: light of every cell, and what is seen there. Nothing is used again of the sky.
@@ -8,12 +9,6 @@ struct Cell {
     @location(0) light: f32,
     @location(1) key: u32,
 };
-
-@vertex
-fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex_index) vertex: u32) -> Varyings {
-    let local = deform(instance, in, vertex);
-    return set_varyings(instance, in, local, input_clip(in) * vec4<f32>(local.position, 1.0));
-}
 
 @fragment
 fn fs_main(v: Varyings, @builtin(front_facing) front: bool) -> Cell {

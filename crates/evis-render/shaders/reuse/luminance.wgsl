@@ -1,11 +1,9 @@
-#import raster/vertex.wgsl
+#import raster/stage.wgsl
 #import reuse/layout.wgsl
 // The first raster pass of `reproject`: what stands still in the world takes its light from the two keyframes around,
 // where both show it and agree. Elsewhere nothing is drawn, and the pass that shades finds the place empty: software drivers
 // run both sides of a branch, but shade nothing that is behind what was drawn. Test: tests/floor3_reproject.rs.
 
-// Cells along a pixel's side.
-override CELLS: f32 = 4.0;
 // Part of an inverse depth by which a keyframe's cell may differ from what is looked for.
 override NEAR: f32 = 0.03;
 // Part by which the keyframes' lights may differ, beside what a place's neighbours do.
@@ -16,12 +14,6 @@ override AGREE: f32 = 0.03;
 @group(3) @binding(2) var keys: texture_2d_array<u32>;
 @group(3) @binding(3) var means: texture_2d_array<f32>;
 @group(3) @binding(4) var points: sampler;
-
-@vertex
-fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex_index) vertex: u32) -> Varyings {
-    let local = deform(instance, in, vertex);
-    return set_varyings(instance, in, local, input_clip(in) * vec4<f32>(local.position, 1.0));
-}
 
 // What a keyframe knows of a place: light (below 0: nothing), and by how much that differs nearby.
 struct Known {

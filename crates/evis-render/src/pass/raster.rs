@@ -114,8 +114,6 @@ pub struct SceneConstants {
     pub samples: u32,
     /// Places per side of a sample's share at which it reads textures, at most.
     pub texture_taps: u32,
-    /// Cells of a keyframe along a pixel's side, where light is used again.
-    pub cells: u32,
 }
 
 /// Everything that a surface pipeline is built from.
@@ -163,7 +161,6 @@ pub fn surface_pipeline(
         ("SHADOWS", flag(scene.shadows && variant.lit())),
         ("SHADOW_RAYS", flag(scene.shadow_rays)),
         ("ENVIRONMENT", flag(scene.environment && variant.lit())),
-        ("CELLS", f64::from(scene.cells)),
     ];
     // A constant that the file does not declare is an error: pass only the ones that it has.
     let source = crate::shader::compose(what.file, "");

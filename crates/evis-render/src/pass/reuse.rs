@@ -1,5 +1,7 @@
 //! `reuse/*.wgsl`: keyframes of light, and surfaces that take theirs from two of them. Twin of the means: `cpu/reuse.rs`.
 
+use std::collections::BTreeSet;
+
 use super::raster::{
     LUMINANCE_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline,
 };
@@ -49,7 +51,7 @@ impl ReusePasses {
     pub fn new(
         device: &wgpu::Device,
         layouts: &SurfaceLayouts,
-        variants: impl Iterator<Item = SurfaceVariant> + Clone,
+        variants: &BTreeSet<SurfaceVariant>,
         scene: &SceneConstants,
         cells: u32,
     ) -> Self {
@@ -67,13 +69,11 @@ impl ReusePasses {
             cull: true,
         };
         let build = |what: &SurfacePipeline<'_>, constants: &SceneConstants| -> Pipelines {
-            let pipeline = |v| (v, surface_pipeline(device, what, &v, constants));
-            variants.clone().map(pipeline).collect()
+            variants.iter().map(|v| (*v, surface_pipeline(device, what, v, constants))).collect()
         };
         // A cell is a whole pixel of its own picture.
         let of_cells = SceneConstants { samples: 1, texture_taps: CELL_TAPS, ..*scene };
-        let groups = [&layouts.frame, &layouts.material, &layouts.surroundings];
-        let [frame, material, surroundings] = groups;
+        let SurfaceLayouts { frame, material, surroundings } = layouts;
         Self {
             keyframe: build(
                 &what(

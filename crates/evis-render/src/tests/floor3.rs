@@ -37,6 +37,18 @@ pub(super) fn gather(packets: impl Iterator<Item = Packet>) -> Vec<(Vec<Event>, 
     out
 }
 
+/// The events of each view of a stream of `duration_us` in packets of `packet_us`.
+pub(super) fn events(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &RunConfig,
+    (duration_us, packet_us): (i64, i64),
+) -> Vec<Vec<Event>> {
+    let simulator = Simulator::new(gpu, scene.clone(), config.clone()).unwrap();
+    let views = gather(simulator.stream(duration_us, packet_us).unwrap().map(Result::unwrap));
+    views.into_iter().map(|view| view.0).collect()
+}
+
 fn stream(
     gpu: &Gpu,
     scene: &Arc<Scene>,

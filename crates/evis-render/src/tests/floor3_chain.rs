@@ -6,7 +6,7 @@ use evis_core::Event;
 use evis_core::sensor::{Noise, Readout, SensorConfig};
 use evis_scene::Scene;
 
-use super::floor3::{batch, gather};
+use super::floor3::{batch, events, gather};
 use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
@@ -38,9 +38,7 @@ fn config(sensor: &SensorConfig) -> RunConfig {
 }
 
 fn stream(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, packet_us: i64) -> Vec<Vec<Event>> {
-    let simulator = Simulator::new(gpu, scene.clone(), config.clone()).unwrap();
-    let views = gather(simulator.stream(60_000, packet_us).unwrap().map(Result::unwrap));
-    views.into_iter().map(|view| view.0).collect()
+    events(gpu, scene, config, (60_000, packet_us))
 }
 
 #[test]

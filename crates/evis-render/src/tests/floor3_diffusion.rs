@@ -7,7 +7,7 @@ use evis_core::sensor::{Readout, SensorConfig};
 use evis_core::{EmulatorConfig, Event, Frames};
 use evis_scene::Scene;
 
-use super::floor3::{batch, gather};
+use super::floor3::{batch, events, gather};
 use crate::auto::Target;
 use crate::config::{Antialias, Method, RunConfig};
 use crate::gpu::Gpu;
@@ -32,9 +32,7 @@ fn config() -> RunConfig {
 }
 
 fn stream(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, packet_us: i64) -> Vec<Vec<Event>> {
-    let simulator = Simulator::new(gpu, scene.clone(), config.clone()).unwrap();
-    let views = gather(simulator.stream(40_000, packet_us).unwrap().map(Result::unwrap));
-    views.into_iter().map(|view| view.0).collect()
+    events(gpu, scene, config, (40_000, packet_us))
 }
 
 #[test]

@@ -1,0 +1,28 @@
+// A workgroup per tile that was drawn.
+
+const TILE: u32 = 16u;
+
+// Twin: uniforms.rs, MeanJob.
+struct MeanJob {
+    // Of `tiles`.
+    first: u32,
+    count: u32,
+    // Workgroups per row of the dispatch.
+    row: u32,
+    layer: u32,
+};
+
+@group(0) @binding(0) var<uniform> job: MeanJob;
+// Column | row << 16.
+@group(0) @binding(1) var<storage, read> tiles: array<u32>;
+
+// The number of a workgroup's tile; `job.count` and more have none.
+fn tile_number(group: vec3<u32>) -> u32 {
+    return group.y * job.row + group.x;
+}
+
+// The upper left pixel of a tile.
+fn tile_corner(number: u32) -> vec2<u32> {
+    let tile = tiles[job.first + number];
+    return vec2<u32>(tile & 0xffffu, tile >> 16u) * TILE;
+}
