@@ -114,6 +114,7 @@ impl Setting {
         match (self.method.as_str(), self.splat) {
             ("native", None) => Some(Method::Native),
             ("reproject", None) => Some(Method::Reproject),
+            ("march", None) => Some(Method::March),
             ("auto", None) => self.target.map(Method::Auto),
             ("splat" | "evis-paper", Some(splat)) => Some(Method::Splat(splat)),
             _ => None,

@@ -851,6 +851,8 @@ pub(crate) enum MethodArg {
     Native,
     /// Visibility at every instant, in adaptive time; light of what stands still from keyframes.
     Reproject,
+    /// Adaptive time; tiles without edges are rendered every few pixels of motion, and followed in between.
+    March,
     /// Keyframes are rendered; what lies between is splatted from both.
     Splat,
     /// As the EVIS paper publishes it: linear motion, colours, latch, black holes.

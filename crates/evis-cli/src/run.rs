@@ -191,7 +191,9 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
         return Err(bad_input(format!("--target {name}: only auto has targets; {remedy}")));
     }
     let base = match asked {
-        MethodArg::Auto | MethodArg::Native | MethodArg::Reproject if let Some(flag) = args.splat.given() => {
+        MethodArg::Auto | MethodArg::Native | MethodArg::Reproject | MethodArg::March
+            if let Some(flag) = args.splat.given() =>
+        {
             return Err(bad_input(format!(
                 "{flag} needs keyframes; add --method splat or --method evis-paper"
             )));
@@ -207,6 +209,7 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
         }
         MethodArg::Native => return Ok(Method::Native),
         MethodArg::Reproject => return Ok(Method::Reproject),
+        MethodArg::March => return Ok(Method::March),
         MethodArg::Splat => SplatConfig::default(),
         MethodArg::EvisPaper => {
             let SplatConfig { keyframe_hz, steps, .. } = SplatConfig::default();

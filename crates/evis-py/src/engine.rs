@@ -22,11 +22,12 @@ fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, F
     })
 }
 
-/// `auto` for a target, `native`, `reproject`, or `splat` with its settings as JSON.
+/// `auto` for a target, `native`, `march`, `reproject`, or `splat` with its settings as JSON.
 pub(crate) fn method(name: &str, splat: Option<&str>, target: &str) -> Result<Method, Failure> {
     match (name, splat) {
         ("native", None) => Ok(Method::Native),
         ("reproject", None) => Ok(Method::Reproject),
+        ("march", None) => Ok(Method::March),
         ("auto", None) => {
             let targets = [Target::Draft, Target::Default, Target::Exact].map(|t| (t.name(), t));
             choose("target", target, &targets).map(Method::Auto)
@@ -34,8 +35,12 @@ pub(crate) fn method(name: &str, splat: Option<&str>, target: &str) -> Result<Me
         ("splat", Some(json)) => serde_json::from_str(json)
             .map(Method::Splat)
             .map_err(|e| ConfigError::new("method", json, format!("settings that splat has ({e})")).into()),
-        _ => Err(ConfigError::new("method", format!("'{name}'"), "'auto', 'native', 'reproject' or 'splat'")
-            .into()),
+        _ => Err(ConfigError::new(
+            "method",
+            format!("'{name}'"),
+            "'auto', 'native', 'march', 'reproject' or 'splat'",
+        )
+        .into()),
     }
 }
 

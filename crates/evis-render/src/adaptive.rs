@@ -10,10 +10,12 @@ use std::ops::Range;
 
 use crate::area::{Area, Rect};
 use crate::engine::{Context, Upload};
+use crate::error::EngineError;
 use crate::frame_buffers::{GrowingBuffer, aligned};
 use crate::gpu_scene::{DrawItem, push_item};
 use crate::interval::{Group, Unit, borrowed, copy_layers, encode_luminance, encode_sample};
-use crate::pace::{Pacer, Paces, Passing, STILL, rects, tiles_along};
+use crate::march::{MarchRoom, left_over};
+use crate::pace::{Pacer, Paces, Passing, STILL, TILE, rects, tiles_along};
 use crate::pass::adaptive::{MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
 use crate::pass::raster::{SceneConstants, UNIFORM_ALIGNMENT};
 use crate::pass::{self, ComputePass};
@@ -45,6 +47,8 @@ pub struct AdaptiveRoom {
     scratch: Vec<Layers>,
     /// Light that is used again, and the mean of coverage samples.
     reuse: Option<(ReuseRoom, ComputePass)>,
+    /// What is followed instead of rendered.
+    march: Option<MarchRoom>,
     /// By the first view of a group: the instant that comes next, and the layers of the last one, view by view.
     kept: HashMap<usize, (i64, wgpu::Texture)>,
     drawn_pixels: u64,
@@ -56,7 +60,8 @@ pub struct AdaptiveRoom {
 /// A view at an instant: what is drawn of it.
 struct Look {
     view: u32,
-    instant: u32,
+    /// Frame within the view: 0 is the instant before the unit's first.
+    k: u32,
     parts: Vec<(Rect, Vec<DrawItem>)>,
     /// Per part: what takes its light from keyframes.
     still: Vec<Vec<DrawItem>>,
@@ -66,8 +71,14 @@ struct Look {
 
 impl AdaptiveRoom {
     /// For blocks of `block` instants within which nothing moves more than `step_px` pixels unseen. With `reuse`, light is
-    /// used again: of keyframes so many blocks apart.
-    pub fn new(context: &Context, step_px: f64, block: u32, reuse: Option<(&SceneConstants, u32)>) -> Self {
+    /// used again: of keyframes so many blocks apart. With `march`, tiles without edges are followed.
+    pub fn new(
+        context: &Context,
+        step_px: f64,
+        block: u32,
+        reuse: Option<(&SceneConstants, u32)>,
+        march: Option<&SceneConstants>,
+    ) -> Self {
         let device = &context.gpu.device;
         let samples = context.offsets.len() as u32;
         Self {
@@ -82,6 +93,7 @@ impl AdaptiveRoom {
             reuse: reuse.map(|(constants, _)| {
                 (ReuseRoom::new(context, constants), crate::pass::adaptive::resolve(device))
             }),
+            march: march.map(|constants| MarchRoom::new(context, constants, step_px)),
             kept: HashMap::new(),
             drawn_pixels: 0,
             #[cfg(test)]
@@ -98,6 +110,16 @@ impl AdaptiveRoom {
         self.scratch.push(Layers::new(device, width, height, samples, made));
         if let Some((reuse, _)) = &mut self.reuse {
             reuse.add_size(device, width, height);
+        }
+        if let Some(march) = &mut self.march {
+            march.add_size(device, width, height);
+        }
+    }
+
+    /// Tells the light below which logarithms bend.
+    pub fn set_dark(&mut self, dark: f32) {
+        if let Some(march) = &mut self.march {
+            march.set_dark(dark);
         }
     }
 
@@ -126,7 +148,7 @@ impl AdaptiveRoom {
         targets: &Targets,
         group: &Group,
         unit: &Unit,
-    ) {
+    ) -> Result<(), EngineError> {
         let views = context.views_of(group);
         let keys = self.keys(unit);
         // The instant before the first is where things come from.
@@ -142,6 +164,13 @@ impl AdaptiveRoom {
         let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first);
         let paces = self.paces(context, &views, unit);
         write_paces(context, targets, &paces, self.block_of(unit));
+        if self.march.is_some() {
+            self.encode_marched(context, encoder, targets, group, unit, &frame_group, &paces, follows)?;
+            let kept = kept.map(|(_, texture)| texture);
+            self.carry(encoder, targets, unit, &paces, kept.as_ref().filter(|_| follows));
+            self.keep(context, encoder, targets, group, unit, kept);
+            return Ok(());
+        }
 
         let reused = self.reused(context, &views, unit);
         let mut tiles = Vec::new();
@@ -156,10 +185,10 @@ impl AdaptiveRoom {
         let mut shadows_at = None;
         let mut keyframes = plan.iter().flat_map(|plan| &plan.keyframes).zip(0..).peekable();
         for (number, look) in (0..).zip(&looks) {
-            let k = look.instant + 1;
+            let k = look.k;
             let frame = look.view * frames + k;
             if let (Some(plan), Some((reuse, _))) = (&plan, &mut self.reuse) {
-                let due = |block: u32| block <= look.instant / self.block;
+                let due = |block: u32| block <= (look.k - 1) / self.block;
                 while let Some(((_, keyframe), entry)) = keyframes.next_if(|((block, _), _)| due(*block)) {
                     let at = keyframe.frame % frames;
                     context.encode_moving_shadows(encoder, &frame_group, &views, frames, at);
@@ -208,6 +237,166 @@ impl AdaptiveRoom {
         let kept = kept.map(|(_, texture)| texture);
         self.carry(encoder, targets, unit, &paces, kept.as_ref().filter(|_| follows));
         self.keep(context, encoder, targets, group, unit, kept);
+        Ok(())
+    }
+
+    /// Records the luminance of `unit`: first the keys of tiles, and what is followed between them; then, once it is known
+    /// which tiles cannot be followed, everything else.
+    #[expect(clippy::too_many_arguments, reason = "all that decides what is drawn")]
+    fn encode_marched(
+        &mut self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        targets: &Targets,
+        group: &Group,
+        unit: &Unit,
+        frame_group: &wgpu::BindGroup,
+        paces: &[Paces],
+        follows: bool,
+    ) -> Result<(), EngineError> {
+        let Some(mut march) = self.march.take() else { return Ok(()) };
+        let device = &context.gpu.device;
+        let views = context.views_of(group);
+        let length = self.block_of(unit);
+        let blocks = unit.instants / length;
+        let frames = self.frames(unit);
+        let first_view = group.views[0];
+        let plan = march.plan(device, first_view, &views, paces, length, unit.first - 1);
+        let of = |view: u32, block: u32| (view * blocks + block) as usize;
+        let pace_is_due = |pace: u8, block: u32, number: u32| match pace {
+            // Nobody has kept what still tiles showed.
+            STILL => number == length && block == 0 && !follows,
+            pace => number.is_multiple_of(1 << pace),
+        };
+
+        let mut tiles = Vec::new();
+        let mut keys = Vec::new();
+        for key in &plan.looks {
+            let p = of(key.view, key.block);
+            let lens = &views[key.view as usize].lens;
+            let mut squares = Squares::new(lens.width, lens.height);
+            let mut felt = vec![0; paces[p].tiles.len()];
+            for gap in &key.keys {
+                squares.add(gap.tile, ALL_QUARTERS, 1);
+                if key.number > 0 {
+                    felt[gap.tile as usize] = ALL_QUARTERS;
+                }
+            }
+            if key.number > 0 {
+                for (tile, pace) in paces[p].tiles.iter().enumerate() {
+                    if plan.lengths[p][tile].is_none() && pace_is_due(*pace, key.block, key.number) {
+                        squares.add(tile as u32, ALL_QUARTERS, 0);
+                        felt[tile] = ALL_QUARTERS;
+                    }
+                }
+            }
+            keys.push(look(context, &views, frames, (key.view, key.k), &squares, &felt, &mut tiles));
+        }
+        let mut told = Vec::new();
+        if !keys.is_empty() {
+            let means = self.upload(context, targets, group, unit, &keys, &tiles);
+            let scratch = &self.scratch[group.targets];
+            let groups = march.upload(
+                context,
+                first_view,
+                &views,
+                group.targets,
+                scratch,
+                &targets.layers.array,
+                &plan,
+                (frames, unit.instants),
+            );
+            let mut shadows_at = None;
+            let mut early = device.create_command_encoder(&Default::default());
+            for ((number, look), key) in (0..).zip(&keys).zip(&plan.looks) {
+                if shadows_at.replace(look.k) != Some(look.k) {
+                    context.encode_moving_shadows(&mut early, frame_group, &views, frames, look.k);
+                }
+                self.draw(context, &mut early, frame_group, group, frames, &means, (number, look));
+                if let Some(groups) = &groups {
+                    let frame = look.view * frames + look.k;
+                    let room = (group.targets, scratch);
+                    march.encode(
+                        context,
+                        &mut early,
+                        frame_group,
+                        groups,
+                        room,
+                        frame,
+                        &look.parts,
+                        (number, key),
+                    );
+                }
+            }
+            told = march.verdicts(context, early, &plan)?;
+        }
+
+        let had_keys: std::collections::HashSet<(u32, u32, u32)> =
+            plan.looks.iter().map(|key| (key.view, key.block, key.number)).collect();
+        let mut tiles = Vec::new();
+        let mut rest = Vec::new();
+        for block in 0..blocks {
+            for number in 1..=length {
+                for view in 0..views.len() as u32 {
+                    let p = of(view, block);
+                    let lens = &views[view as usize].lens;
+                    let mut squares = Squares::new(lens.width, lens.height);
+                    let mut felt = vec![0; paces[p].tiles.len()];
+                    for (tile, pace) in paces[p].tiles.iter().enumerate() {
+                        let quarters = match plan.lengths[p][tile] {
+                            None if had_keys.contains(&(view, block, number)) => 0,
+                            Some(every) if number.is_multiple_of(1 << every) => 0,
+                            _ if !pace_is_due(*pace, block, number) => 0,
+                            None => ALL_QUARTERS,
+                            Some(_) => {
+                                plan.verdict(p, tile, number).map_or(0, |at| left_over(told[at as usize]))
+                            }
+                        };
+                        if quarters != 0 {
+                            felt[tile] = quarters;
+                            squares.add(tile as u32, quarters, 0);
+                        }
+                    }
+                    if felt.iter().any(|quarters| *quarters != 0) {
+                        let k = block * length + number;
+                        rest.push(look(context, &views, frames, (view, k), &squares, &felt, &mut tiles));
+                    }
+                }
+            }
+        }
+        let means = self.upload(context, targets, group, unit, &rest, &tiles);
+        let mut shadows_at = None;
+        for (number, look) in (0..).zip(&rest) {
+            if shadows_at.replace(look.k) != Some(look.k) {
+                context.encode_moving_shadows(encoder, frame_group, &views, frames, look.k);
+            }
+            self.draw(context, encoder, frame_group, group, frames, &means, (number, look));
+        }
+        let drawn = |look: &Look| look.parts.iter().map(|(rect, _)| rect.pixels()).sum::<u64>();
+        self.drawn_pixels += keys.iter().chain(&rest).map(drawn).sum::<u64>();
+        self.march = Some(march);
+        Ok(())
+    }
+
+    /// Records one look: its samples, and their means.
+    #[expect(clippy::too_many_arguments, reason = "all that decides what is drawn")]
+    fn draw(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        frame_group: &wgpu::BindGroup,
+        group: &Group,
+        frames: u32,
+        means: &MeanGroups,
+        (number, look): (u32, &Look),
+    ) {
+        let frame = look.view * frames + look.k;
+        let scratch = &self.scratch[group.targets];
+        encode_luminance(context, encoder, scratch, frame_group, frame, 0, Some(&look.parts));
+        let job = number * means.jobs_per_look * UNIFORM_ALIGNMENT as u32;
+        if look.tiles > 0 {
+            encode_tiles(encoder, &self.mean, &means.mean, [job], look.tiles);
+        }
     }
 
     /// Instants of a block of `unit`: the stream's first instant has a submission of its own.
@@ -316,7 +505,7 @@ impl AdaptiveRoom {
         let mut keyframes = Vec::new();
         let mut instants = Vec::new();
         for look in looks {
-            let block = look.instant / length;
+            let block = (look.k - 1) / length;
             let Some(of) = &reused[(look.view * blocks + block) as usize] else {
                 // Nothing is looked up.
                 instants.push(Instant::default());
@@ -329,10 +518,10 @@ impl AdaptiveRoom {
             }
             let us = |instant: i64| context.grid.instant_us(instant) as f64;
             let [older, newer] = of.keyframes.map(|number| us(number * every));
-            let now = us(unit.first + i64::from(look.instant));
+            let now = us(unit.first + i64::from(look.k) - 1);
             instants.push(Instant {
                 view: look.view,
-                frame: look.view * frames + look.instant + 1,
+                frame: look.view * frames + look.k,
                 around: of.frames,
                 keyframes: of.keyframes,
                 weight: ((now - older) / (newer - older)) as f32,
@@ -387,7 +576,7 @@ impl AdaptiveRoom {
                                 active(of.tiles[at(x, y)])
                                     && (reused.is_none() || of.relit[at(x, y)] == relit)
                             };
-                            rects(chosen, size, |rect| cost(rect, &areas))
+                            rects(chosen, TILE, size, |rect| cost(rect, &areas))
                         };
                         // What is lit anew first: where rectangles overlap, the first one stays.
                         let anew = chosen(true).into_iter().map(|rect| (rect, true));
@@ -412,7 +601,7 @@ impl AdaptiveRoom {
                         parts.push((*rect, all));
                     }
                     let count = tiles.len() as u32 - first_tile;
-                    looks.push(Look { view: v, instant, parts, still, first_tile, tiles: count });
+                    looks.push(Look { view: v, k: instant + 1, parts, still, first_tile, tiles: count });
                 }
             }
         }
@@ -439,7 +628,8 @@ impl AdaptiveRoom {
             row: sizes::dispatch(look.tiles, 1).0,
             layer: match pass {
                 1.. if samples > 1 => pass - 1,
-                _ => look.view * unit.instants + look.instant,
+                // The instant before the first has no layer, and no tiles.
+                _ => (look.view * unit.instants + look.k).wrapping_sub(1),
             },
         };
         let jobs: Vec<MeanJob> =
@@ -488,7 +678,7 @@ impl AdaptiveRoom {
             let still = |x: u32, y: u32| paces.tiles[(y * paces.columns + x) as usize] == STILL;
             // A copy has no price beside its pixels: exactly the still tiles.
             let exact = |rect: &Rect| rect.pixels() as f64 + 1e-3;
-            for rect in rects(still, (layers.width, layers.height), exact) {
+            for rect in rects(still, TILE, (layers.width, layers.height), exact) {
                 copy_layers(encoder, before, (&layers.texture, layer), 1, rect);
             }
         }
@@ -520,6 +710,73 @@ impl AdaptiveRoom {
         }
         self.kept.insert(group.views[0], (unit.first + i64::from(unit.instants), texture));
     }
+}
+
+/// All quarters of a tile: the upper left, the upper right, the lower left, the lower right.
+const ALL_QUARTERS: u8 = 15;
+
+/// Parts of a picture that are rendered, in squares of as many pixels as software drivers shade at once.
+struct Squares {
+    columns: u32,
+    rows: u32,
+    chosen: Vec<bool>,
+}
+
+impl Squares {
+    /// Pixels along a side.
+    const SIDE: u32 = 4;
+    /// Squares along a quarter of a tile.
+    const QUARTER: u32 = TILE / 2 / Self::SIDE;
+
+    /// None of a picture's.
+    fn new(width: u32, height: u32) -> Self {
+        let (columns, rows) =
+            (tiles_along(width) * 2 * Self::QUARTER, tiles_along(height) * 2 * Self::QUARTER);
+        Self { columns, rows, chosen: vec![false; (columns * rows) as usize] }
+    }
+
+    /// Adds `quarters` of a tile, and `around` squares on every side.
+    fn add(&mut self, tile: u32, quarters: u8, around: u32) {
+        let tiles = self.columns / (2 * Self::QUARTER);
+        for quarter in (0..4).filter(|quarter| quarters >> quarter & 1 != 0) {
+            let column = (tile % tiles * 2 + quarter % 2) * Self::QUARTER;
+            let row = (tile / tiles * 2 + quarter / 2) * Self::QUARTER;
+            for y in row.saturating_sub(around)..(row + Self::QUARTER + around).min(self.rows) {
+                let line = (y * self.columns) as usize;
+                let from = column.saturating_sub(around) as usize;
+                let to = (column + Self::QUARTER + around).min(self.columns) as usize;
+                self.chosen[line + from..line + to].fill(true);
+            }
+        }
+    }
+}
+
+/// The `squares` of a view at frame `k`; the means of the quarters of tiles that are `felt` are wanted, and their numbers go
+/// to `tiles`.
+fn look(
+    context: &Context,
+    views: &[View],
+    frames: u32,
+    (view, k): (u32, u32),
+    squares: &Squares,
+    felt: &[u8],
+    tiles: &mut Vec<u32>,
+) -> Look {
+    let lens = &views[view as usize].lens;
+    let columns = tiles_along(lens.width);
+    let areas = areas(context, &views[view as usize], view * frames + k);
+    let active = |x: u32, y: u32| squares.chosen[(y * squares.columns + x) as usize];
+    let parts = rects(active, Squares::SIDE, (lens.width, lens.height), |rect| cost(rect, &areas))
+        .into_iter()
+        .map(|rect| (rect, items(&rect, &areas)))
+        .collect();
+    let first_tile = tiles.len() as u32;
+    for (index, quarters) in (0..).zip(felt).filter(|(_, quarters)| **quarters != 0) {
+        let left = u32::from(ALL_QUARTERS & !quarters);
+        tiles.push((index % columns) | (index / columns) << 16 | left << 28);
+    }
+    let tiles = tiles.len() as u32 - first_tile;
+    Look { view, k, parts, still: Vec::new(), first_tile, tiles }
 }
 
 /// What means read and write: of samples, and of coverage samples.

@@ -14,8 +14,10 @@ const BLOCK_S: f64 = 0.016;
 /// Seconds from one keyframe of `reproject` to the next, at most.
 const KEY_S: f64 = 0.034;
 
-/// Pixels that anything may move between two samples, where `reproject` is not told.
-const REPROJECT_STEP_PX: f64 = 0.3;
+/// Pixels that anything may move between two samples, where a method with no other time than adaptive time is not told.
+const USUAL_STEP_PX: f64 = 0.3;
+/// Samples of `march`, at most.
+const MARCH_SAMPLES: u32 = 64;
 
 /// How an instant is sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -29,6 +31,9 @@ pub enum Method {
     /// Visibility is rendered at every instant; light of what stands still comes from the two keyframes around it. In
     /// adaptive time, with four coverage samples at each sample.
     Reproject,
+    /// Adaptive time in which tiles that show one surface without edges are rendered every few pixels of motion only: in
+    /// between, each pixel walks its way through both renderings. Whatever is no such tile is rendered as by `native`.
+    March,
     /// Keyframes are rendered; the instants between two of them are splatted from both.
     Splat(SplatConfig),
 }
@@ -40,15 +45,16 @@ impl Method {
             Self::Native => "native",
             Self::Auto(_) => "auto",
             Self::Reproject => "reproject",
+            Self::March => "march",
             Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
             Self::Splat(_) => "splat",
         }
     }
 
-    /// [`RunConfig::adaptive_px`] where the user gives none: `reproject` has no other time than adaptive time.
+    /// [`RunConfig::adaptive_px`] where the user gives none: `reproject` and `march` have no other time than adaptive time.
     pub const fn usual_adaptive_px(&self) -> Option<f64> {
         match self {
-            Self::Reproject => Some(REPROJECT_STEP_PX),
+            Self::Reproject | Self::March => Some(USUAL_STEP_PX),
             Self::Native | Self::Auto(_) | Self::Splat(_) => None,
         }
     }
@@ -56,7 +62,7 @@ impl Method {
     /// Keyframes per second and instants per gap, where it has keyframes.
     pub const fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
-            Self::Native | Self::Auto(_) | Self::Reproject => None,
+            Self::Native | Self::Auto(_) | Self::Reproject | Self::March => None,
             Self::Splat(splat) => Some((splat.keyframe_hz, splat.steps)),
         }
     }
@@ -171,7 +177,7 @@ impl RunConfig {
     pub fn block(&self) -> u32 {
         let longest = (self.rate_hz * BLOCK_S).clamp(1.0, f64::from(MAX_INSTANTS)) as u32;
         match (&self.method, self.adaptive_px) {
-            (Method::Native | Method::Reproject, Some(_)) => 1 << longest.max(1).ilog2(),
+            (Method::Native | Method::Reproject | Method::March, Some(_)) => 1 << longest.max(1).ilog2(),
             _ => 1,
         }
     }
@@ -241,8 +247,8 @@ impl RunConfig {
             splat.check()?;
         }
         if let Some(px) = self.adaptive_px {
-            if !matches!(self.method, Method::Native | Method::Reproject) {
-                return Err(ConfigError::new("adaptive_px", px, "set with native and reproject only"));
+            if !matches!(self.method, Method::Native | Method::Reproject | Method::March) {
+                return Err(ConfigError::new("adaptive_px", px, "set with native, march and reproject only"));
             }
             if !(px.is_finite() && px > 0.0) {
                 return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));
@@ -251,11 +257,16 @@ impl RunConfig {
                 return Err(ConfigError::new("antialias", "edges", "samples, where adaptive_px is set"));
             }
             crate::diffusion::check_adaptive(self, px)?;
-        } else if self.method == Method::Reproject {
+        } else if self.method.usual_adaptive_px().is_some() {
+            let name = self.method.name();
+            let wanted = format!("set (pixels between two samples), for {name}");
+            return Err(ConfigError::new("adaptive_px", "none", wanted));
+        }
+        if self.method == Method::March && self.samples > MARCH_SAMPLES {
             return Err(ConfigError::new(
-                "adaptive_px",
-                "none",
-                "set (pixels between two samples), for reproject",
+                "samples",
+                self.samples,
+                format!("{MARCH_SAMPLES} at most, for march"),
             ));
         }
         if self.method == Method::Reproject && !self.samples.is_multiple_of(4) {

@@ -24,6 +24,7 @@ use crate::gpu_scene::GpuScene;
 use crate::grid::SampleGrid;
 use crate::interval::{self, Group, Slot, Unit};
 use crate::labels::{LabelJob, LabelRoom};
+use crate::march;
 use crate::method::{NativeRoom, Sampling};
 use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
@@ -272,8 +273,10 @@ impl Engine {
         let block = config.block();
         // What the trigger averages, and how it comes to be.
         let (layer_samples, made) = match &config.method {
-            Method::Native | Method::Reproject if config.adaptive_px.is_some() => (1, LayerUse::Computed),
-            Method::Native | Method::Auto(_) | Method::Reproject => (samples, rendered),
+            Method::Native | Method::Reproject | Method::March if config.adaptive_px.is_some() => {
+                (1, LayerUse::Computed)
+            }
+            Method::Native | Method::Auto(_) | Method::Reproject | Method::March => (samples, rendered),
             Method::Splat(_) => (1, LayerUse::Computed),
         };
         let may_be_unknown = matches!(&config.method, Method::Splat(splat) if splat.fill.is_none());
@@ -339,11 +342,14 @@ impl Engine {
         crate::shadow::draw_still_maps(&mut context);
 
         let mut sampling = match &config.method {
-            Method::Native | Method::Reproject if let Some(step_px) = config.adaptive_px => {
+            Method::Native | Method::Reproject | Method::March if let Some(step_px) = config.adaptive_px => {
                 let reuse = reuses.then(|| (&constants, config.blocks_per_key()));
-                Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block, reuse)))
+                let march = (config.method == Method::March).then_some(&constants);
+                Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block, reuse, march)))
             }
-            Method::Native | Method::Auto(_) | Method::Reproject => Sampling::Native(NativeRoom::default()),
+            Method::Native | Method::Auto(_) | Method::Reproject | Method::March => {
+                Sampling::Native(NativeRoom::default())
+            }
             Method::Splat(splat) => Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat))),
         };
         let sizes = classes(&context.views);
@@ -355,6 +361,10 @@ impl Engine {
                 Method::Reproject => {
                     reuse::check_size(width, height, &device_limits)?;
                     MethodNeeds { block, ..Default::default() }
+                }
+                Method::March => {
+                    march::check_size(width, height, &device_limits)?;
+                    MethodNeeds { block, layers: march::LAYERS, ..Default::default() }
                 }
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
@@ -393,8 +403,10 @@ impl Engine {
             None => measure_reference(&mut context, samples, rendered)?,
         };
         config.reference_luminance = Some(reference);
-        if let Sampling::Splat(room) = &mut sampling {
-            room.set_response(config.sensor.log_eps, reference);
+        match &mut sampling {
+            Sampling::Splat(room) => room.set_response(config.sensor.log_eps, reference),
+            Sampling::Adaptive(room) => room.set_dark(config.sensor.log_eps * reference),
+            Sampling::Native(_) => {}
         }
         let groups: Vec<_> = members
             .into_iter()
@@ -495,7 +507,7 @@ impl Engine {
         let (group, unit) = (&self.groups[0], Unit { group: 0, first, instants });
         let targets = &self.targets[group.targets];
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
-        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit)?;
         let samples = targets.plan.layers / (targets.plan.instants * targets.plan.views_per_group);
         let layers = read_layers(&self.context, encoder, &targets.layers, instants * samples)?;
         Ok(layers
@@ -661,7 +673,7 @@ impl Engine {
             &unit,
             &slot,
             predicted,
-        );
+        )?;
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&slot.staging);
         group.parity = 1 - group.parity;
@@ -682,7 +694,7 @@ impl Engine {
         let group = &mut self.groups[unit.group];
         let targets = &self.targets[group.targets];
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
-        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit)?;
         let looks = room.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&looks.staging);

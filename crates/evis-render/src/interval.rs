@@ -3,6 +3,7 @@
 use crate::area::Rect;
 use crate::chain::{ChainPasses, GroupChain, Walk};
 use crate::engine::Context;
+use crate::error::EngineError;
 use crate::geometry::attachment;
 use crate::gpu::Gpu;
 use crate::gpu_scene::{Draw, DrawItem};
@@ -297,9 +298,9 @@ pub fn encode(
     unit: &Unit,
     slot: &Slot,
     predicted: u32,
-) {
+) -> Result<(), EngineError> {
     // What the pixels see at every instant, by whatever method.
-    sampling.encode(context, encoder, targets, group, unit);
+    sampling.encode(context, encoder, targets, group, unit)?;
     // What they feel.
     let steps = trigger_steps(&context.gpu, &context.trigger, &context.grid, targets, group, unit, slot);
     clear_peaks(encoder, context, group);
@@ -311,6 +312,7 @@ pub fn encode(
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, header, offsets);
     let bytes = u64::from(predicted.min(slot.capacity)) * 8;
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, group.header_bytes(), bytes);
+    Ok(())
 }
 
 /// No pixel of a chain has asked for events yet.

@@ -24,6 +24,7 @@ mod interval;
 mod keyframes;
 mod labels;
 mod lamp;
+mod march;
 mod method;
 mod occluders;
 mod pace;

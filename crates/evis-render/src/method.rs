@@ -3,6 +3,7 @@
 use crate::adaptive::AdaptiveRoom;
 use crate::area::Rect;
 use crate::engine::{Context, Upload};
+use crate::error::EngineError;
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::splat::SplatRoom;
 use crate::still::Change;
@@ -21,6 +22,9 @@ pub enum Sampling {
 impl Sampling {
     /// Records what makes the luminance of every view of `group` at every instant of `unit`: instant k of view v, sample
     /// s, in layer `(v * instants + k) * samples + s`.
+    ///
+    /// # Errors
+    /// The device may fail where a method asks it something.
     pub fn encode(
         &mut self,
         context: &mut Context,
@@ -28,12 +32,13 @@ impl Sampling {
         targets: &Targets,
         group: &Group,
         unit: &Unit,
-    ) {
+    ) -> Result<(), EngineError> {
         match self {
             Self::Native(room) => room.encode(context, encoder, targets, group, unit),
-            Self::Adaptive(room) => room.encode(context, encoder, targets, group, unit),
+            Self::Adaptive(room) => room.encode(context, encoder, targets, group, unit)?,
             Self::Splat(room) => room.encode(context, encoder, targets, group, unit),
         }
+        Ok(())
     }
 
     /// Pixels drawn since this was last asked, each by all of its samples.

@@ -551,14 +551,15 @@ fn through((low, high): &Extent, origin: DVec3, along: DVec3, near: f64) -> Opti
     (enter <= leave).then_some([enter, leave])
 }
 
-/// Rectangles that hold all tiles for which `active` is true and few others. `cost` tells what drawing one takes, in
-/// pixels.
+/// Rectangles that hold all squares of `side` pixels for which `active` is true and few others. `cost` tells what drawing
+/// one takes, in pixels.
 pub fn rects(
     active: impl Fn(u32, u32) -> bool,
+    side: u32,
     (width, height): (u32, u32),
     cost: impl Fn(&Rect) -> f64,
 ) -> Vec<Rect> {
-    let (columns, rows) = (tiles_along(width), tiles_along(height));
+    let (columns, rows) = (width.div_ceil(side), height.div_ceil(side));
     let mut open: Vec<[u32; 3]> = Vec::new();
     let mut found: Vec<[u32; 4]> = Vec::new();
     for y in 0..=rows {
@@ -584,8 +585,8 @@ pub fn rects(
         open = next;
     }
     let rect = |[x0, y0, x1, y1]: [u32; 4]| Rect {
-        low: [x0 * TILE, y0 * TILE],
-        high: [(x1 * TILE).min(width), (y1 * TILE).min(height)],
+        low: [x0 * side, y0 * side],
+        high: [(x1 * side).min(width), (y1 * side).min(height)],
     };
     let mut all: Vec<(Rect, f64)> = Vec::new();
     for tiles in found {
@@ -683,7 +684,7 @@ mod tests {
         // An L, and a tile apart.
         let active = |x: u32, y: u32| matches!((x, y), (0, 0..=3) | (1..=2, 3) | (5, 0));
         let exact = |rect: &Rect| rect.pixels() as f64 + 1e-3;
-        let apart = rects(active, (90, 60), exact);
+        let apart = rects(active, TILE, (90, 60), exact);
         assert_eq!(apart.iter().map(Rect::pixels).sum::<u64>(), 16 * 16 * 3 + 3 * 16 * 12 + 10 * 16);
         let cover = |rects: &[Rect], x: u32, y: u32| {
             rects.iter().any(|r| r.low[0] <= x && x < r.high[0] && r.low[1] <= y && y < r.high[1])
@@ -691,7 +692,7 @@ mod tests {
         for (x, y) in (0..6).flat_map(|x| (0..4).map(move |y| (x, y))) {
             assert_eq!(cover(&apart, x * TILE, y * TILE), active(x, y), "{x} {y}");
         }
-        let joined = rects(active, (90, 60), |rect| rect.pixels() as f64 + 1e6);
+        let joined = rects(active, TILE, (90, 60), |rect| rect.pixels() as f64 + 1e6);
         assert_eq!(joined, [Rect::whole(90, 60)]);
     }
 }

@@ -56,23 +56,40 @@ impl Share {
 /// What light is proportional to is averaged over the cell, not around the sample: so the samples of a pixel read all of
 /// its area, and every part of it once. The cells are the columns into which samples fall by their x, as many as rows.
 pub fn shares(places: &[[f32; 2]]) -> Vec<Share> {
-    let n = places.len();
+    let [columns, rows] = grid(places.len());
+    places
+        .iter()
+        .zip(cells(places))
+        .map(|(place, [column, row])| {
+            let middle = [center(column as usize, columns), center(row as usize, rows)];
+            Share {
+                shift: [0, 1].map(|axis| (middle[axis] - f64::from(place[axis])) as f32),
+                size: [1.0 / columns as f32, 1.0 / rows as f32],
+            }
+        })
+        .collect()
+}
+
+/// Columns and rows of the cells of `n` samples.
+pub fn grid(n: usize) -> [usize; 2] {
     let rows = (1..=n).rev().find(|r| n.is_multiple_of(*r) && r * r <= n).unwrap_or(1);
-    let columns = n / rows;
+    [n / rows, rows]
+}
+
+/// Per sample: column and row of its cell.
+pub fn cells(places: &[[f32; 2]]) -> Vec<[u32; 2]> {
+    let n = places.len();
+    let [_, rows] = grid(n);
     let mut by_x: Vec<usize> = (0..n).collect();
     by_x.sort_by(|&a, &b| places[a][0].total_cmp(&places[b][0]));
-    let mut shares = vec![Share::WHOLE; n];
+    let mut cells = vec![[0, 0]; n];
     for (column, members) in by_x.chunks_exact_mut(rows).enumerate() {
         members.sort_by(|&a, &b| places[a][1].total_cmp(&places[b][1]));
         for (row, &i) in members.iter().enumerate() {
-            let middle = [center(column, columns), center(row, rows)];
-            shares[i] = Share {
-                shift: [0, 1].map(|axis| (middle[axis] - f64::from(places[i][axis])) as f32),
-                size: [1.0 / columns as f32, 1.0 / rows as f32],
-            };
+            cells[i] = [column as u32, row as u32];
         }
     }
-    shares
+    cells
 }
 
 /// Centre of cell `i` of `n`, from the pixel's centre.

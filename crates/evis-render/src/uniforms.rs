@@ -224,6 +224,42 @@ pub struct MeanJob {
     pub layer: u32,
 }
 
+/// `MarchJob` in `march/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MarchJob {
+    /// Camera axes, as in [`Frame`].
+    pub world_from_camera_right: [f32; 4],
+    /// See above.
+    pub world_from_camera_up: [f32; 4],
+    /// See above.
+    pub world_from_camera_back: [f32; 4],
+    /// As in [`Frame`].
+    pub ray: [f32; 4],
+    /// Number of its first tile.
+    pub first: u32,
+    /// Tiles.
+    pub count: u32,
+    /// Workgroups per row of the dispatch.
+    pub row: u32,
+    /// Frame of the key.
+    pub frame: u32,
+    /// Matrices of a frame.
+    pub matrices: u32,
+    /// View of the group.
+    pub view: u32,
+    /// Layer of the key's instant.
+    pub layer: u32,
+    /// Place of the first tile's verdict.
+    pub verdict: u32,
+    /// Half of the picture, in pixels.
+    pub half_size: [f32; 2],
+    /// Light below which logarithms bend.
+    pub dark: f32,
+    /// Nothing.
+    pub pad: u32,
+}
+
 /// `ReuseFrame` in `reuse/layout.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

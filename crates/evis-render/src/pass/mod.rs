@@ -2,6 +2,7 @@
 
 pub mod adaptive;
 pub mod labels;
+pub mod march;
 pub mod raster;
 pub mod reuse;
 pub mod shadow_map;
@@ -40,6 +41,8 @@ pub enum Access {
     UintLayers,
     /// `r32float` storage texture array, read: software drivers do so three times as fast as by a fetch.
     ReadLayers,
+    /// `rgba32float` storage texture array, read.
+    ReadLayersRgba,
     /// `rgba32uint` storage texture array, read.
     ReadLayersWords,
     /// `r32float` storage texture, written.
@@ -130,6 +133,7 @@ fn binding_type(access: Access) -> wgpu::BindingType {
         Access::UintPicture => texture(TextureSampleType::Uint, TextureViewDimension::D2, false),
         Access::UintLayers => texture(TextureSampleType::Uint, TextureViewDimension::D2Array, false),
         Access::ReadLayers => storage_layers(TextureFormat::R32Float, StorageTextureAccess::ReadOnly),
+        Access::ReadLayersRgba => storage_layers(TextureFormat::Rgba32Float, StorageTextureAccess::ReadOnly),
         Access::ReadLayersWords => storage_layers(TextureFormat::Rgba32Uint, StorageTextureAccess::ReadOnly),
         Access::StorageLayer => wgpu::BindingType::StorageTexture {
             access: StorageTextureAccess::WriteOnly,
