@@ -246,7 +246,7 @@ pub(crate) struct SplatArgs {
     #[arg(long, value_name = "A", value_parser = sharpness, allow_hyphen_values = true)]
     pub(crate) sharpness: Option<f32>,
 
-    /// Splatted weight below which a pixel is a hole, up to 1 [default: 0.3; 0.0001 for evis-paper].
+    /// Splatted weight of colours below which a pixel is a hole, up to 1 [default: 0.3; 0.0001 for evis-paper].
     #[arg(long, value_name = "W", value_parser = hole_weight, allow_hyphen_values = true)]
     pub(crate) hole_below: Option<f32>,
 
