@@ -103,6 +103,8 @@ class Warp:
         which it moves by no more than a pixel is not divided.
     margin : int
         Pixels that keyframes show beyond each border of the sensor: pictures are larger by it on every side.
+    curved : bool
+        Whether paths bend within a gap as motion changed from the gap before it; else they are straight.
     carrier : {"index", "colour"}
         What is splatted: the number of the source pixel, whose light is then read from its keyframe, or its
         luminance, with a softmax over depth.
@@ -129,6 +131,7 @@ class Warp:
     steps: int | None = None
     step_px: float = 0.3
     margin: int = 0
+    curved: bool = False
     carrier: Literal["index", "colour"] = "index"
     filter: Literal["cubic", "bilinear"] = "cubic"
     nearest: bool = True

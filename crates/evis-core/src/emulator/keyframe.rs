@@ -407,7 +407,7 @@ impl Gapped<'_> {
         let since = if before.is_some() { gap_us } else { 0 };
         let canvas = self.pictures.canvas;
         let codes = (self.tables, self.push.config.reference_luminance);
-        let (now, [bad_depth, bad_motion]) =
+        let (mut now, [bad_depth, bad_motion]) =
             Keyframe::read(keyframes, codes, index, canvas, self.warp, since);
         (report.bad_depth, report.bad_motion) = (bad_depth, bad_motion);
         let mut sum = EmulatorReport::default();
@@ -419,10 +419,16 @@ impl Gapped<'_> {
                 let links = Links::find(before, &now, canvas, self.pictures.log_floor);
                 (report.motion_px, report.linked, report.hint) = (links.motion_px, links.linked, links.hint);
                 if self.warp.detect_cuts && links.is_cut() {
+                    // Its motion says nothing of how surfaces go on.
+                    now.gap_us = 0;
                     Cut::Detected
                 } else {
                     let forward = super::links::forward_motion(before, &now, canvas);
-                    between = Some((before, forward));
+                    let bends = match self.warp.curved {
+                        true => super::links::bends(before, &now, &forward, canvas),
+                        false => Default::default(),
+                    };
+                    between = Some((before, forward, bends));
                     Cut::None
                 }
             }
@@ -436,9 +442,10 @@ impl Gapped<'_> {
                 wanted.min(self.push.interval_us)
             }
         };
-        let gap = between.as_ref().map(|(before, forward)| {
-            let older = Side { light: &before.light, nearness: &before.nearness, motion: forward };
-            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back };
+        let gap = between.as_ref().map(|(before, forward, [from, to])| {
+            let older =
+                Side { light: &before.light, nearness: &before.nearness, motion: forward, bend: from };
+            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bend: to };
             Gap::new(self.warp, &self.pictures, older, newer)
         });
         let steps = i64::from(report.steps);

@@ -61,6 +61,9 @@ pub struct WarpConfig {
     pub step_px: f32,
     /// Pixels that keyframes show beyond each border of the sensor.
     pub margin: u32,
+    /// Whether paths bend within a gap as motion changed from the gap before it: a turn by θ a gap is then off by r·θ³/16
+    /// instead of r·θ²/8. Else they are straight.
+    pub curved: bool,
     /// What is splatted.
     pub carrier: Carrier,
     /// How an index's light is read.
@@ -87,6 +90,7 @@ impl Default for WarpConfig {
             steps: None,
             step_px: 0.3,
             margin: 0,
+            curved: false,
             carrier: Carrier::Index,
             filter: Filter::Cubic,
             nearest: true,
@@ -139,6 +143,7 @@ impl WarpConfig {
             steps: Some(steps),
             step_px: 0.3,
             margin: 0,
+            curved: false,
             carrier: Carrier::Colour,
             filter: Filter::Bilinear,
             nearest: false,
@@ -187,6 +192,15 @@ pub struct Side<'a> {
     pub nearness: &'a [f32],
     /// Pixels to where each surface is at the other keyframe; not a number where that is not known.
     pub motion: &'a [[f32; 2]],
+    /// How much the path there bends: at the part s of the way, s (s − 1) times this is added. Empty: straight.
+    pub bend: &'a [[f32; 2]],
+}
+
+impl Side<'_> {
+    #[inline(always)]
+    fn bend_at(&self, at: usize) -> [f32; 2] {
+        self.bend.get(at).copied().unwrap_or_default()
+    }
 }
 
 /// Sizes of a gap's pictures and what its pixels feel.
@@ -292,13 +306,14 @@ impl<'a> Prepared<'a> {
 
 /// Where a source is, in parts of a pixel of the sensor.
 #[inline(always)]
-fn place(x: usize, y: usize, margin: i32, motion: [f32; 2], moved: f32) -> [i32; 2] {
-    let at = |pixel: usize, d: f32| {
+fn place(x: usize, y: usize, margin: i32, (motion, bend): ([f32; 2], [f32; 2]), moved: f32) -> [i32; 2] {
+    let at = |pixel: usize, d: f32, bend: f32| {
         // Motion is below 2^14 pixels, or the key is 0: far from the ends of an i32. The conversion saturates.
-        let d = (d * moved * SUBPIXELS as f32 + 0.5).floor() as i32;
+        let d = d * moved + bend * moved * (moved - 1.0);
+        let d = (d * SUBPIXELS as f32 + 0.5).floor() as i32;
         ((pixel as i32).wrapping_sub(margin) << SUBPIXEL_BITS).wrapping_add(d)
     };
-    [at(x, motion[0]), at(y, motion[1])]
+    [at(x, motion[0], bend[0]), at(y, motion[1], bend[1])]
 }
 
 /// Whether a coordinate is nearer to the second of the two pixels around it.
@@ -440,7 +455,7 @@ impl<'a> Gap<'a> {
             for (x, (key, motion)) in keys.iter().zip(motions).enumerate() {
                 if *key != 0 {
                     let at = first.wrapping_add(x);
-                    let q = place(x, y, margin, *motion, moved);
+                    let q = place(x, y, margin, (*motion, from.side.bend_at(at)), moved);
                     let everywhere = self.config.carrier == Carrier::Colour || from.plain[at];
                     let reaches = if everywhere { [true; 2] } else { self.reaches(from, (x, y), q) };
                     each(at, *key, (q, reaches));
@@ -523,10 +538,11 @@ impl<'a> Gap<'a> {
     #[inline(always)]
     fn gathered(&self, from: &Prepared<'_>, moved: f32, source: usize, (x, y): (usize, usize)) -> f32 {
         let [width, height] = self.pictures.canvas;
-        let Side { light, nearness, motion } = &from.side;
+        let Side { light, nearness, motion, .. } = &from.side;
         let own_y = source / width;
         let own_x = source - own_y * width;
-        let q = place(own_x, own_y, self.config.margin as i32, motion[source], moved);
+        let path = (motion[source], from.side.bend_at(source));
+        let q = place(own_x, own_y, self.config.margin as i32, path, moved);
         let offset = |at: usize, q: i32| ((at as i32) << SUBPIXEL_BITS).wrapping_sub(q);
         let (dx, dy) = (offset(x, q[0]), offset(y, q[1]));
         let part = |d: i32| (d & (SUBPIXELS - 1)) as f32 * (1.0 / SUBPIXELS as f32);

@@ -23,9 +23,11 @@ fn sources(key: u32) -> Vec<Source> {
             let (x, y) = (i % CANVAS[0] as u32, i / CANVAS[0] as u32);
             let near = (18 + 4 * key..34 + 4 * key).contains(&x) && (9..25).contains(&y);
             let motion = if near { [4.3, 0.4] } else { [-1.7 + 0.01 * y as f32, 0.6 * noise(i)] };
+            // Neither knows it.
+            let blank = (44..48).contains(&x) && (10..14).contains(&y);
             let motion = if i % 97 == 5 { [f32::NAN, 0.0] } else { motion };
             Source {
-                luminance: if i % 89 == 3 { -1.0 } else { 0.05 + noise(i * 3 + key) },
+                luminance: if i % 89 == 3 || blank { -1.0 } else { 0.05 + noise(i * 3 + key) },
                 nearness: if near { 1.1 } else { 0.3 + 0.001 * x as f32 },
                 forward: motion,
                 backward: motion.map(|d| -d),
@@ -58,7 +60,7 @@ fn the_emulators_warp_is_the_engines_splat() {
             )
         });
         let [older, newer] =
-            planes.each_ref().map(|(light, nearness, motion)| Side { light, nearness, motion });
+            planes.each_ref().map(|(light, nearness, motion)| Side { light, nearness, motion, bend: &[] });
         let warp = WarpConfig {
             margin: MARGIN,
             carrier: config.carrier,
