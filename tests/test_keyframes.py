@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -98,6 +99,46 @@ def test_a_known_rotation_meets_the_convention(rendered: Any) -> None:
         assert any(said in text for text in warnings) if said else not warnings, warnings
 
 
+def test_what_a_report_warns_of_is_a_python_warning_once() -> None:
+    def pushed(shift: float, count: int = 4) -> list[str]:
+        emulator = evis.EventEmulator(*SIZE)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            for k in range(count):
+                emulator.push_keyframe(**sliding(k, shift + 0.1 * k), t_us=8000 * k, steps="auto")
+                if shift > 4 and k > 0:
+                    assert any("render faster" in text for text in emulator.keyframe_report.warnings)
+        return [str(warning.message) for warning in caught]
+
+    fast = pushed(9.0)
+    assert len(fast) == 1
+    assert "9.1 px per gap: render faster, 3 times as often" in fast[0]
+    assert pushed(3.0) == [], "canary"
+
+
+def test_the_number_of_instants_is_a_function_of_what_is_pushed() -> None:
+    def run(threads: int, warm: bool, steps: Any = "auto") -> tuple[evis.EventArray, list[int]]:
+        emulator = evis.EventEmulator(*SIZE, threads=threads)
+        if warm:
+            for k in range(3):
+                emulator.push_keyframe(**sliding(k, 1.0), t_us=500 * k)
+            emulator.reset()
+        parts, counts = [], []
+        for k in range(4):
+            parts.append(emulator.push_keyframe(**sliding(k), t_us=8000 * k, steps=steps))
+            counts.append(emulator.keyframe_report.steps)
+        return joined(parts), counts
+
+    events, counts = run(1, False)
+    assert run(2, True) == (events, counts)
+    assert counts[1] > counts[0] == 1
+    # Given by hand, the same; canary: another number is another stream.
+    assert run(1, False, counts[1])[0] == events
+    assert run(1, False, 2 * counts[1])[0] != events
+    with pytest.raises(evis.ConfigError, match=r"steps is 'many'.*'auto'"):
+        run(1, False, "many")
+
+
 def sliding(k: int, shift: float = 3.0, channels: int | None = None) -> dict[str, npt.NDArray[np.float32]]:
     height, width = SIZE[1], SIZE[0]
     y, x = np.mgrid[:height, :width].astype(np.float32)
@@ -153,7 +194,7 @@ def test_a_batch_gives_lists_and_cuts_one_environment() -> None:
         first, second = batch.push_keyframe(**both(k), t_us=9000 * k)
         assert first == single.push_keyframe(**sliding(k), t_us=9000 * k)
     reports = batch.keyframe_report
-    assert [report.steps for report in reports] == [3, 7]
+    assert [report.steps for report in reports] == [10, 24]
     assert len(second) > len(first)
     assert "7.0 px per gap: render faster" in reports[1].warnings[0]
     first, second = batch.push_keyframe(**both(3), t_us=27_000, cut=[False, True])

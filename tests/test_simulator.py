@@ -317,6 +317,41 @@ def test_auto_chooses_and_whoever_samples_by_hand_gets_native(device: evis.Devic
         evis.Simulator(scene, adaptive_px=-1.0)
 
 
+def test_a_plan_keeps_what_a_budget_found(device: evis.Device, tmp_path: Path):
+    scene = evis.Scene.builtin("spinner")
+    plan = tmp_path / "plan.toml"
+    # Nothing is as cheap: the fewest settings are timed.
+    with pytest.warns(UserWarning, match=r"nothing fits 0.001 ms"):
+        timed = evis.Simulator(scene, size=(48, 36), budget_ms=0.001, plan=plan)
+    found = tomllib.loads(plan.read_text())
+    assert found["budget_ms"] == 0.001
+    assert len(found["measured"]) == 2
+    assert found["made_for"]["cameras"][0].endswith("48x36")
+    assert timed.chosen is not None
+    assert "ms per simulated second" in timed.chosen
+    before = plan.stat().st_mtime_ns
+    with pytest.warns(UserWarning, match="nothing fits"):
+        again = evis.Simulator(scene, size=(48, 36), plan=str(plan))
+    assert plan.stat().st_mtime_ns == before
+    assert again.config_toml == timed.config_toml
+    events = timed.step(40_000).view.events
+    assert len(events) > 50
+    assert np.array_equal(again.step(40_000).view.events, events)
+    with pytest.raises(evis.ConfigError, match=r"48x36.*64x48"):
+        evis.Simulator(scene, size=(64, 48), plan=plan)
+    with pytest.raises(evis.ConfigError, match=r"spinner.*desk"):
+        evis.Simulator(evis.Scene.builtin("desk"), size=(48, 36), plan=plan)
+    with pytest.raises(evis.ConfigError, match=r"budget_ms is 5.*auto"):
+        evis.Simulator(scene, method="native", budget_ms=5)
+    with pytest.raises(evis.ConfigError, match=r"target is 'draft' and budget_ms is 5"):
+        evis.Simulator(scene, target="draft", budget_ms=5)
+    with pytest.raises(evis.ConfigError, match=r"budget is -1"):
+        evis.Simulator(scene, budget_ms=-1.0)
+    plan.write_text("nonsense")
+    with pytest.raises(evis.FormatError, match=r"plan.toml.*no plan of auto"):
+        evis.Simulator(scene, size=(48, 36), plan=plan)
+
+
 def test_reproject_takes_light_from_keyframes(device: evis.Device):
     scene = evis.Scene.builtin("spinner")
     sim = evis.Simulator(scene, size=(64, 48), method="reproject")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast, overload
@@ -97,9 +99,12 @@ class Warp:
     steps : int, optional
         Instants per gap, the keyframe that ends it included; as many as ``step_px`` asks for if not given.
     step_px : float
-        Where ``steps`` is not given: pixels that the picture moves from instant to instant, at most.
+        Where ``steps`` is not given: pixels that the picture moves from instant to instant, at most. A gap in
+        which it moves by no more than a pixel is not divided.
     margin : int
         Pixels that keyframes show beyond each border of the sensor: pictures are larger by it on every side.
+    curved : bool
+        Whether paths bend within a gap as motion changed from the gap before it; else they are straight.
     carrier : {"index", "colour"}
         What is splatted: the number of the source pixel, whose light is then read from its keyframe, or its
         luminance, with a softmax over depth.
@@ -114,7 +119,7 @@ class Warp:
     sharpness : float
         Of the softmax: importance is e^(sharpness (1/z) / max(1/z)).
     hole_below : float
-        A pixel with less splatted weight than this is a hole.
+        A pixel with less splatted weight of colours than this is a hole.
     fill : float or None
         Luminance of what neither keyframe shows; None leaves the pixel's memory untouched and counts it as
         unknown.
@@ -124,8 +129,9 @@ class Warp:
     """
 
     steps: int | None = None
-    step_px: float = 1.0
+    step_px: float = 0.3
     margin: int = 0
+    curved: bool = False
     carrier: Literal["index", "colour"] = "index"
     filter: Literal["cubic", "bilinear"] = "cubic"
     nearest: bool = True
@@ -272,6 +278,8 @@ class EventEmulator(Generic[Out]):
             "labels": tuple(wanted),
         }
         self._copies = (0, 0)
+        # Kinds of warnings that were given.
+        self._warned: set[str] = set()
         self._emulator = _evis.EventEmulator(
             **{name: value for name, value in self._settings.items() if name != "labels"}
             | {"batch": 1 if batch is None else batch, "causes": CAUSE in wanted},
@@ -371,7 +379,7 @@ class EventEmulator(Generic[Out]):
         *,
         motion_forward: Any = None,
         cut: bool | Sequence[bool] | npt.NDArray[np.bool_] = False,
-        steps: int | None = None,
+        steps: int | Literal["auto"] | None = None,
         warp: Warp | Literal["splat", "evis-paper"] = "splat",
         transfer: Transfer | None = None,
         gamma: float = 2.2,
@@ -405,8 +413,8 @@ class EventEmulator(Generic[Out]):
         cut : bool or sequence of bool
             Whether this keyframe has nothing to do with the last one (a camera cut, a teleported robot), or
             per environment. That environment begins anew, as after `reset`: it makes no events.
-        steps : int, optional
-            Instants per gap, before ``warp.steps``.
+        steps : int or {"auto"}, optional
+            Instants per gap, before ``warp.steps``; ``auto``: as many as ``warp.step_px`` asks for.
         warp : Warp or {"splat", "evis-paper"}
             How the instants between keyframes are made.
         transfer : {"linear", "srgb", "rec709", "gamma"}, optional
@@ -418,7 +426,8 @@ class EventEmulator(Generic[Out]):
         -------
         EventArray or list of EventArray
             Events in ``(t0, t1]``; with a batch, one per environment. The first keyframe of an environment
-            makes none. `keyframe_report` says what was done, and what to change.
+            makes none. `keyframe_report` says what was done, and what to change; the first time, a
+            UserWarning says it too.
 
         Raises
         ------
@@ -441,7 +450,7 @@ class EventEmulator(Generic[Out]):
         EventArray(0 events, 32x24)
         >>> events = emulator.push_keyframe(render(14), depth, motion, 8000)
         >>> sorted(set(events.x.tolist())), emulator.keyframe_report.steps
-        ([10, 11, 12, 13], 4)
+        ([10, 11, 12, 13], 14)
         """
         chosen = _warp(warp, steps)
         border = 2 * chosen.margin if isinstance(chosen.margin, int) else 0
@@ -474,6 +483,12 @@ class EventEmulator(Generic[Out]):
             gamma=float(gamma),
             warp=json.dumps(asdict(chosen)),
         )
+        for report in self._emulator.keyframe_reports():
+            for text in report["warnings"]:
+                kind = re.sub(r"[0-9.]+", "", text)
+                if kind not in self._warned:
+                    self._warned.add(kind)
+                    warnings.warn(text, stacklevel=2)
         return self._made(lists, copies)
 
     @property
@@ -568,7 +583,7 @@ def _time(t_us: int) -> int:
     return int(t_us)
 
 
-def _warp(warp: Any, steps: int | None) -> Warp:
+def _warp(warp: Any, steps: int | Literal["auto"] | None) -> Warp:
     if isinstance(warp, Warp):
         chosen = warp
     elif warp == "splat":
@@ -577,7 +592,9 @@ def _warp(warp: Any, steps: int | None) -> Warp:
         chosen = Warp.evis_paper()
     else:
         raise ConfigError(f"warp is {warp!r}; it must be 'splat', 'evis-paper' or a Warp")
-    return chosen if steps is None else replace(chosen, steps=steps)
+    if isinstance(steps, str) and steps != "auto":
+        raise ConfigError(f"steps is {steps!r}; it must be a number of instants, or 'auto'")
+    return chosen if steps is None else replace(chosen, steps=None if steps == "auto" else steps)
 
 
 def _picture(

@@ -285,6 +285,8 @@ class Simulator:
         method: str,
         splat: str | None,
         target: str,
+        budget_ms: float | None,
+        plan: str | None,
         rate_hz: float,
         adaptive_px: float | None,
         samples: int,
@@ -309,7 +311,7 @@ class Simulator:
     @property
     def device(self) -> dict[str, Any]: ...
     @property
-    def chosen(self) -> tuple[str, str] | None: ...
+    def chosen(self) -> tuple[str, str, str | None] | None: ...
     @property
     def reference_luminance(self) -> float | None: ...
     @property

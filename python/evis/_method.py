@@ -44,7 +44,7 @@ class Splat:
     sharpness : float
         Of the softmax: importance is e^(sharpness (1/z) / max(1/z)).
     hole_below : float
-        A pixel with less splatted weight than this is a hole.
+        A pixel with less splatted weight of colours than this is a hole.
     fill : float or None
         Luminance of what neither keyframe shows; None leaves the pixel's memory untouched and counts it as
         unknown.

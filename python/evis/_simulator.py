@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from os import PathLike, fspath
 from types import TracebackType
 from typing import Literal, TypeAlias
 
@@ -88,6 +90,14 @@ class Simulator:
     target : {"draft", "default", "exact"}
         How near to the truth ``auto`` shall come. `chosen` says what it chose, and what that reached
         elsewhere.
+    budget_ms : float, optional
+        Instead of a target: milliseconds of work that a simulated second may take. The settings that
+        ``auto`` may choose are timed on the scene, the cheap ones first, which takes as long as some tenths
+        of a simulated second of each; the most accurate that fits is taken. Where none fits: the cheapest,
+        with a warning.
+    plan : path-like, optional
+        A TOML file that keeps what was found for ``budget_ms``. Where it is there, its settings are taken,
+        nothing is timed, and the events are the same; one for another scene, size, start or rate is refused.
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
         ``native`` and ``reproject``: a splat has its own.
@@ -147,6 +157,8 @@ class Simulator:
         sensor: Sensor | str | None = None,
         method: Method | None = None,
         target: Literal["draft", "default", "exact"] = "default",
+        budget_ms: float | None = None,
+        plan: str | PathLike[str] | None = None,
         rate_hz: float | None = None,
         adaptive_px: float | None = None,
         samples: int | None = None,
@@ -180,8 +192,12 @@ class Simulator:
                 f"{given[0]} is {by_hand[given[0]]!r}; the method auto chooses that itself: take the method "
                 "'native' to set it, or target= for how near to the truth it shall come"
             )
-        if method != "auto" and target != "default":
-            raise ConfigError(f"target is {target!r}; only the method 'auto' has targets")
+        goals = {"target": None if target == "default" else target, "budget_ms": budget_ms, "plan": plan}
+        asked = [f"{name} is {value!r}" for name, value in goals.items() if value is not None]
+        if asked and method != "auto":
+            raise ConfigError(f"{asked[0]}; only the method 'auto' has targets, budgets and plans")
+        if len(asked) > 1 and goals["target"] is not None:
+            raise ConfigError(f"{asked[0]} and {asked[1]}; give a target, or a budget and its plan")
         if splat is not None and rate_hz is not None:
             raise ConfigError(
                 f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "
@@ -212,6 +228,8 @@ class Simulator:
             sensor=sensor._json(),
             method=str(method) if splat is None else "splat",
             target=target,
+            budget_ms=budget_ms,
+            plan=None if plan is None else fspath(plan),
             splat=_method.as_json(splat),
             rate_hz=1000.0 if rate_hz is None else rate_hz,
             adaptive_px=adaptive_px,
@@ -235,6 +253,9 @@ class Simulator:
         self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
         self._labels = tuple(self._engine.labels)
+        chosen = self._engine.chosen
+        if chosen is not None and chosen[2] is not None:
+            warnings.warn(chosen[2], stacklevel=2)
 
     @property
     def scene(self) -> Scene:

@@ -92,6 +92,15 @@ pub(crate) struct RunArgs {
     #[arg(long, value_enum)]
     pub(crate) target: Option<TargetArg>,
 
+    /// Instead of a --target: the most accurate settings that take at most so many milliseconds of work per simulated
+    /// second here. They are timed on the scene first.
+    #[arg(long, value_name = "MS", allow_hyphen_values = true, conflicts_with = "target")]
+    pub(crate) budget: Option<f64>,
+
+    /// Where --budget keeps what it found. A file that is there is run again, without timing anything: the same events.
+    #[arg(long, value_name = "PLAN.toml", conflicts_with = "target")]
+    pub(crate) plan: Option<PathBuf>,
+
     /// Sampled instants per second, for --method native [default: 1000].
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) rate: Option<f64>,
@@ -237,7 +246,7 @@ pub(crate) struct SplatArgs {
     #[arg(long, value_name = "A", value_parser = sharpness, allow_hyphen_values = true)]
     pub(crate) sharpness: Option<f32>,
 
-    /// Splatted weight below which a pixel is a hole, up to 1 [default: 0.3; 0.0001 for evis-paper].
+    /// Splatted weight of colours below which a pixel is a hole, up to 1 [default: 0.3; 0.0001 for evis-paper].
     #[arg(long, value_name = "W", value_parser = hole_weight, allow_hyphen_values = true)]
     pub(crate) hole_below: Option<f32>,
 

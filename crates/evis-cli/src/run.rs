@@ -10,8 +10,8 @@ use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, SensorConfig, TriggerRule};
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
-    DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig, StageTimes, Target,
-    scene_sensor,
+    DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig,
+    StageTimes, Target, scene_sensor,
 };
 use evis_scene::Scene;
 use serde::Serialize;
@@ -19,7 +19,7 @@ use serde::Serialize;
 use crate::args::{self, MethodArg, RunArgs};
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
-use crate::progress::Progress;
+use crate::progress::{Progress, WHOLE};
 use crate::{scene_source, sensor_source, text};
 
 /// Packets are this long; the stream's bytes do not depend on it.
@@ -39,6 +39,9 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
 
     // Everything that can be refused is refused before a file is touched: the cheap checks first.
     check_output(&args.output)?;
+    if let Some(plan) = args.plan.as_ref().filter(|plan| !plan.exists()) {
+        check_parent(plan, "--plan")?;
+    }
     if let Some(report) = &args.report {
         check_parent(report, "--report")?;
     }
@@ -70,7 +73,16 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
 
     let gpu = Gpu::open(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let device = gpu.summary().clone();
-    let simulator = Simulator::new(&gpu, Arc::new(scene), config)?;
+    let scene = Arc::new(scene);
+    if args.budget.is_some() || args.plan.is_some() {
+        if !calibrate(args, &gpu, &scene, &mut config)? {
+            return Ok(EXIT_INTERRUPTED);
+        }
+        for warning in config.chosen.iter().filter_map(|chosen| chosen.warning.clone()) {
+            warnings.add(warning);
+        }
+    }
+    let simulator = Simulator::new(&gpu, scene, config)?;
     let settings = Settings {
         evis: env!("CARGO_PKG_VERSION"),
         scene: args.scene.clone(),
@@ -118,6 +130,20 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         text::say(&report.summary())
     }
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
+}
+
+/// Settles what `auto` renders by --budget and --plan; false where it was interrupted.
+fn calibrate(args: &RunArgs, gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig) -> anyhow::Result<bool> {
+    let interrupt = Interrupt::listen();
+    let progress = Progress::new(WHOLE);
+    let told = |what: &str, part: f64| {
+        progress.part(&format!("timing {what}"), part);
+        !interrupt.asked()
+    };
+    match evis_render::plan::settle(gpu, scene, config, args.budget, args.plan.as_deref(), &told) {
+        Err(EngineError::Stopped) => Ok(false),
+        settled => Ok(settled.map(|()| true)?),
+    }
 }
 
 /// Single settings of the sensor, over what preset, file or scene say.
@@ -182,13 +208,15 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
 fn method(args: &RunArgs) -> anyhow::Result<Method> {
     let own = args.sampling_flag();
     let asked = args.method.unwrap_or(if own.is_some() { MethodArg::Native } else { MethodArg::Auto });
-    if let Some(target) = args.target.filter(|_| !matches!(asked, MethodArg::Auto)) {
-        let name = Target::from(target).name();
+    let goal = (args.target.map(|target| format!("--target {}", Target::from(target).name())))
+        .or_else(|| args.budget.map(|ms| format!("--budget {ms}")))
+        .or_else(|| args.plan.as_ref().map(|plan| format!("--plan {}", plan.display())));
+    if let Some(goal) = goal.filter(|_| !matches!(asked, MethodArg::Auto)) {
         let remedy = match own.filter(|_| args.method.is_none()) {
             Some(flag) => format!("leave out {flag}, which sets sampling by hand"),
             None => "leave out --method, or say --method auto".into(),
         };
-        return Err(bad_input(format!("--target {name}: only auto has targets; {remedy}")));
+        return Err(bad_input(format!("{goal}: only auto has targets, budgets and plans; {remedy}")));
     }
     let base = match asked {
         MethodArg::Auto | MethodArg::Native | MethodArg::Reproject | MethodArg::March
@@ -660,7 +688,7 @@ impl Report {
                 if let Some(chosen) = &run.chosen {
                     line += &format!(
                         "\n                   chosen by auto for {}: {}\n                   expects {}",
-                        chosen.target.name(),
+                        chosen.asked(),
                         chosen.why,
                         chosen.expects
                     );

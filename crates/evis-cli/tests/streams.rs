@@ -79,6 +79,46 @@ fn auto_says_what_it_chose_and_the_same_by_hand_gives_the_same_bytes() {
 }
 
 #[test]
+fn a_budget_is_timed_once_and_its_plan_runs_again_to_the_same_events() {
+    let folder = Folder::new("budget");
+    if no_device(&folder) {
+        return;
+    }
+    let line = |name: &str, arguments: &str| {
+        format!("run spinner -o {name}.h5 --size 48x36 --duration 0.05 --json {arguments}")
+    };
+    let run = |name: &str, arguments: &str| {
+        let output = evis(&folder, &line(name, arguments));
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        json(&output)
+    };
+    // Nothing is as cheap: the fewest settings are timed.
+    let first = run("first", "--budget 0.001 --plan plan.toml");
+    let warnings = first["warnings"].to_string();
+    assert!(warnings.contains("nothing fits 0.001 ms"), "{warnings}");
+    let plan = std::fs::read_to_string(folder.file("plan.toml")).unwrap();
+    assert!(plan.contains("budget_ms = 0.001") && plan.contains("[[measured]]"), "{plan}");
+    let again = run("again", "--plan plan.toml");
+    assert_eq!(std::fs::read_to_string(folder.file("plan.toml")).unwrap(), plan);
+    assert_eq!(again["settings"], first["settings"]);
+    assert!(again["settings"]["run"]["chosen"]["why"].as_str().unwrap().contains("px/s"));
+    assert_eq!((&again["events"], &again["on"]), (&first["events"], &first["on"]));
+    assert_ne!(run("other", "--target draft")["events"], first["events"], "canary");
+
+    let refused = |arguments: &str, told: &[&str]| {
+        let output = evis(&folder, &line("no", arguments));
+        let text = stderr(&output);
+        assert_eq!(code(&output), 2, "{arguments}: {text}");
+        assert!(told.iter().all(|part| text.contains(part)), "{arguments}: {text}");
+    };
+    refused("--plan plan.toml --frame-rate 50", &["plan.toml", "frames at none", "50 Hz"]);
+    refused("--plan plan.toml --budget 70", &["plan.toml", "0.001", "70"]);
+    refused("--plan none.toml", &["none.toml", "budget"]);
+    std::fs::write(folder.file("plan.toml"), plan.replace("samples = ", "samples = 1")).unwrap();
+    refused("--plan plan.toml", &["plan.toml", "its times ask for", "give a budget"]);
+}
+
+#[test]
 fn a_sensor_is_a_preset_or_a_file_and_flags_come_before_it() {
     let folder = Folder::new("sensor");
     if no_device(&folder) {

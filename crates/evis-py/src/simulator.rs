@@ -1,5 +1,6 @@
 //! The simulator and its stream.
 
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::Poll;
@@ -50,7 +51,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, sensor, method, splat, target, rate_hz, adaptive_px, samples, antialias, texture_taps,
+        scene, *, sensor, method, splat, target, budget_ms, plan, rate_hz, adaptive_px, samples, antialias, texture_taps,
         shadows, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
         reference_luminance, device
     ))]
@@ -62,6 +63,8 @@ impl Simulator {
         method: &str,
         splat: Option<&str>,
         target: &str,
+        budget_ms: Option<f64>,
+        plan: Option<PathBuf>,
         rate_hz: f64,
         adaptive_px: Option<f64>,
         samples: u32,
@@ -80,7 +83,7 @@ impl Simulator {
         device: Option<String>,
     ) -> PyResult<Self> {
         let method = engine::method(method, splat, target)?;
-        let config = RunConfig {
+        let mut config = RunConfig {
             sensor: crate::emulator::from_json(sensor)?,
             adaptive_px: adaptive_px.or(method.usual_adaptive_px()),
             method,
@@ -103,8 +106,13 @@ impl Simulator {
         config.check().map_err(Failure::from)?;
         let scene = scene.shared();
         let name = scene.name.clone();
-        py.enter_engine(move || {
+        let stopped = AtomicBool::new(false);
+        let prepare = || {
             let gpu = Gpu::open(device.as_deref())?;
+            if budget_ms.is_some() || plan.is_some() {
+                let told = |_: &str, _: f64| !stopped.load(Ordering::Relaxed);
+                evis_render::plan::settle(&gpu, &scene, &mut config, budget_ms, plan.as_deref(), &told)?;
+            }
             let simulator = evis_render::Simulator::new(&gpu, scene, config)?;
             Ok::<_, Failure>(Self {
                 cameras: simulator.cameras().to_vec(),
@@ -116,7 +124,8 @@ impl Simulator {
                 stop: Arc::clone(simulator.stop()),
                 engine: Mutex::new(Some(simulator)),
             })
-        })
+        };
+        py.enter_engine_for_long(&stopped, prepare)
     }
 
     /// Cameras as dictionaries: name, width, height, fx, fy, cx, cy.
@@ -141,10 +150,11 @@ impl Simulator {
         engine::config_toml(&self.scene, self.environments, &self.config).map_err(Into::into)
     }
 
-    /// What `auto` chose, in one line, and what it expects; None for other methods.
+    /// What `auto` chose, in one line, what it expects, and a warning if there is one; None for other methods.
     #[getter]
-    fn chosen(&self) -> Option<(String, String)> {
-        self.config.chosen.as_ref().map(|chosen| (chosen.why.clone(), chosen.expects.clone()))
+    fn chosen(&self) -> Option<(String, String, Option<String>)> {
+        let chosen = self.config.chosen.as_ref()?;
+        Some((chosen.why.clone(), chosen.expects.clone(), chosen.warning.clone()))
     }
 
     #[getter]

@@ -35,36 +35,87 @@ impl Target {
         }
     }
 
-    /// Pixels that anything may move between two samples of it, samples per pixel, places at which each reads a texture.
-    ///
-    /// Measured on the built-in scenes; see docs/accuracy.md.
-    const fn settings(self) -> (f64, u32, u32) {
+    /// What it takes.
+    const fn rung(self) -> Rung {
         match self {
-            Self::Draft => (0.5, 4, 4),
-            Self::Default => (0.3, 16, 4),
-            Self::Exact => (0.15, 64, 4),
+            Self::Draft => DRAFT,
+            Self::Default => DEFAULT,
+            Self::Exact => LADDER[0],
         }
     }
+}
 
-    /// What the same settings reached on the built-in scenes.
-    const fn expected(self) -> &'static str {
-        match self {
-            Self::Draft => "F1 (1 ms) 0.82 to 0.97",
-            Self::Default => "F1 (1 ms) 0.91 to 0.99",
-            Self::Exact => "F1 (1 ms) above 0.99 (two of the four scenes; the others were not measured)",
-        }
-    }
+/// Settings that `auto` may choose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rung {
+    /// How instants are sampled.
+    pub method: Method,
+    /// Pixels that anything may move between two samples of it.
+    pub step_px: f64,
+    /// Where that needs more than 4000 Hz: the finest rate.
+    pub finest_hz: f64,
+    /// Samples per pixel.
+    pub samples: u32,
+    /// Places at which each reads a texture, along each side.
+    pub texture_taps: u32,
+    /// Whether shadows are told by rays, where the scene allows it; else as the user says.
+    pub rays: bool,
+    /// What it reached on the built-in scenes, 640x480 where nothing else is said.
+    pub expects: &'static str,
+}
+
+/// Everything that `auto` chooses from, the most accurate first: with a budget, the first that fits.
+///
+/// Measured on the built-in scenes; see docs/accuracy.md.
+pub const LADDER: &[Rung] = &[
+    Rung {
+        rays: true,
+        finest_hz: 8000.0,
+        ..native(0.15, 64, 4, "F1 (1 ms) above 0.99 (two of the four scenes; the others were not measured)")
+    },
+    native(0.15, 64, 4, "F1 (1 ms) 0.95 to 0.99 at 320x240"),
+    native(0.2, 32, 4, "F1 (1 ms) 0.92 to 0.99 at 320x240"),
+    DEFAULT,
+    native(0.5, 16, 4, "F1 (1 ms) 0.86 to 0.97 at 320x240"),
+    native(0.4, 8, 4, "F1 (1 ms) 0.86 to 0.94 at 320x240"),
+    DRAFT,
+    native(0.5, 4, 2, "F1 (1 ms) 0.73 to 0.89 at 320x240"),
+    native(1.0, 4, 2, "F1 (1 ms) 0.68 to 0.87 at 320x240"),
+    native(1.0, 2, 2, "F1 (1 ms) 0.56 to 0.79 at 320x240"),
+    native(1.0, 1, 2, "F1 (1 ms) 0.47 to 0.77 at 320x240"),
+    native(2.0, 1, 2, "F1 (1 ms) 0.44 to 0.75 at 320x240"),
+];
+const DEFAULT: Rung = native(0.3, 16, 4, "F1 (1 ms) 0.91 to 0.99");
+const DRAFT: Rung = native(0.5, 4, 4, "F1 (1 ms) 0.82 to 0.97");
+
+const fn native(step_px: f64, samples: u32, texture_taps: u32, expects: &'static str) -> Rung {
+    Rung { method: Method::Native, step_px, finest_hz: 4000.0, samples, texture_taps, rays: false, expects }
 }
 
 /// What was chosen, and why.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Chosen {
-    /// What was asked for.
-    pub target: Target,
+    /// What was asked for, if it was a target.
+    pub target: Option<Target>,
+    /// What was asked for, if it was a budget: milliseconds of work per simulated second.
+    pub budget_ms: Option<f64>,
     /// In one line.
     pub why: String,
     /// What the settings reached on the built-in scenes: a goal, not a promise.
     pub expects: String,
+    /// Whether what was asked for could not be had.
+    pub warning: Option<String>,
+}
+
+impl Chosen {
+    /// What was asked for, in words.
+    pub fn asked(&self) -> String {
+        match (self.target, self.budget_ms) {
+            (Some(target), _) => target.name().into(),
+            (None, Some(ms)) => format!("a budget of {ms} ms per simulated second"),
+            (None, None) => "nothing".into(),
+        }
+    }
 }
 
 /// Times of the scene at which speeds are looked at.
@@ -76,24 +127,40 @@ const VIEWS: usize = 4;
 /// Finest rates that are chosen from. What is slow costs no more at a finer one, and what no pose tells (a cut of the camera)
 /// is then told to a millisecond; above 4 kHz blocks are so short that what is slow does cost more.
 const RATES_HZ: [f64; 3] = [1000.0, 2000.0, 4000.0];
-/// The finest rate of [`Target::Exact`].
-const EXACT_HZ: f64 = 8000.0;
 
 /// Settles `config`, which asks for `target`.
 pub fn choose(target: Target, scene: &Scene, gpu_scene: &GpuScene, views: &[View], config: &mut RunConfig) {
-    let (step_px, samples, taps) = target.settings();
+    let rung = target.rung();
+    let why = settle(&rung, scene, gpu_scene, views, config);
+    config.chosen = Some(Chosen {
+        target: Some(target),
+        budget_ms: None,
+        why,
+        expects: rung.expects.into(),
+        warning: None,
+    });
+}
+
+/// Gives `config` the settings of `rung`; says why its rate.
+pub fn settle(
+    rung: &Rung,
+    scene: &Scene,
+    gpu_scene: &GpuScene,
+    views: &[View],
+    config: &mut RunConfig,
+) -> String {
+    let step_px = rung.step_px;
     let (needed_hz, fastest_px_s) = needed_rate(scene, gpu_scene, views, config, step_px);
-    let finest = if target == Target::Exact { EXACT_HZ } else { RATES_HZ[RATES_HZ.len() - 1] };
-    let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(finest);
-    if target == Target::Exact && gpu_scene.objects.iter().all(|o| occluders::hinders(scene, o).is_none()) {
+    let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(rung.finest_hz);
+    if rung.rays && gpu_scene.objects.iter().all(|o| occluders::hinders(scene, o).is_none()) {
         config.shadows = Shadows::Rays;
     }
-    config.method = Method::Native;
+    config.method = rung.method;
     config.antialias = Antialias::Samples;
     config.rate_hz = rate_hz;
     config.adaptive_px = Some(step_px);
-    config.samples = samples;
-    config.texture_taps = Some(taps);
+    config.samples = rung.samples;
+    config.texture_taps = Some(rung.texture_taps);
     let reach = if needed_hz <= rate_hz {
         String::new()
     } else if needed_hz.is_infinite() {
@@ -103,14 +170,15 @@ pub fn choose(target: Target, scene: &Scene, gpu_scene: &GpuScene, views: &[View
     };
     let fastest =
         if fastest_px_s.is_finite() { format!("{fastest_px_s:.0}") } else { "any number of".into() };
-    config.chosen = Some(Chosen {
-        target,
-        why: format!(
-            "tiles move up to {fastest} px/s, so they are rendered up to {rate_hz:.0} times a second: every \
-             {step_px} px{reach}"
-        ),
-        expects: target.expected().into(),
-    });
+    format!(
+        "tiles move up to {fastest} px/s, so they are rendered up to {rate_hz:.0} times a second: every {step_px} \
+         px{reach}"
+    )
+}
+
+/// Seconds from `start_s` to the end of the scene's motion; 1 where it has none.
+pub fn length_s(scene: &Scene, start_s: f64) -> f64 {
+    scene.duration_s.filter(|s| s.is_finite() && *s > start_s).map_or(1.0, |s| s - start_s)
 }
 
 /// The rate at which all tiles are sampled often enough, and how fast the fastest of them moves.
@@ -123,7 +191,7 @@ fn needed_rate(
 ) -> (f64, f64) {
     let views = &views[..views.len().min(VIEWS)];
     let start_s = config.start_us as f64 * 1e-6;
-    let length_s = scene.duration_s.filter(|s| s.is_finite() && *s > start_s).map_or(1.0, |s| s - start_s);
+    let length_s = length_s(scene, start_s);
     let times_s: Vec<f64> = (0..LOOKS)
         .flat_map(|i| {
             let at = start_s + length_s * i as f64 / LOOKS as f64;

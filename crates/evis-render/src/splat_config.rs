@@ -46,7 +46,7 @@ pub struct SplatConfig {
     pub dilate: u32,
     /// Sharpness of the softmax: importance is e^(sharpness · (1/z) / max(1/z)).
     pub sharpness: f32,
-    /// A pixel with less splatted weight than this is a hole; for an index, the least weight of one source.
+    /// A pixel with less splatted weight of colours than this is a hole.
     pub hole_below: f32,
     /// Luminance of what neither keyframe shows; `None` leaves the pixel's memory untouched and counts it as unknown.
     pub fill: Option<f32>,
@@ -65,7 +65,7 @@ impl Default for SplatConfig {
             blend: true,
             dilate: 0,
             sharpness: 12.0,
-            // An edge is then at most a fifth of a pixel too wide. On `spinner` 0.3 to 0.5 were as good, 0.2 worse.
+            // On `spinner` 0.3 to 0.5 were as good, 0.2 worse.
             hole_below: 0.3,
             fill: None,
         }

@@ -5,6 +5,7 @@
 
 pub mod builder;
 pub mod builtin;
+mod digest;
 pub mod environment;
 pub mod error;
 mod framing;
@@ -21,6 +22,7 @@ pub mod texture;
 pub mod toml_scene;
 mod validate;
 
+pub use digest::digest;
 pub use error::SceneError;
 pub use framing::rigid;
 pub use model::*;

@@ -1,6 +1,5 @@
 //! Truths that were made before: a file per scene and settings.
 
-use std::fmt::{self, Write as _};
 use std::hash::{DefaultHasher, Hasher};
 use std::path::Path;
 
@@ -45,41 +44,14 @@ pub fn cached(
 
 /// Names a scene and settings by all of their content: whatever is added to either counts by itself.
 fn key(scene: &Scene, settings: &TruthSettings) -> String {
-    let mut digest = Digest([0, 1].map(|salt| {
+    let mut hashers = [0, 1].map(|salt| {
         let mut hasher = DefaultHasher::new();
         hasher.write_u32(ORACLE_VERSION);
         hasher.write_u8(salt);
         hasher
-    }));
-    // Texels as bits: most of a scene, and slow to write in words.
-    let mut rest = scene.clone();
-    let maps = rest.environment.iter_mut().flat_map(|e| [&mut e.sky, &mut e.irradiance, &mut e.specular]);
-    let levels = maps.flat_map(|map| map.levels.iter_mut());
-    for texels in rest.images.iter_mut().map(|image| &mut image.texels).chain(levels) {
-        digest.texels(&std::mem::take(texels));
-    }
-    // A digest takes everything.
-    let _ = write!(digest, "{settings:?}\n{rest:?}");
-    digest.0.iter().map(|h| format!("{:016x}", h.finish())).collect()
-}
-
-/// Two hashes of whatever is written into it.
-struct Digest([DefaultHasher; 2]);
-
-impl Digest {
-    fn texels(&mut self, texels: &[[half::f16; 4]]) {
-        for hasher in &mut self.0 {
-            hasher.write_usize(texels.len());
-            texels.iter().flatten().for_each(|v| hasher.write_u16(v.to_bits()));
-        }
-    }
-}
-
-impl fmt::Write for Digest {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        self.0.iter_mut().for_each(|h| h.write(text.as_bytes()));
-        Ok(())
-    }
+    });
+    evis_scene::digest(scene, &format!("{settings:?}"), &mut hashers);
+    hashers.iter().map(|h| format!("{:016x}", h.finish())).collect()
 }
 
 #[cfg(test)]

@@ -18,6 +18,16 @@ pub const WARN_GAP_PX: f32 = 4.0;
 /// Instants per gap where their number is not given, at most.
 const MOST_STEPS: u32 = 256;
 
+/// A gap in which the picture moves no farther is not divided unless asked for: light straight from one keyframe to the other
+/// is then nearer to the truth than light that is read between pixels (on `spinner` at 1 px per gap, F1 within 4 ms 0.85 and
+/// 0.80).
+const UNDIVIDED_PX: f32 = 1.0;
+
+/// Instants of a gap in which the picture moves by `motion_px`, so that it moves by `step_px` from one to the next.
+fn steps_for(motion_px: f32, step_px: f32) -> u32 {
+    if motion_px > UNDIVIDED_PX { ((motion_px / step_px).ceil() as u32).clamp(1, MOST_STEPS) } else { 1 }
+}
+
 /// Nearest 1 / depth.
 const LARGEST_INVERSE_DEPTH: f32 = 1e6;
 
@@ -397,7 +407,7 @@ impl Gapped<'_> {
         let since = if before.is_some() { gap_us } else { 0 };
         let canvas = self.pictures.canvas;
         let codes = (self.tables, self.push.config.reference_luminance);
-        let (now, [bad_depth, bad_motion]) =
+        let (mut now, [bad_depth, bad_motion]) =
             Keyframe::read(keyframes, codes, index, canvas, self.warp, since);
         (report.bad_depth, report.bad_motion) = (bad_depth, bad_motion);
         let mut sum = EmulatorReport::default();
@@ -409,10 +419,16 @@ impl Gapped<'_> {
                 let links = Links::find(before, &now, canvas, self.pictures.log_floor);
                 (report.motion_px, report.linked, report.hint) = (links.motion_px, links.linked, links.hint);
                 if self.warp.detect_cuts && links.is_cut() {
+                    // Its motion says nothing of how surfaces go on.
+                    now.gap_us = 0;
                     Cut::Detected
                 } else {
                     let forward = super::links::forward_motion(before, &now, canvas);
-                    between = Some((before, forward));
+                    let bends = match self.warp.curved {
+                        true => super::links::bends(before, &now, &forward, canvas),
+                        false => Default::default(),
+                    };
+                    between = Some((before, forward, bends));
                     Cut::None
                 }
             }
@@ -420,16 +436,16 @@ impl Gapped<'_> {
         report.steps = match &between {
             None => 1,
             Some(_) => {
-                let wanted = self.warp.steps.unwrap_or_else(|| {
-                    ((report.motion_px / self.warp.step_px).ceil() as u32).clamp(1, MOST_STEPS)
-                });
+                let wanted =
+                    self.warp.steps.unwrap_or_else(|| steps_for(report.motion_px, self.warp.step_px));
                 // Instants are whole microseconds.
                 wanted.min(self.push.interval_us)
             }
         };
-        let gap = between.as_ref().map(|(before, forward)| {
-            let older = Side { light: &before.light, nearness: &before.nearness, motion: forward };
-            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back };
+        let gap = between.as_ref().map(|(before, forward, [from, to])| {
+            let older =
+                Side { light: &before.light, nearness: &before.nearness, motion: forward, bend: from };
+            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bend: to };
             Gap::new(self.warp, &self.pictures, older, newer)
         });
         let steps = i64::from(report.steps);
@@ -467,5 +483,20 @@ impl Gapped<'_> {
         environment.report = sum;
         environment.keyframe = Some(Box::new(now));
         report
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instants_follow_the_motion_from_a_pixel_on() {
+        for (motion_px, steps) in
+            [(0.0, 1), (1.0, 1), (1.01, 4), (3.0, 10), (12.0, 40), (500.0, MOST_STEPS), (1e30, MOST_STEPS)]
+        {
+            assert_eq!(steps_for(motion_px, 0.3), steps, "{motion_px}");
+        }
+        assert_eq!((steps_for(3.0, 1.0), steps_for(3.0, 100.0), steps_for(f32::NAN, 0.3)), (3, 1, 1));
     }
 }

@@ -10,6 +10,9 @@ const SAME_OVER_TIME: f32 = 0.7;
 const LEAST_LINKED: f32 = 0.2;
 /// Share of pixels that may move farther than [`Links::motion_px`] says.
 const FASTEST_SHARE: f64 = 1e-3;
+/// A path that bends by more than this part of its length is taken for straight: a turn by half a radian bends by a quarter, and
+/// what stops or is another surface by half and more.
+const SHARPEST: f32 = 0.4;
 /// Pixels at which other conventions of motion vectors are tried, about.
 const TRIED: usize = 4096;
 /// Rounds of giving unknown pixels the motion of their neighbours.
@@ -166,6 +169,43 @@ pub(crate) fn forward_motion(before: &Keyframe, now: &Keyframe, canvas: [usize; 
     out
 }
 
+/// How much paths bend within the gap, per pixel of the older and of the newer keyframe: the older one's surfaces lie on
+/// parabolas through where they were at the keyframe before it, if that is known. 0 where it is not.
+pub(crate) fn bends(
+    before: &Keyframe,
+    now: &Keyframe,
+    forward: &[[f32; 2]],
+    canvas: [usize; 2],
+) -> [Vec<[f32; 2]>; 2] {
+    if before.gap_us == 0 || now.gap_us == 0 {
+        return Default::default();
+    }
+    let ratio = (before.gap_us as f64 / now.gap_us as f64) as f32;
+    let older: Vec<[f32; 2]> = before
+        .back
+        .iter()
+        .zip(forward)
+        .map(|(back, ahead)| {
+            if !is_motion(*back) || !is_motion(*ahead) {
+                return [0.0; 2];
+            }
+            let bend = [0, 1].map(|axis| (back[axis] + ratio * ahead[axis]) / (ratio * (1.0 + ratio)));
+            let length = |d: [f32; 2]| d[0].hypot(d[1]);
+            let sharpest = SHARPEST * length(*ahead).max(length(*back) / ratio);
+            if length(bend) <= sharpest { bend } else { [0.0; 2] }
+        })
+        .collect();
+    let newer = now.back.iter().enumerate().map(|(at, back)| {
+        let (x, y) = ((at % canvas[0]) as f32, (at / canvas[0]) as f32);
+        let there = if is_motion(*back) { pixel_at(x + back[0], y + back[1], canvas) } else { None };
+        let there =
+            there.filter(|there| may_be_one(before.nearness[*there], now.nearness[at], SAME_OVER_TIME));
+        there.map_or([0.0; 2], |there| older[there])
+    });
+    let newer = newer.collect();
+    [older, newer]
+}
+
 /// The vector from the older pixel `at` whose turned-around one is read where it points to, between the newer one's pixels
 /// of one surface; `first` as it is where they are of several.
 fn refined(at: usize, first: [f32; 2], nearness: f32, now: &Keyframe, canvas: [usize; 2]) -> [f32; 2] {
@@ -228,4 +268,98 @@ fn spread(out: &mut [[f32; 2]], unknown: &mut Vec<usize>, before: &Keyframe, [wi
         out[*at] = motion;
     }
     unknown.retain(|at| out[*at][0].is_nan());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture that turns by `radians` a gap around its middle; where each pixel was at the last keyframe.
+    fn turning(radians: f32, canvas: [usize; 2]) -> Keyframe {
+        let back = (0..canvas[0] * canvas[1])
+            .map(|at| {
+                let turned = turned(at, -radians, canvas);
+                [turned[0] - (at % canvas[0]) as f32, turned[1] - (at / canvas[0]) as f32]
+            })
+            .collect();
+        let pixels = canvas[0] * canvas[1];
+        Keyframe {
+            gap_us: 33_333,
+            light: vec![0.5; pixels],
+            nearness: vec![0.5; pixels],
+            back,
+            ..Keyframe::default()
+        }
+    }
+
+    fn turned(at: usize, radians: f32, canvas: [usize; 2]) -> [f32; 2] {
+        let middle = canvas.map(|n| (n as f32 - 1.0) / 2.0);
+        let (x, y) = ((at % canvas[0]) as f32 - middle[0], (at / canvas[0]) as f32 - middle[1]);
+        let (sin, cos) = radians.sin_cos();
+        [middle[0] + x * cos - y * sin, middle[1] + x * sin + y * cos]
+    }
+
+    #[test]
+    fn curved_paths_follow_a_turn_where_straight_ones_cut_it_short() {
+        let canvas = [64, 48];
+        for (radians, straight_off, curved_off) in
+            [(0.1, 0.015, 0.0015), (0.2, 0.06, 0.009), (0.4, 0.24, 0.06)]
+        {
+            let picture = turning(radians, canvas);
+            let forward = forward_motion(&picture, &picture, canvas);
+            let [older, newer] = bends(&picture, &picture, &forward, canvas);
+            let mut errors = [0.0_f32, 0.0, 0.0];
+            let mut count = 0.0;
+            for at in 0..canvas[0] * canvas[1] {
+                let (x, y) = ((at % canvas[0]) as f32, (at / canvas[0]) as f32);
+                let middle = [31.5, 23.5];
+                let radius = (x - middle[0]).hypot(y - middle[1]);
+                if radius > 18.0 {
+                    continue;
+                }
+                let off = |turn: f32, motion: [f32; 2], bend: [f32; 2]| {
+                    let there = turned(at, turn, canvas);
+                    let found = [x + 0.5 * motion[0] - 0.25 * bend[0], y + 0.5 * motion[1] - 0.25 * bend[1]];
+                    (found[0] - there[0]).hypot(found[1] - there[1])
+                };
+                let half = radians / 2.0;
+                let each = [
+                    off(half, forward[at], [0.0; 2]),
+                    off(half, forward[at], older[at]),
+                    off(-half, picture.back[at], newer[at]),
+                ];
+                for (sum, error) in errors.iter_mut().zip(each) {
+                    *sum += error;
+                }
+                count += 1.0;
+            }
+            let [straight, from, to] = errors.map(|sum| sum / count);
+            assert!((straight / straight_off - 1.0).abs() < 0.05, "{radians}: {straight}");
+            assert!(from < curved_off && to < curved_off, "{radians}: {from} {to}");
+        }
+    }
+
+    #[test]
+    fn what_stops_or_has_no_past_goes_straight() {
+        let canvas = [16, 12];
+        let pixels = canvas[0] * canvas[1];
+        let moved = |dx: f32| Keyframe {
+            gap_us: 10_000,
+            nearness: vec![0.5; pixels],
+            back: vec![[dx, 0.0]; pixels],
+            ..Keyframe::default()
+        };
+        let straight = |bends: [Vec<[f32; 2]>; 2]| bends.iter().flatten().all(|bend| *bend == [0.0; 2]);
+        let ahead = vec![[3.0_f32, 0.0]; pixels];
+        assert!(straight(bends(&moved(-3.0), &moved(-3.0), &ahead, canvas)), "it goes on evenly");
+        assert!(straight(bends(&moved(0.0), &moved(-3.0), &ahead, canvas)), "it has just begun to move");
+        assert!(straight(bends(&moved(f32::NAN), &moved(-3.0), &ahead, canvas)));
+        assert!(straight(bends(&Keyframe { gap_us: 0, ..moved(-2.0) }, &moved(-3.0), &ahead, canvas)));
+        let [older, newer] = bends(&moved(-2.0), &moved(-3.0), &ahead, canvas);
+        assert_eq!((older[40], newer[40]), ([0.5, 0.0], [0.5, 0.0]), "canary: it grows faster");
+        // Half as long a gap before: 2 pixels in half the time.
+        let before = Keyframe { gap_us: 5_000, ..moved(-2.0) };
+        let [older, _] = bends(&before, &moved(-3.0), &ahead, canvas);
+        assert!((older[40][0] - (-2.0 + 1.5) / 0.75).abs() < 1e-6, "{:?}", older[40]);
+    }
 }

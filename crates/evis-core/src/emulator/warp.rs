@@ -56,10 +56,14 @@ pub enum Filter {
 pub struct WarpConfig {
     /// Instants per gap, the keyframe that ends it included; `None` takes as many as `step_px` asks for.
     pub steps: Option<u32>,
-    /// Where `steps` is not given: pixels that the picture moves from instant to instant, at most.
+    /// Where `steps` is not given: pixels that the picture moves from instant to instant, at most. A gap in which it moves by
+    /// no more than a pixel is not divided.
     pub step_px: f32,
     /// Pixels that keyframes show beyond each border of the sensor.
     pub margin: u32,
+    /// Whether paths bend within a gap as motion changed from the gap before it: a turn by θ a gap is then off by r·θ³/16
+    /// instead of r·θ²/8. Else they are straight.
+    pub curved: bool,
     /// What is splatted.
     pub carrier: Carrier,
     /// How an index's light is read.
@@ -72,7 +76,7 @@ pub struct WarpConfig {
     pub dilate: u32,
     /// Sharpness of the softmax: importance is e^(sharpness · (1/z) / max(1/z)).
     pub sharpness: f32,
-    /// A pixel with less splatted weight than this is a hole; for an index, the least weight of one source.
+    /// A pixel with less splatted weight of colours than this is a hole.
     pub hole_below: f32,
     /// Luminance of what neither keyframe shows; `None` leaves the pixel's memory untouched and counts it as unknown.
     pub fill: Option<f32>,
@@ -84,8 +88,9 @@ impl Default for WarpConfig {
     fn default() -> Self {
         Self {
             steps: None,
-            step_px: 1.0,
+            step_px: 0.3,
             margin: 0,
+            curved: false,
             carrier: Carrier::Index,
             filter: Filter::Cubic,
             nearest: true,
@@ -136,8 +141,9 @@ impl WarpConfig {
     pub const fn evis_paper(steps: u32) -> Self {
         Self {
             steps: Some(steps),
-            step_px: 1.0,
+            step_px: 0.3,
             margin: 0,
+            curved: false,
             carrier: Carrier::Colour,
             filter: Filter::Bilinear,
             nearest: false,
@@ -164,14 +170,6 @@ impl WarpConfig {
         check_carrying(self.margin, self.dilate, self.sharpness, self.hole_below, self.fill)
     }
 
-    /// Least weight of a tap that counts, less one.
-    fn reach(&self) -> u32 {
-        match self.carrier {
-            Carrier::Colour => 0,
-            Carrier::Index => ((self.hole_below * WEIGHT_STEPS / WEIGHT_UNIT) as u32).max(1) - 1,
-        }
-    }
-
     fn is_hole(&self, word: u32) -> bool {
         match self.carrier {
             Carrier::Colour => (word as f32) < self.hole_below * WEIGHT_STEPS,
@@ -194,6 +192,15 @@ pub struct Side<'a> {
     pub nearness: &'a [f32],
     /// Pixels to where each surface is at the other keyframe; not a number where that is not known.
     pub motion: &'a [[f32; 2]],
+    /// How much the path there bends: at the part s of the way, s (s − 1) times this is added. Empty: straight.
+    pub bend: &'a [[f32; 2]],
+}
+
+impl Side<'_> {
+    #[inline(always)]
+    fn bend_at(&self, at: usize) -> [f32; 2] {
+        self.bend.get(at).copied().unwrap_or_default()
+    }
 }
 
 /// Sizes of a gap's pictures and what its pixels feel.
@@ -208,6 +215,9 @@ pub struct Pictures {
     /// `Y_ref`.
     pub reference_luminance: f32,
 }
+
+/// Where a source is, and whether it reaches beyond the pixel that its centre is in, along each axis.
+type Place = ([i32; 2], [bool; 2]);
 
 /// A side with what all instants of the gap have in common.
 struct Prepared<'a> {
@@ -296,21 +306,35 @@ impl<'a> Prepared<'a> {
 
 /// Where a source is, in parts of a pixel of the sensor.
 #[inline(always)]
-fn place(x: usize, y: usize, margin: i32, motion: [f32; 2], moved: f32) -> [i32; 2] {
-    let at = |pixel: usize, d: f32| {
+fn place(x: usize, y: usize, margin: i32, (motion, bend): ([f32; 2], [f32; 2]), moved: f32) -> [i32; 2] {
+    let at = |pixel: usize, d: f32, bend: f32| {
         // Motion is below 2^14 pixels, or the key is 0: far from the ends of an i32. The conversion saturates.
-        let d = (d * moved * SUBPIXELS as f32 + 0.5).floor() as i32;
+        let d = d * moved + bend * moved * (moved - 1.0);
+        let d = (d * SUBPIXELS as f32 + 0.5).floor() as i32;
         ((pixel as i32).wrapping_sub(margin) << SUBPIXEL_BITS).wrapping_add(d)
     };
-    [at(x, motion[0]), at(y, motion[1])]
+    [at(x, motion[0], bend[0]), at(y, motion[1], bend[1])]
 }
 
-/// Calls `each` with the index and the bilinear weight of the pixels around `q` that are within `size`.
+/// Whether a coordinate is nearer to the second of the two pixels around it.
 #[inline(always)]
-fn for_taps(q: [i32; 2], size: [usize; 2], mut each: impl FnMut(usize, u32)) {
+fn leans(q: i32) -> bool {
+    q & (SUBPIXELS - 1) >= SUBPIXELS / 2
+}
+
+/// Calls `each` with the index and the bilinear weight of the pixels around `q` that are within `size`; along an axis that
+/// it does not reach along, of that pixel only which its centre is in.
+#[inline(always)]
+fn for_taps((q, reaches): Place, size: [usize; 2], mut each: impl FnMut(usize, u32)) {
     let base = q.map(|v| v >> SUBPIXEL_BITS);
-    let f = q.map(|v| (v & (SUBPIXELS - 1)) as u32);
-    let g = f.map(|v| (SUBPIXELS as u32).wrapping_sub(v));
+    let mut f = q.map(|v| (v & (SUBPIXELS - 1)) as u32);
+    let mut g = f.map(|v| (SUBPIXELS as u32).wrapping_sub(v));
+    for axis in [0, 1] {
+        if !reaches[axis] {
+            let other = if leans(q[axis]) { &mut g } else { &mut f };
+            other[axis] = 0;
+        }
+    }
     let weights =
         [g[0].wrapping_mul(g[1]), f[0].wrapping_mul(g[1]), g[0].wrapping_mul(f[1]), f[0].wrapping_mul(f[1])];
     let (width, height) = (size[0] as i32, size[1] as i32);
@@ -376,12 +400,11 @@ impl<'a> Gap<'a> {
         let size = self.pictures.size;
         let config = &self.config;
         sums.clear(size[0] * size[1], config.carrier == Carrier::Colour);
-        let reach = config.reach();
         let Sums { depth, word, light } = sums;
         let wanted = |p: usize| holes_of.is_none_or(|other| config.is_hole(other.word[p]));
-        self.for_sources(from, moved, |_, key, q| {
-            for_taps(q, size, |p, weight| {
-                if weight > reach && depth[p] < key && wanted(p) {
+        self.for_sources(from, moved, |_, key, place| {
+            for_taps(place, size, |p, weight| {
+                if weight > 0 && depth[p] < key && wanted(p) {
                     depth[p] = key;
                 }
             });
@@ -391,10 +414,10 @@ impl<'a> Gap<'a> {
                 let bits = index_bits(from.keys.len());
                 let most = (1_u32 << (32 - bits)) - 1;
                 let scale = most as f32 / 1_048_576.0;
-                self.for_sources(from, moved, |source, key, q| {
+                self.for_sources(from, moved, |source, key, place| {
                     let nearness = nearness_of(key);
-                    for_taps(q, size, |p, weight| {
-                        if weight > reach && nearness >= nearness_of(depth[p]) * SAME_SURFACE && wanted(p) {
+                    for_taps(place, size, |p, weight| {
+                        if weight > 0 && nearness >= nearness_of(depth[p]) * SAME_SURFACE && wanted(p) {
                             let near = ((weight as f32 * scale) as u32).clamp(1, most);
                             word[p] = word[p].max((near << bits) | source as u32);
                         }
@@ -404,10 +427,10 @@ impl<'a> Gap<'a> {
             Carrier::Colour => {
                 let factor = LIGHT_STEPS / from.scale;
                 let sharpness = config.sharpness / from.nearest.max(1e-30);
-                self.for_sources(from, moved, |source, key, q| {
+                self.for_sources(from, moved, |source, key, place| {
                     let steps = (from.side.light[source] * factor + 0.5).min(LIGHT_STEPS) as u32;
                     let nearness = nearness_of(key);
-                    for_taps(q, size, |p, bilinear| {
+                    for_taps(place, size, |p, bilinear| {
                         if bilinear > 0 && wanted(p) {
                             let behind = (nearness - nearness_of(depth[p])).min(0.0);
                             let importance = if behind < 0.0 { simd::exp(behind * sharpness) } else { 1.0 };
@@ -423,7 +446,7 @@ impl<'a> Gap<'a> {
 
     /// Calls `each` with the number, the key and the place of every source that goes somewhere.
     #[inline(always)]
-    fn for_sources(&self, from: &Prepared<'_>, moved: f32, mut each: impl FnMut(usize, u32, [i32; 2])) {
+    fn for_sources(&self, from: &Prepared<'_>, moved: f32, mut each: impl FnMut(usize, u32, Place)) {
         let width = self.pictures.canvas[0];
         let margin = self.config.margin as i32;
         let rows = from.keys.chunks_exact(width).zip(from.side.motion.chunks_exact(width));
@@ -431,10 +454,29 @@ impl<'a> Gap<'a> {
             let first = y * width;
             for (x, (key, motion)) in keys.iter().zip(motions).enumerate() {
                 if *key != 0 {
-                    each(first.wrapping_add(x), *key, place(x, y, margin, *motion, moved));
+                    let at = first.wrapping_add(x);
+                    let q = place(x, y, margin, (*motion, from.side.bend_at(at)), moved);
+                    let everywhere = self.config.carrier == Carrier::Colour || from.plain[at];
+                    let reaches = if everywhere { [true; 2] } else { self.reaches(from, (x, y), q) };
+                    each(at, *key, (q, reaches));
                 }
             }
         }
+    }
+
+    /// Whether an index reaches beyond the pixel that its centre is in, along each axis: where the keyframe shows its surface
+    /// on that side too. So no crack opens where pixels move apart, and no outline grows between keyframes.
+    fn reaches(&self, from: &Prepared<'_>, (x, y): (usize, usize), q: [i32; 2]) -> [bool; 2] {
+        let [width, height] = self.pictures.canvas;
+        let nearness = from.side.nearness;
+        let own = nearness[y * width + x];
+        let beside = |at: usize, second: bool| if second { at.checked_sub(1) } else { Some(at + 1) };
+        let column = beside(x, leans(q[0])).filter(|x| *x < width);
+        let row = beside(y, leans(q[1])).filter(|y| *y < height);
+        [
+            column.is_some_and(|x| same_surface(own, nearness[y * width + x])),
+            row.is_some_and(|y| same_surface(own, nearness[y * width + x])),
+        ]
     }
 
     /// What the older and the newer side show in row `y`; both the same where one is taken, NaN where nothing is.
@@ -496,10 +538,11 @@ impl<'a> Gap<'a> {
     #[inline(always)]
     fn gathered(&self, from: &Prepared<'_>, moved: f32, source: usize, (x, y): (usize, usize)) -> f32 {
         let [width, height] = self.pictures.canvas;
-        let Side { light, nearness, motion } = &from.side;
+        let Side { light, nearness, motion, .. } = &from.side;
         let own_y = source / width;
         let own_x = source - own_y * width;
-        let q = place(own_x, own_y, self.config.margin as i32, motion[source], moved);
+        let path = (motion[source], from.side.bend_at(source));
+        let q = place(own_x, own_y, self.config.margin as i32, path, moved);
         let offset = |at: usize, q: i32| ((at as i32) << SUBPIXEL_BITS).wrapping_sub(q);
         let (dx, dy) = (offset(x, q[0]), offset(y, q[1]));
         let part = |d: i32| (d & (SUBPIXELS - 1)) as f32 * (1.0 / SUBPIXELS as f32);

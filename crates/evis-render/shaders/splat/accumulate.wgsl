@@ -76,8 +76,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         if (key == KEY_OF_NOTHING) {
             continue;
         }
-        let q = vec2<i32>(bitcast<i32>(placed[source_at]), bitcast<i32>(placed[source_at + canvas]));
-        let taps = taps_at(q);
+        let taps = taps_at(position(vec2<u32>(placed[source_at], placed[source_at + canvas])));
         let nearness = nearness_of(key);
         let luminance = textureLoad(sources, vec2<u32>(x, id.y), layer, 0).r;
         let light = u32(min(luminance * light_factor + 0.5, LIGHT_STEPS));

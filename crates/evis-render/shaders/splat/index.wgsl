@@ -22,14 +22,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let plane = target_pixels();
     let depths = sums_base(params.side);
     let other_words = sums_base(1u - params.side) + plane;
-    let q = vec2<i32>(bitcast<i32>(placed[source_at]), bitcast<i32>(placed[source_at + canvas]));
-    let taps = taps_at(q);
+    let taps = reached(vec2<u32>(placed[source_at], placed[source_at + canvas]));
     let nearness = nearness_of(key);
     let source = id.y * params.canvas_width + id.x;
     let most = (1u << (32u - params.index_bits)) - 1u;
     for (var i = 0u; i < 4u; i++) {
         let at = tap_index(taps, i, id.z, plane);
-        if (at < plane && taps.weights[i] > least_index_weight()) {
+        if (at < plane && taps.weights[i] > 0u) {
             if ((!FILL_HOLES || atomicLoad(&sums[other_words + at]) == 0u)
                 && nearness >= nearness_of(atomicLoad(&sums[depths + at])) * SAME_SURFACE) {
                 let near = clamp(u32(f32(taps.weights[i]) * (f32(most) / 1048576.0)), 1u, most);

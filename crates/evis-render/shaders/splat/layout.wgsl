@@ -69,11 +69,6 @@ fn light_scale(bits: u32) -> f32 {
     return bitcast<f32>(((within >> 23u) + 1u) << 23u);
 }
 
-// An index has no weight to lose: a pixel hardly touched is not the surface's.
-fn least_index_weight() -> u32 {
-    return max(u32(params.hole_below * WEIGHT_STEPS / WEIGHT_UNIT), 1u) - 1u;
-}
-
 // Light of a pixel from the sum of its `known` parts; none are known in a hole.
 fn mean_or_fill(sum: f32, known: f32) -> f32 {
     return select(params.fill, sum / max(known, 1.0), known > 0.0);
@@ -113,6 +108,31 @@ fn taps_at(q: vec2<i32>) -> Taps {
     let f = vec2<u32>(q & vec2<i32>(SUBPIXELS - 1));
     let g = vec2<u32>(u32(SUBPIXELS)) - f;
     return Taps(base, vec4<u32>(g.x * g.y, f.x * g.y, g.x * f.y, f.x * f.y));
+}
+
+// A position with a bit below each coordinate: whether the source reaches beyond the pixel that its centre is in.
+fn packed(q: vec2<i32>, reaches: vec2<bool>) -> vec2<u32> {
+    return bitcast<vec2<u32>>(q * 2 + select(vec2<i32>(0), vec2<i32>(1), reaches));
+}
+
+fn position(place: vec2<u32>) -> vec2<i32> {
+    return bitcast<vec2<i32>>(place) >> vec2<u32>(1u);
+}
+
+// Whether a position is nearer to the second of the two pixels around it, along each axis.
+fn leans(q: vec2<i32>) -> vec2<bool> {
+    return (q & vec2<i32>(SUBPIXELS - 1)) >= vec2<i32>(SUBPIXELS / 2);
+}
+
+// The pixels that a placed source reaches: the others have no weight.
+fn reached(place: vec2<u32>) -> Taps {
+    let q = position(place);
+    let beyond = (place & vec2<u32>(1u)) != vec2<u32>(0u);
+    let second = beyond | leans(q);
+    let first = beyond | !leans(q);
+    let wanted = vec4<bool>(first.x, second.x, first.x, second.x) & vec4<bool>(first.y, first.y, second.y, second.y);
+    let taps = taps_at(q);
+    return Taps(taps.base, select(vec4<u32>(0u), taps.weights, wanted));
 }
 
 // Target pixels that share a flag "some of these are holes", along each axis.

@@ -15,7 +15,7 @@ override CARRIER: u32 = 0;
 @group(0) @binding(2) var<storage, read> objects: array<u32>;
 // Rows x·w, y·w, w of (x, y, 1 / depth, 1), in keyframe pixels; w row of zeros: the object deforms.
 @group(0) @binding(3) var<storage, read> transforms: array<vec4<f32>>;
-// Per side, planes: x, y in 1 / SUBPIXELS, depth key (0: not placed).
+// Per side, planes: x, y as `packed` makes them, depth key (0: not placed).
 @group(0) @binding(4) var<storage, read_write> placed: array<u32>;
 @group(0) @binding(5) var<storage, read_write> sums: array<atomic<u32>>;
 @group(0) @binding(6) var<storage, read> hole_tiles: array<u32>;
@@ -66,6 +66,26 @@ fn is_hole(at: u32) -> bool {
     return f32(word) < params.hole_below * WEIGHT_STEPS;
 }
 
+// Whether an index reaches beyond the pixel that its centre is in: where the keyframe shows its surface on that side too.
+// So no crack opens where pixels move apart, and no outline grows between keyframes. Colours weigh less there anyway.
+fn reaches(p: vec2<u32>, view: u32, nearness: f32, q: vec2<i32>) -> vec2<bool> {
+    if (CARRIER == 0u) {
+        return vec2<bool>(true);
+    }
+    let beside = vec2<i32>(p) + select(vec2<i32>(1), vec2<i32>(-1), leans(q));
+    return vec2<bool>(
+        goes_on(vec2<i32>(beside.x, i32(p.y)), view, nearness),
+        goes_on(vec2<i32>(i32(p.x), beside.y), view, nearness));
+}
+
+fn goes_on(p: vec2<i32>, view: u32, nearness: f32) -> bool {
+    if (p.x < 0 || p.y < 0 || p.x >= i32(params.canvas_width) || p.y >= i32(params.canvas_height)) {
+        return false;
+    }
+    let other = textureLoad(sources, vec2<u32>(p), key_layer(params.side, view), 0).y;
+    return min(nearness, other) >= max(nearness, other) * SAME_SURFACE;
+}
+
 @compute @workgroup_size(SPLAT_WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= params.canvas_width) {
@@ -86,13 +106,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if (place.known && source.x >= 0.0) {
         let d = vec2<i32>(floor(place.moved * f32(SUBPIXELS) + 0.5));
         let q = (vec2<i32>(id.xy) - i32(params.margin)) * SUBPIXELS + d;
-        let taps = taps_at(q);
+        let place_word = packed(q, reaches(id.xy, id.z, source.y, q));
+        let taps = reached(place_word);
         if (!FILL_HOLES || hole_tiles[hole_tile(taps.base, id.z)] != 0u) {
             let depth = bitcast<u32>(max(place.nearness, 0.0)) + 1u;
-            let reach = select(0u, least_index_weight(), CARRIER == 1u);
             for (var i = 0u; i < 4u; i++) {
                 let at = tap_index(taps, i, id.z, plane);
-                if (at < plane && taps.weights[i] > reach) {
+                if (at < plane && taps.weights[i] > 0u) {
                     if (!FILL_HOLES || is_hole(at)) {
                         // A look is cheaper than a change, and mostly a neighbour was there before.
                         if (atomicLoad(&sums[depths + at]) < depth) {
@@ -104,8 +124,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             }
         }
         if (key != KEY_OF_NOTHING) {
-            placed[out] = bitcast<u32>(q.x);
-            placed[out + canvas] = bitcast<u32>(q.y);
+            placed[out] = place_word.x;
+            placed[out + canvas] = place_word.y;
         }
     }
     placed[out + 2u * canvas] = key;

@@ -36,7 +36,7 @@ fn gathered(p: vec2<u32>, view: u32, side: u32, word: u32) -> f32 {
     let canvas = canvas_pixels();
     let index = canvas_index(vec2<u32>(source), view);
     let at = side * 3u * canvas + index;
-    let q = vec2<i32>(bitcast<i32>(placed[at]), bitcast<i32>(placed[at + canvas]));
+    let q = position(vec2<u32>(placed[at], placed[at + canvas]));
     let offset = vec2<f32>(vec2<i32>(p) * SUBPIXELS - q) * (1.0 / f32(SUBPIXELS));
     let base = vec2<i32>(floor(offset));
     let f = offset - floor(offset);

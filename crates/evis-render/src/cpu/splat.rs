@@ -66,7 +66,8 @@ pub struct Sums {
     pub light: Vec<u64>,
 }
 
-/// Where a source is: position in [`SUBPIXELS`], depth key.
+/// Where a source is: position in [`SUBPIXELS`] with a bit below each coordinate, whether it reaches beyond the pixel that its
+/// centre is in; depth key.
 pub type Placed = Option<([i32; 2], u32)>;
 
 fn inverse_depth(x: f32) -> f32 {
@@ -123,12 +124,37 @@ fn taps(q: [i32; 2], size: [usize; 2]) -> [Option<(usize, u32)>; 4] {
     })
 }
 
-/// Least weight of a tap that an index needs, less one.
-fn reach(config: &SplatConfig) -> u32 {
-    match config.carrier {
-        Carrier::Colour => 0,
-        Carrier::Index => ((config.hole_below * WEIGHT_STEPS / WEIGHT_UNIT) as u32).max(1) - 1,
-    }
+/// The position of a placed source.
+pub fn position(place: [i32; 2]) -> [i32; 2] {
+    place.map(|v| v >> 1)
+}
+
+/// Whether a coordinate is nearer to the second of the two pixels around it.
+fn leans(q: i32) -> bool {
+    q & (SUBPIXELS - 1) >= SUBPIXELS / 2
+}
+
+/// The pixels that a placed source reaches, with their weights; `None` for the others.
+fn reached(place: [i32; 2], size: [usize; 2]) -> [Option<(usize, u32)>; 4] {
+    let q = position(place);
+    let wanted = |axis: usize, second: bool| place[axis] & 1 == 1 || leans(q[axis]) == second;
+    let taps = taps(q, size);
+    std::array::from_fn(|i| {
+        taps[i].filter(|(_, weight)| *weight > 0 && wanted(0, i & 1 == 1) && wanted(1, i >> 1 == 1))
+    })
+}
+
+/// Whether an index reaches beyond the pixel that its centre is in, see `splat/place.wgsl`.
+fn reaches(sources: &[Source], i: usize, q: [i32; 2], canvas: [usize; 2]) -> [bool; 2] {
+    let pixel = [(i % canvas[0]) as i32, (i / canvas[0]) as i32];
+    std::array::from_fn(|axis| {
+        let mut beside = pixel;
+        beside[axis] += if leans(q[axis]) { -1 } else { 1 };
+        let inside = beside.iter().zip(canvas).all(|(&p, n)| p >= 0 && (p as usize) < n);
+        let (own, other) =
+            (sources[i].nearness, || sources[beside[1] as usize * canvas[0] + beside[0] as usize]);
+        inside && own.min(other().nearness) >= own.max(other().nearness) * SAME_SURFACE
+    })
 }
 
 fn is_hole(config: &SplatConfig, word: u32) -> bool {
@@ -168,15 +194,20 @@ pub fn place(
                 let d = (motion[axis] * moved * SUBPIXELS as f32 + 0.5).floor() as i32;
                 (pixel[axis] - at.margin) * SUBPIXELS + d
             });
+            let reaches = match config.carrier {
+                Carrier::Colour => [true; 2],
+                Carrier::Index => reaches(sources, i, q, at.canvas),
+            };
+            let place = std::array::from_fn(|axis| q[axis] * 2 + i32::from(reaches[axis]));
             let key = source.nearness.max(0.0).to_bits() + 1;
             let mut seen = false;
-            for (p, weight) in taps(q, at.size).into_iter().flatten() {
-                if weight > reach(config) && other.is_none_or(|o| is_hole(config, o.words[p])) {
+            for (p, _) in reached(place, at.size).into_iter().flatten() {
+                if other.is_none_or(|o| is_hole(config, o.words[p])) {
                     sums.keys[p] = sums.keys[p].max(key);
                     seen = true;
                 }
             }
-            seen.then_some((q, key))
+            seen.then_some((place, key))
         })
         .collect()
 }
@@ -204,9 +235,9 @@ pub fn accumulate(
     let factor = LIGHT_STEPS / light_scale(sources, at);
     let sharpness = config.sharpness / largest(sources, |s| s.nearness).max(1e-30);
     for (source, placed) in sources.iter().zip(placed) {
-        let Some((q, key)) = *placed else { continue };
+        let Some((place, key)) = *placed else { continue };
         let light = (source.luminance * factor + 0.5).min(LIGHT_STEPS) as u32;
-        for (p, bilinear) in taps(q, at.size).into_iter().flatten() {
+        for (p, bilinear) in taps(position(place), at.size).into_iter().flatten() {
             if bilinear == 0 || other.is_some_and(|o| !is_hole(config, o.words[p])) {
                 continue;
             }
@@ -230,9 +261,9 @@ pub fn index(
     let bits = u32::BITS - (placed.len() as u32).leading_zeros();
     let most = (1u32 << (32 - bits)) - 1;
     for (source, placed) in placed.iter().enumerate() {
-        let Some((q, key)) = *placed else { continue };
-        for (p, weight) in taps(q, at.size).into_iter().flatten() {
-            let wanted = weight > reach(config) && other.is_none_or(|o| is_hole(config, o.words[p]));
+        let Some((place, key)) = *placed else { continue };
+        for (p, weight) in reached(place, at.size).into_iter().flatten() {
+            let wanted = other.is_none_or(|o| is_hole(config, o.words[p]));
             if wanted && nearness_of(key) >= nearness_of(sums.keys[p]) * SAME_SURFACE {
                 let near = ((weight as f32 * (most as f32 / 1_048_576.0)) as u32).clamp(1, most);
                 sums.words[p] = sums.words[p].max(near << bits | source as u32);
@@ -244,7 +275,8 @@ pub fn index(
 
 /// Light of the splatted source, read between its keyframe's pixels.
 fn gathered(sources: &[Source], placed: &[Placed], at: &Instant, p: usize, number: usize) -> f32 {
-    let Some((q, _)) = placed[number] else { return -1.0 };
+    let Some((place, _)) = placed[number] else { return -1.0 };
+    let q = position(place);
     let own = sources[number];
     let p = [(p % at.size[0]) as i32, (p / at.size[0]) as i32];
     let source = [(number % at.canvas[0]) as i32, (number / at.canvas[0]) as i32];

@@ -124,7 +124,7 @@ fn displacements(gpu: &Gpu, engine: &Engine) -> Vec<Option<([f64; 2], [f64; 2])>
         .map(|i| {
             let [x, y, key] = [0, 1, 2].map(|plane| words[plane * width * height + i]);
             let here = [(i % width) as f64 - 16.0, (i / width) as f64 - 16.0];
-            let there = [x as i32, y as i32].map(|q| f64::from(q) / 1024.0);
+            let there = crate::cpu::splat::position([x as i32, y as i32]).map(|q| f64::from(q) / 1024.0);
             (key != 0).then_some((here, [there[0] - here[0], there[1] - here[1]]))
         })
         .collect()

@@ -11,6 +11,7 @@ mod floor3_adaptive;
 mod floor3_chain;
 mod floor3_diffusion;
 mod floor3_frames;
+mod floor3_plan;
 mod floor3_reproject;
 mod floor3_splat;
 mod floor3_still;

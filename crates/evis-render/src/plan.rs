@@ -1,0 +1,571 @@
+//! A budget of time for `auto`: its settings are timed on the scene once, and a plan keeps what came of it. Whoever replays a
+//! plan looks at no clock, so the stream's bytes are a function of the plan and of what the user asks for.
+
+use std::hash::Hasher;
+use std::path::Path;
+use std::sync::Arc;
+
+use evis_core::ConfigError;
+use evis_scene::{Scene, SceneError};
+use serde::{Deserialize, Serialize};
+
+use crate::auto::{self, Chosen, LADDER, Rung};
+use crate::config::{Antialias, Method, RunConfig, Shadows};
+use crate::diffusion;
+use crate::error::EngineError;
+use crate::gpu::Gpu;
+use crate::gpu_scene::GpuScene;
+use crate::pass::raster::SurfaceLayouts;
+use crate::simulator::Simulator;
+use crate::view;
+
+/// Times of the scene at which settings are timed, from its start to its end.
+const PLACES: i64 = 3;
+/// What runs before each, not timed: the first pictures, shaders, and a block of adaptive time.
+const WARM_UP_US: i64 = 16_000;
+/// What is timed at each: whole blocks at every rate, and a keyframe's share.
+const TIMED_US: i64 = 32_000;
+
+/// Settings for a budget, and how they were found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// Version that made it.
+    pub evis: String,
+    /// Milliseconds of work per simulated second that were asked for.
+    pub budget_ms: f64,
+    /// Why these settings.
+    pub why: String,
+    /// What they reached on the built-in scenes.
+    pub expects: String,
+    /// What is rendered.
+    pub settings: Settings,
+    /// What it was made for: it is refused for anything else.
+    pub made_for: MadeFor,
+    /// What was timed, the most accurate first.
+    pub measured: Vec<Measured>,
+}
+
+/// What `auto` sets.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// [`RunConfig::method`].
+    pub method: Method,
+    /// [`RunConfig::rate_hz`].
+    pub rate_hz: f64,
+    /// [`RunConfig::adaptive_px`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adaptive_px: Option<f64>,
+    /// [`RunConfig::samples`].
+    pub samples: u32,
+    /// [`RunConfig::texture_taps`].
+    pub texture_taps: u32,
+    /// [`RunConfig::shadows`].
+    pub shadows: Shadows,
+}
+
+/// What makes a plan's times and rate what they are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MadeFor {
+    /// Name of the scene.
+    pub scene: String,
+    /// A number for all that the scene holds.
+    pub content: String,
+    /// [`RunConfig::start_us`].
+    pub start_us: i64,
+    /// [`RunConfig::shadows`] as asked for.
+    pub shadows: Shadows,
+    /// [`RunConfig::label_rate_hz`], where labels are rendered.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub label_rate_hz: Option<f64>,
+    /// [`RunConfig::frame_rate_hz`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame_rate_hz: Option<f64>,
+    /// Names and sizes.
+    pub cameras: Vec<String>,
+}
+
+/// What some settings took.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Measured {
+    /// [`Settings::in_words`].
+    pub what: String,
+    /// Milliseconds of work per simulated second.
+    pub ms_per_s: f64,
+}
+
+/// Told what is timed and the part of the ladder that is done; returns false to stop.
+pub type Told<'a> = dyn Fn(&str, f64) -> bool + 'a;
+
+/// Settles `config`, which asks for `auto`, by a budget: by the plan that `path` holds, else by timing the scene, and then
+/// `path` holds the plan. A plan that is there is all that is looked at; `budget_ms` must be its own, if given.
+///
+/// # Errors
+/// No budget and no plan, a plan that is broken or was made for something else, a file that cannot be read or written, a
+/// device that fails, or a stop.
+pub fn settle(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &mut RunConfig,
+    budget_ms: Option<f64>,
+    path: Option<&Path>,
+    told: &Told<'_>,
+) -> Result<(), EngineError> {
+    if let Some(ms) = budget_ms.filter(|ms| !(ms.is_finite() && *ms > 0.0)) {
+        let remedy = "a number of milliseconds of work per simulated second above 0, such as 1000";
+        return Err(ConfigError::new("budget", ms, remedy).into());
+    }
+    if !matches!(config.method, Method::Auto(_)) {
+        return Err(ConfigError::new("method", config.method.name(), "auto, for a budget or a plan").into());
+    }
+    let there = path.filter(|path| path.exists());
+    let plan = match (there, budget_ms) {
+        (Some(path), _) => {
+            let plan = Plan::read(path)?;
+            if let Some(ms) = budget_ms.filter(|ms| *ms != plan.budget_ms) {
+                return Err(plan.refused(path, "a budget of", plan.budget_ms, ms).into());
+            }
+            plan.check_made_for(path, &MadeFor::new(scene, config)?)?;
+            plan
+        }
+        (None, Some(budget_ms)) => {
+            let folder = path.and_then(Path::parent).filter(|folder| !folder.as_os_str().is_empty());
+            if let (Some(path), Some(false)) = (path, folder.map(Path::is_dir)) {
+                let source = std::io::Error::from(std::io::ErrorKind::NotFound);
+                return Err(EngineError::Write { path: path.into(), source });
+            }
+            let plan = calibrate(gpu, scene, config, budget_ms, told)?;
+            if let Some(path) = path {
+                plan.write(path)?;
+            }
+            plan
+        }
+        (None, None) => {
+            let value =
+                path.map_or_else(|| "none".into(), |path| format!("{} (no such file)", path.display()));
+            return Err(ConfigError::new("plan", value, "a file that exists, or given a budget").into());
+        }
+    };
+    plan.apply(config);
+    Ok(config.check()?)
+}
+
+/// Times the ladder of `auto` on `scene`, as far as it takes to know what fits the budget.
+///
+/// # Errors
+/// A setting that cannot be used, a device that fails, or a stop.
+pub fn calibrate(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &RunConfig,
+    budget_ms: f64,
+    told: &Told<'_>,
+) -> Result<Plan, EngineError> {
+    config.check()?;
+    let made_for = MadeFor::new(scene, config)?;
+    let mut settled = rungs(gpu, scene, config)?;
+    let mut costs = vec![None; settled.len()];
+    let mut done = 0;
+    while let Some(next) = next(&costs, budget_ms) {
+        let what = Settings::of(&settled[next].0).in_words();
+        let stop = || !told(&what, f64::from(done) / LADDER.len() as f64);
+        let (ms, reference) = time(gpu, scene, &settled[next].0, &stop)?;
+        // One Y_ref for all, and it is measured once.
+        settled.iter_mut().for_each(|(config, _)| config.reference_luminance = Some(reference));
+        // As the file has it.
+        costs[next] = Some((ms * 10.0).round() / 10.0);
+        done += 1;
+    }
+    let measured: Vec<_> = settled
+        .iter()
+        .zip(&costs)
+        .filter_map(|((config, _), cost)| {
+            Some(Measured { what: Settings::of(config).in_words(), ms_per_s: (*cost)? })
+        })
+        .collect();
+    // The cheapest is timed in any case.
+    let Some((index, _)) = pick(&costs, budget_ms) else {
+        return Err(EngineError::Device("no settings could be timed".into()));
+    };
+    let (chosen, rate_why) = &settled[index];
+    let took = costs[index].unwrap_or_default();
+    let why = format!("took {took} ms per simulated second, {} settings timed; {rate_why}", measured.len());
+    Ok(Plan {
+        evis: env!("CARGO_PKG_VERSION").into(),
+        budget_ms,
+        why,
+        expects: LADDER[index].expects.into(),
+        settings: Settings::of(chosen),
+        made_for,
+        measured,
+    })
+}
+
+/// Every rung's settings for this scene, and why its rate.
+fn rungs(gpu: &Gpu, scene: &Scene, config: &RunConfig) -> Result<Vec<(RunConfig, String)>, EngineError> {
+    let (views, _) = view::views(scene, config)?;
+    let mut state = evis_scene::SceneState::default();
+    scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
+    let layouts = SurfaceLayouts::new(&gpu.device);
+    let gpu_scene = GpuScene::new(&gpu.device, &gpu.queue, &layouts, scene, &state);
+    let settled = |rung: &Rung| {
+        let mut config = config.clone();
+        let why = auto::settle(rung, scene, &gpu_scene, &views, &mut config);
+        diffusion::settle(&mut config);
+        (config, why)
+    };
+    Ok(LADDER.iter().map(settled).collect())
+}
+
+/// Milliseconds of work per simulated second, as packets report it, and the `Y_ref` in force.
+fn time(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &RunConfig,
+    stop: &dyn Fn() -> bool,
+) -> Result<(f64, f32), EngineError> {
+    let start_s = config.start_us as f64 * 1e-6;
+    let length_us = (auto::length_s(scene, start_s) * 1e6) as i64;
+    let room_us = (length_us - WARM_UP_US - TIMED_US).max(0);
+    let (mut ms, mut reference) = (0.0, config.reference_luminance);
+    for place in 0..PLACES {
+        let start_us = config.start_us + room_us * place / (PLACES - 1);
+        let config = RunConfig { start_us, reference_luminance: reference, ..config.clone() };
+        let mut simulator = Simulator::new(gpu, Arc::clone(scene), config)?;
+        reference = simulator.config().reference_luminance;
+        for until_us in [WARM_UP_US, WARM_UP_US + TIMED_US] {
+            if stop() {
+                return Err(EngineError::Stopped);
+            }
+            let packet = simulator.step(until_us)?;
+            if until_us > WARM_UP_US {
+                ms += packet.report.times.total_ms;
+            }
+        }
+    }
+    Ok((ms * 1e6 / (PLACES * TIMED_US) as f64, reference.unwrap_or(1.0)))
+}
+
+/// What is timed next, of a ladder whose most accurate rung comes first: from the cheap end up, until two in a row do not
+/// fit. What is beyond those costs more still, as a rule, and would take the longest to time.
+fn next(costs: &[Option<f64>], budget_ms: f64) -> Option<usize> {
+    let untimed = costs.iter().rposition(Option::is_none)?;
+    let below = &costs[untimed + 1..];
+    let misses = below.iter().take(2).filter(|cost| cost.is_some_and(|ms| ms > budget_ms)).count();
+    (misses < 2).then_some(untimed)
+}
+
+/// The first, hence most accurate, that fits, and true; where none does the cheapest, and false.
+fn pick(costs: &[Option<f64>], budget_ms: f64) -> Option<(usize, bool)> {
+    let fits = costs.iter().position(|cost| cost.is_some_and(|ms| ms <= budget_ms));
+    let timed = costs.iter().enumerate().filter_map(|(k, cost)| Some((k, (*cost)?)));
+    let cheapest = timed.min_by(|a, b| a.1.total_cmp(&b.1));
+    fits.map(|k| (k, true)).or(cheapest.map(|(k, _)| (k, false)))
+}
+
+impl Settings {
+    fn of(config: &RunConfig) -> Self {
+        Self {
+            method: config.method,
+            rate_hz: config.rate_hz,
+            adaptive_px: config.adaptive_px,
+            samples: config.samples,
+            texture_taps: config.taps(),
+            shadows: config.shadows,
+        }
+    }
+
+    /// `native, every 0.5 px up to 1000 Hz, 4 samples, textures at 4x4 places`.
+    pub fn in_words(&self) -> String {
+        let Self { method, rate_hz, adaptive_px, samples, texture_taps: taps, shadows } = self;
+        let step = adaptive_px.map_or_else(|| "all at".into(), |px| format!("every {px} px up to"));
+        let plural = if *samples == 1 { "" } else { "s" };
+        let shadows = if *shadows == Shadows::Rays { ", shadows by rays" } else { "" };
+        format!(
+            "{}, {step} {rate_hz} Hz, {samples} sample{plural}, textures at {taps}x{taps} places{shadows}",
+            method.name()
+        )
+    }
+}
+
+impl MadeFor {
+    fn new(scene: &Scene, config: &RunConfig) -> Result<Self, EngineError> {
+        let (_, cameras) = view::views(scene, config)?;
+        let mut content = [Fnv::default()];
+        evis_scene::digest(scene, "", &mut content);
+        Ok(Self {
+            scene: scene.name.clone(),
+            content: format!("{:016x}", content[0].finish()),
+            start_us: config.start_us,
+            shadows: config.shadows,
+            label_rate_hz: (!config.labels.is_empty()).then_some(config.label_rate_hz),
+            frame_rate_hz: config.frame_rate_hz,
+            cameras: cameras.iter().map(|c| format!("{} {}x{}", c.name, c.width, c.height)).collect(),
+        })
+    }
+}
+
+impl Plan {
+    /// Reads and checks one.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is no plan, or does not follow from its own times.
+    pub fn read(path: &Path) -> Result<Self, SceneError> {
+        let io = |source| SceneError::Io { path: path.into(), source };
+        let text = std::fs::read_to_string(path).map_err(io)?;
+        let remedy = "remove it and give a budget to make a new one";
+        let broken = |what: &str| SceneError::invalid(path, format!("no plan of auto: {what}; {remedy}"));
+        let plan: Self = toml::from_str(&text).map_err(|e| broken(e.to_string().trim_end()))?;
+        let mut config = RunConfig::default();
+        plan.apply(&mut config);
+        config.check().map_err(|e| broken(&e.to_string()))?;
+        let costs: Vec<_> = plan.measured.iter().map(|m| Some(m.ms_per_s)).collect();
+        if let Some(bad) = plan.measured.iter().find(|m| !(m.ms_per_s.is_finite() && m.ms_per_s >= 0.0)) {
+            return Err(broken(&format!("'{}' took {} ms", bad.what, bad.ms_per_s)));
+        }
+        let asked = plan.settings.in_words();
+        match pick(&costs, plan.budget_ms).map(|(k, _)| &plan.measured[k].what) {
+            Some(what) if *what == asked => Ok(plan),
+            Some(what) => Err(broken(&format!(
+                "for {} ms its times ask for '{what}', and its settings are '{asked}'",
+                plan.budget_ms
+            ))),
+            None => Err(broken("it has no times")),
+        }
+    }
+
+    fn write(&self, path: &Path) -> Result<(), EngineError> {
+        const HEAD: &str = "# What `auto` chose for a budget. --plan with this file runs these settings again, without looking at a \
+                            clock.\n# Times are milliseconds of work per simulated second on the machine that made it.\n\n";
+        let text = toml::to_string(self).map_err(|e| EngineError::Device(format!("no plan: {e}")))?;
+        std::fs::write(path, format!("{HEAD}{text}"))
+            .map_err(|source| EngineError::Write { path: path.into(), source })
+    }
+
+    /// Gives `config` its settings, and says so.
+    fn apply(&self, config: &mut RunConfig) {
+        let Settings { method, rate_hz, adaptive_px, samples, texture_taps, shadows } = &self.settings;
+        config.method = *method;
+        config.antialias = Antialias::Samples;
+        (config.rate_hz, config.adaptive_px) = (*rate_hz, *adaptive_px);
+        (config.samples, config.texture_taps) = (*samples, Some(*texture_taps));
+        config.shadows = *shadows;
+        let words = self.settings.in_words();
+        let costs: Vec<_> = self.measured.iter().map(|m| Some(m.ms_per_s)).collect();
+        let warning = match pick(&costs, self.budget_ms) {
+            Some((k, false)) => Some(format!(
+                "nothing fits {} ms per simulated second: the cheapest, {words}, took {} ms; allow that much, or render \
+                 fewer pixels",
+                self.budget_ms, self.measured[k].ms_per_s
+            )),
+            _ => None,
+        };
+        config.chosen = Some(Chosen {
+            target: None,
+            budget_ms: Some(self.budget_ms),
+            why: format!("{words}: {}", self.why),
+            expects: self.expects.clone(),
+            warning,
+        });
+    }
+
+    fn check_made_for(&self, path: &Path, run: &MadeFor) -> Result<(), ConfigError> {
+        let own = &self.made_for;
+        let rate = |hz: Option<f64>| hz.map_or_else(|| "none".into(), |hz| format!("{hz} Hz"));
+        let shadows = |shadows| if shadows == Shadows::Rays { "rays" } else { "maps" };
+        for (what, own, run) in [
+            ("scene", own.scene.clone(), run.scene.clone()),
+            ("cameras", own.cameras.join(", "), run.cameras.join(", ")),
+            ("a start at (microseconds)", own.start_us.to_string(), run.start_us.to_string()),
+            ("shadows by", shadows(own.shadows).into(), shadows(run.shadows).into()),
+            ("labels at", rate(own.label_rate_hz), rate(run.label_rate_hz)),
+            ("frames at", rate(own.frame_rate_hz), rate(run.frame_rate_hz)),
+            ("a scene of that name and of content", own.content.clone(), run.content.clone()),
+        ] {
+            if own != run {
+                return Err(self.refused(path, what, own, run));
+            }
+        }
+        Ok(())
+    }
+
+    fn refused(
+        &self,
+        path: &Path,
+        what: &str,
+        own: impl std::fmt::Display,
+        run: impl std::fmt::Display,
+    ) -> ConfigError {
+        ConfigError::new(
+            &format!("plan {}", path.display()),
+            format!("for {what} {own}"),
+            format!("for {run}, as this run: name a file that does not exist, and a budget to make a plan"),
+        )
+    }
+}
+
+/// FNV-1a, 64 bits (G. Fowler, L. C. Noll, K.-P. Vo): the same in every version of the compiler, as a file needs it.
+struct Fnv(u64);
+
+impl Default for Fnv {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Hasher for Fnv {
+    fn write(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What would be timed and taken if rungs cost `true_ms`.
+    fn search(true_ms: &[f64], budget_ms: f64) -> (Vec<usize>, Option<(usize, bool)>) {
+        let mut costs = vec![None; true_ms.len()];
+        let mut timed = Vec::new();
+        while let Some(k) = next(&costs, budget_ms) {
+            costs[k] = Some(true_ms[k]);
+            timed.push(k);
+        }
+        (timed, pick(&costs, budget_ms))
+    }
+
+    #[test]
+    fn the_most_accurate_that_fits_is_taken_and_the_dear_end_is_not_timed() {
+        let ladder = [1000.0, 500.0, 200.0, 90.0, 40.0, 10.0];
+        assert_eq!(search(&ladder, 100.0), (vec![5, 4, 3, 2, 1], Some((3, true))));
+        assert_eq!(search(&ladder, 90.0).1, Some((3, true)), "a budget may be used up");
+        assert_eq!(search(&ladder, 89.0).1, Some((4, true)));
+        assert_eq!(search(&ladder, 1e4), (vec![5, 4, 3, 2, 1, 0], Some((0, true))));
+        // One rung that is dearer than a more accurate one does not end the search.
+        assert_eq!(search(&[1000.0, 500.0, 60.0, 120.0, 40.0, 10.0], 100.0).1, Some((2, true)));
+        assert_eq!(search(&[], 100.0), (vec![], None));
+    }
+
+    #[test]
+    fn where_nothing_fits_the_cheapest_is_taken_and_it_is_told() {
+        assert_eq!(search(&[1000.0, 90.0, 40.0, 20.0], 15.0), (vec![3, 2], Some((3, false))));
+        assert_eq!(search(&[1000.0, 90.0, 20.0, 40.0], 15.0).1, Some((2, false)));
+        let mut plan = made_up();
+        plan.budget_ms = 100.0;
+        plan.settings.samples = 4;
+        let mut config = RunConfig::default();
+        plan.apply(&mut config);
+        let told = config.chosen.take().unwrap().warning.unwrap();
+        assert!(told.contains("100 ms") && told.contains("150.5 ms") && told.contains("4 samples"), "{told}");
+        made_up().apply(&mut config);
+        assert_eq!(config.chosen.unwrap().warning, None);
+    }
+
+    fn made_up() -> Plan {
+        let cheap = Settings {
+            method: Method::Native,
+            rate_hz: 1000.0,
+            adaptive_px: Some(0.5),
+            samples: 4,
+            texture_taps: 4,
+            shadows: Shadows::Maps,
+        };
+        let settings = Settings { samples: 16, ..cheap.clone() };
+        Plan {
+            evis: "0".into(),
+            budget_ms: 500.0,
+            why: "took 480 ms".into(),
+            expects: "F1".into(),
+            measured: vec![
+                Measured { what: settings.in_words(), ms_per_s: 480.0 },
+                Measured { what: cheap.in_words(), ms_per_s: 150.5 },
+            ],
+            settings,
+            made_for: MadeFor {
+                scene: "hall".into(),
+                content: "12".into(),
+                start_us: 0,
+                shadows: Shadows::Maps,
+                label_rate_hz: None,
+                frame_rate_hz: Some(30.0),
+                cameras: vec!["front 64x48".into()],
+            },
+        }
+    }
+
+    #[test]
+    fn a_plan_is_read_as_it_was_written_and_a_broken_one_is_told() {
+        let path = std::env::temp_dir().join(format!("evis-plan-{}.toml", std::process::id()));
+        let plan = made_up();
+        plan.write(&path).unwrap();
+        assert_eq!(Plan::read(&path).unwrap(), plan);
+        let text = std::fs::read_to_string(&path).unwrap();
+        for (from, to, told) in [
+            ("samples = 16", "samples = 4", "ask for 'native, every 0.5 px up to 1000 Hz, 16 samples"),
+            ("samples = 16", "samples = 0", "samples is 0"),
+            ("samples = 16", "samples = \"many\"", "samples"),
+            ("budget_ms = 500.0", "budget_ms = 200.0", "for 200 ms its times ask for"),
+            ("ms_per_s = 480.0", "ms_per_s = nan", "NaN ms"),
+            ("start_us = 0", "begin_us = 0", "begin_us"),
+            ("rate_hz = 1000.0", "rate_hz = -5.0", "-5"),
+            ("[settings]", "[settings", "line 9"),
+        ] {
+            assert!(text.contains(from), "{from}");
+            std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+            let error = Plan::read(&path).unwrap_err().to_string();
+            assert!(error.contains(told) && error.contains("give a budget"), "{to}: {error}");
+        }
+        std::fs::remove_file(&path).unwrap();
+        assert!(Plan::read(&path).unwrap_err().to_string().contains("cannot read"));
+    }
+
+    #[test]
+    fn a_plan_for_something_else_is_refused_with_both_sides_named() {
+        let (plan, path) = (made_up(), Path::new("p.toml"));
+        let own = || plan.made_for.clone();
+        plan.check_made_for(path, &own()).unwrap();
+        for (run, sides) in [
+            (MadeFor { scene: "yard".into(), ..own() }, ["scene hall", "yard"]),
+            (MadeFor { content: "34".into(), ..own() }, ["content 12", "34"]),
+            (MadeFor { cameras: vec!["front 640x480".into()], ..own() }, ["front 64x48", "front 640x480"]),
+            (MadeFor { start_us: 7, ..own() }, ["start at (microseconds) 0", "7"]),
+            (MadeFor { shadows: Shadows::Rays, ..own() }, ["shadows by maps", "rays"]),
+            (MadeFor { label_rate_hz: Some(50.0), ..own() }, ["labels at none", "50 Hz"]),
+            (MadeFor { frame_rate_hz: Some(25.0), ..own() }, ["frames at 30 Hz", "25 Hz"]),
+        ] {
+            let error = plan.check_made_for(path, &run).unwrap_err().to_string();
+            assert!(error.contains("p.toml") && sides.iter().all(|side| error.contains(side)), "{error}");
+        }
+    }
+
+    #[test]
+    fn rungs_are_settings_that_can_run_and_each_has_words_of_its_own() {
+        let mut words: Vec<_> = LADDER
+            .iter()
+            .map(|rung| {
+                let config = RunConfig {
+                    method: rung.method,
+                    adaptive_px: Some(rung.step_px),
+                    samples: rung.samples,
+                    texture_taps: Some(rung.texture_taps),
+                    shadows: if rung.rays { Shadows::Rays } else { Shadows::Maps },
+                    ..RunConfig::default()
+                };
+                config.check().unwrap();
+                Settings::of(&config).in_words()
+            })
+            .collect();
+        words.sort();
+        words.dedup();
+        assert_eq!(words.len(), LADDER.len());
+    }
+}
