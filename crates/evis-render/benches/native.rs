@@ -1,7 +1,7 @@
 //! What `native` costs, as ratios to a bare raster of the same triangles, measured in turn in one run.
 //!
 //! `cargo bench --bench native` (or `make bench`) prints Markdown; `-- ratios`, `-- sensors`, `-- overhead` and `-- memory`
-//! choose sections. `EVIS_BENCH_REPETITIONS` sets the repetitions.
+//! choose sections, `-- sensors v2e evis` presets. `EVIS_BENCH_REPETITIONS` sets the repetitions.
 
 mod bare;
 mod support;
@@ -50,7 +50,7 @@ fn main() -> Result<(), Failure> {
         print_stages(&rows);
     }
     if wanted("sensors") {
-        sensors(&device, &queue, repetitions)?;
+        sensors(&device, &queue, repetitions, &named)?;
     }
     if wanted("overhead") {
         overhead(&device, &queue)?;
@@ -239,7 +239,12 @@ fn print_stages(rows: &[Row]) {
 }
 
 /// What sensors cost beyond the raster, in turn over the same instants of one scene.
-fn sensors(device: &wgpu::Device, queue: &wgpu::Queue, repetitions: u32) -> Result<(), Failure> {
+fn sensors(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    repetitions: u32,
+    named: &[&String],
+) -> Result<(), Failure> {
     const NAMES: [&str; 7] = ["ideal", "evis", "v2e-clean", "v2e-noisy", "v2e", "openeb", "gen4-like"];
     /// As in `Stage`: what each column is the cost of, and what went before it.
     const COLUMNS: [(Stage, Stage); 3] =
@@ -247,7 +252,9 @@ fn sensors(device: &wgpu::Device, queue: &wgpu::Queue, repetitions: u32) -> Resu
     let gpu = Gpu::from_device(device.clone(), queue.clone());
     let scene = Arc::new(scenes::build(scenes::DETAILS[0])?);
     let mut all = Vec::new();
-    for name in NAMES {
+    let chosen = NAMES.iter().filter(|name| named.iter().any(|n| n == *name));
+    let names = if chosen.clone().count() == 0 { NAMES.to_vec() } else { chosen.copied().collect() };
+    for name in names {
         let config = RunConfig { sensor: SensorConfig::preset(name)?, ..config() };
         let mut stages = Stages::new(&gpu, scene.clone(), config, 1 << 21)?;
         // The first instant sets the references.

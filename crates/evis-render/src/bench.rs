@@ -34,12 +34,12 @@ impl Stage {
     pub const ALL: [Self; 6] =
         [Self::Prepare, Self::Raster, Self::Count, Self::Prefix, Self::Emit, Self::Readback];
 
-    /// Dispatches of the trigger, `all` of them: some that count, two that place, one that emits.
-    const fn trigger_steps(self, all: usize) -> usize {
+    /// Dispatches of the trigger, `all` of them: some that count, two that place, and those that emit: of a chain two.
+    const fn trigger_steps(self, all: usize, chain: bool) -> usize {
         match self {
             Self::Prepare | Self::Raster => 0,
-            Self::Count => all - 3,
-            Self::Prefix => all - 1,
+            Self::Count => all - 3 - chain as usize,
+            Self::Prefix => all - 1 - chain as usize,
             Self::Emit | Self::Readback => all,
         }
     }
@@ -110,8 +110,11 @@ impl Stages {
         if stage >= Stage::Count {
             let (gpu, passes, grid) = (&context.gpu, &context.trigger, &context.grid);
             let steps = interval::trigger_steps(gpu, passes, grid, targets, group, &unit, slot);
-            interval::clear_peaks(&mut encoder, context, group);
-            interval::encode_trigger(&mut encoder, &steps[..stage.trigger_steps(steps.len())]);
+            interval::clear_tallies(&mut encoder, context, group);
+            interval::encode_trigger(
+                &mut encoder,
+                &steps[..stage.trigger_steps(steps.len(), group.chain.is_some())],
+            );
         }
         if stage == Stage::Readback {
             encoder.copy_buffer_to_buffer(

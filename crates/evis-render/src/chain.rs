@@ -10,10 +10,10 @@ use rayon::prelude::*;
 
 use crate::gpu::Gpu;
 use crate::interval::Unit;
-use crate::pass::trigger::CHAIN_BINDINGS;
+use crate::pass::trigger::{CHAIN_BINDINGS, KEPT_BINDINGS};
 use crate::pass::{ComputePass, part};
-use crate::sizes::{BLOCK_PIXELS, MAX_INSTANTS, padded_pixels, row_stride};
-use crate::targets::Targets;
+use crate::sizes::{BLOCK_PIXELS, MAX_INSTANTS, WORKGROUP, padded_pixels, row_stride};
+use crate::targets::{Targets, array, whole};
 use crate::uniforms::{ChainSensor, ChainStep};
 use crate::view::View;
 
@@ -23,12 +23,18 @@ pub const VIEW_WORDS: u32 = 8;
 pub const STRIKE_WORDS: u32 = 3;
 /// Ages saturate or fold here, in microseconds; `chain/layout.wgsl` has the same constant.
 pub const OLD_US: u32 = 1 << 29;
+/// Events of a pixel that counting keeps for emitting.
+const KEPT_EVENTS: u32 = 4;
+/// Words that a view's pixels count in together; `chain/layout.wgsl` has the same constant.
+pub const TALLY_WORDS: u32 = 2 * MAX_INSTANTS + 1;
+/// Workgroups along a list of pixels, per view: each takes what its turn leaves over.
+const LIST_WORKGROUPS: u32 = 64;
 /// In place of infinity, which WGSL has not.
 const NEVER: f32 = 3.0e38;
 /// Bytes from one [`ChainStep`] to the next: what every device can bind at.
 const STEP_STRIDE: u64 = 256;
 
-/// A stage of the pixel's memory, in planes: word `plane * pixels + pixel`.
+/// The pixel's memory, in planes: layer `plane * views + view`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Planes {
     /// How many there are; the reference has the first.
@@ -63,7 +69,9 @@ pub struct ChainPlan {
     /// Whether slopes of the leak do.
     own_slopes: bool,
     /// Whether an instant's events depend on the busiest pixel's number, and the next instant's on them.
-    sequential: bool,
+    pub sequential: bool,
+    /// Events of a pixel that counting keeps for emitting.
+    pub kept: u32,
 }
 
 impl ChainPlan {
@@ -110,9 +118,11 @@ impl ChainPlan {
         let (moved, slope) = (keep(ramp), keep(ramp && noise.leak_jitter > 0.0));
         let fired = keep(refractory > 0 || alternates);
         planes = Planes { input, first, second, light, moved, slope, fired, ..planes };
-        let own_slopes = ramp && (own_thresholds || noise.leak_spread_decades > 0.0);
         // Where events do not change what comes after them, their times may be found later.
-        let sequential = !latch && sensor.times == Times::Shared && fired > 0;
+        let shared = !latch && sensor.times == Times::Shared;
+        let sequential = shared && fired > 0;
+        let kept = if shared && !sequential { 0 } else { KEPT_EVENTS };
+        let own_slopes = ramp && (own_thresholds || noise.leak_spread_decades > 0.0);
         let flag = |on: bool| f64::from(u8::from(on));
         let constants = vec![
             ("SAMPLES", f64::from(samples)),
@@ -133,6 +143,7 @@ impl ChainPlan {
             ("TIMES", f64::from(if latch { 0 } else { times })),
             ("LIGHT_LATENCY", flag(light_latency)),
             ("SEQUENTIAL", flag(sequential)),
+            ("KEPT", f64::from(kept)),
             ("MOST_EVENTS", f64::from(sensor.most_events)),
             ("INPUT_PLANE", f64::from(input)),
             ("FIRST_PLANE", f64::from(first)),
@@ -156,14 +167,12 @@ impl ChainPlan {
             refractory_us: sensor.refractory.period_us as f32,
             latency_light_us: sensor.readout.latency_light_us,
         };
-        Self { planes, constants, sensor: numbers, own_thresholds, own_slopes, sequential }
+        Self { planes, constants, sensor: numbers, own_thresholds, own_slopes, sequential, kept }
     }
 
     /// Bytes of the widest binding per view.
     pub fn view_bytes(&self, width: u32, height: u32) -> u64 {
-        // Up to three planes are frozen.
-        u64::from(padded_pixels(width, height)) * 4 * u64::from(self.planes.count.max(3))
-            + u64::from(VIEW_WORDS) * 4
+        u64::from(padded_pixels(width, height)) * 8 * u64::from(self.kept)
     }
 
     /// Most instants of a submission whose instants are `interval_us` apart: times within it must not grow old.
@@ -176,8 +185,10 @@ impl ChainPlan {
 pub struct ChainPasses {
     /// What it is made for.
     pub plan: ChainPlan,
-    /// Count, emit and peak.
+    /// Counts, and emits what is not kept.
     pub walk: ComputePass,
+    /// Emits what is.
+    pub emit: ComputePass,
     /// The first instant.
     pub begin: ComputePass,
     sensor: wgpu::Buffer,
@@ -188,26 +199,33 @@ pub struct ChainPasses {
 /// What a dispatch of the chain does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Walk {
-    /// Counts over the first instants, so many.
-    Count(u32),
-    /// Counts at one instant.
-    CountOne(u32),
-    /// Emits over the first instants, so many.
-    Emit(u32),
-    /// Finds the busiest pixel of one instant.
-    Peak(u32),
+    /// Counts every pixel's events; where times are shared, as far as it sleeps.
+    Count,
+    /// Counts, of pixels that wake at an instant, to where they wake next.
+    Wake(u32),
+    /// Emits crowded pixels' events.
+    Emit,
 }
 
 impl Walk {
     const fn step(self) -> (u32, ChainStep) {
-        const fn step(mode: u32, first: u32, end: u32) -> ChainStep {
-            ChainStep { mode, first, end, pad: 0 }
+        const fn step(mode: u32, instant: u32) -> ChainStep {
+            ChainStep { mode, instant, pad: [0; 2] }
         }
         match self {
-            Self::Peak(k) => (k, step(2, k, k + 1)),
-            Self::CountOne(k) => (MAX_INSTANTS + k, step(0, k, k + 1)),
-            Self::Count(n) => (2 * MAX_INSTANTS + n - 1, step(0, 0, n)),
-            Self::Emit(n) => (3 * MAX_INSTANTS + n - 1, step(1, 0, n)),
+            Self::Wake(k) => (k, step(1, k)),
+            Self::Count => (MAX_INSTANTS, step(0, 0)),
+            Self::Emit => (MAX_INSTANTS + 1, step(2, 0)),
+        }
+    }
+
+    /// Workgroups over `size` pixels of `views` views.
+    pub fn workgroups(self, [width, height]: [u32; 2], views: u32) -> (u32, u32, u32) {
+        match self {
+            Self::Count => (row_stride(width) / WORKGROUP, height, views),
+            Self::Wake(_) | Self::Emit => {
+                ((width * height).div_ceil(WORKGROUP).min(LIST_WORKGROUPS), 1, views)
+            }
         }
     }
 }
@@ -217,6 +235,8 @@ impl ChainPasses {
     pub fn new(device: &wgpu::Device, plan: ChainPlan) -> Self {
         let walk = ComputePass::new(device, "chain/walk.wgsl", CHAIN_BINDINGS, &plan.constants);
         let begin = ComputePass::new(device, "chain/begin.wgsl", CHAIN_BINDINGS, &plan.constants);
+        let emit =
+            ComputePass::new(device, "chain/emit.wgsl", KEPT_BINDINGS, &[("KEPT", f64::from(plan.kept))]);
         let uniform = |label, bytes: &[u8]| {
             let buffer = device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -231,27 +251,21 @@ impl ChainPasses {
             buffer.unmap();
             buffer
         };
-        let mut steps = vec![0; STEP_STRIDE as usize * 4 * MAX_INSTANTS as usize];
-        for k in 0..MAX_INSTANTS {
-            for walk in [Walk::Peak(k), Walk::CountOne(k), Walk::Count(k + 1), Walk::Emit(k + 1)] {
-                let (place, step) = walk.step();
-                let at = place as usize * STEP_STRIDE as usize;
-                let bytes = bytemuck::bytes_of(&step);
-                steps[at..at + bytes.len()].copy_from_slice(bytes);
-            }
+        let mut steps = vec![0; STEP_STRIDE as usize * (MAX_INSTANTS + 2) as usize];
+        for walk in (0..MAX_INSTANTS).map(Walk::Wake).chain([Walk::Count, Walk::Emit]) {
+            let (place, step) = walk.step();
+            let at = place as usize * STEP_STRIDE as usize;
+            let bytes = bytemuck::bytes_of(&step);
+            steps[at..at + bytes.len()].copy_from_slice(bytes);
         }
         let sensor = uniform("chain sensor", bytemuck::bytes_of(&plan.sensor));
-        Self { walk, begin, sensor, steps: uniform("chain steps", &steps), plan }
+        Self { walk, emit, begin, sensor, steps: uniform("chain steps", &steps), plan }
     }
 
     /// The dispatches that count `instants` instants.
     pub fn counting(&self, instants: u32) -> Vec<Walk> {
-        if self.plan.sequential {
-            // Each also finds the next one's busiest pixel.
-            std::iter::once(Walk::Peak(0)).chain((0..instants).map(Walk::CountOne)).collect()
-        } else {
-            vec![Walk::Count(instants)]
-        }
+        let wakes = if self.plan.sequential { instants } else { 0 };
+        std::iter::once(Walk::Count).chain((0..wakes).map(Walk::Wake)).collect()
     }
 
     /// The numbers of the stages.
@@ -267,8 +281,10 @@ impl ChainPasses {
 
 /// What a group of views has for its chain, beside its memory.
 pub struct GroupChain {
-    /// Views, then what is frozen, by pixel.
-    pub frozen: wgpu::Buffer,
+    /// Words of views.
+    pub views: wgpu::Buffer,
+    /// What is frozen, in planes: layer `plane * views + view`.
+    pub frozen: wgpu::TextureView,
     noises: Vec<Option<NoiseFeed>>,
     /// Where events wait for the bus, per view; empty where they leave at once.
     pub wires: Vec<Wire>,
@@ -299,7 +315,7 @@ impl GroupChain {
                 (own, frozen)
             })
             .collect();
-        let mut words: Vec<u32> = Vec::new();
+        let mut words: Vec<u32> = Vec::with_capacity(views.len() * VIEW_WORDS as usize);
         for (view, (own, frozen)) in views.iter().zip(&each) {
             let slope = frozen.slope.first().copied().unwrap_or(0.0);
             let [low, high] = view.key.words();
@@ -312,17 +328,36 @@ impl GroupChain {
             (plan.own_thresholds, |frozen| &frozen.off),
             (plan.own_slopes, |frozen| &frozen.slope),
         ];
-        let padding = (row_stride(width) - width) as usize;
-        for (_, choose) in planes.iter().filter(|(wanted, _)| *wanted) {
-            for (_, frozen) in &each {
-                for row in choose(frozen).chunks_exact(width as usize) {
-                    words.extend(row.iter().map(|value| value.min(NEVER).to_bits()));
-                    words.extend(std::iter::repeat_n(0, padding));
-                }
-            }
+        let chosen: Vec<Choose> =
+            planes.iter().filter(|(wanted, _)| *wanted).map(|(_, choose)| *choose).collect();
+        let layers = (chosen.len() * views.len()) as u32;
+        let texture = array(
+            &gpu.device,
+            "frozen",
+            if layers == 0 { [1; 3] } else { [width, height, layers] },
+            wgpu::TextureFormat::R32Float,
+            wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
+        );
+        for (layer, (choose, (_, frozen))) in
+            (0..).zip(chosen.iter().flat_map(|choose| each.iter().map(move |own| (choose, own))))
+        {
+            let values: Vec<f32> = choose(frozen).iter().map(|value| value.min(NEVER)).collect();
+            gpu.queue.write_texture(
+                wgpu::TexelCopyTextureInfo {
+                    origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
+                    ..texture.as_image_copy()
+                },
+                bytemuck::cast_slice(&values),
+                wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(4 * width),
+                    rows_per_image: Some(height),
+                },
+                wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            );
         }
         let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("frozen"),
+            label: Some("views of a chain"),
             size: words.len() as u64 * 4,
             usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
@@ -335,7 +370,7 @@ impl GroupChain {
             .collect();
         let wire = |view: &&View| Wire::new(&sensor.readout, view.key, width);
         let wires = if sensor.readout.is_off() { Vec::new() } else { views.iter().map(wire).collect() };
-        Self { frozen: buffer, noises, wires, width, height }
+        Self { views: buffer, frozen: whole(&texture), noises, wires, width, height }
     }
 
     /// When noise may strike in `(base_us, end_us]`: where each block's strikes begin, then the strikes.

@@ -373,7 +373,11 @@ impl Engine {
                 None => (needs, sizes::MAX_INSTANTS),
                 Some(chain) => {
                     let bytes = needs.bytes.max(chain.plan.view_bytes(width, height));
-                    (MethodNeeds { bytes, ..needs }, ChainPlan::most_instants(grid.longest_interval_us()))
+                    let layers = needs.layers.max(chain.plan.planes.count);
+                    (
+                        MethodNeeds { bytes, layers, ..needs },
+                        ChainPlan::most_instants(grid.longest_interval_us()),
+                    )
                 }
             };
             let count = views.len() as u32;
@@ -387,7 +391,7 @@ impl Engine {
                         device_limits.storage_binding
                     ))
                 })?;
-            let chain = context.trigger.chain().is_some();
+            let chain = context.trigger.chain().map(|passes| &passes.plan);
             targets.push(Targets::new(device, width, height, plan, made, chain, block));
             match (&mut sampling, targets.last()) {
                 (Sampling::Splat(room), Some(targets)) => room.add_size(&context, targets, edges),

@@ -1,7 +1,7 @@
 //! One submission: some instants of a group of views, from poses to events in a staging buffer.
 
 use crate::area::Rect;
-use crate::chain::{ChainPasses, GroupChain, Walk};
+use crate::chain::{ChainPasses, GroupChain, TALLY_WORDS, Walk};
 use crate::engine::Context;
 use crate::error::EngineError;
 use crate::geometry::attachment;
@@ -11,8 +11,8 @@ use crate::grid::SampleGrid;
 use crate::method::Sampling;
 use crate::pass::raster::Pipelines;
 use crate::pass::trigger::{
-    BLOCK_BINDINGS, CHAIN_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, RESOLVE_BINDINGS, SCAN_BINDINGS,
-    TriggerPasses, WalkPasses,
+    BLOCK_BINDINGS, CHAIN_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, KEPT_BINDINGS, RESOLVE_BINDINGS,
+    SCAN_BINDINGS, TriggerPasses, WalkPasses,
 };
 use crate::pass::{self, ComputePass};
 use crate::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
@@ -68,29 +68,11 @@ impl Unit {
             height: targets.height,
             stride: row_stride(targets.width),
             view_count: views,
-            pad: 0,
+            lists: targets.chain.as_ref().map_or(0, |chain| chain.list_count),
             instants: self.instants,
             event_capacity: capacity,
             first: u32::from(self.first == 0),
             spans,
-        }
-    }
-}
-
-/// What survives a submission in the pixels of a group.
-pub enum PixelStore {
-    /// Of thresholds alone: a layer per view, a texel per pixel. Its first half is a `PixelMemory`, its second what counting
-    /// tells emitting.
-    Layers(wgpu::TextureView),
-    /// Of a chain: its planes.
-    Planes(wgpu::Buffer),
-}
-
-impl PixelStore {
-    fn binding(&self) -> wgpu::BindingResource<'_> {
-        match self {
-            Self::Layers(view) => wgpu::BindingResource::TextureView(view),
-            Self::Planes(buffer) => buffer.as_entire_binding(),
         }
     }
 }
@@ -101,8 +83,9 @@ pub struct Group {
     pub targets: usize,
     /// Indices of its views, in view order.
     pub views: Vec<usize>,
-    /// Old and new pixel memory, in turn.
-    pub memory: [PixelStore; 2],
+    /// Old and new pixel memory, in turn: what survives a submission. Of thresholds alone a layer per view, whose texels
+    /// are half a `PixelMemory`, half what counting tells emitting; of a chain a layer per plane and view.
+    pub memory: [wgpu::TextureView; 2],
     /// Which of them is the old one.
     pub parity: usize,
     /// Status of its last submission.
@@ -144,21 +127,16 @@ impl Group {
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let pixels = u64::from(padded_pixels(targets.width, targets.height)) * views.len() as u64;
-        // Most events of a pixel, per view and instant.
-        let peaks = if chain.is_some() { 4 * u64::from(sizes::MAX_INSTANTS) * views.len() as u64 } else { 0 };
+        let tallies = if chain.is_some() { 4 * u64::from(TALLY_WORDS) * views.len() as u64 } else { 0 };
         let view_count = views.len() as u32;
-        let memory = || match &chain {
-            Some((passes, _)) => {
-                let bytes = pixels * 4 * u64::from(passes.plan.planes.count);
-                PixelStore::Planes(buffer("pixel memory", bytes, storage | wgpu::BufferUsages::COPY_SRC))
-            }
-            None => {
-                let size = [targets.width, targets.height, view_count];
-                let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC;
-                let format = wgpu::TextureFormat::Rgba32Uint;
-                let texture = array(&gpu.device, "pixel memory", size, format, usage);
-                PixelStore::Layers(whole(&texture))
-            }
+        let memory = || {
+            let (format, layers) = match &chain {
+                Some((passes, _)) => (wgpu::TextureFormat::R32Uint, passes.plan.planes.count),
+                None => (wgpu::TextureFormat::Rgba32Uint, 1),
+            };
+            let size = [targets.width, targets.height, layers * view_count];
+            let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC;
+            whole(&array(&gpu.device, "pixel memory", size, format, usage))
         };
         let sensor_texels = array(
             &gpu.device,
@@ -173,7 +151,7 @@ impl Group {
             parity: 0,
             status: buffer(
                 "status",
-                size_of::<Status>() as u64 + peaks,
+                size_of::<Status>() as u64 + tallies,
                 storage | wgpu::BufferUsages::COPY_SRC,
             ),
             sensors: sensor_texels.create_view(&Default::default()),
@@ -303,7 +281,7 @@ pub fn encode(
     sampling.encode(context, encoder, targets, group, unit)?;
     // What they feel.
     let steps = trigger_steps(&context.gpu, &context.trigger, &context.grid, targets, group, unit, slot);
-    clear_peaks(encoder, context, group);
+    clear_tallies(encoder, context, group);
     encode_trigger(encoder, &steps);
     // What the host gets.
     let header = size_of::<Status>() as u64;
@@ -315,8 +293,8 @@ pub fn encode(
     Ok(())
 }
 
-/// No pixel of a chain has asked for events yet.
-pub fn clear_peaks(encoder: &mut wgpu::CommandEncoder, context: &Context, group: &Group) {
+/// No pixel of a chain has asked for events or woken yet.
+pub fn clear_tallies(encoder: &mut wgpu::CommandEncoder, context: &Context, group: &Group) {
     if context.trigger.chain().is_some() {
         encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);
     }
@@ -554,21 +532,30 @@ pub fn trigger_steps<'a>(
         ],
     );
     let (block_x, block_y) = sizes::dispatch(blocks_per_view * views, WORKGROUP);
-    let every_pixel = (stride / WORKGROUP, targets.height, views);
-    let walk = |(pipeline, bindings)| TriggerStep { pipeline, bindings, workgroups: every_pixel };
-    let mut steps: Vec<TriggerStep<'a>> = counting.into_iter().map(walk).collect();
+    let mut steps = counting;
     steps.push(TriggerStep {
         pipeline: &passes.block.pipeline,
         bindings: block,
         workgroups: (block_x, block_y, 1),
     });
     steps.push(TriggerStep { pipeline: &passes.scan.pipeline, bindings: scan, workgroups: (1, 1, 1) });
-    steps.push(walk(emitting));
+    steps.extend(emitting);
     steps
 }
 
-/// A dispatch over all pixels.
-type PixelWalk<'a> = (&'a wgpu::ComputePipeline, wgpu::BindGroup);
+/// Steps that count, and steps that emit.
+type Walks<'a> = (Vec<TriggerStep<'a>>, Vec<TriggerStep<'a>>);
+
+/// `pass` over all pixels of `group`.
+fn over_pixels<'a>(
+    pass: &'a ComputePass,
+    bindings: wgpu::BindGroup,
+    targets: &Targets,
+    group: &Group,
+) -> TriggerStep<'a> {
+    let workgroups = Walk::Count.workgroups([targets.width, targets.height], group.views.len() as u32);
+    TriggerStep { pipeline: &pass.pipeline, bindings, workgroups }
+}
 
 /// Count and emit of thresholds alone.
 fn ideal_walks<'a>(
@@ -577,7 +564,7 @@ fn ideal_walks<'a>(
     targets: &Targets,
     group: &Group,
     slot: &Slot,
-) -> (Vec<PixelWalk<'a>>, PixelWalk<'a>) {
+) -> Walks<'a> {
     let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
     let texture = wgpu::BindingResource::TextureView;
     let counting = pass::group(
@@ -589,8 +576,8 @@ fn ideal_walks<'a>(
             slot.params.as_entire_binding(),
             texture(&group.sensors),
             texture(&targets.layers.array),
-            old.binding(),
-            new.binding(),
+            texture(old),
+            texture(new),
             targets.counts.as_entire_binding(),
             group.status.as_entire_binding(),
             texture(&targets.means),
@@ -606,8 +593,8 @@ fn ideal_walks<'a>(
             slot.params.as_entire_binding(),
             texture(&group.sensors),
             texture(targets.mean_layers()),
-            old.binding(),
-            new.binding(),
+            texture(old),
+            texture(new),
             targets.prefixes.as_entire_binding(),
             targets.block_sums.as_entire_binding(),
             group.status.as_entire_binding(),
@@ -615,7 +602,8 @@ fn ideal_walks<'a>(
             texture(&targets.paces_view),
         ],
     );
-    (vec![(&count.pipeline, counting)], (&emit.pipeline, emitting))
+    let walk = |pass, bindings| vec![over_pixels(pass, bindings, targets, group)];
+    (walk(count, counting), walk(emit, emitting))
 }
 
 /// Count and emit of the whole chain. A stream's first instant is a unit of its own: nothing fires there.
@@ -626,11 +614,12 @@ fn chain_walks<'a>(
     group: &Group,
     unit: &Unit,
     slot: &Slot,
-) -> (Vec<PixelWalk<'a>>, PixelWalk<'a>) {
+) -> Walks<'a> {
     let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
-    // A group of a chain has both; the status buffer is at hand for a binding that is never read.
-    let frozen = group.chain.as_ref().map_or(&group.status, |own| &own.frozen);
-    let feed = slot.feed.as_ref().unwrap_or(frozen);
+    // Both have what a chain needs where there is one.
+    let (Some(own), Some(shared)) = (&group.chain, &targets.chain) else { return (Vec::new(), Vec::new()) };
+    let feed = slot.feed.as_ref().unwrap_or(&own.views);
+    let size = [targets.width, targets.height];
     let walk = |pass: &'a ComputePass, walk: Walk| {
         let bindings = pass::group(
             device,
@@ -642,25 +631,44 @@ fn chain_walks<'a>(
                 chain.step(walk),
                 chain.sensor(),
                 wgpu::BindingResource::TextureView(&targets.layers.array),
-                frozen.as_entire_binding(),
+                own.views.as_entire_binding(),
                 feed.as_entire_binding(),
-                old.binding(),
-                new.binding(),
+                wgpu::BindingResource::TextureView(old),
+                wgpu::BindingResource::TextureView(new),
                 // The emitting walk finds its counts in their prefixes: one binding less.
-                if matches!(walk, Walk::Emit(_)) { &targets.prefixes } else { &targets.counts }
-                    .as_entire_binding(),
+                if walk == Walk::Emit { &targets.prefixes } else { &targets.counts }.as_entire_binding(),
                 targets.block_sums.as_entire_binding(),
                 group.status.as_entire_binding(),
                 slot.events.as_entire_binding(),
                 wgpu::BindingResource::TextureView(&targets.paces_view),
+                shared.kept.as_entire_binding(),
+                shared.lists.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&own.frozen),
             ],
         );
-        (&pass.pipeline, bindings)
+        let workgroups = walk.workgroups(size, group.views.len() as u32);
+        TriggerStep { pipeline: &pass.pipeline, bindings, workgroups }
     };
     let counting = if unit.first == 0 {
-        vec![walk(&chain.begin, Walk::Count(1))]
+        vec![walk(&chain.begin, Walk::Count)]
     } else {
         chain.counting(unit.instants).into_iter().map(|step| walk(&chain.walk, step)).collect()
     };
-    (counting, walk(&chain.walk, Walk::Emit(unit.instants)))
+    let copying = pass::group(
+        device,
+        "kept events",
+        &chain.emit.layout,
+        KEPT_BINDINGS,
+        vec![
+            slot.params.as_entire_binding(),
+            targets.counts.as_entire_binding(),
+            targets.prefixes.as_entire_binding(),
+            targets.block_sums.as_entire_binding(),
+            group.status.as_entire_binding(),
+            shared.kept.as_entire_binding(),
+            slot.events.as_entire_binding(),
+        ],
+    );
+    let emitting = vec![over_pixels(&chain.emit, copying, targets, group), walk(&chain.walk, Walk::Emit)];
+    (counting, emitting)
 }

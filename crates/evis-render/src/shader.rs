@@ -69,6 +69,7 @@ shaders![
     "chain/leak.wgsl",
     "chain/walk.wgsl",
     "chain/begin.wgsl",
+    "chain/emit.wgsl",
 ];
 
 /// The text of one file.

@@ -1,5 +1,6 @@
 //! Targets and per-pixel buffers of the views of one size; groups of views share them in turn.
 
+use crate::chain::ChainPlan;
 use crate::pace::tiles_along;
 use crate::pass::raster::{DEPTH_FORMAT, LUMINANCE_FORMAT};
 use crate::sizes::{BLOCK_PIXELS, Plan, padded_pixels};
@@ -94,10 +95,22 @@ pub struct Targets {
     pub prefixes: wgpu::Buffer,
     /// Sums, then offsets, of blocks.
     pub block_sums: wgpu::Buffer,
+    /// What a chain walks with, where there is one.
+    pub chain: Option<ChainTargets>,
     /// Paces of tiles, a layer per view and block; one texel where every pixel is always sampled.
     pub paces: wgpu::Texture,
     /// The same, for the trigger.
     pub paces_view: wgpu::TextureView,
+}
+
+/// What a chain has beside the trigger's buffers, while a submission is in work.
+pub struct ChainTargets {
+    /// The first events of each pixel.
+    pub kept: wgpu::Buffer,
+    /// Pixels that are walked once more, then those that wake, list by list.
+    pub lists: wgpu::Buffer,
+    /// Lists of pixels that wake, per view.
+    pub list_count: u32,
 }
 
 impl Targets {
@@ -108,7 +121,7 @@ impl Targets {
         height: u32,
         plan: Plan,
         made: LayerUse,
-        chain: bool,
+        chain: Option<&ChainPlan>,
         block: u32,
     ) -> Self {
         let pixels = u64::from(plan.views_per_group) * u64::from(padded_pixels(width, height));
@@ -136,12 +149,27 @@ impl Targets {
             wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         );
         let samples = plan.layers / (plan.views_per_group * plan.instants);
-        let means = if chain || samples == 1 { [1; 3] } else { [width, height, plan.layers / samples] };
+        let means =
+            if chain.is_some() || samples == 1 { [1; 3] } else { [width, height, plan.layers / samples] };
         let means = array(device, "means", means, LUMINANCE_FORMAT, wgpu::TextureUsages::STORAGE_BINDING);
+        let chain = chain.map(|of| {
+            let list = 4 * u64::from(plan.views_per_group) * u64::from(width) * u64::from(height);
+            let most = device.limits().max_storage_buffer_binding_size.min(device.limits().max_buffer_size);
+            // One is of crowded pixels; two let a pixel look at its next instant.
+            let fit = (most / list).saturating_sub(1).max(2);
+            let wanted = if of.sequential { u64::from(plan.instants) } else { 0 };
+            let lists = wanted.min(fit) as u32;
+            ChainTargets {
+                kept: storage("kept events", 2 * u64::from(of.kept.max(1)) * pixels),
+                lists: storage("lists of pixels", (1 + u64::from(lists)) * list / 4),
+                list_count: lists,
+            }
+        });
         Self {
             width,
             height,
             plan,
+            chain,
             paces_view: whole(&paces),
             paces,
             samples,

@@ -155,8 +155,8 @@ pub struct TriggerParams {
     pub stride: u32,
     /// Views in the group.
     pub view_count: u32,
-    /// Zero.
-    pub pad: u32,
+    /// Of the whole chain: lists of pixels that wake, per view.
+    pub lists: u32,
     /// Instants in the submission.
     pub instants: u32,
     /// Events that fit.
@@ -300,14 +300,12 @@ pub struct MeanParams {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct ChainStep {
-    /// 0 count, 1 emit, 2 peak.
+    /// 0 count, 1 wake, 2 emit.
     pub mode: u32,
-    /// First instant.
-    pub first: u32,
-    /// One past the last instant.
-    pub end: u32,
+    /// Of waking.
+    pub instant: u32,
     /// Zero.
-    pub pad: u32,
+    pub pad: [u32; 2],
 }
 
 /// `ChainSensor` in `chain/layout.wgsl`.

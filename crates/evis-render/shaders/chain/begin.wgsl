@@ -20,12 +20,11 @@ fn begin_pixel() {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) workgroup: vec3<u32>) {
-    index = (id.z * params.height + id.y) * params.stride + id.x;
-    cells[index] = 0u;
+    cells[(id.z * params.height + id.y) * params.stride + id.x] = 0u;
     if (report.status.stalled != 0u || id.x >= params.width) {
         return;
     }
-    load_pixel(id, workgroup);
+    load_pixel(id.xy, workgroup.z);
     set_interval(0u, 1u);
     begin_pixel();
     store_memory(true, 0u);

@@ -9,6 +9,24 @@ const CAUSE_LEAK: u32 = 1u;
 // Within `feed`: the pixel's next strike, and where its block's end.
 var<private> strike: u32;
 var<private> strikes_end: u32;
+// When that strike comes, microseconds since the base, and what it is: read once, not at each instant.
+var<private> strike_us: u32;
+var<private> strike_kind: u32;
+
+fn load_strike() {
+    strike_us = 0xffffffffu;
+    if (strike < strikes_end) {
+        strike_kind = feed[strike + 1u];
+        if ((strike_kind & 63u) == (pixel.x & 63u)) {
+            strike_us = feed[strike];
+        }
+    }
+}
+
+fn pass_strike() {
+    strike += STRIKE_WORDS;
+    load_strike();
+}
 
 fn drift() -> f32 {
     if (RAMP) {
@@ -47,15 +65,18 @@ fn light_at(t: f32) -> f32 {
 
 fn fire(t: f32, on: bool, cause: u32) {
     let offset = clamp(u32(t), 1u, interval);
-    if (job.mode == MODE_EMIT) {
-        if (written < room) {
-            var time = start + offset;
-            if (LIGHT_LATENCY) {
-                time += u32(sensor.latency_light_us / max(light_at(t) + sensor.dark_light, 0.01));
-            }
-            let kind = select(0u, 1u << 26u, on) | (cause << 27u);
-            events[place + written] = vec2<u32>(time, pixel.x | (pixel.y << 13u) | kind);
+    var time = start + offset;
+    if (LIGHT_LATENCY) {
+        time += u32(sensor.latency_light_us / max(light_at(t) + sensor.dark_light, 0.01));
+    }
+    let kind = select(0u, 1u << 26u, on) | (cause << 27u);
+    let record = vec2<u32>(time, pixel.x | (pixel.y << 13u) | kind);
+    if (job.mode != MODE_EMIT) {
+        if (written < KEPT) {
+            kept[index * KEPT + written] = record;
         }
+    } else if (written < room) {
+        events[place + written] = record;
     }
     written++;
     if (FIRED_PLANE != 0u) {
@@ -71,22 +92,18 @@ fn cause_of(rises: bool, leaked: f32, rise: f32) -> u32 {
 
 // When the strike comes; beyond any time where none is left.
 fn strike_time() -> f32 {
-    if (!STRIKES) {
-        return 3.0e38;
-    }
-    let t = feed[strike];
-    if (strike >= strikes_end || t > start + interval || (feed[strike + 1u] & 63u) != (pixel.x & 63u)) {
+    if (!STRIKES || strike_us > start + interval) {
         return 3.0e38;
     }
     // Those of an interval that a held pixel slept through are gone.
-    return f32(t - start);
+    return f32(strike_us - start);
 }
 
 // A strike's turn; whether it fired.
 fn take_strike(t: f32, signal: f32) -> bool {
-    let kind = feed[strike + 1u];
+    let kind = strike_kind;
     let below = bitcast<f32>(feed[strike + 2u]);
-    strike += STRIKE_WORDS;
+    pass_strike();
     if (below < BEYOND && light_at(t) >= below) {
         return false;
     }
@@ -148,7 +165,7 @@ fn walk_continuous() {
         if (noise_at <= end && (crossing.side == 0u || noise_at <= crossing.t)) {
             // A held pixel hears nothing.
             if (noise_at < t) {
-                strike += STRIKE_WORDS;
+                pass_strike();
                 continue;
             }
             t = noise_at;

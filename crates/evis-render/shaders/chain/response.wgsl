@@ -75,11 +75,10 @@ fn respond(instant: u32) {
     let y = light_of(instant);
     next_light = light;
     next_input = input;
-    if (y >= 0.0) {
+    sees = y >= 0.0;
+    if (sees) {
         next_light = y;
         next_input = curve(y + sensor.dark_light);
-    } else {
-        unknown++;
     }
     if (FILTER == 1u) {
         let part = min(f32(interval) * sensor.filter_rate * bandwidth(next_light + sensor.dark_light), 1.0);
@@ -105,6 +104,7 @@ fn begin_response(instant: u32) {
 }
 
 fn advance() {
+    unknown += u32(!sees);
     input = next_input;
     first = next_first;
     second = next_second;

@@ -41,38 +41,41 @@ var<private> room: u32;
 var<private> suppressed: u32;
 var<private> clamped: u32;
 var<private> unknown: u32;
+// Whether the light of the interval's end is known.
+var<private> sees: bool;
 
 fn pixels() -> u32 {
     return params.stride * params.height * params.view_count;
 }
 
-// `workgroup`: what all invocations of it share, drivers load once.
-fn load_pixel(id: vec3<u32>, workgroup: vec3<u32>) {
-    pixel = id.xy;
-    view = workgroup.z;
-    let words = workgroup.z * VIEW_WORDS;
-    threshold_on = bitcast<f32>(frozen[words]);
-    threshold_off = bitcast<f32>(frozen[words + 1u]);
-    steady = bitcast<f32>(frozen[words + 2u]);
-    inverse_reference = bitcast<f32>(frozen[words + 3u]);
-    key = vec2<u32>(frozen[words + 4u], frozen[words + 5u]);
-    var plane = params.view_count * VIEW_WORDS + index;
+// `of_view`: where all invocations of a workgroup share it, drivers load once.
+fn load_pixel(at: vec2<u32>, of_view: u32) {
+    pixel = at;
+    view = of_view;
+    index = (of_view * params.height + at.y) * params.stride + at.x;
+    let words = of_view * VIEW_WORDS;
+    threshold_on = bitcast<f32>(views[words]);
+    threshold_off = bitcast<f32>(views[words + 1u]);
+    steady = bitcast<f32>(views[words + 2u]);
+    inverse_reference = bitcast<f32>(views[words + 3u]);
+    key = vec2<u32>(views[words + 4u], views[words + 5u]);
+    var layer = of_view;
     if (OWN_THRESHOLDS) {
-        threshold_on = bitcast<f32>(frozen[plane]);
-        threshold_off = bitcast<f32>(frozen[plane + pixels()]);
-        plane += 2u * pixels();
+        threshold_on = textureLoad(frozen, pixel, layer).r;
+        threshold_off = textureLoad(frozen, pixel, layer + params.view_count).r;
+        layer += 2u * params.view_count;
     }
     if (OWN_SLOPES) {
-        steady = bitcast<f32>(frozen[plane]);
+        steady = textureLoad(frozen, pixel, layer).r;
     }
 }
 
 fn word(plane: u32, fresh: bool) -> u32 {
-    let at = plane * pixels() + index;
+    let layer = plane * params.view_count + view;
     if (fresh) {
-        return memory_out[at];
+        return textureLoad(memory_out, pixel, layer).r;
     }
-    return memory_in[at];
+    return textureLoad(memory_in, pixel, layer).r;
 }
 
 // `fresh`: from what an earlier dispatch of this submission wrote, whose times count from the base. In the memory of an
@@ -109,7 +112,7 @@ fn load_memory(fresh: bool) {
 }
 
 fn keep(plane: u32, value: u32) {
-    memory_out[plane * pixels() + index] = value;
+    textureStore(memory_out, pixel, plane * params.view_count + view, vec4<u32>(value, 0u, 0u, 0u));
 }
 
 // `last`: after this, times become ages at `end`, microseconds since the base.

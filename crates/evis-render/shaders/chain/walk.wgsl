@@ -1,6 +1,13 @@
 #import chain/pixel.wgsl
-// Count, emit and peak of the whole chain: one pipeline, so that both walks of a pixel are computed alike. The old memory
-// stays until the submission is known to fit.
+// Counts the whole chain's events and keeps each pixel's first ones; and walks pixels of many events once more, to emit
+// them: one pipeline, so that both walks of a pixel are computed alike. The old memory stays until the submission is
+// known to fit. Silent instants pass in a loop of their own, because software drivers execute what a pixel does when it
+// wakes as often as any of some neighbours comes there, and once where none does.
+
+// Where waking costs little, waiting for a neighbour that sleeps costs more.
+fn in_step() -> bool {
+    return !SEQUENTIAL && (LATCH || TIMES != 0u);
+}
 
 // The pixel's first strike after `time`.
 fn find_strikes(time: u32, block: u32) {
@@ -21,55 +28,113 @@ fn find_strikes(time: u32, block: u32) {
         }
     }
     strike = low;
+    load_strike();
 }
 
+// Places in `tallies`.
 fn peak_of(instant: u32) -> u32 {
-    return view * 32u + instant;
+    return view * TALLY_WORDS + instant;
 }
 
-// Tells the others how many events this pixel asks for at an instant that its memory has come to, where it is sampled.
-fn report_peak(instant: u32) {
-    let step = step_at(pixel, view, instant);
-    if (sample_from(instant, step) != instant) {
-        return;
-    }
-    set_interval(instant, step);
-    respond(instant);
-    report_steps(instant);
+fn woken_at(instant: u32) -> u32 {
+    return view * TALLY_WORDS + 32u + instant;
+}
+
+fn crowded() -> u32 {
+    return view * TALLY_WORDS + 64u;
+}
+
+// Where lists begin.
+fn list_of_crowded() -> u32 {
+    return view * params.width * params.height;
+}
+
+fn list_of_woken(instant: u32) -> u32 {
+    let list = params.view_count + view * params.lists + instant % params.lists;
+    return list * params.width * params.height;
+}
+
+fn enlist(tally: u32, list: u32) {
+    lists[list + atomicAdd(&report.tallies[tally], 1u)] = pixel.y * params.width + pixel.x;
 }
 
 // Tells the others how many events this pixel asks for.
 fn report_steps(instant: u32) {
-    if (threshold_on < BEYOND && reference < BEYOND) {
+    if (reference < BEYOND) {
         let steps = steps_of(change_at_end());
         if (steps > 0u) {
-            atomicMax(&report.peaks[peak_of(instant)], steps);
+            atomicMax(&report.tallies[peak_of(instant)], steps);
         }
     }
 }
 
-fn take_interval(instant: u32, step: u32) {
-    set_interval(instant, step);
-    respond(instant);
-    if (threshold_on < BEYOND && wakes()) {
-        if (LATCH || TIMES != 0u) {
-            var most = 1u;
-            if (TIMES == 3u) {
-                if (!SEQUENTIAL && job.mode == MODE_COUNT) {
-                    report_steps(instant);
-                }
-                most = atomicLoad(&report.peaks[peak_of(instant)]);
+fn walk(instant: u32) {
+    if (LATCH || TIMES != 0u) {
+        var most = 1u;
+        if (TIMES == 3u) {
+            if (!SEQUENTIAL && job.mode == MODE_COUNT) {
+                report_steps(instant);
             }
-            walk_sampled(most);
-        } else {
-            walk_continuous();
+            most = atomicLoad(&report.tallies[peak_of(instant)]);
         }
+        walk_sampled(most);
+    } else {
+        walk_continuous();
     }
     if (STRIKES) {
         // Those that a held pixel slept through.
-        for (; strike < strikes_end && strike_time() < BEYOND; strike += STRIKE_WORDS) {}
+        while (strike_time() < BEYOND) {
+            pass_strike();
+        }
     }
-    advance();
+}
+
+// From `begin` on; returns whether the pixel has come to the end.
+fn take_instants(begin: u32) -> bool {
+    let waits = SEQUENTIAL && job.mode != MODE_EMIT;
+    // A list serves another instant once its pixels have been taken: no pixel looks farther ahead.
+    let stops = waits && begin + params.lists < params.instants;
+    let last = select(params.instants, begin + params.lists, stops) - 1u;
+    var next = begin;
+    while (next <= last) {
+        var at = next;
+        var is_awake = false;
+        while (next <= last) {
+            // A view's tiles are sampled at their own pace.
+            let step = step_at(pixel, view, next);
+            at = sample_from(next, step);
+            if (at > last) {
+                break;
+            }
+            set_interval(at, step);
+            respond(at);
+            is_awake = threshold_on < BEYOND && wakes();
+            if (is_awake || in_step() || (stops && at == last)) {
+                break;
+            }
+            advance();
+            next = at + 1u;
+        }
+        if (waits && !(is_awake && job.mode == MODE_WAKE && at == begin)) {
+            if (!is_awake && !stops) {
+                return true;
+            }
+            if (is_awake) {
+                report_steps(at);
+            }
+            at = min(at, last);
+            enlist(woken_at(at), list_of_woken(at));
+            return false;
+        }
+        if (at <= last) {
+            if (is_awake) {
+                walk(at);
+            }
+            advance();
+        }
+        next = at + 1u;
+    }
+    return true;
 }
 
 // Where the pixel's events go, and how many were counted: up to the next pixel's.
@@ -85,60 +150,69 @@ fn find_room(block: u32) {
     }
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) workgroup: vec3<u32>) {
-    if (report.status.stalled != 0u) {
-        return;
-    }
-    index = (id.z * params.height + id.y) * params.stride + id.x;
-    // A workgroup is a block.
-    let block = (workgroup.z * params.height + workgroup.y) * (params.stride / BLOCK_PIXELS) + workgroup.x;
-    if (id.x >= params.width) {
-        if (job.mode == MODE_COUNT) {
-            cells[index] = 0u;
-        }
-        return;
-    }
+fn take_pixel(at: vec2<u32>, of_view: u32) {
+    load_pixel(at, of_view);
+    let block = index / BLOCK_PIXELS;
+    let wakes_here = job.mode == MODE_WAKE;
     let emits = job.mode == MODE_EMIT;
+    written = 0u;
     if (emits) {
         find_room(block);
-        if (room == 0u) {
-            return;
-        }
     }
-    load_pixel(id, workgroup);
-    load_memory(job.first != 0u);
-    if (job.mode == MODE_PEAK) {
-        report_peak(job.first);
-        return;
+    if (wakes_here) {
+        written = cells[index];
     }
-    // A pixel's first interval may have begun before the job's first instant.
-    let first_step = step_at(pixel, view, job.first);
-    find_strikes(params.spans[sample_from(job.first, first_step) + 1u - first_step].x, block);
-    var next = job.first;
-    while (next < job.end) {
-        // A view's tiles are sampled at their own pace.
-        let step = step_at(pixel, view, next);
-        let at = sample_from(next, step);
-        next = at + 1u;
-        if (at < job.end) {
-            take_interval(at, step);
-        }
-    }
+    load_memory(wakes_here);
+    let begin = job.instant;
+    // A pixel's first interval may have begun before the first instant.
+    let first_step = step_at(pixel, view, begin);
+    find_strikes(params.spans[sample_from(begin, first_step) + 1u - first_step].x, block);
+    let is_done = take_instants(begin);
     if (emits) {
         if (written != room) {
             atomicAdd(&report.status.mismatched, 1u);
         }
         return;
     }
-    let last = job.end == params.instants;
-    let end = params.spans[job.end - 1u];
-    if (job.first == 0u) {
-        cells[index] = written;
-    } else {
-        cells[index] += written;
+    cells[index] = written;
+    let end = params.spans[params.instants - 1u];
+    store_memory(is_done, end.x + end.y);
+    if (is_done && written > KEPT) {
+        enlist(crowded(), list_of_crowded());
     }
-    store_memory(last, end.x + end.y);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) workgroups: vec3<u32>,
+) {
+    if (report.status.stalled != 0u) {
+        return;
+    }
+    view = workgroup.z;
+    // Of a row, or of a list.
+    var end = params.width;
+    var list = 0u;
+    if (job.mode != MODE_COUNT) {
+        let emits = job.mode == MODE_EMIT;
+        end = atomicLoad(&report.tallies[select(woken_at(job.instant), crowded(), emits)]);
+        list = select(list_of_woken(job.instant), list_of_crowded(), emits);
+    } else if (id.x >= params.width) {
+        cells[(id.z * params.height + id.y) * params.stride + id.x] = 0u;
+    }
+    for (var item = id.x; item < end; item += workgroups.x * WORKGROUP) {
+        var at = vec2<u32>(item, id.y);
+        if (job.mode != MODE_COUNT) {
+            let place = lists[list + item];
+            at = vec2<u32>(place % params.width, place / params.width);
+        }
+        take_pixel(at, workgroup.z);
+    }
+    if (job.mode == MODE_EMIT) {
+        return;
+    }
     if (clamped != 0u) {
         atomicAdd(&report.status.clamped, clamped);
     }
@@ -147,8 +221,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
     }
     if (suppressed != 0u) {
         atomicAdd(&report.status.suppressed, suppressed);
-    }
-    if (SEQUENTIAL && !last) {
-        report_peak(job.end);
     }
 }

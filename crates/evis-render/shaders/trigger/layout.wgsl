@@ -11,7 +11,8 @@ struct TriggerParams {
     // Row length of the per-pixel buffers: width rounded up to whole blocks.
     stride: u32,
     view_count: u32,
-    pad: u32,
+    // Of the whole chain: lists of pixels that wake, per view.
+    lists: u32,
     instants: u32,
     event_capacity: u32,
     // 1: the first instant only sets the reference.

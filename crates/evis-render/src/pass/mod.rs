@@ -45,6 +45,10 @@ pub enum Access {
     ReadLayersRgba,
     /// `rgba32uint` storage texture array, read.
     ReadLayersWords,
+    /// `r32uint` storage texture array, read.
+    ReadLayersWord,
+    /// `r32uint` storage texture array, read and written.
+    UpdateLayersWord,
     /// `r32float` storage texture, written.
     StorageLayer,
     /// `r32float` storage texture array, written.
@@ -135,6 +139,8 @@ fn binding_type(access: Access) -> wgpu::BindingType {
         Access::ReadLayers => storage_layers(TextureFormat::R32Float, StorageTextureAccess::ReadOnly),
         Access::ReadLayersRgba => storage_layers(TextureFormat::Rgba32Float, StorageTextureAccess::ReadOnly),
         Access::ReadLayersWords => storage_layers(TextureFormat::Rgba32Uint, StorageTextureAccess::ReadOnly),
+        Access::ReadLayersWord => storage_layers(TextureFormat::R32Uint, StorageTextureAccess::ReadOnly),
+        Access::UpdateLayersWord => storage_layers(TextureFormat::R32Uint, StorageTextureAccess::ReadWrite),
         Access::StorageLayer => wgpu::BindingType::StorageTexture {
             access: StorageTextureAccess::WriteOnly,
             format: TextureFormat::R32Float,

@@ -54,15 +54,28 @@ pub const CHAIN_BINDINGS: &[Binding] = &[
     bind(1, "job", Access::Uniform),
     bind(2, "sensor", Access::Uniform),
     bind(3, "luminance_layers", Access::ReadLayers),
-    bind(4, "frozen", Access::Read),
+    bind(4, "views", Access::Read),
     bind(5, "feed", Access::Read),
-    bind(6, "memory_in", Access::Read),
-    bind(7, "memory_out", Access::Write),
+    bind(6, "memory_in", Access::ReadLayersWord),
+    bind(7, "memory_out", Access::UpdateLayersWord),
     bind(8, "cells", Access::Write),
     bind(9, "block_offsets", Access::Read),
     bind(10, "report", Access::Write),
     bind(11, "events", Access::Write),
     bind(PACES_BINDING, "paces", Access::UintLayers),
+    bind(13, "kept", Access::Write),
+    bind(14, "lists", Access::Write),
+    bind(15, "frozen", Access::ReadLayers),
+];
+/// `chain/emit.wgsl`.
+pub const KEPT_BINDINGS: &[Binding] = &[
+    bind(0, "params", Access::Uniform),
+    bind(1, "counts", Access::Read),
+    bind(2, "prefixes", Access::Read),
+    bind(3, "block_offsets", Access::Read),
+    bind(4, "status", Access::Write),
+    bind(5, "kept", Access::Read),
+    bind(6, "events", Access::Write),
 ];
 /// `trigger/resolve.wgsl`.
 pub const RESOLVE_BINDINGS: &[Binding] =

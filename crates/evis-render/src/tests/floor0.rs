@@ -72,6 +72,7 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("reuse/mean.wgsl", &[reuse::CELL_MEAN_BINDINGS]),
         ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
+        ("chain/emit.wgsl", &[trigger::KEPT_BINDINGS]),
     ]
 }
 
@@ -176,13 +177,15 @@ fn access_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Access {
             (ImageDimension::Cube, ..) => Access::Cube,
             (_, true, ImageClass::Depth { .. }) => Access::DepthLayers,
             (_, true, ImageClass::Storage { format, access }) => {
-                use naga::StorageFormat::{R32Float, Rgba32Float, Rgba32Uint};
+                use naga::StorageFormat::{R32Float, R32Uint, Rgba32Float, Rgba32Uint};
                 match (format, access.contains(StorageAccess::STORE)) {
                     (R32Float, false) => Access::ReadLayers,
                     (Rgba32Uint, false) => Access::ReadLayersWords,
                     (R32Float, true) => Access::StorageLayers,
                     (Rgba32Float, true) => Access::StorageLayersRgba,
                     (Rgba32Uint, true) => Access::StorageLayersWords,
+                    (R32Uint, false) => Access::ReadLayersWord,
+                    (R32Uint, true) => Access::UpdateLayersWord,
                     other => panic!("{:?}: {other:?}", variable.name),
                 }
             }
@@ -322,7 +325,7 @@ fn host_and_shader_structs_have_one_layout() {
             height,
             stride,
             view_count,
-            pad,
+            lists,
             instants,
             event_capacity,
             first,
@@ -388,7 +391,7 @@ fn host_and_shader_structs_have_one_layout() {
             first_record,
         }
     );
-    same_layout!("chain/walk.wgsl", "ChainStep", uniforms::ChainStep { mode, first, end, pad });
+    same_layout!("chain/walk.wgsl", "ChainStep", uniforms::ChainStep { mode, instant, pad });
     same_layout!(
         "chain/walk.wgsl",
         "ChainSensor",
@@ -473,6 +476,7 @@ fn constants_agree() {
         ("VIEW_WORDS", f64::from(crate::chain::VIEW_WORDS)),
         ("STRIKE_WORDS", f64::from(crate::chain::STRIKE_WORDS)),
         ("OLD", f64::from(crate::chain::OLD_US)),
+        ("TALLY_WORDS", f64::from(crate::chain::TALLY_WORDS)),
         ("STREAM_START", StreamId::Start as u32 as f64),
         ("STREAM_LEAK_JITTER", StreamId::LeakJitter as u32 as f64),
         ("EPOCH_SHIFT", f64::from(evis_core::random::EPOCH_SHIFT)),

@@ -7,7 +7,7 @@ use crate::cpu::trigger::{log_luma, walk};
 use crate::engine::{map, wait_mapped};
 use crate::gpu::Gpu;
 use crate::grid::SampleGrid;
-use crate::interval::{Group, PixelStore, Slot, Unit, encode_trigger, trigger_steps};
+use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
 use crate::pass::trigger::TriggerPasses;
 use crate::sizes::Plan;
 use crate::targets::{LayerUse, Targets};
@@ -72,7 +72,7 @@ fn run(
     unknown: bool,
 ) -> Ran {
     let plan = Plan { views_per_group: VIEWS, instants: INSTANTS, layers: VIEWS * INSTANTS * SAMPLES };
-    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, false, 1);
+    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, None, 1);
     for (layer, pixels) in layers.iter().enumerate() {
         gpu.queue.write_texture(
             wgpu::TexelCopyTextureInfo {
@@ -105,7 +105,7 @@ fn run(
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, status_bytes as u64, offsets);
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, header, u64::from(capacity) * 8);
     // The first submission writes the second memory.
-    let PixelStore::Layers(written) = &group.memory[1] else { panic!("thresholds alone") };
+    let written = &group.memory[1];
     let written = written.texture();
     let row = (WIDTH * 16).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let memory = gpu.device.create_buffer(&wgpu::BufferDescriptor {
