@@ -81,9 +81,11 @@ class Simulator:
         Where not given, what the scene gives the cameras; else ideal, 0.2 / 0.2 (with the method
         ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Every stage runs on the device, but
         ``diffusion``: that runs on the host, from the light of every instant, and without ``adaptive_px``.
-    method : {"auto", "native", "reproject", "splat", "evis-paper"} or Splat, optional
-        How instants are sampled: each rendered (``native``); visibility at each, in adaptive time, and light
-        of what stands still from some 30 keyframes a second (``reproject``); or splatted from keyframes.
+    method : {"auto", "native", "march", "reproject", "splat", "evis-paper"} or Splat, optional
+        How instants are sampled: each rendered (``native``); in adaptive time, where parts of the picture
+        without edges are rendered every few pixels of motion and followed in between (``march``); visibility
+        at each, in adaptive time, and light of what stands still from some 30 keyframes a second
+        (``reproject``); or splatted from keyframes.
         ``auto`` chooses method, rate and samples for a target (and rays for shadows, for ``exact``). Where
         not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and
         ``texture_taps`` is, else ``auto``.
@@ -100,11 +102,12 @@ class Simulator:
         nothing is timed, and the events are the same; one for another scene, size, start or rate is refused.
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
-        ``native`` and ``reproject``: a splat has its own.
+        ``native``, ``march`` and ``reproject``: a splat has its own.
     adaptive_px : float, optional
-        Only for ``native`` and ``reproject``: each tile of the picture is rendered no more often than that
-        nothing it may show moves farther than so many pixels between two of its samples, and ``rate_hz`` at
-        most. Where not given, ``native`` renders everything at ``rate_hz``, and ``reproject`` takes 0.3.
+        Only for ``native``, ``march`` and ``reproject``: each tile of the picture is sampled no more often
+        than that nothing it may show moves farther than so many pixels between two of its samples, and
+        ``rate_hz`` at most. Where not given, ``native`` renders everything at ``rate_hz``, and ``march`` and
+        ``reproject`` take 0.3.
     samples : int, optional
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional

@@ -134,6 +134,12 @@ impl AdaptiveRoom {
         self.reuse.as_ref().map(|(reuse, _)| reuse)
     }
 
+    /// Quarters of tiles that were followed so far, then those that were not, by each reason.
+    #[cfg(test)]
+    pub fn followed(&self) -> [u64; 4] {
+        self.march.as_ref().map_or([0; 4], |march| march.told)
+    }
+
     /// Keyframes drawn since this was last asked.
     pub fn take_keyframes(&mut self) -> u64 {
         self.reuse.as_mut().map_or(0, |(reuse, _)| reuse.take_keyframes())

@@ -32,7 +32,7 @@ const KEY_PX: f64 = 2.4;
 /// Keys of a tile that are kept: the older, and the newer.
 const SLOTS: u32 = 2;
 /// Places per pixel and axis at which a key knows mean light; `march/layout.wgsl` has the same constant.
-const PHASES: u32 = 4;
+pub const PHASES: u32 = 4;
 /// Layers that the keys of a view take.
 pub const LAYERS: u32 = SLOTS * PHASES;
 /// Tiles along a side, at most: ten bits each in a [`Gap::word`].
@@ -83,13 +83,16 @@ pub struct Gap {
 
 impl Gap {
     /// For the shaders.
-    fn word(&self, columns: u32) -> u32 {
-        self.tile % columns
-            | self.tile / columns << 10
-            | u32::from(self.slot) << 20
-            | u32::from(self.pace) << 21
-            | u32::from(self.length) << 25
-            | u32::from(self.reach) << 29
+    pub fn word(&self, columns: u32) -> u32 {
+        let fields = [
+            (self.tile % columns, 0),
+            (self.tile / columns, 10),
+            (u32::from(self.slot), 20),
+            (u32::from(self.pace), 21),
+            (u32::from(self.length), 25),
+            (u32::from(self.reach), 29),
+        ];
+        fields.into_iter().map(|(value, shift)| value << shift).sum()
     }
 }
 
@@ -126,7 +129,7 @@ impl MarchPlan {
     /// Place of the verdict about the gap of `tile` in which instant `number` of a block lies, from 1 on.
     pub fn verdict(&self, paces: usize, tile: usize, number: u32) -> Option<u32> {
         let length = self.lengths[paces][tile]?;
-        Some(self.verdicts[paces][tile][(number - 1 >> length) as usize])
+        Some(self.verdicts[paces][tile][((number - 1) >> length) as usize])
     }
 }
 
@@ -156,6 +159,7 @@ pub struct MarchRoom {
     /// By the first view of a group.
     stores: HashMap<usize, Store>,
     /// Quarters of tiles that were followed so far, then those that were not, by each reason.
+    #[cfg(test)]
     pub told: [u64; 4],
 }
 
@@ -202,6 +206,7 @@ impl MarchRoom {
             staging: None,
             places: Vec::new(),
             stores: HashMap::new(),
+            #[cfg(test)]
             told: [0; 4],
         }
     }
@@ -467,6 +472,7 @@ impl MarchRoom {
         };
         staging.unmap();
         self.staging = Some(staging);
+        #[cfg(test)]
         for quarter in 0..4 {
             for why in told.iter().map(|verdict| verdict >> (3 * quarter) & 7) {
                 self.told[0] += u64::from(why == 0);

@@ -113,12 +113,12 @@ fn along(way: Way, time: f32) -> vec2<f32> {
     return way.start + time * (way.speed + time * way.bend);
 }
 
-// How a pixel is followed through a gap: through one key, and what the other knows better when it comes is added in
-// proportion to time. What enters the picture is known to the newer key only, what leaves it to the older one.
+// How a pixel is followed through a gap: through one key; by what factor its light is off at the other, by a part of that it
+// is corrected on the way, as if lights had changed. What enters the picture is known to the newer key only, what leaves it to the older one.
 struct Walk {
     way: Way,
     layer: u32,
-    // Time at which that key is, and by how much its light is off at the other one.
+    // Time at which that key is, and by how much of its light that is off at the other one.
     at: f32,
     drift: f32,
     // Light at both keys, as the one that is walked tells and as it is at the other.
@@ -140,11 +140,12 @@ fn walk_of(keys: Keys, gap: Gap, number: f32, pixel: vec2<i32>) -> Walk {
     // What is not known is not looked up.
     let told = look(keys, layer, select(here, along(way, 1.0), way.known));
     let shown = look(keys, select(keys.older, keys.newer, older), here);
-    return Walk(way, layer, select(1.0, 0.0, older), shown - told, told, shown);
+    return Walk(way, layer, select(1.0, 0.0, older), (shown + job.dark) / (told + job.dark) - 1.0, told, shown);
 }
 
 // Light of the pixel at `time`, from 0 at the older key to 1 at the newer.
 fn light_at(keys: Keys, walk: Walk, time: f32) -> f32 {
     let since = abs(time - walk.at);
-    return look(keys, walk.layer, along(walk.way, since)) + since * walk.drift;
+    let light = look(keys, walk.layer, along(walk.way, since));
+    return light + since * walk.drift * (light + job.dark);
 }

@@ -7,7 +7,7 @@ use evis_core::random::StreamId;
 use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
 
 use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
-use crate::pass::{Access, Binding, adaptive, labels, reuse, splat, trigger};
+use crate::pass::{Access, Binding, adaptive, labels, march, reuse, splat, trigger};
 use crate::shader::{self, compose};
 use crate::uniforms;
 use crate::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
@@ -61,6 +61,12 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
         ("adaptive/mean.wgsl", &[adaptive::MEAN_BINDINGS]),
         ("adaptive/resolve.wgsl", &[adaptive::TILE_RESOLVE_BINDINGS]),
+        (
+            "march/geometry.wgsl",
+            &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, march::PLACE_BINDINGS],
+        ),
+        ("march/keep.wgsl", &[march::KEEP_BINDINGS]),
+        ("march/walk.wgsl", &[march::WALK_BINDINGS]),
         (
             "reuse/keyframe.wgsl",
             &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, reuse::KEYFRAME_BINDINGS],
@@ -182,6 +188,7 @@ fn access_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Access {
                     (R32Float, false) => Access::ReadLayers,
                     (Rgba32Uint, false) => Access::ReadLayersWords,
                     (R32Float, true) => Access::StorageLayers,
+                    (Rgba32Float, false) => Access::ReadLayersRgba,
                     (Rgba32Float, true) => Access::StorageLayersRgba,
                     (Rgba32Uint, true) => Access::StorageLayersWords,
                     (R32Uint, false) => Access::ReadLayersWord,
@@ -376,6 +383,27 @@ fn host_and_shader_structs_have_one_layout() {
     );
     same_layout!("adaptive/mean.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
     same_layout!("adaptive/resolve.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
+    same_layout!(
+        "march/walk.wgsl",
+        "MarchJob",
+        uniforms::MarchJob {
+            world_from_camera_right,
+            world_from_camera_up,
+            world_from_camera_back,
+            ray,
+            first,
+            count,
+            row,
+            frame,
+            matrices,
+            view,
+            layer,
+            verdict,
+            half_size,
+            dark,
+            pad,
+        }
+    );
     same_layout!("reuse/mean.wgsl", "MeanParams", uniforms::MeanParams { width, height, layer, pad });
     same_layout!(
         "reuse/luminance.wgsl",
@@ -460,6 +488,11 @@ fn constants_agree() {
     assert_eq!(constant("trigger/block.wgsl", "BLOCK_PIXELS"), f64::from(BLOCK_PIXELS));
     assert_eq!(constant("trigger/count.wgsl", "TILE"), f64::from(crate::pace::TILE));
     assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::pace::TILE));
+    for file in ["march/keep.wgsl", "march/walk.wgsl"] {
+        assert_eq!(constant(file, "TILE"), f64::from(crate::pace::TILE));
+        assert_eq!(constant(file, "APRON"), f64::from(crate::march::APRON));
+        assert_eq!(constant(file, "PHASES"), f64::from(crate::march::PHASES));
+    }
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
     let splat_constants = [
         ("SPLAT_WORKGROUP", f64::from(splat::SPLAT_WORKGROUP)),

@@ -298,7 +298,7 @@ fn nearness(
                 let k = ((t_us + step / 2) / step) as u32;
                 let up = match pattern / 2 {
                     0 => k == 0,
-                    1 => k % 2 == 0,
+                    1 => k.is_multiple_of(2),
                     2 => k % 4 < 2,
                     _ => random(pixel + 10_000 * view, 1000 + k) < 0.5,
                 };
