@@ -70,6 +70,11 @@ impl Setting {
         Self { rendered_hz: keyframe_hz.unwrap_or(rate_hz), ..setting }
     }
 
+    /// Adaptive time; surfaces without edges are followed between keys. How many pictures that draws is known when it has run.
+    pub fn march(step_px: f64, rate_hz: f64, samples: u32) -> Self {
+        Self { method: "march".into(), ..Self::adaptive(step_px, rate_hz, samples) }
+    }
+
     /// What `auto` makes of `target`. Rates and samples are known when it has run.
     pub fn auto(target: Target) -> Self {
         let native = Self::native(1000.0, 1, Antialias::Samples, TriggerRule::Crossing);
@@ -503,6 +508,11 @@ mod tests {
         let adaptive = Setting::adaptive(0.5, 2000.0, 4);
         assert_eq!(adaptive.label(), "0.5 px up to 2000 Hz ×4");
         assert_eq!(adaptive.run_flags(), "--rate 2000 --adaptive 0.5 --samples 4");
+        let march = Setting::march(0.3, 4000.0, 16);
+        assert_eq!(march.label(), "march 0.3 px up to 4000 Hz ×16");
+        assert_eq!(march.run_flags(), "--method march --rate 4000 --adaptive 0.3 --samples 16");
+        assert_eq!(march.engine_method(), Some(Method::March));
+        assert_eq!(march.settled(&ran, 300.0).rendered_hz, 300.0, "by the pictures that were drawn");
         assert!(Ladder::quick().settings().unwrap().len() < all.len() / 2 + 5);
     }
 
