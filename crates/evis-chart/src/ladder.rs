@@ -328,6 +328,8 @@ pub struct Ladder {
     pub adaptive_px: Vec<f64>,
     /// The same of `reproject`, with 4 coverage samples.
     pub reproject_px: Vec<f64>,
+    /// The same of `march`, with 16 samples: with fewer, what is followed is not rendered well enough.
+    pub march_px: Vec<f64>,
     /// What `auto` is asked for.
     pub targets: Vec<Target>,
     /// Keyframes per second and instants per gap of `splat`, with 4 samples.
@@ -348,6 +350,7 @@ impl Default for Ladder {
             published: true,
             adaptive_px: vec![1.0, 0.5, 0.25],
             reproject_px: vec![0.5],
+            march_px: vec![0.3],
             targets: vec![Target::Draft, Target::Default],
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
             splat_options: true,
@@ -368,6 +371,7 @@ impl Ladder {
             published: true,
             adaptive_px: vec![0.5],
             reproject_px: vec![0.5],
+            march_px: vec![0.3],
             targets: vec![Target::Draft],
             splat: vec![(125.0, 8)],
             splat_options: false,
@@ -423,6 +427,11 @@ impl Ladder {
         }
         for &step_px in &self.reproject_px {
             let setting = Setting::reproject(step_px, ADAPTIVE_HZ, 4);
+            setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
+            add(setting);
+        }
+        for &step_px in &self.march_px {
+            let setting = Setting::march(step_px, ADAPTIVE_HZ, 16);
             setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
             add(setting);
         }
@@ -490,7 +499,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 1 + 2);
+        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 1 + 1 + 2);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
@@ -556,6 +565,7 @@ mod tests {
             published: false,
             adaptive_px: vec![],
             reproject_px: vec![],
+            march_px: vec![],
             targets: vec![],
             splat: vec![],
             splat_options: false,

@@ -28,6 +28,7 @@ fn tiny() -> ChartSettings {
             published: true,
             adaptive_px: vec![1.0],
             reproject_px: vec![],
+            march_px: vec![],
             targets: vec![evis_render::Target::Draft],
             splat: vec![],
             splat_options: false,

@@ -77,6 +77,7 @@ pub(crate) fn chart(
             published,
             adaptive_px: if adaptive { usual.adaptive_px } else { Vec::new() },
             reproject_px: if adaptive { usual.reproject_px } else { Vec::new() },
+            march_px: if adaptive { usual.march_px } else { Vec::new() },
             targets: if adaptive { usual.targets } else { Vec::new() },
             splat: if splat { usual.splat } else { Vec::new() },
             splat_options: splat && usual.splat_options,
