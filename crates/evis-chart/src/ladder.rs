@@ -393,7 +393,9 @@ impl Ladder {
         let mut all: Vec<Setting> = Vec::new();
         let mut add = |setting: Setting| {
             let samples_hz = setting.rate_hz * f64::from(setting.samples);
-            if setting.published.is_none() && self.most_samples_hz.is_some_and(|most| samples_hz > most) {
+            // In adaptive time hardly anything is rendered at that rate.
+            let named = setting.published.is_some() || setting.adaptive_px.is_some();
+            if !named && self.most_samples_hz.is_some_and(|most| samples_hz > most) {
                 return;
             }
             match all.iter_mut().find(|s| s.same_run(&setting)) {
