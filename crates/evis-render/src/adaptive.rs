@@ -334,7 +334,13 @@ impl AdaptiveRoom {
                     );
                 }
             }
-            told = march.verdicts(context, early, &plan)?;
+            told = match march.verdicts(context, early, &plan) {
+                Ok(told) => told,
+                Err(error) => {
+                    self.march = Some(march);
+                    return Err(error);
+                }
+            };
         }
 
         let had_keys: std::collections::HashSet<(u32, u32, u32)> =
