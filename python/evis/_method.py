@@ -97,8 +97,8 @@ def chosen(method: Method) -> Splat | None:
     if method == "evis-paper":
         return Splat.evis_paper()
     raise ConfigError(
-        f"method is {method!r}; it must be 'auto', 'native', 'march', 'reproject', 'splat', 'evis-paper' or a "
-        "Splat"
+        f"method is {method!r}; it must be 'auto', 'native', 'march', 'reproject', 'splat', 'evis-paper' "
+        "or a Splat"
     )
 
 
