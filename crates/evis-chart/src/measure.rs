@@ -1,10 +1,12 @@
 //! Runs settings, times them, and has each scored.
 
+use std::hash::Hasher as _;
 use std::sync::Arc;
 use std::task::Poll;
 use std::time::{Duration, Instant};
 
 use evis_core::Event;
+use evis_core::fnv::Fnv;
 use evis_core::metric::Score;
 use evis_render::{Gpu, RunConfig, Simulator};
 use evis_scene::Scene;
@@ -154,21 +156,16 @@ fn run(series: &Series<'_>, config: &RunConfig, progress: &dyn Fn(f64) -> bool) 
     })
 }
 
-/// FNV-1a, 64 bits (G. Fowler, L. C. Noll, K.-P. Vo), over what events say.
+/// Of what events say.
 fn hash(events: &[Event]) -> u64 {
-    let mut hash = 0xcbf2_9ce4_8422_2325_u64;
-    let mut take = |bytes: &[u8]| {
-        for byte in bytes {
-            hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
-        }
-    };
+    let mut fnv = Fnv::default();
     for event in events {
-        take(&event.t.to_le_bytes());
-        take(&event.x.to_le_bytes());
-        take(&event.y.to_le_bytes());
-        take(&event.p.to_le_bytes());
+        fnv.write(&event.t.to_le_bytes());
+        fnv.write(&event.x.to_le_bytes());
+        fnv.write(&event.y.to_le_bytes());
+        fnv.write(&event.p.to_le_bytes());
     }
-    hash
+    fnv.finish()
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 pub mod closed_form;
 pub mod emulator;
 pub mod event;
+pub mod fnv;
 pub mod format;
 pub mod metric;
 pub mod packet;

@@ -1,11 +1,12 @@
 //! A budget of time for `auto`: its settings are timed on the scene once, and a plan keeps what came of it. Whoever replays a
 //! plan looks at no clock, so the stream's bytes are a function of the plan and of what the user asks for.
 
-use std::hash::Hasher;
+use std::hash::Hasher as _;
 use std::path::Path;
 use std::sync::Arc;
 
 use evis_core::ConfigError;
+use evis_core::fnv::Fnv;
 use evis_scene::{Scene, SceneError};
 use serde::{Deserialize, Serialize};
 
@@ -404,27 +405,6 @@ impl Plan {
             format!("for {what} {own}"),
             format!("for {run}, as this run: name a file that does not exist, and a budget to make a plan"),
         )
-    }
-}
-
-/// FNV-1a, 64 bits (G. Fowler, L. C. Noll, K.-P. Vo): the same in every version of the compiler, as a file needs it.
-struct Fnv(u64);
-
-impl Default for Fnv {
-    fn default() -> Self {
-        Self(0xcbf2_9ce4_8422_2325)
-    }
-}
-
-impl Hasher for Fnv {
-    fn write(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
-        }
-    }
-
-    fn finish(&self) -> u64 {
-        self.0
     }
 }
 

@@ -1,5 +1,7 @@
 //! What an emulator remembers, as bytes.
 
+use std::hash::Hasher as _;
+
 use bytemuck::Pod;
 
 use super::ideal::{Memory as IdealMemory, Pixels};
@@ -7,6 +9,7 @@ use super::keyframe::Keyframe;
 use super::warp::MOST_MARGIN;
 use super::{Chain, Diffuse, EmulatorReport, Environment, EventEmulator, Kernel, Memory, Tile};
 use crate::event::Event;
+use crate::fnv::Fnv;
 use crate::sensor::ConfigError;
 
 /// Begins every state; the last digit is the layout's version.
@@ -104,9 +107,9 @@ impl EventEmulator {
             config.reference_luminance,
             config.sensor.to_toml()
         );
-        // FNV-1a.
-        text.bytes()
-            .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+        let mut fnv = Fnv::default();
+        fnv.write(text.as_bytes());
+        fnv.finish()
     }
 
     fn walk(
