@@ -394,8 +394,8 @@ impl Ladder {
         let mut add = |setting: Setting| {
             let samples_hz = setting.rate_hz * f64::from(setting.samples);
             // In adaptive time hardly anything is rendered at that rate.
-            let named = setting.published.is_some() || setting.adaptive_px.is_some();
-            if !named && self.most_samples_hz.is_some_and(|most| samples_hz > most) {
+            let exempt = setting.published.is_some() || setting.adaptive_px.is_some();
+            if !exempt && self.most_samples_hz.is_some_and(|most| samples_hz > most) {
                 return;
             }
             match all.iter_mut().find(|s| s.same_run(&setting)) {
@@ -422,18 +422,10 @@ impl Ladder {
                 add(Setting::native(rate_hz, count, samples, TriggerRule::Latch));
             }
         }
-        for &step_px in &self.adaptive_px {
-            let setting = Setting::adaptive(step_px, ADAPTIVE_HZ, 4);
-            setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
-            add(setting);
-        }
-        for &step_px in &self.reproject_px {
-            let setting = Setting::reproject(step_px, ADAPTIVE_HZ, 4);
-            setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
-            add(setting);
-        }
-        for &step_px in &self.march_px {
-            let setting = Setting::march(step_px, ADAPTIVE_HZ, 16);
+        let adaptive = self.adaptive_px.iter().map(|px| Setting::adaptive(*px, ADAPTIVE_HZ, 4));
+        let reproject = self.reproject_px.iter().map(|px| Setting::reproject(*px, ADAPTIVE_HZ, 4));
+        let march = self.march_px.iter().map(|px| Setting::march(*px, ADAPTIVE_HZ, 16));
+        for setting in adaptive.chain(reproject).chain(march) {
             setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
             add(setting);
         }
