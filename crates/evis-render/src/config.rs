@@ -51,6 +51,14 @@ impl Method {
         }
     }
 
+    /// Whether each tile of a picture may have a pace of its own: see [`RunConfig::adaptive_px`].
+    pub const fn has_adaptive_time(&self) -> bool {
+        match self {
+            Self::Native | Self::Reproject | Self::March => true,
+            Self::Auto(_) | Self::Splat(_) => false,
+        }
+    }
+
     /// [`RunConfig::adaptive_px`] where the user gives none: `reproject` and `march` have no other time than adaptive time.
     pub const fn usual_adaptive_px(&self) -> Option<f64> {
         match self {
@@ -103,7 +111,7 @@ pub struct RunConfig {
     pub chosen: Option<Chosen>,
     /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
     pub rate_hz: f64,
-    /// `native` only: every tile of the picture is rendered no more often than that nothing it may show moves farther than so
+    /// Of methods that have adaptive time: every tile of the picture is rendered no more often than that nothing it may show moves farther than so
     /// many pixels between two of its samples, and `rate_hz` at most. `None` renders everything at `rate_hz`.
     pub adaptive_px: Option<f64>,
     /// Samples per pixel and instant, 1 to 256.
@@ -176,10 +184,8 @@ impl RunConfig {
     /// hardly moves is looked at 60 times a second. 1 where all tiles are sampled at every instant.
     pub fn block(&self) -> u32 {
         let longest = (self.rate_hz * BLOCK_S).clamp(1.0, f64::from(MAX_INSTANTS)) as u32;
-        match (&self.method, self.adaptive_px) {
-            (Method::Native | Method::Reproject | Method::March, Some(_)) => 1 << longest.max(1).ilog2(),
-            _ => 1,
-        }
+        let adaptive = self.method.has_adaptive_time() && self.adaptive_px.is_some();
+        if adaptive { 1 << longest.max(1).ilog2() } else { 1 }
     }
 
     /// Blocks from one keyframe of `reproject` to the next, a power of two: some 30 keyframes a second.
@@ -247,7 +253,7 @@ impl RunConfig {
             splat.check()?;
         }
         if let Some(px) = self.adaptive_px {
-            if !matches!(self.method, Method::Native | Method::Reproject | Method::March) {
+            if !self.method.has_adaptive_time() {
                 return Err(ConfigError::new("adaptive_px", px, "set with native, march and reproject only"));
             }
             if !(px.is_finite() && px > 0.0) {

@@ -272,12 +272,9 @@ impl Engine {
         let rendered = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
         let block = config.block();
         // What the trigger averages, and how it comes to be.
-        let (layer_samples, made) = match &config.method {
-            Method::Native | Method::Reproject | Method::March if config.adaptive_px.is_some() => {
-                (1, LayerUse::Computed)
-            }
-            Method::Native | Method::Auto(_) | Method::Reproject | Method::March => (samples, rendered),
-            Method::Splat(_) => (1, LayerUse::Computed),
+        let (layer_samples, made) = match (&config.method, config.adaptive_px) {
+            (Method::Splat(_), _) | (_, Some(_)) => (1, LayerUse::Computed),
+            (_, None) => (samples, rendered),
         };
         let may_be_unknown = matches!(&config.method, Method::Splat(splat) if splat.fill.is_none());
         let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, config)?;
@@ -341,16 +338,16 @@ impl Engine {
         };
         crate::shadow::draw_still_maps(&mut context);
 
-        let mut sampling = match &config.method {
-            Method::Native | Method::Reproject | Method::March if let Some(step_px) = config.adaptive_px => {
+        let mut sampling = match (&config.method, config.adaptive_px) {
+            (Method::Splat(splat), _) => {
+                Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat)))
+            }
+            (_, Some(step_px)) => {
                 let reuse = reuses.then(|| (&constants, config.blocks_per_key()));
                 let march = (config.method == Method::March).then_some(&constants);
                 Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block, reuse, march)))
             }
-            Method::Native | Method::Auto(_) | Method::Reproject | Method::March => {
-                Sampling::Native(NativeRoom::default())
-            }
-            Method::Splat(splat) => Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat))),
+            (_, None) => Sampling::Native(NativeRoom::default()),
         };
         let sizes = classes(&context.views);
         let mut targets = Vec::new();
