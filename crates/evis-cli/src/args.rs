@@ -101,11 +101,12 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "PLAN.toml", conflicts_with = "target")]
     pub(crate) plan: Option<PathBuf>,
 
-    /// Sampled instants per second, for --method native [default: 1000].
+    /// Sampled instants per second, for --method native, march and reproject [default: 1000].
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) rate: Option<f64>,
 
-    /// Render each part of the picture only as often as it moves by so many pixels, and at --rate at most.
+    /// Render each part of the picture only as often as it moves by so many pixels, and at --rate at most, for --method
+    /// native, march and reproject [default: 0.3 for the latter two].
     #[arg(long, value_name = "PX", allow_hyphen_values = true)]
     pub(crate) adaptive: Option<f64>,
 
@@ -508,7 +509,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_published: bool,
 
-    /// Leave out adaptive time, `reproject` and `auto`.
+    /// Leave out adaptive time, `march`, `reproject` and `auto`.
     #[arg(long)]
     pub(crate) no_adaptive: bool,
 
