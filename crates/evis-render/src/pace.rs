@@ -23,7 +23,7 @@ use crate::still;
 use crate::uniforms::LightRecord;
 use crate::view::PixelLens;
 
-/// Pixels along a tile's side; `trigger/layout.wgsl` has the same constant.
+/// Pixels along a tile's side; `common/tile.wgsl` has the same constant.
 pub const TILE: u32 = 16;
 /// The pace of a tile that does not change.
 pub const STILL: u8 = u8::MAX;

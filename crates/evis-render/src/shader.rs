@@ -11,6 +11,8 @@ macro_rules! shaders {
 }
 
 shaders![
+    "common/ray.wgsl",
+    "common/tile.wgsl",
     "common/frame.wgsl",
     "common/object.wgsl",
     "common/luminance.wgsl",

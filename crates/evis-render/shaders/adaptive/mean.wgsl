@@ -11,7 +11,7 @@ override SAMPLES: u32 = 1;
 
 @compute @workgroup_size(TILE, ROWS)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) id: vec3<u32>) {
-    let number = tile_number(group);
+    let number = tile_number(group, job.row);
     if (number >= job.count) {
         return;
     }

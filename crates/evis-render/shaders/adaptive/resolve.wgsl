@@ -7,7 +7,7 @@
 
 @compute @workgroup_size(16, 16)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) id: vec3<u32>) {
-    let number = tile_number(group);
+    let number = tile_number(group, job.row);
     if (number >= job.count) {
         return;
     }

@@ -1,6 +1,5 @@
+#import common/tile.wgsl
 // A workgroup per tile that was drawn.
-
-const TILE: u32 = 16u;
 
 // Twin: uniforms.rs, MeanJob.
 struct MeanJob {
@@ -15,11 +14,6 @@ struct MeanJob {
 @group(0) @binding(0) var<uniform> job: MeanJob;
 // Column | row << 16 | quarters to leave as they are << 28, the upper left first, then the upper right.
 @group(0) @binding(1) var<storage, read> tiles: array<u32>;
-
-// The number of a workgroup's tile; `job.count` and more have none.
-fn tile_number(group: vec3<u32>) -> u32 {
-    return group.y * job.row + group.x;
-}
 
 // The upper left pixel of a tile.
 fn tile_corner(number: u32) -> vec2<u32> {

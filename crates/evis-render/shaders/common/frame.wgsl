@@ -1,3 +1,4 @@
+#import common/ray.wgsl
 // The prelude declares LIGHT_CAPACITY: the scene's lights, at least 1.
 // One view at one instant. Twin: uniforms.rs, Frame.
 struct Frame {
@@ -51,10 +52,12 @@ fn camera_position() -> vec3<f32> {
         frame.world_from_camera_right.w, frame.world_from_camera_up.w, frame.world_from_camera_back.w);
 }
 
-// World direction of the ray through `ndc` (x right, y up); not normalised, -1 along the optical axis.
+// World direction of the ray through `ndc`.
 fn ray_direction(ndc: vec2<f32>) -> vec3<f32> {
-    let d = ndc * frame.ray.xy + frame.ray.zw;
-    return frame.world_from_camera_right.xyz * d.x
-        + frame.world_from_camera_up.xyz * d.y
-        - frame.world_from_camera_back.xyz;
+    return direction_through(
+        ndc,
+        frame.ray,
+        frame.world_from_camera_right.xyz,
+        frame.world_from_camera_up.xyz,
+        frame.world_from_camera_back.xyz);
 }

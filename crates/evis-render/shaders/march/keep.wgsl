@@ -1,10 +1,11 @@
 #import march/layout.wgsl
+#import common/ray.wgsl
 // Keeps a tile and what surrounds it as a key. Mean light of pixels that begin at every quarter of a pixel: a pixel that is
 // moved covers the cells of four others. And places; one whose neighbours show another object, or another part of it nearer or
 // farther away, is an edge.
 
 // Part of an inverse depth by which it may bend between neighbours.
-override SMOOTH: f32 = 0.01;
+const SMOOTH: f32 = 0.01;
 // Cells of a pixel: each sample reads textures over one of them.
 override COLUMNS: u32 = 1;
 override ROWS: u32 = 1;
@@ -19,10 +20,12 @@ override ROWS: u32 = 1;
 // Direction of what a pixel of the sky shows.
 fn direction(pixel: vec2<u32>, size: vec2<u32>) -> vec3<f32> {
     let ndc = (vec2<f32>(pixel) + 0.5) / vec2<f32>(size) * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0);
-    let d = ndc * job.ray.xy + job.ray.zw;
-    return job.world_from_camera_right.xyz * d.x
-        + job.world_from_camera_up.xyz * d.y
-        - job.world_from_camera_back.xyz;
+    return direction_through(
+        ndc,
+        job.ray,
+        job.world_from_camera_right.xyz,
+        job.world_from_camera_up.xyz,
+        job.world_from_camera_back.xyz);
 }
 
 // Inverse depth of a place of object `number`; far below 0 where it is of another.
@@ -41,7 +44,7 @@ fn overlap(i: u32, count: u32) -> vec4<f32> {
 
 @compute @workgroup_size(SIDE, 4)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) id: vec3<u32>) {
-    let number = tile_number(group);
+    let number = tile_number(group, job.row);
     if (number >= job.count) {
         return;
     }

@@ -1,6 +1,7 @@
-// Tiles that are rendered at keys, and followed between them. Twin: cpu/march.rs.
+#import common/tile.wgsl
+// Tiles that are rendered at keys, and followed between them. No twin: `tests/floor2_march.rs` holds the passes to pictures
+// whose light is known.
 
-const TILE: u32 = 16u;
 // Pixels around a tile that its key holds too: `march.rs` has the same constant.
 const APRON: u32 = 4u;
 const SIDE: u32 = TILE + 2u * APRON;
@@ -66,11 +67,6 @@ fn gap_of(number: u32) -> Gap {
         (word >> 21u) & 0xfu,
         (word >> 25u) & 0xfu,
         word >> 29u);
-}
-
-// The number of a workgroup's tile; `job.count` and more have none.
-fn tile_number(group: vec3<u32>) -> u32 {
-    return group.y * job.row + group.x;
 }
 
 // What carries points of object `number` to the clip space of frame `frame`.

@@ -3,7 +3,7 @@
 // what may come into them show one surface without edges, a key knows where it went, and both agree about its light.
 
 // By how much the logarithm of a pixel's light may differ between the keys.
-override AGREE: f32 = 0.05;
+const AGREE: f32 = 0.05;
 
 @group(0) @binding(5) var layers: texture_storage_2d_array<r32float, write>;
 @group(0) @binding(6) var<storage, read_write> verdicts: array<atomic<u32>>;
@@ -22,7 +22,7 @@ fn differ(a: f32, b: f32) -> bool {
 
 @compute @workgroup_size(TILE, LINES)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) id: vec3<u32>) {
-    let tile = tile_number(group);
+    let tile = tile_number(group, job.row);
     if (tile >= job.count) {
         return;
     }

@@ -1,8 +1,7 @@
 #import trigger/layout.wgsl
+#import common/tile.wgsl
 // How often each tile of a picture is sampled. Twin: pace.rs.
 
-// Pixels along a tile's side.
-const TILE: u32 = 16u;
 // Instants of a block, a power of two; 1 where every pixel is sampled at every instant.
 override BLOCK_INSTANTS: u32 = 1;
 

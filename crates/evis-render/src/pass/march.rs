@@ -1,4 +1,5 @@
-//! `march/*.wgsl`: tiles that are rendered at keys and followed between them. Twin: `cpu/march.rs`.
+//! `march/*.wgsl`: tiles that are rendered at keys and followed between them. No twin: `tests/floor2_march.rs`
+//! holds them to pictures whose light is known.
 
 use std::collections::BTreeSet;
 
