@@ -8,15 +8,20 @@
 
 use std::collections::HashMap;
 
+use wgpu::util::DeviceExt as _;
+
+use crate::area::Rect;
 use crate::engine::{Context, map, wait_mapped};
 use crate::error::EngineError;
 use crate::frame::columns;
 use crate::frame_buffers::{GrowingBuffer, aligned};
+use crate::geometry::attachment;
+use crate::gpu_scene::DrawItem;
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pace::{Paces, STILL, TILE, tiles_along};
 use crate::pass::march::{KEEP_BINDINGS, MarchPasses, PLACE_BINDINGS, PLACE_FORMAT, WALK_BINDINGS};
 use crate::pass::raster::{SceneConstants, UNIFORM_ALIGNMENT};
-use crate::pass::{self, ComputePass};
+use crate::pass::{self};
 use crate::pattern;
 use crate::sizes::{self, DeviceLimits};
 use crate::targets::{Layers, array, whole};
@@ -66,7 +71,7 @@ pub fn left_over(verdict: u32) -> u8 {
     (0..4).filter(|quarter| verdict >> (3 * quarter) & 7 != 0).map(|quarter| 1 << quarter).sum()
 }
 
-/// A key of a tile, and the gap that ends with it.
+/// A key of a tile, and the gap that ends with it, where one does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gap {
     /// Tile, row by row.
@@ -75,7 +80,7 @@ pub struct Gap {
     pub slot: u8,
     /// The tile is looked at every `2^pace` instants.
     pub pace: u8,
-    /// log2 of the instants since the last key; 0 where there is none to be followed from.
+    /// log2 of the instants from one key to the next.
     pub length: u8,
     /// Pixels around the tile that may come into it.
     pub reach: u8,
@@ -102,15 +107,13 @@ pub struct KeyLook {
     pub view: u32,
     /// Block of the unit.
     pub block: u32,
-    /// Instant of the block: 0 is the one before its first.
+    /// Instant of the block: 0 is the one before its first, with which no gap ends.
     pub number: u32,
     /// Frame within the view: 0 is the instant before the unit's first.
     pub k: u32,
     /// Tiles that keep a key.
     pub keys: Vec<Gap>,
-    /// Of these, those that are followed since the last one.
-    pub gaps: Vec<Gap>,
-    /// Place of the first gap's verdict.
+    /// Place of the verdict about the first one's gap.
     pub verdict: u32,
 }
 
@@ -182,7 +185,6 @@ impl MarchRoom {
             sample_of[(y * grid[0] + x) as usize] = sample;
         }
         let buffer = |label, usage| GrowingBuffer::new(device, label, usage);
-        use wgpu::util::DeviceExt as _;
         Self {
             passes: MarchPasses::new(
                 device,
@@ -266,8 +268,8 @@ impl MarchRoom {
                 let now = before + i64::from(k);
                 for view in 0..views.len() {
                     let of = view * blocks + block;
+                    let verdict = count;
                     let mut keys = Vec::new();
-                    let mut gaps = Vec::new();
                     for (tile, every) in lengths[of].iter().enumerate() {
                         let Some(every) = *every else { continue };
                         let held = &mut store.held[view * tiles + tile];
@@ -285,18 +287,15 @@ impl MarchRoom {
                         *held = Some((now, slot));
                         let reach = (step_px * f64::from(1 << (every - pace))).ceil() as u8 + 1;
                         let reach = reach.min(APRON as u8);
-                        let key = Gap { tile: tile as u32, slot, pace, length: every, reach };
-                        keys.push(key);
+                        keys.push(Gap { tile: tile as u32, slot, pace, length: every, reach });
                         if number > 0 {
-                            verdicts[of][tile].push(count + gaps.len() as u32);
-                            gaps.push(key);
+                            verdicts[of][tile].push(count);
+                            count += 1;
                         }
                     }
                     if !keys.is_empty() {
-                        let verdict = count;
-                        count += gaps.len() as u32;
                         let (view, block) = (view as u32, block as u32);
-                        looks.push(KeyLook { view, block, number, k, keys, gaps, verdict });
+                        looks.push(KeyLook { view, block, number, k, keys, verdict });
                     }
                 }
             }
@@ -331,28 +330,26 @@ impl MarchRoom {
             records.push(context.object_base(frame));
             let world_from_camera = data.trail.camera_from_world[frame as usize].inverse();
             let axis = |v: glam::DVec4| [v.x as f32, v.y as f32, v.z as f32, 0.0];
-            for gaps in [&look.keys, &look.gaps] {
-                let count = gaps.len() as u32;
-                jobs.push(MarchJob {
-                    world_from_camera_right: axis(world_from_camera.x_axis),
-                    world_from_camera_up: axis(world_from_camera.y_axis),
-                    world_from_camera_back: axis(world_from_camera.z_axis),
-                    ray: lens.ray().map(|v| v as f32),
-                    first: words.len() as u32,
-                    count,
-                    row: sizes::dispatch(count, 1).0,
-                    frame,
-                    matrices: 1 + objects as u32,
-                    view: look.view,
-                    // Frame 0 has none, and nothing asks for it.
-                    layer: (look.view * instants + look.k).wrapping_sub(1),
-                    verdict: look.verdict,
-                    half_size: [lens.width, lens.height].map(|v| v as f32 / 2.0),
-                    dark: self.dark,
-                    pad: 0,
-                });
-                words.extend(gaps.iter().map(|gap| gap.word(columns_of)));
-            }
+            let count = look.keys.len() as u32;
+            jobs.push(MarchJob {
+                world_from_camera_right: axis(world_from_camera.x_axis),
+                world_from_camera_up: axis(world_from_camera.y_axis),
+                world_from_camera_back: axis(world_from_camera.z_axis),
+                ray: lens.ray().map(|v| v as f32),
+                first: words.len() as u32,
+                count,
+                row: sizes::dispatch(count, 1).0,
+                frame,
+                matrices: 1 + objects as u32,
+                view: look.view,
+                // Frame 0 has none, and nothing asks for it.
+                layer: (look.view * instants + look.k).wrapping_sub(1),
+                verdict: look.verdict,
+                half_size: [lens.width, lens.height].map(|v| v as f32 / 2.0),
+                dark: self.dark,
+                pad: 0,
+            });
+            words.extend(look.keys.iter().map(|key| key.word(columns_of)));
         }
         let mut motions: Vec<[[f32; 4]; 4]> =
             Vec::with_capacity(views.len() * frames as usize * (1 + objects));
@@ -362,7 +359,6 @@ impl MarchRoom {
             let own = &data.instances[frame * objects..(frame + 1) * objects];
             motions.extend(own.iter().map(|record| record.clip_from_object));
         }
-        let records: Vec<[u32; 4]> = records.into_iter().map(|record| [record, 0, 0, 0]).collect();
         self.first_records.write(device, queue, &aligned(&records));
         self.jobs.write(device, queue, &aligned(&jobs));
         self.tiles.write(device, queue, bytemuck::cast_slice(&words));
@@ -385,7 +381,7 @@ impl MarchRoom {
         keep.push(self.sample_of.as_entire_binding());
         let walk = [kept(), vec![view(layers), verdicts()]].concat();
         let passes = &self.passes;
-        let place = vec![pass::part(self.first_records.get(), 0, 16)];
+        let place = vec![pass::part(self.first_records.get(), 0, size_of::<u32>() as u64)];
         Some(MarchGroups {
             place: pass::group(device, "places", &passes.place_layout, PLACE_BINDINGS, place),
             keep: pass::group(device, "keep", &passes.keep.layout, KEEP_BINDINGS, with(keep)),
@@ -404,15 +400,12 @@ impl MarchRoom {
         groups: &MarchGroups,
         (size_index, scratch): (usize, &Layers),
         frame: u32,
-        parts: &[(crate::area::Rect, Vec<crate::gpu_scene::DrawItem>)],
+        parts: &[(Rect, Vec<DrawItem>)],
         (number, look): (u32, &KeyLook),
     ) {
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("places"),
-            color_attachments: &[Some(crate::geometry::attachment(
-                &self.places[size_index],
-                wgpu::Color::TRANSPARENT,
-            ))],
+            color_attachments: &[Some(attachment(&self.places[size_index], wgpu::Color::TRANSPARENT))],
             depth_stencil_attachment: Some(depth_attachment(&scratch.depth, wgpu::StoreOp::Discard)),
             ..Default::default()
         });
@@ -425,18 +418,11 @@ impl MarchRoom {
             draw_surfaces(context, &mut pass, &self.passes.places, frame_group, surroundings, &what);
         }
         drop(pass);
-        let mut run = |what: &ComputePass, group: &wgpu::BindGroup, job: u32, tiles: usize| {
-            if tiles == 0 {
-                return;
-            }
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_pipeline(&what.pipeline);
-            pass.set_bind_group(0, group, &[job * UNIFORM_ALIGNMENT as u32]);
-            let (x, y) = sizes::dispatch(tiles as u32, 1);
-            pass.dispatch_workgroups(x, y, 1);
-        };
-        run(&self.passes.keep, &groups.keep, 2 * number, look.keys.len());
-        run(&self.passes.walk, &groups.walk, 2 * number + 1, look.gaps.len());
+        let tiles = look.keys.len() as u32;
+        self.passes.keep.encode_tiles(encoder, &groups.keep, number, tiles);
+        if look.number > 0 {
+            self.passes.walk.encode_tiles(encoder, &groups.walk, number, tiles);
+        }
     }
 
     /// Submits `encoder` and waits for what was said about every gap of `plan`: see [`left_over`].

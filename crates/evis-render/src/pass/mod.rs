@@ -10,7 +10,7 @@ pub mod sky;
 pub mod splat;
 pub mod trigger;
 
-use crate::shader;
+use crate::{shader, sizes};
 
 /// What a shader does with a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -219,6 +219,21 @@ impl ComputePass {
         let layout = layout(device, file, bindings, wgpu::ShaderStages::COMPUTE);
         let pipeline = compute_pipeline(device, file, &layout, constants);
         Self { layout, pipeline }
+    }
+
+    /// Records the pass over `tiles` tiles, a workgroup each, with the `job`th entry of its uniforms.
+    pub fn encode_tiles(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        group: &wgpu::BindGroup,
+        job: u32,
+        tiles: u32,
+    ) {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, group, &[job * raster::UNIFORM_ALIGNMENT as u32]);
+        let (x, y) = sizes::dispatch(tiles, 1);
+        pass.dispatch_workgroups(x, y, 1);
     }
 }
 
