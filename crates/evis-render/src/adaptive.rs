@@ -5,7 +5,7 @@
 //! it, so a stream's bytes depend on nothing else. The last instant of a block is sampled everywhere: no pixel's interval
 //! reaches into the next one.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
 use crate::area::{Area, Rect};
@@ -17,7 +17,7 @@ use crate::interval::{Group, Unit, borrowed, copy_layers, encode_luminance, enco
 use crate::march::{MarchRoom, left_over};
 use crate::pace::{Pacer, Paces, Passing, STILL, TILE, rects, tiles_along};
 use crate::pass::adaptive::{MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
-use crate::pass::raster::{SceneConstants, UNIFORM_ALIGNMENT};
+use crate::pass::raster::SceneConstants;
 use crate::pass::{self, ComputePass};
 use crate::reuse::{Instant, Keyframe, ReuseGroups, ReuseRoom, steady};
 use crate::sizes;
@@ -67,6 +67,85 @@ struct Look {
     still: Vec<Vec<DrawItem>>,
     first_tile: u32,
     tiles: u32,
+}
+
+impl Look {
+    /// Pixels that are drawn.
+    fn pixels(&self) -> u64 {
+        self.parts.iter().map(|(rect, _)| rect.pixels()).sum()
+    }
+}
+
+/// What a submission is about.
+struct Work<'a> {
+    targets: &'a Targets,
+    group: &'a Group,
+    unit: &'a Unit,
+    views: Vec<View>,
+    /// Frames of a view: the instant before the first, the instants, the keyframes.
+    frames: u32,
+    /// Instants of a block.
+    length: u32,
+    blocks: u32,
+    frame_group: wgpu::BindGroup,
+    /// Per view and block.
+    paces: Vec<Paces>,
+    /// Whether what still tiles showed before the first instant is kept.
+    follows: bool,
+}
+
+impl Work<'_> {
+    /// Place of a view's block in what is there per view and block.
+    const fn place(&self, view: u32, block: u32) -> usize {
+        (view * self.blocks + block) as usize
+    }
+
+    const fn frame_of(&self, look: &Look) -> u32 {
+        look.view * self.frames + look.k
+    }
+
+    /// Whether a tile of `pace` is sampled at instant `number` of `block`, from 1 on.
+    const fn is_due(&self, pace: u8, block: u32, number: u32) -> bool {
+        match pace {
+            // Nobody has kept what still tiles showed.
+            STILL => !self.follows && block == 0 && number == self.length,
+            pace => number.is_multiple_of(1 << pace),
+        }
+    }
+
+    /// Records what the lights see at frame `k` of the views, where maps do not show that already: `shown` says what they do.
+    fn encode_shadows(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        k: u32,
+        shown: &mut Option<u32>,
+    ) {
+        if shown.replace(k) != Some(k) {
+            context.encode_moving_shadows(encoder, &self.frame_group, &self.views, self.frames, k);
+        }
+    }
+
+    /// Copies what is still from the end of one block to the end of the next.
+    fn carry(&self, encoder: &mut wgpu::CommandEncoder, kept: Option<&wgpu::Texture>) {
+        let layers = &self.targets.layers;
+        for (index, paces) in (0..).zip(&self.paces) {
+            let (view, block) = (index / self.blocks, index % self.blocks);
+            let layer = view * self.unit.instants + (block + 1) * self.length - 1;
+            let before = match (kept, block) {
+                (Some(kept), 0) => (kept, view),
+                // Drawn, since nobody has it.
+                (None, 0) => continue,
+                _ => (&layers.texture, layer - self.length),
+            };
+            let still = |x: u32, y: u32| paces.tiles[(y * paces.columns + x) as usize] == STILL;
+            // A copy has no price beside its pixels: exactly the still tiles.
+            let exact = |rect: &Rect| rect.pixels() as f64 + 1e-3;
+            for rect in rects(still, TILE, (layers.width, layers.height), exact) {
+                copy_layers(encoder, before, (&layers.texture, layer), 1, rect);
+            }
+        }
+    }
 }
 
 impl AdaptiveRoom {
@@ -156,132 +235,140 @@ impl AdaptiveRoom {
         unit: &Unit,
     ) -> Result<(), EngineError> {
         let views = context.views_of(group);
-        let keys = self.keys(unit);
         // The instant before the first is where things come from.
         let times: Vec<i64> = (-1..i64::from(unit.instants))
             .map(|k| (unit.first + k).max(0))
-            .chain(keys.clone().map(|key| key * self.between_keys()))
+            .chain(self.keys(unit).map(|key| key * self.between_keys()))
             .map(|instant| context.grid.instant_us(instant))
             .collect();
         let frame_group =
             context.upload_frames_as(&views, &times, Upload { trail: true, ..Default::default() });
-        let first_view = group.views[0];
-        let kept = self.kept.remove(&first_view);
+        let kept = self.kept.remove(&group.views[0]);
         let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first);
+        let kept = kept.map(|(_, texture)| texture);
         let paces = self.paces(context, &views, unit);
-        write_paces(context, targets, &paces, self.block_of(unit));
-        if self.march.is_some() {
-            self.encode_marched(context, encoder, targets, group, unit, &frame_group, &paces, follows)?;
-            let kept = kept.map(|(_, texture)| texture);
-            self.carry(encoder, targets, unit, &paces, kept.as_ref().filter(|_| follows));
-            self.keep(context, encoder, targets, group, unit, kept);
-            return Ok(());
+        let (frames, length) = (self.frames(unit), self.block_of(unit));
+        let work = Work {
+            targets,
+            group,
+            unit,
+            views,
+            frames,
+            length,
+            blocks: unit.instants / length,
+            frame_group,
+            paces,
+            follows,
+        };
+        write_paces(context, targets, &work.paces, length);
+        match self.march.take() {
+            Some(mut march) => {
+                let done = self.encode_marched(context, encoder, &work, &mut march);
+                self.march = Some(march);
+                done?;
+            }
+            None => self.encode_rendered(context, encoder, &work),
         }
+        work.carry(encoder, kept.as_ref().filter(|_| follows));
+        self.keep(context, encoder, &work, kept);
+        Ok(())
+    }
 
-        let reused = self.reused(context, &views, unit);
+    /// Records `work`: every tile is rendered at its pace.
+    fn encode_rendered(&mut self, context: &Context, encoder: &mut wgpu::CommandEncoder, work: &Work<'_>) {
+        let reused = self.reused(context, work);
         let mut tiles = Vec::new();
-        let looks = self.looks(context, &views, unit, &paces, &reused, follows, &mut tiles);
-        self.drawn_pixels +=
-            looks.iter().flat_map(|look| &look.parts).map(|(rect, _)| rect.pixels()).sum::<u64>();
-        let groups = self.upload(context, targets, group, unit, &looks, &tiles);
-        let plan = self.plan_reuse(context, &views, group, unit, &reused, &looks);
+        let looks = self.looks(context, work, &reused, &mut tiles);
+        self.drawn_pixels += looks.iter().map(Look::pixels).sum::<u64>();
+        let means = self.upload(context, work, &looks, &tiles);
+        if self.reuse.is_some() {
+            let plan = self.plan_reuse(context, work, &reused, &looks);
+            self.draw_reused(context, encoder, work, &means, plan.as_ref(), &looks);
+        } else {
+            self.draw(context, encoder, work, &means, &looks, |_, _, _| {});
+        }
+    }
 
-        let frames = self.frames(unit);
+    /// Records `looks` whose light is used again where `plan` knows it.
+    fn draw_reused(
+        &mut self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        work: &Work<'_>,
+        means: &MeanGroups,
+        plan: Option<&ReusePlan>,
+        looks: &[Look],
+    ) {
+        let scratch = &self.scratch[work.group.targets];
+        let (Some((reuse, resolve)), Some(color), Some(resolving)) =
+            (&mut self.reuse, &scratch.multisampled, &means.resolve)
+        else {
+            return;
+        };
+        let frame_group = &work.frame_group;
         let samples = context.offsets.len() as u32;
         let mut shadows_at = None;
-        let mut keyframes = plan.iter().flat_map(|plan| &plan.keyframes).zip(0..).peekable();
-        for (number, look) in (0..).zip(&looks) {
-            let k = look.k;
-            let frame = look.view * frames + k;
-            if let (Some(plan), Some((reuse, _))) = (&plan, &mut self.reuse) {
-                let due = |block: u32| block <= (look.k - 1) / self.block;
+        let mut keyframes = plan.into_iter().flat_map(|plan| &plan.keyframes).zip(0..).peekable();
+        for (number, look) in (0..).zip(looks) {
+            let frame = work.frame_of(look);
+            if let Some(plan) = plan {
+                let due = |block: u32| block <= (look.k - 1) / work.length;
                 while let Some(((_, keyframe), entry)) = keyframes.next_if(|((block, _), _)| due(*block)) {
-                    let at = keyframe.frame % frames;
-                    context.encode_moving_shadows(encoder, &frame_group, &views, frames, at);
-                    shadows_at = Some(at);
+                    work.encode_shadows(context, encoder, keyframe.frame % work.frames, &mut shadows_at);
                     reuse.encode_keyframe(
                         context,
                         encoder,
-                        &frame_group,
+                        frame_group,
                         &plan.groups,
-                        group.targets,
-                        first_view,
+                        work.group.targets,
+                        work.group.views[0],
                         keyframe,
                         entry,
                     );
                 }
             }
-            if shadows_at != Some(k) {
-                context.encode_moving_shadows(encoder, &frame_group, &views, frames, k);
-                shadows_at = Some(k);
-            }
-            let scratch = &self.scratch[group.targets];
-            let job = |pass: u32| [(number * groups.jobs_per_look + pass) * UNIFORM_ALIGNMENT as u32];
-            let (Some((reuse, resolve)), Some(color), Some(resolving)) =
-                (&self.reuse, &scratch.multisampled, &groups.resolve)
-            else {
-                encode_luminance(context, encoder, scratch, &frame_group, frame, 0, Some(&look.parts));
-                encode_tiles(encoder, &self.mean, &groups.mean, job(0), look.tiles);
-                continue;
-            };
+            work.encode_shadows(context, encoder, look.k, &mut shadows_at);
+            let job = number * means.jobs_per_look;
             let parts = borrowed(&look.parts);
             for sample in 0..samples {
                 let known = |pass: &mut wgpu::RenderPass<'_>, part: usize| {
-                    if let Some(plan) = &plan {
+                    if let Some(plan) = plan {
                         let place = (frame, sample, number);
-                        reuse.draw(context, pass, &frame_group, &plan.groups, &look.still[part], place);
+                        reuse.draw(context, pass, frame_group, &plan.groups, &look.still[part], place);
                     }
                 };
                 let into = (scratch, color);
-                encode_sample(context, encoder, into, &frame_group, (frame, sample), &parts, known);
-                encode_tiles(encoder, resolve, resolving, job(1 + sample), look.tiles);
+                encode_sample(context, encoder, into, frame_group, (frame, sample), &parts, known);
+                resolve.encode_tiles(encoder, resolving, job + 1 + sample, look.tiles);
             }
             if samples > 1 {
-                encode_tiles(encoder, &self.mean, &groups.mean, job(0), look.tiles);
+                self.mean.encode_tiles(encoder, &means.mean, job, look.tiles);
             }
         }
-        let kept = kept.map(|(_, texture)| texture);
-        self.carry(encoder, targets, unit, &paces, kept.as_ref().filter(|_| follows));
-        self.keep(context, encoder, targets, group, unit, kept);
-        Ok(())
     }
 
-    /// Records the luminance of `unit`: first the keys of tiles, and what is followed between them; then, once it is known
+    /// Records the luminance of `work`: first the keys of tiles, and what is followed between them; then, once it is known
     /// which tiles cannot be followed, everything else.
-    #[expect(clippy::too_many_arguments, reason = "all that decides what is drawn")]
     fn encode_marched(
         &mut self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
-        targets: &Targets,
-        group: &Group,
-        unit: &Unit,
-        frame_group: &wgpu::BindGroup,
-        paces: &[Paces],
-        follows: bool,
+        work: &Work<'_>,
+        march: &mut MarchRoom,
     ) -> Result<(), EngineError> {
-        let Some(mut march) = self.march.take() else { return Ok(()) };
+        let views = &work.views;
         let device = &context.gpu.device;
-        let views = context.views_of(group);
-        let length = self.block_of(unit);
-        let blocks = unit.instants / length;
-        let frames = self.frames(unit);
-        let first_view = group.views[0];
-        let plan = march.plan(device, first_view, &views, paces, length, unit.first - 1);
-        let of = |view: u32, block: u32| (view * blocks + block) as usize;
-        let pace_is_due = |pace: u8, block: u32, number: u32| match pace {
-            // Nobody has kept what still tiles showed.
-            STILL => number == length && block == 0 && !follows,
-            pace => number.is_multiple_of(1 << pace),
-        };
+        let first_view = work.group.views[0];
+        let plan = march.plan(device, first_view, views, &work.paces, work.length, work.unit.first - 1);
 
         let mut tiles = Vec::new();
         let mut keys = Vec::new();
         for key in &plan.looks {
-            let p = of(key.view, key.block);
+            let p = work.place(key.view, key.block);
+            let paces = &work.paces[p];
             let lens = &views[key.view as usize].lens;
             let mut squares = Squares::new(lens.width, lens.height);
-            let mut felt = vec![0; paces[p].tiles.len()];
+            let mut felt = vec![0; paces.tiles.len()];
             for gap in &key.keys {
                 squares.add(gap.tile, ALL_QUARTERS, 1);
                 if key.number > 0 {
@@ -289,76 +376,65 @@ impl AdaptiveRoom {
                 }
             }
             if key.number > 0 {
-                for (tile, pace) in paces[p].tiles.iter().enumerate() {
-                    if plan.lengths[p][tile].is_none() && pace_is_due(*pace, key.block, key.number) {
+                for (tile, pace) in paces.tiles.iter().enumerate() {
+                    if plan.lengths[p][tile].is_none() && work.is_due(*pace, key.block, key.number) {
                         squares.add(tile as u32, ALL_QUARTERS, 0);
                         felt[tile] = ALL_QUARTERS;
                     }
                 }
             }
-            keys.push(look(context, &views, frames, (key.view, key.k), &squares, &felt, &mut tiles));
+            keys.push(look(context, work, (key.view, key.k), &squares, &felt, &mut tiles));
         }
         let mut told = Vec::new();
         if !keys.is_empty() {
-            let means = self.upload(context, targets, group, unit, &keys, &tiles);
-            let scratch = &self.scratch[group.targets];
+            let means = self.upload(context, work, &keys, &tiles);
+            let size_index = work.group.targets;
+            let scratch = &self.scratch[size_index];
             let groups = march.upload(
                 context,
                 first_view,
-                &views,
-                group.targets,
+                views,
+                size_index,
                 scratch,
-                &targets.layers.array,
+                &work.targets.layers.array,
                 &plan,
-                (frames, unit.instants),
+                (work.frames, work.unit.instants),
             );
-            let mut shadows_at = None;
             let mut early = device.create_command_encoder(&Default::default());
-            for ((number, look), key) in (0..).zip(&keys).zip(&plan.looks) {
-                if shadows_at.replace(look.k) != Some(look.k) {
-                    context.encode_moving_shadows(&mut early, frame_group, &views, frames, look.k);
-                }
-                self.draw(context, &mut early, frame_group, group, frames, &means, (number, look));
+            self.draw(context, &mut early, work, &means, &keys, |encoder, number, look| {
                 if let Some(groups) = &groups {
-                    let frame = look.view * frames + look.k;
-                    let room = (group.targets, scratch);
                     march.encode(
                         context,
-                        &mut early,
-                        frame_group,
+                        encoder,
+                        &work.frame_group,
                         groups,
-                        room,
-                        frame,
+                        (size_index, &self.scratch[size_index]),
+                        work.frame_of(look),
                         &look.parts,
-                        (number, key),
+                        (number, &plan.looks[number as usize]),
                     );
                 }
-            }
-            told = match march.verdicts(context, early, &plan) {
-                Ok(told) => told,
-                Err(error) => {
-                    self.march = Some(march);
-                    return Err(error);
-                }
-            };
+            });
+            told = march.verdicts(context, early, &plan)?;
         }
 
-        let had_keys: std::collections::HashSet<(u32, u32, u32)> =
+        let had_keys: HashSet<(u32, u32, u32)> =
             plan.looks.iter().map(|key| (key.view, key.block, key.number)).collect();
         let mut tiles = Vec::new();
         let mut rest = Vec::new();
-        for block in 0..blocks {
-            for number in 1..=length {
+        for block in 0..work.blocks {
+            for number in 1..=work.length {
                 for view in 0..views.len() as u32 {
-                    let p = of(view, block);
+                    let p = work.place(view, block);
+                    let paces = &work.paces[p];
                     let lens = &views[view as usize].lens;
                     let mut squares = Squares::new(lens.width, lens.height);
-                    let mut felt = vec![0; paces[p].tiles.len()];
-                    for (tile, pace) in paces[p].tiles.iter().enumerate() {
+                    let mut felt = vec![0; paces.tiles.len()];
+                    for (tile, pace) in paces.tiles.iter().enumerate() {
                         let quarters = match plan.lengths[p][tile] {
                             None if had_keys.contains(&(view, block, number)) => 0,
                             Some(every) if number.is_multiple_of(1 << every) => 0,
-                            _ if !pace_is_due(*pace, block, number) => 0,
+                            _ if !work.is_due(*pace, block, number) => 0,
                             None => ALL_QUARTERS,
                             Some(_) => {
                                 plan.verdict(p, tile, number).map_or(0, |at| left_over(told[at as usize]))
@@ -370,44 +446,38 @@ impl AdaptiveRoom {
                         }
                     }
                     if felt.iter().any(|quarters| *quarters != 0) {
-                        let k = block * length + number;
-                        rest.push(look(context, &views, frames, (view, k), &squares, &felt, &mut tiles));
+                        let k = block * work.length + number;
+                        rest.push(look(context, work, (view, k), &squares, &felt, &mut tiles));
                     }
                 }
             }
         }
-        let means = self.upload(context, targets, group, unit, &rest, &tiles);
-        let mut shadows_at = None;
-        for (number, look) in (0..).zip(&rest) {
-            if shadows_at.replace(look.k) != Some(look.k) {
-                context.encode_moving_shadows(encoder, frame_group, &views, frames, look.k);
-            }
-            self.draw(context, encoder, frame_group, group, frames, &means, (number, look));
-        }
-        let drawn = |look: &Look| look.parts.iter().map(|(rect, _)| rect.pixels()).sum::<u64>();
-        self.drawn_pixels += keys.iter().chain(&rest).map(drawn).sum::<u64>();
-        self.march = Some(march);
+        let means = self.upload(context, work, &rest, &tiles);
+        self.draw(context, encoder, work, &means, &rest, |_, _, _| {});
+        self.drawn_pixels += keys.iter().chain(&rest).map(Look::pixels).sum::<u64>();
         Ok(())
     }
 
-    /// Records one look: its samples, and their means.
-    #[expect(clippy::too_many_arguments, reason = "all that decides what is drawn")]
+    /// Records `looks`: their samples, and their means; `then` records what follows each of them.
     fn draw(
         &self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
-        frame_group: &wgpu::BindGroup,
-        group: &Group,
-        frames: u32,
+        work: &Work<'_>,
         means: &MeanGroups,
-        (number, look): (u32, &Look),
+        looks: &[Look],
+        mut then: impl FnMut(&mut wgpu::CommandEncoder, u32, &Look),
     ) {
-        let frame = look.view * frames + look.k;
-        let scratch = &self.scratch[group.targets];
-        encode_luminance(context, encoder, scratch, frame_group, frame, 0, Some(&look.parts));
-        let job = number * means.jobs_per_look * UNIFORM_ALIGNMENT as u32;
-        if look.tiles > 0 {
-            encode_tiles(encoder, &self.mean, &means.mean, [job], look.tiles);
+        let scratch = &self.scratch[work.group.targets];
+        let mut shadows_at = None;
+        for (number, look) in (0..).zip(looks) {
+            work.encode_shadows(context, encoder, look.k, &mut shadows_at);
+            let frame = work.frame_of(look);
+            encode_luminance(context, encoder, scratch, &work.frame_group, frame, 0, Some(&look.parts));
+            if look.tiles > 0 {
+                self.mean.encode_tiles(encoder, &means.mean, number * means.jobs_per_look, look.tiles);
+            }
+            then(encoder, number, look);
         }
     }
 
@@ -467,9 +537,9 @@ impl AdaptiveRoom {
     }
 
     /// Per view and block: whose light is used again, and from where.
-    fn reused(&self, context: &Context, views: &[View], unit: &Unit) -> Vec<Option<Reused>> {
-        let length = self.block_of(unit);
-        let (blocks, frames, keys) = (unit.instants / length, self.frames(unit), self.keys(unit));
+    fn reused(&self, context: &Context, work: &Work<'_>) -> Vec<Option<Reused>> {
+        let &Work { unit, length, blocks, frames, .. } = work;
+        let keys = self.keys(unit);
         if keys.is_empty() {
             return Vec::new();
         }
@@ -488,7 +558,7 @@ impl AdaptiveRoom {
             }
             Some(Reused { steady: steady(trail, all())?, keyframes: [older, older + 1], frames: around })
         };
-        (0..views.len() as u32)
+        (0..work.views.len() as u32)
             .flat_map(|v| (0..blocks).map(move |block| (v, block)))
             .map(|(v, b)| of(v, b))
             .collect()
@@ -498,27 +568,24 @@ impl AdaptiveRoom {
     fn plan_reuse(
         &mut self,
         context: &Context,
-        views: &[View],
-        group: &Group,
-        unit: &Unit,
+        work: &Work<'_>,
         reused: &[Option<Reused>],
         looks: &[Look],
     ) -> Option<ReusePlan> {
-        let length = self.block_of(unit);
-        let (blocks, frames) = (unit.instants / length, self.frames(unit));
+        let views = &work.views;
         let every = self.between_keys();
         let (reuse, _) = self.reuse.as_mut()?;
         if reused.iter().all(Option::is_none) {
             return None;
         }
-        let first_view = group.views[0];
+        let first_view = work.group.views[0];
         let lens = &views[0].lens;
         reuse.open(&context.gpu.device, first_view, views.len() as u32, [lens.width, lens.height]);
         let mut keyframes = Vec::new();
         let mut instants = Vec::new();
         for look in looks {
-            let block = (look.k - 1) / length;
-            let Some(of) = &reused[(look.view * blocks + block) as usize] else {
+            let block = (look.k - 1) / work.length;
+            let Some(of) = &reused[work.place(look.view, block)] else {
                 // Nothing is looked up.
                 instants.push(Instant::default());
                 continue;
@@ -530,10 +597,10 @@ impl AdaptiveRoom {
             }
             let us = |instant: i64| context.grid.instant_us(instant) as f64;
             let [older, newer] = of.keyframes.map(|number| us(number * every));
-            let now = us(unit.first + i64::from(look.k) - 1);
+            let now = us(work.unit.first + i64::from(look.k) - 1);
             instants.push(Instant {
                 view: look.view,
-                frame: look.view * frames + look.k,
+                frame: work.frame_of(look),
                 around: of.frames,
                 keyframes: of.keyframes,
                 weight: ((now - older) / (newer - older)) as f32,
@@ -545,41 +612,27 @@ impl AdaptiveRoom {
     }
 
     /// What is drawn, in order of time, then view; the numbers of its tiles go to `tiles`.
-    #[expect(clippy::too_many_arguments, reason = "all that decides what is drawn")]
     fn looks(
         &self,
         context: &Context,
-        views: &[View],
-        unit: &Unit,
-        paces: &[Paces],
+        work: &Work<'_>,
         reused: &[Option<Reused>],
-        follows: bool,
         tiles: &mut Vec<u32>,
     ) -> Vec<Look> {
-        let length = self.block_of(unit);
-        let blocks = unit.instants / length;
-        let frames = self.frames(unit);
         let mut looks = Vec::new();
-        for block in 0..blocks {
+        for block in 0..work.blocks {
             // By view, then by how often the instants come: rectangles, for the objects where they are at the block's end.
-            let mut plans: Vec<HashMap<u32, Vec<(Rect, bool)>>> = vec![HashMap::new(); views.len()];
-            // A tile of pace p is sampled where 2^p divides this.
-            for number in 1..=length {
-                let instant = block * length + number - 1;
-                // Nobody has kept what still tiles showed.
-                let still_too = number == length && block == 0 && !follows;
-                for (v, view) in (0..).zip(views) {
-                    let of = &paces[(v * blocks + block) as usize];
-                    let reused = reused.get((v * blocks + block) as usize).and_then(Option::as_ref);
-                    let active = |pace: u8| match pace {
-                        STILL => still_too,
-                        pace => number.trailing_zeros() >= u32::from(pace),
-                    };
+            let mut plans: Vec<HashMap<u32, Vec<(Rect, bool)>>> = vec![HashMap::new(); work.views.len()];
+            for number in 1..=work.length {
+                let k = block * work.length + number;
+                for (v, view) in (0..).zip(&work.views) {
+                    let of = &work.paces[work.place(v, block)];
+                    let reused = reused.get(work.place(v, block)).and_then(Option::as_ref);
+                    let active = |pace: u8| work.is_due(pace, block, number);
                     if !of.tiles.iter().any(|pace| active(*pace)) {
                         continue;
                     }
-                    let frame = v * frames + instant + 1;
-                    let areas = areas(context, view, frame);
+                    let areas = areas(context, view, v * work.frames + k);
                     let size = (view.lens.width, view.lens.height);
                     let rects = plans[v as usize].entry(number.trailing_zeros()).or_insert_with(|| {
                         let at = |x: u32, y: u32| (y * of.columns + x) as usize;
@@ -602,7 +655,7 @@ impl AdaptiveRoom {
                     let first_tile = tiles.len() as u32;
                     for (index, pace) in (0..).zip(&of.tiles) {
                         if active(*pace) {
-                            tiles.push((index % of.columns) | (index / of.columns) << 16);
+                            tiles.push(tile_word(index, of.columns, ALL_QUARTERS));
                         }
                     }
                     let (mut parts, mut still) = (Vec::new(), Vec::new());
@@ -613,7 +666,7 @@ impl AdaptiveRoom {
                         parts.push((*rect, all));
                     }
                     let count = tiles.len() as u32 - first_tile;
-                    looks.push(Look { view: v, k: instant + 1, parts, still, first_tile, tiles: count });
+                    looks.push(Look { view: v, k, parts, still, first_tile, tiles: count });
                 }
             }
         }
@@ -621,15 +674,7 @@ impl AdaptiveRoom {
     }
 
     /// What the means are made from.
-    fn upload(
-        &mut self,
-        context: &Context,
-        targets: &Targets,
-        group: &Group,
-        unit: &Unit,
-        looks: &[Look],
-        tiles: &[u32],
-    ) -> MeanGroups {
+    fn upload(&mut self, context: &Context, work: &Work<'_>, looks: &[Look], tiles: &[u32]) -> MeanGroups {
         let (device, queue) = (&context.gpu.device, &context.gpu.queue);
         let samples = context.offsets.len() as u32;
         // Per look: the mean of its samples, then what each of them is the mean of, where it is one.
@@ -641,20 +686,20 @@ impl AdaptiveRoom {
             layer: match pass {
                 1.. if samples > 1 => pass - 1,
                 // The instant before the first has no layer, and no tiles.
-                _ => (look.view * unit.instants + look.k).wrapping_sub(1),
+                _ => (look.view * work.unit.instants + look.k).wrapping_sub(1),
             },
         };
         let jobs: Vec<MeanJob> =
             looks.iter().flat_map(|look| (0..jobs_per_look).map(move |pass| job(look, pass))).collect();
         self.jobs.write(device, queue, &aligned(&jobs));
         self.tiles.write(device, queue, bytemuck::cast_slice(tiles));
-        let scratch = &self.scratch[group.targets];
+        let scratch = &self.scratch[work.group.targets];
         let view = wgpu::BindingResource::TextureView;
         let resources = |from, to| {
             let job = pass::part(self.jobs.get(), 0, size_of::<MeanJob>() as u64);
             vec![job, self.tiles.get().as_entire_binding(), view(from), view(to)]
         };
-        let layers = &targets.layers.array;
+        let layers = &work.targets.layers.array;
         let mean = resources(&scratch.array, layers);
         let resolve =
             self.reuse.as_ref().zip(scratch.multisampled.as_ref()).map(|((_, resolve), samples4)| {
@@ -666,46 +711,15 @@ impl AdaptiveRoom {
         MeanGroups { mean, resolve, jobs_per_look }
     }
 
-    /// Copies what is still from the end of one block to the end of the next.
-    fn carry(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        targets: &Targets,
-        unit: &Unit,
-        paces: &[Paces],
-        kept: Option<&wgpu::Texture>,
-    ) {
-        let length = self.block_of(unit);
-        let blocks = unit.instants / length;
-        let layers = &targets.layers;
-        for (index, paces) in (0..).zip(paces) {
-            let (view, block) = (index / blocks, index % blocks);
-            let layer = view * unit.instants + (block + 1) * length - 1;
-            let before = match (kept, block) {
-                (Some(kept), 0) => (kept, view),
-                // Drawn, since nobody has it.
-                (None, 0) => continue,
-                _ => (&layers.texture, layer - length),
-            };
-            let still = |x: u32, y: u32| paces.tiles[(y * paces.columns + x) as usize] == STILL;
-            // A copy has no price beside its pixels: exactly the still tiles.
-            let exact = |rect: &Rect| rect.pixels() as f64 + 1e-3;
-            for rect in rects(still, TILE, (layers.width, layers.height), exact) {
-                copy_layers(encoder, before, (&layers.texture, layer), 1, rect);
-            }
-        }
-    }
-
     /// Keeps the last instant for the next submission.
     fn keep(
         &mut self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
-        targets: &Targets,
-        group: &Group,
-        unit: &Unit,
+        work: &Work<'_>,
         spare: Option<wgpu::Texture>,
     ) {
+        let &Work { targets, group, unit, .. } = work;
         let count = group.views.len() as u32;
         let layers = &targets.layers;
         // A group's views never change.
@@ -767,16 +781,15 @@ impl Squares {
 /// to `tiles`.
 fn look(
     context: &Context,
-    views: &[View],
-    frames: u32,
+    work: &Work<'_>,
     (view, k): (u32, u32),
     squares: &Squares,
     felt: &[u8],
     tiles: &mut Vec<u32>,
 ) -> Look {
-    let lens = &views[view as usize].lens;
+    let lens = &work.views[view as usize].lens;
     let columns = tiles_along(lens.width);
-    let areas = areas(context, &views[view as usize], view * frames + k);
+    let areas = areas(context, &work.views[view as usize], view * work.frames + k);
     let active = |x: u32, y: u32| squares.chosen[(y * squares.columns + x) as usize];
     let parts = rects(active, Squares::SIDE, (lens.width, lens.height), |rect| cost(rect, &areas))
         .into_iter()
@@ -784,11 +797,15 @@ fn look(
         .collect();
     let first_tile = tiles.len() as u32;
     for (index, quarters) in (0..).zip(felt).filter(|(_, quarters)| **quarters != 0) {
-        let left = u32::from(ALL_QUARTERS & !quarters);
-        tiles.push((index % columns) | (index / columns) << 16 | left << 28);
+        tiles.push(tile_word(index, columns, *quarters));
     }
     let tiles = tiles.len() as u32 - first_tile;
     Look { view, k, parts, still: Vec::new(), first_tile, tiles }
+}
+
+/// A tile, the means of whose `quarters` are wanted, for `adaptive/tiles.wgsl`.
+fn tile_word(index: u32, columns: u32, quarters: u8) -> u32 {
+    (index % columns) | (index / columns) << 16 | u32::from(ALL_QUARTERS & !quarters) << 28
 }
 
 /// What means read and write: of samples, and of coverage samples.
@@ -826,21 +843,6 @@ struct ReusePlan {
     groups: ReuseGroups,
     /// With the block at whose begin each is drawn.
     keyframes: Vec<(u32, Keyframe)>,
-}
-
-/// Records `pass` over `tiles` tiles.
-fn encode_tiles(
-    encoder: &mut wgpu::CommandEncoder,
-    what: &ComputePass,
-    group: &wgpu::BindGroup,
-    job: [u32; 1],
-    tiles: u32,
-) {
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-    pass.set_pipeline(&what.pipeline);
-    pass.set_bind_group(0, group, &job);
-    let (x, y) = sizes::dispatch(tiles, 1);
-    pass.dispatch_workgroups(x, y, 1);
 }
 
 /// Tells the trigger the paces of blocks of `length` instants; what is still is looked at when they end.
