@@ -8,41 +8,12 @@ use evis_scene::Scene;
 use crate::auto::Target;
 use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
-use crate::gpu::Gpu;
-use crate::method::Sampling;
 use crate::view;
 
-/// 64 ms of `scene` in steps of `step_us`: the events of each view, and the pixels drawn.
-fn run(
-    gpu: &Gpu,
-    scene: &Arc<Scene>,
-    config: &RunConfig,
-    forced: Option<u8>,
-    step_us: i64,
-    buffers: Option<(u32, u32)>,
-) -> (Vec<Vec<Event>>, u64) {
-    let mut config = config.clone();
-    let (views, _) = view::views(scene, &config).unwrap();
-    let mut events = vec![Vec::new(); views.len()];
-    let mut engine = Engine::new(gpu, scene.clone(), views, &mut config).unwrap();
-    if let Some((capacity, most)) = buffers {
-        engine.limit_buffers(capacity, most);
-    }
-    if let Sampling::Adaptive(room) = engine.parts().1 {
-        room.forced = forced;
-    }
-    let mut drawn = 0;
-    for until_us in (1..=64_000 / step_us).map(|step| step * step_us) {
-        let packet = engine.deliver(until_us, until_us).unwrap();
-        drawn += packet.report.drawn_pixels;
-        events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
-    }
-    (events, drawn)
-}
-
-fn scene(name: &str) -> Arc<Scene> {
-    Arc::new(evis_scene::builtin::load(name, 0).unwrap())
-}
+use super::adaptive_streams::{
+    assert_neighbours_change_no_byte, assert_packets_and_reruns_change_no_byte, deliver, engine, force, run,
+    scene,
+};
 
 fn config(adaptive_px: Option<f64>, rate_hz: f64) -> RunConfig {
     RunConfig {
@@ -65,13 +36,16 @@ fn at_one_pace_everywhere_it_is_native_at_that_rate() {
         for pace in [0, 2, 4] {
             let plain = RunConfig { sensor: sensor.clone(), ..config(None, 1000.0 / f64::from(1 << pace)) };
             let paced = RunConfig { sensor: sensor.clone(), ..config(Some(1.0), 1000.0) };
-            let (expected, all) = run(&gpu, &scene, &plain, None, 8_000, None);
-            let (events, drawn) = run(&gpu, &scene, &paced, Some(pace), 8_000, None);
-            assert!(expected[0].len() > 100, "{name}");
-            assert!(events == expected, "{name} {pace}: {} and {}", events[0].len(), expected[0].len());
+            let all = run(&gpu, &scene, &plain, 8_000);
+            let mut engine = engine(&gpu, &scene, &paced);
+            force(&mut engine, pace);
+            let drawn = deliver(engine, 8_000);
+            let (count, expected) = (drawn.events[0].len(), all.events[0].len());
+            assert!(expected > 100, "{name}");
+            assert!(drawn.events == all.events, "{name} {pace}: {count} and {expected}");
             if name == "spinner" {
                 // Blocks end at 64 ms, which native samples too.
-                assert_eq!(drawn, all, "{name} {pace}");
+                assert_eq!(drawn.drawn_pixels, all.drawn_pixels, "{name} {pace}");
             }
         }
     }
@@ -82,10 +56,11 @@ fn the_finest_pace_everywhere_changes_nothing_and_what_is_still_is_left_out() {
     let Some(gpu) = super::device() else { return };
     for name in ["spinner", "desk"] {
         let scene = scene(name);
-        let (expected, all) = run(&gpu, &scene, &config(None, 1000.0), None, 16_000, None);
+        let native = run(&gpu, &scene, &config(None, 1000.0), 16_000);
         // So small a step is never kept: whatever moves is sampled at every instant.
-        let (events, drawn) = run(&gpu, &scene, &config(Some(1e-9), 1000.0), None, 16_000, None);
-        assert!(events == expected, "{name}");
+        let finest = run(&gpu, &scene, &config(Some(1e-9), 1000.0), 16_000);
+        assert!(finest.events == native.events, "{name}");
+        let (drawn, all) = (finest.drawn_pixels, native.drawn_pixels);
         // Whole tiles instead of rectangles, and half of the picture at most where only a toy moves.
         let most = if name == "desk" { 65 * 100 * 76 / 2 } else { all };
         assert!(drawn <= most, "{name}: {drawn} of {most}, native {all}");
@@ -95,22 +70,16 @@ fn the_finest_pace_everywhere_changes_nothing_and_what_is_still_is_left_out() {
 #[test]
 fn packets_reruns_and_neighbours_change_no_byte() {
     let Some(gpu) = super::device() else { return };
-    let variant = |time_offset_s| evis_scene::Variant { time_offset_s, ..Default::default() };
     for name in ["spinner", "desk"] {
         let alone = scene(name);
         let config = config(Some(0.3), 2000.0);
-        let (expected, drawn) = run(&gpu, &alone, &config, None, 64_000, None);
-        let (_, all) =
-            run(&gpu, &alone, &RunConfig { adaptive_px: None, ..config.clone() }, None, 64_000, None);
+        let ran = run(&gpu, &alone, &config, 64_000);
+        let (drawn, expected) = (ran.drawn_pixels, ran.events);
+        let native = RunConfig { adaptive_px: None, ..config.clone() };
+        let all = run(&gpu, &alone, &native, 64_000).drawn_pixels;
         assert!(drawn < all / 2, "{name}: {drawn} of {all} pixels");
-        for (step_us, buffers) in [(4_000, None), (1_000, None), (64_000, Some((16, 1 << 20)))] {
-            let (events, _) = run(&gpu, &alone, &config, None, step_us, buffers);
-            assert!(events == expected, "{name}: steps of {step_us} us, {buffers:?}");
-        }
-        let mut both = (*alone).clone();
-        both.variants = vec![variant(0.0), variant(0.7)];
-        let (events, _) = run(&gpu, &Arc::new(both), &config, None, 16_000, None);
-        assert!(events[0] == expected[0] && events[1] != events[0], "{name}: beside another");
+        assert_packets_and_reruns_change_no_byte(&gpu, &alone, &config, &expected);
+        assert_neighbours_change_no_byte(&gpu, &alone, &config, &expected[0]);
     }
 }
 
@@ -120,7 +89,7 @@ fn a_coarser_pace_keeps_close_to_the_finest() {
     for name in ["spinner", "desk", "street"] {
         let scene = scene(name);
         let [fine, paced, coarse] = [None, Some(0.2), Some(3.0)]
-            .map(|px| run(&gpu, &scene, &config(px, 2000.0), None, 16_000, None).0.remove(0));
+            .map(|px| run(&gpu, &scene, &config(px, 2000.0), 16_000).events.remove(0));
         // Events of a pixel and polarity that have a partner within 1 ms.
         let found = |events: &[Event]| {
             let mut left: std::collections::HashMap<_, Vec<i64>> = Default::default();
@@ -153,9 +122,9 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
     assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, crate::config::Shadows::Rays);
     let settings = |config: &RunConfig| RunConfig { chosen: None, ..config.clone() };
-    let (expected, _) = run(&gpu, &spinner, &settings(&small), None, 16_000, None);
+    let expected = run(&gpu, &spinner, &settings(&small), 16_000).events;
     let auto = RunConfig { method: Method::Auto(Target::Draft), ..config(None, 1000.0) };
-    let (events, _) = run(&gpu, &spinner, &auto, None, 16_000, None);
+    let events = run(&gpu, &spinner, &auto, 16_000).events;
     assert!(events == expected && expected[0].len() > 100);
     // What does not move needs no more than the least rate.
     let mut still = (*spinner).clone();

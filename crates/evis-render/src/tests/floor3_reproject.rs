@@ -1,10 +1,5 @@
 //! Floors 2 and 3: keyframes of light against their twin, light from them against light that was shaded, and bytes.
 
-use std::sync::Arc;
-
-use evis_core::Event;
-use evis_scene::Scene;
-
 use crate::config::{Method, RunConfig};
 use crate::cpu::reuse::Cells;
 use crate::engine::Engine;
@@ -12,9 +7,10 @@ use crate::gpu::Gpu;
 use crate::method::Sampling;
 use crate::view;
 
-fn scene(name: &str) -> Arc<Scene> {
-    Arc::new(evis_scene::builtin::load(name, 0).unwrap())
-}
+use super::adaptive_streams::{
+    apart, assert_neighbours_change_no_byte, assert_packets_and_reruns_change_no_byte, engine, force, run,
+    scene,
+};
 
 fn config(method: Method) -> RunConfig {
     RunConfig {
@@ -26,34 +22,6 @@ fn config(method: Method) -> RunConfig {
         method,
         ..Default::default()
     }
-}
-
-fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig) -> Engine {
-    let mut config = config.clone();
-    let (views, _) = view::views(scene, &config).unwrap();
-    Engine::new(gpu, scene.clone(), views, &mut config).unwrap()
-}
-
-/// 64 ms of `scene` in steps of `step_us`: the events of each view, and the keyframes drawn.
-fn run(
-    gpu: &Gpu,
-    scene: &Arc<Scene>,
-    config: &RunConfig,
-    step_us: i64,
-    buffers: Option<(u32, u32)>,
-) -> (Vec<Vec<Event>>, u64) {
-    let mut engine = engine(gpu, scene, config);
-    if let Some((capacity, most)) = buffers {
-        engine.limit_buffers(capacity, most);
-    }
-    let (mut events, mut keyframes) = (Vec::new(), 0);
-    for until_us in (1..=64_000 / step_us).map(|step| step * step_us) {
-        let packet = engine.deliver(until_us, until_us).unwrap();
-        keyframes += packet.report.keyframes;
-        events.resize(packet.views.len(), Vec::new());
-        events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
-    }
-    (events, keyframes)
 }
 
 /// Layer `layer` of a texture of 32-bit texels, rows of which are a multiple of 256 bytes long.
@@ -114,21 +82,14 @@ fn light_from_keyframes_is_the_light_that_would_be_shaded() {
         let at = |method: Method, instant: i64| {
             let config = RunConfig { samples: 16, ..config(method) };
             let mut engine = engine(&gpu, &scene, &config);
-            if let Sampling::Adaptive(room) = engine.parts().1 {
-                room.forced = Some(0);
-            }
+            force(&mut engine, 0);
             // The block that begins at instant 17.
             engine.instants(17, 16).unwrap().swap_remove((instant - 17) as usize)
         };
         let (shaded, later, reused) =
             (at(Method::Native, 18), at(Method::Native, 32), at(Method::Reproject, 18));
-        let apart = |a: &[f32], b: &[f32]| {
-            let mut all: Vec<f64> =
-                a.iter().zip(b).map(|(a, b)| (f64::from(*a) / f64::from(*b)).ln().abs()).collect();
-            all.sort_by(f64::total_cmp);
-            [0.5, 0.9].map(|part| all[(part * all.len() as f64) as usize])
-        };
-        let ([median, most], [far, _]) = (apart(&reused, &shaded), apart(&reused, &later));
+        let [median, most] = apart(&reused, &shaded, [0.5, 0.9]);
+        let [far] = apart(&reused, &later, [0.5]);
         assert!(median < 0.03 && most < 0.2, "{name}: {median:.4}, {most:.4}");
         assert!(far > 2.0 * median, "{name}: canary {far:.4} beside {median:.4}");
     }
@@ -137,21 +98,15 @@ fn light_from_keyframes_is_the_light_that_would_be_shaded() {
 #[test]
 fn packets_reruns_and_neighbours_change_no_byte() {
     let Some(gpu) = super::device() else { return };
-    let variant = |time_offset_s| evis_scene::Variant { time_offset_s, ..Default::default() };
     for name in ["spinner", "street"] {
         let alone = scene(name);
         let config = config(Method::Reproject);
-        let (expected, keyframes) = run(&gpu, &alone, &config, 64_000, None);
+        let ran = run(&gpu, &alone, &config, 64_000);
+        let (keyframes, expected) = (ran.keyframes, ran.events);
         // At 0, 32 and 64 ms.
         assert!(expected[0].len() > 100 && keyframes == 3, "{name}: {keyframes} keyframes");
-        for (step_us, buffers) in [(4_000, None), (1_000, None), (64_000, Some((16, 1 << 20)))] {
-            let (events, _) = run(&gpu, &alone, &config, step_us, buffers);
-            assert!(events == expected, "{name}: steps of {step_us} us, {buffers:?}");
-        }
-        let mut both = (*alone).clone();
-        both.variants = vec![variant(0.0), variant(0.7)];
-        let (events, _) = run(&gpu, &Arc::new(both), &config, 16_000, None);
-        assert!(events[0] == expected[0] && events[1] != events[0], "{name}: beside another");
+        assert_packets_and_reruns_change_no_byte(&gpu, &alone, &config, &expected);
+        assert_neighbours_change_no_byte(&gpu, &alone, &config, &expected[0]);
     }
 }
 
@@ -183,6 +138,7 @@ fn what_reproject_cannot_do_is_refused() {
 fn where_the_camera_stands_still_it_is_native() {
     let Some(gpu) = super::device() else { return };
     let desk = scene("desk");
-    let (events, keyframes) = run(&gpu, &desk, &config(Method::Reproject), 16_000, None);
-    assert!(events[0].len() > 100 && keyframes == 0, "{} events, {keyframes} keyframes", events[0].len());
+    let ran = run(&gpu, &desk, &config(Method::Reproject), 16_000);
+    let (count, keyframes) = (ran.events[0].len(), ran.keyframes);
+    assert!(count > 100 && keyframes == 0, "{count} events, {keyframes} keyframes");
 }

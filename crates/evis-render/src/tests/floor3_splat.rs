@@ -15,8 +15,8 @@ use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
 use crate::splat_config::{Carrier, Motion, SplatConfig};
-use crate::view;
 
+use super::adaptive_streams::engine;
 use super::floor3::{batch, gather};
 
 /// Pixels per unit of tangent.
@@ -69,12 +69,6 @@ fn sliding(pixels: f64) -> Arc<Scene> {
 fn turning(radians: f64) -> Arc<Scene> {
     let start = Trs { translation: DVec3::new(0.0, 0.0, -1.1), ..Trs::default() };
     board(Path::Spin { start, axis: DVec3::Z, rate: radians * KEYFRAME_HZ })
-}
-
-fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig) -> Engine {
-    let mut config = config.clone();
-    let (views, _) = view::views(scene, &config).unwrap();
-    Engine::new(gpu, scene.clone(), views, &mut config).unwrap()
 }
 
 /// Largest difference of two pictures relative to the second.

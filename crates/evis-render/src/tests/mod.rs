@@ -1,5 +1,6 @@
 //! Floors 0 to 3: declarations against shaders, pipelines on `noop`, passes against twins, whole intervals.
 
+mod adaptive_streams;
 mod floor0;
 mod floor1;
 mod floor2;

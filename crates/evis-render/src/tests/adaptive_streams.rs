@@ -1,0 +1,101 @@
+//! Streams of built-in scenes in adaptive time, and what must not change a byte of them.
+
+use std::sync::Arc;
+
+use evis_core::Event;
+use evis_scene::{Scene, Variant};
+
+use crate::config::RunConfig;
+use crate::engine::Engine;
+use crate::gpu::Gpu;
+use crate::method::Sampling;
+use crate::view;
+
+/// A built-in one.
+pub(super) fn scene(name: &str) -> Arc<Scene> {
+    Arc::new(evis_scene::builtin::load(name, 0).unwrap())
+}
+
+/// What would deliver the stream.
+pub(super) fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig) -> Engine {
+    let mut config = config.clone();
+    let (views, _) = view::views(scene, &config).unwrap();
+    Engine::new(gpu, scene.clone(), views, &mut config).unwrap()
+}
+
+/// Gives every tile one pace, whatever moves.
+pub(super) fn force(engine: &mut Engine, pace: u8) {
+    let Sampling::Adaptive(room) = engine.parts().1 else { panic!("not in adaptive time") };
+    room.forced = Some(pace);
+}
+
+/// What was delivered.
+#[derive(Default)]
+pub(super) struct Stream {
+    /// By view.
+    pub events: Vec<Vec<Event>>,
+    pub drawn_pixels: u64,
+    pub keyframes: u64,
+}
+
+/// 64 ms in steps of `step_us`.
+pub(super) fn deliver(mut engine: Engine, step_us: i64) -> Stream {
+    let mut stream = Stream::default();
+    for until_us in (1..=64_000 / step_us).map(|step| step * step_us) {
+        let packet = engine.deliver(until_us, until_us).unwrap();
+        stream.drawn_pixels += packet.report.drawn_pixels;
+        stream.keyframes += packet.report.keyframes;
+        stream.events.resize(packet.views.len(), Vec::new());
+        stream.events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
+    }
+    stream
+}
+
+/// 64 ms of `scene` in steps of `step_us`.
+pub(super) fn run(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, step_us: i64) -> Stream {
+    deliver(engine(gpu, scene, config), step_us)
+}
+
+/// Packets of any length, and buffers that prove too small, give the `expected` events.
+pub(super) fn assert_packets_and_reruns_change_no_byte(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &RunConfig,
+    expected: &[Vec<Event>],
+) {
+    for (step_us, buffers) in [(4_000, None), (1_000, None), (64_000, Some((16, 1 << 20)))] {
+        let mut engine = engine(gpu, scene, config);
+        if let Some((capacity, most)) = buffers {
+            engine.limit_buffers(capacity, most);
+        }
+        let stream = deliver(engine, step_us);
+        assert!(stream.events == expected, "{}: steps of {step_us} us, {buffers:?}", scene.name);
+    }
+}
+
+/// Environments that are as `scene` is give the `expected` events on both sides of one in which it is another time. For
+/// sensors without noise, which environments have of their own.
+pub(super) fn assert_neighbours_change_no_byte(
+    gpu: &Gpu,
+    scene: &Scene,
+    config: &RunConfig,
+    expected: &[Event],
+) {
+    let mut batch = scene.clone();
+    batch.variants =
+        [0.0, 0.7, 0.0].map(|time_offset_s| Variant { time_offset_s, ..Default::default() }).to_vec();
+    let batch = Arc::new(batch);
+    for step_us in [16_000, 64_000] {
+        let events = run(gpu, &batch, config, step_us).events;
+        let same: Vec<bool> = events.iter().map(|of_view| of_view == expected).collect();
+        assert_eq!(same, [true, false, true], "{}: steps of {step_us} us, and the canary", scene.name);
+    }
+}
+
+/// How far the logarithms of two pictures lie apart, at most, in each of `parts` of their pixels.
+pub(super) fn apart<const N: usize>(a: &[f32], b: &[f32], parts: [f64; N]) -> [f64; N] {
+    let mut all: Vec<f64> =
+        a.iter().zip(b).map(|(a, b)| (f64::from(*a) / f64::from(*b)).ln().abs()).collect();
+    all.sort_by(f64::total_cmp);
+    parts.map(|part| all[(part * all.len() as f64) as usize])
+}
