@@ -21,6 +21,7 @@ use crate::pass::raster::SceneConstants;
 use crate::pass::{self, ComputePass};
 use crate::reuse::{Instant, Keyframe, ReuseGroups, ReuseRoom, steady};
 use crate::sizes;
+use crate::shadow::MovingShadows;
 use crate::still;
 use crate::targets::{LayerUse, Layers, Targets};
 use crate::uniforms::MeanJob;
@@ -113,17 +114,9 @@ impl Work<'_> {
         }
     }
 
-    /// Records what the lights see at frame `k` of the views, where maps do not show that already: `shown` says what they do.
-    fn encode_shadows(
-        &self,
-        context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
-        k: u32,
-        shown: &mut Option<u32>,
-    ) {
-        if shown.replace(k) != Some(k) {
-            context.encode_moving_shadows(encoder, &self.frame_group, &self.views, self.frames, k);
-        }
+    /// What the lights see, following what is drawn.
+    fn shadows(&self) -> MovingShadows<'_> {
+        MovingShadows::new(&self.frame_group, &self.views, self.frames)
     }
 
     /// Copies what is still from the end of one block to the end of the next.
@@ -307,14 +300,14 @@ impl AdaptiveRoom {
         };
         let frame_group = &work.frame_group;
         let samples = context.offsets.len() as u32;
-        let mut shadows_at = None;
+        let mut shadows = work.shadows();
         let mut keyframes = plan.into_iter().flat_map(|plan| &plan.keyframes).zip(0..).peekable();
         for (number, look) in (0..).zip(looks) {
             let frame = work.frame_of(look);
             if let Some(plan) = plan {
                 let due = |block: u32| block <= (look.k - 1) / work.length;
                 while let Some(((_, keyframe), entry)) = keyframes.next_if(|((block, _), _)| due(*block)) {
-                    work.encode_shadows(context, encoder, keyframe.frame % work.frames, &mut shadows_at);
+                    shadows.show(context, encoder, keyframe.view, keyframe.frame % work.frames);
                     reuse.encode_keyframe(
                         context,
                         encoder,
@@ -327,7 +320,7 @@ impl AdaptiveRoom {
                     );
                 }
             }
-            work.encode_shadows(context, encoder, look.k, &mut shadows_at);
+            shadows.show(context, encoder, look.view, look.k);
             let job = number * means.jobs_per_look;
             let parts = borrowed(&look.parts);
             for sample in 0..samples {
@@ -469,9 +462,9 @@ impl AdaptiveRoom {
         mut then: impl FnMut(&mut wgpu::CommandEncoder, u32, &Look),
     ) {
         let scratch = &self.scratch[work.group.targets];
-        let mut shadows_at = None;
+        let mut shadows = work.shadows();
         for (number, look) in (0..).zip(looks) {
-            work.encode_shadows(context, encoder, look.k, &mut shadows_at);
+            shadows.show(context, encoder, look.view, look.k);
             let frame = work.frame_of(look);
             encode_luminance(context, encoder, scratch, &work.frame_group, frame, 0, Some(&look.parts));
             if look.tiles > 0 {

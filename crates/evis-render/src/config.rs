@@ -123,6 +123,9 @@ pub struct RunConfig {
     pub texture_taps: Option<u32>,
     /// How shadows are told from light.
     pub shadows: Shadows,
+    /// Texels of a shadow map's edge, 64 to 16384, and as many as the device can at most. `None` takes 8192, or 4096 where more
+    /// than two lights throw shadows; 2048 where one of them moves, or more than eight throw any.
+    pub shadow_map: Option<u32>,
     /// Names of the cameras to render; empty for all.
     pub cameras: Vec<String>,
     /// Width and height in pixels for every camera; `None` takes each camera's own (640x480 where it has none).
@@ -155,6 +158,7 @@ impl Default for RunConfig {
             antialias: Antialias::Samples,
             texture_taps: None,
             shadows: Shadows::Maps,
+            shadow_map: None,
             cameras: Vec::new(),
             size: None,
             start_us: 0,
@@ -294,6 +298,9 @@ impl RunConfig {
         }
         if let Some(taps) = self.texture_taps.filter(|taps| !(1..=16).contains(taps)) {
             return Err(ConfigError::new("texture_taps", taps, "between 1 and 16"));
+        }
+        if let Some(edge) = self.shadow_map.filter(|edge| !(64..=16_384).contains(edge)) {
+            return Err(ConfigError::new("shadow_map", edge, "between 64 and 16384 texels"));
         }
         if let Some((width, height)) = self.size {
             for (what, value) in [("width", width), ("height", height)] {

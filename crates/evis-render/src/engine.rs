@@ -31,7 +31,7 @@ use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
 use crate::pass::trigger::TriggerPasses;
 use crate::reuse;
-use crate::shadow::{ShadowPlan, ShadowRoom};
+use crate::shadow::{MovingShadows, ShadowPlan, ShadowRoom};
 use crate::sizes::{self, DeviceLimits, MethodNeeds};
 use crate::splat::{self, SplatRoom};
 use crate::targets::{LayerUse, Layers, Targets, row_bytes};
@@ -121,7 +121,7 @@ impl Context {
     ) -> wgpu::BindGroup {
         let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
         let plan = self.shadows.as_ref().map(|s| &s.plan);
-        let moving = plan.is_some_and(ShadowPlan::moves);
+        let redrawn = plan.is_some_and(ShadowPlan::is_redrawn);
         let occluders = self.shadows.as_ref().and_then(|s| s.occluders.as_ref());
         let request = FrameRequest {
             views,
@@ -129,41 +129,13 @@ impl Context {
             shadows: plan,
             occluders,
             record_ids: upload.record_ids,
-            shadow_maps: moving,
+            shadow_maps: redrawn,
             watch: upload.watch,
             trail: upload.trail,
         };
         self.frame_data.build(&self.scene, &self.gpu_scene, &request);
         self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
     }
-
-    /// Draws the shadow maps of instant `k`, where they move.
-    pub(crate) fn encode_moving_shadows(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        frame_group: &wgpu::BindGroup,
-        views: &[View],
-        instants: u32,
-        k: u32,
-    ) {
-        let Some(room) = self.shadows.as_ref().filter(|room| room.plan.moves()) else { return };
-        let lights = room.plan.nodes.len() as u32;
-        let frames = views.len() * instants as usize;
-        for (e, environment) in environments_of(views).into_iter().enumerate() {
-            for light in 0..lights {
-                let map = (e as u32 * instants + k) * lights + light;
-                let first = FrameData::shadow_record(frames, self.gpu_scene.objects.len(), map as usize);
-                room.encode_instant(self, encoder, frame_group, environment as u32, light, first);
-            }
-        }
-    }
-}
-
-/// The environments of `views`, which are environment-major.
-pub(crate) fn environments_of(views: &[View]) -> Vec<usize> {
-    let mut environments: Vec<usize> = views.iter().map(|v| v.environment).collect();
-    environments.dedup();
-    environments
 }
 
 /// What came back of one view and was not yet delivered.
@@ -1032,7 +1004,7 @@ pub(crate) fn mean_luminance(
     let frame_group = context.upload_frames(&view, &[t_us]);
     let device = &context.gpu.device;
     let mut encoder = device.create_command_encoder(&Default::default());
-    context.encode_moving_shadows(&mut encoder, &frame_group, &view, 1, 0);
+    MovingShadows::new(&frame_group, &view, 1).show(context, &mut encoder, 0, 0);
     interval::encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0, None);
     let samples = context.offsets.len();
     let read = read_layers(context, encoder, layers, samples as u32)?;

@@ -3,6 +3,7 @@
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
+use crate::area::Rect;
 use crate::gpu_scene::{DrawItem, GpuScene, Object, push_item};
 use crate::lamp::Lamp;
 use crate::occluders::{self, Occluders};
@@ -36,6 +37,8 @@ pub struct FrameData {
     pub watch: StillWatch,
     /// Where everything was, where that was asked for.
     pub trail: Trail,
+    /// Per shadow map: what of it changes as things move.
+    pub moved_texels: Vec<Vec<Rect>>,
     state: SceneState,
     joint_scratch: Vec<DMat4>,
 }
@@ -94,6 +97,7 @@ impl FrameData {
             self.changes.resize_with(frame_count, Change::default);
             self.watch.begin(group, views.len(), first);
         }
+        self.moved_texels.clear();
         self.trail.shared.clear();
         self.trail.camera_from_world.clear();
         self.trail.shared_of.clear();
@@ -191,8 +195,9 @@ impl FrameData {
                 record.instance_id = number;
             }
         }
-        if request.shadow_maps {
+        if let Some(plan) = request.shadows.filter(|_| request.shadow_maps) {
             for view in &light_views {
+                self.moved_texels.push(plan.moved_texels(view, objects, &world));
                 self.instances.extend(world.iter().map(|w| instance_record(w, &(view.clip_from_world * *w))));
                 self.objects.extend(&records);
             }
@@ -202,7 +207,7 @@ impl FrameData {
             self.occluders.extend(occluders.records(&world));
             ShadowRays { root: occluders.still_root(environment), first, count: occluders.moving_count() }
         });
-        let shadow_layer_base = (environment * light_views.len()) as u32;
+        let shadow_layer_base = request.shadows.map_or(0, |plan| plan.layer_base(environment));
         let lamps = request.shadows.map_or(Vec::new(), |plan| {
             let nodes = plan.nodes.iter().zip(&light_views);
             nodes.filter_map(|(&node, view)| Lamp::new(scene, state, node, view)).collect()

@@ -9,6 +9,7 @@ use crate::pass::labels::GEOMETRY_FORMATS;
 use crate::pass::raster::{DEPTH_FORMAT, UNIFORM_ALIGNMENT};
 use crate::pass::splat::{PREPARE_BINDINGS, SPLAT_WORKGROUP};
 use crate::pass::{self, ComputePass};
+use crate::shadow::MovingShadows;
 use crate::splat_config::{Motion, SplatConfig};
 use crate::targets::{LayerUse, Layers};
 use crate::uniforms::{KeyParams, LabelFrame};
@@ -228,11 +229,12 @@ impl KeyframeFrames {
     ) {
         let (count, slot) = (self.views.len() as u32, slot_of(j));
         let place = (j - self.first) as u32;
-        context.encode_moving_shadows(encoder, &self.frame_group, &self.views, self.times, place + 1);
+        let mut shadows = MovingShadows::new(&self.frame_group, &self.views, self.times);
         let bytes = 8 * u64::from(count);
         encoder.clear_buffer(&store.largest, u64::from(slot) * bytes, Some(bytes));
         for view in 0..count {
             let frame = view * self.times + place + 1;
+            shadows.show(context, encoder, view, place + 1);
             encode_luminance(context, encoder, &store.layers, &self.frame_group, frame, 0, None);
             let [inverse_depth, flow, ids] = &store.pictures;
             let what = GeometryPass {

@@ -14,6 +14,7 @@ use crate::pass::labels::{
 };
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, WHOLE_PIXEL_TAPS};
 use crate::pass::sky;
+use crate::shadow::MovingShadows;
 use crate::sizes::DeviceLimits;
 use crate::uniforms::LabelFrame as LabelUniform;
 use crate::view::View;
@@ -207,9 +208,7 @@ impl LabelRoom {
             mapped_at_creation: false,
         });
         let mut encoder = device.create_command_encoder(&Default::default());
-        if self.wanted.any_appearance() {
-            context.encode_moving_shadows(&mut encoder, &frame_group, &views, 3, 0);
-        }
+        let mut shadows = MovingShadows::new(&frame_group, &views, 3);
         for view in 0..views.len() {
             let frame = view as u32 * 3;
             let [inverse_depth, flow, ids, color, normal] = target_views.each_ref().map(Option::as_ref);
@@ -219,6 +218,7 @@ impl LabelRoom {
                 room.encode(context, &mut encoder, &frame_group, groups, &what);
             }
             if self.wanted.any_appearance() {
+                shadows.show(context, &mut encoder, view as u32, 0);
                 self.encode_appearance(context, &mut encoder, &frame_group, [color, normal], &depth, frame);
             }
             let (planes, _) = self.planes(width, height, view);

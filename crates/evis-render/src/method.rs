@@ -5,6 +5,7 @@ use crate::area::Rect;
 use crate::engine::{Context, Upload};
 use crate::error::EngineError;
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
+use crate::shadow::MovingShadows;
 use crate::splat::SplatRoom;
 use crate::still::Change;
 use crate::targets::Targets;
@@ -89,11 +90,12 @@ impl NativeRoom {
         let watch = watches.then_some((first_view, unit.first));
         let frame_group = context.upload_frames_as(&views, &times, Upload { watch, ..Default::default() });
         let whole = Rect::whole(layers.width, layers.height);
+        let mut shadows = MovingShadows::new(&frame_group, &views, unit.instants);
         for k in 0..unit.instants {
-            // What the lights see, where casters or lights move.
-            context.encode_moving_shadows(encoder, &frame_group, &views, unit.instants, k);
-            // What the cameras see, one luminance layer per sample.
             for view in 0..views.len() as u32 {
+                // What the lights see, where casters or lights move.
+                shadows.show(context, encoder, view, k);
+                // What the camera sees, one luminance layer per sample.
                 let frame = view * unit.instants + k;
                 let first = frame * samples;
                 let before = match (&self.kept, k) {

@@ -4,13 +4,15 @@
 //! (`shaders/raster/occluders.wgsl`): borders are then as sharp as the geometry, at any size of the world.
 //! What never moves is one tree in world space; each mesh that moves has a tree in its own, and a matrix per instant.
 
+use std::collections::HashMap;
 use std::ops::Range;
 
 use evis_core::ConfigError;
-use evis_scene::{AlphaMode, Scene, SceneState};
+use evis_scene::{AlphaMode, Scene};
 use glam::{DMat4, Vec3};
 
 use crate::gpu_scene::{GpuScene, Object};
+use crate::shadow::{alike, states};
 use crate::uniforms::OccluderRecord;
 
 /// Triangles of a leaf, at most. Three bits of a leaf's word hold the number.
@@ -70,34 +72,20 @@ impl Occluders {
             };
             primitive.indices.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]).collect()
         };
-        let states: Vec<SceneState> = (0..scene.variants.len().max(1))
-            .map(|environment| {
-                let mut state = SceneState::default();
-                scene.evaluate_variant(scene.variants.get(environment), start_us as f64 * 1e-6, &mut state);
-                state
-            })
-            .collect();
+        let states = states(scene, start_us);
         // Environments that place everything alike share a tree.
         let still: Vec<usize> = (0..objects.len()).filter(|&o| !objects[o].moving).collect();
-        for (e, state) in states.iter().enumerate() {
-            let same = states[..e].iter().position(|other| {
-                still.iter().all(|&o| {
-                    let node = objects[o].node;
-                    other.world_from_node[node] == state.world_from_node[node]
-                })
-            });
-            let root = match same {
-                Some(other) => trees.still_roots[other],
-                None => {
-                    let world =
-                        still.iter().flat_map(|&o| triangles(o, &state.world_from_node[objects[o].node]));
-                    let world = world.collect();
-                    trees.push(world)
-                }
-            };
-            trees.still_roots.push(root);
+        let nodes: Vec<usize> = still.iter().map(|&o| objects[o].node).collect();
+        let mut roots = Vec::new();
+        for (state, placement) in states.iter().zip(alike(&states, &nodes)) {
+            if placement as usize == roots.len() {
+                let world = still.iter().flat_map(|&o| triangles(o, &state.world_from_node[objects[o].node]));
+                let world = world.collect();
+                roots.push(trees.push(world));
+            }
+            trees.still_roots.push(roots[placement as usize]);
         }
-        let mut roots = std::collections::HashMap::new();
+        let mut roots = HashMap::new();
         for (o, object) in objects.iter().enumerate().filter(|(_, object)| object.moving) {
             let key = (scene.nodes[object.node].mesh, object.primitive);
             let root = *roots.entry(key).or_insert_with(|| trees.push(triangles(o, &DMat4::IDENTITY)));

@@ -29,6 +29,7 @@ shaders![
     "raster/luminance.wgsl",
     "raster/sky.wgsl",
     "raster/shadow_map.wgsl",
+    "raster/shadow_restore.wgsl",
     "labels/geometry.wgsl",
     "labels/appearance.wgsl",
     "labels/sky.wgsl",

@@ -1,29 +1,40 @@
 //! Shadow maps: which lights have one, and the matrices that fit them to the world, not to the view, so that
 //! a shadow's edge moves only with its light and its caster.
 
+use std::sync::{Mutex, PoisonError};
+
 use evis_core::ConfigError;
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3, DVec4};
 
+use crate::area::Rect;
 use crate::config::{RunConfig, Shadows};
 use crate::engine::Context;
 use crate::frame::{FrameData, FrameRequest, rigid};
-use crate::gpu_scene::{DrawItem, GpuScene, moves};
+use crate::gpu_scene::{DrawItem, GpuScene, Object, moves};
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::occluders::Occluders;
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
-use crate::pass::shadow_map;
+use crate::pass::{self, shadow_map};
 use crate::variant::LightSet;
 use crate::view::View;
 
-/// Texels per edge of a shadow map.
-pub const SHADOW_MAP_EDGE: u32 = 2048;
+/// Bytes that maps of what stands still may take, of all environments together; beyond, they are drawn again and again.
+const STILL_BYTES: u64 = 1 << 30;
+/// Texels around what is drawn into a map that it may change: rounding's.
+const MARGIN_TEXELS: f64 = 2.0;
 
 /// The lights that throw shadows, and whether their maps change.
 #[derive(Clone, Debug)]
 pub struct ShadowPlan {
     /// Nodes of the lights, in layer order.
     pub nodes: Vec<usize>,
+    /// Texels per edge of a map.
+    edge: u32,
+    /// Per environment: which of the ways in which what stands still is placed.
+    placements: Vec<u32>,
+    /// Whether maps are drawn as instants and environments come, one environment at a time; else all are drawn at once.
+    redrawn: bool,
     /// Per light: whether it moves.
     light_moves: Vec<bool>,
     /// Whether any caster moves.
@@ -42,8 +53,15 @@ pub struct LightView {
 }
 
 impl ShadowPlan {
-    /// `None` where no light throws shadows. `bounds` holds everything that is ever drawn.
-    pub fn new(scene: &Scene, bounds: (DVec3, DVec3)) -> Option<Self> {
+    /// `None` where no light throws shadows. `bounds` holds everything that is ever drawn; `edge`: texels of a map's edge,
+    /// where that is asked for.
+    pub fn new(
+        scene: &Scene,
+        objects: &[Object],
+        bounds: (DVec3, DVec3),
+        start_us: i64,
+        edge: Option<u32>,
+    ) -> Option<Self> {
         let nodes: Vec<usize> = scene
             .nodes
             .iter()
@@ -62,18 +80,54 @@ impl ShadowPlan {
         let caster_moves = scene.nodes.iter().enumerate().any(|(index, node)| {
             node.mesh.is_some() && (node.skin.is_some() || node.morph.is_some() || moves(scene, index))
         });
-        let light_moves = nodes.iter().map(|&node| moves(scene, node)).collect();
-        Some(Self { nodes, light_moves, caster_moves, bounds })
+        let light_moves: Vec<bool> = nodes.iter().map(|&node| moves(scene, node)).collect();
+        let edge = edge.unwrap_or_else(|| usual_edge(light_moves.len(), light_moves.contains(&true)));
+        let still = objects.iter().filter(|o| !o.moving).map(|o| o.node);
+        let placements = alike(&states(scene, start_us), &still.chain(nodes.iter().copied()).collect::<Vec<_>>());
+        let mut plan = Self { nodes, edge, placements, redrawn: false, light_moves, caster_moves, bounds };
+        plan.redrawn = plan.moves() || !plan.keeps_still();
+        Some(plan)
     }
 
-    /// Whether any map changes: then it is made anew at every instant, else once for the whole run.
+    /// Whether any map changes from instant to instant.
     pub fn moves(&self) -> bool {
         self.caster_moves || self.light_moves.contains(&true)
+    }
+
+    /// Whether maps are drawn as instants and environments come.
+    pub const fn is_redrawn(&self) -> bool {
+        self.redrawn
+    }
+
+    /// Layers of one map per light and way of placing what stands still.
+    fn still_layers(&self) -> u32 {
+        (1 + self.placements.iter().max().copied().unwrap_or(0)) * self.nodes.len() as u32
+    }
+
+    /// Whether there is room for all of them.
+    fn keeps_still(&self) -> bool {
+        u64::from(self.still_layers()) * u64::from(self.edge).pow(2) * 4 <= STILL_BYTES
+    }
+
+    /// First layer of the maps that `environment` is drawn with.
+    pub fn layer_base(&self, environment: usize) -> u32 {
+        if self.redrawn { 0 } else { self.placements[environment] * self.nodes.len() as u32 }
     }
 
     /// Layer of the light at `node`, within a frame.
     pub fn layer_of(&self, node: usize) -> Option<u32> {
         self.nodes.iter().position(|&n| n == node).map(|i| i as u32)
+    }
+
+    /// What of the map that `view` draws is changed by `objects` that move, where `world` has them.
+    pub fn moved_texels(&self, view: &LightView, objects: &[Object], world: &[DMat4]) -> Vec<Rect> {
+        let of = |(object, place): (&Object, &DMat4)| match object.extent {
+            None => Some(Rect::whole(self.edge, self.edge)),
+            Some((low, high)) => {
+                view.texels(corners(low, high).map(|c| place.transform_point3(c)), self.edge)
+            }
+        };
+        objects.iter().zip(world).filter(|(object, _)| object.moving).filter_map(of).collect()
     }
 
     /// The lights' views, in layer order.
@@ -92,12 +146,8 @@ impl ShadowPlan {
         })
     }
 
-    fn corners(&self) -> impl Iterator<Item = DVec3> + '_ {
-        (0..8).map(|i| {
-            let pick = |bit: usize, low: f64, high: f64| if i >> bit & 1 == 0 { low } else { high };
-            let (low, high) = self.bounds;
-            DVec3::new(pick(0, low.x, high.x), pick(1, low.y, high.y), pick(2, low.z, high.z))
-        })
+    fn corners_of_world(&self) -> impl Iterator<Item = DVec3> {
+        corners(self.bounds.0, self.bounds.1)
     }
 
     fn directional(&self, world_from_light: &DMat4) -> LightView {
@@ -105,7 +155,7 @@ impl ShadowPlan {
         world_from_light.w_axis = DVec4::W;
         let light_from_world = world_from_light.inverse();
         let (mut low, mut high) = (DVec3::splat(f64::INFINITY), DVec3::splat(f64::NEG_INFINITY));
-        for corner in self.corners() {
+        for corner in self.corners_of_world() {
             let p = light_from_world.transform_point3(corner);
             low = low.min(p);
             high = high.max(p);
@@ -124,7 +174,7 @@ impl ShadowPlan {
         );
         LightView {
             clip_from_world: clip_from_light * light_from_world,
-            texel: 2.0 * half / f64::from(SHADOW_MAP_EDGE),
+            texel: 2.0 * half / f64::from(self.edge),
         }
     }
 
@@ -133,7 +183,7 @@ impl ShadowPlan {
         // The cone touches the map's edge; a small margin keeps the filter inside.
         let tangent = outer.min(1.5).tan() * 1.02;
         let near =
-            self.corners().map(|c| -light_from_world.transform_point3(c).z).fold(0.0, f64::max).max(1e-3)
+            self.corners_of_world().map(|c| -light_from_world.transform_point3(c).z).fold(0.0, f64::max).max(1e-3)
                 * 1e-3;
         let clip_from_light = DMat4::from_cols(
             DVec4::new(1.0 / tangent, 0.0, 0.0, 0.0),
@@ -143,30 +193,111 @@ impl ShadowPlan {
         );
         LightView {
             clip_from_world: clip_from_light * light_from_world,
-            texel: 2.0 * tangent / f64::from(SHADOW_MAP_EDGE),
+            texel: 2.0 * tangent / f64::from(self.edge),
         }
+    }
+}
+
+/// The corners of a box.
+fn corners(low: DVec3, high: DVec3) -> impl Iterator<Item = DVec3> {
+    (0..8).map(move |i| {
+        let pick = |bit: usize, low: f64, high: f64| if i >> bit & 1 == 0 { low } else { high };
+        DVec3::new(pick(0, low.x, high.x), pick(1, low.y, high.y), pick(2, low.z, high.z))
+    })
+}
+
+/// Texels of a map's edge: so that a texel is about as large as a pixel of what is lit, in a room or on a street. Fewer where
+/// there are many maps, or where all of them must be drawn at every instant.
+const fn usual_edge(lights: usize, light_moves: bool) -> u32 {
+    match lights {
+        0..=2 if !light_moves => 8192,
+        0..=8 if !light_moves => 4096,
+        _ => 2048,
+    }
+}
+
+/// `scene` at `start_us` of its time, per environment.
+pub fn states(scene: &Scene, start_us: i64) -> Vec<SceneState> {
+    (0..scene.variants.len().max(1))
+        .map(|environment| {
+            let mut state = SceneState::default();
+            scene.evaluate_variant(scene.variants.get(environment), start_us as f64 * 1e-6, &mut state);
+            state
+        })
+        .collect()
+}
+
+/// Numbers the ways in which `states` place `nodes`, in order of first appearance.
+pub fn alike(states: &[SceneState], nodes: &[usize]) -> Vec<u32> {
+    let mut numbers: Vec<u32> = Vec::new();
+    for (e, state) in states.iter().enumerate() {
+        let same = |other: &SceneState| {
+            nodes.iter().all(|&node| other.world_from_node[node] == state.world_from_node[node])
+        };
+        let next = numbers.iter().max().map_or(0, |last| last + 1);
+        numbers.push(states[..e].iter().position(same).map_or(next, |other| numbers[other]));
+    }
+    numbers
+}
+
+impl LightView {
+    /// Texels of a map of `edge` that a box may change, whose corners in the world are `corners`; all where it reaches behind
+    /// the light, nothing where it lies outside.
+    pub fn texels(&self, corners: impl Iterator<Item = DVec3>, edge: u32) -> Option<Rect> {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let most = f64::from(edge);
+        for corner in corners {
+            let clip = self.clip_from_world * corner.extend(1.0);
+            if clip.w <= 1e-9 {
+                return Some(Rect::whole(edge, edge));
+            }
+            for (axis, ndc) in [clip.x / clip.w, -clip.y / clip.w].into_iter().enumerate() {
+                let at = (0.5 * ndc + 0.5) * most;
+                low[axis] = low[axis].min(at);
+                high[axis] = high[axis].max(at);
+            }
+        }
+        let low = low.map(|v| (v - MARGIN_TEXELS).floor().clamp(0.0, most) as u32);
+        let high = high.map(|v| (v + MARGIN_TEXELS).ceil().clamp(0.0, most) as u32);
+        (low[0] < high[0] && low[1] < high[1]).then_some(Rect { low, high })
     }
 }
 
 /// Shadow maps on the device.
 ///
-/// What stands still is drawn once into maps that are kept; at each instant these are copied and only what moves is
-/// drawn on top. Where a light moves, everything is drawn.
+/// What stands still is drawn once into maps that are kept; at each instant these are restored where something moved, and only
+/// what moves is drawn on top. Where a light moves, everything is drawn.
 pub struct ShadowRoom {
     /// What is drawn, and when.
     pub plan: ShadowPlan,
     /// What rays are cast through along shadows' borders; `None` where the maps decide alone.
     pub occluders: Option<Occluders>,
-    /// All layers: environment-major, then light.
+    /// All layers: by placement where nothing is redrawn, then by light.
     pub array: wgpu::TextureView,
-    texture: wgpu::Texture,
     layers: Vec<wgpu::TextureView>,
-    /// Maps of what stands still; absent where nothing moves, whose maps are `array` itself.
-    still: Option<(wgpu::Texture, Vec<wgpu::TextureView>)>,
+    /// Maps of what stands still, by placement, then by light; absent where `array` has them, or nothing has room for them.
+    still: Option<StillMaps>,
+    /// Per light: what its map shows.
+    shown: Mutex<Vec<Shown>>,
     pipelines: Pipelines,
     still_items: Vec<DrawItem>,
     moving_items: Vec<DrawItem>,
     all_items: Vec<DrawItem>,
+}
+
+struct StillMaps {
+    layers: Vec<wgpu::TextureView>,
+    restore: wgpu::RenderPipeline,
+    group: wgpu::BindGroup,
+}
+
+/// What a map shows that is restored from another.
+#[derive(Clone, Debug, Default)]
+struct Shown {
+    /// Layer of what stands still in it.
+    still: Option<u32>,
+    /// Where something else was drawn.
+    drawn: Vec<Rect>,
 }
 
 impl ShadowRoom {
@@ -181,19 +312,27 @@ impl ShadowRoom {
         gpu_scene: &GpuScene,
         config: &RunConfig,
     ) -> Result<Option<Self>, ConfigError> {
-        let Some(plan) = scene_bounds(scene).and_then(|bounds| ShadowPlan::new(scene, bounds)) else {
-            return Ok(None);
-        };
+        let plan = scene_bounds(scene).and_then(|bounds| {
+            ShadowPlan::new(scene, &gpu_scene.objects, bounds, config.start_us, config.shadow_map)
+        });
+        let Some(mut plan) = plan else { return Ok(None) };
+        let limits = device.limits();
+        plan.edge = plan.edge.min(limits.max_texture_dimension_2d);
         let occluders = match config.shadows {
             Shadows::Maps => None,
             Shadows::Rays => Some(Occluders::new(scene, gpu_scene, config.start_us)?),
         };
-        let count = (plan.nodes.len() * scene.variants.len().max(1)) as u32;
-        let texture = map_texture(device, SHADOW_MAP_EDGE, count);
-        let still = plan.moves().then(|| {
-            let texture = map_texture(device, SHADOW_MAP_EDGE, count);
-            let layers = layer_views(&texture, count);
-            (texture, layers)
+        let lights = plan.nodes.len() as u32;
+        let count = if plan.redrawn { lights } else { plan.still_layers() };
+        let texture = map_texture(device, plan.edge, count);
+        let still = (plan.redrawn && plan.keeps_still()).then(|| {
+            let count = plan.still_layers();
+            let texture = map_texture(device, plan.edge, count);
+            let (restore, layout) = shadow_map::restore(device);
+            let array = array_view(&texture);
+            let maps = vec![wgpu::BindingResource::TextureView(&array)];
+            let group = pass::group(device, "still maps", &layout, shadow_map::RESTORE_BINDINGS, maps);
+            StillMaps { layers: layer_views(&texture, count), restore, group }
         });
         let constants = SceneConstants {
             lights: LightSet::new(scene, |node| plan.layer_of(node)),
@@ -209,7 +348,7 @@ impl ShadowRoom {
             occluders,
             array: array_view(&texture),
             layers: layer_views(&texture, count),
-            texture,
+            shown: Mutex::new(vec![Shown::default(); lights as usize]),
             still,
             pipelines,
             still_items: gpu_scene.items(|o| !o.moving),
@@ -223,103 +362,153 @@ impl ShadowRoom {
         array_view(&map_texture(device, 1, 1))
     }
 
-    /// Makes the map of `light` in `environment` for one instant, whose records start at `first`.
+    /// Makes the map of `light` in `environment` for one instant, whose records start at `first`; what moves changes `moved`
+    /// of it. Maps are shared by all instants and environments: what reads them is recorded before the next call.
+    #[expect(clippy::too_many_arguments, reason = "a map, its instant, and what it is drawn with")]
     pub fn encode_instant(
         &self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
         frame_group: &wgpu::BindGroup,
-        environment: u32,
-        light: u32,
+        environment: usize,
+        light: usize,
         first: u32,
+        moved: &[Rect],
     ) {
-        let layer = environment * self.plan.nodes.len() as u32 + light;
-        let target = &self.layers[layer as usize];
+        let target = &self.layers[light];
         match &self.still {
-            Some((still, _)) if !self.plan.light_moves[light as usize] => {
-                let at = |texture| wgpu::TexelCopyTextureInfo {
-                    texture,
-                    mip_level: 0,
-                    origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
-                    aspect: wgpu::TextureAspect::All,
-                };
-                let size = wgpu::Extent3d {
-                    width: SHADOW_MAP_EDGE,
-                    height: SHADOW_MAP_EDGE,
-                    depth_or_array_layers: 1,
-                };
-                encoder.copy_texture_to_texture(at(still), at(&self.texture), size);
-                self.draw(
-                    context,
-                    encoder,
-                    frame_group,
-                    target,
-                    wgpu::LoadOp::Load,
-                    &self.moving_items,
-                    first,
-                );
+            Some(still) if !self.plan.light_moves[light] => {
+                let layer = self.plan.placements[environment] * self.plan.nodes.len() as u32 + light as u32;
+                let now = Shown { still: Some(layer), drawn: moved.to_vec() };
+                let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+                let before = std::mem::replace(&mut shown[light], now);
+                let edge = self.plan.edge;
+                let stale =
+                    if before.still == Some(layer) { before.drawn } else { vec![Rect::whole(edge, edge)] };
+                let mut pass = begin(encoder, target, wgpu::LoadOp::Load);
+                pass.set_pipeline(&still.restore);
+                pass.set_bind_group(0, &still.group, &[]);
+                for rect in &stale {
+                    let [width, height] = rect.size();
+                    pass.set_scissor_rect(rect.low[0], rect.low[1], width, height);
+                    pass.draw(0..3, layer..layer + 1);
+                }
+                pass.set_scissor_rect(0, 0, edge, edge);
+                self.draw(context, &mut pass, frame_group, &self.moving_items, first);
             }
             _ => {
-                let clear = wgpu::LoadOp::Clear(0.0);
-                self.draw(context, encoder, frame_group, target, clear, &self.all_items, first);
+                let mut pass = begin(encoder, target, wgpu::LoadOp::Clear(0.0));
+                self.draw(context, &mut pass, frame_group, &self.all_items, first);
             }
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "a pass names all that it reads and writes")]
     fn draw(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        pass: &mut wgpu::RenderPass<'_>,
         frame_group: &wgpu::BindGroup,
-        target: &wgpu::TextureView,
-        load: wgpu::LoadOp<f32>,
         items: &[DrawItem],
         first: u32,
     ) {
-        let mut attachment = depth_attachment(target, wgpu::StoreOp::Store);
-        attachment.depth_ops = Some(wgpu::Operations { load, store: wgpu::StoreOp::Store });
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("shadow map"),
-            color_attachments: &[],
-            depth_stencil_attachment: Some(attachment),
-            ..Default::default()
-        });
         let what = Drawing { items, frame: 0, sample: None, first_record: first };
-        draw_surfaces(context, &mut pass, &self.pipelines, frame_group, None, &what);
+        draw_surfaces(context, pass, &self.pipelines, frame_group, None, &what);
     }
 }
 
-/// Draws the maps of what stands still, once, for every environment.
+/// Lets maps follow what is drawn: the views of an upload, each at `instants` instants.
+pub struct MovingShadows<'a> {
+    frame_group: &'a wgpu::BindGroup,
+    views: &'a [View],
+    instants: u32,
+    /// Environment and instant that the maps show.
+    shown: Option<(usize, u32)>,
+}
+
+impl<'a> MovingShadows<'a> {
+    /// Nothing is shown yet.
+    pub const fn new(frame_group: &'a wgpu::BindGroup, views: &'a [View], instants: u32) -> Self {
+        Self { frame_group, views, instants, shown: None }
+    }
+
+    /// Draws the maps that `view` needs at instant `k`, where they are not drawn.
+    pub fn show(&mut self, context: &Context, encoder: &mut wgpu::CommandEncoder, view: u32, k: u32) {
+        let Some(room) = context.shadows.as_ref().filter(|room| room.plan.redrawn) else { return };
+        let environment = self.views[view as usize].environment;
+        if self.shown.replace((environment, k)) == Some((environment, k)) {
+            return;
+        }
+        let mut environments: Vec<usize> = self.views.iter().map(|v| v.environment).collect();
+        environments.dedup();
+        let Some(e) = environments.iter().position(|other| *other == environment) else { return };
+        let lights = room.plan.nodes.len();
+        let frames = self.views.len() * self.instants as usize;
+        for light in 0..lights {
+            let map = (e * self.instants as usize + k as usize) * lights + light;
+            let first = FrameData::shadow_record(frames, context.gpu_scene.objects.len(), map);
+            let moved = &context.frame_data.moved_texels[map];
+            room.encode_instant(context, encoder, self.frame_group, environment, light, first, moved);
+        }
+    }
+}
+
+fn begin<'e>(
+    encoder: &'e mut wgpu::CommandEncoder,
+    target: &wgpu::TextureView,
+    load: wgpu::LoadOp<f32>,
+) -> wgpu::RenderPass<'e> {
+    let mut attachment = depth_attachment(target, wgpu::StoreOp::Store);
+    attachment.depth_ops = Some(wgpu::Operations { load, store: wgpu::StoreOp::Store });
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some("shadow map"),
+        color_attachments: &[],
+        depth_stencil_attachment: Some(attachment),
+        ..Default::default()
+    })
+}
+
+/// Draws the maps of what stands still, once for every way in which it is placed.
 pub fn draw_still_maps(context: &mut Context) {
     let Some(room) = context.shadows.take() else { return };
-    // One view per environment, at the start, is enough to place every caster.
-    let mut views: Vec<View> = context.views.clone();
-    views.dedup_by_key(|v| v.environment);
-    let request = FrameRequest {
-        views: &views,
-        times_s: &[context.scene_time_s(0)],
-        shadows: Some(&room.plan),
-        occluders: room.occluders.as_ref(),
-        record_ids: false,
-        shadow_maps: true,
-        watch: None,
-        trail: false,
+    let targets = match &room.still {
+        Some(still) => &still.layers,
+        None if !room.plan.redrawn => &room.layers,
+        // Nothing is kept.
+        None => &Vec::new(),
     };
-    context.frame_data.build(&context.scene, &context.gpu_scene, &request);
-    let group = context.frame_buffers.upload(
-        &context.gpu,
-        &context.layouts,
-        &context.gpu_scene.morph_data,
-        &context.frame_data,
-    );
-    let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
-    let targets = room.still.as_ref().map_or(&room.layers, |(_, layers)| layers);
-    for (map, target) in targets.iter().enumerate() {
-        let first = FrameData::shadow_record(views.len(), context.gpu_scene.objects.len(), map);
-        room.draw(context, &mut encoder, &group, target, wgpu::LoadOp::Clear(0.0), &room.still_items, first);
+    if !targets.is_empty() {
+        // One view per placement, at the start, is enough to place every caster.
+        let mut views: Vec<View> = Vec::new();
+        for view in &context.views {
+            if room.plan.placements[view.environment] as usize == views.len() {
+                views.push(view.clone());
+            }
+        }
+        let request = FrameRequest {
+            views: &views,
+            times_s: &[context.scene_time_s(0)],
+            shadows: Some(&room.plan),
+            occluders: room.occluders.as_ref(),
+            record_ids: false,
+            shadow_maps: true,
+            watch: None,
+            trail: false,
+        };
+        context.frame_data.build(&context.scene, &context.gpu_scene, &request);
+        let group = context.frame_buffers.upload(
+            &context.gpu,
+            &context.layouts,
+            &context.gpu_scene.morph_data,
+            &context.frame_data,
+        );
+        let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+        for (map, target) in targets.iter().enumerate() {
+            let first = FrameData::shadow_record(views.len(), context.gpu_scene.objects.len(), map);
+            let mut pass = begin(&mut encoder, target, wgpu::LoadOp::Clear(0.0));
+            room.draw(context, &mut pass, &group, &room.still_items, first);
+        }
+        context.gpu.queue.submit([encoder.finish()]);
     }
-    context.gpu.queue.submit([encoder.finish()]);
     context.shadows = Some(room);
 }
 
@@ -344,10 +533,7 @@ fn map_texture(device: &wgpu::Device, edge: u32, layers: u32) -> wgpu::Texture {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: DEPTH_FORMAT,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-            | wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::COPY_SRC
-            | wgpu::TextureUsages::COPY_DST,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
         view_formats: &[],
     })
 }
@@ -375,6 +561,9 @@ mod tests {
     fn plan() -> ShadowPlan {
         ShadowPlan {
             nodes: vec![0],
+            edge: 2048,
+            placements: vec![0],
+            redrawn: false,
             light_moves: vec![false],
             caster_moves: false,
             bounds: (DVec3::splat(-2.0), DVec3::new(2.0, 3.0, 4.0)),
@@ -386,7 +575,7 @@ mod tests {
         let plan = plan();
         let light = DMat4::from_rotation_x(-1.0) * DMat4::from_rotation_y(0.4);
         let view = plan.directional(&light);
-        for corner in plan.corners() {
+        for corner in plan.corners_of_world() {
             let clip = view.clip_from_world * corner.extend(1.0);
             assert!(clip.x.abs() <= 1.0 && clip.y.abs() <= 1.0 && (0.0..=1.0).contains(&clip.z), "{clip}");
         }

@@ -1,7 +1,11 @@
-//! `raster/shadow_map.wgsl`: depth from a light.
+//! `raster/shadow_map.wgsl`: depth from a light. `raster/shadow_restore.wgsl`: what stands still, again.
 
-use super::raster::{Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
+use super::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
+use super::{Access, Binding, bind, layout, module, pipeline_layout};
 use crate::variant::{Interface, SurfaceVariant};
+
+/// `raster/shadow_restore.wgsl`.
+pub const RESTORE_BINDINGS: &[Binding] = &[bind(0, "still_maps", Access::DepthLayers)];
 
 /// Shadow pipelines of `variants`. Back faces are drawn too: an open mesh throws its shadow from both sides.
 pub fn pipelines(
@@ -31,4 +35,40 @@ pub fn pipelines(
             (v, surface_pipeline(device, &what, &v, scene))
         })
         .collect()
+}
+
+/// The pipeline that writes a layer of the still maps over what was drawn, and the layout of its group. A copy would do, but
+/// copies of depth are of whole maps.
+pub fn restore(device: &wgpu::Device) -> (wgpu::RenderPipeline, wgpu::BindGroupLayout) {
+    let file = "raster/shadow_restore.wgsl";
+    let group = layout(device, "still maps", RESTORE_BINDINGS, wgpu::ShaderStages::FRAGMENT);
+    let module = module(device, file, "");
+    let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(file),
+        layout: Some(&pipeline_layout(device, file, &[&group])),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vs_main"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: Some(wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(wgpu::CompareFunction::Always),
+            stencil: wgpu::StencilState::default(),
+            bias: wgpu::DepthBiasState::default(),
+        }),
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some("fs_main"),
+            compilation_options: Default::default(),
+            targets: &[],
+        }),
+        multiview_mask: None,
+        cache: None,
+    });
+    (pipeline, group)
 }

@@ -7,6 +7,7 @@ use evis_core::random::StreamId;
 use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
 
 use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
+use crate::pass::shadow_map::RESTORE_BINDINGS;
 use crate::pass::{Access, Binding, adaptive, labels, march, reuse, splat, trigger};
 use crate::shader::{self, compose};
 use crate::uniforms;
@@ -40,6 +41,7 @@ fn entries() -> Vec<(&'static str, Groups)> {
     vec![
         ("raster/luminance.wgsl", SURFACE),
         ("raster/shadow_map.wgsl", &[FRAME_BINDINGS, MATERIAL_BINDINGS]),
+        ("raster/shadow_restore.wgsl", &[RESTORE_BINDINGS]),
         ("raster/sky.wgsl", &[FRAME_BINDINGS, &[], SURROUNDINGS_BINDINGS]),
         (
             "labels/geometry.wgsl",
