@@ -121,10 +121,10 @@ pub(crate) struct RunArgs {
     #[command(flatten)]
     pub(crate) splat: SplatArgs,
 
-    /// Sensor: a preset (ideal, evis, v2e, v2e-noisy, esim, openeb, dvxplorer-like, …) or a TOML file; the flags below
-    /// override it [default: what the scene gives its cameras, else ideal].
-    #[arg(long, value_name = "PRESET|FILE")]
-    pub(crate) sensor: Option<String>,
+    /// Sensor: a preset (ideal, evis, v2e, v2e-noisy, esim, openeb, dvxplorer-like, …) or a TOML file; CAMERA=… for one
+    /// camera, again for another. The flags below override it [default: what the scene gives each camera, else ideal].
+    #[arg(long, value_name = "[CAMERA=]PRESET|FILE")]
+    pub(crate) sensor: Vec<String>,
 
     /// How a change of brightness becomes events [default: the sensor's; crossing, or latch for evis-paper].
     #[arg(long, value_enum)]

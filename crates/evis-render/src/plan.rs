@@ -11,7 +11,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::auto::{self, Chosen, LADDER, Rung};
 use crate::config::{Antialias, Method, RunConfig, Shadows};
-use crate::diffusion;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
@@ -214,7 +213,6 @@ fn rungs(gpu: &Gpu, scene: &Scene, config: &RunConfig) -> Result<Vec<(RunConfig,
     let settled = |rung: &Rung| {
         let mut config = config.clone();
         let why = auto::settle(rung, scene, &gpu_scene, &views, &mut config);
-        diffusion::settle(&mut config);
         (config, why)
     };
     Ok(LADDER.iter().map(settled).collect())
