@@ -949,7 +949,7 @@ fn first_capacity(groups: &[Group], targets: &[Targets], block: u32) -> u32 {
 }
 
 /// Views that are alike, in order of first appearance: they share targets and passes.
-fn classes(views: &[View]) -> Vec<Vec<usize>> {
+pub(crate) fn classes(views: &[View]) -> Vec<Vec<usize>> {
     let mut classes: Vec<Vec<usize>> = Vec::new();
     for (index, view) in views.iter().enumerate() {
         match classes.iter_mut().find(|of| views[of[0]].is_alike(view)) {
