@@ -423,6 +423,66 @@ def test_every_stage_of_a_sensor_runs_on_scenes(spinner: evis.Scene, name: str):
     assert "refractory" in simulator.config_toml
 
 
+def test_cameras_have_sensors_of_their_own(tmp_path: Path):
+    names = ("plain", "noisy", "walk")
+    cameras = [
+        evis.EventCamera(name=name, width=64, height=48, pose=evis.Placement(position=(0, 0.3, 3)))
+        for name in names
+    ]
+    noisy = evis.Sensor(threshold_off=0.25, noise=evis.Noise(shot_hz=20.0))
+    sensors: dict[str, evis.Sensor | str] = {"noisy": noisy, "walk": "davis346"}
+    settings: dict[str, Any] = {"rate_hz": 500.0, "samples": 1, "reference_luminance": 1.0, "seed": 2}
+    scene = evis.Scene.builtin("spinner").with_cameras(cameras)
+
+    def run(which: tuple[str, ...], **more: Any) -> tuple[evis.Simulator, dict[str, npt.NDArray[Any]]]:
+        sim = evis.Simulator(scene, cameras=which, **{"sensor": sensors, **settings, **more})
+        return sim, {view.camera.name: view.events for view in sim.step(60_000).views}
+
+    for adaptive_px in (None, 0.4):
+        sim, together = run(names, adaptive_px=adaptive_px)
+        for name in names:
+            _, alone = run((name,), adaptive_px=adaptive_px)
+            assert len(alone[name]) > 100
+            assert alone[name].tobytes() == together[name].tobytes(), name
+        _, turned = run(names[::-1], adaptive_px=adaptive_px)
+        assert all(turned[name].tobytes() == together[name].tobytes() for name in names)
+        _, one = run(names, adaptive_px=adaptive_px, sensor="ideal")
+        kept = [one[name].tobytes() == together[name].tobytes() for name in names]
+        assert kept == [True, False, False], "canary: two of them have other sensors"
+
+    davis = evis.Sensor.preset("davis346")
+    assert sim.sensors == {"plain": evis.Sensor(), "noisy": noisy, "walk": davis}
+    again, repeated = run(names, adaptive_px=0.4, sensor=sim.sensors)
+    assert again.sensors == sim.sensors
+    assert all(repeated[name].tobytes() == together[name].tobytes() for name in names)
+    run_settings = tomllib.loads(sim.config_toml)["run"]
+    assert set(run_settings["sensors"]) == {"noisy", "walk"}
+    assert run_settings["sensors"]["noisy"]["noise"]["shot_hz"] == 20.0
+    assert "diffusion" in run_settings["sensors"]["walk"]
+    # A recording tells which thresholds each camera had.
+    with evis.Simulator(scene, cameras=names, sensor=sensors, **settings).stream(duration=0.02) as stream:
+        evis.save(tmp_path / "a.h5", stream)
+    recording = evis.load(tmp_path / "a.h5")
+    stored = [evis.Truth.load(tmp_path / "a.h5", camera=name).sensor for name in recording]
+    assert [sensor.threshold_off for sensor in stored] == pytest.approx([0.2, 0.25, davis.threshold_off])
+
+
+@pytest.mark.parametrize(
+    ("sensor", "message"),
+    [
+        ({"left": "ideal"}, "no camera named 'left'; there is"),
+        ({"camera": "v2f"}, "camera 'camera': .*v2f"),
+        ({"camera": evis.Sensor(threshold_off=0.0)}, "camera 'camera': threshold_off is 0"),
+        ({"camera": None}, "'camera': None; it must map names of cameras"),
+        ({0: "ideal"}, "0: 'ideal'; it must map names of cameras"),
+    ],
+)
+def test_unusable_sensors_are_named_with_their_camera(sensor: Any, message: str):
+    scene = evis.Scene.builtin("spinner")
+    with pytest.raises(evis.ConfigError, match=message):
+        evis.Simulator(scene, sensor=sensor, **SMALL)
+
+
 def test_lost_events_are_counted(spinner: evis.Scene):
     sensor = evis.Sensor(
         threshold_on=0.05,

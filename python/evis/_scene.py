@@ -37,8 +37,7 @@ class EventCamera:
     threshold_on, threshold_off : float, optional
         Thresholds of this camera, where they differ from the run's.
     sensor : Sensor or str, optional
-        Its sensor, or the name of a preset or TOML file: what a `Simulator` takes that is given none. All
-        cameras that are rendered together must have the same.
+        Its sensor, or the name of a preset or TOML file: what a `Simulator` takes that is given none for it.
     """
 
     name: str

@@ -219,7 +219,7 @@ class Sensor:
 
     A pixel's signal is ``ln(Y / Y_ref + log_eps)`` with the luminance Y = 0.2126 R + 0.7152 G + 0.0722 B
     (Rec. ITU-R BT.709-6, item 3.2) of linear light. Values are checked where a sensor is used, and by
-    `check`. A `Simulator` takes sensors with thresholds only; an `EventEmulator` takes all of them.
+    `check`. A `Simulator` and an `EventEmulator` take all of them.
 
     Attributes
     ----------

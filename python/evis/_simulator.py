@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from types import TracebackType
@@ -76,11 +76,13 @@ class Simulator:
     ----------
     scene : Scene
         What to render; several simulators may share it.
-    sensor : Sensor or str, optional
-        Sensor of every camera, or the name of a preset; a camera's own thresholds come before the sensor's.
-        Where not given, what the scene gives the cameras; else ideal, 0.2 / 0.2 (with the method
-        ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Every stage runs on the device, but
-        ``diffusion``: that runs on the host, from the light of every instant, and without ``adaptive_px``.
+    sensor : Sensor, str, or mapping of them by camera, optional
+        Sensor of every camera, or the name of a preset. ``{"left": "davis346", "right": Sensor(...)}`` gives
+        each of these cameras its own; the names are those of cameras of the scene, rendered or not. A camera
+        that is given none has what the scene gives it; else an ideal sensor, 0.2 / 0.2 (with the method
+        ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Thresholds that the scene gives a
+        camera come before its sensor's. Every stage runs on the device, but ``diffusion``: that runs on the
+        host, from the light of every instant.
     method : {"auto", "native", "march", "reproject", "splat", "evis-paper"} or Splat, optional
         How instants are sampled: each rendered (``native``); in adaptive time, where parts of the picture
         without edges are rendered every few pixels of motion and followed in between (``march``); visibility
@@ -119,6 +121,10 @@ class Simulator:
         ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by
         rays, as sharp as what throws them, for several times the work; things that throw shadows must be
         rigid and without holes.
+    shadow_map : int, optional
+        Texels of a shadow map's edge, 64 to 16384; if not given, 8192 for up to two lights that throw shadows, 4096
+        for up to eight, and 2048 beyond and where one of them moves. Fewer take less memory (4 bytes per texel and
+        map) and less time where pictures are small.
     cameras : sequence of str or EventCamera, optional
         Cameras to render: names of the scene's own, or cameras to add to it; all of the scene's if not
         given.
@@ -157,7 +163,7 @@ class Simulator:
         self,
         scene: Scene,
         *,
-        sensor: Sensor | str | None = None,
+        sensor: Sensor | str | Mapping[str, Sensor | str] | None = None,
         method: Method | None = None,
         target: Literal["draft", "default", "exact"] = "default",
         budget_ms: float | None = None,
@@ -168,6 +174,7 @@ class Simulator:
         antialias: Literal["samples", "edges"] | None = None,
         texture_taps: int | None = None,
         shadows: Literal["maps", "rays"] | None = None,
+        shadow_map: int | None = None,
         cameras: Sequence[str | EventCamera] | None = None,
         size: tuple[int, int] | None = None,
         labels: Iterable[LabelName] = (),
@@ -215,20 +222,19 @@ class Simulator:
             added = [camera for camera in cameras if isinstance(camera, EventCamera)]
             scene = scene.with_cameras(added) if added else scene
             names = [camera.name if isinstance(camera, EventCamera) else camera for camera in cameras]
-        if sensor is None:
-            own = _evis.scene_sensor(scene._raw, names)
-            sensor = None if own is None else Sensor._of_json(own)
-        if sensor is None:
+        sensors: dict[str, str] = {}
+        if sensor is None or isinstance(sensor, Mapping):
+            sensors = {**_evis.scene_sensors(scene._raw, names), **_by_camera(sensor or {})}
             paper = splat is not None and splat.is_evis_paper
             sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
         elif isinstance(sensor, str):
             sensor = Sensor.preset(sensor)
         sensor.check()
         self._scene = scene
-        self._sensor = sensor
         self._engine = _evis.Simulator(
             scene._raw,
             sensor=sensor._json(),
+            sensors=sensors,
             method=str(method) if splat is None else "splat",
             target=target,
             budget_ms=budget_ms,
@@ -240,6 +246,7 @@ class Simulator:
             antialias=antialias or "samples",
             texture_taps=texture_taps,
             shadows=shadows or "maps",
+            shadow_map=None if shadow_map is None else _whole("shadow_map", shadow_map, 2**32),
             cameras=names,
             size=_size(size),
             start_us=micros("start", start),
@@ -255,6 +262,8 @@ class Simulator:
         self._start_us = micros("start", start)
         self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
+        each = (Sensor._of_json(json) for json in self._engine.sensors)
+        self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}
         self._labels = tuple(self._engine.labels)
         chosen = self._engine.chosen
         if chosen is not None and chosen[2] is not None:
@@ -267,8 +276,13 @@ class Simulator:
 
     @property
     def sensor(self) -> Sensor:
-        """The sensor."""
-        return self._sensor
+        """The sensor of the first camera; `sensors` has every camera's."""
+        return self._sensors[self._cameras[0].name]
+
+    @property
+    def sensors(self) -> dict[str, Sensor]:
+        """The sensor of each rendered camera by its name, thresholds that the scene gives it included."""
+        return dict(self._sensors)
 
     @property
     def method(self) -> str:
@@ -424,6 +438,24 @@ class Stream(Iterator[Packet]):
     ) -> None:
         """Stop the engine."""
         self.close()
+
+
+def _by_camera(sensors: Mapping[str, Sensor | str]) -> dict[str, str]:
+    """Check sensors of single cameras; errors name the camera."""
+    checked = {}
+    for camera, sensor in sensors.items():
+        if not isinstance(camera, str) or not isinstance(sensor, (Sensor, str)):
+            raise ConfigError(
+                f"sensor has {camera!r}: {sensor!r}; it must map names of cameras to sensors or to names of "
+                "presets"
+            )
+        try:
+            own = Sensor.preset(sensor) if isinstance(sensor, str) else sensor
+            own.check()
+        except ConfigError as error:
+            raise ConfigError(f"camera '{camera}': {error}") from None
+        checked[camera] = own._json()
+    return checked
 
 
 def _size(size: tuple[int, int] | None) -> tuple[int, int] | None:

@@ -361,10 +361,11 @@ def _as_events(
         events = load(events)
     stored = None
     if isinstance(events, Recording):
-        stored = _evis.sensor_of_settings(events.config_toml)
         if camera is None and len(events) > 1 and truth.camera.name in events:
             camera = truth.camera.name
-        events = (events.view if camera is None or len(events) == 1 else events[camera]).events
+        view = events.view if camera is None or len(events) == 1 else events[camera]
+        stored = _evis.sensor_of_settings(events.config_toml, view.camera.name)
+        events = view.events
     if isinstance(events, EventArray):
         size = (events.width, events.height) if told_size else None
         return np.ascontiguousarray(events.to_numpy()), size, stored

@@ -122,10 +122,10 @@ pub(crate) struct RunArgs {
     #[command(flatten)]
     pub(crate) splat: SplatArgs,
 
-    /// Sensor: a preset (ideal, evis, v2e, v2e-noisy, esim, openeb, dvxplorer-like, …) or a TOML file; the flags below
-    /// override it [default: what the scene gives its cameras, else ideal].
-    #[arg(long, value_name = "PRESET|FILE")]
-    pub(crate) sensor: Option<String>,
+    /// Sensor: a preset (ideal, evis, v2e, v2e-noisy, esim, openeb, dvxplorer-like, …) or a TOML file; CAMERA=… for one
+    /// camera, again for another. The flags below override it [default: what the scene gives each camera, else ideal].
+    #[arg(long, value_name = "[CAMERA=]PRESET|FILE")]
+    pub(crate) sensor: Vec<String>,
 
     /// How a change of brightness becomes events [default: the sensor's; crossing, or latch for evis-paper].
     #[arg(long, value_enum)]
@@ -176,6 +176,10 @@ pub(crate) struct RunArgs {
     /// [default: maps].
     #[arg(long, value_enum)]
     pub(crate) shadows: Option<ShadowsArg>,
+
+    /// Texels of a shadow map's edge [default: 8192; 4096 where more than two lights throw shadows; 2048 where one of them moves].
+    #[arg(long, value_name = "TEXELS", value_parser = shadow_map, allow_hyphen_values = true)]
+    pub(crate) shadow_map: Option<u32>,
 
     /// Places at which a sample reads a texture, at most, along each side of its share of the pixel
     /// [default: 2 up to 8 samples, 3 up to 15, then 4].
@@ -1235,6 +1239,10 @@ fn whole(text: &str, low: u32, high: u32, example: u32) -> Result<u32, String> {
 
 fn texture_taps(text: &str) -> Result<u32, String> {
     whole(text, 1, 16, 4)
+}
+
+fn shadow_map(text: &str) -> Result<u32, String> {
+    whole(text, 64, 16_384, 2048)
 }
 
 fn step_count(text: &str) -> Result<u32, String> {

@@ -1,7 +1,9 @@
 //! `info`: what a recording holds; `--repair` makes one that was cut off readable for every reader.
 
 use evis_core::CameraInfo;
-use evis_core::format::hdf5::{self, Recording};
+use evis_core::SensorConfig;
+use evis_core::format::hdf5::{self, Recording, stored_sensor};
+use evis_core::sensor::PRESETS;
 use serde::Serialize;
 
 use crate::args::InfoArgs;
@@ -51,6 +53,8 @@ struct CameraLine {
     events_per_pixel_and_second: f64,
     poses: usize,
     labels: Vec<LabelLine>,
+    /// A preset, or its thresholds; none where the settings do not tell.
+    sensor: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -125,7 +129,9 @@ fn camera_line(
         });
     }
     let rate = if duration_s > 0.0 { events as f64 / duration_s } else { 0.0 };
+    let (sensor, _) = stored_sensor(&recording.header().config_toml, &camera.name);
     Ok(CameraLine {
+        sensor: in_words(&sensor),
         events,
         on,
         off: events - on,
@@ -142,6 +148,14 @@ fn camera_line(
         cx: camera.cx,
         cy: camera.cy,
     })
+}
+
+/// `davis346`, or `of its own, thresholds 0.25 and 0.2`.
+fn in_words(sensor: &SensorConfig) -> Option<String> {
+    let is = |name: &str| SensorConfig::preset(name).is_ok_and(|preset| preset == *sensor);
+    let preset = PRESETS.iter().find(|preset| is(preset.name)).map(|preset| preset.name.to_owned());
+    let SensorConfig { threshold_on: on, threshold_off: off, .. } = *sensor;
+    preset.or_else(|| on.is_finite().then(|| format!("of its own, thresholds {on} and {off}")))
 }
 
 fn describe(info: &Info) -> String {
@@ -178,6 +192,9 @@ fn describe(info: &Info) -> String {
             c.events_per_pixel_and_second,
             c.poses,
         ));
+        if let Some(sensor) = &c.sensor {
+            lines.push(format!("  sensor  {sensor}"));
+        }
         for l in &c.labels {
             lines.push(format!(
                 "  label   {}: {} frames from {} s to {} s",

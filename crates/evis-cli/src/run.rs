@@ -11,7 +11,7 @@ use evis_core::{CameraInfo, SensorConfig, TriggerRule};
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
     DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig,
-    StageTimes, Target, scene_sensor,
+    StageTimes, Target, scene_sensors,
 };
 use evis_scene::Scene;
 use serde::Serialize;
@@ -45,17 +45,19 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     if let Some(report) = &args.report {
         check_parent(report, "--report")?;
     }
-    let mut config = config(args)?;
+    let asked = sensor_source::asked(&args.sensor)?;
+    let for_all = asked.all.is_some();
+    let mut config = config(args, asked)?;
     config.check()?;
     let scene = scene_source::load(&args.scene, config.seed)?;
-    for name in &config.cameras {
+    for name in config.cameras.iter().chain(config.sensors.keys()) {
         scene.camera(name)?;
     }
-    if args.sensor.is_none()
-        && let Some(sensor) = scene_sensor(&scene, &config.cameras)?
-    {
-        config.sensor = sensor;
-        adjust(args, &mut config.sensor);
+    if !for_all {
+        for (camera, mut sensor) in scene_sensors(&scene, &config.cameras)? {
+            adjust(args, &mut sensor);
+            config.sensors.entry(camera).or_insert(sensor);
+        }
         config.check()?;
     }
     let environments = scene.variants.len().max(1);
@@ -63,8 +65,8 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     for output in &outputs {
         check_free(output, args.force)?;
     }
-    for warning in config.sensor.warnings() {
-        warnings.add(warning);
+    for sensor in config.sensors.values().chain([&config.sensor]) {
+        sensor.warnings().into_iter().for_each(|warning| warnings.add(warning));
     }
     for warning in &scene.warnings {
         warnings.add(warning.clone());
@@ -161,10 +163,11 @@ fn adjust(args: &RunArgs, sensor: &mut SensorConfig) {
 }
 
 /// The run's settings: flags over defaults.
-fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
+fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConfig> {
     let mut config = RunConfig { method: method(args)?, ..RunConfig::default() };
-    if let Some(sensor) = &args.sensor {
-        config.sensor = sensor_source::load("--sensor", sensor)?;
+    config.sensors = asked.of;
+    if let Some(sensor) = asked.all {
+        config.sensor = sensor;
     } else if args.method == Some(MethodArg::EvisPaper) {
         config.sensor.trigger = TriggerRule::Latch;
         config.sensor.log_eps = EVIS_PAPER_LOG_EPS;
@@ -172,12 +175,15 @@ fn config(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
     set(&mut config.rate_hz, args.rate);
     set(&mut config.label_rate_hz, args.label_rate);
-    adjust(args, &mut config.sensor);
+    for sensor in config.sensors.values_mut().chain([&mut config.sensor]) {
+        adjust(args, sensor);
+    }
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
     }
     config.adaptive_px = args.adaptive.or(config.method.usual_adaptive_px());
     config.texture_taps = args.texture_taps;
+    config.shadow_map = args.shadow_map;
     if let Some(shadows) = args.shadows {
         config.shadows = shadows.into();
     }

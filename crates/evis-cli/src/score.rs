@@ -23,13 +23,14 @@ pub(crate) fn run(args: &ScoreArgs) -> anyhow::Result<i32> {
     let camera = stream.find_camera(choose(named, &stream, &known))?;
     let truth = Truth::load(&args.truth, choose(named, &known, &stream))?;
     let info = stream.header().cameras.get(camera);
+    let name = info.map_or("", |c| c.name.as_str());
     let settings = ScoreSettings {
         tolerances_us: if args.tolerance_us.is_empty() {
             DEFAULT_TOLERANCES_US.to_vec()
         } else {
             args.tolerance_us.clone()
         },
-        sensor: Some(stored_sensor(&stream.header().config_toml).0),
+        sensor: Some(stored_sensor(&stream.header().config_toml, name).0),
         size: info.map(|c| [c.width, c.height]),
     };
     let score = score(&stream.events(camera)?, &truth, &settings)?;
@@ -37,7 +38,7 @@ pub(crate) fn run(args: &ScoreArgs) -> anyhow::Result<i32> {
         text::say_json(&Scored {
             events: args.events.display().to_string(),
             truth: args.truth.display().to_string(),
-            camera: info.map_or("", |c| c.name.as_str()),
+            camera: name,
             score: &score,
         })?;
     } else {

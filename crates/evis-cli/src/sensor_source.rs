@@ -1,5 +1,6 @@
 //! Sensors by name or by file.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use evis_core::SensorConfig;
@@ -24,4 +25,35 @@ pub(crate) fn load(flag: &str, name: &str) -> anyhow::Result<SensorConfig> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| bad_input(format!("{flag} {name}: cannot be read ({error}); name a TOML file")))?;
     SensorConfig::from_toml(&text).map_err(|error| bad_input(format!("{flag} {name}: {error}")))
+}
+
+/// What `--sensor` flags ask for.
+#[derive(Debug, Default)]
+pub(crate) struct Asked {
+    /// For all cameras that are not named.
+    pub(crate) all: Option<SensorConfig>,
+    /// For single cameras.
+    pub(crate) of: BTreeMap<String, SensorConfig>,
+}
+
+/// Reads `--sensor` flags: `PRESET|FILE`, once, and `CAMERA=PRESET|FILE`.
+pub(crate) fn asked(flags: &[String]) -> anyhow::Result<Asked> {
+    let mut asked = Asked::default();
+    for flag in flags {
+        // A file may have the sign in its name.
+        let (camera, name) = match flag.split_once('=') {
+            Some((camera, name)) if !Path::new(flag).is_file() => (Some(camera), name),
+            _ => (None, flag.as_str()),
+        };
+        let sensor = load("--sensor", name)?;
+        let before = match camera {
+            Some(camera) => asked.of.insert(camera.to_owned(), sensor),
+            None => asked.all.replace(sensor),
+        };
+        if before.is_some() {
+            let whose = camera.map_or_else(|| "all cameras have".into(), |camera| format!("'{camera}' has"));
+            return Err(bad_input(format!("--sensor {flag}: {whose} one already; give one of them")));
+        }
+    }
+    Ok(asked)
 }

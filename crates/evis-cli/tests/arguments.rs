@@ -70,7 +70,9 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--method fast", ["--method", "'fast'", "native"]),
         ("--labels depth,color", ["--labels", "'color'", "hdr"]),
         ("--sensor v2f", ["--sensor", "v2f", "gen4-like"]),
-        ("--sensor davis346 --adaptive 0.3", ["adaptive_px", "0.3", "diffusion"]),
+        ("--sensor v2e --sensor evis", ["--sensor evis", "all cameras", "one of them"]),
+        ("--sensor camera=v2f", ["--sensor", "v2f", "gen4-like"]),
+        ("--sensor nobody=v2e", ["'nobody'", "no camera", "there is"]),
         ("--sensor no/such.toml", ["--sensor", "no/such.toml", "cannot be read"]),
         ("--sensor v2e --rate 0.001", ["rate", "every 1000 s", "268"]),
         ("--frame-rate 0", ["--frame-rate", "'0'", "above 0"]),
@@ -109,10 +111,21 @@ fn a_scenes_sensor_that_cannot_be_is_named_with_file_key_and_value() {
     );
     write("kind.toml", "sensor = 7");
     refused(&folder, "run kind.toml -o x.h5", &["kind.toml", "'front'", "sensor", "7", "preset"]);
-    // It is what is taken: adaptive time and a diffusion exclude each other. Canary: not where --sensor comes before it.
-    write("good.toml", "sensor = \"davis346\"");
-    refused(&folder, "run good.toml -o x.h5 --adaptive 0.3", &["adaptive_px", "diffusion"]);
-    refused(&folder, "run good.toml -o x.h5 --adaptive 0.3 --sensor v2e --device none-such", &["none-such"]);
+    // It is what is taken: noise cannot wait for a thousand seconds. Canary: not where --sensor comes before it.
+    write("good.toml", "sensor = \"v2e\"");
+    refused(&folder, "run good.toml -o x.h5 --rate 0.001", &["rate", "more than thresholds"]);
+    for other in ["--sensor ideal", "--sensor front=ideal"] {
+        refused(
+            &folder,
+            &format!("run good.toml -o x.h5 --rate 0.001 {other} --device none-such"),
+            &["none-such"],
+        );
+    }
+    refused(
+        &folder,
+        "run good.toml -o x.h5 --sensor front=evis --sensor front=v2e",
+        &["front=v2e", "'front'"],
+    );
 }
 
 #[test]

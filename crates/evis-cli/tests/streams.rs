@@ -150,6 +150,57 @@ fn a_sensor_is_a_preset_or_a_file_and_flags_come_before_it() {
 }
 
 #[test]
+fn each_camera_has_the_sensor_that_scene_or_flag_gives_it() {
+    let folder = Folder::new("cameras");
+    if no_device(&folder) {
+        return;
+    }
+    let camera =
+        |name: &str, more: &str| format!("[[cameras]]\nname = \"{name}\"\nsize = [48, 36]\n{more}\n");
+    let scene = [
+        "[[primitives]]\nname = \"bar\"\nshape = \"box\"\nsize = [0.5, 1.2, 0.2]\nposition = [0, 0, -2]\n",
+        "material = \"white\"\nmotion = { kind = \"spin\", degrees_per_s = 300, axis = [0, 0, 1] }\n",
+        "[[materials]]\nname = \"white\"\nmodel = \"unlit\"\n",
+        &camera("left", "sensor = \"davis346\""),
+        &camera("right", "threshold_on = 0.25\n[cameras.sensor]\nthreshold_off = 0.3"),
+        &camera("top", ""),
+    ];
+    std::fs::write(folder.file("rig.toml"), scene.concat()).unwrap();
+    let run = |name: &str, arguments: &str| -> Vec<(String, String, u64)> {
+        let settings = "--duration 0.05 --samples 1 --rate 500 --reference-luminance 0.5";
+        let output = evis(&folder, &format!("run rig.toml -o {name}.h5 {settings} {arguments}"));
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        let text = evis(&folder, &format!("info {name}.h5"));
+        let info = json(&evis(&folder, &format!("info {name}.h5 --json")));
+        let of = |camera: &serde_json::Value| {
+            let told = |key: &str| camera[key].as_str().unwrap().to_owned();
+            let line = format!("  sensor  {}", told("sensor"));
+            assert!(String::from_utf8_lossy(&text.stdout).contains(&line), "{line}");
+            (told("name"), told("sensor"), camera["events"].as_u64().unwrap())
+        };
+        info["cameras"].as_array().unwrap().iter().map(of).collect()
+    };
+    let sensors = |cameras: &[(String, String, u64)]| -> Vec<String> {
+        cameras.iter().map(|(_, sensor, _)| sensor.clone()).collect()
+    };
+    let own = run("own", "");
+    assert_eq!(sensors(&own), ["davis346", "of its own, thresholds 0.25 and 0.3", "ideal"]);
+    assert!(own.iter().all(|(_, _, events)| *events > 50), "{own:?}");
+    for (index, (name, ..)) in own.iter().enumerate() {
+        assert_eq!(run(&format!("only-{name}"), &format!("--camera {name}")), own[index..=index]);
+    }
+    let named = run("named", "--sensor left=evis --sensor top=v2e");
+    assert_eq!(sensors(&named), ["evis", "of its own, thresholds 0.25 and 0.3", "v2e"]);
+    assert_eq!(named[1], own[1]);
+    let rest = run("rest", "--sensor v2e --sensor left=esim --threshold-on 0.4");
+    let thresholds = |index: usize| rest[index].1.rsplit_once("thresholds ").unwrap().1;
+    assert!(["0.4 and", "0.25 and", "0.4 and"].iter().zip(0..).all(|(t, i)| thresholds(i).starts_with(t)));
+    assert_ne!(rest[0].1, rest[2].1, "one is esim's");
+    let all = run("all", "--sensor gen4-like --camera left --camera top");
+    assert_eq!(sensors(&all), ["gen4-like", "gen4-like"], "--sensor comes before the scene");
+}
+
+#[test]
 fn times_beyond_the_scene_are_told_once() {
     let folder = Folder::new("beyond");
     if no_device(&folder) {

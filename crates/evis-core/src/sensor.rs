@@ -165,6 +165,12 @@ impl SensorConfig {
         toml::to_string(self).unwrap_or_default()
     }
 
+    /// Whether `other` differs from this one in its thresholds at most.
+    pub fn is_alike(&self, other: &Self) -> bool {
+        let Self { threshold_on, threshold_off, .. } = *other;
+        Self { threshold_on, threshold_off, ..self.clone() } == *other
+    }
+
     /// Whether every stage but thresholds, `eps`, trigger and interpolation is off.
     pub fn is_ideal(&self) -> bool {
         let thresholds = Self {

@@ -128,7 +128,7 @@ fn a_truth_file_is_a_recording() {
     );
     assert!(recording.events(0).unwrap() == truth.events);
     assert_eq!(recording.events_between(0, 970, 1067).unwrap(), truth.events[10..11]);
-    assert_eq!(stored_sensor(&recording.header().config_toml), (sensor(), 0.4375));
+    assert_eq!(stored_sensor(&recording.header().config_toml, "left"), (sensor(), 0.4375));
     assert!(repair(&path).unwrap().nothing_to_do());
     // Taken as a plain recording, it knows every pixel and nothing more.
     let plain = Truth::from_recording(&recording, 0).unwrap();
@@ -170,6 +170,13 @@ fn a_plain_recording_can_be_truth() {
     assert_eq!((truth.sensor.threshold_on, truth.reference_luminance), (0.3, 2.5));
     assert!(truth.sensor.threshold_off.is_nan() && truth.sensor.log_eps.is_nan());
     assert!(Truth::load(&path, Some("right")).unwrap().events.is_empty());
+
+    let of_its_own =
+        "[run.sensor]\nthreshold_on = 0.3\n[run.sensors.right]\nthreshold_on = 0.4\nlog_eps = 0.5\n";
+    let recording = record(&path, of_its_own, None);
+    let sensor = |camera| Truth::from_recording(&recording, camera).unwrap().sensor;
+    assert_eq!((sensor(0).threshold_on, sensor(1).threshold_on, sensor(1).log_eps), (0.3, 0.4, 0.5));
+    assert!(sensor(0).log_eps.is_nan(), "not what another camera's sensor has");
 
     let error = Truth::load(&path, None).unwrap_err().to_string();
     assert!(error.contains("2 cameras") && error.contains("left, right"), "{error}");

@@ -1,5 +1,6 @@
 //! The sensor on frames from elsewhere, and sensors as values.
 
+use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 use evis_core::sensor::{PRESETS, sample};
@@ -72,11 +73,17 @@ pub(crate) fn sensor_sample(json: &str, ranges: &str, seed: u64) -> PyResult<Str
     Ok(to_json(&drawn)?)
 }
 
-/// The sensor that `scene` gives the cameras `names` (all, where there are none), as JSON; None where it gives none.
+/// The sensors that `scene` gives the cameras `names` (all, where there are none), by name, as JSON.
 #[pyfunction]
-pub(crate) fn scene_sensor(scene: &crate::scene::Scene, names: Vec<String>) -> PyResult<Option<String>> {
-    let sensor = evis_render::scene_sensor(&scene.shared(), &names).map_err(Failure::from)?;
-    Ok(sensor.as_ref().map(to_json).transpose()?)
+pub(crate) fn scene_sensors(
+    scene: &crate::scene::Scene,
+    names: Vec<String>,
+) -> PyResult<BTreeMap<String, String>> {
+    let sensors = evis_render::scene_sensors(&scene.shared(), &names).map_err(Failure::from)?;
+    Ok(sensors
+        .into_iter()
+        .map(|(name, sensor)| Ok((name, to_json(&sensor)?)))
+        .collect::<Result<_, Failure>>()?)
 }
 
 /// Frames in, events out.

@@ -193,10 +193,10 @@ pub(crate) fn score_table(json: &str) -> PyResult<String> {
     Ok(score.to_string())
 }
 
-/// threshold_on, threshold_off and log_eps in the settings of a recording, NaN where they are not.
+/// threshold_on, threshold_off and log_eps of a camera in the settings of a recording, NaN where they are not.
 #[pyfunction]
-pub(crate) fn sensor_of_settings(config_toml: &str) -> SensorNumbers {
-    let (sensor, _) = stored_sensor(config_toml);
+pub(crate) fn sensor_of_settings(config_toml: &str, camera: &str) -> SensorNumbers {
+    let (sensor, _) = stored_sensor(config_toml, camera);
     (sensor.threshold_on, sensor.threshold_off, sensor.log_eps)
 }
 

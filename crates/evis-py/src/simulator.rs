@@ -1,5 +1,6 @@
 //! The simulator and its stream.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -11,6 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::door::{EnterEngine, SIGNAL_PERIOD};
+use crate::emulator;
 use crate::engine;
 use crate::errors::Failure;
 use crate::packet::{self, Packet};
@@ -51,8 +53,8 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, sensor, method, splat, target, budget_ms, plan, rate_hz, adaptive_px, samples, antialias, texture_taps,
-        shadows, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
+        scene, *, sensor, sensors, method, splat, target, budget_ms, plan, rate_hz, adaptive_px, samples, antialias, texture_taps,
+        shadows, shadow_map, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
         reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
@@ -60,6 +62,7 @@ impl Simulator {
         py: Python<'_>,
         scene: &Scene,
         sensor: &str,
+        sensors: BTreeMap<String, String>,
         method: &str,
         splat: Option<&str>,
         target: &str,
@@ -71,6 +74,7 @@ impl Simulator {
         antialias: &str,
         texture_taps: Option<u32>,
         shadows: &str,
+        shadow_map: Option<u32>,
         cameras: Vec<String>,
         size: Option<(u32, u32)>,
         start_us: i64,
@@ -84,7 +88,11 @@ impl Simulator {
     ) -> PyResult<Self> {
         let method = engine::method(method, splat, target)?;
         let mut config = RunConfig {
-            sensor: crate::emulator::from_json(sensor)?,
+            sensor: emulator::from_json(sensor)?,
+            sensors: sensors
+                .into_iter()
+                .map(|(camera, json)| Ok((camera, emulator::from_json(&json)?)))
+                .collect::<Result<_, Failure>>()?,
             adaptive_px: adaptive_px.or(method.usual_adaptive_px()),
             method,
             chosen: None,
@@ -93,6 +101,7 @@ impl Simulator {
             antialias: engine::antialias(antialias)?,
             texture_taps,
             shadows: engine::shadows(shadows)?,
+            shadow_map,
             cameras,
             size,
             start_us,
@@ -132,6 +141,13 @@ impl Simulator {
     #[getter]
     fn cameras<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
         self.cameras.iter().map(|camera| engine::camera_dict(py, camera)).collect()
+    }
+
+    /// The sensor of each camera, in their order, as JSON.
+    #[getter]
+    fn sensors(&self) -> PyResult<Vec<String>> {
+        let of = |camera: &CameraInfo| emulator::to_json(self.config.sensor_of(&camera.name));
+        Ok(self.cameras.iter().map(of).collect::<Result<_, _>>()?)
     }
 
     #[getter]

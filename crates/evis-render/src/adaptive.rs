@@ -9,6 +9,7 @@ use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
 use crate::area::{Area, Rect};
+use crate::diffusion;
 use crate::engine::{Context, Upload};
 use crate::error::EngineError;
 use crate::frame_buffers::{GrowingBuffer, aligned};
@@ -44,7 +45,7 @@ pub struct AdaptiveRoom {
     mean: ComputePass,
     jobs: GrowingBuffer,
     tiles: GrowingBuffer,
-    /// Per size: the samples of the instant in work.
+    /// Per class of views: the samples of the instant in work.
     scratch: Vec<Layers>,
     /// Light that is used again, and the mean of coverage samples.
     reuse: Option<(ReuseRoom, ComputePass)>,
@@ -173,25 +174,18 @@ impl AdaptiveRoom {
         }
     }
 
-    /// Makes room for views of the size of `targets`, the next in order.
-    pub fn add_size(&mut self, context: &Context, targets: &Targets) {
+    /// Makes room for the class of `targets`, the next in order.
+    pub fn add_class(&mut self, context: &Context, targets: &Targets) {
         let samples = context.offsets.len() as u32;
         let (width, height) = (targets.width, targets.height);
         let device = &context.gpu.device;
         let made = if self.reuse.is_some() { LayerUse::Resolved } else { LayerUse::Rendered };
         self.scratch.push(Layers::new(device, width, height, samples, made));
         if let Some((reuse, _)) = &mut self.reuse {
-            reuse.add_size(device, width, height);
+            reuse.add_class(device, width, height);
         }
         if let Some(march) = &mut self.march {
-            march.add_size(device, width, height);
-        }
-    }
-
-    /// Tells the light below which logarithms bend.
-    pub fn set_dark(&mut self, dark: f32) {
-        if let Some(march) = &mut self.march {
-            march.set_dark(dark);
+            march.add_class(device, width, height);
         }
     }
 
@@ -502,7 +496,11 @@ impl AdaptiveRoom {
                 let start = v * frames + (block * length) as usize;
                 let range = start..start + length as usize + 1;
                 let passing = Passing::new(&context.frame_data, range, &view.lens, self.sky);
-                paces.push(self.pacer.paces(&context.gpu_scene, &passing));
+                let mut own = self.pacer.paces(&context.gpu_scene, &passing);
+                if diffusion::takes_every_instant(view) {
+                    own.tiles.fill(0);
+                }
+                paces.push(own);
             }
         }
         paces

@@ -6,6 +6,7 @@ use evis_scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Antialias, Method, RunConfig, Shadows};
+use crate::diffusion;
 use crate::frame::{FrameData, FrameRequest};
 use crate::gpu_scene::GpuScene;
 use crate::occluders;
@@ -170,10 +171,12 @@ pub fn settle(
     };
     let fastest =
         if fastest_px_s.is_finite() { format!("{fastest_px_s:.0}") } else { "any number of".into() };
-    format!(
+    let mut why = format!(
         "tiles move up to {fastest} px/s, so they are rendered up to {rate_hz:.0} times a second: every {step_px} \
          px{reach}"
-    )
+    );
+    diffusion::settle(views, config, &mut why);
+    why
 }
 
 /// Seconds from `start_s` to the end of the scene's motion; 1 where it has none.

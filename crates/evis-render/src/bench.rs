@@ -110,7 +110,7 @@ impl Stages {
         if stage >= Stage::Count {
             let (gpu, passes, grid) = (&context.gpu, &context.trigger, &context.grid);
             let steps = interval::trigger_steps(gpu, passes, grid, targets, group, &unit, slot);
-            interval::clear_tallies(&mut encoder, context, group);
+            interval::clear_tallies(&mut encoder, group);
             interval::encode_trigger(
                 &mut encoder,
                 &steps[..stage.trigger_steps(steps.len(), group.chain.is_some())],

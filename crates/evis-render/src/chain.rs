@@ -293,33 +293,24 @@ pub struct GroupChain {
 }
 
 impl GroupChain {
-    /// For `views` of one size.
+    /// For `views` that are alike.
     pub fn new(
         gpu: &Gpu,
         plan: &ChainPlan,
-        sensor: &SensorConfig,
         targets: &Targets,
         views: &[&View],
         reference_luminance: f32,
     ) -> Self {
         let (width, height) = (targets.width, targets.height);
-        let each: Vec<(SensorConfig, Frozen)> = views
+        let each: Vec<Frozen> = views
             .par_iter()
-            .map(|view| {
-                let own = SensorConfig {
-                    threshold_on: view.threshold_on,
-                    threshold_off: view.threshold_off,
-                    ..sensor.clone()
-                };
-                let frozen = Frozen::draw(&own, view.key, 0, width as usize * height as usize);
-                (own, frozen)
-            })
+            .map(|view| Frozen::draw(&view.sensor, view.key, 0, width as usize * height as usize))
             .collect();
         let mut words: Vec<u32> = Vec::with_capacity(views.len() * VIEW_WORDS as usize);
-        for (view, (own, frozen)) in views.iter().zip(&each) {
+        for (view, frozen) in views.iter().zip(&each) {
             let slope = frozen.slope.first().copied().unwrap_or(0.0);
             let [low, high] = view.key.words();
-            words.extend([own.threshold_on, own.threshold_off, slope].map(f32::to_bits));
+            words.extend([view.sensor.threshold_on, view.sensor.threshold_off, slope].map(f32::to_bits));
             words.extend([(1.0 / reference_luminance).to_bits(), low, high, 0, 0]);
         }
         type Choose = fn(&Frozen) -> &Vec<f32>;
@@ -338,7 +329,7 @@ impl GroupChain {
             wgpu::TextureFormat::R32Float,
             wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
         );
-        for (layer, (choose, (_, frozen))) in
+        for (layer, (choose, frozen)) in
             (0..).zip(chosen.iter().flat_map(|choose| each.iter().map(move |own| (choose, own))))
         {
             let values: Vec<f32> = choose(frozen).iter().map(|value| value.min(NEVER)).collect();
@@ -366,10 +357,11 @@ impl GroupChain {
         let noises = each
             .iter()
             .zip(views)
-            .map(|((own, frozen), view)| NoiseFeed::new(own, view.key, frozen))
+            .map(|(frozen, view)| NoiseFeed::new(&view.sensor, view.key, frozen))
             .collect();
-        let wire = |view: &&View| Wire::new(&sensor.readout, view.key, width);
-        let wires = if sensor.readout.is_off() { Vec::new() } else { views.iter().map(wire).collect() };
+        let wire = |view: &&View| Wire::new(&view.sensor.readout, view.key, width);
+        let at_once = views.iter().all(|view| view.sensor.readout.is_off());
+        let wires = if at_once { Vec::new() } else { views.iter().map(wire).collect() };
         Self { views: buffer, frozen: whole(&texture), noises, wires, width, height }
     }
 

@@ -1,5 +1,7 @@
 //! What a run is asked to do: a value, checked once by [`RunConfig::check`], then trusted.
 
+use std::collections::BTreeMap;
+
 use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid};
 use serde::{Deserialize, Serialize};
 
@@ -91,7 +93,7 @@ pub enum Antialias {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shadows {
-    /// By maps fitted to the world: soft by a texel, which is decimetres in a street.
+    /// By maps fitted to the world: soft by a texel, which is centimetres in a street.
     #[default]
     Maps,
     /// By maps where they are sure, and by rays along shadows' borders: as sharp as the casters, for several times the
@@ -103,8 +105,12 @@ pub enum Shadows {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RunConfig {
-    /// Sensor of every camera that does not set its own thresholds.
+    /// Sensor of every camera that `sensors` does not name. Thresholds that the scene gives a camera come before those of
+    /// its sensor.
     pub sensor: SensorConfig,
+    /// Sensors of single cameras, by name; see [`crate::scene_sensors`].
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub sensors: BTreeMap<String, SensorConfig>,
     /// Sampling method.
     pub method: Method,
     /// What `auto` chose: it has set method, rate, samples and shadows.
@@ -150,6 +156,7 @@ impl Default for RunConfig {
     fn default() -> Self {
         Self {
             sensor: SensorConfig::default(),
+            sensors: BTreeMap::new(),
             method: Method::Native,
             chosen: None,
             rate_hz: 1000.0,
@@ -172,7 +179,33 @@ impl Default for RunConfig {
     }
 }
 
+/// `sensor` of camera `camera`, if it can be.
+pub(crate) fn checked(camera: &str, sensor: SensorConfig) -> Result<SensorConfig, ConfigError> {
+    let place = |e: ConfigError| ConfigError { what: format!("camera '{camera}': {}", e.what), ..e };
+    Ok(Sensor::new(sensor).map_err(place)?.config().clone())
+}
+
 impl RunConfig {
+    /// The sensor of camera `camera`, but for thresholds that the scene gives it.
+    pub fn sensor_of(&self, camera: &str) -> &SensorConfig {
+        self.sensors.get(camera).unwrap_or(&self.sensor)
+    }
+
+    /// Says which sensor each of `cameras` has: [`RunConfig::sensor`] is that of all but those in [`RunConfig::sensors`].
+    pub(crate) fn tell_sensors<'a>(
+        &mut self,
+        cameras: impl Iterator<Item = (&'a str, &'a SensorConfig)> + Clone,
+    ) {
+        // One that no camera has would tell a reader something that is not true.
+        if let Some((_, first)) = cameras.clone().next()
+            && cameras.clone().all(|(_, sensor)| *sensor != self.sensor)
+        {
+            self.sensor = first.clone();
+        }
+        let others = cameras.filter(|(_, sensor)| **sensor != self.sensor);
+        self.sensors = others.map(|(name, sensor)| (name.to_owned(), sensor.clone())).collect();
+    }
+
     /// The sampled instants.
     ///
     /// # Errors
@@ -253,6 +286,9 @@ impl RunConfig {
     /// Names the first setting that cannot be used, its value, and what would work.
     pub fn check(&self) -> Result<(), ConfigError> {
         Sensor::new(self.sensor.clone())?;
+        for (camera, sensor) in &self.sensors {
+            checked(camera, sensor.clone())?;
+        }
         if let Method::Splat(splat) = &self.method {
             splat.check()?;
         }
@@ -266,7 +302,6 @@ impl RunConfig {
             if self.antialias == Antialias::Edges {
                 return Err(ConfigError::new("antialias", "edges", "samples, where adaptive_px is set"));
             }
-            crate::diffusion::check_adaptive(self, px)?;
         } else if self.method.usual_adaptive_px().is_some() {
             let name = self.method.name();
             let wanted = format!("set (pixels between two samples), for {name}");
@@ -284,7 +319,8 @@ impl RunConfig {
         }
         // What a pace may stretch an interval to.
         let interval_us = self.sample_grid()?.longest_interval_us() * f64::from(self.block());
-        if !self.sensor.is_ideal() && interval_us > f64::from(OLD_US / 2) {
+        let all_ideal = self.sensors.values().chain([&self.sensor]).all(SensorConfig::is_ideal);
+        if !all_ideal && interval_us > f64::from(OLD_US / 2) {
             return Err(ConfigError::new(
                 "rate",
                 format!("an instant every {:.0} s", interval_us * 1e-6),

@@ -5,7 +5,7 @@
 //! all, for the sensor that is asked for least. The price is the way of every sample to the host.
 
 use evis_core::emulator::parts::emulator;
-use evis_core::{ConfigError, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames, SensorConfig};
+use evis_core::{EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
 use rayon::prelude::*;
 
 use crate::config::RunConfig;
@@ -19,36 +19,22 @@ use crate::view::View;
 /// Light is held below this; `chain/layout.wgsl` has the same constant.
 const LIGHT_LIMIT: f64 = 1e30;
 
-/// Refuses tiles of their own pace, `px` pixels per step: an instant's light must be there for every pixel.
-///
-/// # Errors
-/// Where the sensor has a `diffusion`.
-pub fn check_adaptive(config: &RunConfig, px: f64) -> Result<(), ConfigError> {
-    match config.sensor.diffusion {
-        None => Ok(()),
-        Some(_) => Err(ConfigError::new(
-            "adaptive_px",
-            px,
-            "left out for a sensor with diffusion (davis346, davis240): set a rate, at which all pixels are sampled",
-        )),
-    }
+/// Whether every pixel of `view` is looked at at every instant, whatever its pace: no sample may stand for the light between
+/// two others.
+pub fn takes_every_instant(view: &View) -> bool {
+    view.sensor.diffusion.is_some()
 }
 
-/// Takes back what `auto` chose and a `diffusion` cannot have.
-pub fn settle(config: &mut RunConfig) {
-    if config.sensor.diffusion.is_none() || config.adaptive_px.take().is_none() {
-        return;
+/// Takes back the adaptive time that `auto` chose where no view can have it; `why` says so.
+pub fn settle(views: &[View], config: &mut RunConfig, why: &mut String) {
+    let without = views.iter().filter(|view| takes_every_instant(view)).count();
+    if without == views.len() {
+        config.adaptive_px = None;
+        *why += "; all tiles at this rate, since the sensor's diffusion takes every instant of every pixel";
+    } else if without > 0 {
+        *why += "; where a camera's sensor has a diffusion all tiles at this rate, since it takes every instant of every \
+                 pixel";
     }
-    if let Some(chosen) = &mut config.chosen {
-        chosen.why +=
-            "; all tiles at this rate, since the sensor's diffusion takes every instant of every pixel";
-    }
-}
-
-/// The sensor that the device's own trigger is built for: where the host walks the pixels, the plainest, for no pass of it
-/// is ever run.
-pub fn device_sensor(sensor: &SensorConfig) -> SensorConfig {
-    if sensor.diffusion.is_some() { SensorConfig::default() } else { sensor.clone() }
 }
 
 /// A submission whose light comes to the host.
@@ -59,10 +45,10 @@ pub struct Looks {
     pub staging: wgpu::Buffer,
 }
 
-/// The pixels of all views.
+/// The pixels that the host walks.
 pub struct DiffusionRoom {
-    /// By view, in the engine's order.
-    emulators: Vec<EventEmulator>,
+    /// By view, in the engine's order; none where the device walks.
+    emulators: Vec<Option<EventEmulator>>,
     samples: u32,
     /// Buffers that no submission uses.
     free: Vec<wgpu::Buffer>,
@@ -79,39 +65,28 @@ pub struct Felt {
 }
 
 impl DiffusionRoom {
-    /// `None` where the sensor has no `diffusion`. `samples`: layers per view and instant.
+    /// For those of `views` whose sensor has a `diffusion`. `samples`: layers per view and instant.
     ///
     /// # Errors
     /// A sensor or size that the emulator cannot have.
-    pub fn new(
-        views: &[View],
-        config: &RunConfig,
-        reference_luminance: f32,
-        samples: u32,
-    ) -> Result<Option<Self>, EngineError> {
-        if config.sensor.diffusion.is_none() {
-            return Ok(None);
-        }
+    pub fn new(views: &[View], reference_luminance: f32, samples: u32) -> Result<Self, EngineError> {
+        let walked = |view: &&View| view.sensor.diffusion.is_some();
         // Views go side by side; where they are few, each shares its own pixels out.
-        let threads = rayon::current_num_threads().div_ceil(views.len().max(1));
+        let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
         let make = |view: &View| {
-            let sensor = SensorConfig {
-                threshold_on: view.threshold_on,
-                threshold_off: view.threshold_off,
-                ..config.sensor.clone()
-            };
             let config = EmulatorConfig {
                 width: view.lens.width,
                 height: view.lens.height,
-                sensor,
+                sensor: view.sensor.clone(),
                 reference_luminance,
                 threads,
                 ..EmulatorConfig::default()
             };
             emulator(config, view.key)
         };
+        let make = |view| Some(view).filter(walked).map(make).transpose();
         let emulators = views.iter().map(make).collect::<Result<_, _>>()?;
-        Ok(Some(Self { emulators, samples, free: Vec::new() }))
+        Ok(Self { emulators, samples, free: Vec::new() })
     }
 
     /// Records the way of the light of `unit` to the host.
@@ -178,7 +153,7 @@ impl DiffusionRoom {
                 .enumerate()
                 .filter_map(|(view, emulator)| {
                     let place = group.views.iter().position(|v| *v == view)?;
-                    Some((view, place, emulator))
+                    Some((view, place, emulator.as_mut()?))
                 })
                 .collect();
             let feel = |(view, place, emulator): &mut (usize, usize, &mut EventEmulator)| {

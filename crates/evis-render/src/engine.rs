@@ -7,14 +7,14 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
 use evis_core::event::take_causes;
-use evis_core::{Event, LabelFrame, LabelKind, PoseSample, TimeGrid};
+use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid};
 use evis_scene::{Scene, SceneState};
 
 use crate::adaptive::AdaptiveRoom;
 use crate::auto;
 use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
-use crate::diffusion::{self, DiffusionRoom, Looks};
+use crate::diffusion::{DiffusionRoom, Looks};
 use crate::error::EngineError;
 use crate::exposure::ExposureRoom;
 use crate::frame::{FrameData, FrameRequest, rigid};
@@ -29,7 +29,7 @@ use crate::method::{NativeRoom, Sampling};
 use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
-use crate::pass::trigger::TriggerPasses;
+use crate::pass::trigger::{TriggerPasses, WalkPasses};
 use crate::reuse;
 use crate::shadow::{MovingShadows, ShadowPlan, ShadowRoom};
 use crate::sizes::{self, DeviceLimits, MethodNeeds};
@@ -38,7 +38,7 @@ use crate::targets::{LayerUse, Layers, Targets, row_bytes};
 use crate::uniforms::{Status, ViewSensor};
 use crate::unpack;
 use crate::variant::LightSet;
-use crate::view::View;
+use crate::view::{PixelLens, View};
 
 /// Submissions in flight: the device works on one while the host prepares the next and unpacks the last.
 const RING: usize = 3;
@@ -77,6 +77,8 @@ pub struct Context {
     pub(crate) trigger: TriggerPasses,
     pub(crate) surroundings: wgpu::BindGroup,
     pub(crate) background_luminance: f64,
+    /// `Y_ref` of every pixel.
+    pub(crate) reference_luminance: f32,
     pub(crate) light_count: u32,
     pub(crate) shadows: Option<ShadowRoom>,
     pub(crate) frame_data: FrameData,
@@ -172,7 +174,7 @@ pub struct Engine {
     groups: Vec<Group>,
     label_room: Option<LabelRoom>,
     exposure_room: Option<ExposureRoom>,
-    diffusion_room: Option<DiffusionRoom>,
+    diffusion_room: DiffusionRoom,
     label_grid: TimeGrid,
     /// Instants that no submission parts.
     block: u32,
@@ -182,7 +184,8 @@ pub struct Engine {
     most_capacity: u32,
     /// Words of strikes that a submission may have.
     most_feed: u64,
-    last_count: u32,
+    /// Events of the last submission, by class.
+    last_counts: Vec<u32>,
     /// Measured milliseconds per instant of a group, of late.
     instant_ms: f64,
     collected: Option<Instant>,
@@ -222,7 +225,6 @@ impl Engine {
         let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
         if let Method::Auto(target) = config.method {
             auto::choose(target, &scene, &gpu_scene, &views, config);
-            diffusion::settle(config);
         }
         let edges = config.antialias == Antialias::Edges;
         let reuses = config.method == Method::Reproject;
@@ -282,15 +284,11 @@ impl Engine {
             shadows.as_ref().and_then(|s| s.occluders.as_ref()),
         );
         let [r, g, b] = scene.background.map(f64::from);
+        let classes = classes(&views);
+        let sensors: Vec<&SensorConfig> = classes.iter().map(|of| &views[of[0]].sensor).collect();
         let mut context = Context {
             gpu: gpu.clone(),
-            trigger: TriggerPasses::new(
-                device,
-                &diffusion::device_sensor(&config.sensor),
-                layer_samples,
-                may_be_unknown,
-                block,
-            ),
+            trigger: TriggerPasses::new(device, &sensors, layer_samples, may_be_unknown, block),
             gpu_scene,
             layouts,
             views,
@@ -301,6 +299,7 @@ impl Engine {
             sky,
             surroundings,
             background_luminance: 0.2126 * r + 0.7152 * g + 0.0722 * b,
+            reference_luminance: 1.0,
             shadows,
             frame_data: FrameData::default(),
             skips_still: true,
@@ -321,10 +320,10 @@ impl Engine {
             }
             (_, None) => Sampling::Native(NativeRoom::default()),
         };
-        let sizes = classes(&context.views);
         let mut targets = Vec::new();
         let mut members = Vec::new();
-        for ((width, height), views) in sizes {
+        for (class, views) in classes.into_iter().enumerate() {
+            let PixelLens { width, height, .. } = context.views[views[0]].lens;
             let needs = match &config.method {
                 Method::Native | Method::Auto(_) => MethodNeeds { block, ..Default::default() },
                 Method::Reproject => {
@@ -338,7 +337,7 @@ impl Engine {
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
             };
-            let (needs, most) = match context.trigger.chain() {
+            let (needs, most) = match context.trigger.chain(class) {
                 None => (needs, sizes::MAX_INSTANTS),
                 Some(chain) => {
                     let bytes = needs.bytes.max(chain.plan.view_bytes(width, height));
@@ -360,15 +359,15 @@ impl Engine {
                         device_limits.storage_binding
                     ))
                 })?;
-            let chain = context.trigger.chain().map(|passes| &passes.plan);
+            let chain = context.trigger.chain(class).map(|passes| &passes.plan);
             targets.push(Targets::new(device, width, height, plan, made, chain, block));
             match (&mut sampling, targets.last()) {
-                (Sampling::Splat(room), Some(targets)) => room.add_size(&context, targets, edges),
-                (Sampling::Adaptive(room), Some(targets)) => room.add_size(&context, targets),
+                (Sampling::Splat(room), Some(targets)) => room.add_class(&context, targets, edges),
+                (Sampling::Adaptive(room), Some(targets)) => room.add_class(&context, targets),
                 _ => {}
             }
             for chunk in views.chunks(plan.views_per_group as usize) {
-                members.push((targets.len() - 1, chunk.to_vec()));
+                members.push((class, chunk.to_vec()));
             }
         }
         let reference = match config.reference_luminance {
@@ -376,29 +375,22 @@ impl Engine {
             None => measure_reference(&mut context, samples, rendered)?,
         };
         config.reference_luminance = Some(reference);
-        match &mut sampling {
-            Sampling::Splat(room) => room.set_response(config.sensor.log_eps, reference),
-            Sampling::Adaptive(room) => room.set_dark(config.sensor.log_eps * reference),
-            Sampling::Native(_) => {}
-        }
+        context.reference_luminance = reference;
         let groups: Vec<_> = members
             .into_iter()
             .map(|(t, views)| {
                 let sensors: Vec<_> = views
                     .iter()
                     .map(|&v| ViewSensor {
-                        threshold_on: context.views[v].threshold_on,
-                        threshold_off: context.views[v].threshold_off,
-                        log_eps: config.sensor.log_eps,
+                        threshold_on: context.views[v].sensor.threshold_on,
+                        threshold_off: context.views[v].sensor.threshold_off,
+                        log_eps: context.views[v].sensor.log_eps,
                         inverse_reference_luminance: 1.0 / reference,
                     })
                     .collect();
-                let chain = context.trigger.chain().map(|passes| {
+                let chain = context.trigger.chain(t).map(|passes| {
                     let own: Vec<&View> = views.iter().map(|&v| &context.views[v]).collect();
-                    let gpu = &context.gpu;
-                    let chain =
-                        GroupChain::new(gpu, &passes.plan, &config.sensor, &targets[t], &own, reference);
-                    (passes, chain)
+                    (passes, GroupChain::new(&context.gpu, &passes.plan, &targets[t], &own, reference))
                 });
                 Group::new(&context.gpu, t, &targets[t], views, &sensors, chain)
             })
@@ -409,10 +401,9 @@ impl Engine {
         Ok(Self {
             caused: config.labels.contains(&LabelKind::Cause),
             sampling,
-            targets,
             label_room,
             exposure_room: ExposureRoom::new(&context, config, rendered)?,
-            diffusion_room: DiffusionRoom::new(&context.views, config, reference, layer_samples)?,
+            diffusion_room: DiffusionRoom::new(&context.views, reference, layer_samples)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             block,
             in_flight: VecDeque::new(),
@@ -421,7 +412,7 @@ impl Engine {
             most_capacity,
             // Buffers for them are half as long again.
             most_feed: device_limits.storage_binding / 4 * 2 / 3 - 4,
-            last_count: 0,
+            last_counts: vec![0; targets.len()],
             // Unknown: begins with two instants.
             instant_ms: SUBMISSION_MS / 2.0,
             collected: None,
@@ -435,6 +426,7 @@ impl Engine {
             report: PacketReport::default(),
             pose_state: SceneState::default(),
             stop: Arc::default(),
+            targets,
             groups,
             context,
         })
@@ -591,7 +583,7 @@ impl Engine {
             let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
             let block = i64::from(self.block);
             // The first instant of a chain has a pass of its own, and so has the one before the first block.
-            let alone = next == 0 && (block > 1 || self.context.trigger.chain().is_some());
+            let alone = next == 0 && (block > 1 || self.groups[group].chain.is_some());
             let whole = |instants: i64| (instants / block).max(1) * block;
             let left = last - next + block;
             let instants = if alone { 1 } else { whole(most).min(whole(left)) };
@@ -605,11 +597,11 @@ impl Engine {
     }
 
     fn submit_unit(&mut self, unit: Unit) -> Result<(), EngineError> {
-        if self.diffusion_room.is_some() {
+        let group = &mut self.groups[unit.group];
+        if matches!(*self.context.trigger.walks[group.targets], WalkPasses::Host) {
             return self.submit_looks(unit);
         }
         let submitted = Instant::now();
-        let group = &mut self.groups[unit.group];
         let feed = group.chain.as_mut().map(|chain| unit.feed(chain, &self.context.grid));
         if let Some(words) = feed.as_ref().filter(|words| words.len() as u64 > self.most_feed) {
             let Some(halves) = unit.halves(self.block) else {
@@ -635,7 +627,8 @@ impl Engine {
             slot.feed(&self.context.gpu, words);
         }
         // Half as much again as the last one had: a second copy is needed only where events surge.
-        let predicted = (self.last_count / 2 * 3).saturating_add(4096).min(slot.capacity);
+        let last = self.last_counts[group.targets];
+        let predicted = (last / 2 * 3).saturating_add(4096).min(slot.capacity);
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
         interval::encode(
             &mut self.context,
@@ -663,12 +656,11 @@ impl Engine {
     /// Submits what the host feels for its pixels.
     fn submit_looks(&mut self, unit: Unit) -> Result<(), EngineError> {
         let submitted = Instant::now();
-        let Some(room) = &mut self.diffusion_room else { return Ok(()) };
         let group = &mut self.groups[unit.group];
         let targets = &self.targets[group.targets];
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
         self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit)?;
-        let looks = room.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
+        let looks = self.diffusion_room.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&looks.staging);
         group.next = unit.first + i64::from(unit.instants);
@@ -794,9 +786,9 @@ impl Engine {
         }
         slot.staging.unmap();
         self.free.push(slot);
-        self.last_count = count;
         self.complete_us[unit.group] = unit.end_us(&self.context.grid);
         let group = &mut self.groups[unit.group];
+        self.last_counts[group.targets] = count;
         self.report.clamped += u64::from(status.clamped.wrapping_sub(group.clamped));
         group.clamped = status.clamped;
         self.report.unknown += u64::from(status.unknown.wrapping_sub(group.unknown));
@@ -811,10 +803,9 @@ impl Engine {
     /// Lets the host's pixels feel what a submission brought.
     fn take_looks(&mut self, looks: Looks) -> Result<(), EngineError> {
         let packing = Instant::now();
-        let Some(room) = &mut self.diffusion_room else { return Ok(()) };
         let unit = looks.unit;
         let group = &self.groups[unit.group];
-        for felt in room.take(&self.context, &self.targets[group.targets], group, looks)? {
+        for felt in self.diffusion_room.take(&self.context, &self.targets[group.targets], group, looks)? {
             self.arrived[felt.view].events.extend(felt.events);
             self.report.clamped += felt.report.clamped;
             self.report.unknown += felt.report.unknown;
@@ -926,14 +917,13 @@ fn first_capacity(groups: &[Group], targets: &[Targets], block: u32) -> u32 {
     (events.min(1 << 24) as u32).max(FIRST_CAPACITY)
 }
 
-/// Views by size, in order of first appearance.
-fn classes(views: &[View]) -> Vec<((u32, u32), Vec<usize>)> {
-    let mut classes: Vec<((u32, u32), Vec<usize>)> = Vec::new();
+/// Views that are alike, in order of first appearance: they share targets and passes.
+pub(crate) fn classes(views: &[View]) -> Vec<Vec<usize>> {
+    let mut classes: Vec<Vec<usize>> = Vec::new();
     for (index, view) in views.iter().enumerate() {
-        let size = (view.lens.width, view.lens.height);
-        match classes.iter_mut().find(|(s, _)| *s == size) {
-            Some((_, members)) => members.push(index),
-            None => classes.push((size, vec![index])),
+        match classes.iter_mut().find(|of| views[of[0]].is_alike(view)) {
+            Some(members) => members.push(index),
+            None => classes.push(vec![index]),
         }
     }
     classes

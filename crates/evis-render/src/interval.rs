@@ -79,7 +79,7 @@ impl Unit {
 
 /// Views that go through one submission, and what survives it.
 pub struct Group {
-    /// Index of its targets.
+    /// Index of its class, hence of its targets and passes.
     pub targets: usize,
     /// Indices of its views, in view order.
     pub views: Vec<usize>,
@@ -108,7 +108,7 @@ pub struct Group {
 }
 
 impl Group {
-    /// Allocates for `views` (indices) of one size.
+    /// Allocates for `views` (indices) of one class.
     pub fn new(
         gpu: &Gpu,
         targets_index: usize,
@@ -281,7 +281,7 @@ pub fn encode(
     sampling.encode(context, encoder, targets, group, unit)?;
     // What they feel.
     let steps = trigger_steps(&context.gpu, &context.trigger, &context.grid, targets, group, unit, slot);
-    clear_tallies(encoder, context, group);
+    clear_tallies(encoder, group);
     encode_trigger(encoder, &steps);
     // What the host gets.
     let header = size_of::<Status>() as u64;
@@ -294,8 +294,8 @@ pub fn encode(
 }
 
 /// No pixel of a chain has asked for events or woken yet.
-pub fn clear_tallies(encoder: &mut wgpu::CommandEncoder, context: &Context, group: &Group) {
-    if context.trigger.chain().is_some() {
+pub fn clear_tallies(encoder: &mut wgpu::CommandEncoder, group: &Group) {
+    if group.chain.is_some() {
         encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);
     }
 }
@@ -503,7 +503,8 @@ pub fn trigger_steps<'a>(
     };
     queue.write_buffer(&slot.scan_params, 0, bytemuck::bytes_of(&scan));
 
-    let (counting, emitting) = match &passes.walk {
+    let (counting, emitting) = match &*passes.walks[group.targets] {
+        WalkPasses::Host => (Vec::new(), Vec::new()),
         WalkPasses::Ideal { count, emit } => ideal_walks(device, (count, emit), targets, group, slot),
         WalkPasses::Chain(chain) => chain_walks(device, chain, targets, group, unit, slot),
     };

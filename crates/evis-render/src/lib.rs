@@ -57,6 +57,6 @@ pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
 pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};
 pub use plan::Plan;
-pub use scene_sensor::scene_sensor;
+pub use scene_sensor::scene_sensors;
 pub use simulator::{PacketStream, Simulator};
 pub use splat_config::{Carrier, Motion, SplatConfig};

@@ -149,7 +149,6 @@ struct Store {
 pub struct MarchRoom {
     passes: MarchPasses,
     step_px: f64,
-    dark: f32,
     sample_of: wgpu::Buffer,
     first_records: GrowingBuffer,
     jobs: GrowingBuffer,
@@ -157,7 +156,7 @@ pub struct MarchRoom {
     motions: GrowingBuffer,
     verdicts: GrowingBuffer,
     staging: Option<wgpu::Buffer>,
-    /// Per size of views: places of the picture in work.
+    /// Per class of views: places of the picture in work.
     places: Vec<wgpu::TextureView>,
     /// By the first view of a group.
     stores: HashMap<usize, Store>,
@@ -194,7 +193,6 @@ impl MarchRoom {
                 grid,
             ),
             step_px,
-            dark: 0.0,
             sample_of: device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some("samples of cells"),
                 contents: bytemuck::cast_slice(&sample_of),
@@ -213,13 +211,8 @@ impl MarchRoom {
         }
     }
 
-    /// Tells the light below which logarithms bend.
-    pub fn set_dark(&mut self, dark: f32) {
-        self.dark = dark;
-    }
-
-    /// Makes room for views of `width` x `height` pixels, the next size in order.
-    pub fn add_size(&mut self, device: &wgpu::Device, width: u32, height: u32) {
+    /// Makes room for views of `width` x `height` pixels, the next class in order.
+    pub fn add_class(&mut self, device: &wgpu::Device, width: u32, height: u32) {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::STORAGE_BINDING;
         self.places.push(whole(&array(device, "places", [width, height, 1], PLACE_FORMAT, usage)));
     }
@@ -310,7 +303,7 @@ impl MarchRoom {
         context: &Context,
         first_view: usize,
         views: &[View],
-        size_index: usize,
+        class: usize,
         scratch: &Layers,
         layers: &wgpu::TextureView,
         plan: &MarchPlan,
@@ -325,7 +318,7 @@ impl MarchRoom {
         let mut jobs = Vec::new();
         let mut records = Vec::new();
         for look in &plan.looks {
-            let lens = &views[look.view as usize].lens;
+            let View { lens, sensor, .. } = &views[look.view as usize];
             let frame = look.view * frames + look.k;
             records.push(context.object_base(frame));
             let world_from_camera = data.trail.camera_from_world[frame as usize].inverse();
@@ -346,7 +339,7 @@ impl MarchRoom {
                 layer: (look.view * instants + look.k).wrapping_sub(1),
                 verdict: look.verdict,
                 half_size: [lens.width, lens.height].map(|v| v as f32 / 2.0),
-                dark: self.dark,
+                dark: sensor.log_eps * context.reference_luminance,
                 pad: 0,
             });
             words.extend(look.keys.iter().map(|key| key.word(columns_of)));
@@ -376,7 +369,7 @@ impl MarchRoom {
         };
         let verdicts = || self.verdicts.get().as_entire_binding();
         let kept = || vec![view(&store.means), view(&store.places)];
-        let mut keep = vec![view(&scratch.array), view(&self.places[size_index])];
+        let mut keep = vec![view(&scratch.array), view(&self.places[class])];
         keep.extend(kept());
         keep.push(self.sample_of.as_entire_binding());
         let walk = [kept(), vec![view(layers), verdicts()]].concat();
@@ -398,14 +391,14 @@ impl MarchRoom {
         encoder: &mut wgpu::CommandEncoder,
         frame_group: &wgpu::BindGroup,
         groups: &MarchGroups,
-        (size_index, scratch): (usize, &Layers),
+        (class, scratch): (usize, &Layers),
         frame: u32,
         parts: &[(Rect, Vec<DrawItem>)],
         (number, look): (u32, &KeyLook),
     ) {
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("places"),
-            color_attachments: &[Some(attachment(&self.places[size_index], wgpu::Color::TRANSPARENT))],
+            color_attachments: &[Some(attachment(&self.places[class], wgpu::Color::TRANSPARENT))],
             depth_stencil_attachment: Some(depth_attachment(&scratch.depth, wgpu::StoreOp::Discard)),
             ..Default::default()
         });

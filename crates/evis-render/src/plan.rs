@@ -12,7 +12,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::auto::{self, Chosen, LADDER, Rung};
 use crate::config::{Antialias, Method, RunConfig, Shadows};
-use crate::diffusion;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
@@ -78,6 +77,9 @@ pub struct MadeFor {
     pub start_us: i64,
     /// [`RunConfig::shadows`] as asked for.
     pub shadows: Shadows,
+    /// [`RunConfig::shadow_map`], where that is set.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shadow_map: Option<u32>,
     /// [`RunConfig::label_rate_hz`], where labels are rendered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub label_rate_hz: Option<f64>,
@@ -215,7 +217,6 @@ fn rungs(gpu: &Gpu, scene: &Scene, config: &RunConfig) -> Result<Vec<(RunConfig,
     let settled = |rung: &Rung| {
         let mut config = config.clone();
         let why = auto::settle(rung, scene, &gpu_scene, &views, &mut config);
-        diffusion::settle(&mut config);
         (config, why)
     };
     Ok(LADDER.iter().map(settled).collect())
@@ -302,6 +303,7 @@ impl MadeFor {
             content: format!("{:016x}", content[0].finish()),
             start_us: config.start_us,
             shadows: config.shadows,
+            shadow_map: config.shadow_map,
             label_rate_hz: (!config.labels.is_empty()).then_some(config.label_rate_hz),
             frame_rate_hz: config.frame_rate_hz,
             cameras: cameras.iter().map(|c| format!("{} {}x{}", c.name, c.width, c.height)).collect(),
@@ -377,11 +379,13 @@ impl Plan {
         let own = &self.made_for;
         let rate = |hz: Option<f64>| hz.map_or_else(|| "none".into(), |hz| format!("{hz} Hz"));
         let shadows = |shadows| if shadows == Shadows::Rays { "rays" } else { "maps" };
+        let texels = |edge: Option<u32>| edge.map_or_else(|| "their usual size".into(), |n| format!("{n} texels"));
         for (what, own, run) in [
             ("scene", own.scene.clone(), run.scene.clone()),
             ("cameras", own.cameras.join(", "), run.cameras.join(", ")),
             ("a start at (microseconds)", own.start_us.to_string(), run.start_us.to_string()),
             ("shadows by", shadows(own.shadows).into(), shadows(run.shadows).into()),
+            ("shadow maps of", texels(own.shadow_map), texels(run.shadow_map)),
             ("labels at", rate(own.label_rate_hz), rate(run.label_rate_hz)),
             ("frames at", rate(own.frame_rate_hz), rate(run.frame_rate_hz)),
             ("a scene of that name and of content", own.content.clone(), run.content.clone()),
@@ -475,6 +479,7 @@ mod tests {
                 content: "12".into(),
                 start_us: 0,
                 shadows: Shadows::Maps,
+                shadow_map: None,
                 label_rate_hz: None,
                 frame_rate_hz: Some(30.0),
                 cameras: vec!["front 64x48".into()],
@@ -519,6 +524,7 @@ mod tests {
             (MadeFor { cameras: vec!["front 640x480".into()], ..own() }, ["front 64x48", "front 640x480"]),
             (MadeFor { start_us: 7, ..own() }, ["start at (microseconds) 0", "7"]),
             (MadeFor { shadows: Shadows::Rays, ..own() }, ["shadows by maps", "rays"]),
+            (MadeFor { shadow_map: Some(512), ..own() }, ["their usual size", "512 texels"]),
             (MadeFor { label_rate_hz: Some(50.0), ..own() }, ["labels at none", "50 Hz"]),
             (MadeFor { frame_rate_hz: Some(25.0), ..own() }, ["frames at 30 Hz", "25 Hz"]),
         ] {

@@ -48,7 +48,7 @@ pub struct ReuseRoom {
     frames: GrowingBuffer,
     means: GrowingBuffer,
     points: wgpu::Sampler,
-    /// Per size of views.
+    /// Per class of views.
     depth: Vec<wgpu::TextureView>,
     /// By the first view of a group.
     stores: HashMap<usize, Store>,
@@ -153,8 +153,8 @@ impl ReuseRoom {
         }
     }
 
-    /// Makes room for views of `width` x `height` pixels, the next size in order.
-    pub fn add_size(&mut self, device: &wgpu::Device, width: u32, height: u32) {
+    /// Makes room for views of `width` x `height` pixels, the next class in order.
+    pub fn add_class(&mut self, device: &wgpu::Device, width: u32, height: u32) {
         let size = [width * CELLS, height * CELLS, 1];
         let depth =
             array(device, "keyframe depth", size, DEPTH_FORMAT, wgpu::TextureUsages::RENDER_ATTACHMENT);
@@ -275,7 +275,7 @@ impl ReuseRoom {
         encoder: &mut wgpu::CommandEncoder,
         frame_group: &wgpu::BindGroup,
         groups: &ReuseGroups,
-        size_index: usize,
+        class: usize,
         first_view: usize,
         keyframe: &Keyframe,
         entry: u32,
@@ -291,7 +291,7 @@ impl ReuseRoom {
                 Some(attachment(&store.lights.each[layer], nothing)),
                 Some(attachment(&store.keys.each[layer], nothing)),
             ],
-            depth_stencil_attachment: Some(depth_attachment(&self.depth[size_index], wgpu::StoreOp::Discard)),
+            depth_stencil_attachment: Some(depth_attachment(&self.depth[class], wgpu::StoreOp::Discard)),
             ..Default::default()
         });
         let offset = (groups.first_keyframe + entry) * UNIFORM_ALIGNMENT as u32;

@@ -1,4 +1,6 @@
-//! The sensor that a scene gives its cameras.
+//! The sensors that a scene gives its cameras.
+
+use std::collections::BTreeMap;
 
 use evis_core::SensorConfig;
 use evis_scene::Scene;
@@ -6,31 +8,18 @@ use evis_scene::model::{CameraSensor, SensorKind};
 
 use crate::error::EngineError;
 
-/// The sensor of the cameras that are to be rendered, `names` (all, where there are none), as the scene gives it; `None`
-/// where it leaves it to the run. Thresholds of a single camera are no part of it.
+/// The sensors that the scene gives the cameras that are to be rendered, `names` (all, where there are none), by name: what
+/// [`crate::RunConfig::sensors`] takes. A camera that it gives none is not among them, and thresholds of a single camera are
+/// no part of its sensor.
 ///
 /// # Errors
-/// A sensor that cannot be used, named with its place in the scene; cameras of different sensors, of which one simulator has
-/// one.
-pub fn scene_sensor(scene: &Scene, names: &[String]) -> Result<Option<SensorConfig>, EngineError> {
+/// A sensor that cannot be used, named with its place in the scene.
+pub fn scene_sensors(scene: &Scene, names: &[String]) -> Result<BTreeMap<String, SensorConfig>, EngineError> {
     let chosen = scene.cameras.iter().filter(|camera| names.is_empty() || names.contains(&camera.name));
-    let mut first: Option<(&str, Option<SensorConfig>)> = None;
-    for camera in chosen {
-        let sensor = camera.sensor.as_ref().map(read).transpose()?;
-        match &first {
-            None => first = Some((&camera.name, sensor)),
-            Some((name, other)) if *other != sensor => {
-                let text = format!(
-                    "cameras '{name}' and '{}' have different sensors, and one run has one: choose one of them, or give \
-                     a sensor for both",
-                    camera.name
-                );
-                return Err(evis_scene::SceneError::Rule(text).into());
-            }
-            Some(_) => {}
-        }
-    }
-    Ok(first.and_then(|(_, sensor)| sensor))
+    chosen
+        .filter_map(|camera| Some((camera.name.clone(), camera.sensor.as_ref()?)))
+        .map(|(name, sensor)| Ok((name, read(sensor)?)))
+        .collect()
 }
 
 fn read(sensor: &CameraSensor) -> Result<SensorConfig, EngineError> {
@@ -58,21 +47,21 @@ mod tests {
     const TWO: &str = "[[cameras]]\nname = \"a\"\nsensor = \"davis346\"\n[[cameras]]\nname = \"b\"\n";
 
     #[test]
-    fn cameras_bring_their_sensor() {
+    fn each_camera_brings_its_own_sensor() {
+        let davis = SensorConfig::preset("davis346").unwrap();
         let none = scene("[[cameras]]\nname = \"a\"\n");
-        assert!(scene_sensor(&none, &[]).unwrap().is_none());
+        assert!(scene_sensors(&none, &[]).unwrap().is_empty());
         let two = scene(TWO);
-        assert_eq!(
-            scene_sensor(&two, &["a".into()]).unwrap(),
-            Some(SensorConfig::preset("davis346").unwrap())
-        );
-        assert!(scene_sensor(&two, &["b".into()]).unwrap().is_none());
-        let error = scene_sensor(&two, &[]).unwrap_err().to_string();
-        assert!(error.contains("'a'") && error.contains("'b'") && error.contains("one"), "{error}");
+        assert_eq!(scene_sensors(&two, &["a".into()]).unwrap(), [("a".to_owned(), davis.clone())].into());
+        assert!(scene_sensors(&two, &["b".into()]).unwrap().is_empty());
+        let v2e = SensorConfig::preset("v2e").unwrap();
+        let three = scene(&format!("{TWO}[[cameras]]\nname = \"c\"\nsensor = \"v2e\"\n"));
+        let each = [("a".to_owned(), davis), ("c".to_owned(), v2e)];
+        assert_eq!(scene_sensors(&three, &[]).unwrap(), each.into());
         let table = scene(
             "[[cameras]]\nname = \"a\"\n[cameras.sensor]\nthreshold_on = 0.31\nnoise = { shot_hz = 2 }\n",
         );
-        let sensor = scene_sensor(&table, &[]).unwrap().unwrap();
+        let sensor = &scene_sensors(&table, &[]).unwrap()["a"];
         assert!(sensor.threshold_on == 0.31 && sensor.noise.shot_hz == 2.0);
     }
 
@@ -84,7 +73,7 @@ mod tests {
             ("sensor = { threshold = 0.2 }", ["'a'", "sensor", "threshold", "unknown"]),
         ] {
             let scene = scene(&format!("[[cameras]]\nname = \"a\"\n{cameras}\n"));
-            let error = scene_sensor(&scene, &[]).unwrap_err().to_string();
+            let error = scene_sensors(&scene, &[]).unwrap_err().to_string();
             assert!(told.iter().all(|word| error.contains(word)), "{error}");
         }
     }

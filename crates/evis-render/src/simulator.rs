@@ -36,6 +36,8 @@ impl Simulator {
     pub fn new(gpu: &Gpu, scene: Arc<Scene>, mut config: RunConfig) -> Result<Self, EngineError> {
         config.check()?;
         let (views, cameras) = view::views(&scene, &config)?;
+        // Each camera's first view has its sensor.
+        config.tell_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
         let environments = scene.variants.len().max(1);
         // The device's own complaints about this scene come as an error, not as a panic.
         let validation = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);

@@ -34,18 +34,15 @@ pub struct SplatRoom {
     config: SplatConfig,
     passes: SplatPasses,
     geometry: GeometryRoom,
-    /// Per size of views.
+    /// Per class of views.
     stores: Vec<Store>,
     params: GrowingBuffer,
     transforms: GrowingBuffer,
-    /// eps · Y_ref: blending in the logarithm that pixels feel.
-    log_floor: f32,
-    brightest: f32,
     drawn: u64,
     drawn_pixels: u64,
 }
 
-/// What the views of one size have.
+/// What the views of one class have.
 pub struct Store {
     /// Of both sides.
     pub keyframes: KeyframeStore,
@@ -125,8 +122,6 @@ impl SplatRoom {
             stores: Vec::new(),
             params: GrowingBuffer::new(device, "splat params", wgpu::BufferUsages::UNIFORM),
             transforms: GrowingBuffer::new(device, "splat transforms", wgpu::BufferUsages::STORAGE),
-            log_floor: 0.0,
-            brightest: BRIGHTEST,
             drawn: 0,
             drawn_pixels: 0,
         }
@@ -149,8 +144,8 @@ impl SplatRoom {
         (bytes <= limits.storage_binding).then_some(MethodNeeds { bytes, layers: SLOTS, block: 1 })
     }
 
-    /// Adds what the views of one size need, in the order of `Targets`.
-    pub fn add_size(&mut self, context: &Context, targets: &Targets, edges: bool) {
+    /// Adds what the views of one class need, in the order of `Targets`.
+    pub fn add_class(&mut self, context: &Context, targets: &Targets, edges: bool) {
         let samples = context.offsets.len() as u32;
         let size = [targets.width, targets.height];
         let views = targets.plan.views_per_group;
@@ -158,13 +153,7 @@ impl SplatRoom {
         self.stores.push(store);
     }
 
-    /// Sets `eps` and the reference luminance of the pixels' response.
-    pub fn set_response(&mut self, log_eps: f32, reference_luminance: f32) {
-        self.log_floor = log_eps * reference_luminance;
-        self.brightest = BRIGHTEST * reference_luminance;
-    }
-
-    /// What the views of size `index` have.
+    /// What the views of class `index` have.
     #[cfg(test)]
     pub fn store(&self, index: usize) -> Option<&Store> {
         self.stores.get(index)
@@ -208,7 +197,7 @@ impl SplatRoom {
         let (device, queue) = (&context.gpu.device, &context.gpu.queue);
         self.transforms.write(device, queue, bytemuck::cast_slice(&transforms));
         let count = frames.views.len() as u32;
-        let params = self.params_of(context, group.targets, unit, &steps, count);
+        let params = self.params_of(context, group.targets, unit, &steps, &frames.views);
         self.params.write(device, queue, &params);
         // Keyframes as they are needed; what the last submission left is not drawn again.
         let held = &mut self.stores[group.targets].keyframes;
@@ -244,11 +233,20 @@ impl SplatRoom {
     }
 
     /// Params of every step: the older side, then the newer one.
-    fn params_of(&self, context: &Context, size: usize, unit: &Unit, steps: &[Step], views: u32) -> Vec<u8> {
-        let Store { keyframes, size: [width, height], .. } = &self.stores[size];
+    fn params_of(
+        &self,
+        context: &Context,
+        class: usize,
+        unit: &Unit,
+        steps: &[Step],
+        views: &[View],
+    ) -> Vec<u8> {
+        let Store { keyframes, size: [width, height], .. } = &self.stores[class];
+        // All have it.
+        let log_eps = views[0].sensor.log_eps;
         let config = &self.config;
         let objects = context.gpu_scene.objects.len() as u32;
-        let rows = views * (objects + 1) * ROWS as u32;
+        let rows = views.len() as u32 * (objects + 1) * ROWS as u32;
         let pixels = keyframes.width * keyframes.height;
         let mut bytes = vec![0; 2 * steps.len() * UNIFORM_ALIGNMENT as usize];
         for (i, entry) in bytes.chunks_exact_mut(UNIFORM_ALIGNMENT as usize).enumerate() {
@@ -261,7 +259,7 @@ impl SplatRoom {
                 canvas_width: keyframes.width,
                 canvas_height: keyframes.height,
                 margin: config.margin * config.supersample,
-                view_count: views,
+                view_count: views.len() as u32,
                 supersample: config.supersample,
                 transform_base: i as u32 * rows,
                 objects,
@@ -275,8 +273,9 @@ impl SplatRoom {
                 first_layer: k as u32,
                 layers_per_view: unit.instants,
                 index_bits: u32::BITS - pixels.leading_zeros(),
-                log_floor: self.log_floor,
-                brightest: self.brightest,
+                // Blending in the logarithm that pixels feel.
+                log_floor: log_eps * context.reference_luminance,
+                brightest: BRIGHTEST * context.reference_luminance,
                 ..SplatParams::default()
             };
             entry[..size_of::<SplatParams>()].copy_from_slice(bytemuck::bytes_of(&params));

@@ -1,11 +1,11 @@
 //! Views: environment x camera, the engine's unit of work.
 
-use evis_core::CameraInfo;
 use evis_core::random::Key;
+use evis_core::{CameraInfo, SensorConfig};
 use evis_scene::{Camera, Lens, Scene};
 use glam::{DMat4, DVec3, DVec4};
 
-use crate::config::RunConfig;
+use crate::config::{self, RunConfig};
 use crate::error::EngineError;
 
 /// One camera of one environment.
@@ -17,14 +17,21 @@ pub struct View {
     pub camera: usize,
     /// Node that carries the camera.
     pub node: usize,
-    /// Thresholds of this camera.
-    pub threshold_on: f32,
-    /// Thresholds of this camera.
-    pub threshold_off: f32,
+    /// Its camera's sensor, with that camera's own thresholds.
+    pub sensor: SensorConfig,
     /// Of everything random here. It depends on the camera's place in the scene, not among those that are rendered.
     pub key: Key,
     /// Pixels and lens.
     pub lens: PixelLens,
+}
+
+impl View {
+    /// Whether it can share passes, targets and submissions with `other`: of its size, with a sensor that differs in
+    /// thresholds at most.
+    pub fn is_alike(&self, other: &Self) -> bool {
+        let size = |view: &Self| (view.lens.width, view.lens.height);
+        size(self) == size(other) && self.sensor.is_alike(&other.sensor)
+    }
 }
 
 /// Pinhole intrinsics in pixels, for a given image size.
@@ -138,7 +145,7 @@ impl PixelLens {
 /// The views that `config` asks of `scene`, environment-major, and their cameras.
 ///
 /// # Errors
-/// Unknown or repeated cameras, cameras without a usable lens.
+/// Unknown or repeated cameras, a sensor for a camera that is not there, cameras without a usable lens or sensor.
 pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<CameraInfo>), EngineError> {
     let chosen: Vec<usize> = if config.cameras.is_empty() {
         (0..scene.cameras.len()).collect()
@@ -154,8 +161,12 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
             return Err(evis_core::ConfigError::new("camera", name, "named once").into());
         }
     }
+    for name in config.sensors.keys() {
+        scene.camera(name)?;
+    }
     let mut infos = Vec::new();
     let mut lenses = Vec::new();
+    let mut sensors = Vec::new();
     for &index in &chosen {
         let camera = &scene.cameras[index];
         let lens = PixelLens::new(camera, config);
@@ -174,21 +185,20 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
         }
         infos.push(lens.info(&camera.name));
         lenses.push(lens);
+        let sensor = config.sensor_of(&camera.name).clone();
+        let threshold_on = camera.threshold_on.unwrap_or(sensor.threshold_on);
+        let threshold_off = camera.threshold_off.unwrap_or(sensor.threshold_off);
+        let sensor = SensorConfig { threshold_on, threshold_off, ..sensor };
+        sensors.push(config::checked(&camera.name, sensor)?);
     }
     let mut views = Vec::new();
     for environment in 0..scene.variants.len().max(1) {
         for (slot, &index) in chosen.iter().enumerate() {
-            let camera = &scene.cameras[index];
-            let threshold_on = camera.threshold_on.unwrap_or(config.sensor.threshold_on);
-            let threshold_off = camera.threshold_off.unwrap_or(config.sensor.threshold_off);
-            let own = evis_core::SensorConfig { threshold_on, threshold_off, ..config.sensor.clone() };
-            evis_core::Sensor::new(own)?;
             views.push(View {
                 environment,
                 camera: slot,
-                node: camera.node,
-                threshold_on,
-                threshold_off,
+                node: scene.cameras[index].node,
+                sensor: sensors[slot].clone(),
                 key: Key::new(config.seed, environment as u32, index as u32),
                 lens: lenses[slot],
             });

@@ -77,7 +77,22 @@ impl SensorConfig {
                 tree.insert(name.into(), stage.map_err(broken)?);
             }
         }
+        shorten(&mut tree);
         Ok(tree)
+    }
+}
+
+/// Gives numbers the decimals that a file would have: 0.2, and not what single precision makes of it.
+fn shorten(value: &mut Value) {
+    match value {
+        Value::Object(fields) => fields.values_mut().for_each(shorten),
+        Value::Number(number) if number.is_f64() => {
+            let written = number.as_f64().and_then(|v| (v as f32).to_string().parse::<f64>().ok());
+            if let Some(written) = written.and_then(serde_json::Number::from_f64) {
+                *number = written;
+            }
+        }
+        _ => {}
     }
 }
 

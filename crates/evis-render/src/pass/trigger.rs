@@ -1,6 +1,8 @@
 //! `trigger/*.wgsl`: count, prefix, scan, emit; and the resolve of `--aa edges`. Twin: `cpu/trigger.rs`. `chain/walk.wgsl`
 //! counts and emits where the sensor is more than thresholds. Twin: the emulator of `evis_core`.
 
+use std::sync::Arc;
+
 use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
 use super::{Access, Binding, ComputePass, bind};
@@ -92,12 +94,32 @@ pub enum WalkPasses {
     },
     /// Any stage.
     Chain(Box<ChainPasses>),
+    /// A diffusion: the host walks them.
+    Host,
+}
+
+impl WalkPasses {
+    fn new(device: &wgpu::Device, sensor: &SensorConfig, samples: u32, unknown: bool, block: u32) -> Self {
+        if sensor.diffusion.is_some() {
+            return Self::Host;
+        }
+        if !sensor.is_ideal() {
+            let plan = ChainPlan::new(sensor, samples, unknown, block);
+            return Self::Chain(Box::new(ChainPasses::new(device, plan)));
+        }
+        let constants = ideal_constants(sensor, unknown, block);
+        let counting = [&[("SAMPLES", f64::from(samples))], &constants[..]].concat();
+        Self::Ideal {
+            count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &counting),
+            emit: ComputePass::new(device, "trigger/emit.wgsl", EMIT_BINDINGS, &constants),
+        }
+    }
 }
 
 /// The trigger passes.
 pub struct TriggerPasses {
-    /// What walks pixels.
-    pub walk: WalkPasses,
+    /// What walks pixels, by class of views.
+    pub walks: Vec<Arc<WalkPasses>>,
     /// Prefix within blocks.
     pub block: ComputePass,
     /// Offsets of blocks and views.
@@ -107,42 +129,38 @@ pub struct TriggerPasses {
 }
 
 impl TriggerPasses {
-    /// Builds them for the rules of `sensor` and `samples` layers per instant.
+    /// Builds them for the rules of `sensors`, one per class of views, and `samples` layers per instant.
     ///
     /// `unknown`: whether a luminance below 0 stands for one that is not known. `block`: instants of a block within which
     /// tiles have paces of their own, 1 without.
     pub fn new(
         device: &wgpu::Device,
-        sensor: &SensorConfig,
+        sensors: &[&SensorConfig],
         samples: u32,
         unknown: bool,
         block: u32,
     ) -> Self {
-        let walk = if sensor.is_ideal() {
-            let constants = ideal_constants(sensor, unknown, block);
-            let counting = [&[("SAMPLES", f64::from(samples))], &constants[..]].concat();
-            WalkPasses::Ideal {
-                count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &counting),
-                emit: ComputePass::new(device, "trigger/emit.wgsl", EMIT_BINDINGS, &constants),
-            }
-        } else {
-            WalkPasses::Chain(Box::new(ChainPasses::new(
-                device,
-                ChainPlan::new(sensor, samples, unknown, block),
-            )))
-        };
+        let mut walks: Vec<Arc<WalkPasses>> = Vec::with_capacity(sensors.len());
+        for sensor in sensors {
+            // Classes of other sizes have the same rules.
+            let known = sensors.iter().zip(&walks).find(|(other, _)| other.is_alike(sensor));
+            let walk = known.map(|(_, walk)| walk.clone());
+            walks.push(
+                walk.unwrap_or_else(|| Arc::new(WalkPasses::new(device, sensor, samples, unknown, block))),
+            );
+        }
         Self {
-            walk,
+            walks,
             block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),
             scan: ComputePass::new(device, "trigger/scan.wgsl", SCAN_BINDINGS, &[]),
             resolve: ComputePass::new(device, "trigger/resolve.wgsl", RESOLVE_BINDINGS, &[]),
         }
     }
 
-    /// The chain, where more than thresholds is on.
-    pub fn chain(&self) -> Option<&ChainPasses> {
-        match &self.walk {
-            WalkPasses::Ideal { .. } => None,
+    /// The chain of a class, where it has one.
+    pub fn chain(&self, class: usize) -> Option<&ChainPasses> {
+        match &*self.walks[class] {
+            WalkPasses::Ideal { .. } | WalkPasses::Host => None,
             WalkPasses::Chain(chain) => Some(chain),
         }
     }

@@ -57,13 +57,12 @@ struct Ran {
     status: Status,
 }
 
-fn view(index: usize) -> View {
+fn view(index: usize, sensor: &SensorConfig) -> View {
     View {
         environment: index,
         camera: 0,
         node: 0,
-        threshold_on: 0.0,
-        threshold_off: 0.0,
+        sensor: sensor.clone(),
         key: Key::new(SEED, index as u32, 0),
         lens: PixelLens { width: WIDTH, height: HEIGHT, focal: [50.0; 2], center: [30.0; 2], near: 0.1 },
     }
@@ -93,18 +92,16 @@ fn run_with_lists(
 ) -> Ran {
     let longest = cuts.iter().copied().max().unwrap();
     let plan = Plan { views_per_group: VIEWS as u32, instants: longest, layers: VIEWS as u32 * longest };
-    let passes = TriggerPasses::new(&gpu.device, sensor, 1, true, 1);
-    let chain = passes.chain().expect("more than thresholds");
+    let passes = TriggerPasses::new(&gpu.device, &[sensor], 1, true, 1);
+    let chain = passes.chain(0).expect("more than thresholds");
     let mut targets =
         Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, Some(&chain.plan), 1);
     if let Some(chain) = &mut targets.chain {
         chain.list_count = chain.list_count.min(lists);
     }
-    let views: Vec<View> = (0..VIEWS)
-        .map(|v| View { threshold_on: sensor.threshold_on, threshold_off: sensor.threshold_off, ..view(v) })
-        .collect();
+    let views: Vec<View> = (0..VIEWS).map(|v| view(v, sensor)).collect();
     let own: Vec<&View> = views.iter().collect();
-    let group_chain = GroupChain::new(gpu, &chain.plan, sensor, &targets, &own, 1.0);
+    let group_chain = GroupChain::new(gpu, &chain.plan, &targets, &own, 1.0);
     let sensors = vec![ViewSensor::default(); VIEWS];
     let mut group = Group::new(gpu, 0, &targets, (0..VIEWS).collect(), &sensors, Some((chain, group_chain)));
     let mut ran = Ran { events: vec![Vec::new(); VIEWS], status: Status::default() };

@@ -142,14 +142,3 @@ fn auto_samples_every_pixel_at_one_rate_and_says_so() {
     let other = RunConfig { sensor: SensorConfig::default(), ..auto };
     assert!(Simulator::new(&gpu, scene, other).unwrap().config().adaptive_px.is_some());
 }
-
-#[test]
-fn a_pace_of_their_own_is_refused_by_name() {
-    let adaptive = RunConfig { adaptive_px: Some(0.3), ..config() };
-    let error = adaptive.check().unwrap_err().to_string();
-    assert!(
-        error.contains("adaptive_px") && error.contains("diffusion") && error.contains("rate"),
-        "{error}"
-    );
-    assert!(RunConfig { sensor: SensorConfig::default(), ..adaptive }.check().is_ok(), "canary");
-}

@@ -16,6 +16,7 @@ mod floor3_frames;
 mod floor3_march;
 mod floor3_plan;
 mod floor3_reproject;
+mod floor3_sensors;
 mod floor3_splat;
 mod floor3_still;
 mod pushed;

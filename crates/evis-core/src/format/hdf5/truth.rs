@@ -100,7 +100,7 @@ impl Truth {
                 format!("use one of at most {MOST_PIXELS} pixels"),
             ));
         }
-        let (sensor, reference_luminance) = stored_sensor(&recording.header().config_toml);
+        let (sensor, reference_luminance) = stored_sensor(&recording.header().config_toml, &info.name);
         let after_last = events.last().map_or(1, |e| e.t.saturating_add(1));
         let duration_us = told_duration(recording)?.map_or(after_last, |told| told.max(after_last));
         let truth = Self::from_events(events, info, sensor, reference_luminance, duration_us);
@@ -121,9 +121,9 @@ impl Truth {
     }
 }
 
-/// What the settings in a recording say of its sensor, and `Y_ref`; NaN where they say nothing. The settings of a whole
-/// run have it under `run`.
-pub fn stored_sensor(config_toml: &str) -> (SensorConfig, f64) {
+/// What the settings in a recording say of the sensor of camera `camera`, and `Y_ref`; NaN where they say nothing. The
+/// settings of a whole run have them under `run`: `sensors` by camera, and `sensor` for all that it does not name.
+pub fn stored_sensor(config_toml: &str, camera: &str) -> (SensorConfig, f64) {
     let mut sensor = SensorConfig {
         threshold_on: f32::NAN,
         threshold_off: f32::NAN,
@@ -132,7 +132,8 @@ pub fn stored_sensor(config_toml: &str) -> (SensorConfig, f64) {
     };
     let table = config_toml.parse::<toml::Table>().unwrap_or_default();
     let Some(run) = table.get("run") else { return (sensor, f64::NAN) };
-    if let Some(stored) = run.get("sensor") {
+    let own = run.get("sensors").and_then(|sensors| sensors.get(camera));
+    if let Some(stored) = own.or(run.get("sensor")) {
         if let Ok(whole) = stored.clone().try_into() {
             sensor = whole;
         }
@@ -219,7 +220,7 @@ fn read(source: &Source<'_>, header: &RecordingHeader) -> Result<Truth, FormatEr
     };
     let present = source.check("truth", group.dataset_names())?;
     let present = |name: &str| present.iter().any(|n| n == name);
-    let (mut sensor, _) = stored_sensor(&header.config_toml);
+    let (mut sensor, _) = stored_sensor(&header.config_toml, &camera.name);
     sensor.threshold_on = source.scalar("truth/threshold_on")?;
     sensor.threshold_off = source.scalar("truth/threshold_off")?;
     sensor.log_eps = source.scalar("truth/log_eps")?;
