@@ -362,6 +362,12 @@ impl ShadowRoom {
         array_view(&map_texture(device, 1, 1))
     }
 
+    /// Draws every map whole from now on: what a test compares with.
+    #[cfg(test)]
+    pub fn keep_nothing(&mut self) {
+        self.still = None;
+    }
+
     /// Makes the map of `light` in `environment` for one instant, whose records start at `first`; what moves changes `moved`
     /// of it. Maps are shared by all instants and environments: what reads them is recorded before the next call.
     #[expect(clippy::too_many_arguments, reason = "a map, its instant, and what it is drawn with")]

@@ -17,6 +17,7 @@ mod floor3_march;
 mod floor3_plan;
 mod floor3_reproject;
 mod floor3_sensors;
+mod floor3_shadow;
 mod floor3_splat;
 mod floor3_still;
 mod pushed;
