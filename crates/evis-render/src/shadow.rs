@@ -274,6 +274,7 @@ pub struct ShadowRoom {
     pub occluders: Option<Occluders>,
     /// All layers: by placement where nothing is redrawn, then by light.
     pub array: wgpu::TextureView,
+    texture: wgpu::Texture,
     layers: Vec<wgpu::TextureView>,
     /// Maps of what stands still, by placement, then by light; absent where `array` has them, or nothing has room for them.
     still: Option<StillMaps>,
@@ -286,6 +287,7 @@ pub struct ShadowRoom {
 }
 
 struct StillMaps {
+    texture: wgpu::Texture,
     layers: Vec<wgpu::TextureView>,
     restore: wgpu::RenderPipeline,
     group: wgpu::BindGroup,
@@ -298,6 +300,20 @@ struct Shown {
     still: Option<u32>,
     /// Where something else was drawn.
     drawn: Vec<Rect>,
+}
+
+impl StillMaps {
+    /// Copies layer `from` of them whole into layer `to` of `maps`.
+    fn copy(&self, encoder: &mut wgpu::CommandEncoder, from: u32, maps: &wgpu::Texture, to: u32) {
+        let at = |texture, z| wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d { x: 0, y: 0, z },
+            aspect: wgpu::TextureAspect::All,
+        };
+        let size = wgpu::Extent3d { depth_or_array_layers: 1, ..maps.size() };
+        encoder.copy_texture_to_texture(at(&self.texture, from), at(maps, to), size);
+    }
 }
 
 impl ShadowRoom {
@@ -332,7 +348,7 @@ impl ShadowRoom {
             let array = array_view(&texture);
             let maps = vec![wgpu::BindingResource::TextureView(&array)];
             let group = pass::group(device, "still maps", &layout, shadow_map::RESTORE_BINDINGS, maps);
-            StillMaps { layers: layer_views(&texture, count), restore, group }
+            StillMaps { layers: layer_views(&texture, count), texture, restore, group }
         });
         let constants = SceneConstants {
             lights: LightSet::new(scene, |node| plan.layer_of(node)),
@@ -348,6 +364,7 @@ impl ShadowRoom {
             occluders,
             array: array_view(&texture),
             layers: layer_views(&texture, count),
+            texture,
             shown: Mutex::new(vec![Shown::default(); lights as usize]),
             still,
             pipelines,
@@ -389,8 +406,12 @@ impl ShadowRoom {
                 let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
                 let before = std::mem::replace(&mut shown[light], now);
                 let edge = self.plan.edge;
-                let stale =
-                    if before.still == Some(layer) { before.drawn } else { vec![Rect::whole(edge, edge)] };
+                let whole = Rect::whole(edge, edge);
+                let mut stale = before.drawn;
+                if before.still != Some(layer) || stale.contains(&whole) {
+                    still.copy(encoder, layer, &self.texture, light as u32);
+                    stale.clear();
+                }
                 let mut pass = begin(encoder, target, wgpu::LoadOp::Load);
                 pass.set_pipeline(&still.restore);
                 pass.set_bind_group(0, &still.group, &[]);
@@ -513,6 +534,13 @@ pub fn draw_still_maps(context: &mut Context) {
             let mut pass = begin(&mut encoder, target, wgpu::LoadOp::Clear(0.0));
             room.draw(context, &mut pass, &group, &room.still_items, first);
         }
+        // Most runs have one placement, and need no other copy.
+        if let Some(still) = &room.still {
+            let lights = 0..room.plan.nodes.len() as u32;
+            lights.clone().for_each(|light| still.copy(&mut encoder, light, &room.texture, light));
+            *room.shown.lock().unwrap_or_else(PoisonError::into_inner) =
+                lights.map(|light| Shown { still: Some(light), drawn: Vec::new() }).collect();
+        }
         context.gpu.queue.submit([encoder.finish()]);
     }
     context.shadows = Some(room);
@@ -539,7 +567,10 @@ fn map_texture(device: &wgpu::Device, edge: u32, layers: u32) -> wgpu::Texture {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: DEPTH_FORMAT,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC
+            | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     })
 }

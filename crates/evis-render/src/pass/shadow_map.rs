@@ -37,8 +37,8 @@ pub fn pipelines(
         .collect()
 }
 
-/// The pipeline that writes a layer of the still maps over what was drawn, and the layout of its group. A copy would do, but
-/// copies of depth are of whole maps.
+/// The pipeline that writes parts of a layer of the still maps over what was drawn, and the layout of its group: copies of depth
+/// are of whole maps only.
 pub fn restore(device: &wgpu::Device) -> (wgpu::RenderPipeline, wgpu::BindGroupLayout) {
     let file = "raster/shadow_restore.wgsl";
     let group = layout(device, "still maps", RESTORE_BINDINGS, wgpu::ShaderStages::FRAGMENT);
