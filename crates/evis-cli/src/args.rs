@@ -177,7 +177,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_enum)]
     pub(crate) shadows: Option<ShadowsArg>,
 
-    /// Texels of a shadow map's edge [default: 8192; 4096 where more than two lights throw shadows; 2048 where one of them moves].
+    /// Texels of a shadow map's edge [default: about 12.8 times the picture's, 1024 to 8192; 2048 at most where a light that throws
+    /// shadows moves].
     #[arg(long, value_name = "TEXELS", value_parser = shadow_map, allow_hyphen_values = true)]
     pub(crate) shadow_map: Option<u32>,
 

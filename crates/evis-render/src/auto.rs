@@ -86,8 +86,8 @@ pub const LADDER: &[Rung] = &[
     native(1.0, 1, 2, "F1 (1 ms) 0.47 to 0.77 at 320x240"),
     native(2.0, 1, 2, "F1 (1 ms) 0.44 to 0.75 at 320x240"),
 ];
-const DEFAULT: Rung = native(0.3, 16, 4, "F1 (1 ms) 0.91 to 0.99");
-const DRAFT: Rung = native(0.5, 4, 4, "F1 (1 ms) 0.82 to 0.97");
+const DEFAULT: Rung = native(0.3, 16, 4, "F1 (1 ms) 0.93 to 0.99");
+const DRAFT: Rung = native(0.5, 4, 4, "F1 (1 ms) 0.83 to 0.97");
 
 const fn native(step_px: f64, samples: u32, texture_taps: u32, expects: &'static str) -> Rung {
     Rung { method: Method::Native, step_px, finest_hz: 4000.0, samples, texture_taps, rays: false, expects }

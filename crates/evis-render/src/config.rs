@@ -129,8 +129,9 @@ pub struct RunConfig {
     pub texture_taps: Option<u32>,
     /// How shadows are told from light.
     pub shadows: Shadows,
-    /// Texels of a shadow map's edge, 64 to 16384, and as many as the device can at most. `None` takes 8192, or 4096 where more
-    /// than two lights throw shadows; 2048 where one of them moves, or more than eight throw any.
+    /// Texels of a shadow map's edge, 64 to 16384, and as many as the device can at most. `None` takes the power of two nearest
+    /// to 12.8 times the longest edge of any of the scene's pictures, 1024 to 8192 (640x480: 8192), but 4096 at most where more
+    /// than two lights throw shadows, and 2048 where one of them moves or more than eight throw any.
     pub shadow_map: Option<u32>,
     /// Names of the cameras to render; empty for all.
     pub cameras: Vec<String>,

@@ -307,7 +307,7 @@ impl Engine {
             light_count: constants.lights.count,
             scene,
         };
-        crate::shadow::draw_still_maps(&mut context);
+        crate::shadow::draw_still_maps(&mut context)?;
 
         let mut sampling = match (&config.method, config.adaptive_px) {
             (Method::Splat(splat), _) => {

@@ -379,7 +379,8 @@ impl Plan {
         let own = &self.made_for;
         let rate = |hz: Option<f64>| hz.map_or_else(|| "none".into(), |hz| format!("{hz} Hz"));
         let shadows = |shadows| if shadows == Shadows::Rays { "rays" } else { "maps" };
-        let texels = |edge: Option<u32>| edge.map_or_else(|| "their usual size".into(), |n| format!("{n} texels"));
+        let texels =
+            |edge: Option<u32>| edge.map_or_else(|| "their usual size".into(), |n| format!("{n} texels"));
         for (what, own, run) in [
             ("scene", own.scene.clone(), run.scene.clone()),
             ("cameras", own.cameras.join(", "), run.cameras.join(", ")),

@@ -10,6 +10,7 @@ use glam::{DMat4, DVec3, DVec4};
 use crate::area::Rect;
 use crate::config::{RunConfig, Shadows};
 use crate::engine::Context;
+use crate::error::EngineError;
 use crate::frame::{FrameData, FrameRequest, rigid};
 use crate::gpu_scene::{DrawItem, GpuScene, Object, moves};
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
@@ -17,10 +18,12 @@ use crate::occluders::Occluders;
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::{self, shadow_map};
 use crate::variant::LightSet;
-use crate::view::View;
+use crate::view::{PixelLens, View};
 
 /// Bytes that maps of what stands still may take, of all environments together; beyond, they are drawn again and again.
 const STILL_BYTES: u64 = 1 << 30;
+/// Texels along a map's edge for each pixel along a picture's, where nothing else is asked for.
+const TEXELS_PER_PIXEL: f64 = 12.8;
 /// Texels around what is drawn into a map that it may change: rounding's.
 const MARGIN_TEXELS: f64 = 2.0;
 
@@ -33,12 +36,12 @@ pub struct ShadowPlan {
     edge: u32,
     /// Per environment: which of the ways in which what stands still is placed.
     placements: Vec<u32>,
+    /// Whether there is room for maps of all of these.
+    keeps_still: bool,
     /// Whether maps are drawn as instants and environments come, one environment at a time; else all are drawn at once.
     redrawn: bool,
     /// Per light: whether it moves.
     light_moves: Vec<bool>,
-    /// Whether any caster moves.
-    caster_moves: bool,
     /// Bounds of the world over the run.
     bounds: (DVec3, DVec3),
 }
@@ -53,14 +56,13 @@ pub struct LightView {
 }
 
 impl ShadowPlan {
-    /// `None` where no light throws shadows. `bounds` holds everything that is ever drawn; `edge`: texels of a map's edge,
-    /// where that is asked for.
+    /// `None` where no light throws shadows. `bounds` holds everything that is ever drawn.
     pub fn new(
         scene: &Scene,
         objects: &[Object],
         bounds: (DVec3, DVec3),
-        start_us: i64,
-        edge: Option<u32>,
+        config: &RunConfig,
+        limits: &wgpu::Limits,
     ) -> Option<Self> {
         let nodes: Vec<usize> = scene
             .nodes
@@ -77,36 +79,23 @@ impl ShadowPlan {
         if nodes.is_empty() {
             return None;
         }
-        let caster_moves = scene.nodes.iter().enumerate().any(|(index, node)| {
-            node.mesh.is_some() && (node.skin.is_some() || node.morph.is_some() || moves(scene, index))
-        });
         let light_moves: Vec<bool> = nodes.iter().map(|&node| moves(scene, node)).collect();
-        let edge = edge.unwrap_or_else(|| usual_edge(light_moves.len(), light_moves.contains(&true)));
+        let moving_light = light_moves.contains(&true);
+        let edge = config.shadow_map.unwrap_or_else(|| usual_edge(scene, config, nodes.len(), moving_light));
+        let edge = edge.min(limits.max_texture_dimension_2d);
         let still = objects.iter().filter(|o| !o.moving).map(|o| o.node);
-        let placements = alike(&states(scene, start_us), &still.chain(nodes.iter().copied()).collect::<Vec<_>>());
-        let mut plan = Self { nodes, edge, placements, redrawn: false, light_moves, caster_moves, bounds };
-        plan.redrawn = plan.moves() || !plan.keeps_still();
-        Some(plan)
-    }
-
-    /// Whether any map changes from instant to instant.
-    pub fn moves(&self) -> bool {
-        self.caster_moves || self.light_moves.contains(&true)
+        let still: Vec<usize> = still.chain(nodes.iter().copied()).collect();
+        let placements = alike(&states(scene, config.start_us), &still);
+        let layers = still_layers(&placements, nodes.len());
+        let keeps_still = layers <= limits.max_texture_array_layers
+            && u64::from(layers) * u64::from(edge).pow(2) * 4 <= STILL_BYTES;
+        let redrawn = moving_light || !keeps_still || objects.iter().any(|o| o.moving);
+        Some(Self { nodes, edge, placements, keeps_still, redrawn, light_moves, bounds })
     }
 
     /// Whether maps are drawn as instants and environments come.
     pub const fn is_redrawn(&self) -> bool {
         self.redrawn
-    }
-
-    /// Layers of one map per light and way of placing what stands still.
-    fn still_layers(&self) -> u32 {
-        (1 + self.placements.iter().max().copied().unwrap_or(0)) * self.nodes.len() as u32
-    }
-
-    /// Whether there is room for all of them.
-    fn keeps_still(&self) -> bool {
-        u64::from(self.still_layers()) * u64::from(self.edge).pow(2) * 4 <= STILL_BYTES
     }
 
     /// First layer of the maps that `environment` is drawn with.
@@ -182,9 +171,12 @@ impl ShadowPlan {
         let light_from_world = rigid(world_from_light).inverse();
         // The cone touches the map's edge; a small margin keeps the filter inside.
         let tangent = outer.min(1.5).tan() * 1.02;
-        let near =
-            self.corners_of_world().map(|c| -light_from_world.transform_point3(c).z).fold(0.0, f64::max).max(1e-3)
-                * 1e-3;
+        let near = self
+            .corners_of_world()
+            .map(|c| -light_from_world.transform_point3(c).z)
+            .fold(0.0, f64::max)
+            .max(1e-3)
+            * 1e-3;
         let clip_from_light = DMat4::from_cols(
             DVec4::new(1.0 / tangent, 0.0, 0.0, 0.0),
             DVec4::new(0.0, 1.0 / tangent, 0.0, 0.0),
@@ -206,14 +198,27 @@ fn corners(low: DVec3, high: DVec3) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Texels of a map's edge: so that a texel is about as large as a pixel of what is lit, in a room or on a street. Fewer where
-/// there are many maps, or where all of them must be drawn at every instant.
-const fn usual_edge(lights: usize, light_moves: bool) -> u32 {
-    match lights {
-        0..=2 if !light_moves => 8192,
-        0..=8 if !light_moves => 4096,
-        _ => 2048,
-    }
+/// Texels of a map's edge: so many that in a room or on a street a texel is about as large as a pixel of the scene's largest
+/// picture, rendered or not: no stream depends on what is rendered beside it. Fewer where there are many maps, or where all of
+/// them must be drawn at every instant.
+fn usual_edge(scene: &Scene, config: &RunConfig, lights: usize, light_moves: bool) -> u32 {
+    let longest = |camera| {
+        let lens = PixelLens::new(camera, config);
+        lens.width.max(lens.height)
+    };
+    let longest = scene.cameras.iter().map(longest).max().unwrap_or(1);
+    let octave = (TEXELS_PER_PIXEL * f64::from(longest)).log2().round();
+    let most = match lights {
+        0..=2 if !light_moves => 8192.0,
+        0..=8 if !light_moves => 4096.0,
+        _ => 2048.0,
+    };
+    octave.exp2().clamp(1024.0, most) as u32
+}
+
+/// One layer per light and way of placing what stands still.
+fn still_layers(placements: &[u32], lights: usize) -> u32 {
+    (1 + placements.iter().max().copied().unwrap_or(0)) * lights as u32
 }
 
 /// `scene` at `start_us` of its time, per environment.
@@ -328,27 +333,24 @@ impl ShadowRoom {
         gpu_scene: &GpuScene,
         config: &RunConfig,
     ) -> Result<Option<Self>, ConfigError> {
-        let plan = scene_bounds(scene).and_then(|bounds| {
-            ShadowPlan::new(scene, &gpu_scene.objects, bounds, config.start_us, config.shadow_map)
-        });
-        let Some(mut plan) = plan else { return Ok(None) };
-        let limits = device.limits();
-        plan.edge = plan.edge.min(limits.max_texture_dimension_2d);
+        let plan = scene_bounds(scene)
+            .and_then(|bounds| ShadowPlan::new(scene, &gpu_scene.objects, bounds, config, &device.limits()));
+        let Some(plan) = plan else { return Ok(None) };
         let occluders = match config.shadows {
             Shadows::Maps => None,
             Shadows::Rays => Some(Occluders::new(scene, gpu_scene, config.start_us)?),
         };
         let lights = plan.nodes.len() as u32;
-        let count = if plan.redrawn { lights } else { plan.still_layers() };
+        let kept = still_layers(&plan.placements, plan.nodes.len());
+        let count = if plan.redrawn { lights } else { kept };
         let texture = map_texture(device, plan.edge, count);
-        let still = (plan.redrawn && plan.keeps_still()).then(|| {
-            let count = plan.still_layers();
-            let texture = map_texture(device, plan.edge, count);
+        let still = (plan.redrawn && plan.keeps_still).then(|| {
+            let texture = map_texture(device, plan.edge, kept);
             let (restore, layout) = shadow_map::restore(device);
             let array = array_view(&texture);
             let maps = vec![wgpu::BindingResource::TextureView(&array)];
             let group = pass::group(device, "still maps", &layout, shadow_map::RESTORE_BINDINGS, maps);
-            StillMaps { layers: layer_views(&texture, count), texture, restore, group }
+            StillMaps { layers: layer_views(&texture, kept), texture, restore, group }
         });
         let constants = SceneConstants {
             lights: LightSet::new(scene, |node| plan.layer_of(node)),
@@ -495,8 +497,11 @@ fn begin<'e>(
 }
 
 /// Draws the maps of what stands still, once for every way in which it is placed.
-pub fn draw_still_maps(context: &mut Context) {
-    let Some(room) = context.shadows.take() else { return };
+///
+/// # Errors
+/// The device may fail.
+pub fn draw_still_maps(context: &mut Context) -> Result<(), EngineError> {
+    let Some(room) = context.shadows.take() else { return Ok(()) };
     let targets = match &room.still {
         Some(still) => &still.layers,
         None if !room.plan.redrawn => &room.layers,
@@ -542,8 +547,11 @@ pub fn draw_still_maps(context: &mut Context) {
                 lights.map(|light| Shown { still: Some(light), drawn: Vec::new() }).collect();
         }
         context.gpu.queue.submit([encoder.finish()]);
+        // So that this counts as preparation, and not as the first instant's work.
+        context.gpu.device.poll(wgpu::PollType::wait_indefinitely())?;
     }
     context.shadows = Some(room);
+    Ok(())
 }
 
 fn layer_views(texture: &wgpu::Texture, count: u32) -> Vec<wgpu::TextureView> {
@@ -600,9 +608,9 @@ mod tests {
             nodes: vec![0],
             edge: 2048,
             placements: vec![0],
+            keeps_still: true,
             redrawn: false,
             light_moves: vec![false],
-            caster_moves: false,
             bounds: (DVec3::splat(-2.0), DVec3::new(2.0, 3.0, 4.0)),
         }
     }
@@ -630,5 +638,31 @@ mod tests {
         let clip = view.clip_from_world * edge.extend(1.0);
         let x = clip.x / clip.w;
         assert!((0.9..1.0).contains(&x), "{x}");
+    }
+
+    #[test]
+    fn what_a_box_changes_of_a_map_holds_all_of_its_points() {
+        let plan = plan();
+        let lamp = DMat4::from_translation(DVec3::new(0.0, 5.0, 0.0)) * DMat4::from_rotation_x(-1.2);
+        for view in [plan.spot(&lamp, 0.9), plan.directional(&lamp)] {
+            let (low, high) = (DVec3::new(-0.4, 0.1, -2.0), DVec3::new(0.3, 0.9, -1.5));
+            let rect = view.texels(corners(low, high), 2048).unwrap();
+            assert!(rect.pixels() < 2048 * 2048 / 4, "{rect:?}");
+            for i in 0..1000 {
+                let part = |k: u32| f64::from((i * k) % 997) / 996.0;
+                let point = low + (high - low) * DVec3::new(part(31), part(17), part(7));
+                let clip = view.clip_from_world * point.extend(1.0);
+                let at = [clip.x / clip.w, -clip.y / clip.w].map(|ndc| (0.5 * ndc + 0.5) * 2048.0);
+                let inside = (0..2).all(|axis| {
+                    f64::from(rect.low[axis]) <= at[axis] && at[axis] <= f64::from(rect.high[axis])
+                });
+                assert!(inside, "{point} at {at:?}, {rect:?}");
+            }
+        }
+        let spot = plan.spot(&lamp, 0.9);
+        let beside = |x: f64| corners(DVec3::new(x, 0.0, -2.0), DVec3::new(x + 0.1, 0.5, -1.0));
+        assert_eq!(spot.texels(beside(40.0), 2048), None);
+        let around = corners(DVec3::splat(-9.0), DVec3::splat(9.0));
+        assert_eq!(spot.texels(around, 2048), Some(Rect::whole(2048, 2048)), "the lamp is in it");
     }
 }

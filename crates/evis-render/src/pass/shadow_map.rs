@@ -1,6 +1,8 @@
 //! `raster/shadow_map.wgsl`: depth from a light. `raster/shadow_restore.wgsl`: what stands still, again.
 
-use super::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
+use super::raster::{
+    DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline,
+};
 use super::{Access, Binding, bind, layout, module, pipeline_layout};
 use crate::variant::{Interface, SurfaceVariant};
 

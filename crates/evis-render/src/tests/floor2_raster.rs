@@ -323,7 +323,7 @@ fn deformed_surfaces_equal_their_twin() {
 fn shadows_equal_their_twin() {
     let canaries: &[fn(&mut Scene)] = &[scenes::wrong_caster];
     // Rays know a shadow's border as well as the rasteriser knows any other.
-    for (shadows, reach) in [(Shadows::Maps, 0.35), (Shadows::Rays, REACH)] {
+    for (shadows, reach) in [(Shadows::Maps, 0.12), (Shadows::Rays, REACH)] {
         let case = Case { canaries, shadows, shadow_reach: Some(reach), ..Case::default() };
         check(&format!("still shadow, {shadows:?}"), Case { scene: scenes::sunlight, ..case });
         check(&format!("low sun, {shadows:?}"), Case { scene: scenes::evening, ..case });

@@ -83,5 +83,8 @@ fn the_finer_the_map_the_nearer_to_rays() {
         let sum: f64 = maps.iter().zip(&rays).map(|(a, b)| (a - b).abs() / b.max(1e-3)).sum();
         sum / rays.len() as f64
     });
-    assert!(off[0] > 2.0 * off[1] && off[1] > 2.0 * off[2] && off[2] > 0.0, "mean relative difference: {off:?}");
+    assert!(
+        off[0] > 2.0 * off[1] && off[1] > 2.0 * off[2] && off[2] > 0.0,
+        "mean relative difference: {off:?}"
+    );
 }
