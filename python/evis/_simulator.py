@@ -123,9 +123,9 @@ class Simulator:
         rigid and without holes.
     shadow_map : int, optional
         Texels of a shadow map's edge, 64 to 16384. If not given, the power of two nearest to 12.8 times the
-        longest edge of any of the scene's pictures, 1024 to 8192 (8192 for 640x480), but 4096 at most where more
-        than two lights throw shadows, and 2048 where one of them moves or more than eight throw any. Fewer take
-        less memory (4 bytes per texel and map, twice where things move) and less time.
+        longest edge of any of the scene's pictures, 1024 to 8192 (8192 for 640x480); but 4096 at most where
+        more than two lights throw shadows, and 2048 where one of them moves or more than eight throw any.
+        Fewer take less memory (4 bytes per texel and map, twice where things move) and less time.
     cameras : sequence of str or EventCamera, optional
         Cameras to render: names of the scene's own, or cameras to add to it; all of the scene's if not
         given.
