@@ -1,9 +1,8 @@
 //! `info`: what a recording holds; `--repair` makes one that was cut off readable for every reader.
 
-use evis_core::CameraInfo;
-use evis_core::SensorConfig;
 use evis_core::format::hdf5::{self, Recording, stored_sensor};
 use evis_core::sensor::PRESETS;
+use evis_core::{CameraInfo, SensorConfig};
 use serde::Serialize;
 
 use crate::args::InfoArgs;

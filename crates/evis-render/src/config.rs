@@ -117,8 +117,9 @@ pub struct RunConfig {
     pub chosen: Option<Chosen>,
     /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
     pub rate_hz: f64,
-    /// Of methods that have adaptive time: every tile of the picture is rendered no more often than that nothing it may show moves farther than so
-    /// many pixels between two of its samples, and `rate_hz` at most. `None` renders everything at `rate_hz`.
+    /// Of methods that have adaptive time: every tile of the picture is rendered no more often than that nothing it may show
+    /// moves farther than so many pixels between two of its samples, and `rate_hz` at most. `None` renders everything at
+    /// `rate_hz`.
     pub adaptive_px: Option<f64>,
     /// Samples per pixel and instant, 1 to 256.
     pub samples: u32,

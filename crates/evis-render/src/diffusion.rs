@@ -70,7 +70,7 @@ impl DiffusionRoom {
     /// # Errors
     /// A sensor or size that the emulator cannot have.
     pub fn new(views: &[View], reference_luminance: f32, samples: u32) -> Result<Self, EngineError> {
-        let walked = |view: &&View| view.sensor.diffusion.is_some();
+        let walked = |view: &&View| takes_every_instant(view);
         // Views go side by side; where they are few, each shares its own pixels out.
         let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
         let make = |view: &View| {

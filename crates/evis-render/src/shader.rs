@@ -17,6 +17,7 @@ shaders![
     "common/object.wgsl",
     "common/luminance.wgsl",
     "common/sky_vertex.wgsl",
+    "common/triangle.wgsl",
     "raster/vertex.wgsl",
     "raster/stage.wgsl",
     "raster/material.wgsl",

@@ -7,7 +7,7 @@ use evis_core::ConfigError;
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3, DVec4};
 
-use crate::area::Rect;
+use crate::area::{Corners, Rect, corners};
 use crate::config::{RunConfig, Shadows};
 use crate::engine::Context;
 use crate::error::EngineError;
@@ -17,6 +17,7 @@ use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::occluders::Occluders;
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::{self, shadow_map};
+use crate::still;
 use crate::variant::LightSet;
 use crate::view::{PixelLens, View};
 
@@ -36,8 +37,8 @@ pub struct ShadowPlan {
     edge: u32,
     /// Per environment: which of the ways in which what stands still is placed.
     placements: Vec<u32>,
-    /// Whether there is room for maps of all of these.
-    keeps_still: bool,
+    /// Layers of one map per light and placement; `None` where there is no room for them.
+    kept: Option<u32>,
     /// Whether maps are drawn as instants and environments come, one environment at a time; else all are drawn at once.
     redrawn: bool,
     /// Per light: whether it moves.
@@ -86,11 +87,11 @@ impl ShadowPlan {
         let still = objects.iter().filter(|o| !o.moving).map(|o| o.node);
         let still: Vec<usize> = still.chain(nodes.iter().copied()).collect();
         let placements = alike(&states(scene, config.start_us), &still);
-        let layers = still_layers(&placements, nodes.len());
-        let keeps_still = layers <= limits.max_texture_array_layers
+        let layers = (1 + placements.iter().max().copied().unwrap_or(0)) * nodes.len() as u32;
+        let fits = layers <= limits.max_texture_array_layers
             && u64::from(layers) * u64::from(edge).pow(2) * 4 <= STILL_BYTES;
-        let redrawn = moving_light || !keeps_still || objects.iter().any(|o| o.moving);
-        Some(Self { nodes, edge, placements, keeps_still, redrawn, light_moves, bounds })
+        let redrawn = moving_light || !fits || objects.iter().any(|o| o.moving);
+        Some(Self { nodes, edge, placements, kept: fits.then_some(layers), redrawn, light_moves, bounds })
     }
 
     /// Whether maps are drawn as instants and environments come.
@@ -110,11 +111,9 @@ impl ShadowPlan {
 
     /// What of the map that `view` draws is changed by `objects` that move, where `world` has them.
     pub fn moved_texels(&self, view: &LightView, objects: &[Object], world: &[DMat4]) -> Vec<Rect> {
-        let of = |(object, place): (&Object, &DMat4)| match object.extent {
+        let of = |(object, world): (&Object, &DMat4)| match still::place(object, world) {
             None => Some(Rect::whole(self.edge, self.edge)),
-            Some((low, high)) => {
-                view.texels(corners(low, high).map(|c| place.transform_point3(c)), self.edge)
-            }
+            Some(corners) => view.texels(&corners, self.edge),
         };
         objects.iter().zip(world).filter(|(object, _)| object.moving).filter_map(of).collect()
     }
@@ -135,7 +134,7 @@ impl ShadowPlan {
         })
     }
 
-    fn corners_of_world(&self) -> impl Iterator<Item = DVec3> {
+    fn corners_of_world(&self) -> Corners {
         corners(self.bounds.0, self.bounds.1)
     }
 
@@ -173,7 +172,8 @@ impl ShadowPlan {
         let tangent = outer.min(1.5).tan() * 1.02;
         let near = self
             .corners_of_world()
-            .map(|c| -light_from_world.transform_point3(c).z)
+            .iter()
+            .map(|c| -light_from_world.transform_point3(*c).z)
             .fold(0.0, f64::max)
             .max(1e-3)
             * 1e-3;
@@ -188,14 +188,6 @@ impl ShadowPlan {
             texel: 2.0 * tangent / f64::from(self.edge),
         }
     }
-}
-
-/// The corners of a box.
-fn corners(low: DVec3, high: DVec3) -> impl Iterator<Item = DVec3> {
-    (0..8).map(move |i| {
-        let pick = |bit: usize, low: f64, high: f64| if i >> bit & 1 == 0 { low } else { high };
-        DVec3::new(pick(0, low.x, high.x), pick(1, low.y, high.y), pick(2, low.z, high.z))
-    })
 }
 
 /// Texels of a map's edge: so many that in a room or on a street a texel is about as large as a pixel of the scene's largest
@@ -214,11 +206,6 @@ fn usual_edge(scene: &Scene, config: &RunConfig, lights: usize, light_moves: boo
         _ => 2048.0,
     };
     octave.exp2().clamp(1024.0, most) as u32
-}
-
-/// One layer per light and way of placing what stands still.
-fn still_layers(placements: &[u32], lights: usize) -> u32 {
-    (1 + placements.iter().max().copied().unwrap_or(0)) * lights as u32
 }
 
 /// `scene` at `start_us` of its time, per environment.
@@ -248,7 +235,7 @@ pub fn alike(states: &[SceneState], nodes: &[usize]) -> Vec<u32> {
 impl LightView {
     /// Texels of a map of `edge` that a box may change, whose corners in the world are `corners`; all where it reaches behind
     /// the light, nothing where it lies outside.
-    pub fn texels(&self, corners: impl Iterator<Item = DVec3>, edge: u32) -> Option<Rect> {
+    pub fn texels(&self, corners: &Corners, edge: u32) -> Option<Rect> {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let most = f64::from(edge);
         for corner in corners {
@@ -341,10 +328,9 @@ impl ShadowRoom {
             Shadows::Rays => Some(Occluders::new(scene, gpu_scene, config.start_us)?),
         };
         let lights = plan.nodes.len() as u32;
-        let kept = still_layers(&plan.placements, plan.nodes.len());
-        let count = if plan.redrawn { lights } else { kept };
+        let count = plan.kept.filter(|_| !plan.redrawn).unwrap_or(lights);
         let texture = map_texture(device, plan.edge, count);
-        let still = (plan.redrawn && plan.keeps_still).then(|| {
+        let still = plan.kept.filter(|_| plan.redrawn).map(|kept| {
             let texture = map_texture(device, plan.edge, kept);
             let (restore, layout) = shadow_map::restore(device);
             let array = array_view(&texture);
@@ -449,6 +435,8 @@ impl ShadowRoom {
 pub struct MovingShadows<'a> {
     frame_group: &'a wgpu::BindGroup,
     views: &'a [View],
+    /// Of these, each once: their maps come in this order.
+    environments: Vec<usize>,
     instants: u32,
     /// Environment and instant that the maps show.
     shown: Option<(usize, u32)>,
@@ -456,8 +444,10 @@ pub struct MovingShadows<'a> {
 
 impl<'a> MovingShadows<'a> {
     /// Nothing is shown yet.
-    pub const fn new(frame_group: &'a wgpu::BindGroup, views: &'a [View], instants: u32) -> Self {
-        Self { frame_group, views, instants, shown: None }
+    pub fn new(frame_group: &'a wgpu::BindGroup, views: &'a [View], instants: u32) -> Self {
+        let mut environments: Vec<usize> = views.iter().map(|v| v.environment).collect();
+        environments.dedup();
+        Self { frame_group, views, environments, instants, shown: None }
     }
 
     /// Draws the maps that `view` needs at instant `k`, where they are not drawn.
@@ -467,9 +457,7 @@ impl<'a> MovingShadows<'a> {
         if self.shown.replace((environment, k)) == Some((environment, k)) {
             return;
         }
-        let mut environments: Vec<usize> = self.views.iter().map(|v| v.environment).collect();
-        environments.dedup();
-        let Some(e) = environments.iter().position(|other| *other == environment) else { return };
+        let Some(e) = self.environments.iter().position(|other| *other == environment) else { return };
         let lights = room.plan.nodes.len();
         let frames = self.views.len() * self.instants as usize;
         for light in 0..lights {
@@ -503,10 +491,10 @@ fn begin<'e>(
 pub fn draw_still_maps(context: &mut Context) -> Result<(), EngineError> {
     let Some(room) = context.shadows.take() else { return Ok(()) };
     let targets = match &room.still {
-        Some(still) => &still.layers,
+        Some(still) => &still.layers[..],
         None if !room.plan.redrawn => &room.layers,
         // Nothing is kept.
-        None => &Vec::new(),
+        None => &[],
     };
     if !targets.is_empty() {
         // One view per placement, at the start, is enough to place every caster.
@@ -608,7 +596,7 @@ mod tests {
             nodes: vec![0],
             edge: 2048,
             placements: vec![0],
-            keeps_still: true,
+            kept: Some(1),
             redrawn: false,
             light_moves: vec![false],
             bounds: (DVec3::splat(-2.0), DVec3::new(2.0, 3.0, 4.0)),
@@ -646,7 +634,7 @@ mod tests {
         let lamp = DMat4::from_translation(DVec3::new(0.0, 5.0, 0.0)) * DMat4::from_rotation_x(-1.2);
         for view in [plan.spot(&lamp, 0.9), plan.directional(&lamp)] {
             let (low, high) = (DVec3::new(-0.4, 0.1, -2.0), DVec3::new(0.3, 0.9, -1.5));
-            let rect = view.texels(corners(low, high), 2048).unwrap();
+            let rect = view.texels(&corners(low, high), 2048).unwrap();
             assert!(rect.pixels() < 2048 * 2048 / 4, "{rect:?}");
             for i in 0..1000 {
                 let part = |k: u32| f64::from((i * k) % 997) / 996.0;
@@ -661,8 +649,8 @@ mod tests {
         }
         let spot = plan.spot(&lamp, 0.9);
         let beside = |x: f64| corners(DVec3::new(x, 0.0, -2.0), DVec3::new(x + 0.1, 0.5, -1.0));
-        assert_eq!(spot.texels(beside(40.0), 2048), None);
+        assert_eq!(spot.texels(&beside(40.0), 2048), None);
         let around = corners(DVec3::splat(-9.0), DVec3::splat(9.0));
-        assert_eq!(spot.texels(around, 2048), Some(Rect::whole(2048, 2048)), "the lamp is in it");
+        assert_eq!(spot.texels(&around, 2048), Some(Rect::whole(2048, 2048)), "the lamp is in it");
     }
 }

@@ -1,3 +1,4 @@
+#import common/triangle.wgsl
 // A map of what stands still, over what was drawn into another. The instance is its layer.
 @group(0) @binding(0) var still_maps: texture_depth_2d_array;
 
@@ -8,8 +9,7 @@ struct RestoreVaryings {
 
 @vertex
 fn vs_main(@builtin(vertex_index) i: u32, @builtin(instance_index) layer: u32) -> RestoreVaryings {
-    let ndc = vec2<f32>(f32(i & 1u) * 4.0 - 1.0, f32(i >> 1u) * 4.0 - 1.0);
-    return RestoreVaryings(vec4<f32>(ndc, 0.0, 1.0), layer);
+    return RestoreVaryings(vec4<f32>(covering_corner(i), 0.0, 1.0), layer);
 }
 
 @fragment

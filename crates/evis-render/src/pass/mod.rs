@@ -205,6 +205,45 @@ pub fn pipeline_layout(
     })
 }
 
+/// The pipeline of a triangle over all of its targets, by the fragment entry point `entry` of `module`, composed from `file`.
+/// `writes_depth`, and where its depth passes.
+pub fn covering(
+    device: &wgpu::Device,
+    (file, module, entry): (&str, &wgpu::ShaderModule, &str),
+    layout: &wgpu::PipelineLayout,
+    targets: &[Option<wgpu::ColorTargetState>],
+    sample_count: u32,
+    (writes_depth, passes): (bool, wgpu::CompareFunction),
+) -> wgpu::RenderPipeline {
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(file),
+        layout: Some(layout),
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("vs_main"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: Some(wgpu::DepthStencilState {
+            format: raster::DEPTH_FORMAT,
+            depth_write_enabled: Some(writes_depth),
+            depth_compare: Some(passes),
+            stencil: wgpu::StencilState::default(),
+            bias: wgpu::DepthBiasState::default(),
+        }),
+        multisample: wgpu::MultisampleState { count: sample_count, ..Default::default() },
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
 /// A compute pass: its layout and pipeline.
 pub struct ComputePass {
     /// Group 0.

@@ -1,9 +1,7 @@
 //! `raster/shadow_map.wgsl`: depth from a light. `raster/shadow_restore.wgsl`: what stands still, again.
 
-use super::raster::{
-    DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline,
-};
-use super::{Access, Binding, bind, layout, module, pipeline_layout};
+use super::raster::{Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
+use super::{Access, Binding, bind, covering, layout, module, pipeline_layout};
 use crate::variant::{Interface, SurfaceVariant};
 
 /// `raster/shadow_restore.wgsl`.
@@ -45,32 +43,8 @@ pub fn restore(device: &wgpu::Device) -> (wgpu::RenderPipeline, wgpu::BindGroupL
     let file = "raster/shadow_restore.wgsl";
     let group = layout(device, "still maps", RESTORE_BINDINGS, wgpu::ShaderStages::FRAGMENT);
     let module = module(device, file, "");
-    let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(file),
-        layout: Some(&pipeline_layout(device, file, &[&group])),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vs_main"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: Some(wgpu::DepthStencilState {
-            format: DEPTH_FORMAT,
-            depth_write_enabled: Some(true),
-            depth_compare: Some(wgpu::CompareFunction::Always),
-            stencil: wgpu::StencilState::default(),
-            bias: wgpu::DepthBiasState::default(),
-        }),
-        multisample: wgpu::MultisampleState::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some("fs_main"),
-            compilation_options: Default::default(),
-            targets: &[],
-        }),
-        multiview_mask: None,
-        cache: None,
-    });
+    let layout = pipeline_layout(device, file, &[&group]);
+    let depth = (true, wgpu::CompareFunction::Always);
+    let pipeline = covering(device, (file, &module, "fs_main"), &layout, &[], 1, depth);
     (pipeline, group)
 }

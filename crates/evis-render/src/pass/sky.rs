@@ -1,7 +1,7 @@
 //! `raster/sky.wgsl`: the environment behind everything.
 
-use super::raster::{DEPTH_FORMAT, SurfaceLayouts};
-use super::{module, pipeline_layout};
+use super::raster::SurfaceLayouts;
+use super::{covering, module, pipeline_layout};
 use crate::variant::frame_prelude;
 
 /// The sky pipeline writing `format` through fragment entry point `entry`.
@@ -45,32 +45,7 @@ fn full_tile(
     light_count: u32,
 ) -> wgpu::RenderPipeline {
     let module = module(device, file, &frame_prelude(light_count));
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(file),
-        layout: Some(layout),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vs_main"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: Some(wgpu::DepthStencilState {
-            format: DEPTH_FORMAT,
-            depth_write_enabled: Some(false),
-            // Drawn last, at depth 0: only where nothing was drawn.
-            depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
-            stencil: wgpu::StencilState::default(),
-            bias: wgpu::DepthBiasState::default(),
-        }),
-        multisample: wgpu::MultisampleState { count: sample_count, ..Default::default() },
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some(entry),
-            compilation_options: Default::default(),
-            targets,
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    // Drawn last, at depth 0: only where nothing was drawn.
+    let depth = (false, wgpu::CompareFunction::GreaterEqual);
+    covering(device, (file, &module, entry), layout, targets, sample_count, depth)
 }
