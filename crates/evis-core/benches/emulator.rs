@@ -3,6 +3,7 @@
 //! `cargo bench --profile release --workspace --locked --bench emulator` prints Markdown; `-- NAME` only what begins so.
 //! The scene is
 //! I = 0.5 + 0.4 sin(0.3 + 2 pi (x / 41.7 - 9.7 t)), 346 × 260, 200 frames at 1 kHz, C = 0.2, events sorted.
+//! Each frame counts with the least time of all runs: what else shares the machine disturbs few of them.
 #![allow(clippy::unwrap_used, reason = "a benchmark may panic")]
 
 use std::hint::black_box;
@@ -13,7 +14,7 @@ use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, SensorConfig, Tran
 const WIDTH: u32 = 346;
 const HEIGHT: u32 = 260;
 const FRAMES: usize = 200;
-const REPETITIONS: usize = 7;
+const REPETITIONS: usize = 15;
 
 /// Light of one row; all rows are alike.
 fn light(x: u32, t_us: i64) -> f64 {
@@ -28,50 +29,6 @@ fn frames<T: Copy>(value: impl Fn(f64) -> T) -> Vec<Vec<T>> {
             row.repeat(HEIGHT as usize)
         })
         .collect()
-}
-
-/// Seconds: of this thread's own work where the system tells them (a busy machine then disturbs less), else of the clock.
-struct Watch(Instant, Option<f64>);
-
-impl Watch {
-    fn start(one_thread: bool) -> Self {
-        Self(Instant::now(), if one_thread { cpu_seconds() } else { None })
-    }
-
-    fn seconds(&self) -> f64 {
-        match (self.1, cpu_seconds()) {
-            (Some(start), Some(now)) => now - start,
-            _ => self.0.elapsed().as_secs_f64(),
-        }
-    }
-}
-
-/// Processor time of this thread.
-#[cfg(target_os = "linux")]
-fn cpu_seconds() -> Option<f64> {
-    #[repr(C)]
-    struct TimeSpec {
-        seconds: i64,
-        nanoseconds: i64,
-    }
-    unsafe extern "C" {
-        fn clock_gettime(clock: i32, time: *mut TimeSpec) -> i32;
-    }
-    const THREAD_CPU_TIME: i32 = 3;
-    let mut time = TimeSpec { seconds: 0, nanoseconds: 0 };
-    // SAFETY: POSIX's function with POSIX's structure on a 64-bit system.
-    let failed = unsafe { clock_gettime(THREAD_CPU_TIME, &mut time) } != 0;
-    (!failed).then_some(time.seconds as f64 + time.nanoseconds as f64 * 1e-9)
-}
-
-#[cfg(not(target_os = "linux"))]
-fn cpu_seconds() -> Option<f64> {
-    None
-}
-
-/// Least seconds of several runs.
-fn best(mut run: impl FnMut() -> f64) -> f64 {
-    (0..REPETITIONS).map(|_| run()).fold(f64::INFINITY, f64::min)
 }
 
 struct Row {
@@ -97,22 +54,21 @@ fn measure<'a>(
     }
     let mut events = 0;
     let mut lists: Vec<Vec<Event>> = vec![Vec::new()];
-    let seconds = best(|| {
+    let mut least = vec![f64::INFINITY; count + usize::from(warm)];
+    for _ in 0..REPETITIONS {
         let (width, height) = size;
         let config = EmulatorConfig { width, height, threads, sensor: sensor.clone(), ..Default::default() };
         let mut emulator = EventEmulator::new(config).unwrap();
         events = 0;
-        let mut start = Watch::start(threads == 1);
-        for k in 0..count + usize::from(warm) {
+        for (k, least) in least.iter_mut().enumerate() {
             lists[0].clear();
+            let start = Instant::now();
             emulator.push_into(&frame(k), k as i64 * 1000, &mut lists).unwrap();
+            *least = least.min(start.elapsed().as_secs_f64());
             events += lists[0].len();
-            if warm && k == 0 {
-                start = Watch::start(threads == 1);
-            }
         }
-        start.seconds()
-    });
+    }
+    let seconds = least[usize::from(warm)..].iter().sum();
     Row { name: name.into(), seconds, events, pixels: (size.0 * size.1) as usize * count }
 }
 
@@ -120,18 +76,17 @@ fn measure<'a>(
 fn triad(pixels: usize) -> f64 {
     let (mut a, b, c) = (vec![0.0_f32; pixels], vec![1.0_f32; pixels], vec![2.0_f32; pixels]);
     let rounds = 20_000_000 / pixels;
-    let seconds = best(|| {
-        let start = Watch::start(true);
-        for round in 0..rounds {
-            let s = black_box(round as f32);
-            for ((a, b), c) in a.iter_mut().zip(&b).zip(&c) {
-                *a = b + s * c;
-            }
-            black_box(&mut a);
+    let mut least = f64::INFINITY;
+    for round in 0..rounds {
+        let start = Instant::now();
+        let s = black_box(round as f32);
+        for ((a, b), c) in a.iter_mut().zip(&b).zip(&c) {
+            *a = b + s * c;
         }
-        start.seconds()
-    });
-    (12 * pixels * rounds) as f64 / seconds
+        black_box(&mut a);
+        least = least.min(start.elapsed().as_secs_f64());
+    }
+    (12 * pixels) as f64 / least
 }
 
 fn print(row: &Row) {

@@ -1,6 +1,7 @@
 //! Frames in, events out: the sensor on its own, for light that somebody else made.
 
 mod chain;
+mod crew;
 mod diffusion;
 pub(crate) mod frames;
 mod ideal;
@@ -22,8 +23,9 @@ use crate::sensor::{ConfigError, Sensor, SensorConfig};
 use crate::simd::Isa;
 
 use chain::{Chain, Plan, Scan};
+use crew::{Crew, Hands};
 use diffusion::Diffuse;
-use frames::{Source, Tables};
+use frames::{BLOCK, Source, Tables};
 use ideal::{Interval, Pixels, Tally};
 use keyframe::{Benches, Keyframe};
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
@@ -33,8 +35,18 @@ pub use frames::{FrameData, Frames, Transfer};
 pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
 pub use warp::{Carrier, Filter, WarpConfig, check_carrying};
 
-/// Pixels per tile: the unit of work of a thread. Its memory stays within a core's second cache.
+/// Pixels per tile, at most: the unit of work of a thread. Its memory stays within a core's second cache.
 const TILE: usize = 1 << 14;
+
+/// Pixels per tile of an image: alike, and of a number that two or four threads share evenly where they share it.
+fn tile_pixels(pixels: usize) -> usize {
+    const SHARED: usize = 4;
+    if pixels <= TILE {
+        return TILE;
+    }
+    let tiles = pixels.div_ceil(TILE).next_multiple_of(SHARED);
+    pixels.div_ceil(tiles).next_multiple_of(BLOCK)
+}
 
 /// What a user asks of an emulator.
 #[derive(Clone, Debug, PartialEq)]
@@ -110,7 +122,7 @@ impl EmulatorReport {
 pub struct EventEmulator {
     config: EmulatorConfig,
     isa: Isa,
-    pool: Option<rayon::ThreadPool>,
+    crew: Option<Crew>,
     tables: Tables,
     kernel: Kernel,
     environments: Vec<Environment>,
@@ -160,6 +172,8 @@ struct Tile {
     records: Vec<Record>,
     /// Of the records, where they are asked for and can differ.
     causes: Vec<Cause>,
+    /// What the first pass found.
+    found: Scan,
     tally: Tally,
 }
 
@@ -203,21 +217,22 @@ impl EventEmulator {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
         };
-        let pool = if threads > 1 {
+        let crew = if threads > 1 {
             let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            Some(built.map_err(|error| {
+            Some(Crew::new(built.map_err(|error| {
                 ConfigError::new("threads", threads, format!("fewer, the system refused: {error}"))
-            })?)
+            })?))
         } else {
             None
         };
         let pixels = config.width as usize * config.height as usize;
+        let tile = tile_pixels(pixels);
         let environment = |index: usize| Environment {
             key: key_of(index as u32),
             started: false,
             tiles: (0..pixels)
-                .step_by(TILE)
-                .map(|first| Tile::new(first, (first + TILE).min(pixels)))
+                .step_by(tile)
+                .map(|first| Tile::new(first, (first + tile).min(pixels)))
                 .collect(),
             spans: Vec::new(),
             wire: Wire::default(),
@@ -241,14 +256,14 @@ impl EventEmulator {
                     tile.memory = Memory::Chain(Box::new(chain));
                 }
             };
-            match &pool {
-                Some(pool) => pool.install(|| environments.par_iter_mut().for_each(make)),
+            match &crew {
+                Some(crew) => crew.pool().install(|| environments.par_iter_mut().for_each(make)),
                 None => environments.iter_mut().for_each(make),
             }
         }
         Ok(Self {
             isa: Isa::detect(),
-            pool,
+            crew,
             tables: Tables::default(),
             environments,
             kernel,
@@ -313,61 +328,31 @@ impl EventEmulator {
         frames.check(pixels * self.config.batch)?;
         let inverse = 1.0 / self.config.reference_luminance;
         self.tables.prepare(frames, inverse, &self.config.sensor);
-        let Self { config, isa, pool, tables, kernel, environments, .. } = self;
+        let Self { config, isa, crew, tables, kernel, environments, .. } = self;
         let sources: Option<Vec<Source<'_>>> =
             (0..config.batch).map(|index| Source::new(frames, tables, inverse, index, pixels)).collect();
         // `check` counted the values.
         let sources = sources.ok_or_else(|| ConfigError::new("frames", "too short", "complete"))?;
-        let parallel = pool.is_some() && environments.len() * pixels > TILE;
-        // Environments are sorted side by side; one alone is shared out.
-        let threads = match pool {
-            Some(pool) if parallel && environments.len() == 1 => pool.current_num_threads(),
-            _ => 1,
-        };
-        let start_us = t_us - i64::from(interval_us);
-        let work = Push { config, kernel, isa: *isa, threads, start_us, interval_us };
         if let (Some(tile), Some(source)) =
             (environments.iter().find_map(Environment::begun), sources.first())
         {
             tile.check(source)?;
         }
-        let mut run = || {
-            // Nothing changes before all light has been found possible.
-            let scan = |environment: &mut Environment, source: &Source<'_>| {
-                environment.scan(&work, source, parallel)
-            };
-            let scans: Vec<Scan> = if parallel {
-                environments.par_iter_mut().zip(&sources).map(|(all, source)| scan(all, source)).collect()
-            } else {
-                environments.iter_mut().zip(&sources).map(|(all, source)| scan(all, source)).collect()
-            };
-            if scans.iter().any(|scan| scan.impossible) {
-                return Err(impossible_light(frames, config));
-            }
-            let fire =
-                |environment: &mut Environment, scan: &Scan, source: &Source<'_>, out: &mut Vec<Event>| {
-                    environment.keyframe = None;
-                    environment.fire(&work, scan, source, parallel, out);
-                };
-            let scans = scans.iter().zip(&sources);
-            if parallel {
-                let all: Vec<_> = environments.iter_mut().zip(scans).zip(&mut *out).collect();
-                all.into_par_iter().for_each(|((environment, (scan, source)), events)| {
-                    fire(environment, scan, source, events);
-                });
-            } else {
-                for ((environment, (scan, source)), events) in
-                    environments.iter_mut().zip(scans).zip(&mut *out)
-                {
-                    fire(environment, scan, source, events);
-                }
-            }
-            Ok(())
+        let start_us = t_us - i64::from(interval_us);
+        let hands = match crew {
+            Some(crew) if config.batch * pixels > TILE => Hands::Crew(crew),
+            _ => Hands::One,
         };
-        match pool {
-            Some(pool) => pool.install(run)?,
-            None => run()?,
+        let work = Push { config, kernel, isa: *isa, hands, start_us, interval_us };
+        // Nothing changes before all light has been found possible.
+        let scans = scan(&work, environments, &sources);
+        if scans.iter().any(|scan| scan.impossible) {
+            return Err(impossible_light(frames, config));
         }
+        for environment in environments.iter_mut() {
+            environment.keyframe = None;
+        }
+        fire(&work, environments, (&scans, &sources), out);
         self.keyframe_reports.clear();
         self.note(t_us);
         self.take_causes(out, &before);
@@ -454,10 +439,51 @@ struct Push<'a> {
     config: &'a EmulatorConfig,
     kernel: &'a Kernel,
     isa: Isa,
-    /// That may sort one environment's events.
-    threads: usize,
+    hands: Hands<'a>,
     start_us: i64,
     interval_us: u32,
+}
+
+/// First pass: nothing that outlives a push changes. What it found, per environment.
+fn scan(work: &Push<'_>, environments: &mut [Environment], sources: &[Source<'_>]) -> Vec<Scan> {
+    let mut tiles = Vec::new();
+    for (environment, source) in environments.iter_mut().zip(sources) {
+        if !environment.started {
+            environment.clear();
+        }
+        let (key, first_frame) = (environment.key, !environment.started);
+        tiles.extend(environment.tiles.iter_mut().map(|tile| (tile, key, source, first_frame)));
+    }
+    work.hands.each(&mut tiles, |(tile, key, source, first_frame)| {
+        tile.found = tile.scan(work, *key, source, *first_frame);
+    });
+    let of = |environment: &Environment| {
+        environment.tiles.iter().map(|tile| tile.found).fold(Scan::default(), Scan::join)
+    };
+    environments.iter().map(of).collect()
+}
+
+/// Second pass, over light that was found possible: events, a list per environment.
+fn fire(
+    work: &Push<'_>,
+    environments: &mut [Environment],
+    (scans, sources): (&[Scan], &[Source<'_>]),
+    out: &mut [Vec<Event>],
+) {
+    let mut tiles = Vec::new();
+    for ((environment, scan), source) in environments.iter_mut().zip(scans).zip(sources) {
+        let (key, most) = (environment.key, scan.most);
+        tiles.extend(environment.tiles.iter_mut().map(|tile| (tile, key, source, most)));
+    }
+    work.hands.each(&mut tiles, |(tile, key, source, most)| tile.fire(work, *key, source, *most));
+    // Environments are sorted side by side; one alone is shared out.
+    if let ([environment], [scan], [events]) = (&mut *environments, scans, &mut *out) {
+        environment.finish(work, scan, events);
+    } else {
+        let alone = Push { hands: Hands::One, ..*work };
+        let mut all: Vec<_> = environments.iter_mut().zip(scans).zip(out).collect();
+        work.hands.each(&mut all, |((environment, scan), events)| environment.finish(&alone, scan, events));
+    }
 }
 
 /// Names the first impossible value.
@@ -500,45 +526,13 @@ impl Environment {
         }
     }
 
-    /// First pass: nothing that outlives a push changes.
-    fn scan(&mut self, work: &Push<'_>, source: &Source<'_>, parallel: bool) -> Scan {
-        let (key, first_frame) = (self.key, !self.started);
-        if first_frame {
-            self.clear();
-        }
-        let scan = |tile: &mut Tile| tile.scan(work, key, source, first_frame);
-        if parallel {
-            self.tiles.par_iter_mut().map(scan).reduce(Scan::default, Scan::join)
-        } else {
-            self.tiles.iter_mut().map(scan).fold(Scan::default(), Scan::join)
-        }
-    }
-
-    /// Second pass: events.
-    fn fire(
-        &mut self,
-        work: &Push<'_>,
-        scan: &Scan,
-        source: &Source<'_>,
-        parallel: bool,
-        events: &mut Vec<Event>,
-    ) {
-        let (key, most) = (self.key, scan.most);
-        if parallel {
-            self.tiles.par_iter_mut().for_each(|tile| tile.fire(work, key, source, most));
-        } else {
-            self.tiles.iter_mut().for_each(|tile| tile.fire(work, key, source, most));
-        }
-        self.finish(work, scan, events);
-    }
-
     /// Both passes over light that was found possible.
     fn advance(&mut self, work: &Push<'_>, light: &[f32], events: &mut Vec<Event>) {
         let source =
             Source::Linear { values: light, inverse_reference: 1.0 / work.config.reference_luminance };
-        let parallel = work.threads > 1 && light.len() > TILE;
-        let scan = self.scan(work, &source, parallel);
-        self.fire(work, &scan, &source, parallel, events);
+        let (environment, sources) = (std::slice::from_mut(self), [source]);
+        let scans = scan(work, environment, &sources);
+        fire(work, environment, (&scans, &sources), std::slice::from_mut(events));
     }
 
     /// Sorts what the tiles fired.
@@ -550,7 +544,7 @@ impl Environment {
         let mut dropped = 0;
         let marked = work.config.causes && matches!(work.kernel, Kernel::Chain(_));
         if readout.is_off() && !marked {
-            append_sorted(&parts, work.start_us, work.interval_us, &mut self.spans, work.threads, events);
+            append_sorted(&parts, work.start_us, work.interval_us, &mut self.spans, work.hands, events);
         } else {
             self.fired.clear();
             if marked {
@@ -587,7 +581,8 @@ impl Environment {
 impl Tile {
     const fn new(first: usize, end: usize) -> Self {
         let tally = Tally { unknown: 0, clamped: 0, suppressed: 0 };
-        Self { first, end, memory: Memory::None, records: Vec::new(), causes: Vec::new(), tally }
+        let found = Scan { unknown: 0, impossible: false, most: 0 };
+        Self { first, end, memory: Memory::None, records: Vec::new(), causes: Vec::new(), found, tally }
     }
 
     const fn interval<'a>(&self, work: &Push<'a>) -> Interval<'a> {

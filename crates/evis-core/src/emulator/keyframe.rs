@@ -4,6 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
+use super::crew::{Crew, Hands};
 use super::frames::{BLOCK, FrameData, Frames, LUMINANCE, Source, Tables};
 use super::links::Links;
 use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
@@ -274,14 +275,15 @@ impl EventEmulator {
         let frames = Frames { data: keyframes.light, channels: keyframes.channels };
         self.tables.prepare(&frames, 1.0 / self.config.reference_luminance, &self.config.sensor);
         let mut out = vec![Vec::new(); self.config.batch];
-        let Self { config, isa, pool, tables, kernel, environments, benches, keyframe_reports, .. } = self;
-        let threads = pool.as_ref().map_or(1, rayon::ThreadPool::current_num_threads);
+        let Self { config, isa, crew, tables, kernel, environments, benches, keyframe_reports, .. } = self;
+        let pool = crew.as_ref().map(Crew::pool);
+        let threads = pool.map_or(1, rayon::ThreadPool::current_num_threads);
         let step = Gapped {
             push: Push {
                 config,
                 kernel,
                 isa: *isa,
-                threads: if environments.len() == 1 { threads } else { 1 },
+                hands: if environments.len() == 1 && threads > 1 { Hands::Pool(threads) } else { Hands::One },
                 start_us: t_us - i64::from(interval_us),
                 interval_us,
             },

@@ -1,9 +1,9 @@
 //! Records in pixel order become events in the order (t, y, x, firing), by counting.
 
 use std::mem::MaybeUninit;
+use std::ops::Range;
 
-use rayon::prelude::*;
-
+use super::crew::Hands;
 use crate::event::{Event, Polarity};
 
 /// An event on its way to its place: 8 bytes.
@@ -45,21 +45,24 @@ impl Record {
 /// Above this, an interval has too many microseconds to count them all for every frame.
 const COUNTED_US: usize = 1 << 17;
 
-/// A range of the interval that one thread sorts: counts per microsecond from its start on.
+/// Consecutive records, and what sorting them takes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Span {
-    first: usize,
-    counts: Vec<u32>,
+    range: Range<usize>,
+    /// Per microsecond: records, then the end of its run.
+    ends: Vec<u32>,
+    /// By time.
+    sorted: Vec<Record>,
 }
 
 /// Appends the events of `parts`, each in pixel order and one after the other, to `out`, sorted by time.
-/// All offsets lie in 1..=`interval_us`. There is a span per thread that may work on it; one is enough.
+/// All offsets lie in 1..=`interval_us`.
 pub(crate) fn append_sorted(
     parts: &[&[Record]],
     start_us: i64,
     interval_us: u32,
     spans: &mut Vec<Span>,
-    threads: usize,
+    hands: Hands<'_>,
     out: &mut Vec<Event>,
 ) {
     let total: usize = parts.iter().map(|part| part.len()).sum();
@@ -75,69 +78,113 @@ pub(crate) fn append_sorted(
         return;
     }
     // Nor for many threads.
-    let threads = threads.clamp(1, total.div_ceil(4096)).min(buckets);
+    let threads = hands.count().min(total / 4096).min(4 * total / buckets).max(1);
     spans.resize(threads, Span::default());
-    let length = buckets.div_ceil(threads);
     for (i, span) in spans.iter_mut().enumerate() {
-        span.first = i * length;
-        span.counts.clear();
-        span.counts.resize(length, 0);
+        span.range = i * total / threads..(i + 1) * total / threads;
     }
     out.reserve(total);
-    let mut spare = &mut out.spare_capacity_mut()[..total];
-    let single = threads == 1;
-    if single {
-        spans[0].count(parts);
+    let slots = &mut out.spare_capacity_mut()[..total];
+    if let [span] = &mut spans[..] {
+        span.count(parts, buckets);
+        span.place(parts, slots, |record| record.event(start_us));
     } else {
-        spans.par_iter_mut().for_each(|span| span.count(parts));
+        // Threads write near themselves: each sorts what it fired, then they merge an interval of time each.
+        hands.each(spans, |span| {
+            span.count(parts, buckets);
+            let mut sorted = std::mem::take(&mut span.sorted);
+            sorted.clear();
+            sorted.reserve(span.range.len());
+            span.place(parts, &mut sorted.spare_capacity_mut()[..span.range.len()], |record| record);
+            // SAFETY: `place` has written as many as it was given.
+            unsafe { sorted.set_len(span.range.len()) };
+            span.sorted = sorted;
+        });
+        hands.each(&mut shares(spans, buckets, slots), |(range, slots)| merge(spans, range, start_us, slots));
     }
-    let mut work = Vec::with_capacity(threads);
-    for span in spans.iter_mut() {
-        let own: usize = span.counts.iter().map(|count| *count as usize).sum();
-        let (slots, rest) = spare.split_at_mut(own);
-        spare = rest;
-        work.push((span, slots));
-    }
-    // Each record was counted by exactly one span.
-    assert!(spare.is_empty(), "an offset is outside of its interval");
-    if single {
-        for (span, slots) in work {
-            span.place(parts, start_us, slots);
-        }
-    } else {
-        work.into_par_iter().for_each(|(span, slots)| span.place(parts, start_us, slots));
-    }
-    // SAFETY: the spans' slots are all of the `total` slots, and the prefix sums give each record one of its own.
+    // SAFETY: `place` has written all, or `merge`, whose shares are all runs of all spans.
     unsafe { out.set_len(base + total) };
 }
 
 impl Span {
-    fn count(&mut self, parts: &[&[Record]]) {
-        for part in parts {
-            for record in *part {
-                let bucket = (record.offset_us() as usize).wrapping_sub(self.first);
-                if let Some(count) = self.counts.get_mut(bucket) {
-                    *count = count.wrapping_add(1);
-                }
+    fn count(&mut self, parts: &[&[Record]], buckets: usize) {
+        self.ends.clear();
+        self.ends.resize(buckets, 0);
+        for records in slices(parts, &self.range) {
+            for record in records {
+                let count = &mut self.ends[record.offset_us() as usize];
+                *count = count.wrapping_add(1);
             }
         }
     }
 
-    fn place(&mut self, parts: &[&[Record]], start_us: i64, slots: &mut [MaybeUninit<Event>]) {
+    /// Writes all of `slots`, which are as many as were counted.
+    fn place<T>(&mut self, parts: &[&[Record]], slots: &mut [MaybeUninit<T>], make: impl Fn(Record) -> T) {
         let mut next = 0_u32;
-        for count in &mut self.counts {
+        for count in &mut self.ends {
             next = next.wrapping_add(std::mem::replace(count, next));
         }
-        for part in parts {
-            for record in *part {
-                let bucket = (record.offset_us() as usize).wrapping_sub(self.first);
-                if let Some(slot) = self.counts.get_mut(bucket) {
-                    slots[*slot as usize].write(record.event(start_us));
-                    *slot = slot.wrapping_add(1);
-                }
+        for records in slices(parts, &self.range) {
+            for record in records {
+                let slot = &mut self.ends[record.offset_us() as usize];
+                slots[*slot as usize].write(make(*record));
+                *slot = slot.wrapping_add(1);
             }
         }
     }
+
+    /// First and last of the records of microsecond `bucket`, plus one.
+    fn run(&self, bucket: usize) -> Range<usize> {
+        let start = if bucket == 0 { 0 } else { self.ends[bucket - 1] };
+        start as usize..self.ends[bucket] as usize
+    }
+}
+
+/// Microseconds, and the slots of what fired in them.
+type Share<'a> = (Range<usize>, &'a mut [MaybeUninit<Event>]);
+
+/// Divides time so that about as many events happened in each share.
+fn shares<'a>(spans: &[Span], buckets: usize, mut slots: &'a mut [MaybeUninit<Event>]) -> Vec<Share<'a>> {
+    let (total, threads) = (slots.len(), spans.len());
+    let mut shares = Vec::with_capacity(threads);
+    let (mut first, mut done) = (0, 0);
+    for bucket in 0..buckets {
+        let end: usize = spans.iter().map(|span| span.ends[bucket] as usize).sum();
+        if end * threads >= (shares.len() + 1) * total {
+            let (own, rest) = std::mem::take(&mut slots).split_at_mut(end - done);
+            shares.push((first..bucket + 1, own));
+            (first, done, slots) = (bucket + 1, end, rest);
+        }
+    }
+    // The last bucket that holds something ended the last share.
+    assert!(slots.is_empty(), "an offset is outside of its interval");
+    shares
+}
+
+/// Writes the events of `range`, in the order of `spans` within a microsecond, into all of `slots`.
+fn merge(spans: &[Span], range: &Range<usize>, start_us: i64, slots: &mut [MaybeUninit<Event>]) {
+    let mut slots = slots.iter_mut();
+    for bucket in range.clone() {
+        for span in spans {
+            let records = &span.sorted[span.run(bucket)];
+            for (record, slot) in records.iter().zip(slots.by_ref()) {
+                slot.write(record.event(start_us));
+            }
+        }
+    }
+    assert_eq!(slots.len(), 0, "as many events as were counted");
+}
+
+/// The records `range` of all `parts`.
+fn slices<'a>(parts: &'a [&[Record]], range: &Range<usize>) -> impl Iterator<Item = &'a [Record]> + use<'a> {
+    let Range { start, end } = *range;
+    let mut first = 0;
+    parts.iter().map(move |part| {
+        let at = |place: usize| place.clamp(first, first + part.len()) - first;
+        let own = &part[at(start)..at(end)];
+        first += part.len();
+        own
+    })
 }
 
 #[cfg(test)]
@@ -159,7 +206,14 @@ mod tests {
             expected.sort_by_key(Event::order);
             for threads in [1, 2, 3] {
                 let mut got = vec![Event::new(0, 0, 0, Polarity::On)];
-                append_sorted(&[first, second], 100, interval, &mut Vec::new(), threads, &mut got);
+                append_sorted(
+                    &[first, &[], second],
+                    100,
+                    interval,
+                    &mut Vec::new(),
+                    Hands::Pool(threads),
+                    &mut got,
+                );
                 assert_eq!(got[1..], expected);
             }
             // Canary: unsorted, they differ.

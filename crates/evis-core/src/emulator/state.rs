@@ -13,7 +13,7 @@ use crate::fnv::Fnv;
 use crate::sensor::ConfigError;
 
 /// Begins every state; the last digit is the layout's version.
-const MAGIC: &[u8; 8] = b"EVISEMU3";
+const MAGIC: &[u8; 8] = b"EVISEMU4";
 
 /// Writes or reads the same things in the same order.
 enum Pass<'a> {
