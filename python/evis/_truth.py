@@ -182,7 +182,7 @@ class Truth:
 
     @property
     def sampled_hz(self) -> float | None:
-        """Rate in Hz where this is no truth but exact light sampled at it (``evis truth --sampled``), else None."""
+        """Rate in Hz of exact light that was sampled (``evis truth --sampled``); None for truth."""
         return self._handle.sampled_hz
 
     @property

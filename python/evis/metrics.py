@@ -351,8 +351,8 @@ def voxel_l1(
 def _as_truth(truth: Truth | str | PathLike[str], camera: str | None) -> Truth:
     known = truth if isinstance(truth, Truth) else Truth.load(truth, camera=camera)
     if known.sampled_hz is not None:
-        text = f"this is no truth but exact light sampled at {known.sampled_hz:g} Hz: what that rate costs is left out"
-        warnings.warn(text, stacklevel=3)
+        light = f"exact light sampled at {known.sampled_hz:g} Hz"
+        warnings.warn(f"this is no truth but {light}: what that rate costs is left out", stacklevel=3)
     return known
 
 
