@@ -134,6 +134,18 @@ def test_truth_comes_back_from_its_file(tmp_path: Path):
         assert file["truth/provenance_json"].asstr()[0] == '{"from": "a test"}'
 
 
+def test_sampled_light_is_told_from_truth():
+    truth = some_truth()
+    assert truth.sampled_hz is None
+    sampled = evis.Truth.from_events(
+        truth.events, duration_us=2_000_000, provenance='{"settings": {"sampled_hz": 500.0}}'
+    )
+    assert sampled.sampled_hz == 500.0
+    with pytest.warns(UserWarning, match="no truth but exact light sampled at 500 Hz"):
+        score = metrics.score(truth.events, sampled)
+    assert score.at(1000).plain.f1 == 1.0
+
+
 def test_files_and_arrays_score_alike(tmp_path: Path):
     truth = some_truth(sensor=None)
     events = moved(truth.events, 50)

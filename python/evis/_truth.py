@@ -181,6 +181,11 @@ class Truth:
         return self._handle.reference_luminance
 
     @property
+    def sampled_hz(self) -> float | None:
+        """Rate in Hz of exact light that was sampled (``evis truth --sampled``); None for truth."""
+        return self._handle.sampled_hz
+
+    @property
     def provenance(self) -> str:
         """Where it comes from, JSON."""
         return self._handle.provenance

@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
@@ -284,7 +285,8 @@ def score(
         Events sorted by time: an `EventArray`, a structured array with x, y, p and t, a recording, or a file
         that `evis.load` opens.
     truth : Truth or path
-        What is right; a recording is taken as truth too.
+        What is right; a recording is taken as truth too, and so is, with a warning, exact light that was
+        sampled (`Truth.sampled_hz`).
     tolerances_us : sequence of int
         Microseconds, 1 to 1 000 000.
     sensor : Sensor, optional
@@ -347,7 +349,11 @@ def voxel_l1(
 
 
 def _as_truth(truth: Truth | str | PathLike[str], camera: str | None) -> Truth:
-    return truth if isinstance(truth, Truth) else Truth.load(truth, camera=camera)
+    known = truth if isinstance(truth, Truth) else Truth.load(truth, camera=camera)
+    if known.sampled_hz is not None:
+        light = f"exact light sampled at {known.sampled_hz:g} Hz"
+        warnings.warn(f"this is no truth but {light}: what that rate costs is left out", stacklevel=3)
+    return known
 
 
 def _as_events(

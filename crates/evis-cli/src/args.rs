@@ -593,19 +593,32 @@ pub(crate) struct TruthArgs {
     #[arg(long, value_name = "X,Y,W,H", value_parser = crop, allow_hyphen_values = true, conflicts_with = "pixels")]
     pub(crate) crop: Option<PixelChoice>,
 
+    /// Not truth, but what an engine without any error of light would fire at this rate: the trigger on exact light at so
+    /// many instants per second. Scored against truth, it tells what the rate alone costs.
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
+    pub(crate) sampled: Option<f64>,
+
+    /// With --sampled: when events fire [default: what the scene gives the camera, else crossing].
+    #[arg(long, value_enum, requires = "sampled")]
+    pub(crate) trigger: Option<TriggerArg>,
+
+    /// With --sampled: what is taken as straight between two instants [default: what the scene gives the camera, else log].
+    #[arg(long, value_enum, requires = "sampled")]
+    pub(crate) interpolation: Option<InterpolationArg>,
+
     /// Which samples; truths of both, scored against each other, tell their own error [default: first].
     #[arg(long, value_enum)]
     pub(crate) lattice: Option<LatticeArg>,
 
-    /// Rise of log intensity that fires an ON event [default: 0.2].
+    /// Rise of log intensity that fires an ON event [default: what the scene gives the camera, else 0.2].
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
     pub(crate) threshold_on: Option<f32>,
 
-    /// Fall of log intensity that fires an OFF event, a magnitude [default: 0.2].
+    /// Fall of log intensity that fires an OFF event, a magnitude [default: what the scene gives the camera, else 0.2].
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
     pub(crate) threshold_off: Option<f32>,
 
-    /// eps in ln(Y / Y_ref + eps) [default: 0.001].
+    /// eps in ln(Y / Y_ref + eps) [default: what the scene gives the camera, else 0.001].
     #[arg(long, value_name = "E", value_parser = positive, allow_hyphen_values = true)]
     pub(crate) log_eps: Option<f32>,
 

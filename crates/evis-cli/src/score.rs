@@ -22,6 +22,12 @@ pub(crate) fn run(args: &ScoreArgs) -> anyhow::Result<i32> {
     let named = args.camera.as_deref();
     let camera = stream.find_camera(choose(named, &stream, &known))?;
     let truth = Truth::load(&args.truth, choose(named, &known, &stream))?;
+    if let Some(hz) = truth.sampled_hz() {
+        text::complain(&format!(
+            "warning: {} is no truth but exact light sampled at {hz} Hz: this score leaves out what that rate costs",
+            args.truth.display()
+        ));
+    }
     let info = stream.header().cameras.get(camera);
     let name = info.map_or("", |c| c.name.as_str());
     let settings = ScoreSettings {

@@ -1,6 +1,8 @@
 //! `truth`: what an ideal sensor fires in a scene, as a file.
 
-use evis_render::RunConfig;
+use evis_core::SensorConfig;
+use evis_render::scene_sensors;
+use evis_scene::Scene;
 use evis_truth::{Audit, TruthError, TruthSettings};
 
 use crate::args::TruthArgs;
@@ -14,12 +16,13 @@ use crate::{scene_source, text};
 pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
     check_output(&args.output)?;
     check_free(&args.output, args.force)?;
-    let settings = settings(args);
-    settings.check()?;
+    // What is wrong with the flags is said before a scene is read.
+    settings(args, SensorConfig::default()).check()?;
     let scene = scene_source::load(&args.scene, args.seed.unwrap_or(0))?;
     for warning in &scene.warnings {
         text::complain(&format!("warning: {warning}"));
     }
+    let settings = settings(args, scene_sensor(&scene, args.camera.as_deref())?);
     let cache = cache_folder(args.cache.as_deref());
     let interrupt = Interrupt::listen();
     let progress = Progress::new(WHOLE);
@@ -42,7 +45,7 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
     };
     truth.write(&args.output, args.force)?;
     text::say(&format!(
-        "{}  ({} {}x{}, {} pixels: {} events in {})",
+        "{}  ({} {}x{}, {} pixels: {} events in {}{})",
         args.output.display(),
         truth.camera.name,
         truth.camera.width,
@@ -50,6 +53,7 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
         text::grouped(truth.pixels.len() as u64),
         text::grouped(truth.events.len() as u64),
         text::seconds(truth.duration_us),
+        truth.sampled_hz().map_or_else(String::new, |hz| format!(", sampled at {hz} Hz")),
     ));
     if let Some(audit) = Audit::of(&truth) {
         text::say(&format!(
@@ -65,13 +69,42 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
     Ok(0)
 }
 
-/// Flags over defaults.
-fn settings(args: &TruthArgs) -> TruthSettings {
-    let mut settings = TruthSettings { sensor: RunConfig::default().sensor, ..TruthSettings::default() };
+/// What truth takes of the sensor that the scene gives the camera: thresholds, `eps` and trigger.
+fn scene_sensor(scene: &Scene, camera: Option<&str>) -> anyhow::Result<SensorConfig> {
+    // A camera that does not exist is an error of the truth's.
+    let Some(camera) = camera.or_else(|| Some(scene.cameras.first()?.name.as_str())) else {
+        return Ok(SensorConfig::default());
+    };
+    let sensor = scene_sensors(scene, &[camera.to_owned()])?.remove(camera).unwrap_or_default();
+    let stages = sensor.stages();
+    if !stages.is_empty() {
+        text::complain(&format!(
+            "warning: the sensor of camera '{camera}' has more than thresholds ({}), which truth leaves out: it is what an ideal \
+             sensor with the same thresholds and log_eps fires",
+            stages.join(", ")
+        ));
+    }
+    let SensorConfig { threshold_on, threshold_off, log_eps, trigger, interpolation, .. } = sensor;
+    Ok(SensorConfig {
+        threshold_on,
+        threshold_off,
+        log_eps,
+        trigger,
+        interpolation,
+        ..SensorConfig::default()
+    })
+}
+
+/// Flags over `sensor` and defaults.
+fn settings(args: &TruthArgs, sensor: SensorConfig) -> TruthSettings {
+    let mut settings = TruthSettings { sensor, ..TruthSettings::default() };
     let set = |to: &mut f32, from: Option<f32>| *to = from.unwrap_or(*to);
     set(&mut settings.sensor.threshold_on, args.threshold_on);
     set(&mut settings.sensor.threshold_off, args.threshold_off);
     set(&mut settings.sensor.log_eps, args.log_eps);
+    settings.sensor.trigger = args.trigger.map_or(settings.sensor.trigger, Into::into);
+    settings.sensor.interpolation = args.interpolation.map_or(settings.sensor.interpolation, Into::into);
+    settings.sampled_hz = args.sampled;
     settings.camera.clone_from(&args.camera);
     settings.size = args.size;
     settings.start_us = args.start.map_or(0, to_us);

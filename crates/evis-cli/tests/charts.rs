@@ -5,6 +5,7 @@
 mod common;
 
 use common::{Folder, code, evis, json, no_device, stderr, stdout};
+use evis_core::Truth;
 
 const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --no-light --repetitions 2 \
                     --truth-pixels 120 --no-floor --cache cache --threshold-on 0.05 --threshold-off 0.05";
@@ -107,6 +108,8 @@ fn truth_becomes_a_file_that_scores_a_run() {
         ("truth spinner -o t.h5 --camera nobody --cache cache", ["camera", "nobody"]),
         ("truth spinner -o t.h5 --crop 1,2,3", ["--crop", "such as 40,30,80,60"]),
         ("truth spinner -o t.h5 --crop 0,0,9,9 --pixels 5", ["--crop", "--pixels"]),
+        ("truth spinner -o t.h5 --sampled 0", ["--sampled", "such as 1000"]),
+        ("truth spinner -o t.h5 --interpolation light", ["--interpolation", "--sampled"]),
     ] {
         std::fs::create_dir_all(folder.file("cache")).unwrap();
         refused(&folder, arguments, &told);
@@ -115,6 +118,22 @@ fn truth_becomes_a_file_that_scores_a_run() {
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     assert!(stdout(&output).contains("192 pixels"), "{}", stdout(&output));
     refused(&folder, "truth spinner -o t.h5", &["t.h5", "--force"]);
+
+    // Exact light at a rate is scored as a stream is, and named where it stands for truth.
+    let line = format!("truth spinner -o s.h5 {small} --crop 8,6,16,12 --cache cache --sampled 2000");
+    let output = evis(&folder, &line);
+    assert!(stdout(&output).contains("sampled at 2000 Hz"), "{}{}", stdout(&output), stderr(&output));
+    assert!(!stdout(&output).contains("audit"), "{}", stdout(&output));
+    let output = evis(&folder, "score s.h5 --truth t.h5 --json");
+    assert_eq!((code(&output), stderr(&output).as_str()), (0, ""));
+    let f1 = |output| json(&output)["score"]["tolerances"][0]["scaled"]["f1"].as_f64().unwrap();
+    assert!((0.9..1.0).contains(&f1(output)), "{}", stdout(&evis(&folder, "score s.h5 --truth t.h5")));
+    let output = evis(&folder, "score t.h5 --truth s.h5");
+    assert!(
+        stderr(&output).contains("s.h5 is no truth but exact light sampled at 2000 Hz"),
+        "{}",
+        stderr(&output)
+    );
     if no_device(&folder) {
         return;
     }
@@ -123,4 +142,43 @@ fn truth_becomes_a_file_that_scores_a_run() {
     let output = evis(&folder, "score e.h5 --truth t.h5 --json");
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     assert_eq!(json(&output)["score"]["pixels"], 192);
+}
+
+#[test]
+fn truth_has_the_thresholds_of_the_scene_s_own_sensor() {
+    let folder = Folder::new("truth-sensor");
+    let scene = r#"
+[[materials]]
+name = "white"
+[[primitives]]
+name = "wall"
+shape = "box"
+size = [1, 1, 1]
+material = "white"
+[[cameras]]
+name = "left"
+[cameras.sensor]
+threshold_on = 0.31
+log_eps = 0.02
+noise = { shot_hz = 2 }
+refractory = { period_us = 100 }
+[[cameras]]
+name = "right"
+[cameras.sensor]
+threshold_off = 0.17
+"#;
+    std::fs::write(folder.file("scene.toml"), scene).unwrap();
+    let made = |flags: &str| {
+        let line = "truth scene.toml -o t.h5 --force --size 8x6 --duration 0.001 --pixels 2 --cache cache";
+        let output = evis(&folder, &format!("{line} {flags}"));
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        let sensor = Truth::read(&folder.file("t.h5")).unwrap().sensor;
+        ([sensor.threshold_on, sensor.threshold_off, sensor.log_eps], stderr(&output))
+    };
+    let (numbers, told) = made("");
+    assert_eq!(numbers, [0.31, 0.2, 0.02]);
+    assert!(told.contains("'left'") && told.contains("(noise, refractory)"), "{told}");
+    assert_eq!(made("--threshold-on 0.4 --log-eps 0.001").0, [0.4, 0.2, 0.001]);
+    let (numbers, told) = made("--camera right");
+    assert_eq!((numbers, told.as_str()), ([0.2, 0.17, 1e-3], ""));
 }

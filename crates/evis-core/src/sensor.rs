@@ -173,15 +173,38 @@ impl SensorConfig {
 
     /// Whether every stage but thresholds, `eps`, trigger and interpolation is off.
     pub fn is_ideal(&self) -> bool {
-        let thresholds = Self {
-            threshold_on: self.threshold_on,
-            threshold_off: self.threshold_off,
-            log_eps: self.log_eps,
-            trigger: self.trigger,
-            interpolation: self.interpolation,
-            ..Self::default()
-        };
-        *self == thresholds
+        self.stages().is_empty()
+    }
+
+    /// What it has beyond thresholds, `eps`, trigger and interpolation, by the names of a sensor file.
+    pub fn stages(&self) -> Vec<&'static str> {
+        // Field by field, so that a new one is not forgotten.
+        let Self {
+            threshold_on: _,
+            threshold_off: _,
+            log_eps: _,
+            trigger: _,
+            interpolation: _,
+            times,
+            most_events,
+            photoreceptor,
+            pattern,
+            noise,
+            refractory,
+            readout,
+            diffusion,
+        } = self;
+        let stages = [
+            ("times", is_default(times)),
+            ("most_events", is_most(most_events)),
+            ("photoreceptor", is_default(photoreceptor)),
+            ("pattern", is_default(pattern)),
+            ("noise", is_default(noise)),
+            ("refractory", is_default(refractory)),
+            ("readout", is_default(readout)),
+            ("diffusion", diffusion.is_none()),
+        ];
+        stages.into_iter().filter(|(_, off)| !off).map(|(name, _)| name).collect()
     }
 
     /// What is allowed and probably not meant.
@@ -275,6 +298,16 @@ impl Sensor {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn stages_are_named_as_in_a_file() {
+        assert!(SensorConfig { threshold_on: 0.3, log_eps: 0.1, ..Default::default() }.is_ideal());
+        let sensor = SensorConfig::from_toml(
+            "most_events = 3\nnoise = { shot_hz = 2 }\n[refractory]\nperiod_us = 10\n",
+        );
+        assert_eq!(sensor.unwrap().stages(), ["most_events", "noise", "refractory"]);
+        assert_eq!(SensorConfig::preset("davis346").unwrap().stages(), ["diffusion"]);
+    }
 
     #[test]
     fn thresholds_must_be_positive() {

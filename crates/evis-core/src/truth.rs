@@ -121,6 +121,13 @@ impl Truth {
         }
     }
 
+    /// The rate of exact light that these are the events of; `None` for a truth, which has no rate. What is sampled is
+    /// written and scored as a truth is, and its provenance tells it from one.
+    pub fn sampled_hz(&self) -> Option<f64> {
+        let provenance: serde_json::Value = serde_json::from_str(&self.provenance).ok()?;
+        provenance.pointer("/settings/sampled_hz")?.as_f64()
+    }
+
     /// Index into [`Truth::pixels`] of pixel (x, y).
     pub fn pixel_index(&self, x: u16, y: u16) -> Option<usize> {
         self.pixels.binary_search_by_key(&(y, x), |[x, y]| (*y, *x)).ok()

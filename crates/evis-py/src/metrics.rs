@@ -132,6 +132,11 @@ impl Truth {
     }
 
     #[getter]
+    fn sampled_hz(&self) -> Option<f64> {
+        self.0.sampled_hz()
+    }
+
+    #[getter]
     fn provenance(&self) -> &str {
         &self.0.provenance
     }

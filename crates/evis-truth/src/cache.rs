@@ -76,6 +76,8 @@ mod tests {
         assert!(colours[0] != colours[1] && colours[1] != colours[2]);
         let brighter = Scene { ambient: [0.0, 0.0, 1e-7], ..scene.clone() };
         assert_ne!(same, key(&scene, &longer));
+        let sampled = |hz| key(&scene, &TruthSettings { sampled_hz: Some(hz), ..settings.clone() });
+        assert!(sampled(1000.0) != same && sampled(1000.0) != sampled(2000.0));
         assert_ne!(same, key(&brighter, &settings));
     }
 }

@@ -22,9 +22,8 @@ pub struct Clock<'a> {
     camera: usize,
     pinhole: Pinhole,
     start_us: i64,
-    /// Times that every pixel looks at, each prepared when it is first asked for.
-    step_us: i64,
-    shared: Vec<OnceLock<Arc<Moment<'a>>>>,
+    /// Times that every pixel looks at, in order, each prepared when it is first asked for.
+    shared: Vec<(i64, OnceLock<Arc<Moment<'a>>>)>,
 }
 
 /// A scene at one time.
@@ -52,13 +51,12 @@ impl<'a> Clock<'a> {
         let matter = Arc::new(Matter::new(scene, &state, |node| moves[node]));
         let pinhole = pinhole(scene, camera, settings)?;
         let start_us = settings.start_us;
-        Ok(Self { scene, textures, matter, moves, camera, pinhole, start_us, step_us: 0, shared: Vec::new() })
+        Ok(Self { scene, textures, matter, moves, camera, pinhole, start_us, shared: Vec::new() })
     }
 
-    /// From now on, multiples of `step_us` up to `until_us` are prepared once and kept.
-    pub fn share(&mut self, step_us: i64, until_us: i64) {
-        self.step_us = step_us;
-        self.shared = (0..=until_us / step_us.max(1)).map(|_| OnceLock::new()).collect();
+    /// From now on, the scene at `times`, which ascend, is prepared once and kept.
+    pub fn share(&mut self, times: impl Iterator<Item = i64>) {
+        self.shared = times.map(|t_us| (t_us, OnceLock::new())).collect();
     }
 
     /// The camera's picture and lens, posed as at the start.
@@ -69,11 +67,10 @@ impl<'a> Clock<'a> {
     /// The scene `t_us` microseconds after the stream's start.
     pub fn at(&self, t_us: f64) -> Arc<Moment<'a>> {
         let whole = t_us as i64;
-        if self.step_us > 0 && t_us >= 0.0 && whole as f64 == t_us && whole % self.step_us == 0 {
-            let slot = usize::try_from(whole / self.step_us).unwrap_or(usize::MAX);
-            if let Some(shared) = self.shared.get(slot) {
-                return shared.get_or_init(|| Arc::new(self.prepare(t_us))).clone();
-            }
+        if whole as f64 == t_us
+            && let Ok(slot) = self.shared.binary_search_by_key(&whole, |shared| shared.0)
+        {
+            return self.shared[slot].1.get_or_init(|| Arc::new(self.prepare(t_us))).clone();
         }
         Arc::new(self.prepare(t_us))
     }

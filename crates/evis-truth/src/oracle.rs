@@ -14,7 +14,7 @@ use crate::pace::{self, Pace};
 use crate::rays::{Beam, Pinhole, Textures};
 use crate::settings::{TruthError, TruthSettings};
 use crate::signal::Sampler;
-use crate::walk::{PixelTruth, Rules, walk};
+use crate::walk::{PixelTruth, Rules, sample, walk};
 
 /// For the log-mean, squares of so many pixels share a beam.
 const REFERENCE_BLOCK: usize = 4;
@@ -29,7 +29,9 @@ struct Provenance<'a> {
     settings: &'a TruthSettings,
     /// The shortest between two looks.
     step_us: i64,
-    audit: Audit,
+    /// What is sampled has no steps to audit: between its instants it knows nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    audit: Option<Audit>,
     readings: u64,
     skipped_pixels: u64,
     seconds: f64,
@@ -59,10 +61,14 @@ pub fn truth(
     let pinhole = *clock.pinhole();
     let pixels = settings.pixels(pinhole.width as u32, pinhole.height as u32)?;
 
-    let shortest =
-        settings.step_us.map_or_else(|| pace::shortest(&clock, settings.duration_us), |s| (s, 0.0));
-    clock.share(shortest.0, settings.duration_us);
-    let pace = match settings.step_us {
+    let instants = settings.instants()?;
+    let given = instants.as_ref().map_or(settings.step_us, |instants| instants.get(1).copied());
+    let shortest = given.map_or_else(|| pace::shortest(&clock, settings.duration_us), |s| (s, 0.0));
+    match &instants {
+        Some(instants) => clock.share(instants.iter().copied()),
+        None => clock.share((0..=settings.duration_us / shortest.0).map(|k| k * shortest.0)),
+    }
+    let pace = match given {
         Some(step_us) => Pace::even(&clock, step_us, settings.duration_us),
         None => Pace::local(&clock, shortest, settings.duration_us),
     };
@@ -96,6 +102,8 @@ pub fn truth(
             let walked = if still.as_ref().is_some_and(|s| s.holds(&sampler, x, y)) {
                 skipped.fetch_add(1, Ordering::Relaxed);
                 PixelTruth::still()
+            } else if let Some(instants) = &instants {
+                sample(&clock, &sampler, &rules, instants, x, y)
             } else {
                 walk(&clock, &sampler, &rules, &pace.times(x, y), x, y)
             };
@@ -110,12 +118,13 @@ pub fn truth(
         return Err(TruthError::Stopped);
     }
     let events = walked.iter().map(|w| w.events.len() as u64).sum();
+    let audit = instants.is_none().then(|| Audit::new(walked.iter().map(|w| w.audit).sum(), events));
     let provenance = Provenance {
         evis: env!("CARGO_PKG_VERSION"),
         scene: &scene.name,
         settings,
         step_us: shortest.0,
-        audit: Audit::new(walked.iter().map(|w| w.audit).sum(), events),
+        audit,
         readings: walked.iter().map(|w| w.readings).sum(),
         skipped_pixels: skipped.into_inner(),
         seconds: started.elapsed().as_secs_f64(),

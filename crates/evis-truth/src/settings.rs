@@ -1,6 +1,6 @@
 //! What a truth is asked for.
 
-use evis_core::{ConfigError, Sensor, SensorConfig};
+use evis_core::{ConfigError, Sensor, SensorConfig, TimeGrid};
 use serde::{Deserialize, Serialize};
 
 use crate::lattice::Lattice;
@@ -31,8 +31,8 @@ pub enum PixelChoice {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TruthSettings {
-    /// Thresholds and `eps`; a camera's own thresholds come first, and the trigger rule does not count: truth crosses
-    /// thresholds in continuous time.
+    /// Thresholds and `eps`; a camera's own thresholds come first, and the trigger rule counts only with `sampled_hz`:
+    /// truth crosses thresholds in continuous time.
     pub sensor: SensorConfig,
     /// Name of the camera; `None` takes the first.
     pub camera: Option<String>,
@@ -57,6 +57,10 @@ pub struct TruthSettings {
     /// it, or no more are left. `None` takes 0.15 of the strictest tolerance: 100, or the time to move by 0.01 px, at
     /// most 1000.
     pub time_error_us: Option<f64>,
+    /// Not truth, but what an engine without any error of light would fire at this rate: the sensor's trigger on exact
+    /// light at the engine's instants, and nothing between them. `step_us`, `audit_share` and `time_error_us` do not
+    /// count then.
+    pub sampled_hz: Option<f64>,
 }
 
 impl Default for TruthSettings {
@@ -73,6 +77,7 @@ impl Default for TruthSettings {
             step_us: None,
             audit_share: 1.0 / 64.0,
             time_error_us: None,
+            sampled_hz: None,
         }
     }
 }
@@ -111,12 +116,28 @@ impl TruthSettings {
         {
             return Err(ConfigError::new("time_error_us", error, "a finite number above 0"));
         }
+        self.instants()?;
         if let Some(y) = self.reference_luminance
             && !(y.is_finite() && y > 0.0)
         {
             return Err(ConfigError::new("reference_luminance", y, "a finite number above 0"));
         }
         Ok(())
+    }
+
+    /// With `sampled_hz`, the instants at which light is known, from the start to the first one at or after the end.
+    ///
+    /// # Errors
+    /// A rate that cannot be used.
+    pub fn instants(&self) -> Result<Option<Vec<i64>>, ConfigError> {
+        let Some(rate_hz) = self.sampled_hz else { return Ok(None) };
+        let grid = TimeGrid::new(rate_hz)?;
+        // The trigger counts an interval's microseconds as u32.
+        if rate_hz < 1e-3 {
+            return Err(ConfigError::new("sampled_hz", rate_hz, "at least 0.001 Hz"));
+        }
+        let last = grid.first_at_or_after(self.duration_us);
+        Ok(Some((0..=last).map(|k| grid.instant_us(k)).collect()))
     }
 
     /// The chosen pixels of a picture, ordered by row, then column.
@@ -193,6 +214,17 @@ mod tests {
         assert!((left as f64 - 250.0).abs() < 25.0, "{left}");
         let few = TruthSettings { pixels: PixelChoice::Count(99_999), ..Default::default() };
         assert_eq!(few.pixels(16, 12).unwrap().len(), 192);
+    }
+
+    #[test]
+    fn instants_are_the_engine_s_and_pass_the_end() {
+        let at = |hz| TruthSettings { sampled_hz: hz, duration_us: 10_001, ..Default::default() };
+        assert_eq!(at(None).instants().unwrap(), None);
+        assert_eq!(at(Some(300.0)).instants().unwrap().unwrap(), [0, 3333, 6667, 10_000, 13_333]);
+        for bad in [0.0, -5.0, 1e-4, 2e6, f64::NAN] {
+            let error = at(Some(bad)).check().unwrap_err().to_string();
+            assert!(error.contains("Hz"), "{error}");
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! One pixel over time: looks at regular steps, finer ones where the signal bends near a threshold, and the roots of
 //! `log light - threshold` where it crosses.
 
+use evis_core::trigger::{PixelState, decide, fire_time_us};
 use evis_core::{Polarity, Region, RegionSpan, SensorConfig};
 
 use crate::audit::{Counts, FINER, chosen};
@@ -19,6 +20,9 @@ const PARABOLA: f64 = 0.25;
 const FLAT: f64 = 1e-6;
 /// A reading decides about a threshold where it is farther from it than this many times its own error.
 const DECIDED: f64 = 4.0;
+/// And where it is farther from it than this, in log light: what slips between the samples of the smallest lattice, whose
+/// error says nothing of it, moves the pixel by less.
+const NEAR: f64 = 0.05;
 /// Part of an event's strictest tolerance (100 us, or 0.01 px at the image's speed) to which its time is known.
 const TIME_SHARE: f64 = 0.15;
 /// A crossing's time is refined until it moves by less, in microseconds.
@@ -89,10 +93,8 @@ pub struct Rules {
 
 /// Walks pixel (x, y), looking at it at `times`.
 pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, times: &[i64], x: u16, y: u16) -> PixelTruth {
-    let mut walker =
-        Walker { clock, sampler, rules, x, y, reference: 0.0, step_us: 0.0, truth: PixelTruth::default() };
+    let mut walker = Walker::new(clock, sampler, rules, x, y);
     walker.reference = walker.fine(0.0, 0.0).log;
-    walker.regions();
     // Looks before, at both ends of, and after the interval in work.
     let mut a = walker.coarse(0.0);
     let mut before: Option<Look> = None;
@@ -118,6 +120,47 @@ pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, times: &[i64], x: u
     walker.truth
 }
 
+/// What the trigger, which knows light at `instants` alone, makes of pixel (x, y): the light itself without any error.
+pub fn sample(
+    clock: &Clock,
+    sampler: &Sampler,
+    rules: &Rules,
+    instants: &[i64],
+    x: u16,
+    y: u16,
+) -> PixelTruth {
+    let mut walker = Walker::new(clock, sampler, rules, x, y);
+    // With all the samples that there are: truth, too, takes no more.
+    let exact = |walker: &mut Walker, t_us: i64| walker.fine(t_us as f64, 0.0).log as f32;
+    let mut reference_log = exact(&mut walker, 0);
+    let mut log_before = Some(reference_log);
+    for &[before_us, now_us] in instants.array_windows() {
+        walker.reference = f64::from(reference_log);
+        let rough = walker.coarse(now_us as f64);
+        let margin = NEAR + DECIDED * rough.error;
+        if rough.log + margin < walker.upper() && rough.log - margin > walker.lower() {
+            log_before = None;
+            continue;
+        }
+        let log_luma = log_before.unwrap_or_else(|| exact(&mut walker, before_us));
+        let old = PixelState { reference_log, log_luma };
+        let log_luma = exact(&mut walker, now_us);
+        let decision = decide(&rules.sensor, old, log_luma);
+        for k in 1..=decision.count {
+            let after_us = fire_time_us(&rules.sensor, &decision, k, (now_us - before_us) as u32);
+            let t_us = (before_us + i64::from(after_us)) as f64;
+            // The last instant is the first one at or after the end.
+            if t_us < rules.duration_us as f64 {
+                let Probe { speed, region } = walker.probe(t_us);
+                let fired = Fired { t_us, polarity: decision.polarity, speed: speed as f32, region };
+                walker.truth.events.push(fired);
+            }
+        }
+        (reference_log, log_before) = (decision.reference_log, Some(log_luma));
+    }
+    walker.truth
+}
+
 /// How far the middle of three looks is from the line through the others, times the ratio that makes it the second
 /// difference where they are evenly spaced.
 fn second_difference(p: Look, q: Look, r: Look) -> f64 {
@@ -137,7 +180,15 @@ struct Walker<'a, 's> {
     truth: PixelTruth,
 }
 
-impl Walker<'_, '_> {
+impl<'a, 's> Walker<'a, 's> {
+    /// Before its first look; the regions are known.
+    fn new(clock: &'a Clock<'s>, sampler: &'a Sampler, rules: &'a Rules, x: u16, y: u16) -> Self {
+        let truth = PixelTruth::default();
+        let mut walker = Self { clock, sampler, rules, x, y, reference: 0.0, step_us: 0.0, truth };
+        walker.regions();
+        walker
+    }
+
     fn look(&self, t_us: f64, reading: Reading) -> Look {
         let relative = reading.luminance / self.rules.reference_luminance;
         let eps = f64::from(self.rules.sensor.log_eps);

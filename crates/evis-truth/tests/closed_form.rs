@@ -9,7 +9,7 @@ use evis_core::closed_form::{
     Bar, Edge, ExponentialRamp, Flicker, FlickerShape, Footprint, LinearRamp, Signal, Sinusoid, Spokes,
 };
 use evis_core::metric::{ScoreSettings, score};
-use evis_core::{SensorConfig, Truth, closed_form};
+use evis_core::{Interpolation, SensorConfig, Truth, closed_form};
 use evis_scene::motion::{Path, WaveShape, Waveform};
 use evis_scene::{
     Camera, Lens, Light, LightKind, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs,
@@ -453,4 +453,71 @@ fn the_audit_finds_what_too_long_a_step_jumps_over() {
     assert!(coarse.missed_at_most > coarse.missed as f64, "{coarse:?}");
     // What is missed by more than a pair of events per step is missed in that many steps.
     assert!(coarse.missed as usize <= (events - found) / 2, "{coarse:?}, {found} of {events} events");
+}
+
+/// Events per pixel, as times and polarities.
+fn by_pixel(truth: &Truth) -> Vec<Vec<(i64, i16)>> {
+    let of =
+        |pixel: &[u16; 2]| truth.events.iter().filter(|e| [e.x, e.y] == *pixel).map(|e| (e.t, e.p)).collect();
+    truth.pixels.iter().map(of).collect()
+}
+
+#[test]
+fn what_is_straight_between_instants_is_sampled_exactly() {
+    // Between two instants light comes from far below the threshold to above it. Without eps, which bends logarithms.
+    let sensor = SensorConfig { threshold_on: 0.19, log_eps: 1e-6, ..sensor() };
+    let ramp = strip(-0.5, 0.38, 1, |x| 1.6 - 4.0 * x);
+    let growth = strip(-1.0, 1.0, 20_000, |x| 0.5 * (-8.0 * x).exp());
+    for (primitive, straight, bent) in
+        [(ramp, Interpolation::Light, Interpolation::Log), (growth, Interpolation::Log, Interpolation::Light)]
+    {
+        let mut scene = scene();
+        let motion = moving(on_wall(0.0, 0.0), DQuat::IDENTITY, DVec3::X * 50.0 / PX);
+        add(&mut scene, primitive, grey(1.0), motion);
+        let ask = |interpolation, sampled_hz| {
+            let sensor = SensorConfig { interpolation, ..sensor.clone() };
+            let pixels = PixelChoice::Count(24);
+            truth(&scene, &TruthSettings { sensor, sampled_hz, ..settings(Lattice::First, pixels) }, &|_| {
+                true
+            })
+            .unwrap()
+        };
+        let exact = by_pixel(&ask(straight, None));
+        assert!(exact.iter().map(Vec::len).sum::<usize>() > 20, "something happens: {exact:?}");
+        let worst = |interpolation| {
+            let sampled = by_pixel(&ask(interpolation, Some(50.0)));
+            let pairs = sampled.iter().zip(&exact).flat_map(|(sampled, exact)| {
+                // An event at the very end may fall on either side of it.
+                assert!(sampled.len().abs_diff(exact.len()) <= 1, "{sampled:?} {exact:?}");
+                sampled.iter().zip(exact)
+            });
+            pairs.fold(0, |worst, (sampled, exact)| {
+                assert_eq!(sampled.1, exact.1);
+                worst.max(sampled.0.abs_diff(exact.0))
+            })
+        };
+        assert!(worst(straight) <= 3, "{straight:?}: {} us", worst(straight));
+        assert!(worst(bent) > 30, "canary: {bent:?}: {} us", worst(bent));
+    }
+}
+
+#[test]
+fn what_is_sampled_comes_to_truth_as_the_rate_grows() {
+    // A bar that stays within a pixel for 16 ms, and leaves it as it was.
+    let mut scene = scene();
+    backdrop(&mut scene, 0.3);
+    let motion = moving(on_wall(1.7, 0.0), DQuat::IDENTITY, DVec3::X * 90.0 / PX);
+    add(&mut scene, card(-0.2 / PX, 0.2 / PX, -4.0, 4.0), grey(4.0), motion);
+    let ask = |sampled_hz| {
+        let settings = TruthSettings { sampled_hz, ..settings(Lattice::First, PixelChoice::Count(24)) };
+        truth(&scene, &settings, &|_| true).unwrap()
+    };
+    let exact = ask(None);
+    assert!(exact.sampled_hz().is_none() && Audit::of(&exact).is_some());
+    let f1 = [30.0, 120.0, 480.0, 1920.0].map(|hz| {
+        let sampled = ask(Some(hz));
+        assert_eq!((sampled.sampled_hz(), Audit::of(&sampled)), (Some(hz), None));
+        score(&sampled.events, &exact, &ScoreSettings::default()).unwrap().at(300).unwrap().plain.f1
+    });
+    assert!(f1.is_sorted_by(|a, b| a < b) && f1[0] < 0.5 && f1[3] > 0.99, "{f1:?}");
 }
