@@ -154,6 +154,21 @@ class Scene:
         text = _toml.document({"cameras": [camera.table() for camera in orphans]})
         return Scene(self._raw.with_cameras(text, parents))
 
+    def at_speed(self, speed: float) -> Scene:
+        """Return this scene with everything that moves, deforms or changes its light so many times as fast.
+
+        Parameters
+        ----------
+        speed : float
+            Above 0: 0.25 for slow motion, 4 for four times as fast as now. `duration_s` is divided by it.
+
+        Raises
+        ------
+        ConfigError
+            If it is not a number above 0.
+        """
+        return Scene(self._raw.at_speed(speed))
+
     @property
     def name(self) -> str:
         """Name for reports."""

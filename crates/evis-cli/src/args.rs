@@ -80,6 +80,10 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
     pub(crate) duration: Option<f64>,
 
+    /// How fast everything in the scene moves and changes: 0.25 for a quarter of the speed that it has [default: 1].
+    #[arg(long, value_name = "FACTOR", value_parser = speed, allow_hyphen_values = true)]
+    pub(crate) speed: Option<f64>,
+
     /// Scene time in seconds at which the stream starts [default: 0].
     #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
     pub(crate) start: Option<f64>,
@@ -478,6 +482,10 @@ pub(crate) struct MeasuringArgs {
     #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
     pub(crate) duration: Option<f64>,
 
+    /// How fast everything in the scene moves and changes: 0.25 for a quarter of the speed that it has [default: 1].
+    #[arg(long, value_name = "FACTOR", value_parser = speed, allow_hyphen_values = true)]
+    pub(crate) speed: Option<f64>,
+
     /// Scene time in seconds at which the stream starts [default: 0].
     #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
     pub(crate) start: Option<f64>,
@@ -576,6 +584,10 @@ pub(crate) struct TruthArgs {
     /// Seconds [default: 0.25].
     #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
     pub(crate) duration: Option<f64>,
+
+    /// How fast everything in the scene moves and changes: 0.25 for a quarter of the speed that it has [default: 1].
+    #[arg(long, value_name = "FACTOR", value_parser = speed, allow_hyphen_values = true)]
+    pub(crate) speed: Option<f64>,
 
     /// Scene time in seconds at which the stream starts [default: 0].
     #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
@@ -1149,6 +1161,10 @@ fn positive_seconds(text: &str) -> Result<f64, String> {
 
 fn start_seconds(text: &str) -> Result<f64, String> {
     checked(text, "a number of seconds from 0 to 2678400, such as 0.5", |v| (0.0..=MAX_SECONDS).contains(&v))
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    checked(text, "a factor from 0.000001 to 1000000, such as 0.25", |v| (1e-6..=1e6).contains(&v))
 }
 
 fn rate_hz(text: &str) -> Result<f64, String> {

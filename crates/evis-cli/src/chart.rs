@@ -104,13 +104,18 @@ fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
     let seed = args.measuring.seed.unwrap_or(0);
     let mut scenes = Vec::new();
     for name in &args.scenes {
-        let scene = scene_source::load(name, seed)?;
+        let scene = scene_source::load(name, seed, args.measuring.speed)?;
         if let Some(camera) = &settings.camera {
             scene.camera(camera)?;
         }
         for warning in &scene.warnings {
             text::complain(&format!("warning: {warning}"));
         }
+        // What a chart is called says what was changed.
+        let name = match args.measuring.speed {
+            Some(speed) => format!("{name} at speed {speed}"),
+            None => name.clone(),
+        };
         scenes.push((name, scene));
     }
     let gpu = Gpu::open(args.measuring.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;

@@ -49,7 +49,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let for_all = asked.all.is_some();
     let mut config = config(args, asked)?;
     config.check()?;
-    let scene = scene_source::load(&args.scene, config.seed)?;
+    let scene = scene_source::load(&args.scene, config.seed, args.speed)?;
     for name in config.cameras.iter().chain(config.sensors.keys()) {
         scene.camera(name)?;
     }
@@ -88,6 +88,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let settings = Settings {
         evis: env!("CARGO_PKG_VERSION"),
         scene: args.scene.clone(),
+        speed: args.speed.unwrap_or(1.0),
         environments,
         duration_s: duration_us as f64 / 1.0e6,
         packet_us: PACKET_US,
@@ -276,7 +277,8 @@ fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
         duration_s
     });
     // Environments may run ahead of the scene's clock.
-    let ahead_s = scene.variants.iter().map(|v| v.time_offset_s).fold(0.0, f64::max);
+    let ahead_s =
+        scene.variants.iter().map(|v| v.time_offset_s).fold(0.0, f64::max) / args.speed.unwrap_or(1.0);
     let until_s = start_s + duration_s + ahead_s;
     if let Some(own_s) = own_s
         && until_s > own_s + 1.0e-6
@@ -357,6 +359,7 @@ fn output_paths(output: &Path, environments: usize) -> Vec<PathBuf> {
 struct Settings {
     evis: &'static str,
     scene: String,
+    speed: f64,
     environments: usize,
     duration_s: f64,
     packet_us: i64,
@@ -765,6 +768,7 @@ mod tests {
         let settings = Settings {
             evis: "0",
             scene: "spinner".into(),
+            speed: 1.0,
             environments: 1,
             duration_s: 0.5,
             packet_us: PACKET_US,

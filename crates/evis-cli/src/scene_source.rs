@@ -7,9 +7,10 @@ pub(crate) fn builtins() -> &'static [(&'static str, &'static str)] {
     builtin::names()
 }
 
-/// Loads `source`: a built-in name, or a `.toml`, `.gltf` or `.glb` file. `seed` varies built-in scenes.
-pub(crate) fn load(source: &str, seed: u64) -> anyhow::Result<Scene> {
-    Ok(source::load(source, seed)?)
+/// Loads `source`: a built-in name, or a `.toml`, `.gltf` or `.glb` file. `seed` varies built-in scenes; everything in it
+/// happens `speed` times as fast.
+pub(crate) fn load(source: &str, seed: u64, speed: Option<f64>) -> anyhow::Result<Scene> {
+    Ok(source::load(source, seed)?.at_speed(speed.unwrap_or(1.0))?)
 }
 
 /// Loads a built-in scene to describe it.

@@ -18,7 +18,7 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
     check_free(&args.output, args.force)?;
     // What is wrong with the flags is said before a scene is read.
     settings(args, SensorConfig::default()).check()?;
-    let scene = scene_source::load(&args.scene, args.seed.unwrap_or(0))?;
+    let scene = scene_source::load(&args.scene, args.seed.unwrap_or(0), args.speed)?;
     for warning in &scene.warnings {
         text::complain(&format!("warning: {warning}"));
     }

@@ -115,7 +115,7 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
         shadows: args.shadows.map_or(default.shadows, Into::into),
         worst: default.worst,
     };
-    let scene = scene_source::load(name, common.seed.unwrap_or(0))?;
+    let scene = scene_source::load(name, common.seed.unwrap_or(0), None)?;
     if let Some(camera) = &settings.camera {
         scene.camera(camera)?;
     }
@@ -140,7 +140,7 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
 fn measure(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<SceneReport>> {
     let settings = settings(args);
     settings.settings()?;
-    let scene = scene_source::load(name, args.common.seed.unwrap_or(0))?;
+    let scene = scene_source::load(name, args.common.seed.unwrap_or(0), None)?;
     if let Some(camera) = &settings.camera {
         scene.camera(camera)?;
     }

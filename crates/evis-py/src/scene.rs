@@ -56,6 +56,11 @@ impl Scene {
         py.enter_engine(|| engine::with_cameras(&self.0, text, &parents)).map(Self::new)
     }
 
+    /// Everything `speed` times as fast.
+    fn at_speed(&self, speed: f64) -> PyResult<Self> {
+        Ok(Self::new(evis_scene::Scene::clone(&self.0).at_speed(speed).map_err(Failure::from)?))
+    }
+
     #[getter]
     fn name(&self) -> &str {
         &self.0.name

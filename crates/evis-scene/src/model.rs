@@ -35,6 +35,8 @@ pub struct Scene {
     pub ambient: [f32; 3],
     /// Seconds that the scene's motion lasts; `None` where it has no natural end.
     pub duration_s: Option<f64>,
+    /// How fast the scene's clock runs; `None` for 1. [`Scene::at_speed`] sets it.
+    pub speed: Option<f64>,
     /// Variants of the scene, rendered side by side; empty means one, unchanged.
     pub variants: Vec<Variant>,
     /// What the loader had to say: once each, for the user.

@@ -2,6 +2,7 @@
 
 use glam::DMat4;
 
+use crate::error::SceneError;
 use crate::model::{Scene, Variant};
 
 /// Where everything is, and how bright, at one time.
@@ -48,7 +49,7 @@ impl Scene {
 
     /// As [`Scene::evaluate`], for one variant: on its clock, with its nodes offset.
     pub fn evaluate_variant(&self, variant: Option<&Variant>, t_s: f64, state: &mut SceneState) {
-        let t_s = t_s + variant.map_or(0.0, |v| v.time_offset_s);
+        let t_s = t_s * self.speed.unwrap_or(1.0) + variant.map_or(0.0, |v| v.time_offset_s);
         let offsets = variant.map_or(&[][..], |v| &v.node_offsets);
 
         state.world_from_node.clear();
@@ -78,6 +79,22 @@ impl Scene {
         state.emission_factor.extend(self.materials.iter().map(|m| factor(&m.emission_waveform)));
     }
 
+    /// The scene with everything that moves, deforms or changes its light `speed` times as fast as now. Offsets of
+    /// variants stay seconds of its own clock.
+    ///
+    /// # Errors
+    /// A speed that is not a number above 0.
+    pub fn at_speed(mut self, speed: f64) -> Result<Self, SceneError> {
+        if !(speed.is_finite() && speed > 0.0) {
+            return Err(SceneError::Rule(format!(
+                "speed is {speed}; it must be a number above 0, such as 0.25"
+            )));
+        }
+        self.speed = (speed != 1.0 || self.speed.is_some()).then(|| self.speed.unwrap_or(1.0) * speed);
+        self.duration_s = self.duration_s.map(|s| s / speed);
+        Ok(self)
+    }
+
     /// `world_from_bind` per joint of skin `skin` (`world_from_joint * inverse_bind`), in place of what `out` held.
     /// A skinned mesh ignores its node's own pose (glTF 2.0, 3.7.3.3): these matrices lead to the world directly.
     /// Empty where there is no such skin.
@@ -88,5 +105,29 @@ impl Scene {
             let world = state.world_from_node.get(joint).copied().unwrap_or(DMat4::IDENTITY);
             world * skin.inverse_bind.get(i).copied().unwrap_or(DMat4::IDENTITY)
         }));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::builtin;
+
+    #[test]
+    fn a_faster_scene_is_where_it_would_be_later() {
+        let scene = builtin::load("street", 0).unwrap();
+        let fast = scene.clone().at_speed(8.0).unwrap().at_speed(0.5).unwrap();
+        let state = |scene: &Scene, t_s| {
+            let mut state = SceneState::default();
+            scene.evaluate(t_s, &mut state);
+            (state.world_from_node, state.light_factor)
+        };
+        assert_eq!(state(&fast, 0.1), state(&scene, 0.4));
+        assert_ne!(state(&fast, 0.1), state(&scene, 0.1), "canary");
+        assert_eq!(fast.duration_s, scene.duration_s.map(|s| s / 4.0));
+        assert!(scene.clone().at_speed(1.0).unwrap().speed.is_none());
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(scene.clone().at_speed(bad).unwrap_err().to_string().contains(&bad.to_string()));
+        }
     }
 }
