@@ -53,14 +53,6 @@ impl Lamp {
         })
     }
 
-    /// How light on its way through `caster` passes `receiver`; `None` where it does not.
-    pub fn passage(&self, caster: &[DVec3], receiver: (DVec3, DVec3)) -> Option<Passage> {
-        let Some(box_corners) = self.grown(caster) else { return Some(Passage::Everywhere) };
-        let reach =
-            self.reach(&box_corners, &DVec3::AXES.map(|a| (a, [a.dot(receiver.0), a.dot(receiver.1)])))?;
-        Some(Passage::Through { corners: box_corners, reach })
-    }
-
     /// The box of `caster`, grown by what a look at the map may reach; `None` where the light is in it.
     pub fn grown(&self, caster: &[DVec3]) -> Option<Corners> {
         let (low, high) = bounds(caster);
@@ -137,7 +129,7 @@ impl Lamp {
         }
     }
 
-    /// Where light through `point` is, so far along its way as [`Passage::Through`] counts it.
+    /// Where light through `point` is, so far along its way as [`Self::reach`] counts it.
     pub fn carry(&self, point: DVec3, by: f64) -> DVec3 {
         match *self {
             Self::Spot { position, .. } => position + by * (point - position),
@@ -147,26 +139,13 @@ impl Lamp {
 
     /// The hull of what `caster` may darken within `receiver`; `None` where nothing.
     pub fn shadow(&self, caster: &Corners, receiver: (DVec3, DVec3)) -> Option<Vec<DVec3>> {
-        Some(match self.passage(caster, receiver)? {
-            Passage::Everywhere => corners(receiver.0, receiver.1).to_vec(),
-            Passage::Through { corners, reach } => {
-                reach.iter().flat_map(|by| corners.map(|c| self.carry(c, *by))).collect()
-            }
-        })
+        let Some(caster) = self.grown(caster) else {
+            return Some(corners(receiver.0, receiver.1).to_vec());
+        };
+        let slabs = DVec3::AXES.map(|axis| (axis, [axis.dot(receiver.0), axis.dot(receiver.1)]));
+        let reach = self.reach(&caster, &slabs)?;
+        Some(reach.iter().flat_map(|by| caster.map(|c| self.carry(c, *by))).collect())
     }
-}
-
-/// How light on its way through a caster's box passes a receiver's.
-pub enum Passage {
-    /// The light is inside the caster's box.
-    Everywhere,
-    /// From the caster's box on.
-    Through {
-        /// The box, grown by what a look at the map may reach.
-        corners: Corners,
-        /// From where to where along the way, in distances from the light (spot) or metres (directional).
-        reach: [f64; 2],
-    },
 }
 
 #[cfg(test)]

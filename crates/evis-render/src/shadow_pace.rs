@@ -283,7 +283,7 @@ pub fn shadows(
     let parts: Vec<(Corners, Motion)> = pieces.casters.iter().map(caster).collect();
     for lamp in &scenery.view.shared[0].lamps {
         let grown = |(corners, motion): &(Corners, Motion)| Some((lamp.grown(corners)?, *motion));
-        let reached = receivers.iter().filter(|r| lamp.passage(&whole.0, r.extent).is_some());
+        let reached = receivers.iter().filter(|r| lamp.shadow(&whole.0, r.extent).is_some());
         let Some(whole) = grown(&whole) else {
             reached.for_each(|receiver| needs.add_shadow(&receiver.cover, f64::INFINITY));
             continue;

@@ -9,14 +9,16 @@ use evis_scene::primitive::Shape;
 use evis_scene::{Light, Material, Scene, Trs};
 use glam::{DMat4, DQuat, DVec3};
 
+use crate::area::bounds;
 use crate::config::RunConfig;
 use crate::engine::Engine;
 use crate::frame::{FrameData, FrameRequest};
+use crate::gpu_scene::Object;
 use crate::lamp::Lamp;
 use crate::pace::{Pacer, Passing, TILE, tiles_along};
 use crate::view;
 
-const SIZE: (u32, u32) = (160, 120);
+const SIZE: (u32, u32) = (320, 240);
 const INSTANTS: usize = 32;
 const STEP_PX: f64 = 0.5;
 
@@ -62,7 +64,7 @@ fn scene(seed: u64, camera_moves: bool) -> Scene {
         let translation = dice.vector([1.5, 0.4, 1.0]) + DVec3::Y * 1.6;
         let start = Trs { translation, rotation: dice.turn(), ..Trs::default() };
         let path = Path::Chain(vec![
-            Path::ConstantVelocity { start, velocity: dice.vector([2.0; 3]) },
+            Path::ConstantVelocity { start, velocity: dice.vector([4.0; 3]) },
             Path::Spin {
                 start: Trs::default(),
                 axis: dice.vector([1.0; 3]).normalize_or(DVec3::Y),
@@ -91,24 +93,42 @@ fn scene(seed: u64, camera_moves: bool) -> Scene {
 
 /// Everything at an instant, for rays.
 struct World {
-    /// Object, and its triangles' corners.
-    triangles: Vec<(usize, [DVec3; 3])>,
+    objects: Vec<Solid>,
     world_from_camera: DMat4,
 }
 
+/// An object's triangles, and the box around them.
+struct Solid {
+    triangles: Vec<[DVec3; 3]>,
+    low: DVec3,
+    high: DVec3,
+}
+
 impl World {
-    /// The nearest triangle along a ray: how far, and which.
-    fn hit(&self, origin: DVec3, direction: DVec3) -> Option<(f64, usize)> {
-        let meet = |(index, (_, [a, b, c])): (usize, &(usize, [DVec3; 3]))| {
+    /// The nearest triangle along a ray: how far, and which of which object.
+    fn hit(&self, origin: DVec3, direction: DVec3) -> Option<(f64, [usize; 2])> {
+        let meet = |[a, b, c]: &[DVec3; 3]| {
             let (e1, e2) = (*b - *a, *c - *a);
             let p = direction.cross(e2);
             let scale = 1.0 / e1.dot(p);
             let s = origin - *a;
             let q = s.cross(e1);
             let (u, v, t) = (s.dot(p) * scale, direction.dot(q) * scale, e2.dot(q) * scale);
-            (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 1e-6).then_some((t, index))
+            (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 1e-6).then_some(t)
         };
-        self.triangles.iter().enumerate().filter_map(meet).min_by(|a, b| a.0.total_cmp(&b.0))
+        let mut nearest: Option<(f64, [usize; 2])> = None;
+        for (o, solid) in self.objects.iter().enumerate() {
+            let (a, b) = ((solid.low - origin) / direction, (solid.high - origin) / direction);
+            if a.min(b).max_element() > a.max(b).min_element() {
+                continue;
+            }
+            for (index, t) in solid.triangles.iter().map(meet).enumerate() {
+                if let Some(t) = t.filter(|t| nearest.is_none_or(|(other, _)| *t < other)) {
+                    nearest = Some((t, [o, index]));
+                }
+            }
+        }
+        nearest
     }
 }
 
@@ -149,17 +169,21 @@ impl Trial {
         let relit = pacer.paces(&context.gpu_scene, &passing).relit;
         let objects = &context.gpu_scene.objects;
         let world = |k: usize| {
-            let triangles = objects.iter().enumerate().flat_map(|(o, object)| {
+            let solid = |(object, place): (&Object, &DMat4)| {
                 let primitive =
                     &scene.meshes[scene.nodes[object.node].mesh.unwrap()].primitives[object.primitive];
-                let place = passing.shared[k].world[o];
-                primitive.indices.chunks_exact(3).map(move |t| {
-                    let corner = |i: usize| DVec3::from(primitive.positions[t[i] as usize].map(f64::from));
-                    (o, [0, 1, 2].map(|i| place.transform_point3(corner(i))))
-                })
-            });
-            let world_from_camera = passing.camera_from_world[k].inverse();
-            World { triangles: triangles.collect(), world_from_camera }
+                let corner = |i: u32| {
+                    place.transform_point3(DVec3::from(primitive.positions[i as usize].map(f64::from)))
+                };
+                let triangles: Vec<[DVec3; 3]> =
+                    primitive.indices.chunks_exact(3).map(|t| [0, 1, 2].map(|i| corner(t[i]))).collect();
+                let (low, high) = bounds(triangles.as_flattened());
+                Solid { triangles, low: low - 1e-6, high: high + 1e-6 }
+            };
+            World {
+                objects: objects.iter().zip(&passing.shared[k].world).map(solid).collect(),
+                world_from_camera: passing.camera_from_world[k].inverse(),
+            }
         };
         let lamp = match passing.shared[0].lamps[0] {
             Lamp::Spot { position, texel } => Lamp::Spot { position, texel },
@@ -176,7 +200,7 @@ impl Trial {
     }
 
     /// What stands still at a place of the picture: the triangle, the point, and the cosine at which light comes in.
-    fn seen(&self, k: usize, [x, y]: [f64; 2]) -> Option<(usize, DVec3, f64)> {
+    fn seen(&self, k: usize, [x, y]: [f64; 2]) -> Option<([usize; 2], DVec3, f64)> {
         let world = &self.worlds[k];
         let ndc = [2.0 * x / f64::from(SIZE.0) - 1.0, 1.0 - 2.0 * y / f64::from(SIZE.1)];
         let [a, b, c, d] = self.ray;
@@ -184,7 +208,8 @@ impl Trial {
         let direction = world.world_from_camera.transform_vector3(direction);
         let eye = world.world_from_camera.w_axis.truncate();
         let (t, index) = world.hit(eye, direction)?;
-        let (object, [p, q, r]) = world.triangles[index];
+        let [object, triangle] = index;
+        let [p, q, r] = world.objects[object].triangles[triangle];
         let normal = (q - p).cross(r - p).normalize();
         let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
         let point = eye + t * direction + 1e-6 * normal;
@@ -221,7 +246,7 @@ impl Trial {
     }
 
     /// Where in row `y` a shadow's border is on one triangle, between `left` and `right`.
-    fn border(&self, k: usize, y: f64, left: f64, right: f64) -> Option<(f64, bool, usize)> {
+    fn border(&self, k: usize, y: f64, left: f64, right: f64) -> Option<(f64, bool, [usize; 2])> {
         let look = |x: f64| self.seen(k, [x, y]).map(|(index, point, _)| (index, self.lit(k, point)));
         let ((index, lit), (other, dark)) = (look(left)?, look(right)?);
         if index != other || lit == dark {
@@ -240,7 +265,7 @@ impl Trial {
     }
 
     /// A border in row `y`, and how far it goes to the right per row; only where it is straight.
-    fn edge(&self, k: usize, y: f64, left: f64, right: f64) -> Option<(f64, f64, bool, usize)> {
+    fn edge(&self, k: usize, y: f64, left: f64, right: f64) -> Option<(f64, f64, bool, [usize; 2])> {
         let (at, lit, index) = self.border(k, y, left, right)?;
         let beside = |dy: f64| {
             let (x, other, there) = self.border(k, y + dy, left - 1.0, right + 1.0)?;
@@ -263,9 +288,8 @@ impl Trial {
             };
             let cosine = self.seen(k, [at, y]).map_or(0.0, |(_, _, cosine)| cosine);
             let straight = (slant - slant_later).abs() < 0.05 * (1.0 + slant.abs());
-            let flat =
-                self.worlds[0].triangles.iter().filter(|(o, _)| *o == self.worlds[0].triangles[index].0);
-            let least = if flat.count() > 12 { 0.5 } else { 0.2 };
+            let curved = self.worlds[0].objects[index[0]].triangles.len() > 12;
+            let least = if curved { 0.5 } else { 0.2 };
             if lit == lit_later && there == index && straight && cosine > least {
                 let speed = (later - at).abs() / slant.hypot(1.0) / LATER as f64;
                 found.push((speed, self.needs[Self::tile([at, y])] * STEP_PX));
@@ -302,13 +326,9 @@ fn no_moving_shadow_is_missed_and_none_goes_faster_than_its_tiles_expect() {
     }
     borders.sort_by(f64::total_cmp);
     let median = borders[borders.len() / 2];
-    println!(
-        "{changed} places, {silent} canaries, {relit} of {tiles} tiles, {} borders, {median}",
-        borders.len()
-    );
-    assert!(changed > 1000 && silent > 20, "{changed} places, {silent} missed by the canary");
+    assert!(changed > 300 && silent > 15, "{changed} places, {silent} missed by the canary");
     // Canary: half the speeds would not do.
-    assert!(borders.len() > 300 && borders[0] < 2.0, "{} borders, at best {}", borders.len(), borders[0]);
+    assert!(borders.len() > 150 && borders[0] < 2.0, "{} borders, at best {}", borders.len(), borders[0]);
     // And they are no excuse to look everywhere.
-    assert!(relit < tiles / 2 && median < 4.0, "{relit} of {tiles} tiles, {median} times as fast as they go");
+    assert!(relit < tiles / 2 && median < 3.0, "{relit} of {tiles} tiles, {median} times as fast as they go");
 }
