@@ -153,14 +153,24 @@ pub fn bounds(corners: &[DVec3]) -> (DVec3, DVec3) {
 
 /// Where the hull of `points` is seen; the part of it that lies before the camera.
 pub fn seen(points: &[DVec3], camera_from_world: &DMat4, lens: &PixelLens) -> Area {
+    let mut area = Area::NOTHING;
+    outline(points, camera_from_world, lens, |at| area.add(at));
+    area
+}
+
+/// Points of the image plane whose hull is that of what is seen of the hull of `points`.
+pub fn outline(points: &[DVec3], camera_from_world: &DMat4, lens: &PixelLens, mut add: impl FnMut([f64; 2])) {
     let points: Vec<DVec3> = points.iter().map(|p| camera_from_world.transform_point3(*p)).collect();
     let near = 0.5 * lens.near;
-    let mut area = Area::NOTHING;
     let mut add = |point: DVec3| {
         if let Some(at) = lens.project(point) {
-            area.add(at);
+            add(at);
         }
     };
+    if points.iter().all(|p| -p.z >= near) {
+        points.iter().copied().for_each(add);
+        return;
+    }
     for (i, a) in points.iter().enumerate() {
         if -a.z >= near {
             add(*a);
@@ -172,7 +182,6 @@ pub fn seen(points: &[DVec3], camera_from_world: &DMat4, lens: &PixelLens) -> Ar
             }
         }
     }
-    area
 }
 
 #[cfg(test)]

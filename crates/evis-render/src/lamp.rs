@@ -6,25 +6,16 @@ use glam::DVec3;
 use crate::area::{Corners, bounds, corners};
 use crate::shadow::LightView;
 
-/// Texels around a shadow's border that it may reach: a look at a map takes 4x4 at most, up to two texels off its place.
-const MARGIN_TEXELS: f64 = 8.0;
+/// Texels around a shadow's border that it may reach (`raster/shadow.wgsl`): of a look at 4x4 texels, the farthest has its
+/// centre within two along each axis; a comparison of 2x2 texels is up to 1.1 off its place.
+const MARGIN_TEXELS: f64 = 3.0;
 
-/// Extent of what casts, along its way from a light through a box: factors of distance (spot) or lengths (directional).
-fn passage(from: (DVec3, DVec3), origin: DVec3, within: (DVec3, DVec3)) -> Option<(f64, f64)> {
-    let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
-    for axis in 0..3 {
-        let (low, high) = (from.0[axis], from.1[axis]);
-        let (near, far) = (within.0[axis] - origin[axis], within.1[axis] - origin[axis]);
-        if low > 0.0 {
-            enter = enter.max(near / high);
-            leave = leave.min(far / low);
-        } else if high < 0.0 {
-            enter = enter.max(far / low);
-            leave = leave.min(near / high);
-        }
-        // Where the sign is open, this axis says nothing.
-    }
-    (enter <= leave).then_some((enter, leave))
+/// The least and greatest of `points` along `axis`.
+pub fn extent(points: &[DVec3], axis: DVec3) -> [f64; 2] {
+    points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], point| {
+        let at = axis.dot(*point);
+        [low.min(at), high.max(at)]
+    })
 }
 
 /// A light that throws shadows. `texel`: world size of its map's texels, at a distance of 1 for a spot light.
@@ -62,47 +53,83 @@ impl Lamp {
         })
     }
 
-    /// How light on its way through `caster` passes `receiver`; `None` where it does not.
-    pub fn passage(&self, caster: &[DVec3], receiver: (DVec3, DVec3)) -> Option<Passage> {
+    /// The box of `caster`, grown by what a look at the map may reach; `None` where the light is in it.
+    pub fn grown(&self, caster: &[DVec3]) -> Option<Corners> {
         let (low, high) = bounds(caster);
-        let (low, high, from, to) = match *self {
+        let texels = match *self {
+            // Along the axis a distance is no more than in space.
             Self::Spot { position, texel } => {
-                // Along the axis a distance is no more than in space.
-                let away = caster.iter().map(|c| c.distance(position)).fold(0.0, f64::max);
-                let grow = DVec3::splat(MARGIN_TEXELS * texel * away);
-                let (low, high) = (low - grow, high + grow);
-                if (low - position).max(position - high).max_element() <= 0.0 {
-                    return Some(Passage::Everywhere);
-                }
-                let (enter, leave) = passage((low - position, high - position), position, receiver)?;
-                (low, high, enter.max(1.0), leave)
+                texel * caster.iter().map(|c| c.distance(position)).fold(0.0, f64::max)
             }
-            Self::Directional { along, texel } => {
-                let grow = DVec3::splat(MARGIN_TEXELS * texel);
-                let (low, high) = (low - grow, high + grow);
-                // Lengths t with low + t along <= receiver's high and high + t along >= its low, per axis.
-                let (mut enter, mut leave) = (0.0_f64, 1e6_f64);
-                for axis in 0..3 {
-                    let step = along[axis];
-                    let (a, b) = (receiver.0[axis] - high[axis], receiver.1[axis] - low[axis]);
+            Self::Directional { texel, .. } => texel,
+        };
+        let grow = DVec3::splat(MARGIN_TEXELS * texels);
+        let (low, high) = (low - grow, high + grow);
+        let inside = matches!(*self, Self::Spot { position, .. }
+            if (low - position).max(position - high).max_element() <= 0.0);
+        (!inside).then(|| corners(low, high))
+    }
+
+    /// From where to where along its way light through the hull of `caster` may be where something receives it, whose least
+    /// and greatest extents along axes are `receiver`: in distances from the light (spot) or metres (directional).
+    pub fn reach(&self, caster: &Corners, receiver: &[(DVec3, [f64; 2])]) -> Option<[f64; 2]> {
+        let (mut enter, mut leave) = match self {
+            Self::Spot { .. } => (1.0_f64, f64::INFINITY),
+            Self::Directional { .. } => (0.0, 1e6),
+        };
+        for (axis, [near, far]) in receiver {
+            let (near, far) = (*near, *far);
+            let [low, high] = extent(caster, *axis);
+            let (first, last) = match *self {
+                Self::Spot { position, .. } => {
+                    let origin = axis.dot(position);
+                    let (low, high, near, far) = (low - origin, high - origin, near - origin, far - origin);
+                    if low > 0.0 {
+                        (near / high, far / low)
+                    } else if high < 0.0 {
+                        (far / low, near / high)
+                    } else {
+                        // Where the sign is open, this axis says nothing.
+                        continue;
+                    }
+                }
+                // Lengths t with low + t step <= far and high + t step >= near.
+                Self::Directional { along, .. } => {
+                    let step = axis.dot(along);
+                    let (a, b) = (near - high, far - low);
                     if step.abs() < 1e-12 {
                         if a > 0.0 || b < 0.0 {
                             return None;
                         }
                         continue;
                     }
-                    let (first, last) = if step > 0.0 { (a / step, b / step) } else { (b / step, a / step) };
-                    enter = enter.max(first);
-                    leave = leave.min(last);
+                    if step > 0.0 { (a / step, b / step) } else { (b / step, a / step) }
                 }
-                (low, high, enter, leave)
-            }
-        };
-        let reach = [from, to].map(|s| if s.is_finite() { s } else { 1e6 });
-        (from <= to).then_some(Passage::Through { low, high, reach })
+            };
+            enter = enter.max(first);
+            leave = leave.min(last);
+        }
+        let reach = [enter, leave].map(|s| if s.is_finite() { s } else { 1e6 });
+        (enter <= leave).then_some(reach)
     }
 
-    /// Where light through `point` is, so far along its way as [`Passage::Through`] counts it.
+    /// How much longer what goes across the light is there.
+    pub const fn growth(&self, by: f64) -> f64 {
+        match self {
+            Self::Spot { .. } => by,
+            Self::Directional { .. } => 1.0,
+        }
+    }
+
+    /// Which way light goes at `point`.
+    pub fn direction(&self, point: DVec3) -> DVec3 {
+        match *self {
+            Self::Spot { position, .. } => (point - position).normalize_or_zero(),
+            Self::Directional { along, .. } => along,
+        }
+    }
+
+    /// Where light through `point` is, so far along its way as [`Self::reach`] counts it.
     pub fn carry(&self, point: DVec3, by: f64) -> DVec3 {
         match *self {
             Self::Spot { position, .. } => position + by * (point - position),
@@ -112,29 +139,13 @@ impl Lamp {
 
     /// The hull of what `caster` may darken within `receiver`; `None` where nothing.
     pub fn shadow(&self, caster: &Corners, receiver: (DVec3, DVec3)) -> Option<Vec<DVec3>> {
-        Some(match self.passage(caster, receiver)? {
-            Passage::Everywhere => corners(receiver.0, receiver.1).to_vec(),
-            Passage::Through { low, high, reach } => {
-                let corners = corners(low, high);
-                reach.iter().flat_map(|by| corners.map(|c| self.carry(c, *by))).collect()
-            }
-        })
+        let Some(caster) = self.grown(caster) else {
+            return Some(corners(receiver.0, receiver.1).to_vec());
+        };
+        let slabs = DVec3::AXES.map(|axis| (axis, [axis.dot(receiver.0), axis.dot(receiver.1)]));
+        let reach = self.reach(&caster, &slabs)?;
+        Some(reach.iter().flat_map(|by| caster.map(|c| self.carry(c, *by))).collect())
     }
-}
-
-/// How light on its way through a caster's box passes a receiver's.
-pub enum Passage {
-    /// The light is inside the caster's box.
-    Everywhere,
-    /// From the caster's box on.
-    Through {
-        /// The box, grown by what a look at the map may reach.
-        low: DVec3,
-        /// The same.
-        high: DVec3,
-        /// From where to where along the way, in distances from the light (spot) or metres (directional).
-        reach: [f64; 2],
-    },
 }
 
 #[cfg(test)]

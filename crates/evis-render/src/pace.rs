@@ -8,18 +8,18 @@
 //! through a grid of places, as deep as boxes around what stands there allow). What is hidden counts too: nothing here
 //! knows what hides it.
 
-use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use evis_scene::Scene;
 use glam::{DMat4, DVec3};
 
-use crate::area::{Area, MARGIN_PX, Rect, bounds, corners, seen};
+use crate::area::{Area, Corners, Rect, corners, seen};
+use crate::cover::Cover;
 use crate::frame::{FrameData, Shared};
 use crate::gpu_scene::GpuScene;
-use crate::lamp::Passage;
-use crate::still;
+use crate::pieces::{Extent, Pieces, pieces};
+use crate::shadow_pace::{Receiver, Scenery, shadows};
 use crate::uniforms::LightRecord;
 use crate::view::PixelLens;
 
@@ -31,64 +31,6 @@ pub const STILL: u8 = u8::MAX;
 const LIGHT_STEP: f64 = 0.02;
 /// Moments of a block at which speeds are taken, beside its start.
 const MOMENTS: usize = 8;
-/// Triangles that share a box, where a body has many.
-const PIECE_TRIANGLES: usize = 16;
-/// Boxes of a body, at most (a power of two).
-const MOST_PIECES: usize = 128;
-
-/// A box: least and greatest coordinates.
-type Extent = (DVec3, DVec3);
-
-/// Boxes around the parts of every object, in its node's frame; `None` where it deforms.
-pub struct Pieces(Vec<Option<Arc<[Extent]>>>);
-
-impl Pieces {
-    /// Of everything that is drawn.
-    pub fn new(scene: &Scene, gpu_scene: &GpuScene) -> Self {
-        let mut known: HashMap<(usize, usize), Arc<[Extent]>> = HashMap::new();
-        let of = gpu_scene.objects.iter().map(|object| {
-            object.extent?;
-            let mesh = scene.nodes[object.node].mesh?;
-            let pieces = known.entry((mesh, object.primitive)).or_insert_with(|| {
-                let primitive = &scene.meshes[mesh].primitives[object.primitive];
-                let corner = |i: &u32| DVec3::from(primitive.positions[*i as usize].map(f64::from));
-                let mut triangles: Vec<Extent> = primitive
-                    .indices
-                    .chunks_exact(3)
-                    .map(|t| bounds(&[corner(&t[0]), corner(&t[1]), corner(&t[2])]))
-                    .collect();
-                let most = triangles.len().div_ceil(MOST_PIECES).max(PIECE_TRIANGLES);
-                let mut pieces = Vec::new();
-                divide(&mut triangles, most, &mut pieces);
-                pieces.into()
-            });
-            Some(pieces.clone())
-        });
-        Self(of.collect())
-    }
-}
-
-/// Halves `triangles` along the longest side of their box until no more than `most` share one.
-fn divide(triangles: &mut [Extent], most: usize, out: &mut Vec<Extent>) {
-    if triangles.is_empty() {
-        return;
-    }
-    let all =
-        triangles.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |a, t| (a.0.min(t.0), a.1.max(t.1)));
-    if triangles.len() <= most {
-        out.push(all);
-        return;
-    }
-    let size = all.1 - all.0;
-    let axis = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b])).unwrap_or(0);
-    let middle = triangles.len() / 2;
-    triangles
-        .select_nth_unstable_by(middle, |a, b| (a.0[axis] + a.1[axis]).total_cmp(&(b.0[axis] + b.1[axis])));
-    let (front, back) = triangles.split_at_mut(middle);
-    divide(front, most, out);
-    divide(back, most, out);
-}
-
 /// A view over a block: the moment before it, then its instants.
 pub struct Passing<'a> {
     /// Pixels and lens.
@@ -139,7 +81,7 @@ pub const fn tiles_along(pixels: u32) -> u32 {
 
 /// Tells paces.
 pub struct Pacer {
-    pieces: Pieces,
+    pieces: Vec<Option<Arc<Pieces>>>,
     /// Pixels that anything may move between two looks.
     step_px: f64,
     /// log2 of the instants of a block.
@@ -149,7 +91,7 @@ pub struct Pacer {
 impl Pacer {
     /// For blocks of `block` instants, a power of two.
     pub fn new(scene: &Scene, gpu_scene: &GpuScene, step_px: f64, block: u32) -> Self {
-        Self { pieces: Pieces::new(scene, gpu_scene), step_px, slowest: block.trailing_zeros() as u8 }
+        Self { pieces: pieces(scene, gpu_scene), step_px, slowest: block.trailing_zeros() as u8 }
     }
 
     /// The paces of one view during one block.
@@ -169,7 +111,7 @@ impl Pacer {
         let (columns, rows) = (tiles_along(lens.width), tiles_along(lens.height));
         let count = (columns * rows) as usize;
         let lights = self.need_of_lights(view);
-        let deforms = view.visible.iter().any(|&o| self.pieces.0[o as usize].is_none());
+        let deforms = view.visible.iter().any(|&o| self.pieces[o as usize].is_none());
         if lights.is_infinite() || deforms {
             return Needs { columns, rows, tiles: vec![f64::INFINITY; count], relit: vec![true; count] };
         }
@@ -177,10 +119,10 @@ impl Pacer {
         let last = view.shared.len() - 1;
         let stride = (last / MOMENTS).max(1);
         let moments: Vec<usize> = (0..=last).step_by(stride).collect();
-        self.bodies(gpu_scene, view, &moments, &mut needs);
         if view.camera_from_world.iter().any(|c| *c != view.camera_from_world[0]) {
             self.camera(gpu_scene, view, &moments, &mut needs);
         }
+        self.bodies(gpu_scene, view, &moments, &mut needs);
         needs
     }
 
@@ -209,14 +151,18 @@ impl Pacer {
         let first = view.shared[0];
         let moved: Vec<usize> =
             (0..gpu_scene.objects.len()).filter(|&o| Shared::moves(&view.shared, o)).collect();
-        // Of receivers, over the block.
-        let receivers: Vec<(Extent, Area)> = if moved.is_empty() || first.lamps.is_empty() {
+        let scenery = Scenery::new(view, moments, (needs.columns, needs.rows));
+        let receivers: Vec<Receiver<'_>> = if moved.is_empty() || first.lamps.is_empty() {
             Vec::new()
         } else {
-            view.visible.iter().filter_map(|&o| receiver(gpu_scene, view, moments, o as usize)).collect()
+            let receiver = |o: &u32| {
+                let o = *o as usize;
+                Receiver::new(&scenery, gpu_scene, self.pieces[o].as_deref()?, o)
+            };
+            view.visible.iter().filter_map(receiver).collect()
         };
         for &o in &moved {
-            let Some(pieces) = &self.pieces.0[o] else {
+            let Some(pieces) = &self.pieces[o] else {
                 needs.everywhere(f64::INFINITY);
                 return;
             };
@@ -225,59 +171,13 @@ impl Pacer {
             });
             let glow = glow.fold(0.0, f64::max) / LIGHT_STEP;
             if view.visible.contains(&(o as u32)) {
-                for piece in pieces.iter() {
-                    let (area, speed) = follow(view, moments, &places(view, moments, o, piece));
-                    needs.add(area, (speed / self.step_px).max(glow));
+                for piece in &pieces.boxes {
+                    let places = places(view, moments, o, piece);
+                    let speed = speed(view, moments, &places);
+                    needs.add(&scenery.follow(&places), (speed / self.step_px).max(glow));
                 }
             }
-            if let Some(extent) = gpu_scene.objects[o].extent.filter(|_| !receivers.is_empty()) {
-                self.shadows(view, moments, &places(view, moments, o, &extent), &receivers, needs);
-            }
-        }
-    }
-
-    /// What the shadows of a box, which lies at `places` at the `moments`, ask for on `receivers`.
-    fn shadows(
-        &self,
-        view: &Passing<'_>,
-        moments: &[usize],
-        places: &[[DVec3; 8]],
-        receivers: &[(Extent, Area)],
-        needs: &mut Needs,
-    ) {
-        let (low, high) = bounds(places.as_flattened());
-        let whole = corners(low, high);
-        for (l, lamp) in view.shared[0].lamps.iter().enumerate() {
-            for (receiver, own) in receivers {
-                let reach = match lamp.passage(&whole, *receiver) {
-                    None => continue,
-                    Some(Passage::Everywhere) => {
-                        needs.add(*own, f64::INFINITY);
-                        needs.relight(*own);
-                        continue;
-                    }
-                    Some(Passage::Through { reach, .. }) => reach,
-                };
-                let mut fastest: f64 = 0.0;
-                for by in reach {
-                    let shadow: Vec<[DVec3; 8]> = places
-                        .iter()
-                        .zip(moments)
-                        .map(|(places, &k)| places.map(|c| view.shared[k].lamps[l].carry(c, by)))
-                        .collect();
-                    fastest = fastest.max(follow(view, moments, &shadow).1);
-                }
-                // Wherever between the ends of its way something may receive it.
-                let Some(hull) = lamp.shadow(&whole, *receiver) else { continue };
-                let mut area = Area::NOTHING;
-                for &k in moments {
-                    area = area.join(seen(&hull, view.camera_from_world[k], view.lens));
-                }
-                let need = (fastest / self.step_px).max(f64::MIN_POSITIVE);
-                let area = area.grown(MARGIN_PX).meet(*own);
-                needs.add(area, need);
-                needs.relight(area);
-            }
+            shadows(&scenery, pieces, o, &receivers, needs, self.step_px);
         }
     }
 
@@ -288,19 +188,22 @@ impl Pacer {
         let mut grid = DepthGrid::new(lens, needs.columns, needs.rows);
         for &o in &view.visible {
             let object = &gpu_scene.objects[o as usize];
-            let Some(pieces) = self.pieces.0[o as usize].as_ref().filter(|_| !object.moving) else {
+            let Some(pieces) = self.pieces[o as usize].as_ref().filter(|_| !object.moving) else {
                 continue;
             };
             let world = &view.shared[0].world[o as usize];
             let camera_from_object = *start * *world;
-            for piece in pieces.iter() {
+            for piece in &pieces.boxes {
                 let places = corners(piece.0, piece.1).map(|c| world.transform_point3(c));
                 // Wherever it comes during the block, there something changes.
                 let mut area = Area::NOTHING;
                 for &k in moments {
                     area = area.join(seen(&places, view.camera_from_world[k], lens));
                 }
-                needs.add(area, f64::MIN_POSITIVE);
+                for (x, y) in tiles_of(area, needs.columns, needs.rows) {
+                    let tile = &mut needs.tiles[(y * needs.columns + x) as usize];
+                    *tile = tile.max(f64::MIN_POSITIVE);
+                }
                 grid.add(&seen(&places, start, lens), piece, &camera_from_object);
             }
         }
@@ -313,21 +216,8 @@ impl Pacer {
     }
 }
 
-/// The box of object `o` over the block, and where it is seen.
-fn receiver(gpu_scene: &GpuScene, view: &Passing<'_>, moments: &[usize], o: usize) -> Option<(Extent, Area)> {
-    let object = &gpu_scene.objects[o];
-    let mut area = Area::NOTHING;
-    let mut all = Vec::new();
-    for &k in moments {
-        let places = still::place(object, &view.shared[k].world[o])?;
-        area = area.join(still::own_area(&places, view.camera_from_world[k], view.lens));
-        all.extend(places);
-    }
-    Some((bounds(&all), area))
-}
-
 /// Where the corners of a box in object `o` are at the `moments`.
-fn places(view: &Passing<'_>, moments: &[usize], o: usize, (low, high): &Extent) -> Vec<[DVec3; 8]> {
+pub fn places(view: &Passing<'_>, moments: &[usize], o: usize, (low, high): &Extent) -> Vec<Corners> {
     let corners = corners(*low, *high);
     moments.iter().map(|&k| corners.map(|c| view.shared[k].world[o].transform_point3(c))).collect()
 }
@@ -345,16 +235,13 @@ fn log_change(a: f32, b: f32) -> f64 {
     if a == b { 0.0 } else { (f64::from(a) / f64::from(b)).ln().abs() }
 }
 
-/// Where points go in the picture during a block, and how fast: pixels per instant.
-fn follow(view: &Passing<'_>, moments: &[usize], places: &[[DVec3; 8]]) -> (Area, f64) {
-    let mut area = Area::NOTHING;
+/// How fast the fastest of points goes that are at `places` at the `moments`: pixels per instant.
+fn speed(view: &Passing<'_>, moments: &[usize], places: &[Corners]) -> f64 {
     let mut speed: f64 = 0.0;
     let mut last: Option<(usize, [Option<[f64; 2]>; 8])> = None;
     for (&k, places) in moments.iter().zip(places) {
-        let camera = view.camera_from_world[k];
-        area = area.join(seen(places, camera, view.lens));
         let now = places.map(|p| {
-            let p = camera.transform_point3(p);
+            let p = view.camera_from_world[k].transform_point3(p);
             (-p.z >= 0.5 * view.lens.near).then(|| view.lens.project(p)).flatten()
         });
         if let Some((before, was)) = last {
@@ -369,12 +256,11 @@ fn follow(view: &Passing<'_>, moments: &[usize], places: &[[DVec3; 8]]) -> (Area
         }
         last = Some((k, now));
     }
-    // All of it behind: nothing to see.
-    (area.grown(MARGIN_PX), speed)
+    speed
 }
 
 /// Looks per instant that each tile asks for.
-struct Needs {
+pub struct Needs {
     columns: u32,
     rows: u32,
     tiles: Vec<f64>,
@@ -388,19 +274,25 @@ impl Needs {
         self.relit.fill(true);
     }
 
-    /// Light may change in the tiles that `area` touches.
-    fn relight(&mut self, area: Area) {
-        for (x, y) in tiles_of(area, self.columns, self.rows) {
+    /// In the tiles of `cover`.
+    fn add(&mut self, cover: &Cover, need: f64) {
+        for (x, y) in cover.tiles() {
+            let tile = &mut self.tiles[(y * self.columns + x) as usize];
+            *tile = tile.max(need);
+        }
+    }
+
+    /// In the tiles of `cover`, on which a shadow may move: light may change there.
+    pub fn add_shadow(&mut self, cover: &Cover, need: f64) {
+        self.add(cover, need.max(f64::MIN_POSITIVE));
+        for (x, y) in cover.tiles() {
             self.relit[(y * self.columns + x) as usize] = true;
         }
     }
 
-    /// In the tiles that `area` touches.
-    fn add(&mut self, area: Area, need: f64) {
-        for (x, y) in tiles_of(area, self.columns, self.rows) {
-            let tile = &mut self.tiles[(y * self.columns + x) as usize];
-            *tile = tile.max(need);
-        }
+    /// Whether all tiles of `cover` ask for as much anyway.
+    pub fn meets(&self, cover: &Cover, need: f64) -> bool {
+        cover.tiles().all(|(x, y)| self.tiles[(y * self.columns + x) as usize] >= need)
     }
 }
 
@@ -651,7 +543,7 @@ mod tests {
 
     #[test]
     fn paces_are_powers_of_two_and_never_too_slow() {
-        let pacer = Pacer { pieces: Pieces(Vec::new()), step_px: 1.0, slowest: 4 };
+        let pacer = Pacer { pieces: Vec::new(), step_px: 1.0, slowest: 4 };
         for (need, pace) in
             [(0.0, STILL), (1e-300, 4), (0.06, 4), (0.0625, 4), (0.07, 3), (0.5, 1), (0.51, 0)]
         {
@@ -659,24 +551,6 @@ mod tests {
         }
         assert_eq!(pacer.pace(f64::INFINITY), 0);
         assert_eq!(pacer.pace(f64::NAN), 0);
-    }
-
-    #[test]
-    fn triangles_are_divided_among_boxes_that_hold_them() {
-        let mut triangles: Vec<Extent> = (0..100)
-            .map(|i| {
-                let at = DVec3::new(f64::from(i * 37 % 100), f64::from(i * 11 % 10), 0.0);
-                (at, at + DVec3::ONE)
-            })
-            .collect();
-        let all = triangles.clone();
-        let mut pieces = Vec::new();
-        divide(&mut triangles, 16, &mut pieces);
-        assert!(pieces.len() >= 7, "{}", pieces.len());
-        let holds = |piece: &Extent, t: &Extent| piece.0.cmple(t.0).all() && piece.1.cmpge(t.1).all();
-        assert!(all.iter().all(|t| pieces.iter().any(|piece| holds(piece, t))));
-        let wide = pieces.iter().filter(|p| (p.1 - p.0).x > 30.0).count();
-        assert_eq!(wide, 0, "along the longest side");
     }
 
     #[test]

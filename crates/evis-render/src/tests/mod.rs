@@ -14,6 +14,7 @@ mod floor3_chain;
 mod floor3_diffusion;
 mod floor3_frames;
 mod floor3_march;
+mod floor3_pace;
 mod floor3_plan;
 mod floor3_reproject;
 mod floor3_sensors;
