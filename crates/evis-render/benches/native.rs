@@ -1,7 +1,7 @@
 //! What `native` costs, as ratios to a bare raster of the same triangles, measured in turn in one run.
 //!
-//! `cargo bench --bench native` (or `make bench`) prints Markdown; `-- ratios`, `-- sensors`, `-- overhead` and `-- memory`
-//! choose sections, `-- sensors v2e evis` presets. `EVIS_BENCH_REPETITIONS` sets the repetitions.
+//! `cargo bench --bench native` (or `make bench`) prints Markdown; `-- ratios`, `-- sensors`, `-- methods`, `-- overhead` and
+//! `-- memory` choose sections, `-- sensors v2e evis` presets. `EVIS_BENCH_REPETITIONS` sets the repetitions.
 
 mod bare;
 mod support;
@@ -13,7 +13,7 @@ use bare::Bare;
 use evis_core::SensorConfig;
 use evis_render::bench::{Stage, Stages};
 use evis_render::scene::Scene;
-use evis_render::{Gpu, RunConfig, Simulator};
+use evis_render::{Gpu, Method, RunConfig, Simulator, SplatConfig};
 use support::measure::{Series, measure, peak_memory_mib};
 use support::{Failure, scenes};
 
@@ -51,6 +51,9 @@ fn main() -> Result<(), Failure> {
     }
     if wanted("sensors") {
         sensors(&device, &queue, repetitions, &named)?;
+    }
+    if wanted("methods") {
+        methods(&device, &queue, repetitions)?;
     }
     if wanted("overhead") {
         overhead(&device, &queue)?;
@@ -281,6 +284,64 @@ fn sensors(
         let cells: Vec<String> =
             COLUMNS.iter().map(|(before, stage)| format!("{:.1}", cpu(*stage) - cpu(*before))).collect();
         println!("| {name} | {} | {:.1} |", cells.join(" | "), cpu(Stage::Emit) - cpu(Stage::Raster));
+    }
+    Ok(())
+}
+
+/// What each method costs, in turn over the same time of one scene: whole streams, poses to events in host memory.
+fn methods(device: &wgpu::Device, queue: &wgpu::Queue, repetitions: u32) -> Result<(), Failure> {
+    /// Four blocks of adaptive time, eight keyframes.
+    const SPAN_US: i64 = 64_000;
+    const ADAPTIVE_PX: Option<f64> = Some(0.5);
+    let native = RunConfig { samples: 4, ..config() };
+    let adaptive = RunConfig { adaptive_px: ADAPTIVE_PX, ..native.clone() };
+    let splat = |splat: SplatConfig| RunConfig {
+        method: Method::Splat(splat),
+        samples: 1,
+        rate_hz: splat.keyframe_hz * f64::from(splat.steps),
+        ..config()
+    };
+    let all = [
+        ("native, 1000 Hz, 1 sample", config()),
+        ("native, 1000 Hz, 4 samples", native),
+        ("native, 0.5 px, 4 samples", adaptive.clone()),
+        ("reproject, 0.5 px, 4 samples", RunConfig { method: Method::Reproject, ..adaptive.clone() }),
+        ("march, 0.5 px, 4 samples", RunConfig { method: Method::March, ..adaptive }),
+        ("splat, 125 x 8", splat(SplatConfig::default())),
+        ("evis-paper, 125 x 8", splat(SplatConfig::evis_paper(125.0, 8))),
+        ("evis-paper, 30 x 8", splat(SplatConfig::evis_paper(30.0, 8))),
+    ];
+    println!(
+        "\n## Methods: CPU ns per pixel and millisecond of stream (640x480), pixels drawn for it (each by all its samples)\n"
+    );
+    println!("| method | `spinner` | drawn | `desk` | drawn |\n|---|--:|--:|--:|--:|");
+    let mut columns = Vec::new();
+    for name in ["spinner", "desk"] {
+        let gpu = Gpu::from_device(device.clone(), queue.clone());
+        let scene = Arc::new(evis_render::scene::builtin::load(name, 0)?);
+        let mut rows = Vec::new();
+        for (_, config) in &all {
+            let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone())?;
+            simulator.step(SPAN_US)?;
+            rows.push((simulator, Series::default(), 0));
+        }
+        for repetition in 0..i64::from(repetitions.min(4)) {
+            for (simulator, series, drawn) in &mut rows {
+                let (sample, packet) = measure(|| simulator.step((repetition + 2) * SPAN_US))?;
+                series.push(sample);
+                *drawn += packet.report.drawn_pixels;
+            }
+        }
+        columns.push(rows);
+    }
+    let pixels = f64::from(SIZE[0]) * f64::from(SIZE[1]) * SPAN_US as f64 * 1e-3;
+    for (i, (name, _)) in all.iter().enumerate() {
+        let cells = columns.iter().map(|rows| {
+            let (_, series, drawn) = &rows[i];
+            let drawn = *drawn as f64 / pixels / f64::from(repetitions.min(4));
+            format!("{:.0} | {drawn:.2}", series.cpu() * 1e9 / pixels)
+        });
+        println!("| {name} | {} |", cells.collect::<Vec<_>>().join(" | "));
     }
     Ok(())
 }
