@@ -113,7 +113,9 @@ class Simulator:
     samples : int, optional
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional
-        ``samples``: visibility and shading at every sample. ``edges``: visibility at 4, shading once.
+        ``samples``: visibility and shading at every sample. ``edges``: visibility at every sample, shading
+        at one in four, which lie on a grid: ``samples`` is 4, 16, 36, 64, 100, 144, 196 or 256. Not with
+        ``march`` and ``reproject``.
     texture_taps : int, optional
         Places at which a sample reads a texture, at most, along each side of its share of the pixel, 1 to
         16; 2 up to 8 samples, 3 up to 15, then 4 where not given. Beyond them mip levels average, and blur.

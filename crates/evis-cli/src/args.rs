@@ -171,8 +171,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
     pub(crate) reference_luminance: Option<f32>,
 
-    /// samples: visibility and shading at every sample; edges: 4 samples of visibility, one of shading
-    /// [default: samples].
+    /// samples: visibility and shading at every sample; edges: visibility at every sample, shading at one in four, on a grid
+    /// (--samples 4, 16, 36, 64, ...) [default: samples].
     #[arg(long, value_enum)]
     pub(crate) aa: Option<AntialiasArg>,
 
@@ -1012,7 +1012,7 @@ impl From<VariantArg> for Variant {
 pub(crate) enum AntialiasArg {
     /// Visibility and shading at every sample.
     Samples,
-    /// Visibility at 4 samples, shading once.
+    /// Visibility at every sample, shading at one in four.
     Edges,
 }
 

@@ -47,8 +47,12 @@ pub struct AdaptiveRoom {
     tiles: GrowingBuffer,
     /// Per class of views: the samples of the instant in work.
     scratch: Vec<Layers>,
-    /// Light that is used again, and the mean of coverage samples.
-    reuse: Option<(ReuseRoom, ComputePass)>,
+    /// Light that is used again.
+    reuse: Option<ReuseRoom>,
+    /// How scratch layers come to be.
+    made: LayerUse,
+    /// Where coverage samples are averaged.
+    resolve: Option<ComputePass>,
     /// What is followed instead of rendered.
     march: Option<MarchRoom>,
     /// By the first view of a group: the instant that comes next, and the layers of the last one, view by view.
@@ -149,6 +153,7 @@ impl AdaptiveRoom {
         context: &Context,
         step_px: f64,
         block: u32,
+        made: LayerUse,
         reuse: Option<(&SceneConstants, u32)>,
         march: Option<&SceneConstants>,
     ) -> Self {
@@ -163,9 +168,12 @@ impl AdaptiveRoom {
             jobs: GrowingBuffer::new(device, "mean jobs", wgpu::BufferUsages::UNIFORM),
             tiles: GrowingBuffer::new(device, "tiles", wgpu::BufferUsages::STORAGE),
             scratch: Vec::new(),
-            reuse: reuse.map(|(constants, _)| {
-                (ReuseRoom::new(context, constants), crate::pass::adaptive::resolve(device))
-            }),
+            made,
+            resolve: match made {
+                LayerUse::Resolved(grid) => Some(crate::pass::adaptive::resolve(device, grid)),
+                _ => None,
+            },
+            reuse: reuse.map(|(constants, _)| ReuseRoom::new(context, constants)),
             march: march.map(|constants| MarchRoom::new(context, constants, step_px)),
             kept: HashMap::new(),
             drawn_pixels: 0,
@@ -179,9 +187,8 @@ impl AdaptiveRoom {
         let samples = context.offsets.len() as u32;
         let (width, height) = (targets.width, targets.height);
         let device = &context.gpu.device;
-        let made = if self.reuse.is_some() { LayerUse::Resolved } else { LayerUse::Rendered };
-        self.scratch.push(Layers::new(device, width, height, samples, made));
-        if let Some((reuse, _)) = &mut self.reuse {
+        self.scratch.push(Layers::new(device, width, height, samples, self.made));
+        if let Some(reuse) = &mut self.reuse {
             reuse.add_class(device, width, height);
         }
         if let Some(march) = &mut self.march {
@@ -197,7 +204,7 @@ impl AdaptiveRoom {
     /// Where light comes from that is used again.
     #[cfg(test)]
     pub fn reuse(&self) -> Option<&ReuseRoom> {
-        self.reuse.as_ref().map(|(reuse, _)| reuse)
+        self.reuse.as_ref()
     }
 
     /// Quarters of tiles that were followed so far, then those that were not, by each reason.
@@ -208,7 +215,7 @@ impl AdaptiveRoom {
 
     /// Keyframes drawn since this was last asked.
     pub fn take_keyframes(&mut self) -> u64 {
-        self.reuse.as_mut().map_or(0, |(reuse, _)| reuse.take_keyframes())
+        self.reuse.as_mut().map_or(0, ReuseRoom::take_keyframes)
     }
 
     /// Records what makes the luminance of `unit`: a layer per view and instant, of which tiles that are not sampled there
@@ -287,8 +294,8 @@ impl AdaptiveRoom {
         looks: &[Look],
     ) {
         let scratch = &self.scratch[work.group.targets];
-        let (Some((reuse, resolve)), Some(color), Some(resolving)) =
-            (&mut self.reuse, &scratch.multisampled, &means.resolve)
+        let (Some(reuse), Some(resolve), Some(color), Some(resolving)) =
+            (&mut self.reuse, &self.resolve, &scratch.multisampled, &means.resolve)
         else {
             return;
         };
@@ -460,9 +467,40 @@ impl AdaptiveRoom {
         for (number, look) in (0..).zip(looks) {
             shadows.show(context, encoder, look.view, look.k);
             let frame = work.frame_of(look);
-            encode_luminance(context, encoder, scratch, &work.frame_group, frame, 0, Some(&look.parts));
-            if look.tiles > 0 {
-                self.mean.encode_tiles(encoder, &means.mean, number * means.jobs_per_look, look.tiles);
+            match (&self.resolve, &scratch.multisampled, &means.resolve) {
+                (Some(resolve), Some(color), Some(resolving)) => {
+                    let parts = borrowed(&look.parts);
+                    let frame_group = &work.frame_group;
+                    encode_sample(
+                        context,
+                        encoder,
+                        (scratch, color),
+                        frame_group,
+                        (frame, 0),
+                        &parts,
+                        |_, _| {},
+                    );
+                    resolve.encode_tiles(encoder, resolving, number * means.jobs_per_look, look.tiles);
+                }
+                _ => {
+                    encode_luminance(
+                        context,
+                        encoder,
+                        scratch,
+                        &work.frame_group,
+                        frame,
+                        0,
+                        Some(&look.parts),
+                    );
+                    if look.tiles > 0 {
+                        self.mean.encode_tiles(
+                            encoder,
+                            &means.mean,
+                            number * means.jobs_per_look,
+                            look.tiles,
+                        );
+                    }
+                }
             }
             then(encoder, number, look);
         }
@@ -565,7 +603,7 @@ impl AdaptiveRoom {
     ) -> Option<ReusePlan> {
         let views = &work.views;
         let every = self.between_keys();
-        let (reuse, _) = self.reuse.as_mut()?;
+        let reuse = self.reuse.as_mut()?;
         if reused.iter().all(Option::is_none) {
             return None;
         }
@@ -692,12 +730,11 @@ impl AdaptiveRoom {
         };
         let layers = &work.targets.layers.array;
         let mean = resources(&scratch.array, layers);
-        let resolve =
-            self.reuse.as_ref().zip(scratch.multisampled.as_ref()).map(|((_, resolve), samples4)| {
-                let to = if samples > 1 { &scratch.array } else { layers };
-                let resources = resources(samples4, to);
-                pass::group(device, "tile resolve", &resolve.layout, TILE_RESOLVE_BINDINGS, resources)
-            });
+        let resolve = self.resolve.as_ref().zip(scratch.multisampled.as_ref()).map(|(resolve, samples4)| {
+            let to = if samples > 1 { &scratch.array } else { layers };
+            let resources = resources(samples4, to);
+            pass::group(device, "tile resolve", &resolve.layout, TILE_RESOLVE_BINDINGS, resources)
+        });
         let mean = pass::group(device, "mean", &self.mean.layout, MEAN_BINDINGS, mean);
         MeanGroups { mean, resolve, jobs_per_look }
     }

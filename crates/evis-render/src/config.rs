@@ -85,7 +85,8 @@ pub enum Antialias {
     /// Visibility and shading at every sample.
     #[default]
     Samples,
-    /// Visibility at 4 samples (MSAA), shading once: cheaper, right at silhouettes only.
+    /// Visibility at every sample, shading at one in four (MSAA), which lie on a grid: 4, 16, 36, 64, ... samples. Cheaper,
+    /// and as good at silhouettes only.
     Edges,
 }
 
@@ -282,6 +283,14 @@ impl RunConfig {
         Ok(())
     }
 
+    /// Places along each side of a pixel at which it is shaded with [`Antialias::Edges`]; else 1.
+    pub(crate) const fn coverage_grid(&self) -> u32 {
+        match self.antialias {
+            Antialias::Edges => (self.samples / 4).isqrt(),
+            Antialias::Samples => 1,
+        }
+    }
+
     /// Checks every value that can be checked without a scene or a device.
     ///
     /// # Errors
@@ -301,13 +310,19 @@ impl RunConfig {
             if !(px.is_finite() && px > 0.0) {
                 return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));
             }
-            if self.antialias == Antialias::Edges {
-                return Err(ConfigError::new("antialias", "edges", "samples, where adaptive_px is set"));
+            if self.antialias == Antialias::Edges && self.method != Method::Native {
+                let remedy = format!("samples, for {} in adaptive time", self.method.name());
+                return Err(ConfigError::new("antialias", "edges", remedy));
             }
         } else if self.method.usual_adaptive_px().is_some() {
             let name = self.method.name();
             let wanted = format!("set (pixels between two samples), for {name}");
             return Err(ConfigError::new("adaptive_px", "none", wanted));
+        }
+        let side = self.coverage_grid();
+        if self.antialias == Antialias::Edges && self.samples != 4 * side * side {
+            let remedy = "4, 16, 36, 64, 100, 144, 196 or 256 with antialias = edges: one in four is shaded, on a grid";
+            return Err(ConfigError::new("samples", self.samples, remedy));
         }
         if self.method == Method::March && self.samples > MARCH_SAMPLES {
             return Err(ConfigError::new(

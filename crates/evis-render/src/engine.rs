@@ -70,7 +70,7 @@ pub struct Context {
     pub(crate) views: Vec<View>,
     pub(crate) grid: SampleGrid,
     pub(crate) start_us: i64,
-    /// Sample offsets in pixels; one, at the centre, for `--aa edges`.
+    /// Sample offsets in pixels; one, at the centre, for `--aa edges`, whose places lie on a grid.
     pub(crate) offsets: Vec<[f32; 2]>,
     pub(crate) luminance: Pipelines,
     pub(crate) sky: Option<wgpu::RenderPipeline>,
@@ -238,12 +238,13 @@ impl Engine {
             _ => crate::pattern::offsets(config.samples),
         };
         let edges = edges || reuses;
+        let grid_side = config.coverage_grid();
         let samples = offsets.len() as u32;
         // A picture that is moved by an offset is sampled at the opposite place.
         let places: Vec<[f32; 2]> = offsets.iter().map(|o| o.map(|v| -v)).collect();
         let shares = crate::pattern::shares(&places);
         let grid = config.sample_grid()?;
-        let rendered = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
+        let rendered = if edges { LayerUse::Resolved(grid_side) } else { LayerUse::Rendered };
         let block = config.block();
         // What the trigger averages, and how it comes to be.
         let (layer_samples, made) = match (&config.method, config.adaptive_px) {
@@ -257,7 +258,9 @@ impl Engine {
             shadows: shadows.is_some(),
             shadow_rays: shadows.as_ref().is_some_and(|s| s.occluders.is_some()),
             environment: scene.environment.is_some(),
-            samples,
+            // A picture of larger size has smaller pixels, and derivatives.
+            texture_samples: raster::texture_samples(samples * grid_side * grid_side)
+                / (grid_side * grid_side).max(1),
             texture_taps: config.taps(),
         };
         let sample_count = if edges { 4 } else { 1 };
@@ -288,7 +291,7 @@ impl Engine {
         let sensors: Vec<&SensorConfig> = classes.iter().map(|of| &views[of[0]].sensor).collect();
         let mut context = Context {
             gpu: gpu.clone(),
-            trigger: TriggerPasses::new(device, &sensors, layer_samples, may_be_unknown, block),
+            trigger: TriggerPasses::new(device, &sensors, layer_samples, may_be_unknown, block, grid_side),
             gpu_scene,
             layouts,
             views,
@@ -316,7 +319,9 @@ impl Engine {
             (_, Some(step_px)) => {
                 let reuse = reuses.then(|| (&constants, config.blocks_per_key()));
                 let march = (config.method == Method::March).then_some(&constants);
-                Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block, reuse, march)))
+                Sampling::Adaptive(Box::new(AdaptiveRoom::new(
+                    &context, step_px, block, rendered, reuse, march,
+                )))
             }
             (_, None) => Sampling::Native(NativeRoom::default()),
         };
@@ -348,6 +353,14 @@ impl Engine {
                     )
                 }
             };
+            let largest = width.max(height).saturating_mul(grid_side);
+            if largest > device_limits.texture_edge {
+                return Err(EngineError::Device(format!(
+                    "{} samples with antialias = edges make a picture of {largest} pixels along a side, beyond this \
+                     device's largest texture, {}; choose a smaller --size or fewer --samples",
+                    config.samples, device_limits.texture_edge
+                )));
+            }
             let count = views.len() as u32;
             let plan = sizes::plan(width, height, layer_samples, count, most, needs, device_limits)
                 .ok_or_else(|| {
@@ -362,7 +375,7 @@ impl Engine {
             let chain = context.trigger.chain(class).map(|passes| &passes.plan);
             targets.push(Targets::new(device, width, height, plan, made, chain, block));
             match (&mut sampling, targets.last()) {
-                (Sampling::Splat(room), Some(targets)) => room.add_class(&context, targets, edges),
+                (Sampling::Splat(room), Some(targets)) => room.add_class(&context, targets, rendered),
                 (Sampling::Adaptive(room), Some(targets)) => room.add_class(&context, targets),
                 _ => {}
             }

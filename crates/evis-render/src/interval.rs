@@ -367,10 +367,12 @@ pub fn encode_sample(
     });
     // A shifted viewport samples the pixel elsewhere: no second set of matrices.
     let offset = context.offsets[sample as usize];
-    pass.set_viewport(offset[0], offset[1], layers.width as f32, layers.height as f32, 0.0, 1.0);
+    let grid = layers.grid;
+    let [width, height] = [layers.width, layers.height].map(|edge| (grid * edge) as f32);
+    pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
     for (number, (rect, items)) in parts.iter().enumerate() {
         let [width, height] = rect.size();
-        pass.set_scissor_rect(rect.low[0], rect.low[1], width, height);
+        pass.set_scissor_rect(grid * rect.low[0], grid * rect.low[1], grid * width, grid * height);
         before(&mut pass, number);
         let what = Drawing { items, frame, sample: Some(sample), first_record: context.object_base(frame) };
         let surroundings = Some(&context.surroundings);

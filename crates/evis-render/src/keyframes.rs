@@ -68,7 +68,7 @@ impl KeyframeStore {
         [width, height]: [u32; 2],
         views: u32,
         samples: u32,
-        edges: bool,
+        made: LayerUse,
         config: &SplatConfig,
     ) -> Self {
         let with_objects = config.motion == Motion::Exact;
@@ -117,7 +117,6 @@ impl KeyframeStore {
                 })
         };
         let [inverse_depth, flow, ids] = GEOMETRY_FORMATS;
-        let made = if edges { LayerUse::Resolved } else { LayerUse::Rendered };
         let keys = buffer(
             "keyframe params",
             u64::from(SLOTS * views) * UNIFORM_ALIGNMENT,

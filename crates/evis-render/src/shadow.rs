@@ -343,7 +343,7 @@ impl ShadowRoom {
             shadows: false,
             shadow_rays: occluders.is_some(),
             environment: false,
-            samples: 1,
+            texture_samples: 1,
             texture_taps: 1,
         };
         let pipelines = shadow_map::pipelines(device, layouts, gpu_scene.variants().into_iter(), &constants);

@@ -18,7 +18,7 @@ use crate::pass::splat::{
 use crate::pass::{self, ComputePass};
 use crate::sizes::{DeviceLimits, MethodNeeds};
 use crate::splat_config::{Carrier, Motion, SplatConfig};
-use crate::targets::Targets;
+use crate::targets::{LayerUse, Targets};
 use crate::uniforms::SplatParams;
 use crate::view::{PixelLens, View};
 
@@ -64,7 +64,7 @@ impl Store {
         size: [u32; 2],
         views: u32,
         samples: u32,
-        edges: bool,
+        made: LayerUse,
     ) -> Self {
         let storage = |label, words: u64| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -82,7 +82,7 @@ impl Store {
         let tiles: u64 =
             size.map(|n| u64::from((n * config.supersample).div_ceil(HOLE_TILE))).iter().product();
         Self {
-            keyframes: KeyframeStore::new(device, canvas_size, views, samples, edges, config),
+            keyframes: KeyframeStore::new(device, canvas_size, views, samples, made, config),
             placed: storage("placed", canvas * 2 * PLACED_PLANES),
             sums: storage("splat sums", target * 2 * SUM_PLANES),
             tiles: storage("tiles with holes", tiles),
@@ -145,11 +145,11 @@ impl SplatRoom {
     }
 
     /// Adds what the views of one class need, in the order of `Targets`.
-    pub fn add_class(&mut self, context: &Context, targets: &Targets, edges: bool) {
+    pub fn add_class(&mut self, context: &Context, targets: &Targets, made: LayerUse) {
         let samples = context.offsets.len() as u32;
         let size = [targets.width, targets.height];
         let views = targets.plan.views_per_group;
-        let store = Store::new(&context.gpu.device, &self.config, size, views, samples, edges);
+        let store = Store::new(&context.gpu.device, &self.config, size, views, samples, made);
         self.stores.push(store);
     }
 

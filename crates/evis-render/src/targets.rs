@@ -19,8 +19,10 @@ pub struct Layers {
     pub each: Vec<wgpu::TextureView>,
     /// Shared by all layers, which are rendered one after another: it stays in the cache.
     pub depth: wgpu::TextureView,
-    /// Four coverage samples, for `--aa edges`.
+    /// Four coverage samples, for `--aa edges`: of a picture that is `grid` times as large along each side.
     pub multisampled: Option<wgpu::TextureView>,
+    /// What `multisampled` and `depth` are larger by.
+    pub grid: u32,
 }
 
 /// How layers come to be.
@@ -28,8 +30,9 @@ pub struct Layers {
 pub enum LayerUse {
     /// Rendered, a sample each.
     Rendered,
-    /// Rendered with four coverage samples, which a compute pass averages.
-    Resolved,
+    /// Rendered at so many places along each side of a pixel with four coverage samples each, all of which a compute pass
+    /// averages.
+    Resolved(u32),
     /// Written by a compute pass.
     Computed,
 }
@@ -37,9 +40,14 @@ pub enum LayerUse {
 impl Layers {
     /// Allocates `count` layers.
     pub fn new(device: &wgpu::Device, width: u32, height: u32, count: u32, made: LayerUse) -> Self {
-        let edges = made == LayerUse::Resolved;
+        let (edges, grid) = match made {
+            LayerUse::Resolved(grid) => (true, grid),
+            _ => (false, 1),
+        };
         let sample_count = if edges { 4 } else { 1 };
-        let texture = |label, format, layers, sample_count, usage| {
+        let texture = |label, format, layers, sample_count, usage: wgpu::TextureUsages| {
+            let grid = if usage.contains(wgpu::TextureUsages::COPY_SRC) { 1 } else { grid };
+            let (width, height) = (grid * width, grid * height);
             device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
                 size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
@@ -63,7 +71,7 @@ impl Layers {
             texture("coverage samples", LUMINANCE_FORMAT, 1, 4, attachment | sampled)
                 .create_view(&Default::default())
         });
-        Self { width, height, array, texture: all, each, depth, multisampled }
+        Self { width, height, array, texture: all, each, depth, multisampled, grid }
     }
 }
 

@@ -24,7 +24,8 @@ pub const TILE_RESOLVE_BINDINGS: &[Binding] = &[
     bind(3, "layers", Access::StorageLayers),
 ];
 
-/// The mean of four coverage samples.
-pub fn resolve(device: &wgpu::Device) -> ComputePass {
-    ComputePass::new(device, "adaptive/resolve.wgsl", TILE_RESOLVE_BINDINGS, &[])
+/// The mean of four coverage samples at each of `grid` by `grid` places of a pixel.
+pub fn resolve(device: &wgpu::Device, grid: u32) -> ComputePass {
+    let constants = [("GRID", f64::from(grid))];
+    ComputePass::new(device, "adaptive/resolve.wgsl", TILE_RESOLVE_BINDINGS, &constants)
 }

@@ -110,8 +110,8 @@ pub struct SceneConstants {
     pub shadow_rays: bool,
     /// Whether there is an environment.
     pub environment: bool,
-    /// Samples per pixel at which surfaces are shaded.
-    pub samples: u32,
+    /// [`texture_samples`], of a pixel of the picture that is drawn.
+    pub texture_samples: u32,
     /// Places per side of a sample's share at which it reads textures, at most.
     pub texture_taps: u32,
 }
@@ -155,7 +155,7 @@ pub fn surface_pipeline(
         ("HAS_EMISSIVE_TEXTURE", flag(variant.emissive_texture)),
         ("ALPHA_MASK", flag(variant.mask)),
         ("UV_TRANSFORM", flag(variant.uv_transform)),
-        ("TEXTURE_SAMPLES", f64::from(texture_samples(scene.samples))),
+        ("TEXTURE_SAMPLES", f64::from(scene.texture_samples)),
         ("TEXTURE_TAPS", f64::from(scene.texture_taps)),
         ("SHADING_MODEL", f64::from(variant.model)),
         ("SHADOWS", flag(scene.shadows && variant.lit())),

@@ -139,6 +139,7 @@ impl TriggerPasses {
         samples: u32,
         unknown: bool,
         block: u32,
+        grid: u32,
     ) -> Self {
         let mut walks: Vec<Arc<WalkPasses>> = Vec::with_capacity(sensors.len());
         for sensor in sensors {
@@ -153,7 +154,12 @@ impl TriggerPasses {
             walks,
             block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),
             scan: ComputePass::new(device, "trigger/scan.wgsl", SCAN_BINDINGS, &[]),
-            resolve: ComputePass::new(device, "trigger/resolve.wgsl", RESOLVE_BINDINGS, &[]),
+            resolve: ComputePass::new(
+                device,
+                "trigger/resolve.wgsl",
+                RESOLVE_BINDINGS,
+                &[("GRID", f64::from(grid))],
+            ),
         }
     }
 

@@ -93,7 +93,7 @@ fn run(
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors, None);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, interpolation, ..Default::default() };
-    let passes = TriggerPasses::new(&gpu.device, &[&rules], SAMPLES, unknown, 1);
+    let passes = TriggerPasses::new(&gpu.device, &[&rules], SAMPLES, unknown, 1, 1);
     let unit = Unit { group: 0, first: 0, instants: INSTANTS };
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);

@@ -106,7 +106,7 @@ fn at(elapsed: f32) -> Instant {
 fn run(gpu: &Gpu, config: &SplatConfig, elapsed: f32, run_length: u32) -> Ran {
     let device = &gpu.device;
     let size = SIZE.map(|n| n as u32);
-    let store = Store::new(device, config, size, 1, SAMPLES, false);
+    let store = Store::new(device, config, size, 1, SAMPLES, LayerUse::Rendered);
     let passes = SplatPasses::new(device, config, SAMPLES, run_length);
     let keyframes = &store.keyframes;
     for slot in 0..2 {

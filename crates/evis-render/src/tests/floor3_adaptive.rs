@@ -6,7 +6,7 @@ use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
 use crate::auto::Target;
-use crate::config::{Method, RunConfig};
+use crate::config::{Antialias, Method, RunConfig};
 use crate::engine::Engine;
 use crate::view;
 
@@ -31,11 +31,18 @@ fn at_one_pace_everywhere_it_is_native_at_that_rate() {
     let Some(gpu) = super::device() else { return };
     let noisy = SensorConfig::preset("evis").unwrap();
     let shared = SensorConfig::preset("v2e-noisy").unwrap();
-    for (name, sensor) in [("spinner", SensorConfig::default()), ("spinner", noisy), ("desk", shared)] {
+    let (whole, edges) = ((Antialias::Samples, 2), (Antialias::Edges, 16));
+    for (name, sensor, (antialias, samples)) in [
+        ("spinner", SensorConfig::default(), whole),
+        ("spinner", noisy, whole),
+        ("desk", shared, whole),
+        ("spinner", SensorConfig::default(), edges),
+    ] {
         let scene = scene(name);
         for pace in [0, 2, 4] {
-            let plain = RunConfig { sensor: sensor.clone(), ..config(None, 1000.0 / f64::from(1 << pace)) };
-            let paced = RunConfig { sensor: sensor.clone(), ..config(Some(1.0), 1000.0) };
+            let with = |base| RunConfig { sensor: sensor.clone(), antialias, samples, ..base };
+            let plain = with(config(None, 1000.0 / f64::from(1 << pace)));
+            let paced = with(config(Some(1.0), 1000.0));
             let all = run(&gpu, &scene, &plain, 8_000);
             let mut engine = engine(&gpu, &scene, &paced);
             force(&mut engine, pace);

@@ -120,7 +120,7 @@ fn neighbours_and_threads_change_no_byte() {
 #[test]
 fn coverage_samples_reach_the_host_too() {
     let Some(gpu) = super::device() else { return };
-    let edges = RunConfig { antialias: Antialias::Edges, ..config() };
+    let edges = RunConfig { antialias: Antialias::Edges, samples: 16, ..config() };
     let scene = batch(&[0.0]);
     let (with, without) = (stream(&gpu, &scene, &edges, 10_000), stream(&gpu, &scene, &config(), 10_000));
     assert!(with[0].len() > 500 && with != without);
