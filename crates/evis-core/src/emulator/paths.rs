@@ -162,17 +162,18 @@ impl Paths {
         let count = self.steps.len() as f32;
         let Some(last) = self.steps.pop() else { return Default::default() };
         // Not so where one of the two is not known.
-        let follows = |at: usize| (last[at][0] - ends[at][0]).hypot(last[at][1] - ends[at][1]) <= STRAY_PX;
+        let apart = last.iter().zip(ends).map(|(last, end)| (last[0] - end[0]).hypot(last[1] - end[1]));
+        let follows: Vec<bool> = apart.map(|apart| apart <= STRAY_PX).collect();
         for (k, step) in (1..).zip(&mut self.steps) {
             let part = k as f32 / count;
             for (at, step) in step.iter_mut().enumerate() {
-                *step = match follows(at) {
+                *step = match follows[at] {
                     true => [step[0] - part * last[at][0], step[1] - part * last[at][1]],
                     false => [0.0; 2],
                 };
             }
         }
-        let strayed = (0..ends.len()).filter(|at| is_motion(ends[*at]) && !follows(*at)).count();
+        let strayed = (0..ends.len()).filter(|at| is_motion(ends[*at]) && !follows[*at]).count();
         (self.steps, strayed)
     }
 }
