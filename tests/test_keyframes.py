@@ -220,6 +220,70 @@ def test_state_is_taken_up_between_keyframes() -> None:
         assert copy.push_keyframe(**sliding(2), t_us=16_000) == expected
 
 
+def turning(k: int, fields: int = 0) -> dict[str, Any]:
+    """Return a picture that turns by 0.4 rad a gap, its motion, and that in fine steps where asked for."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]].astype(np.float64)
+    u, v = x - (SIZE[0] - 1) / 2, y - (SIZE[1] - 1) / 2
+
+    def turned(angle: float) -> tuple[Any, Any]:
+        return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
+
+    def motion(angle: float) -> npt.NDArray[np.float32]:
+        a, b = turned(-angle)
+        return np.stack([a - u, b - v], axis=-1).astype(np.float32)
+
+    a, b = turned(-0.4 * k)
+    pictures: dict[str, Any] = {
+        "hdr": (0.5 + 0.2 * np.sin(a / 3) + 0.2 * np.cos(b / 3.7)).astype(np.float32),
+        "depth": np.full(a.shape, 2.0, np.float32),
+        "motion_vectors": motion(0.4),
+    }
+    if fields:
+        pictures["motion_steps"] = np.stack([motion(0.4 / fields)] * fields)
+    return pictures
+
+
+def test_motion_in_fine_steps_is_integrated() -> None:
+    def run(fields: int, threads: int = 1, **changes: Any) -> tuple[evis.EventArray, Any]:
+        emulator = evis.EventEmulator(*SIZE, threads=threads)
+        pictures = [{**turning(k, fields), **changes} for k in range(3)]
+        parts = [emulator.push_keyframe(**each, t_us=8000 * k) for k, each in enumerate(pictures)]
+        assert emulator.total_report.copies == 0
+        return joined(parts), emulator.keyframe_report
+
+    dense, report = run(8)
+    assert (report.steps, report.strayed < 0.5) == (8, True)
+    assert report.bad_motion > 0, "the corners come from outside"
+    assert run(8, threads=2)[0] == dense
+    assert run(8, motion_vectors=None)[1].steps == 8
+    assert run(8, steps=12)[1].steps == 12
+    straight, report = run(0, steps=8)
+    assert report.strayed == 0
+    assert straight != dense
+    # One field is the gap's own motion.
+    assert run(1, steps=8)[0] == straight
+    assert run(1, steps=8, motion_vectors=None)[0] == straight
+    # A batch has an axis before it.
+    batch = evis.EventEmulator(*SIZE, batch=2)
+    still = {"motion_vectors": np.zeros((*SIZE[::-1], 2), np.float32)}
+    parts = []
+    for k in range(3):
+        one, other = turning(k, 8), {**turning(0, 8), **still}
+        other["motion_steps"] = other["motion_steps"] * 0
+        lists = batch.push_keyframe(
+            **{name: np.stack([one[name], other[name]]) for name in one}, t_us=8000 * k
+        )
+        parts.append(lists[0])
+        assert len(lists[1]) == 0
+    assert joined(parts) == dense
+    with pytest.raises(evis.ConfigError, match=r"must have \(2, K, 72, 96, 2\)"):
+        batch.push_keyframe(
+            **{name: np.stack([GOOD[name]] * 2) for name in GOOD},
+            t_us=10**6,
+            motion_steps=one["motion_steps"],
+        )
+
+
 def test_bad_geometry_is_counted_and_held() -> None:
     emulator = evis.EventEmulator(*SIZE)
     for k in range(4):
@@ -301,6 +365,11 @@ def bad_pushes() -> Iterator[tuple[dict[str, Any], str]]:
     yield {"depth": GOOD["depth"].T}, r"depth has shape \(96, 72\)"
     yield {"motion_vectors": GOOD["motion_vectors"][..., 0]}, "motion_vectors has shape"
     yield {"motion_vectors": GOOD["motion_vectors"].transpose(2, 0, 1)}, "motion_vectors has shape"
+    yield {"motion_vectors": None}, "motion_vectors is None.*motion_steps"
+    yield {"motion_steps": GOOD["motion_vectors"]}, r"motion_steps has shape \(72, 96, 2\).*\(K, 72, 96, 2\)"
+    yield {"motion_steps": GOOD["motion_vectors"][None, :0]}, r"motion_steps has shape \(1, 0, 96, 2\)"
+    yield {"motion_steps": np.zeros((0, 72, 96, 2), np.float32)}, "K at least 1"
+    yield {"motion_steps": np.zeros((1, 72, 96, 2))}, "dtype of motion_steps is float64"
     yield {"motion_forward": GOOD["depth"]}, "motion_forward has shape"
     yield {"depth": Tensor(GOOD["depth"], (2, 0))}, "depth: on DLPack device 2:0.*CPU"
     yield {"cut": [True, False]}, "cut is"

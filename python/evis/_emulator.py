@@ -71,7 +71,11 @@ class KeyframeReport:
     bad_depth : int
         Pixels with a depth that is none (0, negative, NaN): taken for nothing there.
     bad_motion : int
-        Pixels with a motion vector that is none (NaN, or 16 384 pixels and more): not moved.
+        Pixels with a motion vector that is none (NaN, or 16 384 pixels and more): not moved. With
+        ``motion_steps``, also those whose path comes upon one or leaves the picture: its last step goes on.
+    strayed : float
+        Part of the picture whose paths through ``motion_steps`` end more than a pixel from where
+        ``motion_vectors`` lead, as behind other surfaces: they are straight.
     cut : {"none", "start", "declared", "detected"}
         Why the gap was not warped, if it was not: there was no last keyframe, or a cut.
     warnings : tuple of str
@@ -84,6 +88,7 @@ class KeyframeReport:
     unknown: int
     bad_depth: int
     bad_motion: int
+    strayed: float
     cut: Literal["none", "start", "declared", "detected"]
     warnings: tuple[str, ...]
 
@@ -377,6 +382,7 @@ class EventEmulator(Generic[Out]):
         motion_vectors: Any,
         t_us: int,
         *,
+        motion_steps: Any = None,
         motion_forward: Any = None,
         cut: bool | Sequence[bool] | npt.NDArray[np.bool_] = False,
         steps: int | Literal["auto"] | None = None,
@@ -404,9 +410,16 @@ class EventEmulator(Generic[Out]):
             (H, W, 2): where each pixel's surface was at the last keyframe, as seen from where it is now, in
             pixels, x right, y down: ``before = here + motion``. This is `flow_backward` of a `Simulator` and
             ``motion_vectors`` of Isaac Lab as they are; docs/methods.md maps others. NaN, or 16 384 pixels
-            and more, means unknown. Those of an environment's first keyframe are not looked at.
+            and more, means unknown. Those of an environment's first keyframe are not looked at. May be None
+            with ``motion_steps``: it is then where these lead.
         t_us : int
             Time in microseconds, above that of the last push.
+        motion_steps : array_like or DLPack tensor, optional
+            (K, H, W, 2), with a batch (N, K, H, W, 2); K from 1 to 1000: motion within the gap before this
+            keyframe, in pixels, the oldest first. ``motion_steps[k]`` has, for each pixel of the picture at
+            ``t0 + (k + 1) / K * (t1 - t0)``, where its surface was at ``t0 + k / K * (t1 - t0)``, in the
+            convention of ``motion_vectors``. Paths are integrated through these fields, as by the dense mode
+            of the EVIS paper, instead of straight; K is then the default of ``steps``.
         motion_forward : array_like or DLPack tensor, optional
             (H, W, 2): the same to where it will be at the *next* keyframe: ``after = here + motion``. Without
             it, the next keyframe's vectors are turned around, and what it does not show moves on evenly.
@@ -414,7 +427,8 @@ class EventEmulator(Generic[Out]):
             Whether this keyframe has nothing to do with the last one (a camera cut, a teleported robot), or
             per environment. That environment begins anew, as after `reset`: it makes no events.
         steps : int or {"auto"}, optional
-            Instants per gap, before ``warp.steps``; ``auto``: as many as ``warp.step_px`` asks for.
+            Instants per gap, before ``warp.steps``; ``auto``: K of ``motion_steps``, or else as many as
+            ``warp.step_px`` asks for.
         warp : Warp or {"splat", "evis-paper"}
             How the instants between keyframes are made.
         transfer : {"linear", "srgb", "rec709", "gamma"}, optional
@@ -460,9 +474,16 @@ class EventEmulator(Generic[Out]):
         if transfer is None:
             transfer = "linear" if light.dtype == np.float32 else "srgb"
         depths, copied = _picture("depth", depth, shape, (1,))
-        motion, moved = _picture("motion_vectors", motion_vectors, shape, (2,))
-        copies += copied + moved
-        forward = None
+        copies += copied
+        motion = fields = forward = None
+        if motion_vectors is None and motion_steps is None:
+            raise ConfigError("motion_vectors is None; it must be an array where motion_steps is not given")
+        if motion_vectors is not None:
+            motion, copied = _picture("motion_vectors", motion_vectors, shape, (2,))
+            copies += copied
+        if motion_steps is not None:
+            fields, copied = _motion_steps(motion_steps, shape)
+            copies += copied
         if motion_forward is not None:
             forward, copied = _picture("motion_forward", motion_forward, shape, (2,))
             copies += copied
@@ -474,8 +495,9 @@ class EventEmulator(Generic[Out]):
         lists = self._emulator.push_keyframe(
             light.reshape(-1),
             depths.reshape(-1),
-            motion.reshape(-1),
+            None if motion is None else motion.reshape(-1),
             _time(t_us),
+            motion_steps=None if fields is None else fields.reshape(-1),
             motion_forward=None if forward is None else forward.reshape(-1),
             cut=np.broadcast_to(cuts, size).tolist(),
             channels=channels,
@@ -611,6 +633,17 @@ def _picture(
         wanted.insert(0, shape)
     if array.shape not in wanted:
         raise ConfigError(f"{what} has shape {array.shape}; it must have {' or '.join(map(str, wanted))}")
+    return array, int(copied)
+
+
+def _motion_steps(values: Any, shape: tuple[int, ...]) -> tuple[npt.NDArray[Any], int]:
+    """View the motion fields of a gap as a contiguous array; say how many copies that took."""
+    array, copied = _as_array(values, "motion_steps", (np.float32,))
+    *batch, height, width = shape
+    count = array.shape[-4] if array.ndim >= 4 else 0
+    if count == 0 or array.shape != (*batch, count, height, width, 2):
+        wanted = ", ".join(map(str, (*batch, "K", height, width, 2)))
+        raise ConfigError(f"motion_steps has shape {array.shape}; it must have ({wanted}), K at least 1")
     return array, int(copied)
 
 

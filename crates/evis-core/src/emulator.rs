@@ -10,6 +10,7 @@ mod links;
 mod noise;
 mod order;
 pub mod parts;
+mod paths;
 mod readout;
 mod shape;
 mod state;

@@ -37,6 +37,7 @@ impl Picture {
             channels: 1,
             depth: &self.depth,
             motion: &self.motion,
+            motion_steps: None,
             motion_forward: None,
             cut: &[],
         }
@@ -401,6 +402,14 @@ fn bad_pushes_are_named_and_change_nothing() {
         (keyframes, 9, warp, "t_us"),
         (Keyframes { depth: short, ..keyframes }, 20, warp, "number of depths"),
         (Keyframes { motion: short, ..keyframes }, 20, warp, "number of values of motion"),
+        (Keyframes { motion: &[], ..keyframes }, 20, warp, "number of values of motion is 0"),
+        (
+            Keyframes { motion_steps: Some(&[]), ..keyframes },
+            20,
+            warp,
+            "values of motion_steps is 0; it must",
+        ),
+        (Keyframes { motion_steps: Some(short), ..keyframes }, 20, warp, "number of values of motion_steps"),
         (Keyframes { motion_forward: Some(short), ..keyframes }, 20, warp, "motion_forward"),
         (Keyframes { light: FrameData::Linear(short), ..keyframes }, 20, warp, "number of values"),
         (Keyframes { channels: 2, ..keyframes }, 20, warp, "channels"),
@@ -456,9 +465,172 @@ fn a_margin_is_seen_before_it_comes_in() {
         channels: 1,
         depth: &crop,
         motion: &vec![0.0; 2 * crop.len()],
+        motion_steps: None,
         motion_forward: None,
         cut: &[],
     };
     let error = emulator.push_keyframe(&keyframes, 4 * GAP_US, &small).unwrap_err().to_string();
     assert!(error.contains("margin is 0; it must be 8"), "{error}");
+}
+
+/// Motion fields per gap of [`turning`].
+const FIELDS: usize = 8;
+
+/// A painted picture that turns about its middle by 0.4 radians per gap, fast in its first half and slowly in its second, at
+/// time `t` in gaps; its motion is since the time `since`.
+fn turning(t: f64, since: f64) -> Picture {
+    let angle = |t: f64| 0.4 * (t + 0.12 * (1.0 - (std::f64::consts::TAU * t).cos()));
+    Picture::new(|x, y| {
+        let (u, v) = (x - WIDTH as f64 / 2.0, y - HEIGHT as f64 / 2.0);
+        let turned = |angle: f64| (u * angle.cos() - v * angle.sin(), u * angle.sin() + v * angle.cos());
+        let (a, b) = turned(-angle(t));
+        let before = turned(angle(since) - angle(t));
+        (wave(a, b), 2.0, [(before.0 - u) as f32, (before.1 - v) as f32])
+    })
+}
+
+/// The `count` motion fields of the gap that ends with keyframe `k`.
+fn fields(k: i64, count: usize) -> Vec<f32> {
+    let at = |step: usize| k as f64 - 1.0 + step as f64 / count as f64;
+    (1..=count).flat_map(|step| turning(at(step), at(step - 1)).motion).collect()
+}
+
+/// Pushes keyframe `k` with these fields; with motion vectors of the gap, or without.
+fn push_turned(
+    emulator: &mut EventEmulator,
+    k: i64,
+    motion_steps: Option<&[f32]>,
+    with_motion: bool,
+    warp: &WarpConfig,
+) -> Vec<Event> {
+    let picture = turning(k as f64, k as f64 - 1.0);
+    let motion: &[f32] = if with_motion { &picture.motion } else { &[] };
+    let keyframes = Keyframes { motion, motion_steps, ..picture.keyframes() };
+    emulator.push_keyframe(&keyframes, k * GAP_US, warp).unwrap().remove(0)
+}
+
+#[test]
+fn motion_in_fine_steps_bends_paths() {
+    let inner = |mut events: Vec<Event>| {
+        events.retain(|event| {
+            (f64::from(event.x) + 0.5 - WIDTH as f64 / 2.0)
+                .hypot(f64::from(event.y) + 0.5 - HEIGHT as f64 / 2.0)
+                < 16.0
+        });
+        events
+    };
+    let truth = inner(truth(|t| turning(t, t), 4));
+    let run = |shape: fn(Vec<f32>) -> Option<Vec<f32>>, with_motion: bool| {
+        let mut emulator = emulator(1, 1);
+        let warp = WarpConfig { steps: Some(FIELDS as u32), ..WarpConfig::default() };
+        let mut events = Vec::new();
+        for k in 0..=4 {
+            let steps = shape(fields(k, FIELDS));
+            events.extend(push_turned(&mut emulator, k, steps.as_deref(), with_motion, &warp));
+        }
+        found(&inner(events), &truth, 300, 0)
+    };
+    let dense = run(Some, true);
+    let alone = run(Some, false);
+    let straight = run(|_| None, true);
+    // Canary: the newest field first.
+    let reversed = run(|steps| Some(steps.chunks_exact(2 * PIXELS).rev().flatten().copied().collect()), true);
+    assert!(dense > 0.9 && alone > 0.9, "{dense} {alone}");
+    assert!(straight < 0.6 && reversed < 0.6, "{straight} {reversed}");
+}
+
+#[test]
+fn one_field_is_the_motion_of_the_gap() {
+    for steps in [1, 6] {
+        let warp = WarpConfig { steps: Some(steps), ..WarpConfig::default() };
+        let [mut plain, mut dense, mut alone, mut two] = [(); 4].map(|()| emulator(1, 1));
+        let mut count = 0;
+        for k in 0..4 {
+            let (one, halves) = (fields(k, 1), fields(k, 2));
+            let expected = push_turned(&mut plain, k, None, true, &warp);
+            assert!(push_turned(&mut dense, k, Some(&one), true, &warp) == expected);
+            assert!(push_turned(&mut alone, k, Some(&one), false, &warp) == expected);
+            let other = push_turned(&mut two, k, Some(&halves), true, &warp);
+            assert!((other == expected) == (k == 0 || steps == 1), "canary: {steps} instants by two fields");
+            count += expected.len();
+        }
+        assert!(count > 2000, "{count}");
+    }
+}
+
+#[test]
+fn fields_of_motion_depend_on_no_threads_batch_or_state() {
+    let warp = WarpConfig::default();
+    let (mut one, mut many, mut both) = (emulator(1, 1), emulator(2, 1), emulator(2, 2));
+    let mut count = 0;
+    for k in 0..4 {
+        let (picture, steps) = (turning(k as f64, k as f64 - 1.0), fields(k, FIELDS));
+        let state = one.state();
+        let expected = push_turned(&mut one, k, Some(&steps), true, &warp);
+        assert!(push_turned(&mut many, k, Some(&steps), true, &warp) == expected);
+        if k > 0 {
+            let mut again = emulator(2, 1);
+            again.restore(&state).unwrap();
+            assert!(push_turned(&mut again, k, Some(&steps), true, &warp) == expected);
+            assert_eq!(one.keyframe_reports()[0].steps, FIELDS as u32);
+        }
+        let slid = sliding([3.0, 0.0], k as f64);
+        let slid_steps: Vec<f32> = slid.motion.iter().map(|d| d / FIELDS as f32).collect();
+        let slid_steps = slid_steps.repeat(FIELDS);
+        let join = |a: &[f32], b: &[f32]| [a, b].concat();
+        let joined = Picture {
+            light: join(&slid.light, &picture.light),
+            depth: join(&slid.depth, &picture.depth),
+            motion: join(&slid.motion, &picture.motion),
+        };
+        let steps = join(&slid_steps, &steps);
+        let keyframes = Keyframes { motion_steps: Some(&steps), ..joined.keyframes() };
+        let lists = both.push_keyframe(&keyframes, k * GAP_US, &warp).unwrap();
+        assert!(lists[1] == expected && (k == 0 || lists[0] != expected));
+        count += expected.len();
+    }
+    assert!(count > 2000, "{count}");
+    // No more instants than microseconds.
+    let steps = fields(3, FIELDS);
+    let picture = turning(3.0, 2.0);
+    let keyframes = Keyframes { motion_steps: Some(&steps), ..picture.keyframes() };
+    one.push_keyframe(&keyframes, 3 * GAP_US + 5, &warp).unwrap();
+    assert_eq!(one.keyframe_reports()[0].steps, 5);
+}
+
+#[test]
+fn bad_fields_of_motion_are_counted_and_told() {
+    let (first, second) = (sliding([4.0, 0.0], 0.0), sliding([4.0, 0.0], 1.0));
+    let even: Vec<f32> = second.motion.iter().map(|d| d / 4.0).collect();
+    let run = |steps: Option<&[f32]>, with_motion: bool| {
+        let mut emulator = fresh();
+        push(&mut emulator, &first, 0);
+        let motion: &[f32] = if with_motion { &second.motion } else { &[] };
+        let keyframes = Keyframes { motion, motion_steps: steps, ..second.keyframes() };
+        let warp = WarpConfig { steps: Some(8), ..WarpConfig::default() };
+        let events = emulator.push_keyframe(&keyframes, GAP_US, &warp).unwrap().remove(0);
+        (events, emulator.keyframe_reports()[0])
+    };
+    let (expected, _) = run(None, true);
+    let (events, report) = run(Some(&even.repeat(4)), true);
+    // Steps of a pixel leave the picture from its three leftmost columns.
+    assert!(events == expected && report.strayed == 0.0);
+    assert_eq!(report.bad_motion, 3 * HEIGHT as u64);
+    // Nothing but none: straight, where the whole is known.
+    let nothing = vec![f32::NAN; 8 * PIXELS];
+    let (events, report) = run(Some(&nothing), true);
+    assert!(events == expected && report.bad_motion == PIXELS as u64);
+    let (_, report) = run(Some(&nothing), false);
+    assert_eq!((report.bad_motion, report.linked), (PIXELS as u64, 0.0));
+    // One hole in one field, which four pixels of the newer keyframe come upon at most.
+    let mut hole = even.repeat(4);
+    hole[2 * PIXELS + 2 * (20 * WIDTH + 50)] = f32::INFINITY;
+    let (events, report) = run(Some(&hole), true);
+    assert!(events == expected && report.bad_motion == 3 * HEIGHT as u64 + 1, "{report:?}");
+    // Another convention than that of the motion vectors.
+    let away: Vec<f32> = even.iter().map(|d| -d).collect();
+    let (events, report) = run(Some(&away.repeat(4)), true);
+    assert!(events == expected && report.strayed > 0.9, "{report:?}");
+    let warnings = report.warnings();
+    assert!(warnings.iter().any(|text| text.starts_with("motion_steps lead elsewhere")), "{warnings:?}");
 }

@@ -181,7 +181,7 @@ impl EventEmulator {
 
     /// Takes frames with depth and motion; gives an array of events per environment.
     #[pyo3(signature = (
-        light, depth, motion, t_us, *, motion_forward, cut, channels, transfer, gamma, warp
+        light, depth, motion, t_us, *, motion_steps, motion_forward, cut, channels, transfer, gamma, warp
     ))]
     #[allow(clippy::too_many_arguments, reason = "what a keyframe has")]
     fn push_keyframe<'py>(
@@ -189,8 +189,9 @@ impl EventEmulator {
         py: Python<'py>,
         light: Values<'py>,
         depth: PyReadonlyArray1<'py, f32>,
-        motion: PyReadonlyArray1<'py, f32>,
+        motion: Option<PyReadonlyArray1<'py, f32>>,
         t_us: i64,
+        motion_steps: Option<PyReadonlyArray1<'py, f32>>,
         motion_forward: Option<PyReadonlyArray1<'py, f32>>,
         cut: Vec<bool>,
         channels: usize,
@@ -204,7 +205,8 @@ impl EventEmulator {
             light: light.data(transfer, gamma)?,
             channels,
             depth: depth.as_slice()?,
-            motion: motion.as_slice()?,
+            motion: motion.as_ref().map(|values| values.as_slice()).transpose()?.unwrap_or_default(),
+            motion_steps: motion_steps.as_ref().map(|values| values.as_slice()).transpose()?,
             motion_forward: motion_forward.as_ref().map(|values| values.as_slice()).transpose()?,
             cut: &cut,
         };
@@ -289,7 +291,8 @@ fn report_dict<'py>(py: Python<'py>, report: &EmulatorReport) -> PyResult<Bound<
 
 fn keyframe_dict<'py>(py: Python<'py>, report: &KeyframeReport) -> PyResult<Bound<'py, PyDict>> {
     let warnings = report.warnings();
-    let KeyframeReport { steps, motion_px, linked, unknown, bad_depth, bad_motion, cut, hint: _ } = *report;
+    let KeyframeReport { steps, motion_px, linked, unknown, bad_depth, bad_motion, strayed, cut, hint: _ } =
+        *report;
     let dict = PyDict::new(py);
     dict.set_item("steps", steps)?;
     dict.set_item("motion_px", motion_px)?;
@@ -297,6 +300,7 @@ fn keyframe_dict<'py>(py: Python<'py>, report: &KeyframeReport) -> PyResult<Boun
     dict.set_item("unknown", unknown)?;
     dict.set_item("bad_depth", bad_depth)?;
     dict.set_item("bad_motion", bad_motion)?;
+    dict.set_item("strayed", strayed)?;
     dict.set_item("cut", cut.name())?;
     dict.set_item("warnings", warnings)?;
     Ok(dict)

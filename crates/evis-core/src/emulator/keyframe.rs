@@ -7,7 +7,8 @@ use rayon::prelude::*;
 use super::crew::{Crew, Hands};
 use super::frames::{BLOCK, FrameData, Frames, LUMINANCE, Source, Tables};
 use super::links::Links;
-use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
+use super::paths::{Fields, Paths};
+use super::warp::{Bend, Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
 use super::{EmulatorReport, Environment, EventEmulator, Push};
 use crate::event::Event;
 use crate::sensor::ConfigError;
@@ -18,6 +19,12 @@ pub const WARN_GAP_PX: f32 = 4.0;
 
 /// Instants per gap where their number is not given, at most.
 const MOST_STEPS: u32 = 256;
+
+/// Motion fields per gap, at most: as many as instants that may be asked for.
+const MOST_FIELDS: usize = 1000;
+
+/// Where more of the picture's paths go elsewhere than motion vectors, a report warns.
+const WARN_STRAYED: f32 = 0.5;
 
 /// A gap in which the picture moves no farther is not divided unless asked for: light straight from one keyframe to the other
 /// is then nearer to the truth than light that is read between pixels (on `spinner` at 1 px per gap, F1 within 4 ms 0.85 and
@@ -44,8 +51,14 @@ pub struct Keyframes<'a> {
     /// Planar depth in metres, +inf where nothing is. What is no depth (0, negative, NaN) counts as nothing too.
     pub depth: &'a [f32],
     /// Where each pixel's surface was at the last keyframe, seen from where it is now: (x, y) pairs in pixels, x right,
-    /// y down, so that `before = here + motion`. NaN, or 16 384 pixels and more: not known.
+    /// y down, so that `before = here + motion`. NaN, or 16 384 pixels and more: not known. May be empty where
+    /// `motion_steps` is given: it is then where that leads.
     pub motion: &'a [f32],
+    /// If known: the motion within the gap before this keyframe, by K fields per environment, at even times: field k of K, the
+    /// oldest first, is at the part k/K of the gap, and leads to where each pixel's surface was at the part (k - 1)/K, in the
+    /// convention of `motion`. Paths are then integrated from step to step instead of straight (the dense mode of the EVIS
+    /// paper), and K instants the default.
+    pub motion_steps: Option<&'a [f32]>,
     /// If known: the same to where it will be at the next keyframe.
     pub motion_forward: Option<&'a [f32]>,
     /// Per environment: whether this keyframe has nothing to do with the last one. Empty: none is cut.
@@ -91,8 +104,12 @@ pub struct KeyframeReport {
     pub unknown: u64,
     /// Pixels with a depth that is none.
     pub bad_depth: u64,
-    /// Pixels with a motion vector that is none.
+    /// Pixels with a motion vector that is none, or whose path through `motion_steps` comes upon one or leaves the picture:
+    /// there its last step goes on.
     pub bad_motion: u64,
+    /// Part of the picture whose paths through `motion_steps` end more than a pixel from where its motion vectors lead, as
+    /// behind other surfaces: these paths are straight.
+    pub strayed: f32,
     /// Whether the gap was warped.
     pub cut: Cut,
     /// What would make motion vectors explain the light far better.
@@ -112,6 +129,13 @@ impl KeyframeReport {
         }
         if let Some(hint) = self.hint {
             out.push(format!("light fits motion vectors far better {hint}: check their convention"));
+        }
+        if self.strayed > WARN_STRAYED {
+            out.push(format!(
+                "motion_steps lead elsewhere than motion vectors for {:.0} % of the picture: check their convention and that \
+                 the oldest comes first",
+                self.strayed * 100.0
+            ));
         }
         if self.motion_px > WARN_GAP_PX && self.cut == Cut::None {
             out.push(format!(
@@ -163,7 +187,8 @@ fn nearness(depth: f32) -> (f32, bool) {
 }
 
 impl Keyframe {
-    /// Reads the pictures of environment `index`, of `canvas` pixels; counts depths and motion vectors that are none.
+    /// Reads the pictures of environment `index`, of `canvas` pixels, and goes back through `fields`; counts depths and motion
+    /// vectors that are none.
     fn read(
         from: &Keyframes<'_>,
         codes: (&Tables, f32),
@@ -171,7 +196,8 @@ impl Keyframe {
         canvas: [usize; 2],
         config: &WarpConfig,
         gap_us: i64,
-    ) -> (Self, [u64; 2]) {
+        fields: Option<&Fields<'_>>,
+    ) -> (Self, Paths, [u64; 2]) {
         let pixels = canvas[0] * canvas[1];
         let range = index * pixels..(index + 1) * pixels;
         let light = match from.light {
@@ -187,19 +213,24 @@ impl Keyframe {
         let mut nearness: Vec<f32> = depths.iter().map(|depth| nearness(*depth).0).collect();
         let bad_depth = depths.iter().filter(|depth| !self::nearness(**depth).1).count() as u64;
         let pairs = |values: &[f32]| values.as_chunks::<2>().0[range.clone()].to_vec();
-        let mut back = pairs(from.motion);
-        let bad_motion = back.iter().filter(|motion| !is_motion(**motion)).count() as u64;
+        let given = (!from.motion.is_empty()).then(|| pairs(from.motion));
+        let mut paths = fields.map(|fields| fields.back(given.as_deref())).unwrap_or_default();
+        let mut back = given.unwrap_or_else(|| paths.ends());
+        let is_broken = |at: usize| paths.broken.get(at).copied().unwrap_or(false);
+        let bad = back.iter().enumerate().filter(|(at, motion)| !is_motion(**motion) || is_broken(*at));
+        let bad_motion = bad.count() as u64;
         let mut forward = from.motion_forward.map(pairs).unwrap_or_default();
         if config.dilate > 0 {
             let nearest = dilated(&nearness, canvas, config.dilate as usize);
             let pick =
                 |motion: &[[f32; 2]]| nearest.iter().filter_map(|at| motion.get(*at).copied()).collect();
             back = pick(&back);
+            paths.pick(&nearest);
             forward = pick(&forward);
             nearness = nearest.iter().map(|at| nearness[*at]).collect();
         }
         let margin = config.margin;
-        (Self { margin, gap_us, light, nearness, back, forward }, [bad_depth, bad_motion])
+        (Self { margin, gap_us, light, nearness, back, forward }, paths, [bad_depth, bad_motion])
     }
 
     /// The sensor's part of the light.
@@ -333,15 +364,24 @@ impl EventEmulator {
             return Err(ConfigError::new("light of keyframes", "logarithms", remedy));
         }
         Frames { data: keyframes.light, channels: keyframes.channels }.check(all)?;
+        let motion = Some(keyframes.motion);
+        let motion = motion.filter(|motion| keyframes.motion_steps.is_none() || !motion.is_empty());
         for (what, values, per_pixel) in [
             ("number of depths", Some(keyframes.depth), 1),
-            ("number of values of motion", Some(keyframes.motion), 2),
+            ("number of values of motion", motion, 2),
             ("number of values of motion_forward", keyframes.motion_forward, 2),
         ] {
             if let Some(values) = values.filter(|values| values.len() != all * per_pixel) {
                 let remedy = format!("{} (environments × height × width × {per_pixel})", all * per_pixel);
                 return Err(ConfigError::new(what, values.len(), remedy));
             }
+        }
+        if let Some(values) = keyframes.motion_steps
+            && (values.len() % (2 * all) != 0 || !(1..=MOST_FIELDS).contains(&(values.len() / (2 * all))))
+        {
+            let remedy =
+                format!("1 to {MOST_FIELDS} times {} (environments × steps × height × width × 2)", 2 * all);
+            return Err(ConfigError::new("number of values of motion_steps", values.len(), remedy));
         }
         if !keyframes.cut.is_empty() && keyframes.cut.len() != config.batch {
             let remedy = format!("{}, one per environment, or none", config.batch);
@@ -409,8 +449,13 @@ impl Gapped<'_> {
         let since = if before.is_some() { gap_us } else { 0 };
         let canvas = self.pictures.canvas;
         let codes = (self.tables, self.push.config.reference_luminance);
-        let (mut now, [bad_depth, bad_motion]) =
-            Keyframe::read(keyframes, codes, index, canvas, self.warp, since);
+        let fields = keyframes.motion_steps.map(|values| {
+            let share = values.len() / self.push.config.batch;
+            let vectors = values[index * share..(index + 1) * share].as_chunks::<2>().0;
+            Fields { vectors, canvas, shared: self.at_once > 1 }
+        });
+        let (mut now, paths, [bad_depth, bad_motion]) =
+            Keyframe::read(keyframes, codes, index, canvas, self.warp, since, fields.as_ref());
         (report.bad_depth, report.bad_motion) = (bad_depth, bad_motion);
         let mut sum = EmulatorReport::default();
         let mut between = None;
@@ -426,11 +471,16 @@ impl Gapped<'_> {
                     Cut::Detected
                 } else {
                     let forward = super::links::forward_motion(before, &now, canvas);
-                    let bends = match self.warp.curved {
-                        true => super::links::bends(before, &now, &forward, canvas),
-                        false => Default::default(),
-                    };
-                    between = Some((before, forward, bends));
+                    let (mut parabolas, mut steps) = Default::default();
+                    if let Some(fields) = &fields {
+                        let (from, _) = fields.forward(&forward).bends(&forward);
+                        let (to, strayed) = paths.bends(&now.back);
+                        report.strayed = strayed as f32 / now.back.len() as f32;
+                        steps = [from, to];
+                    } else if self.warp.curved {
+                        parabolas = super::links::bends(before, &now, &forward, canvas);
+                    }
+                    between = Some((before, forward, parabolas, steps));
                     Cut::None
                 }
             }
@@ -438,16 +488,20 @@ impl Gapped<'_> {
         report.steps = match &between {
             None => 1,
             Some(_) => {
-                let wanted =
-                    self.warp.steps.unwrap_or_else(|| steps_for(report.motion_px, self.warp.step_px));
+                let wanted = self.warp.steps.or(fields.map(|fields| fields.count() as u32));
+                let wanted = wanted.unwrap_or_else(|| steps_for(report.motion_px, self.warp.step_px));
                 // Instants are whole microseconds.
                 wanted.min(self.push.interval_us)
             }
         };
-        let gap = between.as_ref().map(|(before, forward, [from, to])| {
+        let gap = between.as_ref().map(|(before, forward, parabolas, steps)| {
+            let bend = |side: usize| match &fields {
+                Some(_) => Bend::Steps(&steps[side]),
+                None => Bend::Parabola(&parabolas[side]),
+            };
             let older =
-                Side { light: &before.light, nearness: &before.nearness, motion: forward, bend: from };
-            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bend: to };
+                Side { light: &before.light, nearness: &before.nearness, motion: forward, bend: bend(0) };
+            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bend: bend(1) };
             Gap::new(self.warp, &self.pictures, older, newer)
         });
         let steps = i64::from(report.steps);

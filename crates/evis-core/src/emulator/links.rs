@@ -271,11 +271,11 @@ fn spread(out: &mut [[f32; 2]], unknown: &mut Vec<usize>, before: &Keyframe, [wi
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// A picture that turns by `radians` a gap around its middle; where each pixel was at the last keyframe.
-    fn turning(radians: f32, canvas: [usize; 2]) -> Keyframe {
+    pub fn turning(radians: f32, canvas: [usize; 2]) -> Keyframe {
         let back = (0..canvas[0] * canvas[1])
             .map(|at| {
                 let turned = turned(at, -radians, canvas);
@@ -292,7 +292,7 @@ mod tests {
         }
     }
 
-    fn turned(at: usize, radians: f32, canvas: [usize; 2]) -> [f32; 2] {
+    pub fn turned(at: usize, radians: f32, canvas: [usize; 2]) -> [f32; 2] {
         let middle = canvas.map(|n| (n as f32 - 1.0) / 2.0);
         let (x, y) = ((at % canvas[0]) as f32 - middle[0], (at / canvas[0]) as f32 - middle[1]);
         let (sin, cos) = radians.sin_cos();

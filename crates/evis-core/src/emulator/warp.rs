@@ -192,14 +192,54 @@ pub struct Side<'a> {
     pub nearness: &'a [f32],
     /// Pixels to where each surface is at the other keyframe; not a number where that is not known.
     pub motion: &'a [[f32; 2]],
-    /// How much the path there bends: at the part s of the way, s (s − 1) times this is added. Empty: straight.
-    pub bend: &'a [[f32; 2]],
+    /// How much the path there bends.
+    pub bend: Bend<'a>,
 }
 
-impl Side<'_> {
+/// What is added to straight paths, per pixel.
+#[derive(Clone, Copy, Debug)]
+pub enum Bend<'a> {
+    /// At the part s of the way, s (s − 1) times this; nothing where it is empty.
+    Parabola(&'a [[f32; 2]]),
+    /// At 1/K, 2/K, … of the way these K − 1; between two of them, and the ends, what lies between.
+    Steps(&'a [Vec<[f32; 2]>]),
+}
+
+/// A part of the way that a side's pixels go, and what paths add to it there: up to two pictures by their weights.
+#[derive(Clone, Copy, Debug)]
+struct Moved<'a> {
+    part: f32,
+    bends: [(f32, &'a [[f32; 2]]); 2],
+}
+
+impl<'a> Moved<'a> {
+    fn new(side: &Side<'a>, part: f32) -> Self {
+        let bends = match side.bend {
+            Bend::Parabola(bends) => [(part * (part - 1.0), bends), Default::default()],
+            Bend::Steps(steps) => {
+                let place = part * (steps.len() + 1) as f32;
+                let before = place.floor();
+                let bends = |step: usize| -> &'a [[f32; 2]] {
+                    // The ends bend nowhere.
+                    step.checked_sub(1).and_then(|step| steps.get(step)).map_or(&[], Vec::as_slice)
+                };
+                let step = before as usize;
+                [(1.0 - (place - before), bends(step)), (place - before, bends(step + 1))]
+            }
+        };
+        Self { part, bends }
+    }
+
+    /// How far pixel `at`, whose whole way is `motion`, has moved.
     #[inline(always)]
-    fn bend_at(&self, at: usize) -> [f32; 2] {
-        self.bend.get(at).copied().unwrap_or_default()
+    fn of(&self, at: usize, motion: [f32; 2]) -> [f32; 2] {
+        let mut moved = motion.map(|d| d * self.part);
+        for (weight, bends) in self.bends {
+            if let Some(bend) = bends.get(at) {
+                moved = [moved[0] + weight * bend[0], moved[1] + weight * bend[1]];
+            }
+        }
+        moved
     }
 }
 
@@ -304,16 +344,15 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// Where a source is, in parts of a pixel of the sensor.
+/// Where a source that has moved is, in parts of a pixel of the sensor.
 #[inline(always)]
-fn place(x: usize, y: usize, margin: i32, (motion, bend): ([f32; 2], [f32; 2]), moved: f32) -> [i32; 2] {
-    let at = |pixel: usize, d: f32, bend: f32| {
+fn place(x: usize, y: usize, margin: i32, moved: [f32; 2]) -> [i32; 2] {
+    let at = |pixel: usize, d: f32| {
         // Motion is below 2^14 pixels, or the key is 0: far from the ends of an i32. The conversion saturates.
-        let d = d * moved + bend * moved * (moved - 1.0);
         let d = (d * SUBPIXELS as f32 + 0.5).floor() as i32;
         ((pixel as i32).wrapping_sub(margin) << SUBPIXEL_BITS).wrapping_add(d)
     };
-    [at(x, motion[0], bend[0]), at(y, motion[1], bend[1])]
+    [at(x, moved[0]), at(y, moved[1])]
 }
 
 /// Whether a coordinate is nearer to the second of the two pixels around it.
@@ -375,8 +414,9 @@ impl<'a> Gap<'a> {
     /// Light of each sensor pixel when the part `elapsed` of the gap has passed; NaN where it is not known.
     pub fn instant(&self, elapsed: f32, scratch: &mut Scratch, out: &mut Vec<f32>) {
         let Scratch { older, newer, rows } = scratch;
-        self.splat(&self.newer, 1.0 - elapsed, None, newer);
-        self.splat(&self.older, elapsed, (!self.config.uses_both()).then_some(&*newer), older);
+        let moved = [Moved::new(&self.older.side, elapsed), Moved::new(&self.newer.side, 1.0 - elapsed)];
+        self.splat(&self.newer, &moved[1], None, newer);
+        self.splat(&self.older, &moved[0], (!self.config.uses_both()).then_some(&*newer), older);
         let [width, height] = self.pictures.size;
         out.clear();
         out.resize(width * height, f32::NAN);
@@ -385,7 +425,7 @@ impl<'a> Gap<'a> {
         }
         let [a, b] = rows;
         for (y, out) in out.chunks_exact_mut(width).enumerate() {
-            self.look(y, elapsed, (older, newer), (a, b));
+            self.look(y, &moved, (older, newer), (a, b));
             blend_by(self.isa, a, b, elapsed, self.pictures.log_floor, out);
             if let Some(fill) = self.config.fill {
                 for light in out {
@@ -396,7 +436,7 @@ impl<'a> Gap<'a> {
     }
 
     /// Splats one side: depths first, then what is nearest, or colours.
-    fn splat(&self, from: &Prepared<'_>, moved: f32, holes_of: Option<&Sums>, sums: &mut Sums) {
+    fn splat(&self, from: &Prepared<'_>, moved: &Moved<'_>, holes_of: Option<&Sums>, sums: &mut Sums) {
         let size = self.pictures.size;
         let config = &self.config;
         sums.clear(size[0] * size[1], config.carrier == Carrier::Colour);
@@ -446,7 +486,7 @@ impl<'a> Gap<'a> {
 
     /// Calls `each` with the number, the key and the place of every source that goes somewhere.
     #[inline(always)]
-    fn for_sources(&self, from: &Prepared<'_>, moved: f32, mut each: impl FnMut(usize, u32, Place)) {
+    fn for_sources(&self, from: &Prepared<'_>, moved: &Moved<'_>, mut each: impl FnMut(usize, u32, Place)) {
         let width = self.pictures.canvas[0];
         let margin = self.config.margin as i32;
         let rows = from.keys.chunks_exact(width).zip(from.side.motion.chunks_exact(width));
@@ -455,7 +495,7 @@ impl<'a> Gap<'a> {
             for (x, (key, motion)) in keys.iter().zip(motions).enumerate() {
                 if *key != 0 {
                     let at = first.wrapping_add(x);
-                    let q = place(x, y, margin, (*motion, from.side.bend_at(at)), moved);
+                    let q = place(x, y, margin, moved.of(at, *motion));
                     let everywhere = self.config.carrier == Carrier::Colour || from.plain[at];
                     let reaches = if everywhere { [true; 2] } else { self.reaches(from, (x, y), q) };
                     each(at, *key, (q, reaches));
@@ -480,14 +520,14 @@ impl<'a> Gap<'a> {
     }
 
     /// What the older and the newer side show in row `y`; both the same where one is taken, NaN where nothing is.
-    fn look(&self, y: usize, elapsed: f32, sums: (&Sums, &Sums), rows: (&mut [f32], &mut [f32])) {
+    fn look(&self, y: usize, moved: &[Moved<'_>; 2], sums: (&Sums, &Sums), rows: (&mut [f32], &mut [f32])) {
         let config = &self.config;
         let width = self.pictures.size[0];
         for (x, (a, b)) in rows.0.iter_mut().zip(rows.1).enumerate() {
             let p = y * width + x;
-            let newer = self.seen(&self.newer, 1.0 - elapsed, sums.1, (x, y, p));
+            let newer = self.seen(&self.newer, &moved[1], sums.1, (x, y, p));
             let older = if newer.is_none() || config.uses_both() {
-                self.seen(&self.older, elapsed, sums.0, (x, y, p))
+                self.seen(&self.older, &moved[0], sums.0, (x, y, p))
             } else {
                 None
             };
@@ -512,7 +552,7 @@ impl<'a> Gap<'a> {
     fn seen(
         &self,
         from: &Prepared<'_>,
-        moved: f32,
+        moved: &Moved<'_>,
         sums: &Sums,
         (x, y, p): (usize, usize, usize),
     ) -> Option<(f32, f32)> {
@@ -536,13 +576,12 @@ impl<'a> Gap<'a> {
     /// Light of a source, read between its keyframe's pixels as far from it as the pixel is from where it is now; across
     /// an edge its own.
     #[inline(always)]
-    fn gathered(&self, from: &Prepared<'_>, moved: f32, source: usize, (x, y): (usize, usize)) -> f32 {
+    fn gathered(&self, from: &Prepared<'_>, moved: &Moved<'_>, source: usize, (x, y): (usize, usize)) -> f32 {
         let [width, height] = self.pictures.canvas;
         let Side { light, nearness, motion, .. } = &from.side;
         let own_y = source / width;
         let own_x = source - own_y * width;
-        let path = (motion[source], from.side.bend_at(source));
-        let q = place(own_x, own_y, self.config.margin as i32, path, moved);
+        let q = place(own_x, own_y, self.config.margin as i32, moved.of(source, motion[source]));
         let offset = |at: usize, q: i32| ((at as i32) << SUBPIXEL_BITS).wrapping_sub(q);
         let (dx, dy) = (offset(x, q[0]), offset(y, q[1]));
         let part = |d: i32| (d & (SUBPIXELS - 1)) as f32 * (1.0 / SUBPIXELS as f32);
