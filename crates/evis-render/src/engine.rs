@@ -261,6 +261,7 @@ impl Engine {
             // A picture of larger size has smaller pixels, and derivatives.
             texture_samples: raster::texture_samples(samples * grid_side * grid_side)
                 / (grid_side * grid_side).max(1),
+            grid: grid_side,
             texture_taps: config.taps(),
         };
         let sample_count = if edges { 4 } else { 1 };

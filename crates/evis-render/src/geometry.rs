@@ -55,7 +55,8 @@ impl GeometryRoom {
         wanted: [bool; 3],
     ) -> Self {
         // One sample at the pixel's centre stands for a whole pixel.
-        let constants = SceneConstants { texture_samples: 1, texture_taps: WHOLE_PIXEL_TAPS, ..*constants };
+        let constants =
+            SceneConstants { texture_samples: 1, grid: 1, texture_taps: WHOLE_PIXEL_TAPS, ..*constants };
         let (label_layout, sky_layout) = (label_layout(device), sky_flow_layout(device));
         let variants = gpu_scene.variants().into_iter();
         let pipelines = geometry_pipelines(device, layouts, &label_layout, variants, &constants, wanted);

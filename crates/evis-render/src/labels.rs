@@ -92,7 +92,8 @@ impl LabelRoom {
         };
         let variants = || gpu_scene.variants().into_iter();
         // A label is one sample at the pixel's centre: it stands for a whole pixel.
-        let constants = SceneConstants { texture_samples: 1, texture_taps: WHOLE_PIXEL_TAPS, ..*constants };
+        let constants =
+            SceneConstants { texture_samples: 1, grid: 1, texture_taps: WHOLE_PIXEL_TAPS, ..*constants };
         let geometry = wanted
             .any_geometry()
             .then(|| GeometryRoom::new(device, layouts, gpu_scene, &constants, wanted.geometry));

@@ -344,6 +344,7 @@ impl ShadowRoom {
             shadow_rays: occluders.is_some(),
             environment: false,
             texture_samples: 1,
+            grid: 1,
             texture_taps: 1,
         };
         let pipelines = shadow_map::pipelines(device, layouts, gpu_scene.variants().into_iter(), &constants);

@@ -22,6 +22,8 @@ override UV_TRANSFORM: bool = true;
 override TEXTURE_SAMPLES: f32 = 1.0;
 // Places at which a sample reads such a texture, at most, along each side of its share.
 override TEXTURE_TAPS: f32 = 2.0;
+// Pixels of the picture that is drawn, along each side of a pixel of the sensor.
+override GRID: u32 = 1;
 
 @group(1) @binding(0) var<uniform> material: Material;
 @group(1) @binding(1) var base_texture: texture_2d<f32>;
@@ -71,8 +73,8 @@ struct Taps {
     level: f32,
 };
 
-// Twin: evis_truth::rays::texture, taps().
-fn texture_taps(uv: vec2<f32>, size: vec2<u32>) -> Taps {
+// Twin: evis_truth::rays::texture, taps(). `at`: place in the picture.
+fn texture_taps(uv: vec2<f32>, size: vec2<u32>, at: vec2<f32>) -> Taps {
     let pixel_x = dpdxFine(uv);
     let pixel_y = dpdyFine(uv);
     let dx = pixel_x * share.size.x;
@@ -83,7 +85,14 @@ fn texture_taps(uv: vec2<f32>, size: vec2<u32>) -> Taps {
     // Where texels are larger than shares, light changes evenly over them: then samples, no two of which lie in one row or
     // column, tell the pixel's mean better than a grid of as many.
     let fine = clamp(2.0 * max(texels.x, texels.y) - 1.0, 0.0, 1.0);
-    let middle = uv + fine * (pixel_x * share.shift.x + pixel_y * share.shift.y);
+    var shift = fine * share.shift;
+    if (GRID > 1u) {
+        // So it is with the places of a grid: each reads beside its middle, on a grid that is turned, and so in a row and a
+        // column of its own.
+        let cell = (vec2<f32>(vec2<u32>(at) % GRID) + 0.5) / f32(GRID) - 0.5;
+        shift = (1.0 - fine) * vec2<f32>(cell.y, -cell.x);
+    }
+    let middle = uv + pixel_x * shift.x + pixel_y * shift.y;
     let first = middle - 0.5 * (dx + dy) + 0.5 * (dx / count.x + dy / count.y);
     // Off 0, where log2 is not defined: magnified beyond any level. A blend of two levels would read twice as many texels, the
     // coarser ones wider than the places are apart: it blurs.
@@ -91,8 +100,8 @@ fn texture_taps(uv: vec2<f32>, size: vec2<u32>) -> Taps {
     return Taps(first, dx / count.x, dy / count.y, u32(count.x), u32(count.y), level);
 }
 
-fn texture_mean(image: texture_2d<f32>, filtering: sampler, uv: vec2<f32>) -> vec4<f32> {
-    let taps = texture_taps(uv, textureDimensions(image));
+fn texture_mean(image: texture_2d<f32>, filtering: sampler, uv: vec2<f32>, at: vec2<f32>) -> vec4<f32> {
+    let taps = texture_taps(uv, textureDimensions(image), at);
     var sum = vec4<f32>(0.0);
     for (var row = 0u; row < taps.rows; row++) {
         for (var column = 0u; column < taps.columns; column++) {
@@ -113,7 +122,7 @@ fn base_color(v: Varyings) -> vec4<f32> {
             color *= textureSampleLevel(
                 base_texture, base_sampler, uv, texture_level(uv, textureDimensions(base_texture)));
         } else {
-            color *= texture_mean(base_texture, base_sampler, uv);
+            color *= texture_mean(base_texture, base_sampler, uv, v.position.xy);
         }
     }
     return color;
@@ -123,7 +132,7 @@ fn emitted(v: Varyings) -> vec3<f32> {
     var color = material.emissive.rgb;
     if (HAS_EMISSIVE_TEXTURE) {
         let uv = material_uv(v, 4u);
-        color *= texture_mean(emissive_texture, emissive_sampler, uv).rgb;
+        color *= texture_mean(emissive_texture, emissive_sampler, uv, v.position.xy).rgb;
     }
     return color * vary_emission_factor(v);
 }

@@ -112,6 +112,8 @@ pub struct SceneConstants {
     pub environment: bool,
     /// [`texture_samples`], of a pixel of the picture that is drawn.
     pub texture_samples: u32,
+    /// Pixels of that picture along each side of a pixel.
+    pub grid: u32,
     /// Places per side of a sample's share at which it reads textures, at most.
     pub texture_taps: u32,
 }
@@ -157,6 +159,7 @@ pub fn surface_pipeline(
         ("UV_TRANSFORM", flag(variant.uv_transform)),
         ("TEXTURE_SAMPLES", f64::from(scene.texture_samples)),
         ("TEXTURE_TAPS", f64::from(scene.texture_taps)),
+        ("GRID", f64::from(scene.grid)),
         ("SHADING_MODEL", f64::from(variant.model)),
         ("SHADOWS", flag(scene.shadows && variant.lit())),
         ("SHADOW_RAYS", flag(scene.shadow_rays)),

@@ -72,7 +72,7 @@ impl ReusePasses {
             variants.iter().map(|v| (*v, surface_pipeline(device, what, v, constants))).collect()
         };
         // A cell is a whole pixel of its own picture.
-        let of_cells = SceneConstants { texture_samples: 1, texture_taps: CELL_TAPS, ..*scene };
+        let of_cells = SceneConstants { texture_samples: 1, grid: 1, texture_taps: CELL_TAPS, ..*scene };
         let SurfaceLayouts { frame, material, surroundings } = layouts;
         Self {
             keyframe: build(

@@ -238,11 +238,17 @@ fn compare(scene: &Scene, image: &[f64], offsets: &[[f64; 2]], case: &Case) -> C
         Antialias::Samples => {
             crate::pattern::shares(&offsets.iter().map(|o| o.map(|v| v as f32)).collect::<Vec<_>>())
         }
-        // Where each coverage sample is compared, what is shaded is as wide as a pixel or of one colour.
-        Antialias::Edges => {
-            let side = if case.minified { (case.samples / 4).isqrt() as f32 } else { 1.0 };
-            vec![Share { size: [1.0 / side; 2], ..Share::WHOLE }; offsets.len()]
+        // Each place of the grid stands for its cell, and lies beside its middle.
+        Antialias::Edges if case.minified => {
+            let side = (case.samples / 4).isqrt();
+            let to_middle = |(i, o): (u32, &[f64; 2])| Share {
+                shift: [0, 1].map(|axis| (middle(side, [i % side, i / side])[axis] - o[axis]) as f32),
+                size: [1.0 / side as f32; 2],
+            };
+            (0..).zip(offsets).map(to_middle).collect()
         }
+        // Of one colour each.
+        Antialias::Edges => vec![Share::WHOLE; offsets.len()],
     };
     let twin = Twin::new(scene, &state, &textures, (&shares, TAPS), case.shadow_reach.is_some());
     let expected = twin.luminance(offsets);
@@ -259,15 +265,24 @@ fn compare(scene: &Scene, image: &[f64], offsets: &[[f64; 2]], case: &Case) -> C
     out
 }
 
-/// Places of a grid in the pixel, with the four coverage samples around each; within surfaces, where it is shaded.
+/// The middle of a cell of a grid in the pixel, from its centre.
+fn middle(side: u32, cell: [u32; 2]) -> [f64; 2] {
+    cell.map(|i| (f64::from(i) + 0.5) / f64::from(side) - 0.5)
+}
+
+/// The four coverage samples around each place of a grid in the pixel; within surfaces, where each reads textures.
 fn coverage(case: &Case) -> Vec<[f64; 2]> {
     let side = (case.samples / 4).isqrt();
-    let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(side) - 0.5;
-    let places = (0..side * side).map(|i| [middle(i % side), middle(i / side)]);
+    let cells = (0..side * side).map(|i| [i % side, i / side]);
+    let places = cells.clone().map(|cell| middle(side, cell));
+    let beside = |[column, row]: [u32; 2]| {
+        let [x, y] = middle(side, [column, row]);
+        [x + y / f64::from(side), y - x / f64::from(side)]
+    };
     let around = |place: [f64; 2]| {
         STANDARD_SAMPLES.map(|o| [0, 1].map(|axis| place[axis] + o[axis] / f64::from(side)))
     };
-    if case.minified { places.collect() } else { places.flat_map(around).collect() }
+    if case.minified { cells.map(beside).collect() } else { places.flat_map(around).collect() }
 }
 
 fn check(name: &str, case: Case) {
