@@ -294,8 +294,7 @@ impl AdaptiveRoom {
         looks: &[Look],
     ) {
         let scratch = &self.scratch[work.group.targets];
-        let (Some(reuse), Some(resolve), Some(color), Some(resolving)) =
-            (&mut self.reuse, &self.resolve, &scratch.multisampled, &means.resolve)
+        let (Some(reuse), Some(resolve), Some(resolving)) = (&mut self.reuse, &self.resolve, &means.resolve)
         else {
             return;
         };
@@ -331,8 +330,15 @@ impl AdaptiveRoom {
                         reuse.draw(context, pass, frame_group, &plan.groups, &look.still[part], place);
                     }
                 };
-                let into = (scratch, color);
-                encode_sample(context, encoder, into, frame_group, (frame, sample), &parts, known);
+                encode_sample(
+                    context,
+                    encoder,
+                    (scratch, sample),
+                    frame_group,
+                    (frame, sample),
+                    &parts,
+                    known,
+                );
                 resolve.encode_tiles(encoder, resolving, job + 1 + sample, look.tiles);
             }
             if samples > 1 {
@@ -467,39 +473,15 @@ impl AdaptiveRoom {
         for (number, look) in (0..).zip(looks) {
             shadows.show(context, encoder, look.view, look.k);
             let frame = work.frame_of(look);
-            match (&self.resolve, &scratch.multisampled, &means.resolve) {
-                (Some(resolve), Some(color), Some(resolving)) => {
-                    let parts = borrowed(&look.parts);
-                    let frame_group = &work.frame_group;
-                    encode_sample(
-                        context,
-                        encoder,
-                        (scratch, color),
-                        frame_group,
-                        (frame, 0),
-                        &parts,
-                        |_, _| {},
-                    );
-                    resolve.encode_tiles(encoder, resolving, number * means.jobs_per_look, look.tiles);
-                }
-                _ => {
-                    encode_luminance(
-                        context,
-                        encoder,
-                        scratch,
-                        &work.frame_group,
-                        frame,
-                        0,
-                        Some(&look.parts),
-                    );
-                    if look.tiles > 0 {
-                        self.mean.encode_tiles(
-                            encoder,
-                            &means.mean,
-                            number * means.jobs_per_look,
-                            look.tiles,
-                        );
-                    }
+            let (frame_group, job) = (&work.frame_group, number * means.jobs_per_look);
+            if let (Some(resolve), Some(resolving)) = (&self.resolve, &means.resolve) {
+                let parts = borrowed(&look.parts);
+                encode_sample(context, encoder, (scratch, 0), frame_group, (frame, 0), &parts, |_, _| {});
+                resolve.encode_tiles(encoder, resolving, job, look.tiles);
+            } else {
+                encode_luminance(context, encoder, scratch, frame_group, frame, 0, Some(&look.parts));
+                if look.tiles > 0 {
+                    self.mean.encode_tiles(encoder, &means.mean, job, look.tiles);
                 }
             }
             then(encoder, number, look);

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::area::MARGIN_PX;
-use crate::pace::TILE;
+use crate::pace::{TILE, tile_range};
 
 /// Tiles, row by row.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -16,12 +16,7 @@ impl Cover {
     /// What the hull of `points`, with a border of [`MARGIN_PX`], touches in a picture of `columns` x `rows` tiles.
     pub fn new(points: Vec<[f64; 2]>, columns: u32, rows: u32) -> Self {
         let tile = f64::from(TILE);
-        let tiles = |low: f64, high: f64, count: u32| {
-            let count = f64::from(count);
-            let from = ((low - MARGIN_PX) / tile).floor().clamp(0.0, count);
-            let to = ((high + MARGIN_PX) / tile).floor().clamp(-1.0, count - 1.0) + 1.0;
-            from as u32..to as u32
-        };
+        let tiles = |low: f64, high: f64, count: u32| tile_range(low - MARGIN_PX, high + MARGIN_PX, count);
         let (low, high) = ends(points.iter().map(|p| p[1]));
         let range = tiles(low, high, rows);
         let corners = hull(points);
@@ -31,19 +26,14 @@ impl Cover {
             let upper = f64::from(row) * tile - MARGIN_PX;
             let lower = upper + tile + 2.0 * MARGIN_PX;
             // The ends of what of each edge lies in the row.
-            let (left, right) = ends(edges().flat_map(|(a, b)| {
-                {
-                    let at = |y: f64| {
-                        let part =
-                            if a[1] == b[1] { 0.0 } else { ((y - a[1]) / (b[1] - a[1])).clamp(0.0, 1.0) };
-                        a[0] + part * (b[0] - a[0])
-                    };
-                    let meets = a[1].min(b[1]) <= lower && upper <= a[1].max(b[1]);
-                    meets.then(|| if a[1] == b[1] { [a[0], b[0]] } else { [at(upper), at(lower)] })
+            let within = |(a, b): (&[f64; 2], &[f64; 2])| {
+                if a[1].max(b[1]) < upper || lower < a[1].min(b[1]) {
+                    return None;
                 }
-                .into_iter()
-                .flatten()
-            }));
+                let at = |y: f64| a[0] + ((y - a[1]) / (b[1] - a[1])).clamp(0.0, 1.0) * (b[0] - a[0]);
+                Some(if a[1] == b[1] { [a[0], b[0]] } else { [at(upper), at(lower)] })
+            };
+            let (left, right) = ends(edges().filter_map(within).flatten());
             tiles(left, right, columns)
         });
         Self { first, rows: rows.collect() }

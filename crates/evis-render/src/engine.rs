@@ -258,9 +258,7 @@ impl Engine {
             shadows: shadows.is_some(),
             shadow_rays: shadows.as_ref().is_some_and(|s| s.occluders.is_some()),
             environment: scene.environment.is_some(),
-            // A picture of larger size has smaller pixels, and derivatives.
-            texture_samples: raster::texture_samples(samples * grid_side * grid_side)
-                / (grid_side * grid_side).max(1),
+            texture_samples: raster::texture_samples(samples, grid_side),
             grid: grid_side,
             texture_taps: config.taps(),
         };
@@ -326,6 +324,9 @@ impl Engine {
             }
             (_, None) => Sampling::Native(NativeRoom::default()),
         };
+        // Pictures are drawn so many times as large along each side.
+        let drawn_limits =
+            DeviceLimits { texture_edge: device_limits.texture_edge / grid_side, ..device_limits };
         let mut targets = Vec::new();
         let mut members = Vec::new();
         for (class, views) in classes.into_iter().enumerate() {
@@ -340,8 +341,8 @@ impl Engine {
                     march::check_size(width, height, &device_limits)?;
                     MethodNeeds { block, layers: march::LAYERS, ..Default::default() }
                 }
-                Method::Splat(splat) => SplatRoom::needs(splat, width, height, &device_limits)
-                    .ok_or_else(|| splat::does_not_fit(splat, width, height, &device_limits))?,
+                Method::Splat(splat) => SplatRoom::needs(splat, width, height, &drawn_limits)
+                    .ok_or_else(|| splat::does_not_fit(splat, width, height, &drawn_limits))?,
             };
             let (needs, most) = match context.trigger.chain(class) {
                 None => (needs, sizes::MAX_INSTANTS),
@@ -354,23 +355,16 @@ impl Engine {
                     )
                 }
             };
-            let largest = width.max(height).saturating_mul(grid_side);
-            if largest > device_limits.texture_edge {
-                return Err(EngineError::Device(format!(
-                    "{} samples with antialias = edges make a picture of {largest} pixels along a side, beyond this \
-                     device's largest texture, {}; choose a smaller --size or fewer --samples",
-                    config.samples, device_limits.texture_edge
-                )));
-            }
             let count = views.len() as u32;
-            let plan = sizes::plan(width, height, layer_samples, count, most, needs, device_limits)
+            let plan = sizes::plan(width, height, layer_samples, count, most, needs, drawn_limits)
                 .ok_or_else(|| {
                     EngineError::Device(format!(
-                        "{width}x{height} pixels with {samples} samples do not fit this device \
+                        "{width}x{height} pixels with {} samples do not fit this device \
                          (edge {}, layers {}, binding {} bytes); choose a smaller --size or fewer --samples",
-                        device_limits.texture_edge,
-                        device_limits.texture_layers,
-                        device_limits.storage_binding
+                        config.samples,
+                        drawn_limits.texture_edge,
+                        drawn_limits.texture_layers,
+                        drawn_limits.storage_binding
                     ))
                 })?;
             let chain = context.trigger.chain(class).map(|passes| &passes.plan);

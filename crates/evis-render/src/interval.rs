@@ -334,8 +334,8 @@ pub fn encode_luminance(
         || vec![(Rect::whole(layers.width, layers.height), &context.frame_data.visible[frame as usize][..])];
     let parts = parts.map_or_else(everything, borrowed);
     for (sample, layer) in (0..context.offsets.len() as u32).zip(&layers.each[first_layer as usize..]) {
-        let color = layers.multisampled.as_ref().unwrap_or(layer);
-        encode_sample(context, encoder, (layers, color), frame_group, (frame, sample), &parts, |_, _| {});
+        let into = (layers, first_layer + sample);
+        encode_sample(context, encoder, into, frame_group, (frame, sample), &parts, |_, _| {});
         if let Some(samples) = &layers.multisampled {
             encode_resolve(context, encoder, layers, samples, layer);
         }
@@ -347,17 +347,18 @@ pub fn borrowed(parts: &[(Rect, Vec<DrawItem>)]) -> Vec<(Rect, &[DrawItem])> {
     parts.iter().map(|(rect, items)| (*rect, &items[..])).collect()
 }
 
-/// Renders sample `sample` of `parts` of `frame` into `color`, with the depth of `layers`. What `before` draws of a part, by
+/// Renders sample `sample` of `parts` of `frame` into layer `layer` of `layers`, or its coverage samples. What `before` draws of a part, by
 /// its number, lies before what is equally far.
 pub fn encode_sample(
     context: &Context,
     encoder: &mut wgpu::CommandEncoder,
-    (layers, color): (&Layers, &wgpu::TextureView),
+    (layers, layer): (&Layers, u32),
     frame_group: &wgpu::BindGroup,
     (frame, sample): (u32, u32),
     parts: &[(Rect, &[DrawItem])],
     before: impl Fn(&mut wgpu::RenderPass<'_>, usize),
 ) {
+    let color = layers.multisampled.as_ref().unwrap_or(&layers.each[layer as usize]);
     let background = wgpu::Color { r: context.background_luminance, g: 0.0, b: 0.0, a: 0.0 };
     let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("luminance"),

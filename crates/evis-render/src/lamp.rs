@@ -19,6 +19,7 @@ pub fn extent(points: &[DVec3], axis: DVec3) -> [f64; 2] {
 }
 
 /// A light that throws shadows. `texel`: world size of its map's texels, at a distance of 1 for a spot light.
+#[derive(Clone, Copy)]
 pub enum Lamp {
     /// From a place.
     Spot {

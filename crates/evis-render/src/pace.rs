@@ -174,7 +174,7 @@ impl Pacer {
                 for piece in &pieces.boxes {
                     let places = places(view, moments, o, piece);
                     let speed = speed(view, moments, &places);
-                    needs.add(&scenery.follow(&places), (speed / self.step_px).max(glow));
+                    needs.add(scenery.follow(&places).tiles(), (speed / self.step_px).max(glow));
                 }
             }
             shadows(&scenery, pieces, o, &receivers, needs, self.step_px);
@@ -200,10 +200,7 @@ impl Pacer {
                 for &k in moments {
                     area = area.join(seen(&places, view.camera_from_world[k], lens));
                 }
-                for (x, y) in tiles_of(area, needs.columns, needs.rows) {
-                    let tile = &mut needs.tiles[(y * needs.columns + x) as usize];
-                    *tile = tile.max(f64::MIN_POSITIVE);
-                }
+                needs.add(tiles_of(area, needs.columns, needs.rows), f64::MIN_POSITIVE);
                 grid.add(&seen(&places, start, lens), piece, &camera_from_object);
             }
         }
@@ -274,9 +271,9 @@ impl Needs {
         self.relit.fill(true);
     }
 
-    /// In the tiles of `cover`.
-    fn add(&mut self, cover: &Cover, need: f64) {
-        for (x, y) in cover.tiles() {
+    /// In `tiles`.
+    fn add(&mut self, tiles: impl Iterator<Item = (u32, u32)>, need: f64) {
+        for (x, y) in tiles {
             let tile = &mut self.tiles[(y * self.columns + x) as usize];
             *tile = tile.max(need);
         }
@@ -284,7 +281,7 @@ impl Needs {
 
     /// In the tiles of `cover`, on which a shadow may move: light may change there.
     pub fn add_shadow(&mut self, cover: &Cover, need: f64) {
-        self.add(cover, need.max(f64::MIN_POSITIVE));
+        self.add(cover.tiles(), need.max(f64::MIN_POSITIVE));
         for (x, y) in cover.tiles() {
             self.relit[(y * self.columns + x) as usize] = true;
         }
@@ -299,16 +296,19 @@ impl Needs {
 /// The tiles that `area` touches.
 fn tiles_of(area: Area, columns: u32, rows: u32) -> impl Iterator<Item = (u32, u32)> {
     let range = |axis: usize, count: u32| {
-        if area.is_nothing() {
-            return 0..0;
-        }
-        let tile = f64::from(TILE);
-        let from = (area.low[axis] / tile).floor().clamp(0.0, f64::from(count)) as u32;
-        let to = (area.high[axis] / tile).floor().clamp(-1.0, f64::from(count) - 1.0) + 1.0;
-        from..to as u32
+        if area.is_nothing() { 0..0 } else { tile_range(area.low[axis], area.high[axis], count) }
     };
     let (across, down) = (range(0, columns), range(1, rows));
     down.flat_map(move |y| across.clone().map(move |x| (x, y)))
+}
+
+/// Which of `count` tiles in a row or column are touched by what lies from `low` to `high`, which are infinite and in reverse
+/// where nothing does.
+pub fn tile_range(low: f64, high: f64, count: u32) -> Range<u32> {
+    let (tile, count) = (f64::from(TILE), f64::from(count));
+    let from = (low / tile).floor().clamp(0.0, count);
+    let to = (high / tile).floor().clamp(-1.0, count - 1.0) + 1.0;
+    from as u32..to as u32
 }
 
 /// Depths at which something may stand, along rays through tiles' corners, edges' middles and centres.

@@ -12,6 +12,7 @@ macro_rules! shaders {
 
 shaders![
     "common/ray.wgsl",
+    "common/coverage.wgsl",
     "common/tile.wgsl",
     "common/frame.wgsl",
     "common/object.wgsl",

@@ -116,7 +116,7 @@ impl TruthSettings {
         {
             return Err(ConfigError::new("time_error_us", error, "a finite number above 0"));
         }
-        self.instants()?;
+        self.grid()?;
         if let Some(y) = self.reference_luminance
             && !(y.is_finite() && y > 0.0)
         {
@@ -125,17 +125,23 @@ impl TruthSettings {
         Ok(())
     }
 
-    /// With `sampled_hz`, the instants at which light is known, from the start to the first one at or after the end.
-    ///
-    /// # Errors
-    /// A rate that cannot be used.
-    pub fn instants(&self) -> Result<Option<Vec<i64>>, ConfigError> {
+    /// With `sampled_hz`, the engine's instants.
+    fn grid(&self) -> Result<Option<TimeGrid>, ConfigError> {
         let Some(rate_hz) = self.sampled_hz else { return Ok(None) };
         let grid = TimeGrid::new(rate_hz)?;
         // The trigger counts an interval's microseconds as u32.
         if rate_hz < 1e-3 {
             return Err(ConfigError::new("sampled_hz", rate_hz, "at least 0.001 Hz"));
         }
+        Ok(Some(grid))
+    }
+
+    /// With `sampled_hz`, the instants at which light is known, from the start to the first one at or after the end.
+    ///
+    /// # Errors
+    /// A rate that cannot be used.
+    pub fn instants(&self) -> Result<Option<Vec<i64>>, ConfigError> {
+        let Some(grid) = self.grid()? else { return Ok(None) };
         let last = grid.first_at_or_after(self.duration_us);
         Ok(Some((0..=last).map(|k| grid.instant_us(k)).collect()))
     }

@@ -185,13 +185,9 @@ impl Trial {
                 world_from_camera: passing.camera_from_world[k].inverse(),
             }
         };
-        let lamp = match passing.shared[0].lamps[0] {
-            Lamp::Spot { position, texel } => Lamp::Spot { position, texel },
-            Lamp::Directional { along, texel } => Lamp::Directional { along, texel },
-        };
         Self {
             worlds: (0..=INSTANTS).map(world).collect(),
-            lamp,
+            lamp: passing.shared[0].lamps[0],
             ray: views[0].lens.ray(),
             moving: objects.iter().map(|o| o.moving).collect(),
             needs,

@@ -10,7 +10,7 @@ use evis_scene::procedural::{Pattern, Procedural};
 use evis_scene::{Material, Scene, Trs};
 use glam::DVec3;
 
-use crate::config::{Method, RunConfig};
+use crate::config::{Antialias, Method, RunConfig};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
@@ -239,5 +239,24 @@ fn packets_steps_reruns_and_neighbours_change_no_byte() {
         let batch = stream(&batch(&[0.3, 0.0, 0.7]), 10_000);
         assert!(batch[1] == expected[0], "{settings:?}: among others");
         assert!(batch[0] != batch[1], "canary: environments differ");
+    }
+}
+
+#[test]
+fn pictures_of_coverage_samples_that_no_texture_holds_are_refused_by_name() {
+    let Some(gpu) = super::device() else { return };
+    let scene = sliding(0.0);
+    let texture_edge = gpu.device.limits().max_texture_dimension_2d;
+    let refused = |method: Method, share: u32| {
+        // 64 samples are drawn as pictures of four times the width.
+        let size = Some((texture_edge / share, 16));
+        let edges = RunConfig { method, antialias: Antialias::Edges, samples: 64, size, ..config(splat()) };
+        let error = Simulator::new(&gpu, Arc::clone(&scene), edges).err().map(|error| error.to_string());
+        error.unwrap_or_default()
+    };
+    let supersampled = Method::Splat(SplatConfig { supersample: 2, margin: 0, ..splat() });
+    for (method, share) in [(Method::Native, 3), (supersampled, 6)] {
+        let error = refused(method, share);
+        assert!(error.contains("do not fit this device") && error.contains("--size"), "{error:?}");
     }
 }
