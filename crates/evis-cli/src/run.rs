@@ -10,8 +10,8 @@ use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, SensorConfig, TriggerRule};
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
-    DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Simulator, SplatConfig,
-    StageTimes, Target, scene_sensors,
+    Antialias, DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Simulator,
+    SplatConfig, StageTimes, Target, scene_sensors,
 };
 use evis_scene::Scene;
 use serde::Serialize;
@@ -685,7 +685,8 @@ impl Report {
                 let run = &self.settings.run;
                 let drawn =
                     self.drawn_pixels as f64 / self.views.iter().map(ViewTally::pixels).sum::<f64>().max(1.0);
-                let mut line = format!("{}, {} samples, ", self.method, run.samples);
+                let shaded = if run.antialias == Antialias::Edges { ", 1 in 4 shaded" } else { "" };
+                let mut line = format!("{}, {} samples{shaded}, ", self.method, run.samples);
                 if let Some(px) = run.adaptive_px {
                     let hz = if self.stream_s > 0.0 { drawn / self.stream_s } else { 0.0 };
                     line += &format!(

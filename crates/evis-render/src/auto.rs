@@ -55,6 +55,8 @@ pub struct Rung {
     pub step_px: f64,
     /// Where that needs more than 4000 Hz: the finest rate.
     pub finest_hz: f64,
+    /// What a sample is.
+    pub antialias: Antialias,
     /// Samples per pixel.
     pub samples: u32,
     /// Places at which each reads a texture, along each side.
@@ -69,28 +71,37 @@ pub struct Rung {
 ///
 /// Measured on the built-in scenes; see docs/accuracy.md.
 pub const LADDER: &[Rung] = &[
-    Rung {
-        rays: true,
-        finest_hz: 8000.0,
-        ..native(0.15, 64, 4, "F1 (1 ms) above 0.99 (two of the four scenes; the others were not measured)")
-    },
-    native(0.15, 64, 4, "F1 (1 ms) 0.95 to 0.99 at 320x240"),
-    native(0.2, 32, 4, "F1 (1 ms) 0.92 to 0.99 at 320x240"),
+    Rung { rays: true, finest_hz: 8000.0, ..edges(0.15, 256, 4, "F1 (1 ms) EXACT") },
+    edges(0.15, 144, 4, "F1 (1 ms) 0.96 to 0.99 at 320x240"),
     DEFAULT,
-    native(0.5, 16, 4, "F1 (1 ms) 0.86 to 0.97 at 320x240"),
-    native(0.4, 8, 4, "F1 (1 ms) 0.86 to 0.94 at 320x240"),
+    edges(0.3, 64, 4, "F1 (1 ms) 0.95 to 0.99"),
+    edges(0.4, 36, 4, "F1 (1 ms) 0.91 to 0.96 at 320x240"),
     DRAFT,
-    native(0.5, 4, 2, "F1 (1 ms) 0.73 to 0.89 at 320x240"),
-    native(1.0, 4, 2, "F1 (1 ms) 0.68 to 0.87 at 320x240"),
-    native(1.0, 2, 2, "F1 (1 ms) 0.56 to 0.79 at 320x240"),
-    native(1.0, 1, 2, "F1 (1 ms) 0.47 to 0.77 at 320x240"),
-    native(2.0, 1, 2, "F1 (1 ms) 0.44 to 0.75 at 320x240"),
+    edges(0.5, 16, 2, "F1 (1 ms) 0.80 to 0.91 at 320x240"),
+    edges(1.0, 16, 2, "F1 (1 ms) 0.71 to 0.86 at 320x240"),
+    edges(1.0, 4, 2, "F1 (1 ms) 0.58 to 0.78 at 320x240"),
+    single(1.0, "F1 (1 ms) 0.46 to 0.76 at 320x240"),
+    single(2.0, "F1 (1 ms) 0.43 to 0.64 at 320x240"),
 ];
-const DEFAULT: Rung = native(0.3, 16, 4, "F1 (1 ms) 0.93 to 0.99");
-const DRAFT: Rung = native(0.5, 4, 4, "F1 (1 ms) 0.83 to 0.97");
+const DEFAULT: Rung = edges(0.3, 144, 4, "F1 (1 ms) 0.96 to 0.99");
+const DRAFT: Rung = edges(0.5, 16, 4, "F1 (1 ms) 0.88 to 0.98");
 
-const fn native(step_px: f64, samples: u32, texture_taps: u32, expects: &'static str) -> Rung {
-    Rung { method: Method::Native, step_px, finest_hz: 4000.0, samples, texture_taps, rays: false, expects }
+/// Many samples of outlines, one in four of them shaded.
+const fn edges(step_px: f64, samples: u32, texture_taps: u32, expects: &'static str) -> Rung {
+    Rung {
+        method: Method::Native,
+        step_px,
+        finest_hz: 4000.0,
+        antialias: Antialias::Edges,
+        samples,
+        texture_taps,
+        rays: false,
+        expects,
+    }
+}
+
+const fn single(step_px: f64, expects: &'static str) -> Rung {
+    Rung { antialias: Antialias::Samples, ..edges(step_px, 1, 2, expects) }
 }
 
 /// What was chosen, and why.
@@ -125,14 +136,23 @@ const LOOKS: usize = 12;
 const SPAN_S: f64 = 0.000_5;
 /// Views whose speeds are looked at.
 const VIEWS: usize = 4;
+/// Bytes that a picture of coverage samples may take, 8 for each: 1920x1080 pixels have 100 of them then.
+const COVERAGE_BYTES: u64 = 2 << 30;
 /// Finest rates that are chosen from. What is slow costs no more at a finer one, and what no pose tells (a cut of the camera)
 /// is then told to a millisecond; above 4 kHz blocks are so short that what is slow does cost more.
 const RATES_HZ: [f64; 3] = [1000.0, 2000.0, 4000.0];
 
 /// Settles `config`, which asks for `target`.
-pub fn choose(target: Target, scene: &Scene, gpu_scene: &GpuScene, views: &[View], config: &mut RunConfig) {
+pub fn choose(
+    target: Target,
+    scene: &Scene,
+    gpu_scene: &GpuScene,
+    views: &[View],
+    texture_edge: u32,
+    config: &mut RunConfig,
+) {
     let rung = target.rung();
-    let why = settle(&rung, scene, gpu_scene, views, config);
+    let why = settle(&rung, scene, gpu_scene, views, texture_edge, config);
     config.chosen = Some(Chosen {
         target: Some(target),
         budget_ms: None,
@@ -142,12 +162,14 @@ pub fn choose(target: Target, scene: &Scene, gpu_scene: &GpuScene, views: &[View
     });
 }
 
-/// Gives `config` the settings of `rung`; says why its rate.
+/// Gives `config` the settings of `rung`, with fewer samples of outlines where a picture of them is larger than
+/// `texture_edge`, the device's largest texture; says why its rate.
 pub fn settle(
     rung: &Rung,
     scene: &Scene,
     gpu_scene: &GpuScene,
     views: &[View],
+    texture_edge: u32,
     config: &mut RunConfig,
 ) -> String {
     let step_px = rung.step_px;
@@ -157,10 +179,14 @@ pub fn settle(
         config.shadows = Shadows::Rays;
     }
     config.method = rung.method;
-    config.antialias = Antialias::Samples;
+    config.antialias = rung.antialias;
     config.rate_hz = rate_hz;
     config.adaptive_px = Some(step_px);
     config.samples = rung.samples;
+    let grid = largest_grid(views, texture_edge);
+    if config.coverage_grid() > grid {
+        config.samples = 4 * grid * grid;
+    }
     config.texture_taps = Some(rung.texture_taps);
     let reach = if needed_hz <= rate_hz {
         String::new()
@@ -175,8 +201,21 @@ pub fn settle(
         "tiles move up to {fastest} px/s, so they are rendered up to {rate_hz:.0} times a second: every {step_px} \
          px{reach}"
     );
+    if config.samples < rung.samples {
+        why += &format!("; {} samples, since larger pictures of them do not fit", config.samples);
+    }
     diffusion::settle(views, config, &mut why);
     why
+}
+
+/// The finest grid of [`Antialias::Edges`] whose pictures fit.
+fn largest_grid(views: &[View], texture_edge: u32) -> u32 {
+    let fits = |view: &View| {
+        let (width, height) = (view.lens.width, view.lens.height);
+        let by_bytes = COVERAGE_BYTES / (4 * 8 * u64::from(width) * u64::from(height)).max(1);
+        (texture_edge / width.max(height)).min(by_bytes.isqrt() as u32)
+    };
+    views.iter().map(fits).min().unwrap_or(1).max(1)
 }
 
 /// Seconds from `start_s` to the end of the scene's motion; 1 where it has none.

@@ -74,6 +74,8 @@ pub struct Context {
     pub(crate) offsets: Vec<[f32; 2]>,
     pub(crate) luminance: Pipelines,
     pub(crate) sky: Option<wgpu::RenderPipeline>,
+    /// Clears a part of a luminance picture.
+    pub(crate) background: wgpu::RenderPipeline,
     pub(crate) trigger: TriggerPasses,
     pub(crate) surroundings: wgpu::BindGroup,
     pub(crate) background_luminance: f64,
@@ -224,7 +226,7 @@ impl Engine {
         let layouts = SurfaceLayouts::new(device);
         let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
         if let Method::Auto(target) = config.method {
-            auto::choose(target, &scene, &gpu_scene, &views, config);
+            auto::choose(target, &scene, &gpu_scene, &views, limits.max_texture_dimension_2d, config);
         }
         let edges = config.antialias == Antialias::Edges;
         let reuses = config.method == Method::Reproject;
@@ -286,6 +288,7 @@ impl Engine {
             shadows.as_ref().and_then(|s| s.occluders.as_ref()),
         );
         let [r, g, b] = scene.background.map(f64::from);
+        let background_luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
         let classes = classes(&views);
         let sensors: Vec<&SensorConfig> = classes.iter().map(|of| &views[of[0]].sensor).collect();
         let mut context = Context {
@@ -299,8 +302,9 @@ impl Engine {
             offsets,
             luminance,
             sky,
+            background: sky::background(device, background_luminance as f32, sample_count),
             surroundings,
-            background_luminance: 0.2126 * r + 0.7152 * g + 0.0722 * b,
+            background_luminance,
             reference_luminance: 1.0,
             shadows,
             frame_data: FrameData::default(),

@@ -360,10 +360,19 @@ pub fn encode_sample(
 ) {
     let color = layers.multisampled.as_ref().unwrap_or(&layers.each[layer as usize]);
     let background = wgpu::Color { r: context.background_luminance, g: 0.0, b: 0.0, a: 0.0 };
+    let mut color = attachment(color, background);
+    let mut depth = depth_attachment(&layers.depth, wgpu::StoreOp::Discard);
+    // Clearing takes a software driver as long as the whole picture is large, whatever is drawn of it then.
+    let drawn: u64 = parts.iter().map(|(rect, _)| rect.pixels()).sum();
+    let clears = 2 * drawn >= Rect::whole(layers.width, layers.height).pixels();
+    if !clears {
+        color.ops.load = wgpu::LoadOp::Load;
+        depth.depth_ops = Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store });
+    }
     let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("luminance"),
-        color_attachments: &[Some(attachment(color, background))],
-        depth_stencil_attachment: Some(depth_attachment(&layers.depth, wgpu::StoreOp::Discard)),
+        color_attachments: &[Some(color)],
+        depth_stencil_attachment: Some(depth),
         ..Default::default()
     });
     // A shifted viewport samples the pixel elsewhere: no second set of matrices.
@@ -374,6 +383,10 @@ pub fn encode_sample(
     for (number, (rect, items)) in parts.iter().enumerate() {
         let [width, height] = rect.size();
         pass.set_scissor_rect(grid * rect.low[0], grid * rect.low[1], grid * width, grid * height);
+        if !clears {
+            pass.set_pipeline(&context.background);
+            pass.draw(0..3, 0..1);
+        }
         before(&mut pass, number);
         let what = Drawing { items, frame, sample: Some(sample), first_record: context.object_base(frame) };
         let surroundings = Some(&context.surroundings);

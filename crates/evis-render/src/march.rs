@@ -399,7 +399,7 @@ impl MarchRoom {
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("places"),
             color_attachments: &[Some(attachment(&self.places[class], wgpu::Color::TRANSPARENT))],
-            depth_stencil_attachment: Some(depth_attachment(&scratch.depth, wgpu::StoreOp::Discard)),
+            depth_stencil_attachment: Some(depth_attachment(&scratch.depth, wgpu::StoreOp::Store)),
             ..Default::default()
         });
         pass.set_bind_group(3, &groups.place, &[number * UNIFORM_ALIGNMENT as u32]);

@@ -57,6 +57,9 @@ pub struct Settings {
     /// [`RunConfig::adaptive_px`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub adaptive_px: Option<f64>,
+    /// [`RunConfig::antialias`].
+    #[serde(default)]
+    pub antialias: Antialias,
     /// [`RunConfig::samples`].
     pub samples: u32,
     /// [`RunConfig::texture_taps`].
@@ -214,9 +217,10 @@ fn rungs(gpu: &Gpu, scene: &Scene, config: &RunConfig) -> Result<Vec<(RunConfig,
     scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
     let layouts = SurfaceLayouts::new(&gpu.device);
     let gpu_scene = GpuScene::new(&gpu.device, &gpu.queue, &layouts, scene, &state);
+    let texture_edge = gpu.device.limits().max_texture_dimension_2d;
     let settled = |rung: &Rung| {
         let mut config = config.clone();
-        let why = auto::settle(rung, scene, &gpu_scene, &views, &mut config);
+        let why = auto::settle(rung, scene, &gpu_scene, &views, texture_edge, &mut config);
         (config, why)
     };
     Ok(LADDER.iter().map(settled).collect())
@@ -274,20 +278,22 @@ impl Settings {
             method: config.method,
             rate_hz: config.rate_hz,
             adaptive_px: config.adaptive_px,
+            antialias: config.antialias,
             samples: config.samples,
             texture_taps: config.taps(),
             shadows: config.shadows,
         }
     }
 
-    /// `native, every 0.5 px up to 1000 Hz, 4 samples, textures at 4x4 places`.
+    /// `native, every 0.5 px up to 1000 Hz, 16 samples, 1 in 4 shaded, textures at 4x4 places`.
     pub fn in_words(&self) -> String {
-        let Self { method, rate_hz, adaptive_px, samples, texture_taps: taps, shadows } = self;
+        let Self { method, rate_hz, adaptive_px, antialias, samples, texture_taps: taps, shadows } = self;
         let step = adaptive_px.map_or_else(|| "all at".into(), |px| format!("every {px} px up to"));
         let plural = if *samples == 1 { "" } else { "s" };
+        let shaded = if *antialias == Antialias::Edges { ", 1 in 4 shaded" } else { "" };
         let shadows = if *shadows == Shadows::Rays { ", shadows by rays" } else { "" };
         format!(
-            "{}, {step} {rate_hz} Hz, {samples} sample{plural}, textures at {taps}x{taps} places{shadows}",
+            "{}, {step} {rate_hz} Hz, {samples} sample{plural}{shaded}, textures at {taps}x{taps} places{shadows}",
             method.name()
         )
     }
@@ -350,9 +356,10 @@ impl Plan {
 
     /// Gives `config` its settings, and says so.
     fn apply(&self, config: &mut RunConfig) {
-        let Settings { method, rate_hz, adaptive_px, samples, texture_taps, shadows } = &self.settings;
+        let Settings { method, rate_hz, adaptive_px, antialias, samples, texture_taps, shadows } =
+            &self.settings;
         config.method = *method;
-        config.antialias = Antialias::Samples;
+        config.antialias = *antialias;
         (config.rate_hz, config.adaptive_px) = (*rate_hz, *adaptive_px);
         (config.samples, config.texture_taps) = (*samples, Some(*texture_taps));
         config.shadows = *shadows;
@@ -460,6 +467,7 @@ mod tests {
             method: Method::Native,
             rate_hz: 1000.0,
             adaptive_px: Some(0.5),
+            antialias: Antialias::Samples,
             samples: 4,
             texture_taps: 4,
             shadows: Shadows::Maps,
@@ -542,6 +550,7 @@ mod tests {
                 let config = RunConfig {
                     method: rung.method,
                     adaptive_px: Some(rung.step_px),
+                    antialias: rung.antialias,
                     samples: rung.samples,
                     texture_taps: Some(rung.texture_taps),
                     shadows: if rung.rays { Shadows::Rays } else { Shadows::Maps },

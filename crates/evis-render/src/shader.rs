@@ -30,6 +30,7 @@ shaders![
     "raster/surface.wgsl",
     "raster/luminance.wgsl",
     "raster/sky.wgsl",
+    "raster/background.wgsl",
     "raster/shadow_map.wgsl",
     "raster/shadow_restore.wgsl",
     "labels/geometry.wgsl",

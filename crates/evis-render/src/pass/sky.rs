@@ -1,6 +1,6 @@
-//! `raster/sky.wgsl`: the environment behind everything.
+//! `raster/sky.wgsl`: the environment behind everything; `raster/background.wgsl`: nothing, for a part of a picture.
 
-use super::raster::SurfaceLayouts;
+use super::raster::{LUMINANCE_FORMAT, SurfaceLayouts};
 use super::{covering, module, pipeline_layout};
 use crate::variant::frame_prelude;
 
@@ -21,6 +21,17 @@ pub fn pipeline(
         immediate_size: 0,
     });
     full_tile(device, "raster/sky.wgsl", &layout, entry, targets, sample_count, light_count)
+}
+
+/// The pipeline that clears parts of a luminance picture, and their depth.
+pub fn background(device: &wgpu::Device, luminance: f32, sample_count: u32) -> wgpu::RenderPipeline {
+    let file = "raster/background.wgsl";
+    // The shortest digits that are this number again.
+    let module = module(device, file, &format!("const BACKGROUND: f32 = {luminance:?}f;\n"));
+    let layout = pipeline_layout(device, file, &[]);
+    let depth = (true, wgpu::CompareFunction::Always);
+    let targets = [Some(LUMINANCE_FORMAT.into())];
+    covering(device, (file, &module, "fs_main"), &layout, &targets, sample_count, depth)
 }
 
 /// The pipeline of `labels/sky.wgsl`: flow at infinity.

@@ -128,6 +128,10 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     assert_eq!(small.rate_hz, 1000.0, "{:?}", small.chosen);
     assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
     assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, crate::config::Shadows::Rays);
+    // As many samples of outlines as a picture of them has room for.
+    let wide = chosen(&spinner, Target::Default, (gpu.device.limits().max_texture_dimension_2d / 5, 8));
+    let why = wide.chosen.unwrap().why;
+    assert!(wide.samples == 100 && why.contains("100 samples"), "{} samples: {why}", wide.samples);
     let settings = |config: &RunConfig| RunConfig { chosen: None, ..config.clone() };
     let expected = run(&gpu, &spinner, &settings(&small), 16_000).events;
     let auto = RunConfig { method: Method::Auto(Target::Draft), ..config(None, 1000.0) };
