@@ -207,6 +207,11 @@ impl SensorConfig {
         stages.into_iter().filter(|(_, off)| !off).map(|(name, _)| name).collect()
     }
 
+    /// Whether the engine leaves its pixels to the emulator: what they see has to come to the host.
+    pub const fn walks_on_host(&self) -> bool {
+        self.diffusion.is_some()
+    }
+
     /// What is allowed and probably not meant.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();

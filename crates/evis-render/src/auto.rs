@@ -6,9 +6,9 @@ use evis_scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Antialias, Method, RunConfig, Shadows};
-use crate::diffusion;
 use crate::frame::{FrameData, FrameRequest};
 use crate::gpu_scene::GpuScene;
+use crate::host_walk;
 use crate::occluders;
 use crate::pace::{Pacer, Passing};
 use crate::view::View;
@@ -175,7 +175,7 @@ pub fn settle(
         "tiles move up to {fastest} px/s, so they are rendered up to {rate_hz:.0} times a second: every {step_px} \
          px{reach}"
     );
-    diffusion::settle(views, config, &mut why);
+    host_walk::settle(views, config, &mut why);
     why
 }
 

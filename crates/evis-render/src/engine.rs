@@ -14,7 +14,6 @@ use crate::adaptive::AdaptiveRoom;
 use crate::auto;
 use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
-use crate::diffusion::{DiffusionRoom, Looks};
 use crate::error::EngineError;
 use crate::exposure::ExposureRoom;
 use crate::frame::{FrameData, FrameRequest, rigid};
@@ -22,6 +21,7 @@ use crate::frame_buffers::FrameBuffers;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
 use crate::grid::SampleGrid;
+use crate::host_walk::{HostWalk, Looks};
 use crate::interval::{self, Group, Slot, Unit};
 use crate::labels::{LabelJob, LabelRoom};
 use crate::march;
@@ -174,7 +174,7 @@ pub struct Engine {
     groups: Vec<Group>,
     label_room: Option<LabelRoom>,
     exposure_room: Option<ExposureRoom>,
-    diffusion_room: DiffusionRoom,
+    host_walk: HostWalk,
     label_grid: TimeGrid,
     /// Instants that no submission parts.
     block: u32,
@@ -411,7 +411,7 @@ impl Engine {
             sampling,
             label_room,
             exposure_room: ExposureRoom::new(&context, config, rendered)?,
-            diffusion_room: DiffusionRoom::new(&context.views, reference, layer_samples)?,
+            host_walk: HostWalk::new(&context.views, reference, layer_samples)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             block,
             in_flight: VecDeque::new(),
@@ -668,7 +668,7 @@ impl Engine {
         let targets = &self.targets[group.targets];
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
         self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit)?;
-        let looks = self.diffusion_room.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
+        let looks = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&looks.staging);
         group.next = unit.first + i64::from(unit.instants);
@@ -813,7 +813,7 @@ impl Engine {
         let packing = Instant::now();
         let unit = looks.unit;
         let group = &self.groups[unit.group];
-        for felt in self.diffusion_room.take(&self.context, &self.targets[group.targets], group, looks)? {
+        for felt in self.host_walk.take(&self.context, &self.targets[group.targets], group, looks)? {
             self.arrived[felt.view].events.extend(felt.events);
             self.report.clamped += felt.report.clamped;
             self.report.unknown += felt.report.unknown;

@@ -1,4 +1,4 @@
-//! Floor 3 of sensors with `diffusion`: the emulator's events on the engine's light, whatever else is rendered.
+//! Floor 3 of sensors that the host walks: the emulator's events on the engine's light, whatever else is rendered.
 
 use std::sync::Arc;
 
@@ -135,7 +135,7 @@ fn auto_samples_every_pixel_at_one_rate_and_says_so() {
     let simulator = Simulator::new(&gpu, scene.clone(), auto.clone()).unwrap();
     let settled = simulator.config().clone();
     assert!(settled.adaptive_px.is_none() && settled.method == Method::Native);
-    assert!(settled.chosen.as_ref().unwrap().why.contains("diffusion"));
+    assert!(settled.chosen.as_ref().unwrap().why.contains("walked on the host"));
     let by_hand = RunConfig { chosen: None, ..settled };
     assert!(stream(&gpu, &scene, &auto, 10_000) == stream(&gpu, &scene, &by_hand, 10_000));
     // Canary: a sensor without it has adaptive time.
