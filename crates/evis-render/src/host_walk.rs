@@ -1,11 +1,13 @@
-//! Sensors whose pixels the host walks, those with `diffusion`: a submission brings the light of its instants back instead
-//! of events, and each view's own emulator takes it, instant by instant. The price is the way of every sample to the host.
+//! Sensors whose pixels the host walks, those with `diffusion` or an `exposure`: a submission brings the light of its
+//! instants back instead of events, and each view's own emulator takes it, instant by instant. The price is the way of
+//! every sample to the host.
 //!
 //! Brownian bridges need f64, and as many draws as the light asks for: on the device they would be the widest loop of
-//! all, for the sensor that is asked for least.
+//! all, for the sensor that is asked for least. Exposures end where they like among instants, and what comes before and
+//! after them would be a chain of passes of its own.
 
 use evis_core::emulator::parts::emulator;
-use evis_core::{EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
+use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames, LabelKind};
 use rayon::prelude::*;
 
 use crate::config::RunConfig;
@@ -63,12 +65,19 @@ impl HostWalk {
     ///
     /// # Errors
     /// A sensor or size that the emulator cannot have.
-    pub fn new(views: &[View], reference_luminance: f32, samples: u32) -> Result<Self, EngineError> {
+    pub fn new(
+        views: &[View],
+        reference_luminance: f32,
+        samples: u32,
+        config: &RunConfig,
+    ) -> Result<Self, EngineError> {
         let walked = |view: &&View| view.sensor.walks_on_host();
         // Views go side by side; where they are few, each shares its own pixels out.
         let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
+        let causes = config.labels.contains(&LabelKind::Cause);
         let make = |view: &View| {
             let config = EmulatorConfig {
+                causes,
                 width: view.lens.width,
                 height: view.lens.height,
                 sensor: view.sensor.clone(),
@@ -157,8 +166,13 @@ impl HostWalk {
                     let layers = bytes.get(first * layer_bytes..(first + samples) * layer_bytes);
                     let light = mean(layers.unwrap_or_default(), targets, samples);
                     let t_us = context.grid.instant_us(unit.first + k as i64);
+                    let before = felt.events.len();
                     let out = std::slice::from_mut(&mut felt.events);
                     emulator.push_into(&Frames::linear(&light), t_us, out)?;
+                    // Marked, as the device's are on their way.
+                    for (event, cause) in felt.events[before..].iter_mut().zip(emulator.causes().iter().flatten()) {
+                        *event = event.with_cause(Cause::ALL[usize::from(*cause)]);
+                    }
                     felt.report.add(emulator.report());
                 }
                 Ok(felt)
