@@ -290,7 +290,8 @@ impl Sensor {
             diffusion.check()?;
         }
         let straight = config.photoreceptor.cutoff_hz == 0.0 && config.noise.leak_hz == 0.0;
-        if config.interpolation == Interpolation::Light && !(straight && config.behind_exposure().is_ideal()) {
+        if config.interpolation == Interpolation::Light && !(straight && config.behind_exposure().is_ideal())
+        {
             return Err(ConfigError::new(
                 "interpolation",
                 "light",

@@ -3,8 +3,8 @@
 //! every sample to the host.
 //!
 //! Brownian bridges need f64, and as many draws as the light asks for: on the device they would be the widest loop of
-//! all, for the sensor that is asked for least. Exposures end where they like among instants, and what comes before and
-//! after them would be a chain of passes of its own.
+//! all, for the sensor that is asked for least. An exposure ends at any time between two instants, and what follows sees
+//! its frames alone: on the device it would be a chain of passes of its own.
 
 use evis_core::emulator::parts::emulator;
 use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames, LabelKind};
@@ -170,7 +170,9 @@ impl HostWalk {
                     let out = std::slice::from_mut(&mut felt.events);
                     emulator.push_into(&Frames::linear(&light), t_us, out)?;
                     // Marked, as the device's are on their way.
-                    for (event, cause) in felt.events[before..].iter_mut().zip(emulator.causes().iter().flatten()) {
+                    for (event, cause) in
+                        felt.events[before..].iter_mut().zip(emulator.causes().iter().flatten())
+                    {
                         *event = event.with_cause(Cause::ALL[usize::from(*cause)]);
                     }
                     felt.report.add(emulator.report());

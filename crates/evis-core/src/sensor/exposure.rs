@@ -149,7 +149,8 @@ impl Exposure {
             return Err(ConfigError::new("exposure.time_us", time_us, remedy));
         }
         if period_us != 0 && !(time_us..=LONGEST_US).contains(&period_us) {
-            let remedy = format!("0 (one exposure after the other) or from {time_us}, its time_us, to {LONGEST_US}");
+            let remedy =
+                format!("0 (one exposure after the other) or from {time_us}, its time_us, to {LONGEST_US}");
             return Err(ConfigError::new("exposure.period_us", period_us, remedy));
         }
         self.shape.check("exposure.shape")
@@ -235,8 +236,7 @@ mod tests {
         for f in [0.3, 1.5, 3.0] {
             let wave = |s: f64| (std::f64::consts::PI * f * (2.0 * s - 1.0)).cos();
             let triangle = weights(&[0.0, 1.0, 0.0]);
-            let (flat, peaked) =
-                (mean(&ExposureShape::Box, 20_000, wave), mean(&triangle, 20_000, wave));
+            let (flat, peaked) = (mean(&ExposureShape::Box, 20_000, wave), mean(&triangle, 20_000, wave));
             assert!((flat - sinc(f)).abs() < 1e-7, "{f}: {flat}");
             assert!((peaked - sinc(f / 2.0).powi(2)).abs() < 1e-7, "{f}: {peaked}");
             assert!((flat - peaked).abs() > 1e-3, "canary: another shape");
