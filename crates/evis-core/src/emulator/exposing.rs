@@ -79,7 +79,7 @@ impl Environment {
         let exposure = &work.config.sensor.exposure;
         let first = exposure.first_from(since_us);
         // The one under way, or the first that is made.
-        let mut k = exposure.first_from(from_us - i64::from(exposure.time_us) + 1).max(first);
+        let mut k = exposure.first_from(from_us.saturating_sub(i64::from(exposure.time_us) - 1)).max(first);
         while since_us < to_us && exposure.start_us(k) < to_us {
             let (start_us, end_us) = (exposure.start_us(k), exposure.end_us(k));
             let (a, b) = (start_us.max(from_us), end_us.min(to_us));

@@ -182,14 +182,18 @@ impl Exposure {
 
     /// All events before this time are known once light is known until `t_us`, in a stream that begins at 0.
     pub fn known_us(&self, t_us: i64) -> i64 {
-        let ended = (t_us - i64::from(self.time_us)).div_euclid(self.period());
+        let ended = t_us.saturating_sub(i64::from(self.time_us)).div_euclid(self.period());
         if self.is_off() { t_us } else { self.middle_us(ended).max(0) }
     }
 
     /// Light must be known until then so that all events before `t_us` are: no earlier than `t_us`, and later by less than
     /// a period and an exposure.
     pub fn needed_us(&self, t_us: i64) -> i64 {
-        if self.is_off() { t_us } else { self.end_us(self.first_from(t_us - i64::from(self.time_us / 2))) }
+        if self.is_off() {
+            t_us
+        } else {
+            self.end_us(self.first_from(t_us.saturating_sub(i64::from(self.time_us / 2))))
+        }
     }
 }
 
