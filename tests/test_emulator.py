@@ -176,9 +176,7 @@ def test_pixels_may_see_frames_of_light(tmp_path: Path) -> None:
 
     def lamp(emulator: evis.EventEmulator[evis.EventArray], hertz: float) -> int:
         light = (0.5 + 0.4 * np.sin(2 * np.pi * hertz * 1e-3 * k) for k in range(400))
-        return sum(
-            len(emulator.push(np.full((3, 4), y, np.float32), 1000 * k)) for k, y in enumerate(light)
-        )
+        return sum(len(emulator.push(np.full((3, 4), y, np.float32), 1000 * k)) for k, y in enumerate(light))
 
     # Whole periods are averaged.
     assert lamp(evis.EventEmulator(4, 3, sensor), 100.0) == 0
@@ -309,7 +307,10 @@ BAD_SETTINGS: list[tuple[Callable[[], Any], str]] = [
     (lambda: evis.Sensor.from_toml("threshold_on = 0"), "threshold_on"),
     (lambda: evis.Sensor(exposure=evis.Exposure(period_us=5)).check(), "exposure.time_us is 0"),
     (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, period_us=4)).check(), "exposure.period_us is 4"),
-    (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, shape=(1, float("nan")))).check(), "weight of nan"),
+    (
+        lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, shape=(1, float("nan")))).check(),
+        "weight of nan",
+    ),
     (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, shape=(1,))).check(), "a single weight"),
     (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, shape="bow")).check(), "exposure.shape is 'bow'"),
     (lambda: evis.Sensor.from_toml("noise = 3\nx = ["), "TOML"),

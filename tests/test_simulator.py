@@ -515,9 +515,7 @@ def test_frames_come_beside_events(spinner: evis.Scene):
 
 def test_frames_weigh_light_by_their_shape(spinner: evis.Scene):
     def frames(shape: Any) -> list[Any]:
-        sim = evis.Simulator(
-            spinner, **SMALL, frame_rate_hz=50.0, exposure_us=16_000, exposure_shape=shape
-        )
+        sim = evis.Simulator(spinner, **SMALL, frame_rate_hz=50.0, exposure_us=16_000, exposure_shape=shape)
         return list(sim.step(50_000).labels["frame"].images)
 
     flat, ones, early, late = (frames(shape) for shape in ("box", (1, 1, 1), np.array([1.0, 0.0]), [0, 1]))

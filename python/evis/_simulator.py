@@ -146,9 +146,9 @@ class Simulator:
     exposure_us : int
         Exposure of those frames: even, and at most the time between two.
     exposure_shape : "box" or sequence of float
-        How much light counts from the start of those exposures to their end: all the same, or 2 to 256 weights
-        that are straight between each other, such as ``[0, 1, 1, 0]`` for a shutter that opens and closes
-        slowly. Their scale does not matter, and ``t_us`` is the exposure's middle whatever the shape.
+        How much light counts from the start of those exposures to their end: all the same, or 2 to 256
+        weights that are straight between each other, such as ``[0, 1, 1, 0]`` for a shutter that opens and
+        closes slowly. Their scale does not matter, and ``t_us`` is the exposure's middle whatever the shape.
     start : float
         Scene time in seconds at which the stream starts; the stream's own time starts at 0.
     seed : int
