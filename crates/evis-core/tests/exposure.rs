@@ -270,17 +270,19 @@ fn a_state_within_an_exposure_goes_on_where_it_was() {
 
 #[test]
 fn an_environment_that_is_reset_begins_with_its_next_whole_exposure() {
-    for sensor in sensors() {
+    // Within an exposure, and with the first light after one has begun.
+    for (sensor, from) in sensors().into_iter().flat_map(|sensor| [8, 13].map(|from| (sensor.clone(), from)))
+    {
         let mut emulator = many(&sensor, 2, 1);
-        feel(&mut emulator, 0..13);
+        feel(&mut emulator, 0..from);
         emulator.reset(Some(&[1])).unwrap();
-        let got = feel(&mut emulator, 13..STEPS.end);
-        let fresh = feel(&mut many(&sensor, 2, 1), 13..STEPS.end);
+        let got = feel(&mut emulator, from..STEPS.end);
+        let fresh = feel(&mut many(&sensor, 2, 1), from..STEPS.end);
         assert!(got[1] == fresh[1] && got[1].len() > 5_000);
         assert!(got[0] != fresh[0], "canary: the other one goes on");
         // Exposures that begin before the first light are not made.
         let first = got[1].iter().map(|event| event.t).min().unwrap();
-        assert!(first > (at(13) / 5_500 + 1) * 5_500 + 2_000, "{first}");
+        assert!(first > (at(from) / 5_500 + 1) * 5_500 + 2_000, "{first}");
         // Light that has made no frame yet counts: time cannot go back before all is reset.
         let mut emulator = many(&sensor, 2, 1);
         feel(&mut emulator, 0..1);
