@@ -165,6 +165,34 @@ def test_presets_survive_toml_pickle_and_saved_state(name: str, tmp_path: Path) 
         evis.EventEmulator(40, 30, sensor, seed=8).set_state(first.get_state())
 
 
+def test_pixels_may_see_frames_of_light() -> None:
+    exposure = evis.Exposure(time_us=20_000, period_us=33_333, shape=(0.0, 1.0, 0.0))
+    sensor = evis.Sensor(exposure=exposure)
+    assert evis.Sensor.from_toml(sensor.to_toml()) == sensor
+    assert evis.Sensor(exposure=evis.Exposure(time_us=9, shape=np.array([1, 2]))).to_toml()  # type: ignore[arg-type]
+    assert not sensor.thresholds_only
+    for preset in evis.Sensor.presets():
+        assert evis.Sensor.preset(preset).exposure == evis.Exposure()
+
+    def lamp(emulator: evis.EventEmulator[evis.EventArray], hertz: float) -> int:
+        light = (0.5 + 0.4 * np.sin(2 * np.pi * hertz * 1e-3 * k) for k in range(400))
+        return sum(len(emulator.push(np.full((3, 4), y, np.float32), 1000 * k)) for k, y in enumerate(light))
+
+    # Whole periods are averaged.
+    assert lamp(evis.EventEmulator(4, 3, sensor), 100.0) == 0
+    assert lamp(evis.EventEmulator(4, 3, sensor), 13.0) > 50
+    assert lamp(evis.EventEmulator(4, 3), 100.0) > 1000
+
+    short = evis.Sensor(exposure=evis.Exposure(time_us=2_500, period_us=3_300))
+    whole = run(evis.EventEmulator(40, 30, short), 120)
+    half = evis.EventEmulator(40, 30, short)
+    first = run(half, 50)
+    rest = run(pickle.loads(pickle.dumps(half)), 120, 50)
+    parts = [first.to_numpy(), rest.to_numpy()]
+    assert len(whole) > 1000
+    np.testing.assert_array_equal(np.concatenate(parts), whole.to_numpy())
+
+
 def test_samples_are_drawn_within_their_ranges() -> None:
     base = evis.Sensor()
     ranges = {"threshold_on": (0.05, 0.3), "noise.shot_hz": (0.0, 2.0), "trigger": {"choices": ["latch"]}}
@@ -278,6 +306,14 @@ BAD_SETTINGS: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: evis.EventEmulator(3, 3, evis.Sensor(noise=evis.Noise(shot_hz=-1.0))), "shot_hz is -1"),
     (lambda: evis.Sensor.from_toml("threshold_on = 0"), "threshold_on"),
+    (lambda: evis.Sensor(exposure=evis.Exposure(period_us=5)).check(), "exposure.time_us is 0"),
+    (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, period_us=4)).check(), "exposure.period_us is 4"),
+    (
+        lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, shape=(1, float("nan")))).check(),
+        "weight of nan",
+    ),
+    (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, shape=(1,))).check(), "a single weight"),
+    (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, shape="bow")).check(), "exposure.shape is 'bow'"),
     (lambda: evis.Sensor.from_toml("noise = 3\nx = ["), "TOML"),
 ]
 

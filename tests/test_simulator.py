@@ -513,6 +513,37 @@ def test_frames_come_beside_events(spinner: evis.Scene):
     assert np.array_equal(plain, np.concatenate([packet.events for packet in packets]))
 
 
+def test_frames_weigh_light_by_their_shape(spinner: evis.Scene):
+    def frames(shape: Any) -> list[Any]:
+        sim = evis.Simulator(spinner, **SMALL, frame_rate_hz=50.0, exposure_us=16_000, exposure_shape=shape)
+        return list(sim.step(50_000).labels["frame"].images)
+
+    flat, ones, early, late = (frames(shape) for shape in ("box", (1, 1, 1), np.array([1.0, 0.0]), [0, 1]))
+    for flat_, ones_, early_, late_ in zip(flat, ones, early, late, strict=True):
+        np.testing.assert_allclose(flat_, ones_, rtol=1e-6)
+        # A falling and a rising weight make up the box.
+        np.testing.assert_allclose(0.5 * (early_ + late_), flat_, rtol=1e-5)
+        assert np.abs(early_ - late_).max() > 0.05 * flat_.max()
+
+
+@pytest.mark.parametrize("shape", [[1.0], [0, 0], [1, -1], [1, float("nan")], "bow", [1] * 257, 3])
+def test_impossible_shapes_are_named(spinner: evis.Scene, shape: Any):
+    with pytest.raises(evis.ConfigError, match="exposure_shape"):
+        evis.Simulator(spinner, frame_rate_hz=50.0, exposure_shape=shape)
+
+
+def test_pixels_may_see_frames_of_light(spinner: evis.Scene):
+    def events(packet: int, **exposure: Any) -> Any:
+        sensor = evis.Sensor(exposure=evis.Exposure(**exposure))
+        sim = evis.Simulator(spinner, **SMALL, sensor=sensor)
+        return np.concatenate([sim.step(until).events for until in range(packet, 60_001, packet)])
+
+    blurred = events(60_000, time_us=20_000)
+    assert len(blurred) > 100
+    assert np.array_equal(blurred, events(7_500, time_us=20_000))
+    assert not np.array_equal(blurred, events(60_000))
+
+
 def test_frames_survive_a_file(spinner: evis.Scene, tmp_path: Path):
     sim = evis.Simulator(spinner, **SMALL, frame_rate_hz=50.0)
     path = tmp_path / "frames.h5"

@@ -21,7 +21,7 @@ from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
 from ._method import Splat
 from ._packets import CAUSES, CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
-from ._sensor import Diffusion, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
+from ._sensor import Diffusion, Exposure, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
 from ._simulator import Device, Simulator, Stream, devices
 from ._stats import (
     Calibration,
@@ -77,6 +77,7 @@ __all__ = [
     "EventEmulator",
     "Events",
     "EvisError",
+    "Exposure",
     "FailureCell",
     "FailureVerification",
     "FlickerEstimate",

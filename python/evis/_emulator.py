@@ -165,7 +165,8 @@ class Warp:
 class EventEmulator(Generic[Out]):
     """Turn frames into events, for light that somebody else made.
 
-    Between two frames, the signal is straight. Events lie in ``(t0, t1]``, sorted by (t, y, x, firing order).
+    Between two frames, the signal is straight. Events lie in ``(t0, t1]``, sorted by (t, y, x, firing order);
+    with an `Exposure` they come late, and still in this order from push to push.
     Memory does not grow with the stream's length. No event depends on the number of threads, on how a stream
     is cut into pushes, or on which other environments are in the batch.
 

@@ -304,6 +304,7 @@ class Simulator:
         label_rate_hz: float,
         frame_rate_hz: float | None,
         exposure_us: int,
+        exposure_shape: list[float] | None,
         reference_luminance: float | None,
         device: str | None,
     ) -> Simulator: ...

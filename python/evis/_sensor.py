@@ -25,6 +25,31 @@ Times: TypeAlias = Literal["crossing", "sample", "even", "shared"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Exposure:
+    """What pixels see: frames of light, each the mean of linear light over an exposure, in its place.
+
+    The EVIS paper's option of letting events see motion-blurred frames. Real pixels have a bandwidth
+    (`Photoreceptor.cutoff_hz`) and no exposure. A frame is a sample of the light at its exposure's middle,
+    rounded down; events lie between two of them, and come when the later one's exposure has ended.
+
+    Attributes
+    ----------
+    time_us : int
+        How long light is gathered, up to 10 000 000 microseconds; 0: pixels see light itself.
+    period_us : int
+        From the start of one exposure to that of the next, ``time_us`` to 10 000 000: they begin at its
+        multiples. 0: one begins where another ends.
+    shape : "box" or tuple of float
+        How much light counts meanwhile: all the same, or 2 to 256 weights from start to end that are straight
+        between each other; their scale does not matter.
+    """
+
+    time_us: int = 0
+    period_us: int = 0
+    shape: Literal["box"] | Sequence[float] = "box"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Photoreceptor:
     """From light to the signal that the trigger sees.
 
@@ -238,8 +263,8 @@ class Sensor:
         When events happen; anything but ``crossing`` imitates other simulators.
     most_events : int
         Events of one pixel in one interval at most.
-    photoreceptor, pattern, noise, refractory, readout : Photoreceptor, Pattern, Noise, Refractory, Readout
-        The stages.
+    exposure, photoreceptor, pattern, noise, refractory, readout
+        The stages: `Exposure`, `Photoreceptor`, `Pattern`, `Noise`, `Refractory`, `Readout`.
     diffusion : Diffusion, optional
         Another trigger, in place of thresholds, photoreceptor, leak and shot noise.
     """
@@ -251,6 +276,7 @@ class Sensor:
     interpolation: Interpolation = "log"
     times: Times = "crossing"
     most_events: int = 65535
+    exposure: Exposure = field(default_factory=Exposure)
     photoreceptor: Photoreceptor = field(default_factory=Photoreceptor)
     pattern: Pattern = field(default_factory=Pattern)
     noise: Noise = field(default_factory=Noise)
@@ -360,6 +386,7 @@ class Sensor:
 
     def _json(self) -> str:
         values = asdict(self)
+        values["exposure"]["shape"] = _shape("exposure.shape", self.exposure.shape) or "box"
         _check_finite("", values)
         try:
             return json.dumps(values)
@@ -370,7 +397,11 @@ class Sensor:
     def _of_json(cls, text: str) -> Sensor:
         values = json.loads(text)
         diffusion = values["diffusion"]
+        exposure = values["exposure"]
+        if not isinstance(exposure["shape"], str):
+            exposure["shape"] = tuple(exposure["shape"])
         stages: dict[str, Any] = {
+            "exposure": Exposure(**exposure),
             "photoreceptor": Photoreceptor(**values["photoreceptor"]),
             "pattern": Pattern(**values["pattern"]),
             "noise": Noise(**values["noise"]),
@@ -388,3 +419,19 @@ def _check_finite(path: str, values: Mapping[str, object]) -> None:
             _check_finite(f"{path}{name}.", value)
         elif isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f"{path}{name} is {value}; it must be a finite number")
+
+
+def _shape(name: str, shape: str | Sequence[float]) -> list[float] | None:
+    """Read an exposure's weights; None for the box."""
+    if isinstance(shape, str) and shape == "box":
+        return None
+    try:
+        weights = [] if isinstance(shape, str) else [float(weight) for weight in shape]
+    except (TypeError, ValueError):
+        weights = []
+    if not weights:
+        raise ConfigError(f"{name} is {shape!r}; it must be 'box', or 2 to 256 weights")
+    for weight in weights:
+        if not math.isfinite(weight):
+            raise ConfigError(f"{name} has a weight of {weight}; its weights must be from 0 to 1e9")
+    return weights

@@ -15,7 +15,7 @@ from ._evis import ConfigError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
 from ._scene import EventCamera, Scene
-from ._sensor import Sensor
+from ._sensor import Sensor, _shape
 
 LabelName: TypeAlias = Literal[
     "depth",
@@ -81,8 +81,8 @@ class Simulator:
         each of these cameras its own; the names are those of cameras of the scene, rendered or not. A camera
         that is given none has what the scene gives it; else an ideal sensor, 0.2 / 0.2 (with the method
         ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Thresholds that the scene gives a
-        camera come before its sensor's. Every stage runs on the device, but ``diffusion``: that runs on the
-        host, from the light of every instant.
+        camera come before its sensor's. Every stage runs on the device, but a sensor with
+        ``diffusion`` or ``exposure`` is walked on the host, from the light of every instant.
     method : {"auto", "native", "march", "reproject", "splat", "evis-paper"} or Splat, optional
         How instants are sampled: each rendered (``native``); in adaptive time, where parts of the picture
         without edges are rendered every few pixels of motion and followed in between (``march``); visibility
@@ -145,6 +145,10 @@ class Simulator:
         over an exposure; ``t_us`` is its middle, `start_us` and `end_us` its ends. None if not given.
     exposure_us : int
         Exposure of those frames: even, and at most the time between two.
+    exposure_shape : "box" or sequence of float
+        How much light counts from the start of those exposures to their end: all the same, or 2 to 256
+        weights that are straight between each other, such as ``[0, 1, 1, 0]`` for a shutter that opens and
+        closes slowly. Their scale does not matter, and ``t_us`` is the exposure's middle whatever the shape.
     start : float
         Scene time in seconds at which the stream starts; the stream's own time starts at 0.
     seed : int
@@ -184,6 +188,7 @@ class Simulator:
         label_rate_hz: float = 50.0,
         frame_rate_hz: float | None = None,
         exposure_us: int = 10_000,
+        exposure_shape: Literal["box"] | Sequence[float] = "box",
         start: float = 0.0,
         seed: int = 0,
         reference_luminance: float | None = None,
@@ -258,6 +263,7 @@ class Simulator:
             label_rate_hz=label_rate_hz,
             frame_rate_hz=frame_rate_hz,
             exposure_us=_whole("exposure_us", exposure_us, 2**62),
+            exposure_shape=_shape("exposure_shape", exposure_shape),
             reference_luminance=reference_luminance,
             device=_selector(device),
         )

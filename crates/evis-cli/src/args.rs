@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
-use evis_core::{Interpolation, LabelKind, Transfer, TriggerRule};
+use evis_core::{ConfigError, ExposureShape, Interpolation, LabelKind, Transfer, TriggerRule};
 use evis_render::{Antialias, Carrier, Motion, Shadows, SplatConfig, Target};
 use evis_truth::{Lattice, PixelChoice};
 
@@ -166,6 +166,11 @@ pub(crate) struct RunArgs {
     /// Exposure of those frames in milliseconds, at most the time between two [default: 10].
     #[arg(long, value_name = "MS", value_parser = window_ms, allow_hyphen_values = true)]
     pub(crate) exposure_ms: Option<f64>,
+
+    /// How much light counts from the start of those frames' exposures to their end: box, or 2 to 256 weights that are straight
+    /// between each other, such as 0,1,1,0 [default: box].
+    #[arg(long, value_name = "WEIGHTS", value_parser = exposure_shape, allow_hyphen_values = true)]
+    pub(crate) exposure_shape: Option<ExposureShape>,
 
     /// Y_ref in ln(Y / Y_ref + eps) [default: brings the first camera's log-mean at the start to 0.18].
     #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
@@ -1182,6 +1187,10 @@ fn threshold(text: &str) -> Result<f32, String> {
 fn positive(text: &str) -> Result<f32, String> {
     checked(text, "a finite number above 0, such as 0.001", |v| (v as f32).is_finite() && v as f32 > 0.0)
         .map(|v| v as f32)
+}
+
+fn exposure_shape(text: &str) -> Result<ExposureShape, String> {
+    text.parse().map_err(|error: ConfigError| format!("it must be {}", error.remedy))
 }
 
 fn window_ms(text: &str) -> Result<f64, String> {

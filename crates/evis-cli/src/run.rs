@@ -208,6 +208,7 @@ fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConf
         // The default, or what fits between two frames.
         config.exposure_us = config.exposure_us.min((0.5e6 / rate_hz) as i64 * 2);
     }
+    config.exposure_shape = args.exposure_shape.clone().unwrap_or_default();
     Ok(config)
 }
 

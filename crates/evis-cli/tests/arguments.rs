@@ -78,6 +78,10 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--sensor v2e --rate 0.001", ["rate", "every 1000 s", "268"]),
         ("--frame-rate 0", ["--frame-rate", "'0'", "above 0"]),
         ("--frame-rate 30 --exposure-ms 40", ["exposure", "40000 us", "33332"]),
+        ("--exposure-shape 0,1", ["exposure_shape", "weights", "frame rate"]),
+        ("--frame-rate 30 --exposure-shape 1,-2", ["exposure_shape", "-2", "0 to 1e9"]),
+        ("--frame-rate 30 --exposure-shape 0,0", ["exposure_shape", "0 throughout", "1e-9"]),
+        ("--frame-rate 30 --exposure-shape bow", ["--exposure-shape", "bow", "0,1,1,0"]),
         ("--exposure-ms 5", ["--exposure-ms", "5", "--frame-rate"]),
     ] {
         refused(&folder, &format!("run spinner -o x.h5 {arguments}"), &told);

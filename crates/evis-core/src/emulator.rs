@@ -3,6 +3,7 @@
 mod chain;
 mod crew;
 mod diffusion;
+mod exposing;
 pub(crate) mod frames;
 mod ideal;
 mod keyframe;
@@ -26,6 +27,7 @@ use crate::simd::Isa;
 use chain::{Chain, Plan, Scan};
 use crew::{Crew, Hands};
 use diffusion::Diffuse;
+use exposing::Exposing;
 use frames::{BLOCK, Source, Tables};
 use ideal::{Interval, Pixels, Tally};
 use keyframe::{Benches, Keyframe};
@@ -93,7 +95,8 @@ impl Default for EmulatorConfig {
 pub struct EmulatorReport {
     /// Events that came out.
     pub events: u64,
-    /// Pixel values that were NaN: those pixels kept their state.
+    /// Pixel values that were NaN: those pixels kept their state. With an exposure, values of its frames: one is unknown
+    /// where light was at any time of it.
     pub unknown: u64,
     /// Times that a pixel would have fired more events in one interval than it may.
     pub clamped: u64,
@@ -117,7 +120,8 @@ impl EmulatorReport {
 /// Turns frames of `batch` environments into events.
 ///
 /// Between two frames the signal is what the sensor's interpolation says; events lie in `(t0, t1]`, sorted by
-/// (t, y, x, firing order). Memory does not grow with the stream's length, and no event depends on the number of
+/// (t, y, x, firing order). With an exposure, light is straight between pushes, and events come with the push that ends
+/// the exposure of the frame that they lie before: late, but no later push brings earlier ones. Memory does not grow with the stream's length, and no event depends on the number of
 /// threads, or on which other environments are in the batch.
 #[derive(Debug)]
 pub struct EventEmulator {
@@ -151,7 +155,7 @@ enum Kernel {
 #[derive(Clone, Debug)]
 struct Environment {
     key: Key,
-    /// Whether a frame has been seen since the start or the last reset.
+    /// Whether its pixels have seen anything since the start or the last reset.
     started: bool,
     tiles: Vec<Tile>,
     spans: Vec<Span>,
@@ -161,6 +165,8 @@ struct Environment {
     report: EmulatorReport,
     /// What the last frame was, if it had depth and motion.
     keyframe: Option<Box<Keyframe>>,
+    /// Where pixels see frames of light: what has not become one.
+    exposing: Option<Box<Exposing>>,
 }
 
 /// Pixels that one thread treats at a time, with their memory.
@@ -228,6 +234,7 @@ impl EventEmulator {
         };
         let pixels = config.width as usize * config.height as usize;
         let tile = tile_pixels(pixels);
+        let exposes = !config.sensor.exposure.is_off();
         let environment = |index: usize| Environment {
             key: key_of(index as u32),
             started: false,
@@ -240,10 +247,11 @@ impl EventEmulator {
             fired: Vec::new(),
             report: EmulatorReport::default(),
             keyframe: None,
+            exposing: exposes.then(|| Box::new(Exposing::new(pixels))),
         };
         let kernel = if config.sensor.diffusion.is_some() {
             Kernel::Diffusion
-        } else if config.sensor.is_ideal() {
+        } else if config.sensor.behind_exposure().is_ideal() {
             Kernel::Ideal
         } else {
             Kernel::Chain(Box::new(Plan::new(&config.sensor)))
@@ -334,8 +342,9 @@ impl EventEmulator {
             (0..config.batch).map(|index| Source::new(frames, tables, inverse, index, pixels)).collect();
         // `check` counted the values.
         let sources = sources.ok_or_else(|| ConfigError::new("frames", "too short", "complete"))?;
-        if let (Some(tile), Some(source)) =
-            (environments.iter().find_map(Environment::begun), sources.first())
+        let exposes = !config.sensor.exposure.is_off();
+        if let (Some(tile), Some(source), false) =
+            (environments.iter().find_map(Environment::begun), sources.first(), exposes)
         {
             tile.check(source)?;
         }
@@ -346,18 +355,40 @@ impl EventEmulator {
         };
         let work = Push { config, kernel, isa: *isa, hands, start_us, interval_us };
         // Nothing changes before all light has been found possible.
+        if exposes {
+            let eps = config.sensor.log_eps;
+            let is_light = environments.iter_mut().zip(&sources).all(|(environment, source)| {
+                environment.exposing.as_mut().is_none_or(|light| light.look(work.hands, source, eps))
+            });
+            if !is_light {
+                return Err(impossible_light(frames, config));
+            }
+            let alone = Push { hands: Hands::One, ..work };
+            let mut all: Vec<_> = environments.iter_mut().zip(&mut *out).collect();
+            match all.as_mut_slice() {
+                [(environment, events)] => environment.expose(&work, events),
+                all => work.hands.each(all, |(environment, events)| environment.expose(&alone, events)),
+            }
+            self.pushed(t_us, out, &before);
+            return Ok(());
+        }
         let scans = scan(&work, environments, &sources);
         if scans.iter().any(|scan| scan.impossible) {
             return Err(impossible_light(frames, config));
         }
-        for environment in environments.iter_mut() {
+        fire(&work, environments, (&scans, &sources), out);
+        self.pushed(t_us, out, &before);
+        Ok(())
+    }
+
+    /// Ends a push of frames without depth and motion.
+    fn pushed(&mut self, t_us: i64, out: &mut [Vec<Event>], before: &[usize]) {
+        for environment in &mut self.environments {
             environment.keyframe = None;
         }
-        fire(&work, environments, (&scans, &sources), out);
         self.keyframe_reports.clear();
         self.note(t_us);
-        self.take_causes(out, &before);
-        Ok(())
+        self.take_causes(out, before);
     }
 
     /// Takes the causes off the events of each list from `before` on.
@@ -398,16 +429,16 @@ impl EventEmulator {
                     return Err(ConfigError::new("environment", bad, format!("below the batch of {batch}")));
                 }
                 for index in indices {
-                    self.environments[*index].started = false;
+                    self.environments[*index].begin_anew();
                 }
             }
             None => {
                 for environment in &mut self.environments {
-                    environment.started = false;
+                    environment.begin_anew();
                 }
             }
         }
-        if self.environments.iter().all(|environment| !environment.started) {
+        if self.environments.iter().all(|environment| !environment.has_light()) {
             self.now_us = None;
         }
         Ok(())
@@ -515,6 +546,19 @@ impl Environment {
         }
     }
 
+    /// Whether light has come since the start or the last reset.
+    fn has_light(&self) -> bool {
+        self.started || self.exposing.as_ref().is_some_and(|light| light.since_us.is_some())
+    }
+
+    /// Lets it begin with what comes next.
+    fn begin_anew(&mut self) {
+        self.started = false;
+        if let Some(light) = &mut self.exposing {
+            light.since_us = None;
+        }
+    }
+
     /// Forgets everything but what is frozen.
     fn clear(&mut self) {
         self.wire = Wire::default();
@@ -527,10 +571,21 @@ impl Environment {
         }
     }
 
-    /// Both passes over light that was found possible.
+    /// Takes `light`, which was found possible, at the end of `work`'s interval.
     fn advance(&mut self, work: &Push<'_>, light: &[f32], events: &mut Vec<Event>) {
         let source =
             Source::Linear { values: light, inverse_reference: 1.0 / work.config.reference_luminance };
+        match &mut self.exposing {
+            Some(exposing) => {
+                exposing.look(work.hands, &source, work.config.sensor.log_eps);
+                self.expose(work, events);
+            }
+            None => self.feel(work, source, events),
+        }
+    }
+
+    /// Both passes over light that was found possible.
+    fn feel(&mut self, work: &Push<'_>, source: Source<'_>, events: &mut Vec<Event>) {
         let (environment, sources) = (std::slice::from_mut(self), [source]);
         let scans = scan(work, environment, &sources);
         fire(work, environment, (&scans, &sources), std::slice::from_mut(events));

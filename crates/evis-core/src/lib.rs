@@ -24,6 +24,8 @@ pub use emulator::{
 };
 pub use event::{Cause, Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
-pub use sensor::{ConfigError, Interpolation, Sensor, SensorConfig, Times, TriggerRule};
+pub use sensor::{
+    ConfigError, Exposure, ExposureShape, Interpolation, Sensor, SensorConfig, Times, TriggerRule,
+};
 pub use time::TimeGrid;
 pub use truth::{Region, RegionSpan, Truth};

@@ -1,11 +1,13 @@
 //! Sensor configuration: a value, checked once at the door, then trusted.
 
+mod exposure;
 mod preset;
 mod sample;
 mod stages;
 
 use serde::{Deserialize, Serialize};
 
+pub use exposure::{Exposure, ExposureShape};
 pub use preset::{PRESETS, Preset};
 pub use sample::sample;
 pub use stages::{
@@ -93,6 +95,9 @@ pub struct SensorConfig {
     /// Events of one pixel in one interval at most, 1 to 65 535; the rest is lost, and the reference moves to the signal.
     #[serde(skip_serializing_if = "is_most")]
     pub most_events: u32,
+    /// What pixels see: light, or frames of it.
+    #[serde(skip_serializing_if = "is_default")]
+    pub exposure: Exposure,
     /// From light to the signal.
     #[serde(skip_serializing_if = "is_default")]
     pub photoreceptor: Photoreceptor,
@@ -132,6 +137,7 @@ impl Default for SensorConfig {
             interpolation: Interpolation::Log,
             times: Times::Crossing,
             most_events: crate::trigger::MAX_EVENTS_PER_INTERVAL,
+            exposure: Exposure::default(),
             photoreceptor: Photoreceptor::default(),
             pattern: Pattern::default(),
             noise: Noise::default(),
@@ -187,6 +193,7 @@ impl SensorConfig {
             interpolation: _,
             times,
             most_events,
+            exposure,
             photoreceptor,
             pattern,
             noise,
@@ -197,6 +204,7 @@ impl SensorConfig {
         let stages = [
             ("times", is_default(times)),
             ("most_events", is_most(most_events)),
+            ("exposure", exposure.is_off()),
             ("photoreceptor", is_default(photoreceptor)),
             ("pattern", is_default(pattern)),
             ("noise", is_default(noise)),
@@ -207,6 +215,16 @@ impl SensorConfig {
         stages.into_iter().filter(|(_, off)| !off).map(|(name, _)| name).collect()
     }
 
+    /// Whether the engine leaves its pixels to the emulator: what they see has to come to the host.
+    pub const fn walks_on_host(&self) -> bool {
+        self.diffusion.is_some() || !self.exposure.is_off()
+    }
+
+    /// What is left of it for light that frames have already been made of.
+    pub(crate) fn behind_exposure(&self) -> Self {
+        Self { exposure: Exposure::default(), ..self.clone() }
+    }
+
     /// What is allowed and probably not meant.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
@@ -214,6 +232,13 @@ impl SensorConfig {
             warnings.push(
                 "readout.latency_light_us and photoreceptor.cutoff_hz are both set: the pixel's pole then delays \
                  events twice; set one of them to 0"
+                    .into(),
+            );
+        }
+        if !self.exposure.is_off() && self.photoreceptor.cutoff_hz > 0.0 {
+            warnings.push(
+                "exposure.time_us and photoreceptor.cutoff_hz are both set: light is averaged twice, and the low-pass sees \
+                 no more than frames; set exposure.time_us to 0, real pixels have a bandwidth and no exposure"
                     .into(),
             );
         }
@@ -252,6 +277,7 @@ impl Sensor {
         if !(1..=crate::trigger::MAX_EVENTS_PER_INTERVAL).contains(&config.most_events) {
             return Err(ConfigError::new("most_events", config.most_events, "between 1 and 65535"));
         }
+        config.exposure.check()?;
         config.photoreceptor.check()?;
         config.pattern.check()?;
         config.noise.check()?;
@@ -264,7 +290,8 @@ impl Sensor {
             diffusion.check()?;
         }
         let straight = config.photoreceptor.cutoff_hz == 0.0 && config.noise.leak_hz == 0.0;
-        if config.interpolation == Interpolation::Light && !(straight && config.is_ideal()) {
+        if config.interpolation == Interpolation::Light && !(straight && config.behind_exposure().is_ideal())
+        {
             return Err(ConfigError::new(
                 "interpolation",
                 "light",

@@ -829,3 +829,16 @@ fn davis_presets_fire_as_their_constants_say() {
     // Short of the integral by the mean of what has not fired yet.
     assert!((mean - (expected - 0.5)).abs() < 0.5, "{mean} {expected}");
 }
+
+#[test]
+fn an_unknown_logarithm_is_unknown_to_every_sensor() {
+    let refractory = Refractory { period_us: 100, ..Default::default() };
+    for sensor in [SensorConfig::default(), SensorConfig { refractory, ..Default::default() }] {
+        let mut emulator = emulator(2, 1, &sensor);
+        let mut push =
+            |logs: [f32; 2], t_us| emulator.push(&Frames::log(&logs), t_us).unwrap().remove(0).len();
+        assert_eq!((push([-1.0; 2], 0), push([f32::NAN, -1.0], 1_000), push([-1.0; 2], 2_000)), (0, 0, 0));
+        assert_eq!(push([-1.3, f32::NAN], 3_000), 1, "canary: a logarithm that is known");
+        assert_eq!(emulator.total_report().unknown, 2);
+    }
+}

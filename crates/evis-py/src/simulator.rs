@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
-use evis_core::CameraInfo;
+use evis_core::{CameraInfo, ExposureShape};
 use evis_render::{Gpu, PacketStream, RunConfig};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -55,7 +55,7 @@ impl Simulator {
     #[pyo3(signature = (
         scene, *, sensor, sensors, method, splat, target, budget_ms, plan, rate_hz, adaptive_px, samples, antialias, texture_taps,
         shadows, shadow_map, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
-        reference_luminance, device
+        exposure_shape, reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
     fn new(
@@ -83,6 +83,7 @@ impl Simulator {
         label_rate_hz: f64,
         frame_rate_hz: Option<f64>,
         exposure_us: i64,
+        exposure_shape: Option<Vec<f64>>,
         reference_luminance: Option<f32>,
         device: Option<String>,
     ) -> PyResult<Self> {
@@ -110,6 +111,7 @@ impl Simulator {
             label_rate_hz,
             frame_rate_hz,
             exposure_us,
+            exposure_shape: exposure_shape.map_or(ExposureShape::Box, ExposureShape::Weights),
             reference_luminance,
         };
         config.check().map_err(Failure::from)?;

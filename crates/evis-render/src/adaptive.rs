@@ -9,7 +9,6 @@ use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
 use crate::area::{Area, Rect};
-use crate::diffusion;
 use crate::engine::{Context, Upload};
 use crate::error::EngineError;
 use crate::frame_buffers::{GrowingBuffer, aligned};
@@ -517,7 +516,8 @@ impl AdaptiveRoom {
                 let range = start..start + length as usize + 1;
                 let passing = Passing::new(&context.frame_data, range, &view.lens, self.sky);
                 let mut own = self.pacer.paces(&context.gpu_scene, &passing);
-                if diffusion::takes_every_instant(view) {
+                // No sample may stand for the light between two others.
+                if view.sensor.walks_on_host() {
                     own.tiles.fill(0);
                 }
                 paces.push(own);

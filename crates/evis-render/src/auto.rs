@@ -6,9 +6,9 @@ use evis_scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Antialias, Method, RunConfig, Shadows};
-use crate::diffusion;
 use crate::frame::{FrameData, FrameRequest};
 use crate::gpu_scene::GpuScene;
+use crate::host_walk;
 use crate::occluders;
 use crate::pace::{Pacer, Passing};
 use crate::view::View;
@@ -204,7 +204,7 @@ pub fn settle(
     if config.samples < rung.samples {
         why += &format!("; {} samples, since larger pictures of them do not fit", config.samples);
     }
-    diffusion::settle(views, config, &mut why);
+    host_walk::settle(views, config, &mut why);
     why
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid};
+use evis_core::{ConfigError, ExposureShape, LabelKind, Sensor, SensorConfig, TimeGrid};
 use serde::{Deserialize, Serialize};
 
 use crate::auto::{Chosen, Target};
@@ -151,6 +151,9 @@ pub struct RunConfig {
     pub frame_rate_hz: Option<f64>,
     /// Exposure of a frame in microseconds; even, so that its middle is a whole microsecond.
     pub exposure_us: i64,
+    /// How much light counts from an exposure's start to its end. Frames are stamped at its middle, whatever the shape.
+    #[serde(skip_serializing_if = "is_box")]
+    pub exposure_shape: ExposureShape,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
     pub reference_luminance: Option<f32>,
 }
@@ -177,9 +180,14 @@ impl Default for RunConfig {
             label_rate_hz: 50.0,
             frame_rate_hz: None,
             exposure_us: 10_000,
+            exposure_shape: ExposureShape::Box,
             reference_luminance: None,
         }
     }
+}
+
+fn is_box(shape: &ExposureShape) -> bool {
+    *shape == ExposureShape::Box
 }
 
 /// `sensor` of camera `camera`, if it can be.
@@ -269,6 +277,10 @@ impl RunConfig {
             if self.labels.contains(&LabelKind::Frame) {
                 return Err(ConfigError::new("labels", "frame", "without frame: set a frame rate instead"));
             }
+            if !is_box(&self.exposure_shape) {
+                let remedy = "box where there are no frames: set a frame rate too";
+                return Err(ConfigError::new("exposure_shape", "a list of weights", remedy));
+            }
             return Ok(());
         };
         TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
@@ -280,7 +292,7 @@ impl RunConfig {
                 format!("an even number of microseconds, from 2 to {longest} at {rate_hz} frames per second"),
             ));
         }
-        Ok(())
+        self.exposure_shape.check("exposure_shape")
     }
 
     /// Places along each side of a pixel at which it is shaded with [`Antialias::Edges`]; else 1.

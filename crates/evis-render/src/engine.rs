@@ -14,7 +14,6 @@ use crate::adaptive::AdaptiveRoom;
 use crate::auto;
 use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
-use crate::diffusion::{DiffusionRoom, Looks};
 use crate::error::EngineError;
 use crate::exposure::ExposureRoom;
 use crate::frame::{FrameData, FrameRequest, rigid};
@@ -22,6 +21,7 @@ use crate::frame_buffers::FrameBuffers;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
 use crate::grid::SampleGrid;
+use crate::host_walk::{HostWalk, Looks};
 use crate::interval::{self, Group, Slot, Unit};
 use crate::labels::{LabelJob, LabelRoom};
 use crate::march;
@@ -176,7 +176,7 @@ pub struct Engine {
     groups: Vec<Group>,
     label_room: Option<LabelRoom>,
     exposure_room: Option<ExposureRoom>,
-    diffusion_room: DiffusionRoom,
+    host_walk: HostWalk,
     label_grid: TimeGrid,
     /// Instants that no submission parts.
     block: u32,
@@ -415,7 +415,7 @@ impl Engine {
             sampling,
             label_room,
             exposure_room: ExposureRoom::new(&context, config, rendered)?,
-            diffusion_room: DiffusionRoom::new(&context.views, reference, layer_samples)?,
+            host_walk: HostWalk::new(&context.views, reference, layer_samples, config)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             block,
             in_flight: VecDeque::new(),
@@ -579,18 +579,20 @@ impl Engine {
     /// Submits the earliest work that is left before `horizon_us`; false where there is none.
     fn submit_next(&mut self, horizon_us: i64) -> Result<bool, EngineError> {
         let started = Instant::now();
-        let group = (0..self.groups.len()).min_by_key(|&g| self.groups[g].next);
-        let Some(group) = group else { return Ok(false) };
         let grid = self.context.grid;
-        let next = self.groups[group].next;
-        let last = grid.first_at_or_after(horizon_us);
+        // Each group's next instant and its last one: where pixels see frames, light is needed for longer.
+        let left = self.groups.iter().enumerate().map(|(g, group)| {
+            let exposure = &self.context.views[group.views[0]].sensor.exposure;
+            (g, group.next, grid.first_at_or_after(exposure.needed_us(horizon_us)))
+        });
+        let due = left.filter(|(_, next, last)| next <= last).min_by_key(|(_, next, _)| *next);
         let label_us = self.label_grid.instant_us(self.next_label);
         let label_due = self.label_room.is_some()
             && label_us < horizon_us
-            && (next > last || label_us <= grid.instant_us(next));
+            && due.is_none_or(|(_, next, _)| label_us <= grid.instant_us(next));
         if label_due {
             self.submit_label()?;
-        } else if next <= last {
+        } else if let Some((group, next, last)) = due {
             let planned = f64::from(self.targets[self.groups[group].targets].plan.instants);
             let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
             let block = i64::from(self.block);
@@ -672,7 +674,7 @@ impl Engine {
         let targets = &self.targets[group.targets];
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
         self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit)?;
-        let looks = self.diffusion_room.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
+        let looks = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&looks.staging);
         group.next = unit.first + i64::from(unit.instants);
@@ -817,14 +819,15 @@ impl Engine {
         let packing = Instant::now();
         let unit = looks.unit;
         let group = &self.groups[unit.group];
-        for felt in self.diffusion_room.take(&self.context, &self.targets[group.targets], group, looks)? {
+        for felt in self.host_walk.take(&self.context, &self.targets[group.targets], group, looks)? {
             self.arrived[felt.view].events.extend(felt.events);
             self.report.clamped += felt.report.clamped;
             self.report.unknown += felt.report.unknown;
             self.report.suppressed += felt.report.suppressed;
             self.report.dropped += felt.report.dropped;
         }
-        self.complete_us[unit.group] = unit.end_us(&self.context.grid);
+        let exposure = &self.context.views[group.views[0]].sensor.exposure;
+        self.complete_us[unit.group] = exposure.known_us(unit.end_us(&self.context.grid));
         self.report.instants += u64::from(unit.instants);
         self.report.times.pack_ms += milliseconds(packing);
         Ok(())

@@ -1,9 +1,9 @@
-//! Frames of a sensor's other output: the mean of linear light over an exposure, stamped at its middle.
+//! Frames of a sensor's other output: the mean of linear light over an exposure, by its shape, stamped at its middle.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evis_core::{LabelData, LabelFrame, LabelKind, TimeGrid};
+use evis_core::{ExposureShape, LabelData, LabelFrame, LabelKind, TimeGrid};
 
 use crate::config::RunConfig;
 use crate::engine::{Context, mean_luminance};
@@ -18,7 +18,8 @@ const LOOKS: std::ops::RangeInclusive<i64> = 8..=64;
 pub struct ExposureRoom {
     grid: TimeGrid,
     exposure_us: i64,
-    looks: i64,
+    /// Of each look: the shape's integral over its part of the exposure, in such parts; their mean is 1.
+    weights: Vec<f64>,
     next: i64,
     /// Per size of a view.
     layers: Vec<Layers>,
@@ -32,6 +33,7 @@ impl ExposureRoom {
         let interval_us = config.sample_grid()?.longest_interval_us();
         // As dense as the instants that make events.
         let looks = ((exposure_us as f64 / interval_us).ceil() as i64).clamp(*LOOKS.start(), *LOOKS.end());
+        let looks = looks.min(exposure_us);
         let mut layers: Vec<Layers> = Vec::new();
         for view in &context.views {
             let (width, height) = (view.lens.width, view.lens.height);
@@ -40,7 +42,7 @@ impl ExposureRoom {
                 layers.push(Layers::new(&context.gpu.device, width, height, samples, made));
             }
         }
-        Ok(Some(Self { grid, exposure_us, looks: looks.min(exposure_us), next: 0, layers }))
+        Ok(Some(Self { grid, exposure_us, weights: weights(&config.exposure_shape, looks), next: 0, layers }))
     }
 
     /// The next frame of every view, in view order, if its middle lies before `until_us`.
@@ -61,17 +63,21 @@ impl ExposureRoom {
             let fits = |layers: &&Layers| (layers.width, layers.height) == (lens.width, lens.height);
             let Some(layers) = self.layers.iter().find(fits) else { continue };
             let mut sum = vec![0.0; lens.width as usize * lens.height as usize];
-            for look in 0..self.looks {
+            let looks = self.weights.len() as i64;
+            for (look, weight) in (0..).zip(&self.weights) {
                 if stop.load(Ordering::Relaxed) {
                     return Err(EngineError::Stopped);
                 }
+                if *weight == 0.0 {
+                    continue;
+                }
                 // The middle of each part.
-                let at = start_us + (2 * look + 1) * self.exposure_us / (2 * self.looks);
+                let at = start_us + (2 * look + 1) * self.exposure_us / (2 * looks);
                 for (sum, y) in sum.iter_mut().zip(mean_luminance(context, layers, index, at)?) {
-                    *sum += y;
+                    *sum += weight * y;
                 }
             }
-            let mean = sum.into_iter().map(|sum| (sum / self.looks as f64) as f32).collect();
+            let mean = sum.into_iter().map(|sum| (sum / looks as f64) as f32).collect();
             frames.push(LabelFrame {
                 kind: LabelKind::Frame,
                 t_us,
@@ -81,5 +87,18 @@ impl ExposureRoom {
         }
         self.next += 1;
         Ok(Some(frames))
+    }
+}
+
+/// Of each of `looks` looks: the integral of `shape` over its part of the exposure, in such parts.
+fn weights(shape: &ExposureShape, looks: i64) -> Vec<f64> {
+    let part = |look: i64| {
+        let at = |look: i64| look as f64 / looks as f64;
+        looks as f64 * shape.moments(at(look), at(look + 1))[0]
+    };
+    match shape {
+        // Not but for rounding.
+        ExposureShape::Box => vec![1.0; looks as usize],
+        ExposureShape::Weights(_) => (0..looks).map(part).collect(),
     }
 }

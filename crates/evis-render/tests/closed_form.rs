@@ -7,7 +7,9 @@ use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
 
 use evis_core::closed_form::{self, Flicker, FlickerShape, Footprint, PixelLight, Signal, Sinusoid};
-use evis_core::{Event, Interpolation, LabelData, LabelKind, Polarity, SensorConfig, TriggerRule};
+use evis_core::{
+    Event, ExposureShape, Interpolation, LabelData, LabelKind, Polarity, SensorConfig, TriggerRule,
+};
 use evis_render::{Gpu, RunConfig, Simulator};
 use evis_scene::builder::{EventCamera, Labels, Placement, Sampling, SceneBuilder};
 use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
@@ -737,6 +739,81 @@ fn flicker_fires_as_its_waveform_says() {
     let got = compare(&events, (8, 4), &expected, end_us);
     println!("flicker, sine of 8 Hz, continuous: {got}");
     got.check(&SMOOTH).unwrap();
+}
+
+// -------------------------------------------------------------------------------------------- frames by their shape
+
+/// Mean of `light` over `[start_s, start_s + length_s]` under `weights`, straight between each other; in 20 000 parts.
+fn weighted(light: &PixelLight, weights: &[f64], start_s: f64, length_s: f64) -> f64 {
+    let (mut sum, mut whole) = (0.0, 0.0);
+    for part in 0..20_000 {
+        let s = (f64::from(part) + 0.5) / 20_000.0;
+        let place = s * (weights.len() - 1) as f64;
+        let i = place as usize;
+        let weight = weights[i] + (weights[i + 1] - weights[i]) * (place - i as f64);
+        whole += weight;
+        sum += weight * light.luminance(start_s + s * length_s);
+    }
+    sum / whole
+}
+
+#[test]
+fn frames_weigh_light_by_the_shape_of_their_exposure() {
+    let Some(gpu) = device() else { return };
+    let waveform = Waveform { shape: WaveShape::Sine, frequency_hz: 40.0, phase: 0.1, low: 0.25, high: 1.75 };
+    let flicker =
+        Flicker { shape: FlickerShape::Sine, mean: 0.6, depth: 0.75, frequency_hz: 40.0, phase_cycles: 0.1 };
+    let flickers: Form = Box::new(move |x, y| flicker.pixel(x, y));
+    let drift = Drift { speed: 400.0, angle: 0.0 };
+    let size = (24, 4);
+    let (edge, edges) = step_edge(size, drift, [0.9, 0.1], -5.3);
+    // An edge comes in steps of a sixteenth of a pixel, by 16 samples.
+    for (scene, form, size, limit) in
+        [(flicker_scene(waveform), flickers, (8, 4), 5e-4), (edge, edges, size, 0.02)]
+    {
+        let frames = |exposure_shape: ExposureShape| {
+            let config = RunConfig {
+                rate_hz: 6_400.0,
+                frame_rate_hz: Some(50.0),
+                exposure_us: 10_000,
+                exposure_shape,
+                ..config(16)
+            };
+            let mut simulator = Simulator::new(&gpu, scene.clone(), config).unwrap();
+            simulator.step(30_000).unwrap().views.remove(0).labels
+        };
+        // Greatest error of both frames.
+        let error = |exposure_shape: ExposureShape, weights: &[f64]| {
+            let frames = frames(exposure_shape);
+            assert_eq!(
+                frames.iter().map(|f| (f.t_other_us, f.t_us)).collect::<Vec<_>>(),
+                [(0, 5_000), (20_000, 25_000)]
+            );
+            let mut most = 0.0_f64;
+            for frame in frames {
+                let LabelData::F32(got) = &frame.data else { panic!("{frame:?}") };
+                for (i, got) in (0..).zip(got) {
+                    let (x, y) = (from_center(i % size.0, size.0), from_center(i / size.0, size.1));
+                    let expected = weighted(&form(x, y), weights, frame.t_other_us as f64 * 1e-6, 0.01);
+                    most = most.max((f64::from(*got) - expected).abs());
+                }
+            }
+            most
+        };
+        for weights in [vec![1.0, 1.0], vec![1.0, 0.2], vec![0.0, 1.0, 1.0, 0.0], vec![0.0, 0.0, 5.0]] {
+            let own = error(ExposureShape::Weights(weights.clone()), &weights);
+            println!("frames under {weights:?}: {own:.1e}");
+            assert!(own < limit, "{weights:?}: {own}");
+            let other = error(ExposureShape::Weights(weights.clone()), &[0.3, 1.0]);
+            assert!(other > 3.0 * limit, "canary, {weights:?}: {other}");
+        }
+        let (flat, ones) = (frames(ExposureShape::Box), frames(ExposureShape::Weights(vec![3.0; 5])));
+        assert!(error(ExposureShape::Box, &[1.0, 1.0]) < limit);
+        for (flat, ones) in flat.iter().zip(&ones) {
+            let (LabelData::F32(flat), LabelData::F32(ones)) = (&flat.data, &ones.data) else { panic!() };
+            assert!(flat.iter().zip(ones).all(|(a, b)| (a - b).abs() <= 1e-6 * a), "all alike is the box");
+        }
+    }
 }
 
 // ------------------------------------------------------------------------------------------------ motion vectors

@@ -299,7 +299,11 @@ impl<'a> Source<'a> {
             Self::Linear { values, inverse_reference } => {
                 copy(values, first, f32::NAN, out, |light| light * inverse_reference);
             }
-            Self::Log { values } => copy(values, first, f32::NAN, out, |log| (log.exp() - eps).max(0.0)),
+            // Of NaN, `max` would make light.
+            Self::Log { values } => copy(values, first, f32::NAN, out, |log| match log.exp() - eps {
+                light if light < 0.0 => 0.0,
+                light => light,
+            }),
             Self::U8 { values, light, .. } => {
                 copy(values, first, f32::NAN, out, |code| light[usize::from(code)])
             }

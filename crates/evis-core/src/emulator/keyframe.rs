@@ -402,7 +402,7 @@ impl EventEmulator {
         }
         for environment in &self.environments {
             let before = environment.keyframe.as_ref().map(|keyframe| keyframe.margin);
-            if let Some(before) = before.filter(|before| environment.started && *before != warp.margin) {
+            if let Some(before) = before.filter(|before| environment.has_light() && *before != warp.margin) {
                 let remedy = format!("{before}, as at the last keyframe; or reset all environments first");
                 return Err(ConfigError::new("margin", warp.margin, remedy));
             }
@@ -443,9 +443,9 @@ impl Gapped<'_> {
         let mut report = KeyframeReport::default();
         let declared = keyframes.cut.get(index).copied().unwrap_or(false);
         if declared {
-            environment.started = false;
+            environment.begin_anew();
         }
-        let before = environment.keyframe.take().filter(|_| environment.started);
+        let before = environment.keyframe.take().filter(|_| environment.has_light());
         let since = if before.is_some() { gap_us } else { 0 };
         let canvas = self.pictures.canvas;
         let codes = (self.tables, self.push.config.reference_luminance);

@@ -143,10 +143,23 @@ impl EventEmulator {
             if pass.reads() && environment.wire.waiting.iter().any(|event: &Event| event.p as u16 > 1) {
                 return Err(Broken);
             }
-            if !environment.started {
+            if let Some(light) = &mut environment.exposing {
+                let mut since = (u64::from(light.since_us.is_some()), light.since_us.unwrap_or_default());
+                pass.one(&mut since.0)?;
+                pass.one(&mut since.1)?;
+                light.since_us = (since.0 != 0).then_some(since.1);
+                if light.since_us.is_some() {
+                    pass.all(&mut light.last)?;
+                    pass.all(&mut light.sum)?;
+                }
+            }
+            if !environment.has_light() {
                 continue;
             }
             self.walk_keyframe(pass, &mut environment.keyframe)?;
+            if !environment.started {
+                continue;
+            }
             let key = environment.key;
             for tile in &mut environment.tiles {
                 self.walk_tile(pass, key, tile)?;

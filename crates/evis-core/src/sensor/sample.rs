@@ -67,6 +67,7 @@ impl SensorConfig {
             for (name, stage) in [
                 ("times", serde_json::to_value(self.times)),
                 ("most_events", serde_json::to_value(self.most_events)),
+                ("exposure", serde_json::to_value(&self.exposure)),
                 ("photoreceptor", serde_json::to_value(self.photoreceptor)),
                 ("pattern", serde_json::to_value(self.pattern)),
                 ("noise", serde_json::to_value(self.noise)),

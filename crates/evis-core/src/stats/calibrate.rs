@@ -84,7 +84,7 @@ pub fn static_scene(
 /// what the estimates neglect (bursts beside hot pixels, refractory periods) does not bias them.
 ///
 /// # Errors
-/// As [`stats`]; too few events; a `base` that is a diffusion, whose noise is its own.
+/// As [`stats`]; too few events; a `base` that is a diffusion, whose noise is its own, or has an exposure.
 pub fn calibrate(
     events: &[Event],
     (width, height): (u32, u32),
@@ -96,6 +96,10 @@ pub fn calibrate(
     if base.diffusion.is_some() {
         let remedy = "a sensor with thresholds: the noise of a diffusion is part of it";
         return Err(ConfigError::new("the base sensor", "a diffusion", remedy));
+    }
+    if !base.exposure.is_off() {
+        let remedy = "a sensor without one: noise belongs to pixels, which have a bandwidth and no exposure";
+        return Err(ConfigError::new("the base sensor's exposure.time_us", base.exposure.time_us, remedy));
     }
     let mut warnings = Vec::new();
     let longest_us = (MOST_PIXEL_SECONDS / f64::from(width) / f64::from(height).max(1.0) * 1e6) as i64;

@@ -1,11 +1,13 @@
-//! A sensor with `diffusion`: its pixels' paths are drawn on the host. A submission brings the light of its instants back
-//! instead of events, and each view's own emulator takes it, instant by instant.
+//! Sensors whose pixels the host walks, those with `diffusion` or an `exposure`: a submission brings the light of its
+//! instants back instead of events, and each view's own emulator takes it, instant by instant. The price is the way of
+//! every sample to the host.
 //!
 //! Brownian bridges need f64, and as many draws as the light asks for: on the device they would be the widest loop of
-//! all, for the sensor that is asked for least. The price is the way of every sample to the host.
+//! all, for the sensor that is asked for least. An exposure ends at any time between two instants, and what follows sees
+//! its frames alone: on the device it would be a chain of passes of its own.
 
 use evis_core::emulator::parts::emulator;
-use evis_core::{EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
+use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames, LabelKind};
 use rayon::prelude::*;
 
 use crate::config::RunConfig;
@@ -19,21 +21,15 @@ use crate::view::View;
 /// Light is held below this; `chain/layout.wgsl` has the same constant.
 const LIGHT_LIMIT: f64 = 1e30;
 
-/// Whether every pixel of `view` is looked at at every instant, whatever its pace: no sample may stand for the light between
-/// two others.
-pub fn takes_every_instant(view: &View) -> bool {
-    view.sensor.diffusion.is_some()
-}
-
 /// Takes back the adaptive time that `auto` chose where no view can have it; `why` says so.
 pub fn settle(views: &[View], config: &mut RunConfig, why: &mut String) {
-    let without = views.iter().filter(|view| takes_every_instant(view)).count();
+    let without = views.iter().filter(|view| view.sensor.walks_on_host()).count();
     if without == views.len() {
         config.adaptive_px = None;
-        *why += "; all tiles at this rate, since the sensor's diffusion takes every instant of every pixel";
+        *why += "; all tiles at this rate, since the sensor is walked on the host, which takes every instant of every pixel";
     } else if without > 0 {
-        *why += "; where a camera's sensor has a diffusion all tiles at this rate, since it takes every instant of every \
-                 pixel";
+        *why += "; where a camera's sensor is walked on the host all tiles at this rate, since it takes every instant of \
+                 every pixel";
     }
 }
 
@@ -46,7 +42,7 @@ pub struct Looks {
 }
 
 /// The pixels that the host walks.
-pub struct DiffusionRoom {
+pub struct HostWalk {
     /// By view, in the engine's order; none where the device walks.
     emulators: Vec<Option<EventEmulator>>,
     samples: u32,
@@ -64,17 +60,24 @@ pub struct Felt {
     pub report: EmulatorReport,
 }
 
-impl DiffusionRoom {
-    /// For those of `views` whose sensor has a `diffusion`. `samples`: layers per view and instant.
+impl HostWalk {
+    /// For those of `views` whose sensor it walks. `samples`: layers per view and instant.
     ///
     /// # Errors
     /// A sensor or size that the emulator cannot have.
-    pub fn new(views: &[View], reference_luminance: f32, samples: u32) -> Result<Self, EngineError> {
-        let walked = |view: &&View| takes_every_instant(view);
+    pub fn new(
+        views: &[View],
+        reference_luminance: f32,
+        samples: u32,
+        config: &RunConfig,
+    ) -> Result<Self, EngineError> {
+        let walked = |view: &&View| view.sensor.walks_on_host();
         // Views go side by side; where they are few, each shares its own pixels out.
         let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
+        let causes = config.labels.contains(&LabelKind::Cause);
         let make = |view: &View| {
             let config = EmulatorConfig {
+                causes,
                 width: view.lens.width,
                 height: view.lens.height,
                 sensor: view.sensor.clone(),
@@ -108,7 +111,7 @@ impl DiffusionRoom {
         if bytes > most {
             return Err(EngineError::Device(format!(
                 "the light of {layers} samples of {width}x{height} pixels takes {bytes} bytes on its way to the \
-                 sensor's diffusion, and this device's buffers hold {most}; choose a smaller --size or fewer --samples"
+                 host, which walks this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer --samples"
             )));
         }
         let staging = match self.free.iter().position(|buffer| buffer.size() >= bytes) {
@@ -163,8 +166,15 @@ impl DiffusionRoom {
                     let layers = bytes.get(first * layer_bytes..(first + samples) * layer_bytes);
                     let light = mean(layers.unwrap_or_default(), targets, samples);
                     let t_us = context.grid.instant_us(unit.first + k as i64);
+                    let before = felt.events.len();
                     let out = std::slice::from_mut(&mut felt.events);
                     emulator.push_into(&Frames::linear(&light), t_us, out)?;
+                    // Marked, as the device's are on their way.
+                    for (event, cause) in
+                        felt.events[before..].iter_mut().zip(emulator.causes().iter().flatten())
+                    {
+                        *event = event.with_cause(Cause::ALL[usize::from(*cause)]);
+                    }
                     felt.report.add(emulator.report());
                 }
                 Ok(felt)

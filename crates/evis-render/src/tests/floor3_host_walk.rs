@@ -1,10 +1,10 @@
-//! Floor 3 of sensors with `diffusion`: the emulator's events on the engine's light, whatever else is rendered.
+//! Floor 3 of sensors that the host walks: the emulator's events on the engine's light, whatever else is rendered.
 
 use std::sync::Arc;
 
 use evis_core::emulator::parts::emulator;
-use evis_core::sensor::{Readout, SensorConfig};
-use evis_core::{EmulatorConfig, Event, Frames};
+use evis_core::sensor::{Exposure, ExposureShape, Readout, SensorConfig};
+use evis_core::{EmulatorConfig, Event, Frames, LabelKind};
 use evis_scene::Scene;
 
 use super::floor3::{batch, events, gather};
@@ -135,10 +135,118 @@ fn auto_samples_every_pixel_at_one_rate_and_says_so() {
     let simulator = Simulator::new(&gpu, scene.clone(), auto.clone()).unwrap();
     let settled = simulator.config().clone();
     assert!(settled.adaptive_px.is_none() && settled.method == Method::Native);
-    assert!(settled.chosen.as_ref().unwrap().why.contains("diffusion"));
+    assert!(settled.chosen.as_ref().unwrap().why.contains("walked on the host"));
     let by_hand = RunConfig { chosen: None, ..settled };
     assert!(stream(&gpu, &scene, &auto, 10_000) == stream(&gpu, &scene, &by_hand, 10_000));
     // Canary: a sensor without it has adaptive time.
     let other = RunConfig { sensor: SensorConfig::default(), ..auto };
     assert!(Simulator::new(&gpu, scene, other).unwrap().config().adaptive_px.is_some());
+}
+
+/// Pixels that see frames, of thresholds, of a chain with noise and a wire, and of a diffusion.
+fn exposed() -> [RunConfig; 3] {
+    let exposure =
+        Exposure { time_us: 5_000, period_us: 7_001, shape: ExposureShape::Weights(vec![1.0, 1.0, 0.0]) };
+    let mut noisy = SensorConfig::preset("v2e-noisy").unwrap();
+    noisy.readout = Readout { latency_us: 2_500.0, jitter_us: 400.0, ..Readout::default() };
+    [SensorConfig::default(), noisy, config().sensor]
+        .map(|sensor| RunConfig { sensor: SensorConfig { exposure: exposure.clone(), ..sensor }, ..config() })
+}
+
+#[test]
+fn exposed_events_are_those_of_the_emulator_on_the_same_light() {
+    let Some(gpu) = super::device() else { return };
+    let scene = batch(&[0.0, 0.4]);
+    for config in exposed() {
+        let got = stream(&gpu, &scene, &config, 10_000);
+        let (views, _) = view::views(&scene, &config).unwrap();
+        let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
+        // All light that events before 40 ms come of, and no more.
+        let until = config.sensor.exposure.needed_us(40_000);
+        assert!((45_000..52_001).contains(&until), "{until}");
+        for (index, view) in views.iter().enumerate() {
+            let of = |exposure: Exposure| {
+                let sensor = SensorConfig { exposure, ..config.sensor.clone() };
+                let size = EmulatorConfig { width: 72, height: 54, ..EmulatorConfig::default() };
+                emulator(EmulatorConfig { sensor, reference_luminance: 0.5, ..size }, view.key).unwrap()
+            };
+            let (mut right, mut sharp) = (of(config.sensor.exposure.clone()), of(Exposure::default()));
+            let (mut expected, mut other) = (Vec::new(), Vec::new());
+            for k in 0..=(until + 1_999) / 2_000 {
+                let light: Vec<f32> =
+                    simulator.luminance(index, 2_000 * k).unwrap().iter().map(|y| *y as f32).collect();
+                let frame = Frames::linear(&light);
+                right.push_into(&frame, 2_000 * k, std::slice::from_mut(&mut expected)).unwrap();
+                sharp.push_into(&frame, 2_000 * k, std::slice::from_mut(&mut other)).unwrap();
+            }
+            // The last frame before the end lies behind it: events are known up to there.
+            assert!(expected.iter().any(|event| event.t > 38_000));
+            expected.retain(|event| event.t < 40_000);
+            other.retain(|event| event.t < 40_000);
+            assert!(expected.len() > 400, "{}", expected.len());
+            assert!(got[index] == expected, "view {index}: {} {}", got[index].len(), expected.len());
+            assert!(got[index] != other, "canary: light itself");
+        }
+    }
+}
+
+#[test]
+fn packets_steps_and_neighbours_change_no_byte_of_exposed_pixels() {
+    let Some(gpu) = super::device() else { return };
+    let scene = batch(&[0.3, 0.0]);
+    let methods = [
+        (Method::Native, None),
+        (Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 5, ..SplatConfig::default() }), None),
+        (Method::Native, Some(0.4)),
+        (Method::March, Some(0.4)),
+        (Method::Reproject, Some(0.4)),
+    ];
+    for ((method, adaptive_px), base) in methods.into_iter().zip(exposed().into_iter().cycle()) {
+        let config = RunConfig {
+            method,
+            adaptive_px,
+            samples: 4,
+            labels: vec![LabelKind::Depth],
+            label_rate_hz: 300.0,
+            ..base
+        };
+        let name = config.method.name();
+        let expected = stream(&gpu, &scene, &config, 10_000);
+        assert!(expected.iter().all(|events| events.len() > 200), "{name}: {}", expected[0].len());
+        for packet_us in [777, 40_000] {
+            assert!(
+                stream(&gpu, &scene, &config, packet_us) == expected,
+                "{name}: packets of {packet_us} us"
+            );
+        }
+        assert!(stream(&gpu, &batch(&[0.3]), &config, 9_999)[0] == expected[0], "{name}: alone");
+        let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
+        let steps = [1, 5_000, 5_001, 30_000, 40_000].into_iter().map(|t| simulator.step(t).unwrap());
+        let stepped: Vec<_> = gather(steps).into_iter().map(|(events, _)| events).collect();
+        assert!(stepped == expected, "{name}: steps");
+        // A longer run begins with the shorter one.
+        let longer = events(&gpu, &scene, &config, (60_000, 7_000));
+        for (longer, expected) in longer.iter().zip(&expected) {
+            assert!(longer.iter().filter(|event| event.t < 40_000).eq(expected), "{name}: its tail");
+            assert!(longer.len() > expected.len(), "canary, {name}");
+        }
+    }
+}
+
+#[test]
+fn exposed_pixels_tell_why_they_fired() {
+    let Some(gpu) = super::device() else { return };
+    let [_, noisy, _] = exposed();
+    let caused = RunConfig { labels: vec![LabelKind::Cause], ..noisy.clone() };
+    let scene = batch(&[0.0]);
+    let mut simulator = Simulator::new(&gpu, scene.clone(), caused.clone()).unwrap();
+    let view = simulator.step(40_000).unwrap().views.remove(0);
+    assert!(view.events == stream(&gpu, &scene, &noisy, 40_000)[0], "asking changes no event");
+    let count = |cause| view.causes.iter().filter(|c| **c == cause).count();
+    assert!(
+        view.causes.len() == view.events.len() && count(0) > 100 && count(2) > 10,
+        "{} {}",
+        count(0),
+        count(2)
+    );
 }
