@@ -1,11 +1,13 @@
 //! Sensor configuration: a value, checked once at the door, then trusted.
 
+mod noise_law;
 mod preset;
 mod sample;
 mod stages;
 
 use serde::{Deserialize, Serialize};
 
+pub use noise_law::NoiseLaw;
 pub use preset::{PRESETS, Preset};
 pub use sample::sample;
 pub use stages::{
@@ -205,6 +207,11 @@ impl SensorConfig {
             ("diffusion", diffusion.is_none()),
         ];
         stages.into_iter().filter(|(_, off)| !off).map(|(name, _)| name).collect()
+    }
+
+    /// Whether an engine that walks pixels on a device leaves this sensor's to the emulator.
+    pub fn walks_on_host(&self) -> bool {
+        self.diffusion.is_some() || self.photoreceptor.noise > 0.0
     }
 
     /// What is allowed and probably not meant.

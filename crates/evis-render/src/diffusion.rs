@@ -1,10 +1,10 @@
-//! A sensor with `diffusion`: its pixels' paths are drawn on the host. A submission brings the light of its instants back
+//! A sensor with `diffusion`, or whose photoreceptor has noise: its pixels' paths are drawn on the host. A submission brings the light of its instants back
 //! instead of events, and each view's own emulator takes it, instant by instant.
 //!
 //! Brownian bridges need f64, and as many draws as the light asks for: on the device they would be the widest loop of
 //! all, for the sensor that is asked for least. The price is the way of every sample to the host.
 
-use evis_core::emulator::parts::emulator;
+use evis_core::emulator::parts::{Cause, emulator};
 use evis_core::{EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ const LIGHT_LIMIT: f64 = 1e30;
 /// Whether every pixel of `view` is looked at at every instant, whatever its pace: no sample may stand for the light between
 /// two others.
 pub fn takes_every_instant(view: &View) -> bool {
-    view.sensor.diffusion.is_some()
+    view.sensor.walks_on_host()
 }
 
 /// Takes back the adaptive time that `auto` chose where no view can have it; `why` says so.
@@ -80,6 +80,7 @@ impl DiffusionRoom {
                 sensor: view.sensor.clone(),
                 reference_luminance,
                 threads,
+                causes: true,
                 ..EmulatorConfig::default()
             };
             emulator(config, view.key)
@@ -163,8 +164,12 @@ impl DiffusionRoom {
                     let layers = bytes.get(first * layer_bytes..(first + samples) * layer_bytes);
                     let light = mean(layers.unwrap_or_default(), targets, samples);
                     let t_us = context.grid.instant_us(unit.first + k as i64);
+                    let before = felt.events.len();
                     let out = std::slice::from_mut(&mut felt.events);
                     emulator.push_into(&Frames::linear(&light), t_us, out)?;
+                    for (event, cause) in felt.events[before..].iter_mut().zip(&emulator.causes()[0]) {
+                        *event = event.with_cause(Cause::ALL[usize::from(*cause)]);
+                    }
                     felt.report.add(emulator.report());
                 }
                 Ok(felt)

@@ -94,13 +94,13 @@ pub enum WalkPasses {
     },
     /// Any stage.
     Chain(Box<ChainPasses>),
-    /// A diffusion: the host walks them.
+    /// The host walks them.
     Host,
 }
 
 impl WalkPasses {
     fn new(device: &wgpu::Device, sensor: &SensorConfig, samples: u32, unknown: bool, block: u32) -> Self {
-        if sensor.diffusion.is_some() {
+        if sensor.walks_on_host() {
             return Self::Host;
         }
         if !sensor.is_ideal() {
