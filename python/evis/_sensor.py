@@ -350,7 +350,7 @@ class Sensor:
         ----------
         rate_hz : float
             Events of a pixel per second, ON and OFF together, at ``Y_ref`` where light sets the bandwidth;
-            2e-5 to 2 times ``photoreceptor.cutoff_hz``.
+            1e-4 to 0.8 times ``photoreceptor.cutoff_hz``.
         law : {"measured", "v2e"}
             A fit to this pixel's own events, with one or two poles; or v2e's
             (``compute_photoreceptor_noise_voltage`` in its ``emulator_utils.py``):

@@ -30,9 +30,9 @@ pub fn settle(views: &[View], config: &mut RunConfig, why: &mut String) {
     let without = views.iter().filter(|view| takes_every_instant(view)).count();
     if without == views.len() {
         config.adaptive_px = None;
-        *why += "; all tiles at this rate, since the sensor's diffusion takes every instant of every pixel";
+        *why += "; all tiles at this rate, since the sensor's diffusion or noise of its photoreceptor takes every instant of every pixel";
     } else if without > 0 {
-        *why += "; where a camera's sensor has a diffusion all tiles at this rate, since it takes every instant of every \
+        *why += "; where a camera's sensor has a diffusion or noise of its photoreceptor all tiles at this rate, since it takes every instant of every \
                  pixel";
     }
 }
@@ -65,11 +65,17 @@ pub struct Felt {
 }
 
 impl DiffusionRoom {
-    /// For those of `views` whose sensor has a `diffusion`. `samples`: layers per view and instant.
+    /// For those of `views` that the host walks. `samples`: layers per view and instant.
+    /// `causes`: whether events say why they fired.
     ///
     /// # Errors
     /// A sensor or size that the emulator cannot have.
-    pub fn new(views: &[View], reference_luminance: f32, samples: u32) -> Result<Self, EngineError> {
+    pub fn new(
+        views: &[View],
+        reference_luminance: f32,
+        samples: u32,
+        causes: bool,
+    ) -> Result<Self, EngineError> {
         let walked = |view: &&View| takes_every_instant(view);
         // Views go side by side; where they are few, each shares its own pixels out.
         let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
@@ -80,7 +86,7 @@ impl DiffusionRoom {
                 sensor: view.sensor.clone(),
                 reference_luminance,
                 threads,
-                causes: true,
+                causes,
                 ..EmulatorConfig::default()
             };
             emulator(config, view.key)
@@ -167,7 +173,9 @@ impl DiffusionRoom {
                     let before = felt.events.len();
                     let out = std::slice::from_mut(&mut felt.events);
                     emulator.push_into(&Frames::linear(&light), t_us, out)?;
-                    for (event, cause) in felt.events[before..].iter_mut().zip(&emulator.causes()[0]) {
+                    for (event, cause) in
+                        felt.events[before..].iter_mut().zip(emulator.causes().iter().flatten())
+                    {
                         *event = event.with_cause(Cause::ALL[usize::from(*cause)]);
                     }
                     felt.report.add(emulator.report());

@@ -427,7 +427,7 @@ fn sensors() -> Vec<(String, SensorConfig)> {
     ];
     all.extend(PRESETS.iter().map(|preset| (preset.name, preset.sensor())));
     all.into_iter()
-        .filter(|(_, sensor)| !sensor.is_ideal() && sensor.diffusion.is_none())
+        .filter(|(_, sensor)| !sensor.is_ideal() && !sensor.walks_on_host())
         .map(|(name, sensor)| (name.to_owned(), sensor))
         .collect()
 }
