@@ -1,8 +1,8 @@
 //! How often noise of the photoreceptor fires: what `SensorConfig::photoreceptor_noise_for` was fitted to.
 //!
 //! `cargo bench --profile release --workspace --locked --bench receptor` prints Markdown: events per second and cutoff
-//! under constant light, by the threshold in units of the noise's root mean square, at two cutoffs whose knots are as
-//! near to each other as they can be for the time constant, and as far.
+//! under constant light, by the threshold in units of the root mean square, at two cutoffs whose knots are as far apart
+//! as they can be for the time constant, and as near.
 #![allow(clippy::unwrap_used, reason = "a benchmark may panic")]
 
 use evis_core::sensor::{NoiseLaw, Photoreceptor};
@@ -10,7 +10,7 @@ use evis_core::{EmulatorConfig, EventEmulator, Frames, SensorConfig};
 
 fn main() {
     println!(
-        "| poles | C / rms | R / f, knots near | R / f, knots far | v2e's formula asks for C / rms | fitted |"
+        "| poles | C / rms | R / f, knots far apart | R / f, knots near | v2e's formula asks for C / rms | fitted |"
     );
     println!("|---|---|---|---|---|---|");
     for order in [1, 2] {

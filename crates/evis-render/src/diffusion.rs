@@ -1,5 +1,5 @@
-//! A sensor with `diffusion`, or whose photoreceptor has noise: its pixels' paths are drawn on the host. A submission brings the light of its instants back
-//! instead of events, and each view's own emulator takes it, instant by instant.
+//! A sensor with `diffusion`, or whose photoreceptor has noise: its pixels' paths are drawn on the host. A submission
+//! brings the light of its instants back instead of events, and each view's own emulator takes it, instant by instant.
 //!
 //! Brownian bridges need f64, and as many draws as the light asks for: on the device they would be the widest loop of
 //! all, for the sensor that is asked for least. The price is the way of every sample to the host.
@@ -30,10 +30,11 @@ pub fn settle(views: &[View], config: &mut RunConfig, why: &mut String) {
     let without = views.iter().filter(|view| takes_every_instant(view)).count();
     if without == views.len() {
         config.adaptive_px = None;
-        *why += "; all tiles at this rate, since the sensor's diffusion or noise of its photoreceptor takes every instant of every pixel";
+        *why += "; all tiles at this rate, since the sensor's diffusion or noise of its photoreceptor takes every instant \
+                 of every pixel";
     } else if without > 0 {
-        *why += "; where a camera's sensor has a diffusion or noise of its photoreceptor all tiles at this rate, since it takes every instant of every \
-                 pixel";
+        *why += "; where a camera's sensor has a diffusion or noise of its photoreceptor all tiles at this rate, since it \
+                 takes every instant of every pixel";
     }
 }
 
@@ -65,8 +66,8 @@ pub struct Felt {
 }
 
 impl DiffusionRoom {
-    /// For those of `views` that the host walks. `samples`: layers per view and instant.
-    /// `causes`: whether events say why they fired.
+    /// For those of `views` that the host walks. `samples`: layers per view and instant. `causes`: whether events say why
+    /// they fired.
     ///
     /// # Errors
     /// A sensor or size that the emulator cannot have.
