@@ -14,8 +14,7 @@ use crate::simd;
 /// Four knots share a draw, and draws do not cross epochs.
 const MOST_SHIFT: i32 = EPOCH_SHIFT as i32 - 2;
 
-/// Microseconds between knots, as a power of two, for a time constant of `tau` microseconds. Twin: `knot_shift` in
-/// `shaders/chain/receptor.wgsl`.
+/// Microseconds between knots, as a power of two, for a time constant of `tau` microseconds.
 #[inline(always)]
 pub(crate) fn shift_of(tau: f32, two_poles: bool) -> u32 {
     // The exponent is the logarithm, rounded down.
@@ -29,7 +28,7 @@ pub(crate) fn shift_of(tau: f32, two_poles: bool) -> u32 {
 /// The noise has the cubic B-spline for its autocovariance, the mean over where a knot lies; one pole has
 /// `e^-|s| / 2`, two have `(1 + |s|) e^-|s| / 4`. The integral of the product is the fourth difference of `g`, whose
 /// fourth derivative is the latter: `(6 g(0) - 8 g(u) + 2 g(2 u)) / u^3` with `g = e^-s / 2 + s^3 / 12 + s / 2`, and
-/// `g = (5 + s) e^-s / 4 + s^3 / 12 + s`. Twin: `knot_gain` in `shaders/chain/receptor.wgsl`.
+/// `g = (5 + s) e^-s / 4 + s^3 / 12 + s`.
 #[inline(always)]
 pub(crate) fn gain_of(u: f32, two_poles: bool) -> f32 {
     let series = if two_poles {
@@ -49,8 +48,7 @@ pub(crate) fn gain_of(u: f32, two_poles: bool) -> f32 {
     1.0 / variance.sqrt()
 }
 
-/// A pair of independent standard normals (Box and Muller, Ann. Math. Stat. 29, 1958). Twin: `normal_pair` in
-/// `shaders/chain/receptor.wgsl`.
+/// A pair of independent standard normals (Box and Muller, Ann. Math. Stat. 29, 1958).
 #[inline(always)]
 fn normal_pair(first: u32, second: u32) -> (f32, f32) {
     let radius = (-2.0 * simd::ln(unit_f32(first))).sqrt();
@@ -65,7 +63,7 @@ fn normal_pair(first: u32, second: u32) -> (f32, f32) {
     (x * half, y * half)
 }
 
-/// The four knots of which `knot`, counted from time 0, is one. Twin: `knots_of` in `shaders/chain/receptor.wgsl`.
+/// The four knots of which `knot`, counted from time 0, is one.
 #[inline(always)]
 pub(crate) fn knots_of(key: Key, pixel: u32, knot: i64, shift: u32) -> [f32; 4] {
     let from_us = (knot >> 2) << (shift + 2);
