@@ -137,8 +137,8 @@ impl Course {
     #[inline(always)]
     pub fn run(&mut self, when: &When, two_poles: bool, lags: impl Fn(f32) -> (f32, f32, f32) + Copy) {
         let mut shifts = [0; BLOCK];
-        for i in 0..BLOCK {
-            shifts[i] = shift_of(1.0 / self.rate[i], two_poles);
+        for (shift, rate) in shifts.iter_mut().zip(&self.rate) {
+            *shift = shift_of(1.0 / rate, two_poles);
         }
         let (mut low, mut high) = (u32::MAX, 0);
         for shift in shifts {
@@ -156,8 +156,8 @@ impl Course {
             }
             let mut other = before;
             other.run_alike(when, shift, two_poles, lags);
-            for i in 0..BLOCK {
-                let own = shifts[i] == shift;
+            for (i, own) in shifts.iter().enumerate() {
+                let own = *own == shift;
                 self.first[i] = if own { other.first[i] } else { self.first[i] };
                 self.second[i] = if own { other.second[i] } else { self.second[i] };
                 self.most[i] = if own { other.most[i] } else { self.most[i] };
@@ -183,8 +183,8 @@ impl Course {
             }
         };
         let mut gain = [0.0; BLOCK];
-        for i in 0..BLOCK {
-            gain[i] = when.rms * gain_of(self.rate[i] * (1_u32 << shift) as f32, two_poles);
+        for (gain, rate) in gain.iter_mut().zip(&self.rate) {
+            *gain = when.rms * gain_of(rate * (1_u32 << shift) as f32, two_poles);
         }
         let mut group = [[0.0; BLOCK]; 4];
         let per_us = 1.0 / when.us as f32;
