@@ -121,8 +121,8 @@ fn main() {
     }
 
     for order in [1, 2] {
-        let mut noisy = SensorConfig::default();
-        noisy.photoreceptor = Photoreceptor { cutoff_hz: 200.0, order, ..Photoreceptor::default() };
+        let photoreceptor = Photoreceptor { cutoff_hz: 200.0, order, ..Photoreceptor::default() };
+        let mut noisy = SensorConfig { photoreceptor, ..SensorConfig::default() };
         noisy.photoreceptor.noise = noisy.photoreceptor_noise_for(1.0, NoiseLaw::Measured).unwrap();
         let name = format!("photoreceptor noise of 1 Hz, 200 Hz, order {order}, float32, 1 thread");
         print(&measure(&name, &noisy, 1, linear, size, 100, false));
