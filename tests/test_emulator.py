@@ -204,6 +204,31 @@ def test_samples_are_drawn_within_their_ranges() -> None:
         base.sample({"noise.leek": (0, 1)}, 0)
 
 
+def test_noise_of_the_photoreceptor_fires_as_often_as_asked() -> None:
+    for order in (1, 2):
+        quiet = evis.Sensor(photoreceptor=evis.Photoreceptor(cutoff_hz=200, order=order))
+        noise = quiet.photoreceptor_noise_for(5.0)
+        sensor = quiet.sample({"photoreceptor.noise": (noise, noise)}, 0)
+        assert sensor.photoreceptor.noise == pytest.approx(noise)
+        assert evis.Sensor.from_toml(sensor.to_toml()) == sensor
+        emulator = evis.EventEmulator(100, 80, sensor)
+        for k in range(201):
+            emulator.push(np.full((80, 100), 0.4, np.float32), 10_000 * k)
+        rate = emulator.total_report.events / (100 * 80 * 2.0)
+        assert rate == pytest.approx(5.0, rel=0.25)
+        # v2e's formula as published, by hand.
+        x = np.log10(5.0 / (2 * 200))
+        ratio = 10 ** (-0.0026 * x**3 - 0.036 * x**2 - 0.1949 * x + 0.321)
+        assert quiet.photoreceptor_noise_for(5.0, law="v2e") == pytest.approx(0.2 / ratio, rel=1e-5)
+    assert evis.Sensor().photoreceptor.noise == 0
+    with pytest.raises(evis.ConfigError, match="cutoff_hz"):
+        evis.Sensor().photoreceptor_noise_for(5.0)
+    with pytest.raises(evis.ConfigError, match="rate_hz is 500"):
+        quiet.photoreceptor_noise_for(500.0)
+    with pytest.raises(evis.ConfigError, match="law is 'v2f'"):
+        quiet.photoreceptor_noise_for(5.0, law="v2f")  # type: ignore[arg-type]
+
+
 def test_what_is_probably_not_meant_is_warned_of() -> None:
     sensor = evis.Sensor(
         photoreceptor=evis.Photoreceptor(cutoff_hz=100), readout=evis.Readout(latency_light_us=10)
@@ -305,6 +330,10 @@ BAD_SETTINGS: list[tuple[Callable[[], Any], str]] = [
         "cutoff_hz is 1000000.*Nyquist",
     ),
     (lambda: evis.EventEmulator(3, 3, evis.Sensor(noise=evis.Noise(shot_hz=-1.0))), "shot_hz is -1"),
+    (
+        lambda: evis.EventEmulator(3, 3, evis.Sensor(photoreceptor=evis.Photoreceptor(noise=0.1))),
+        "photoreceptor.noise is 0.1.*cutoff_hz",
+    ),
     (lambda: evis.Sensor.from_toml("threshold_on = 0"), "threshold_on"),
     (lambda: evis.Sensor(exposure=evis.Exposure(period_us=5)).check(), "exposure.time_us is 0"),
     (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, period_us=4)).check(), "exposure.period_us is 4"),

@@ -74,6 +74,9 @@ class Photoreceptor:
         within ``bandwidth_least`` and ``bandwidth_most``.
     bandwidth_offset, bandwidth_least, bandwidth_most : float
         See ``bandwidth``.
+    noise : float
+        White noise before the low-pass (``exact`` only): its root mean square behind it, log units, at any
+        light; 0: none. `Sensor.photoreceptor_noise_for` gives the one for a rate of events.
     """
 
     curve: Literal["log", "linlog"] = "log"
@@ -87,6 +90,7 @@ class Photoreceptor:
     bandwidth_offset: float = 0.0
     bandwidth_least: float = 0.01
     bandwidth_most: float = 100.0
+    noise: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -362,6 +366,31 @@ class Sensor:
         except TypeError as error:
             raise ConfigError(f"ranges are {ranges!r}; they must hold numbers and text ({error})") from None
         return Sensor._of_json(_evis.sensor_sample(self._json(), text, seed))
+
+    def photoreceptor_noise_for(
+        self, rate_hz: float, *, law: Literal["measured", "v2e"] = "measured"
+    ) -> float:
+        """Return the ``photoreceptor.noise`` with which pixels fire so often under constant light.
+
+        Parameters
+        ----------
+        rate_hz : float
+            Events of a pixel per second, ON and OFF together, at ``Y_ref`` where light sets the bandwidth;
+            1e-4 to 0.8 times ``photoreceptor.cutoff_hz``.
+        law : {"measured", "v2e"}
+            A fit to this pixel's own events, with one or two poles; or v2e's
+            (``compute_photoreceptor_noise_voltage`` in its ``emulator_utils.py``):
+            ``log10(C / rms) = -0.0026 x^3 - 0.036 x^2 - 0.1949 x + 0.321`` with
+            ``x = log10(rate_hz / (2 cutoff_hz))`` and the mean threshold ``C``.
+
+        Raises
+        ------
+        ConfigError
+            If there is no low-pass, or the rate is outside the range that was measured.
+        """
+        if law not in ("measured", "v2e"):
+            raise ConfigError(f"law is {law!r}; it must be 'measured' or 'v2e'")
+        return _evis.sensor_photoreceptor_noise(self._json(), rate_hz, law == "v2e")
 
     def check(self) -> None:
         """Check every value.

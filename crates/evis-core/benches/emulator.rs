@@ -9,6 +9,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use evis_core::sensor::{NoiseLaw, Photoreceptor};
 use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, SensorConfig, Transfer};
 
 const WIDTH: u32 = 346;
@@ -117,6 +118,17 @@ fn main() {
         let sensor = SensorConfig::preset(name).unwrap();
         let frames = if name == "davis346" { 40 } else { 100 };
         print(&measure(&format!("{name}, float32, 1 thread"), &sensor, 1, linear, size, frames, false));
+    }
+
+    for order in [1, 2] {
+        let photoreceptor = Photoreceptor { cutoff_hz: 200.0, order, ..Photoreceptor::default() };
+        let mut noisy = SensorConfig { photoreceptor, ..SensorConfig::default() };
+        noisy.photoreceptor.noise = noisy.photoreceptor_noise_for(1.0, NoiseLaw::Measured).unwrap();
+        let name = format!("photoreceptor noise of 1 Hz, 200 Hz, order {order}, float32, 1 thread");
+        print(&measure(&name, &noisy, 1, linear, size, 100, false));
+        let still = vec![0.5; (WIDTH * HEIGHT) as usize];
+        let name = format!("photoreceptor noise, still light, order {order}, float32, 1 thread");
+        print(&measure(&name, &noisy, 1, |_| Frames::linear(&still), size, 100, true));
     }
 
     println!("\nSilent frames (distinct, nothing fires):\n");

@@ -13,6 +13,7 @@ mod order;
 pub mod parts;
 mod paths;
 mod readout;
+pub(crate) mod receptor;
 mod shape;
 mod state;
 mod warp;
@@ -671,7 +672,7 @@ impl Tile {
             (Memory::Ideal(pixels), _) => pixels.scan(work.isa, *source, &at),
             (Memory::Chain(chain), Kernel::Chain(plan)) => {
                 chain.rebase(work.start_us, first_frame);
-                return chain.scan(work.isa, plan, source, &at, work.start_us);
+                return chain.scan(work.isa, plan, source, &at, key, work.start_us);
             }
             (Memory::Diffusion(diffuse), _) => diffuse.scan(source, work.config.sensor.log_eps, &at),
             _ => (0, false),

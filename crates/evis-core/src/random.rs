@@ -35,6 +35,8 @@ pub enum StreamId {
     Diffusion = 9,
     /// Draws of [`crate::SensorConfig`] ranges.
     Sample = 10,
+    /// Noise of the photoreceptor.
+    Receptor = 11,
 }
 
 /// The key of one camera of one environment.

@@ -1,6 +1,7 @@
 //! Sensor configuration: a value, checked once at the door, then trusted.
 
 mod exposure;
+mod noise_law;
 mod preset;
 mod sample;
 mod stages;
@@ -8,6 +9,7 @@ mod stages;
 use serde::{Deserialize, Serialize};
 
 pub use exposure::{Exposure, ExposureShape};
+pub use noise_law::NoiseLaw;
 pub use preset::{PRESETS, Preset};
 pub use sample::sample;
 pub use stages::{
@@ -216,8 +218,8 @@ impl SensorConfig {
     }
 
     /// Whether the engine leaves its pixels to the emulator: what they see has to come to the host.
-    pub const fn walks_on_host(&self) -> bool {
-        self.diffusion.is_some() || !self.exposure.is_off()
+    pub fn walks_on_host(&self) -> bool {
+        self.diffusion.is_some() || !self.exposure.is_off() || self.photoreceptor.noise > 0.0
     }
 
     /// What is left of it for light that frames have already been made of.

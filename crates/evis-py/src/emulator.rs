@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-use evis_core::sensor::{PRESETS, sample};
+use evis_core::sensor::{NoiseLaw, PRESETS, sample};
 use evis_core::{
     ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, KeyframeReport, Keyframes, Sensor,
     SensorConfig, Transfer, WarpConfig,
@@ -48,6 +48,13 @@ pub(crate) fn sensor_preset(name: &str) -> PyResult<String> {
 pub(crate) fn sensor_check(json: &str) -> PyResult<(Vec<String>, bool)> {
     let sensor = from_json(json)?;
     Ok((sensor.warnings(), sensor.is_ideal()))
+}
+
+/// The photoreceptor's noise with which a sensor's pixels fire so often; by v2e's formula where `v2e`.
+#[pyfunction]
+pub(crate) fn sensor_photoreceptor_noise(json: &str, rate_hz: f64, v2e: bool) -> PyResult<f32> {
+    let law = if v2e { NoiseLaw::V2e } else { NoiseLaw::Measured };
+    Ok(from_json(json)?.photoreceptor_noise_for(rate_hz, law).map_err(Failure::from)?)
 }
 
 /// JSON to TOML.

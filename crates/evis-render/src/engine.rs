@@ -410,8 +410,9 @@ impl Engine {
         let most_capacity =
             (device_limits.storage_binding / 8).min(limits.max_buffer_size / 8 - 4096).min(1 << 28) as u32;
         let capacity = first_capacity(&groups, &targets, block).min(most_capacity);
+        let caused = config.labels.contains(&LabelKind::Cause);
         Ok(Self {
-            caused: config.labels.contains(&LabelKind::Cause),
+            caused,
             sampling,
             label_room,
             exposure_room: ExposureRoom::new(&context, config, rendered)?,

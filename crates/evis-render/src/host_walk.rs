@@ -1,6 +1,6 @@
-//! Sensors whose pixels the host walks, those with `diffusion` or an `exposure`: a submission brings the light of its
-//! instants back instead of events, and each view's own emulator takes it, instant by instant. The price is the way of
-//! every sample to the host.
+//! Sensors whose pixels the host walks, those with `diffusion`, an `exposure` or noise of their photoreceptor: a
+//! submission brings the light of its instants back instead of events, and each view's own emulator takes it, instant by
+//! instant. The price is the way of every sample to the host.
 //!
 //! Brownian bridges need f64, and as many draws as the light asks for: on the device they would be the widest loop of
 //! all, for the sensor that is asked for least. An exposure ends at any time between two instants, and what follows sees
@@ -77,12 +77,12 @@ impl HostWalk {
         let causes = config.labels.contains(&LabelKind::Cause);
         let make = |view: &View| {
             let config = EmulatorConfig {
-                causes,
                 width: view.lens.width,
                 height: view.lens.height,
                 sensor: view.sensor.clone(),
                 reference_luminance,
                 threads,
+                causes,
                 ..EmulatorConfig::default()
             };
             emulator(config, view.key)

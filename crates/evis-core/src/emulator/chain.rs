@@ -9,7 +9,8 @@ use super::ideal::{Interval, Tally};
 use super::noise::{Candidate, TileNoise, spread_mean};
 use super::order::Record;
 use super::readout::delay_us;
-use super::shape::Shape;
+use super::receptor::{Course, When, cells, gain_of, knot, shift_of};
+use super::shape::{Piece, Shape};
 use crate::event::{Cause, Polarity};
 use crate::random::{EPOCH_SHIFT, Key, StreamId, normals, unit, unit_f32};
 use crate::sensor::{
@@ -32,6 +33,8 @@ pub(crate) struct Plan {
     rate: f32,
     exact: bool,
     two_poles: bool,
+    /// Rms of the photoreceptor's noise; 0: none.
+    noise: f32,
     /// Whether the leak is a ramp.
     ramp: bool,
     /// Whether events are decided at samples, with times given by a rule.
@@ -47,6 +50,7 @@ impl Plan {
             rate: receptor.cutoff_hz * std::f32::consts::TAU * 1e-6,
             exact: receptor.filter == FilterRule::Exact,
             two_poles: receptor.order == 2,
+            noise: receptor.noise,
             ramp: ramps(sensor),
             sampled: sensor.trigger == TriggerRule::Latch || sensor.times != Times::Crossing,
             below_knee: receptor.knee.ln() / receptor.knee,
@@ -319,13 +323,15 @@ fn lags(u: f32) -> (f32, f32, f32) {
 
 /// First pass: the samples at the interval's end, and who could fire; changes nothing that outlives a push.
 #[inline(always)]
-fn scan_body(
+fn scan_body<const NOISY: bool>(
     plan: &Plan,
     source: &Source<'_>,
     interval: &Interval<'_>,
-    t_end: i32,
+    (key, start_us): (Key, i64),
     chain: &mut Chain,
 ) -> Scan {
+    // Within an i32 once `rebase` has been called.
+    let t_end = (start_us - chain.base_us + i64::from(interval.us)) as i32;
     let mut scan = Scan::default();
     let eps = plan.sensor.log_eps;
     let dark = plan.sensor.photoreceptor.dark_light;
@@ -374,6 +380,35 @@ fn scan_body(
                     y[i] = if y_before[i].is_nan() { input[i] } else { next };
                 }
                 output = y;
+            } else if NOISY {
+                let mut course = Course {
+                    input: input_before,
+                    change: [0.0; BLOCK],
+                    rate: [0.0; BLOCK],
+                    first: y_before,
+                    second: if plan.two_poles { at(&chain.now.second, start, f32::NAN) } else { y_before },
+                    most: [f32::NEG_INFINITY; BLOCK],
+                    least: [f32::INFINITY; BLOCK],
+                };
+                for i in 0..BLOCK {
+                    let mean = 0.5 * (light_before[i] + light[i]) + dark;
+                    course.rate[i] = plan.rate * plan.bandwidth(mean);
+                    course.change[i] = input[i] - input_before[i];
+                }
+                let first_pixel = first as u32;
+                let when = When { key, first_pixel, start_us, us: interval.us, rms: plan.noise };
+                course.run(&when, plan.two_poles, lags);
+                for i in 0..BLOCK {
+                    let is_new = input_before[i].is_nan();
+                    y[i] = if is_new { input[i] } else { course.first[i] };
+                    course.second[i] = if is_new { input[i] } else { course.second[i] };
+                    turns[i] = 1;
+                }
+                (most, least) = (course.most, course.least);
+                output = if plan.two_poles { course.second } else { y };
+                if plan.two_poles {
+                    put(&mut chain.next.second, start, &course.second);
+                }
             } else {
                 let z_before = if plan.two_poles { at(&chain.now.second, start, f32::NAN) } else { y_before };
                 let mut z = [0.0; BLOCK];
@@ -413,6 +448,10 @@ fn scan_body(
             let (moved, slope) = (at(&chain.moved, start, 0), at(&chain.slope, start, 0.0));
             for i in 0..BLOCK {
                 leaked[i] = slope[i] * t_end.wrapping_sub(moved[i]) as f32;
+                if NOISY {
+                    // The least may have been there before anything leaked.
+                    least[i] -= slope[i] * dt;
+                }
             }
         }
         let mut fires = [0_u8; BLOCK];
@@ -448,9 +487,19 @@ dispatched!(
         plan: &Plan,
         source: &Source<'_>,
         interval: &Interval<'_>,
-        t_end: i32,
+        when: (Key, i64),
         chain: &mut Chain,
-    ) -> Scan = scan_body
+    ) -> Scan = scan_body::<false>
+);
+dispatched!(
+    /// [`scan_body`] of a photoreceptor with noise.
+    fn noisy_scan_by(
+        plan: &Plan,
+        source: &Source<'_>,
+        interval: &Interval<'_>,
+        when: (Key, i64),
+        chain: &mut Chain,
+    ) -> Scan = scan_body::<true>
 );
 
 impl Chain {
@@ -461,11 +510,11 @@ impl Chain {
         plan: &Plan,
         source: &Source<'_>,
         interval: &Interval<'_>,
+        key: Key,
         start_us: i64,
     ) -> Scan {
-        // Within an i32 once `rebase` has been called.
-        let t_end = (start_us - self.base_us + i64::from(interval.us)) as i32;
-        scan_by(isa, plan, source, interval, t_end, self)
+        let scan = if plan.noise > 0.0 { noisy_scan_by } else { scan_by };
+        scan(isa, plan, source, interval, (key, start_us), self)
     }
 
     /// Second pass: events of the pixels that could fire or that noise may reach; the samples become the last ones.
@@ -596,8 +645,11 @@ impl Pixel<'_> {
         }
         if self.plan.sampled {
             self.sampled(candidates, most);
+        } else if self.plan.noise > 0.0 {
+            self.noisy(candidates);
         } else {
-            self.continuous(candidates);
+            let whole = Piece { shape: self.shape(), from: 0.0 };
+            self.continuous(&whole, f64::from(self.us), candidates, &mut 0);
         }
     }
 
@@ -668,14 +720,19 @@ impl Pixel<'_> {
         if !self.plan.exact {
             return Shape::line(now.first[i].into(), next.first[i].into(), length);
         }
-        let dark = self.plan.sensor.photoreceptor.dark_light;
-        let mean = 0.5 * (now.light[i] + next.light[i]) + dark;
-        let tau = 1.0 / f64::from(self.plan.rate * self.plan.bandwidth(mean));
+        let tau = 1.0 / f64::from(self.filter_rate());
         let y = f64::from(now.first[i]);
         match now.second.get(i) {
             Some(z) => Shape::two_poles(input, length, tau, y, (*z).into()),
             None => Shape::pole(input, length, tau, y),
         }
+    }
+
+    /// Time constants per microsecond.
+    fn filter_rate(&self) -> f32 {
+        let (before, after) = (self.chain.now.light[self.index], self.chain.next.light[self.index]);
+        let mean = 0.5 * (before + after) + self.plan.sensor.photoreceptor.dark_light;
+        self.plan.rate * self.plan.bandwidth(mean)
     }
 
     fn light_at(&self, t: f64) -> f64 {
@@ -769,68 +826,114 @@ impl Pixel<'_> {
         true
     }
 
-    /// Crossings at their own times, and noise between them.
-    fn continuous(&mut self, candidates: &[Candidate]) {
+    /// [`Self::continuous`], cut where the photoreceptor's noise bends.
+    fn noisy(&mut self, candidates: &[Candidate]) {
+        let i = self.index;
+        let rate = self.filter_rate();
+        let (tau, shift) = (1.0 / f64::from(rate), shift_of(1.0 / rate, self.plan.two_poles));
+        let gain = self.plan.noise * gain_of(rate * (1_u32 << shift) as f32, self.plan.two_poles);
+        let start = f64::from(self.chain.now.input[i]);
+        let slope = (f64::from(self.chain.next.input[i]) - start) / f64::from(self.us);
+        let mut y = f64::from(self.chain.now.first[i]);
+        let mut z = self.chain.now.second.get(i).copied().map(f64::from);
+        let mut rest = candidates;
+        let mut count = 0;
+        let mut right = None;
+        for cell in cells(self.start_us, self.us, shift) {
+            let left = right.unwrap_or_else(|| knot(self.key, self.pixel, cell.knot, shift));
+            let after = knot(self.key, self.pixel, cell.knot + 1, shift);
+            right = Some(after);
+            let (from, to) = (f64::from(cell.from), f64::from(cell.to));
+            let noise = |part: f32| f64::from(gain) * f64::from(left + (after - left) * part);
+            let input = (start + slope * from + noise(cell.part.0), start + slope * to + noise(cell.part.1));
+            let pole = Shape::pole(input, to - from, tau, y);
+            let shape = z.map_or(pole, |z| Shape::two_poles(input, to - from, tau, y, z));
+            let end_us = self.start_us + i64::from(cell.to);
+            let (own, later) = rest.split_at(rest.partition_point(|candidate| candidate.t_us <= end_us));
+            rest = later;
+            let next = pole.at(to - from);
+            // As the first pass has it: most pieces stay between the thresholds.
+            let bend = 0.5 * (to - from) / tau * (input.0 - y);
+            let (mut up, mut down) = (next.max(y + bend.max(0.0)), next.min(y + bend.min(0.0)));
+            if let Some(z) = &mut z {
+                let (u, after) = ((to - from) / tau, shape.at(to - from));
+                (up, down) = (*z + (u * (up - *z)).max(0.0), *z + (u * (down - *z)).min(0.0));
+                (up, down) = (up.max(after), down.min(after));
+                *z = after;
+            }
+            y = next;
+            let (drift, change) = (self.slope(), self.leaked_at_start() - f64::from(self.chain.reference[i]));
+            let fires = up + drift * to + change >= self.chain.on[i].into()
+                || down + drift * from + change <= -f64::from(self.chain.off[i]);
+            let is_held = self.chain.reference[i].is_infinite();
+            if (fires || is_held || !own.is_empty())
+                && !self.continuous(&Piece { shape, from }, to, own, &mut count)
+            {
+                return;
+            }
+        }
+    }
+
+    /// Crossings at their own times, and noise between them, of a piece that ends at `end`; `count` is of those in the
+    /// interval. Whether the pixel may still fire in it.
+    fn continuous(&mut self, piece: &Piece, end: f64, candidates: &[Candidate], count: &mut u32) -> bool {
         let i = self.index;
         let rule = self.plan.sensor.refractory.rule;
         let holds = rule == RefractoryRule::Hold && self.period() > 0.0;
         let defers = rule == RefractoryRule::Defer && self.period() > 0.0;
-        let shape = self.shape();
-        let end = f64::from(self.us);
         let (on, off) = (f64::from(self.chain.on[i]), f64::from(self.chain.off[i]));
         let mut candidates = candidates.iter().peekable();
-        let mut t = 0.0;
-        let mut count = 0;
+        let mut t = piece.from;
         if self.chain.reference[i].is_infinite() {
-            match self.held(&shape, end) {
+            match self.held(piece, end) {
                 Some(released) => t = released,
-                None => return,
+                None => return true,
             }
         }
         loop {
             let reference = f64::from(self.chain.reference[i]);
-            // signal + leak = shape(t) + drift t + leaked, against the reference.
+            // signal + leak = piece(t) + drift t + leaked, against the reference.
             let (drift, leaked) = (self.slope(), self.leaked_at_start());
             let from = if defers { (self.fired() + self.period()).max(t) } else { t };
             let (low, high) = (reference - off - leaked, reference + on - leaked);
-            let crossing = if from <= end { shape.leaves(drift, low, high, from, end) } else { None };
+            let crossing = if from <= end { piece.leaves(drift, low, high, from, end) } else { None };
             let next_noise = candidates.peek().map(|candidate| (candidate.t_us - self.start_us) as f64);
             match (crossing, next_noise) {
-                (None, None) => break,
+                (None, None) => return true,
                 (crossing, Some(at)) if crossing.is_none_or(|(first, _)| at <= first) => {
-                    let Some(candidate) = candidates.next() else { break };
+                    let Some(candidate) = candidates.next() else { return true };
                     // A held pixel hears nothing.
                     if at < t {
                         continue;
                     }
                     t = at;
-                    let fired = self.noise(candidate, shape.at(at));
+                    let fired = self.noise(candidate, piece.at(at));
                     if fired && holds {
-                        match self.held(&shape, end) {
+                        match self.held(piece, end) {
                             Some(released) => t = released,
-                            None => return,
+                            None => return true,
                         }
                     }
                 }
                 (Some((at, rises)), _) => {
                     t = at;
-                    count += 1;
+                    *count += 1;
                     let polarity = if rises { Polarity::On } else { Polarity::Off };
                     if self.is_refractory(at) {
                         self.tally.suppressed += 1;
                     } else {
                         self.emit(at, polarity, cause_of(rises, leaked + drift * at, on));
                     }
-                    if count > self.plan.sensor.most_events {
+                    if *count > self.plan.sensor.most_events {
                         self.tally.clamped += 1;
                         self.chain.reference[i] = self.chain.next.output()[i];
-                        self.moved_at(end);
-                        return;
+                        self.moved_at(f64::from(self.us));
+                        return false;
                     }
                     if holds {
-                        match self.held(&shape, end) {
+                        match self.held(piece, end) {
                             Some(released) => t = released,
-                            None => return,
+                            None => return true,
                         }
                         continue;
                     }
@@ -838,20 +941,20 @@ impl Pixel<'_> {
                     self.chain.reference[i] = (reference - (leaked + drift * at) + step) as f32;
                     self.moved_at(at);
                 }
-                (None, Some(_)) => break,
+                (None, Some(_)) => return true,
             }
         }
     }
 
     /// Holds the pixel for its refractory period; when it is released, if that is before `end`.
-    fn held(&mut self, shape: &Shape, end: f64) -> Option<f64> {
+    fn held(&mut self, piece: &Piece, end: f64) -> Option<f64> {
         let released = self.fired() + self.period();
         if released > end {
             self.chain.reference[self.index] = f32::INFINITY;
             return None;
         }
         let released = released.max(0.0);
-        self.chain.reference[self.index] = shape.at(released) as f32;
+        self.chain.reference[self.index] = piece.at(released) as f32;
         self.moved_at(released);
         Some(released)
     }

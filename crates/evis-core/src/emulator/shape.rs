@@ -118,6 +118,28 @@ impl Shape {
     }
 }
 
+/// A shape on the interval's clock.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Piece {
+    pub shape: Shape,
+    /// When it begins.
+    pub from: f64,
+}
+
+impl Piece {
+    /// [`Shape::at`].
+    pub fn at(&self, t: f64) -> f64 {
+        self.shape.at(t - self.from)
+    }
+
+    /// [`Shape::leaves`]; the drift is counted from the interval's start.
+    pub fn leaves(&self, drift: f64, low: f64, high: f64, from: f64, to: f64) -> Option<(f64, bool)> {
+        let drifted = drift * self.from;
+        let found = self.shape.leaves(drift, low - drifted, high - drifted, from - self.from, to - self.from);
+        found.map(|(t, rises)| (t + self.from, rises))
+    }
+}
+
 /// Where `f` is 0 between `low` and `high`, at which its signs differ: the Illinois method (Dowell & Jarratt, BIT 11,
 /// 1971), within a fiftieth of a microsecond.
 fn root(f: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {

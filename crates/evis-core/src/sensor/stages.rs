@@ -64,6 +64,8 @@ pub struct Photoreceptor {
     pub bandwidth_least: f32,
     /// Greatest factor of [`Bandwidth::Light`].
     pub bandwidth_most: f32,
+    /// Noise before the low-pass (`exact` only): its root mean square behind it, log units, at any light; 0: none.
+    pub noise: f32,
 }
 
 impl Default for Photoreceptor {
@@ -80,6 +82,7 @@ impl Default for Photoreceptor {
             bandwidth_offset: 0.0,
             bandwidth_least: 0.01,
             bandwidth_most: 100.0,
+            noise: 0.0,
         }
     }
 }
@@ -315,7 +318,17 @@ impl Photoreceptor {
         }
         within("photoreceptor.bandwidth_offset", self.bandwidth_offset, 0.0, 1e3)?;
         within("photoreceptor.bandwidth_least", self.bandwidth_least, 1e-6, 1e6)?;
-        within("photoreceptor.bandwidth_most", self.bandwidth_most, self.bandwidth_least, 1e6)
+        within("photoreceptor.bandwidth_most", self.bandwidth_most, self.bandwidth_least, 1e6)?;
+        within("photoreceptor.noise", self.noise, 0.0, 10.0)?;
+        if self.noise > 0.0 && (self.cutoff_hz == 0.0 || self.filter == FilterRule::Euler) {
+            let remedy = if self.cutoff_hz == 0.0 {
+                "0 without a low-pass, which gives noise its bandwidth: set photoreceptor.cutoff_hz"
+            } else {
+                "0 with the filter euler, whose noise would depend on the frame rate: set photoreceptor.filter to exact"
+            };
+            return Err(ConfigError::new("photoreceptor.noise", self.noise, remedy));
+        }
+        Ok(())
     }
 }
 

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use evis_core::emulator::parts::emulator;
-use evis_core::sensor::{Exposure, ExposureShape, Readout, SensorConfig};
+use evis_core::emulator::parts::{Cause, emulator};
+use evis_core::sensor::{Exposure, ExposureShape, Noise, Photoreceptor, Readout, SensorConfig};
 use evis_core::{EmulatorConfig, Event, Frames, LabelKind};
 use evis_scene::Scene;
 
@@ -31,6 +31,13 @@ fn config() -> RunConfig {
     }
 }
 
+/// Noise of the photoreceptor beside shot noise.
+fn noisy() -> RunConfig {
+    let photoreceptor = Photoreceptor { cutoff_hz: 150.0, order: 2, noise: 0.08, ..Photoreceptor::default() };
+    let noise = Noise { shot_hz: 20.0, ..Noise::default() };
+    RunConfig { sensor: SensorConfig { photoreceptor, noise, ..SensorConfig::default() }, ..config() }
+}
+
 fn stream(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, packet_us: i64) -> Vec<Vec<Event>> {
     events(gpu, scene, config, (40_000, packet_us))
 }
@@ -38,11 +45,16 @@ fn stream(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, packet_us: i64) -> 
 #[test]
 fn events_are_those_of_the_emulator_on_the_same_light() {
     let Some(gpu) = super::device() else { return };
-    let config = config();
+    for config in [config(), noisy()] {
+        meets_the_emulator(&gpu, &config);
+    }
+}
+
+fn meets_the_emulator(gpu: &Gpu, config: &RunConfig) {
     let scene = batch(&[0.0, 0.4]);
-    let got = stream(&gpu, &scene, &config, 10_000);
-    let (views, _) = view::views(&scene, &config).unwrap();
-    let mut simulator = Simulator::new(&gpu, scene, config.clone()).unwrap();
+    let got = stream(gpu, &scene, config, 10_000);
+    let (views, _) = view::views(&scene, config).unwrap();
+    let mut simulator = Simulator::new(gpu, scene, config.clone()).unwrap();
     for (index, view) in views.iter().enumerate() {
         let of_key = |key| {
             let config = EmulatorConfig {
@@ -70,6 +82,20 @@ fn events_are_those_of_the_emulator_on_the_same_light() {
         assert!(got[index] == expected, "view {index}: {} {}", got[index].len(), expected.len());
         assert!(got[index] != other, "canary: the noise of another environment");
     }
+}
+
+#[test]
+fn the_host_says_why_its_events_fired() {
+    let Some(gpu) = super::device() else { return };
+    let scene = batch(&[0.0]);
+    let caused = RunConfig { labels: vec![LabelKind::Cause], ..noisy() };
+    let mut simulator = Simulator::new(&gpu, scene.clone(), caused).unwrap();
+    let view = simulator.step(40_000).unwrap().views.remove(0);
+    let count = |cause: Cause| view.causes.iter().filter(|own| **own == cause as u8).count();
+    assert!(count(Cause::Signal) > 500 && count(Cause::Shot) > 500, "{}", view.events.len());
+    assert_eq!(count(Cause::Signal) + count(Cause::Shot), view.events.len());
+    // Asking changes no event.
+    assert!(view.events == stream(&gpu, &scene, &noisy(), 40_000)[0]);
 }
 
 #[test]
