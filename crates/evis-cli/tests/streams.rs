@@ -66,7 +66,10 @@ fn auto_says_what_it_chose_and_the_same_by_hand_gives_the_same_bytes() {
     let (rate, step, taps) = (&settings["rate_hz"], &settings["adaptive_px"], &settings["texture_taps"]);
     let by_hand = run(
         "hand",
-        &format!("--rate {rate} --adaptive {step} --samples {} --texture-taps {taps}", settings["samples"]),
+        &format!(
+            "--rate {rate} --adaptive {step} --aa edges --samples {} --texture-taps {taps}",
+            settings["samples"]
+        ),
     );
     assert!(by_hand["settings"]["run"]["chosen"].is_null());
     assert_eq!((&chosen["events"], &chosen["on"]), (&by_hand["events"], &by_hand["on"]));

@@ -302,7 +302,7 @@ impl Engine {
             offsets,
             luminance,
             sky,
-            background: sky::background(device, background_luminance as f32, sample_count),
+            background: sky::background(device, background_luminance, sample_count),
             surroundings,
             background_luminance,
             reference_luminance: 1.0,

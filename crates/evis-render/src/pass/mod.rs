@@ -206,10 +206,11 @@ pub fn pipeline_layout(
 }
 
 /// The pipeline of a triangle over all of its targets, by the fragment entry point `entry` of `module`, composed from `file`.
-/// `writes_depth`, and where its depth passes.
+/// `constants` are of the fragment stage; `writes_depth`, and where its depth passes.
 pub fn covering(
     device: &wgpu::Device,
     (file, module, entry): (&str, &wgpu::ShaderModule, &str),
+    constants: &[(&str, f64)],
     layout: &wgpu::PipelineLayout,
     targets: &[Option<wgpu::ColorTargetState>],
     sample_count: u32,
@@ -236,7 +237,7 @@ pub fn covering(
         fragment: Some(wgpu::FragmentState {
             module,
             entry_point: Some(entry),
-            compilation_options: Default::default(),
+            compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
             targets,
         }),
         multiview_mask: None,

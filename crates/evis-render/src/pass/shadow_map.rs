@@ -45,6 +45,6 @@ pub fn restore(device: &wgpu::Device) -> (wgpu::RenderPipeline, wgpu::BindGroupL
     let module = module(device, file, "");
     let layout = pipeline_layout(device, file, &[&group]);
     let depth = (true, wgpu::CompareFunction::Always);
-    let pipeline = covering(device, (file, &module, "fs_main"), &layout, &[], 1, depth);
+    let pipeline = covering(device, (file, &module, "fs_main"), &[], &layout, &[], 1, depth);
     (pipeline, group)
 }

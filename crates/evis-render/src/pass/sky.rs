@@ -24,14 +24,21 @@ pub fn pipeline(
 }
 
 /// The pipeline that clears parts of a luminance picture, and their depth.
-pub fn background(device: &wgpu::Device, luminance: f32, sample_count: u32) -> wgpu::RenderPipeline {
+pub fn background(device: &wgpu::Device, luminance: f64, sample_count: u32) -> wgpu::RenderPipeline {
     let file = "raster/background.wgsl";
-    // The shortest digits that are this number again.
-    let module = module(device, file, &format!("const BACKGROUND: f32 = {luminance:?}f;\n"));
+    let module = module(device, file, "");
     let layout = pipeline_layout(device, file, &[]);
     let depth = (true, wgpu::CompareFunction::Always);
     let targets = [Some(LUMINANCE_FORMAT.into())];
-    covering(device, (file, &module, "fs_main"), &layout, &targets, sample_count, depth)
+    covering(
+        device,
+        (file, &module, "fs_main"),
+        &[("BACKGROUND", luminance)],
+        &layout,
+        &targets,
+        sample_count,
+        depth,
+    )
 }
 
 /// The pipeline of `labels/sky.wgsl`: flow at infinity.
@@ -58,5 +65,5 @@ fn full_tile(
     let module = module(device, file, &frame_prelude(light_count));
     // Drawn last, at depth 0: only where nothing was drawn.
     let depth = (false, wgpu::CompareFunction::GreaterEqual);
-    covering(device, (file, &module, entry), layout, targets, sample_count, depth)
+    covering(device, (file, &module, entry), &[], layout, targets, sample_count, depth)
 }
