@@ -73,6 +73,12 @@ struct Taps {
     level: f32,
 };
 
+// From a place of the grid to where it reads what is sharper than the grid: in a row and a column of its own.
+fn turned(at: vec2<f32>) -> vec2<f32> {
+    let cell = (vec2<f32>(vec2<u32>(at) % GRID) + 0.5) / f32(GRID) - 0.5;
+    return vec2<f32>(cell.y, -cell.x);
+}
+
 // Twin: evis_truth::rays::texture, taps(). `at`: place in the picture.
 fn texture_taps(uv: vec2<f32>, size: vec2<u32>, at: vec2<f32>) -> Taps {
     let pixel_x = dpdxFine(uv);
@@ -89,8 +95,7 @@ fn texture_taps(uv: vec2<f32>, size: vec2<u32>, at: vec2<f32>) -> Taps {
     if (GRID > 1u) {
         // So it is with the places of a grid: each reads beside its middle, on a grid that is turned, and so in a row and a
         // column of its own.
-        let cell = (vec2<f32>(vec2<u32>(at) % GRID) + 0.5) / f32(GRID) - 0.5;
-        shift = (1.0 - fine) * vec2<f32>(cell.y, -cell.x);
+        shift = (1.0 - fine) * turned(at);
     }
     let middle = uv + pixel_x * shift.x + pixel_y * shift.y;
     let first = middle - 0.5 * (dx + dy) + 0.5 * (dx / count.x + dy / count.y);

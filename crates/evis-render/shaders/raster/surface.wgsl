@@ -15,7 +15,7 @@ fn lit_by(light: Light, s: Surface) -> Incident {
     if (SHADOWS) {
         if (light.radiance_shadow.w >= 0.0 && dot(s.normal, incident.to_light) > 0.0) {
             let layer = frame.shadow_layer_base + u32(light.radiance_shadow.w);
-            incident.irradiance *= shadow_visibility(light, layer, s.position, s.surface_normal, incident);
+            incident.irradiance *= shadow_visibility(light, layer, s.shadowed, s.surface_normal, incident);
         }
     }
     return incident;
@@ -24,6 +24,8 @@ fn lit_by(light: Light, s: Surface) -> Incident {
 // Everything about a surface point that its lights need.
 struct Surface {
     position: vec3<f32>,
+    // Where its shadow is looked up.
+    shadowed: vec3<f32>,
     // For shading, normal map included.
     normal: vec3<f32>,
     // Of the surface itself: the shadow's bias follows it.
@@ -34,6 +36,17 @@ struct Surface {
     f0: vec3<f32>,
     alpha: f32,
 };
+
+// Borders of shadows are as sharp as outlines, and what lies along an axis crosses a grid's places row by row: each looks
+// beside its middle, on a grid that is turned.
+fn shadowed_position(v: Varyings) -> vec3<f32> {
+    let position = vary_world(v);
+    if (!SHADOWS || GRID == 1u) {
+        return position;
+    }
+    let shift = turned(v.position.xy);
+    return position + dpdxFine(position) * shift.x + dpdyFine(position) * shift.y;
+}
 
 // One light's share; the prelude's lit_diffuse() and lit_metallic_roughness() sum these over all lights.
 fn light_diffuse(light: Light, s: Surface) -> vec3<f32> {
@@ -56,6 +69,7 @@ fn light_metallic_roughness(light: Light, s: Surface) -> vec3<f32> {
 fn diffuse_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     var s: Surface;
     s.position = vary_world(v);
+    s.shadowed = shadowed_position(v);
     s.normal = shading_normal(v, front);
     s.surface_normal = surface_normal(v, front);
     var indirect = frame.ambient.rgb;
@@ -69,6 +83,7 @@ fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec
     let mr = metallic_roughness(v);
     var s: Surface;
     s.position = vary_world(v);
+    s.shadowed = shadowed_position(v);
     s.normal = shading_normal(v, front);
     s.surface_normal = surface_normal(v, front);
     s.to_eye = normalize(camera_position() - s.position);

@@ -365,6 +365,21 @@ fn shadows_equal_their_twin() {
 }
 
 #[test]
+fn places_look_for_shadows_beside_their_middles() {
+    // Within surfaces: the band is as wide as what a place covers.
+    let edges =
+        Case { antialias: Antialias::Edges, shadows: Shadows::Rays, minified: true, ..Case::default() };
+    let case = Case { tolerance: 1e-3, reach: 0.3, shadow_reach: Some(0.03), ..edges };
+    for samples in [16, 36] {
+        let canaries: &[fn(&mut Scene)] = &[scenes::wrong_caster];
+        check(
+            &format!("shadow, aa edges, {samples}"),
+            Case { scene: scenes::sunlight, samples, canaries, ..case },
+        );
+    }
+}
+
+#[test]
 fn rays_are_refused_where_a_caster_deforms() {
     let Some(gpu) = super::device() else { return };
     let scene = Arc::new(scenes::deformed());
