@@ -122,8 +122,8 @@ impl EmulatorReport {
 ///
 /// Between two frames the signal is what the sensor's interpolation says; events lie in `(t0, t1]`, sorted by
 /// (t, y, x, firing order). With an exposure, light is straight between pushes, and events come with the push that ends
-/// the exposure of the frame that they lie before: late, but no later push brings earlier ones. Memory does not grow with the stream's length, and no event depends on the number of
-/// threads, or on which other environments are in the batch.
+/// the exposure of the frame that they lie before: late, but no later push brings earlier ones. Memory does not grow with
+/// the stream's length, and no event depends on the number of threads, or on which other environments are in the batch.
 #[derive(Debug)]
 pub struct EventEmulator {
     config: EmulatorConfig,
@@ -252,7 +252,7 @@ impl EventEmulator {
         };
         let kernel = if config.sensor.diffusion.is_some() {
             Kernel::Diffusion
-        } else if config.sensor.behind_exposure().is_ideal() {
+        } else if config.sensor.is_ideal_behind_exposure() {
             Kernel::Ideal
         } else {
             Kernel::Chain(Box::new(Plan::new(&config.sensor)))
@@ -344,9 +344,9 @@ impl EventEmulator {
         // `check` counted the values.
         let sources = sources.ok_or_else(|| ConfigError::new("frames", "too short", "complete"))?;
         let exposes = !config.sensor.exposure.is_off();
-        if let (Some(tile), Some(source), false) =
-            (environments.iter().find_map(Environment::begun), sources.first(), exposes)
-        {
+        // Of frames that are made here, all are of one kind.
+        let begun = environments.iter().find_map(Environment::begun).filter(|_| !exposes);
+        if let (Some(tile), Some(source)) = (begun, sources.first()) {
             tile.check(source)?;
         }
         let start_us = t_us - i64::from(interval_us);

@@ -222,9 +222,9 @@ impl SensorConfig {
         self.diffusion.is_some() || !self.exposure.is_off() || self.photoreceptor.noise > 0.0
     }
 
-    /// What is left of it for light that frames have already been made of.
-    pub(crate) fn behind_exposure(&self) -> Self {
-        Self { exposure: Exposure::default(), ..self.clone() }
+    /// Whether it is ideal for light that frames have already been made of.
+    pub(crate) fn is_ideal_behind_exposure(&self) -> bool {
+        self.stages().iter().all(|stage| *stage == "exposure")
     }
 
     /// What is allowed and probably not meant.
@@ -292,8 +292,7 @@ impl Sensor {
             diffusion.check()?;
         }
         let straight = config.photoreceptor.cutoff_hz == 0.0 && config.noise.leak_hz == 0.0;
-        if config.interpolation == Interpolation::Light && !(straight && config.behind_exposure().is_ideal())
-        {
+        if config.interpolation == Interpolation::Light && !(straight && config.is_ideal_behind_exposure()) {
             return Err(ConfigError::new(
                 "interpolation",
                 "light",

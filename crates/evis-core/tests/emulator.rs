@@ -1,6 +1,8 @@
 //! The emulator against closed forms, rates, and itself under other circumstances.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod common;
+
 use evis_core::event::is_ordered;
 use evis_core::sensor::{
     Bandwidth, Curve, FilterRule, LeakLaw, Noise, NoiseReference, PRESETS, Pattern, Photoreceptor, Readout,
@@ -38,13 +40,7 @@ fn grid(step_us: i64, end_us: i64) -> Vec<i64> {
 
 /// Steps from a hundred microseconds to a tenth of a second, in no order.
 fn irregular(end_us: i64) -> Vec<i64> {
-    let (mut t, mut times, mut word) = (0, vec![0], 12_345_u64);
-    while t < end_us {
-        word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        t += 100 * (1 << (word >> 61)) * (1 + (word >> 40 & 7) as i64);
-        times.push(t.min(end_us));
-    }
-    times
+    common::irregular(end_us, 12_345, 100, 7)
 }
 
 /// Whether `count` is what a Poisson process of mean `expected` gives, within 4.5 standard deviations and `slack` of it.

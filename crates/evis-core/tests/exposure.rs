@@ -1,6 +1,8 @@
 //! Pixels that see frames of light: against closed forms, and against themselves under other circumstances.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod common;
+
 use std::f64::consts::TAU;
 
 use evis_core::event::is_ordered;
@@ -37,13 +39,7 @@ fn run(sensor: &SensorConfig, width: u32, times: &[i64], light: impl Fn(u32, f64
 
 /// Steps from ten microseconds to some milliseconds, in no order.
 fn irregular(end_us: i64) -> Vec<i64> {
-    let (mut t, mut times, mut word) = (0, vec![0], 99_u64);
-    while t < end_us {
-        word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        t += 10 * (1 << (word >> 61)) * (1 + (word >> 40 & 7) as i64);
-        times.push(t.min(end_us));
-    }
-    times
+    common::irregular(end_us, 99, 10, 7)
 }
 
 /// Greatest difference of two streams' times; none where they differ in anything else.

@@ -1,6 +1,8 @@
 //! Noise of the photoreceptor: its events at any cut of time, what it does to weak contrast, and what it refuses.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod common;
+
 use evis_core::sensor::{
     Bandwidth, FilterRule, Noise, Pattern, Photoreceptor, Refractory, RefractoryRule, Sensor,
 };
@@ -38,13 +40,7 @@ fn frames(hz: i64, end_us: i64) -> Vec<i64> {
 
 /// Steps from a hundred microseconds to a tenth of a second, in no order.
 fn irregular(end_us: i64) -> Vec<i64> {
-    let (mut t, mut times, mut word) = (0, vec![0], 12_345_u64);
-    while t < end_us {
-        word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        t += 13 * (1 << (word >> 61)) * (1 + (word >> 40 & 63) as i64);
-        times.push(t.min(end_us));
-    }
-    times
+    common::irregular(end_us, 12_345, 13, 63)
 }
 
 /// Events that are in one list only, by pixel and polarity, if times may differ by a microsecond.

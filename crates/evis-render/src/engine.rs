@@ -416,7 +416,7 @@ impl Engine {
             sampling,
             label_room,
             exposure_room: ExposureRoom::new(&context, config, rendered)?,
-            host_walk: HostWalk::new(&context.views, reference, layer_samples, config)?,
+            host_walk: HostWalk::new(&context.views, reference, layer_samples, caused)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             block,
             in_flight: VecDeque::new(),

@@ -7,7 +7,7 @@
 //! its frames alone: on the device it would be a chain of passes of its own.
 
 use evis_core::emulator::parts::emulator;
-use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames, LabelKind};
+use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
 use rayon::prelude::*;
 
 use crate::config::RunConfig;
@@ -61,7 +61,8 @@ pub struct Felt {
 }
 
 impl HostWalk {
-    /// For those of `views` whose sensor it walks. `samples`: layers per view and instant.
+    /// For those of `views` whose sensor it walks. `samples`: layers per view and instant; `causes`: whether events say why
+    /// they fired.
     ///
     /// # Errors
     /// A sensor or size that the emulator cannot have.
@@ -69,12 +70,11 @@ impl HostWalk {
         views: &[View],
         reference_luminance: f32,
         samples: u32,
-        config: &RunConfig,
+        causes: bool,
     ) -> Result<Self, EngineError> {
         let walked = |view: &&View| view.sensor.walks_on_host();
         // Views go side by side; where they are few, each shares its own pixels out.
         let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
-        let causes = config.labels.contains(&LabelKind::Cause);
         let make = |view: &View| {
             let config = EmulatorConfig {
                 width: view.lens.width,
@@ -111,7 +111,8 @@ impl HostWalk {
         if bytes > most {
             return Err(EngineError::Device(format!(
                 "the light of {layers} samples of {width}x{height} pixels takes {bytes} bytes on its way to the \
-                 host, which walks this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer --samples"
+                 host, which walks this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer \
+                 --samples"
             )));
         }
         let staging = match self.free.iter().position(|buffer| buffer.size() >= bytes) {

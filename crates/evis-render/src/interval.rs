@@ -347,8 +347,8 @@ pub fn borrowed(parts: &[(Rect, Vec<DrawItem>)]) -> Vec<(Rect, &[DrawItem])> {
     parts.iter().map(|(rect, items)| (*rect, &items[..])).collect()
 }
 
-/// Renders sample `sample` of `parts` of `frame` into layer `layer` of `layers`, or its coverage samples. What `before` draws of a part, by
-/// its number, lies before what is equally far.
+/// Renders sample `sample` of `parts` of `frame` into layer `layer` of `layers`, or its coverage samples. What `before`
+/// draws of a part, by its number, lies before what is equally far.
 pub fn encode_sample(
     context: &Context,
     encoder: &mut wgpu::CommandEncoder,

@@ -9,7 +9,7 @@ use super::ideal::{Interval, Tally};
 use super::noise::{Candidate, TileNoise, spread_mean};
 use super::order::Record;
 use super::readout::delay_us;
-use super::receptor::{Course, When, cells, gain_of, knot, shift_of};
+use super::receptor::{Course, When, cells, gain_of, knots_of, shift_of};
 use super::shape::{Piece, Shape};
 use crate::event::{Cause, Polarity};
 use crate::random::{EPOCH_SHIFT, Key, StreamId, normals, unit, unit_f32};
@@ -481,25 +481,32 @@ fn scan_body<const NOISY: bool>(
     scan.impossible = impossible != 0;
     scan
 }
+
+/// [`scan_body`], with noise of the photoreceptor or without.
+#[inline(always)]
+fn scan_either(
+    plan: &Plan,
+    source: &Source<'_>,
+    interval: &Interval<'_>,
+    when: (Key, i64),
+    chain: &mut Chain,
+) -> Scan {
+    if plan.noise > 0.0 {
+        scan_body::<true>(plan, source, interval, when, chain)
+    } else {
+        scan_body::<false>(plan, source, interval, when, chain)
+    }
+}
+
 dispatched!(
-    /// [`scan_body`].
+    /// [`scan_either`].
     fn scan_by(
         plan: &Plan,
         source: &Source<'_>,
         interval: &Interval<'_>,
         when: (Key, i64),
         chain: &mut Chain,
-    ) -> Scan = scan_body::<false>
-);
-dispatched!(
-    /// [`scan_body`] of a photoreceptor with noise.
-    fn noisy_scan_by(
-        plan: &Plan,
-        source: &Source<'_>,
-        interval: &Interval<'_>,
-        when: (Key, i64),
-        chain: &mut Chain,
-    ) -> Scan = scan_body::<true>
+    ) -> Scan = scan_either
 );
 
 impl Chain {
@@ -513,8 +520,7 @@ impl Chain {
         key: Key,
         start_us: i64,
     ) -> Scan {
-        let scan = if plan.noise > 0.0 { noisy_scan_by } else { scan_by };
-        scan(isa, plan, source, interval, (key, start_us), self)
+        scan_by(isa, plan, source, interval, (key, start_us), self)
     }
 
     /// Second pass: events of the pixels that could fire or that noise may reach; the samples become the last ones.
@@ -838,11 +844,16 @@ impl Pixel<'_> {
         let mut z = self.chain.now.second.get(i).copied().map(f64::from);
         let mut rest = candidates;
         let mut count = 0;
-        let mut right = None;
+        let (key, pixel) = (self.key, self.pixel);
+        let draw = |knot: i64| knots_of(key, pixel, knot, shift);
+        let mut group = draw(self.start_us >> shift);
         for cell in cells(self.start_us, self.us, shift) {
-            let left = right.unwrap_or_else(|| knot(self.key, self.pixel, cell.knot, shift));
-            let after = knot(self.key, self.pixel, cell.knot + 1, shift);
-            right = Some(after);
+            let left = group[(cell.knot & 3) as usize];
+            // Four at a time.
+            if (cell.knot + 1) & 3 == 0 {
+                group = draw(cell.knot + 1);
+            }
+            let after = group[((cell.knot + 1) & 3) as usize];
             let (from, to) = (f64::from(cell.from), f64::from(cell.to));
             let noise = |part: f32| f64::from(gain) * f64::from(left + (after - left) * part);
             let input = (start + slope * from + noise(cell.part.0), start + slope * to + noise(cell.part.1));

@@ -74,11 +74,6 @@ pub(crate) fn knots_of(key: Key, pixel: u32, knot: i64, shift: u32) -> [f32; 4] 
     [a, b, c, d]
 }
 
-/// One knot.
-pub(crate) fn knot(key: Key, pixel: u32, knot: i64, shift: u32) -> f32 {
-    knots_of(key, pixel, knot, shift)[(knot & 3) as usize]
-}
-
 /// A part of an interval within which noise is straight; times since the interval's start.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cell {

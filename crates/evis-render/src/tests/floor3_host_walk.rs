@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use evis_core::emulator::parts::{Cause, emulator};
 use evis_core::sensor::{Exposure, ExposureShape, Noise, Photoreceptor, Readout, SensorConfig};
-use evis_core::{EmulatorConfig, Event, Frames, LabelKind};
+use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind};
 use evis_scene::Scene;
 
 use super::floor3::{batch, events, gather};
@@ -50,6 +50,24 @@ fn events_are_those_of_the_emulator_on_the_same_light() {
     }
 }
 
+/// What each of `emulators` fires at the light that view `index` shows every 2 ms, `until_us` included.
+fn on_the_light(
+    simulator: &mut Simulator,
+    index: usize,
+    until_us: i64,
+    mut emulators: [EventEmulator; 2],
+) -> [Vec<Event>; 2] {
+    let mut events = [Vec::new(), Vec::new()];
+    for k in 0..=(until_us + 1_999) / 2_000 {
+        let light: Vec<f32> =
+            simulator.luminance(index, 2_000 * k).unwrap().iter().map(|y| *y as f32).collect();
+        for (emulator, events) in emulators.iter_mut().zip(&mut events) {
+            emulator.push_into(&Frames::linear(&light), 2_000 * k, std::slice::from_mut(events)).unwrap();
+        }
+    }
+    events
+}
+
 fn meets_the_emulator(gpu: &Gpu, config: &RunConfig) {
     let scene = batch(&[0.0, 0.4]);
     let got = stream(gpu, &scene, config, 10_000);
@@ -66,16 +84,8 @@ fn meets_the_emulator(gpu: &Gpu, config: &RunConfig) {
             };
             emulator(config, key).unwrap()
         };
-        let (mut right, mut wrong) = (of_key(view.key), of_key(views[1 - index].key));
-        let (mut expected, mut other) = (Vec::new(), Vec::new());
-        for k in 0..=20 {
-            let t_us = 2_000 * k;
-            let light: Vec<f32> =
-                simulator.luminance(index, t_us).unwrap().iter().map(|y| *y as f32).collect();
-            let frame = Frames::linear(&light);
-            right.push_into(&frame, t_us, std::slice::from_mut(&mut expected)).unwrap();
-            wrong.push_into(&frame, t_us, std::slice::from_mut(&mut other)).unwrap();
-        }
+        let emulators = [view.key, views[1 - index].key].map(of_key);
+        let [mut expected, mut other] = on_the_light(&mut simulator, index, 40_000, emulators);
         expected.retain(|event| event.t < 40_000);
         other.retain(|event| event.t < 40_000);
         assert!(expected.len() > 500, "{}", expected.len());
@@ -196,15 +206,8 @@ fn exposed_events_are_those_of_the_emulator_on_the_same_light() {
                 let size = EmulatorConfig { width: 72, height: 54, ..EmulatorConfig::default() };
                 emulator(EmulatorConfig { sensor, reference_luminance: 0.5, ..size }, view.key).unwrap()
             };
-            let (mut right, mut sharp) = (of(config.sensor.exposure.clone()), of(Exposure::default()));
-            let (mut expected, mut other) = (Vec::new(), Vec::new());
-            for k in 0..=(until + 1_999) / 2_000 {
-                let light: Vec<f32> =
-                    simulator.luminance(index, 2_000 * k).unwrap().iter().map(|y| *y as f32).collect();
-                let frame = Frames::linear(&light);
-                right.push_into(&frame, 2_000 * k, std::slice::from_mut(&mut expected)).unwrap();
-                sharp.push_into(&frame, 2_000 * k, std::slice::from_mut(&mut other)).unwrap();
-            }
+            let emulators = [config.sensor.exposure.clone(), Exposure::default()].map(of);
+            let [mut expected, mut other] = on_the_light(&mut simulator, index, until, emulators);
             // The last frame before the end lies behind it: events are known up to there.
             assert!(expected.iter().any(|event| event.t > 38_000));
             expected.retain(|event| event.t < 40_000);
