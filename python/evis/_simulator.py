@@ -82,7 +82,8 @@ class Simulator:
         that is given none has what the scene gives it; else an ideal sensor, 0.2 / 0.2 (with the method
         ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Thresholds that the scene gives a
         camera come before its sensor's. Every stage runs on the device, but a sensor with
-        ``diffusion`` or ``exposure`` is walked on the host, from the light of every instant.
+        ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is walked on the host, from the light of every
+        instant.
     method : {"auto", "native", "march", "reproject", "splat", "evis-paper"} or Splat, optional
         How instants are sampled: each rendered (``native``); in adaptive time, where parts of the picture
         without edges are rendered every few pixels of motion and followed in between (``march``); visibility
