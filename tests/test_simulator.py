@@ -300,6 +300,7 @@ def test_auto_chooses_and_whoever_samples_by_hand_gets_native(device: evis.Devic
         size=(48, 36),
         rate_hz=held["rate_hz"],
         adaptive_px=held["adaptive_px"],
+        between=held["between"],
         antialias=held["antialias"],
         samples=held["samples"],
         texture_taps=held["texture_taps"],

@@ -292,6 +292,7 @@ class Simulator:
         plan: str | None,
         rate_hz: float,
         adaptive_px: float | None,
+        between: str,
         samples: int,
         antialias: str,
         texture_taps: int | None,

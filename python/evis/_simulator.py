@@ -90,8 +90,8 @@ class Simulator:
         at each, in adaptive time, and light of what stands still from some 30 keyframes a second
         (``reproject``); or splatted from keyframes.
         ``auto`` chooses method, rate and samples for a target (and rays for shadows, for ``exact``). Where
-        not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and
-        ``texture_taps`` is, else ``auto``.
+        not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``between``, ``samples``,
+        ``antialias`` and ``texture_taps`` is, else ``auto``.
     target : {"draft", "default", "exact"}
         How near to the truth ``auto`` shall come. `chosen` says what it chose, and what that reached
         elsewhere.
@@ -111,6 +111,11 @@ class Simulator:
         than that nothing it may show moves farther than so many pixels between two of its samples, and
         ``rate_hz`` at most. Where not given, ``native`` renders everything at ``rate_hz``, and ``march`` and
         ``reproject`` take 0.3.
+    between : {"line", "curve"}, optional
+        With ``adaptive_px``, for a sensor of thresholds alone: log light runs straight from one sample to the
+        next, or as the sensor's ``interpolation`` says (``line``, where not given); or along a cubic that
+        takes its slopes from the sample before and the one after, and rises wherever three samples in a row
+        rise (``curve``): half of the samples for the same error.
     samples : int, optional
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional
@@ -178,6 +183,7 @@ class Simulator:
         plan: str | PathLike[str] | None = None,
         rate_hz: float | None = None,
         adaptive_px: float | None = None,
+        between: Literal["line", "curve"] | None = None,
         samples: int | None = None,
         antialias: Literal["samples", "edges"] | None = None,
         texture_taps: int | None = None,
@@ -198,6 +204,7 @@ class Simulator:
         by_hand = {
             "rate_hz": rate_hz,
             "adaptive_px": adaptive_px,
+            "between": between,
             "samples": samples,
             "antialias": antialias,
             "texture_taps": texture_taps,
@@ -251,6 +258,7 @@ class Simulator:
             splat=_method.as_json(splat),
             rate_hz=1000.0 if rate_hz is None else rate_hz,
             adaptive_px=adaptive_px,
+            between=between or "line",
             samples=4 if samples is None else _whole("samples", samples, 2**32),
             antialias=antialias or "samples",
             texture_taps=texture_taps,

@@ -8,7 +8,7 @@ use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
 use evis_core::{ConfigError, ExposureShape, Interpolation, LabelKind, Transfer, TriggerRule};
-use evis_render::{Antialias, Carrier, Motion, Shadows, SplatConfig, Target};
+use evis_render::{Antialias, Between, Carrier, Motion, Shadows, SplatConfig, Target};
 use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -114,12 +114,16 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "PX", allow_hyphen_values = true)]
     pub(crate) adaptive: Option<f64>,
 
+    /// With --adaptive: how log light runs between two samples, for a sensor of thresholds alone [default: line].
+    #[arg(long, value_enum)]
+    pub(crate) between: Option<BetweenArg>,
+
     /// Samples per pixel and instant, 1 to 256 [default: 4].
     #[arg(long, value_name = "N", value_parser = sample_count, allow_hyphen_values = true)]
     pub(crate) samples: Option<u32>,
 
-    /// How an instant is sampled [default: auto; native where --rate, --adaptive, --samples, --aa or --texture-taps is
-    /// given].
+    /// How an instant is sampled [default: auto; native where --rate, --adaptive, --between, --samples, --aa or
+    /// --texture-taps is given].
     #[arg(long, value_enum)]
     pub(crate) method: Option<MethodArg>,
 
@@ -276,6 +280,7 @@ impl RunArgs {
         [
             (self.rate.is_some(), "--rate"),
             (self.adaptive.is_some(), "--adaptive"),
+            (self.between.is_some(), "--between"),
             (self.samples.is_some(), "--samples"),
             (self.aa.is_some(), "--aa"),
             (self.texture_taps.is_some(), "--texture-taps"),
@@ -1027,6 +1032,23 @@ impl From<AntialiasArg> for Antialias {
         match arg {
             AntialiasArg::Samples => Self::Samples,
             AntialiasArg::Edges => Self::Edges,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum BetweenArg {
+    /// Straight, or as --interpolation says.
+    Line,
+    /// Along a cubic that also goes by the sample before and the one after.
+    Curve,
+}
+
+impl From<BetweenArg> for Between {
+    fn from(arg: BetweenArg) -> Self {
+        match arg {
+            BetweenArg::Line => Self::Line,
+            BetweenArg::Curve => Self::Curve,
         }
     }
 }

@@ -183,6 +183,7 @@ fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConf
         config.antialias = antialias.into();
     }
     config.adaptive_px = args.adaptive.or(config.method.usual_adaptive_px());
+    config.between = args.between.map_or(config.between, Into::into);
     config.texture_taps = args.texture_taps;
     config.shadow_map = args.shadow_map;
     if let Some(shadows) = args.shadows {

@@ -67,7 +67,7 @@ fn auto_says_what_it_chose_and_the_same_by_hand_gives_the_same_bytes() {
     let by_hand = run(
         "hand",
         &format!(
-            "--rate {rate} --adaptive {step} --aa edges --samples {} --texture-taps {taps}",
+            "--rate {rate} --adaptive {step} --between curve --aa edges --samples {} --texture-taps {taps}",
             settings["samples"]
         ),
     );

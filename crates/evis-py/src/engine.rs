@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity};
-use evis_render::{Antialias, DeviceSummary, EngineError, Method, RunConfig, Shadows, Target};
+use evis_render::{Antialias, Between, DeviceSummary, EngineError, Method, RunConfig, Shadows, Target};
 use evis_scene::{Image, SceneError};
 use half::f16;
 use pyo3::prelude::*;
@@ -50,6 +50,11 @@ pub(crate) fn shadows(name: &str) -> Result<Shadows, Failure> {
 
 pub(crate) fn antialias(name: &str) -> Result<Antialias, Failure> {
     choose("antialias", name, &[("samples", Antialias::Samples), ("edges", Antialias::Edges)])
+}
+
+/// [`RunConfig::between`] by its name.
+pub(crate) fn between(name: &str) -> Result<Between, Failure> {
+    choose("between", name, &[("line", Between::Line), ("curve", Between::Curve)])
 }
 
 /// One kind of label by its name.

@@ -53,7 +53,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, sensor, sensors, method, splat, target, budget_ms, plan, rate_hz, adaptive_px, samples, antialias, texture_taps,
+        scene, *, sensor, sensors, method, splat, target, budget_ms, plan, rate_hz, adaptive_px, between, samples, antialias, texture_taps,
         shadows, shadow_map, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
         exposure_shape, reference_luminance, device
     ))]
@@ -70,6 +70,7 @@ impl Simulator {
         plan: Option<PathBuf>,
         rate_hz: f64,
         adaptive_px: Option<f64>,
+        between: &str,
         samples: u32,
         antialias: &str,
         texture_taps: Option<u32>,
@@ -98,6 +99,7 @@ impl Simulator {
             method,
             chosen: None,
             rate_hz,
+            between: engine::between(between)?,
             samples,
             antialias: engine::antialias(antialias)?,
             texture_taps,

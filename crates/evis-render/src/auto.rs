@@ -5,7 +5,7 @@
 use evis_scene::Scene;
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Antialias, Method, RunConfig, Shadows};
+use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::frame::{FrameData, FrameRequest};
 use crate::gpu_scene::GpuScene;
 use crate::host_walk;
@@ -53,6 +53,8 @@ pub struct Rung {
     pub method: Method,
     /// Pixels that anything may move between two samples of it.
     pub step_px: f64,
+    /// How light runs between them.
+    pub between: Between,
     /// Where that needs more than 4000 Hz: the finest rate.
     pub finest_hz: f64,
     /// What a sample is.
@@ -95,6 +97,7 @@ const fn edges(step_px: f64, samples: u32, texture_taps: u32, expects: &'static 
     Rung {
         method: Method::Native,
         step_px,
+        between: Between::Curve,
         finest_hz: 4000.0,
         antialias: Antialias::Edges,
         samples,
@@ -185,7 +188,7 @@ pub fn settle(
     config.method = rung.method;
     config.antialias = rung.antialias;
     config.rate_hz = rate_hz;
-    config.adaptive_px = Some(step_px);
+    (config.adaptive_px, config.between) = (Some(step_px), rung.between);
     config.samples = rung.samples;
     let grid = largest_grid(views, texture_edge);
     if config.coverage_grid() > grid {

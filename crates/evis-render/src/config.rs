@@ -90,6 +90,19 @@ pub enum Antialias {
     Edges,
 }
 
+/// How log light runs between two samples of a tile, in adaptive time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Between {
+    /// As [`SensorConfig::interpolation`] says.
+    #[default]
+    Line,
+    /// Along a cubic through the samples, its slopes from the sample before and the one after, in pieces that are again as
+    /// [`SensorConfig::interpolation`] says. It rises where three samples in a row rise, and rests next to a sample that does
+    /// not change anything. A sensor that is more than its thresholds takes lines.
+    Curve,
+}
+
 /// How shadows are told from light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -122,6 +135,9 @@ pub struct RunConfig {
     /// moves farther than so many pixels between two of its samples, and `rate_hz` at most. `None` renders everything at
     /// `rate_hz`.
     pub adaptive_px: Option<f64>,
+    /// With `adaptive_px`: how light runs between two samples.
+    #[serde(skip_serializing_if = "is_line")]
+    pub between: Between,
     /// Samples per pixel and instant, 1 to 256.
     pub samples: u32,
     /// How they are taken.
@@ -167,6 +183,7 @@ impl Default for RunConfig {
             chosen: None,
             rate_hz: 1000.0,
             adaptive_px: None,
+            between: Between::Line,
             samples: 4,
             antialias: Antialias::Samples,
             texture_taps: None,
@@ -188,6 +205,10 @@ impl Default for RunConfig {
 
 fn is_box(shape: &ExposureShape) -> bool {
     *shape == ExposureShape::Box
+}
+
+fn is_line(between: &Between) -> bool {
+    *between == Between::Line
 }
 
 /// `sensor` of camera `camera`, if it can be.
@@ -330,6 +351,9 @@ impl RunConfig {
             let name = self.method.name();
             let wanted = format!("set (pixels between two samples), for {name}");
             return Err(ConfigError::new("adaptive_px", "none", wanted));
+        }
+        if self.between == Between::Curve && self.adaptive_px.is_none() {
+            return Err(ConfigError::new("between", "curve", "line, without adaptive time (adaptive_px)"));
         }
         let side = self.coverage_grid();
         if self.antialias == Antialias::Edges && self.samples != 4 * side * side {

@@ -29,7 +29,7 @@ use crate::method::{NativeRoom, Sampling};
 use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
-use crate::pass::trigger::{TriggerPasses, WalkPasses};
+use crate::pass::trigger::{Blocks, TriggerPasses, WalkPasses};
 use crate::reuse;
 use crate::shadow::{MovingShadows, ShadowPlan, ShadowRoom};
 use crate::sizes::{self, DeviceLimits, MethodNeeds};
@@ -248,6 +248,7 @@ impl Engine {
         let grid = config.sample_grid()?;
         let rendered = if edges { LayerUse::Resolved(grid_side) } else { LayerUse::Rendered };
         let block = config.block();
+        let blocks = Blocks { instants: block, between: config.between };
         // What the trigger averages, and how it comes to be.
         let (layer_samples, made) = match (&config.method, config.adaptive_px) {
             (Method::Splat(_), _) | (_, Some(_)) => (1, LayerUse::Computed),
@@ -293,7 +294,7 @@ impl Engine {
         let sensors: Vec<&SensorConfig> = classes.iter().map(|of| &views[of[0]].sensor).collect();
         let mut context = Context {
             gpu: gpu.clone(),
-            trigger: TriggerPasses::new(device, &sensors, layer_samples, may_be_unknown, block, grid_side),
+            trigger: TriggerPasses::new(device, &sensors, layer_samples, may_be_unknown, blocks, grid_side),
             gpu_scene,
             layouts,
             views,

@@ -10,7 +10,7 @@ use evis_core::emulator::parts::emulator;
 use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
 use rayon::prelude::*;
 
-use crate::config::RunConfig;
+use crate::config::{Between, RunConfig};
 use crate::engine::Context;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -25,7 +25,7 @@ const LIGHT_LIMIT: f64 = 1e30;
 pub fn settle(views: &[View], config: &mut RunConfig, why: &mut String) {
     let without = views.iter().filter(|view| view.sensor.walks_on_host()).count();
     if without == views.len() {
-        config.adaptive_px = None;
+        (config.adaptive_px, config.between) = (None, Between::Line);
         *why += "; all tiles at this rate, since the sensor is walked on the host, which takes every instant of every pixel";
     } else if without > 0 {
         *why += "; where a camera's sensor is walked on the host all tiles at this rate, since it takes every instant of \

@@ -54,7 +54,7 @@ pub mod view;
 mod tests;
 
 pub use auto::{Chosen, Target};
-pub use config::{Antialias, Method, RunConfig, Shadows};
+pub use config::{Antialias, Between, Method, RunConfig, Shadows};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};

@@ -11,7 +11,7 @@ use evis_scene::{Scene, SceneError};
 use serde::{Deserialize, Serialize};
 
 use crate::auto::{self, Chosen, LADDER, Rung};
-use crate::config::{Antialias, Method, RunConfig, Shadows};
+use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
@@ -57,6 +57,9 @@ pub struct Settings {
     /// [`RunConfig::adaptive_px`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub adaptive_px: Option<f64>,
+    /// [`RunConfig::between`].
+    #[serde(default)]
+    pub between: Between,
     /// [`RunConfig::antialias`].
     #[serde(default)]
     pub antialias: Antialias,
@@ -278,6 +281,7 @@ impl Settings {
             method: config.method,
             rate_hz: config.rate_hz,
             adaptive_px: config.adaptive_px,
+            between: config.between,
             antialias: config.antialias,
             samples: config.samples,
             texture_taps: config.taps(),
@@ -287,13 +291,15 @@ impl Settings {
 
     /// `native, every 0.5 px up to 1000 Hz, 16 samples, 1 in 4 shaded, textures at 4x4 places`.
     pub fn in_words(&self) -> String {
-        let Self { method, rate_hz, adaptive_px, antialias, samples, texture_taps: taps, shadows } = self;
+        let Self { method, rate_hz, adaptive_px, between, antialias, samples, texture_taps: taps, shadows } =
+            self;
         let step = adaptive_px.map_or_else(|| "all at".into(), |px| format!("every {px} px up to"));
+        let curves = if *between == Between::Curve { ", curves between them" } else { "" };
         let plural = if *samples == 1 { "" } else { "s" };
         let shaded = if *antialias == Antialias::Edges { ", 1 in 4 shaded" } else { "" };
         let shadows = if *shadows == Shadows::Rays { ", shadows by rays" } else { "" };
         format!(
-            "{}, {step} {rate_hz} Hz, {samples} sample{plural}{shaded}, textures at {taps}x{taps} places{shadows}",
+            "{}, {step} {rate_hz} Hz{curves}, {samples} sample{plural}{shaded}, textures at {taps}x{taps} places{shadows}",
             method.name()
         )
     }
@@ -356,11 +362,11 @@ impl Plan {
 
     /// Gives `config` its settings, and says so.
     fn apply(&self, config: &mut RunConfig) {
-        let Settings { method, rate_hz, adaptive_px, antialias, samples, texture_taps, shadows } =
+        let Settings { method, rate_hz, adaptive_px, between, antialias, samples, texture_taps, shadows } =
             &self.settings;
         config.method = *method;
         config.antialias = *antialias;
-        (config.rate_hz, config.adaptive_px) = (*rate_hz, *adaptive_px);
+        (config.rate_hz, config.adaptive_px, config.between) = (*rate_hz, *adaptive_px, *between);
         (config.samples, config.texture_taps) = (*samples, Some(*texture_taps));
         config.shadows = *shadows;
         let words = self.settings.in_words();
@@ -467,6 +473,7 @@ mod tests {
             method: Method::Native,
             rate_hz: 1000.0,
             adaptive_px: Some(0.5),
+            between: Between::Curve,
             antialias: Antialias::Samples,
             samples: 4,
             texture_taps: 4,
@@ -504,7 +511,11 @@ mod tests {
         assert_eq!(Plan::read(&path).unwrap(), plan);
         let text = std::fs::read_to_string(&path).unwrap();
         for (from, to, told) in [
-            ("samples = 16", "samples = 4", "ask for 'native, every 0.5 px up to 1000 Hz, 16 samples"),
+            (
+                "samples = 16",
+                "samples = 4",
+                "ask for 'native, every 0.5 px up to 1000 Hz, curves between them, 16 samples",
+            ),
             ("samples = 16", "samples = 0", "samples is 0"),
             ("samples = 16", "samples = \"many\"", "samples"),
             ("budget_ms = 500.0", "budget_ms = 200.0", "for 200 ms its times ask for"),

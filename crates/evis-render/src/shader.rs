@@ -53,6 +53,7 @@ shaders![
     "trigger/emit.wgsl",
     "trigger/resolve.wgsl",
     "trigger/pace.wgsl",
+    "trigger/between.wgsl",
     "adaptive/tiles.wgsl",
     "adaptive/mean.wgsl",
     "adaptive/resolve.wgsl",

@@ -1,5 +1,5 @@
 #import trigger/sample.wgsl
-#import trigger/pace.wgsl
+#import trigger/between.wgsl
 #import trigger/decide.wgsl
 // Counts each pixel's events over the instants of a submission and writes its next memory beside the old one.
 // The old memory stays until the submission is known to fit: that is what lets it run again.
@@ -60,6 +60,31 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
     for (; begin < params.instants; begin += length) {
         let step = step_at(id.xy, id.z, begin);
         let end = min(begin + length, params.instants);
+        if (CURVE) {
+            var before = state.log_luma;
+            var at = sample_from(begin, step);
+            var l = log_luma_of(sensor, mean_at(id.xy, id.z, at));
+            for (; at < end; at += step) {
+                let is_last = at + step >= end;
+                var after = l;
+                if (!is_last) {
+                    after = log_luma_of(sensor, mean_at(id.xy, id.z, at + step));
+                }
+                let start = state.log_luma;
+                let run = run_of(before, start, l, after, at >= begin + step, !is_last);
+                for (var piece = 0u; piece < PIECES; piece++) {
+                    let piece_end = end_of(run, piece, l);
+                    let decision = decide(sensor, state, piece_end);
+                    clamped += u32(decision.clamped);
+                    fires |= u32(decision.count != 0u) << at;
+                    count += decision.count;
+                    state = PixelMemory(decision.reference_log, piece_end);
+                }
+                before = start;
+                l = after;
+            }
+            continue;
+        }
         for (var at = sample_from(begin, step); at < end; at += step) {
             let mean = mean_at(id.xy, id.z, at);
             if (is_unknown(mean)) {

@@ -1,5 +1,5 @@
 #import trigger/sample.wgsl
-#import trigger/pace.wgsl
+#import trigger/between.wgsl
 #import trigger/decide.wgsl
 // Visits the instants at which a pixel fires, through the same decision, and writes its events to their places.
 // Between two of them the reference stays as it is, so all others can be passed over.
@@ -16,6 +16,29 @@
 
 fn mean_at(pixel: vec2<u32>, view: u32, instant: u32) -> f32 {
     return textureLoad(means, pixel, view * params.instants + instant).r;
+}
+
+// From `l0`, after instant `start - 1`, to `l1` at instant `last`; `first` is what the submission began with.
+fn run_around(
+    sensor: ViewSensor, pixel: vec2<u32>, view: u32, start: u32, last: u32, l0: f32, l1: f32, first: f32
+) -> Run {
+    if (!CURVE) {
+        return Run();
+    }
+    let step = last + 1u - start;
+    let has_before = start % BLOCK_INSTANTS != 0u;
+    let has_after = (last + 1u) % BLOCK_INSTANTS != 0u;
+    var before = l0;
+    if (has_before && start == step) {
+        before = first;
+    } else if (has_before) {
+        before = log_luma_of(sensor, mean_at(pixel, view, start - step - 1u));
+    }
+    var after = l1;
+    if (has_after) {
+        after = log_luma_of(sensor, mean_at(pixel, view, last + step));
+    }
+    return run_of(before, l0, l1, after, has_before, has_after);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -50,15 +73,28 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         if (last != 0u) {
             before = log_luma_of(sensor, mean_at(id.xy, id.z, last - 1u));
         }
-        let after = log_luma_of(sensor, mean_at(id.xy, id.z, k));
-        let decision = decide(sensor, PixelMemory(reference_log, before), after);
+        let now = log_luma_of(sensor, mean_at(id.xy, id.z, k));
         let span = span_between(start, k);
-        for (var i = 1u; i <= decision.count && written < count; i++) {
-            let t = span.x + fire_time(decision, i, span.y);
-            events[base + written] = vec2<u32>(t, packed_pixel | (decision.polarity << 26u));
-            written++;
+        let run = run_around(sensor, id.xy, id.z, start, k, before, now, memory.log_luma);
+        var l = before;
+        for (var piece = 0u; piece < select(1u, PIECES, CURVE); piece++) {
+            var piece_end = now;
+            var begins = 0u;
+            var length = span.y;
+            if (CURVE) {
+                piece_end = end_of(run, piece, now);
+                begins = begin_of(span.y, piece);
+                length = begin_of(span.y, piece + 1u) - begins;
+            }
+            let decision = decide(sensor, PixelMemory(reference_log, l), piece_end);
+            for (var i = 1u; i <= decision.count && written < count; i++) {
+                let t = span.x + begins + fire_time(decision, i, length);
+                events[base + written] = vec2<u32>(t, packed_pixel | (decision.polarity << 26u));
+                written++;
+            }
+            reference_log = decision.reference_log;
+            l = piece_end;
         }
-        reference_log = decision.reference_log;
     }
     if (written != count) {
         atomicAdd(&status.mismatched, 1u);

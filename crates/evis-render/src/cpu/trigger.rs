@@ -11,6 +11,60 @@ pub fn log_luma(samples: impl ExactSizeIterator<Item = f32>, reference_luminance
     (y * (1.0 / reference_luminance) + log_eps).ln()
 }
 
+/// Straight pieces that stand for a curve.
+pub const PIECES: u32 = 4;
+
+/// `trigger/between.wgsl`: from `at[0]` to `at[1]`, along a cubic that takes its slopes from the samples `before` and
+/// `after`, where the block has them; the ends of its pieces.
+pub fn curve(before: Option<f32>, at: [f32; 2], after: Option<f32>) -> [f32; PIECES as usize] {
+    let [start, end] = at;
+    let change = end - start;
+    let within = |a: f32, b: f32| {
+        let most = 3.0 * a.abs().min(b.abs());
+        (0.5 * (a + b)).clamp(-most, most)
+    };
+    let at_end = |other: f32| {
+        let most = 3.0 * change;
+        (2.0 * change - other).clamp(most.min(0.0), most.max(0.0))
+    };
+    let slope_before = before.map(|before| within(start - before, change));
+    let slope_after = after.map(|after| within(change, after - end));
+    let [first, last] = match (slope_before, slope_after) {
+        (Some(first), Some(last)) => [first, last],
+        (Some(first), None) => [first, at_end(first)],
+        (None, Some(last)) => [at_end(last), last],
+        (None, None) => [change; 2],
+    };
+    let (square, cube) = (3.0 * change - 2.0 * first - last, first + last - 2.0 * change);
+    std::array::from_fn(|piece| {
+        let u = (piece + 1) as f32 / PIECES as f32;
+        if piece + 1 == PIECES as usize { end } else { start + u * (first + u * (square + u * cube)) }
+    })
+}
+
+/// One pixel's events over a block of which it is sampled at `log_lumas`, along curves: otherwise as [`walk`].
+pub fn walk_curves(
+    config: &SensorConfig,
+    state: &mut PixelState,
+    log_lumas: &[f32],
+    times: &[u32],
+) -> Vec<(u32, bool)> {
+    let samples = [&[state.log_luma], log_lumas].concat();
+    let mut events = Vec::new();
+    for (k, at) in samples.array_windows().enumerate() {
+        let before = k.checked_sub(1).map(|before| samples[before]);
+        let ends = curve(before, *at, samples.get(k + 2).copied());
+        let interval = times[k + 1] - times[k];
+        let of_piece =
+            |piece: u32| times[k] + (u64::from(interval) * u64::from(piece) / u64::from(PIECES)) as u32;
+        let pieces: Vec<u32> = (0..=PIECES).map(of_piece).collect();
+        let mut memory = Some(*state);
+        events.extend(walk(config, &mut memory, &ends, &pieces));
+        *state = memory.unwrap_or(*state);
+    }
+    events
+}
+
 /// One pixel's events over a submission: (microseconds since its base, ON), in firing order.
 ///
 /// `times` holds the instant before the first and then one per instant, as `TriggerParams::times` does;

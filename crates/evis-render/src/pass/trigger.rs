@@ -7,6 +7,7 @@ use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
 use super::{Access, Binding, ComputePass, bind};
 use crate::chain::{ChainPasses, ChainPlan};
+use crate::config::Between;
 
 /// `trigger/pace.wgsl`, wherever pixels walk.
 const PACES_BINDING: u32 = 12;
@@ -83,6 +84,21 @@ pub const KEPT_BINDINGS: &[Binding] = &[
 pub const RESOLVE_BINDINGS: &[Binding] =
     &[bind(0, "samples", Access::Multisampled), bind(1, "layer", Access::StorageLayer)];
 
+/// Blocks of instants, within which tiles have paces of their own.
+#[derive(Clone, Copy, Debug)]
+pub struct Blocks {
+    /// Of each; 1 where every pixel is sampled at every instant.
+    pub instants: u32,
+    /// How light runs between two samples within one.
+    pub between: Between,
+}
+
+impl Blocks {
+    /// Every pixel is sampled at every instant.
+    #[cfg(test)]
+    pub const NONE: Self = Self { instants: 1, between: Between::Line };
+}
+
 /// What walks pixels over the instants of a submission, to count and to emit.
 pub enum WalkPasses {
     /// Thresholds alone.
@@ -99,15 +115,21 @@ pub enum WalkPasses {
 }
 
 impl WalkPasses {
-    fn new(device: &wgpu::Device, sensor: &SensorConfig, samples: u32, unknown: bool, block: u32) -> Self {
+    fn new(
+        device: &wgpu::Device,
+        sensor: &SensorConfig,
+        samples: u32,
+        unknown: bool,
+        blocks: Blocks,
+    ) -> Self {
         if sensor.walks_on_host() {
             return Self::Host;
         }
         if !sensor.is_ideal() {
-            let plan = ChainPlan::new(sensor, samples, unknown, block);
+            let plan = ChainPlan::new(sensor, samples, unknown, blocks.instants);
             return Self::Chain(Box::new(ChainPasses::new(device, plan)));
         }
-        let constants = ideal_constants(sensor, unknown, block);
+        let constants = ideal_constants(sensor, unknown, blocks);
         let counting = [&[("SAMPLES", f64::from(samples))], &constants[..]].concat();
         Self::Ideal {
             count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &counting),
@@ -131,14 +153,13 @@ pub struct TriggerPasses {
 impl TriggerPasses {
     /// Builds them for the rules of `sensors`, one per class of views, and `samples` layers per instant.
     ///
-    /// `unknown`: whether a luminance below 0 stands for one that is not known. `block`: instants of a block within which
-    /// tiles have paces of their own, 1 without.
+    /// `unknown`: whether a luminance below 0 stands for one that is not known.
     pub fn new(
         device: &wgpu::Device,
         sensors: &[&SensorConfig],
         samples: u32,
         unknown: bool,
-        block: u32,
+        blocks: Blocks,
         grid: u32,
     ) -> Self {
         let mut walks: Vec<Arc<WalkPasses>> = Vec::with_capacity(sensors.len());
@@ -147,7 +168,7 @@ impl TriggerPasses {
             let known = sensors.iter().zip(&walks).find(|(other, _)| other.is_alike(sensor));
             let walk = known.map(|(_, walk)| walk.clone());
             walks.push(
-                walk.unwrap_or_else(|| Arc::new(WalkPasses::new(device, sensor, samples, unknown, block))),
+                walk.unwrap_or_else(|| Arc::new(WalkPasses::new(device, sensor, samples, unknown, blocks))),
             );
         }
         Self {
@@ -172,7 +193,7 @@ impl TriggerPasses {
     }
 }
 
-fn ideal_constants(sensor: &SensorConfig, unknown: bool, block: u32) -> [(&'static str, f64); 4] {
+fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'static str, f64); 5] {
     let rule = match sensor.trigger {
         TriggerRule::Crossing => 0.0,
         TriggerRule::Latch => 1.0,
@@ -185,6 +206,7 @@ fn ideal_constants(sensor: &SensorConfig, unknown: bool, block: u32) -> [(&'stat
         ("TRIGGER_RULE", rule),
         ("INTERPOLATION", interpolation),
         ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
-        ("BLOCK_INSTANTS", f64::from(block)),
+        ("BLOCK_INSTANTS", f64::from(blocks.instants)),
+        ("CURVE", f64::from(u8::from(blocks.between == Between::Curve))),
     ]
 }

@@ -3,12 +3,14 @@
 use evis_core::trigger::PixelState;
 use evis_core::{Interpolation, SensorConfig, TriggerRule};
 
-use crate::cpu::trigger::{log_luma, walk};
+use crate::config::Between;
+use crate::cpu::trigger::{PIECES, curve, log_luma, walk, walk_curves};
 use crate::engine::{map, wait_mapped};
 use crate::gpu::Gpu;
 use crate::grid::SampleGrid;
 use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
-use crate::pass::trigger::TriggerPasses;
+use crate::pace::{TILE, tiles_along};
+use crate::pass::trigger::{Blocks, TriggerPasses};
 use crate::sizes::Plan;
 use crate::targets::{LayerUse, Targets};
 use crate::uniforms::{PixelMemory, Status, ViewSensor};
@@ -18,6 +20,8 @@ const HEIGHT: u32 = 9;
 const VIEWS: u32 = 2;
 const SAMPLES: u32 = 3;
 const INSTANTS: u32 = 5;
+/// Instants of a block, where tiles have paces.
+const BLOCK: u32 = 8;
 
 /// A rule and what it takes as straight between samples.
 type Rule = (TriggerRule, Interpolation);
@@ -33,11 +37,15 @@ fn noise(i: u32) -> f32 {
     ((h ^ (h >> 15)) >> 8) as f32 / (1u32 << 24) as f32
 }
 
-/// Luminance of every layer: smooth noise over four decades, with planted black, huge and constant pixels.
 fn layers() -> Vec<Vec<f32>> {
-    (0..VIEWS * INSTANTS * SAMPLES)
+    layers_of(INSTANTS, SAMPLES)
+}
+
+/// Luminance of every layer: smooth noise over four decades, with planted black, huge and constant pixels.
+fn layers_of(instants: u32, samples: u32) -> Vec<Vec<f32>> {
+    (0..VIEWS * instants * samples)
         .map(|layer| {
-            let (instant, view) = (layer / SAMPLES % INSTANTS, layer / SAMPLES / INSTANTS);
+            let (instant, view) = (layer / samples % instants, layer / samples / instants);
             (0..WIDTH * HEIGHT)
                 .map(|pixel| match pixel % 16 {
                     0 => 0.0,
@@ -64,15 +72,46 @@ struct Ran {
 
 fn run(
     gpu: &Gpu,
-    (trigger, interpolation): Rule,
+    rule: Rule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
     grid: &SampleGrid,
     capacity: u32,
     unknown: bool,
 ) -> Ran {
-    let plan = Plan { views_per_group: VIEWS, instants: INSTANTS, layers: VIEWS * INSTANTS * SAMPLES };
-    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, None, 1);
+    let unit = Unit { group: 0, first: 0, instants: INSTANTS };
+    run_unit(gpu, (rule, SAMPLES, unknown, Blocks::NONE), layers, sensors, grid, capacity, &unit, &[])
+}
+
+/// Runs `unit` from a memory of zeros; `paces` are those of tiles, by view and block.
+#[expect(clippy::too_many_arguments, reason = "what the passes depend on")]
+fn run_unit(
+    gpu: &Gpu,
+    ((trigger, interpolation), samples, unknown, blocks): (Rule, u32, bool, Blocks),
+    layers: &[Vec<f32>],
+    sensors: &[ViewSensor],
+    grid: &SampleGrid,
+    capacity: u32,
+    unit: &Unit,
+    paces: &[u8],
+) -> Ran {
+    let instants = unit.instants;
+    let plan = Plan { views_per_group: VIEWS, instants, layers: VIEWS * instants * samples };
+    let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, None, blocks.instants);
+    if !paces.is_empty() {
+        let (columns, rows) = (tiles_along(WIDTH), tiles_along(HEIGHT));
+        let count = paces.len() as u32 / (columns * rows);
+        gpu.queue.write_texture(
+            targets.paces.as_image_copy(),
+            paces,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(columns),
+                rows_per_image: Some(rows),
+            },
+            wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: count },
+        );
+    }
     for (layer, pixels) in layers.iter().enumerate() {
         gpu.queue.write_texture(
             wgpu::TexelCopyTextureInfo {
@@ -93,10 +132,9 @@ fn run(
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors, None);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, interpolation, ..Default::default() };
-    let passes = TriggerPasses::new(&gpu.device, &[&rules], SAMPLES, unknown, 1, 1);
-    let unit = Unit { group: 0, first: 0, instants: INSTANTS };
+    let passes = TriggerPasses::new(&gpu.device, &[&rules], samples, unknown, blocks, 1);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);
+    let steps = trigger_steps(gpu, &passes, grid, &targets, &group, unit, &slot);
     encode_trigger(&mut encoder, &steps);
     let header = group.header_bytes();
     let status_bytes = size_of::<Status>();
@@ -299,6 +337,119 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
         record[0] += 2;
     }
     assert!(!compare(&ran, CROSSING, &layers, &sensors, &grid).wrong.is_empty());
+}
+
+/// What the twin says of a pixel that is sampled at its tile's paces, block by block.
+fn twin_of_blocks(
+    config: &SensorConfig,
+    lumas: &[f32],
+    paces: &[u8],
+    times: &[u32],
+    between: Between,
+) -> Vec<(u32, bool)> {
+    let mut state = PixelState { reference_log: 0.0, log_luma: 0.0 };
+    let mut events = Vec::new();
+    for (block, pace) in paces.iter().enumerate() {
+        let begin = block * BLOCK as usize;
+        let step = 1 << pace;
+        let at: Vec<usize> = (begin + step - 1..begin + BLOCK as usize).step_by(step).collect();
+        let sampled: Vec<f32> = at.iter().map(|k| lumas[*k]).collect();
+        // `times` begins with the instant before the first.
+        let sampled_at: Vec<u32> =
+            std::iter::once(times[begin]).chain(at.iter().map(|k| times[k + 1])).collect();
+        events.extend(match between {
+            Between::Curve => walk_curves(config, &mut state, &sampled, &sampled_at),
+            Between::Line => {
+                let mut memory = Some(state);
+                let straight = walk(config, &mut memory, &sampled, &sampled_at);
+                state = memory.unwrap();
+                straight
+            }
+        });
+    }
+    events
+}
+
+#[test]
+fn curves_between_samples_equal_their_twin() {
+    let Some(gpu) = super::device() else { return };
+    let sensors = sensors();
+    let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
+    let blocks = Blocks { instants: BLOCK, between: Between::Curve };
+    let unit = Unit { group: 0, first: 1 + 3 * i64::from(BLOCK), instants: 2 * BLOCK };
+    let layers = layers_of(unit.instants, 1);
+    let base = unit.base_us(&grid);
+    let times: Vec<u32> =
+        (-1..i64::from(unit.instants)).map(|k| (grid.instant_us(unit.first + k) - base) as u32).collect();
+    let tiles = tiles_along(WIDTH) * tiles_along(HEIGHT);
+    let paces: Vec<u8> = (0..VIEWS * 2 * tiles).map(|tile| (tile % 4) as u8).collect();
+    for rule in [CROSSING, CROSSING_LIGHT] {
+        let ran = run_unit(&gpu, (rule, 1, false, blocks), &layers, &sensors, &grid, 1 << 18, &unit, &paces);
+        assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
+        let (mut events, mut bent, mut other, mut pixels) = (0, 0, 0, 0);
+        for view in 0..VIEWS {
+            let sensor = &sensors[view as usize];
+            let config = SensorConfig {
+                threshold_on: sensor.threshold_on,
+                threshold_off: sensor.threshold_off,
+                log_eps: sensor.log_eps,
+                trigger: rule.0,
+                interpolation: rule.1,
+                ..SensorConfig::default()
+            };
+            let range = ran.offsets[view as usize] as usize..ran.offsets[view as usize + 1] as usize;
+            let records = &ran.records[range];
+            for pixel in 0..WIDTH * HEIGHT {
+                let (x, y) = (pixel % WIDTH, pixel / WIDTH);
+                let of_pixel = records.iter().filter(|r| r[1] & 0x3FF_FFFF == x | y << 13);
+                let got: Vec<(u32, bool)> = of_pixel.map(|r| (r[0], r[1] >> 26 & 1 == 1)).collect();
+                let lumas: Vec<f32> = (0..unit.instants)
+                    .map(|k| {
+                        let y = layers[(view * unit.instants + k) as usize][pixel as usize];
+                        let y_ref = 1.0 / sensor.inverse_reference_luminance;
+                        log_luma(std::iter::once(y), y_ref, config.log_eps)
+                    })
+                    .collect();
+                let tile = y / TILE * tiles_along(WIDTH) + x / TILE;
+                let of_tile = [0, 1].map(|block| paces[((2 * view + block) * tiles + tile) as usize]);
+                let [expected, straight] = [Between::Curve, Between::Line]
+                    .map(|between| twin_of_blocks(&config, &lumas, &of_tile, &times, between));
+                let alike = |a: &[(u32, bool)], b: &[(u32, bool)]| {
+                    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.1 == b.1 && a.0.abs_diff(b.0) <= 1)
+                };
+                pixels += 1;
+                events += got.len();
+                other += usize::from(!alike(&got, &expected));
+                bent += usize::from(!alike(&got, &straight));
+            }
+        }
+        assert!(events > 20_000, "{events}");
+        // Within rounding of a threshold or a microsecond host and device may differ.
+        assert!(other * 50 < pixels, "{rule:?}: {other} of {pixels} pixels");
+        assert!(bent * 3 > pixels, "canary: {bent} pixels differ from straight lines");
+    }
+}
+
+#[test]
+fn a_curve_rises_where_samples_rise_and_rests_beside_rest() {
+    // Where three samples in a row rise, whatever comes after; beside rest nothing swings.
+    for (before, at, after) in [
+        (Some(0.0), [1.0, 1.1], Some(9.0)),
+        (Some(-5.0), [1.0, 1.1], Some(1.2)),
+        (None, [1.0, 1.1], Some(9.0)),
+        (Some(-5.0), [1.0, 1.1], None),
+    ] {
+        let ends = curve(before, at, after);
+        let all = [&[at[0]], &ends[..]].concat();
+        assert!(all.is_sorted() && ends[PIECES as usize - 1] == at[1], "{before:?} {after:?}: {ends:?}");
+    }
+    assert_eq!(curve(Some(-5.0), [1.0, 1.0], Some(9.0)), [1.0; PIECES as usize]);
+    assert_eq!(curve(Some(0.0), [0.0, 1.0], Some(1.0)), [0.15625, 0.5, 0.84375, 1.0]);
+    assert_eq!(curve(None, [0.0, 1.0], None), [0.25, 0.5, 0.75, 1.0]);
+    // Parabolas are exact but where they turn: x^2 at 1, 2, 3, 4.
+    assert_eq!(curve(Some(1.0), [4.0, 9.0], Some(16.0)), [5.0625, 6.25, 7.5625, 9.0]);
+    assert_eq!(curve(None, [4.0, 9.0], Some(16.0)), [5.0625, 6.25, 7.5625, 9.0]);
+    assert_eq!(curve(Some(1.0), [4.0, 9.0], None), [5.0625, 6.25, 7.5625, 9.0]);
 }
 
 #[test]

@@ -15,7 +15,7 @@ use crate::engine::{map, wait_mapped};
 use crate::gpu::Gpu;
 use crate::grid::SampleGrid;
 use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
-use crate::pass::trigger::TriggerPasses;
+use crate::pass::trigger::{Blocks, TriggerPasses};
 use crate::shader::compose;
 use crate::sizes::Plan;
 use crate::targets::{LayerUse, Targets};
@@ -92,7 +92,7 @@ fn run_with_lists(
 ) -> Ran {
     let longest = cuts.iter().copied().max().unwrap();
     let plan = Plan { views_per_group: VIEWS as u32, instants: longest, layers: VIEWS as u32 * longest };
-    let passes = TriggerPasses::new(&gpu.device, &[sensor], 1, true, 1, 1);
+    let passes = TriggerPasses::new(&gpu.device, &[sensor], 1, true, Blocks::NONE, 1);
     let chain = passes.chain(0).expect("more than thresholds");
     let mut targets =
         Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, Some(&chain.plan), 1);

@@ -6,7 +6,7 @@ use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
 use crate::auto::Target;
-use crate::config::{Antialias, Method, RunConfig};
+use crate::config::{Antialias, Between, Method, RunConfig};
 use crate::engine::Engine;
 use crate::view;
 
@@ -87,6 +87,12 @@ fn packets_reruns_and_neighbours_change_no_byte() {
         assert!(drawn < all / 2, "{name}: {drawn} of {all} pixels");
         assert_packets_and_reruns_change_no_byte(&gpu, &alone, &config, &expected);
         assert_neighbours_change_no_byte(&gpu, &alone, &config, &expected[0]);
+
+        let curves = RunConfig { between: Between::Curve, ..config };
+        let bent = run(&gpu, &alone, &curves, 64_000).events;
+        assert!(bent != expected, "{name}: canary");
+        assert_packets_and_reruns_change_no_byte(&gpu, &alone, &curves, &bent);
+        assert_neighbours_change_no_byte(&gpu, &alone, &curves, &bent[0]);
     }
 }
 
