@@ -296,7 +296,7 @@ class Simulator:
         samples: int,
         antialias: str,
         texture_taps: int | None,
-        shadows: str,
+        shadows: str | None,
         shadow_map: int | None,
         cameras: list[str],
         size: tuple[int, int] | None,

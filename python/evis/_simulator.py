@@ -262,7 +262,7 @@ class Simulator:
             samples=4 if samples is None else _whole("samples", samples, 2**32),
             antialias=antialias or "samples",
             texture_taps=texture_taps,
-            shadows=shadows or "maps",
+            shadows=shadows,
             shadow_map=None if shadow_map is None else _whole("shadow_map", shadow_map, 2**32),
             cameras=names,
             size=_size(size),

@@ -186,9 +186,7 @@ fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConf
     config.between = args.between.map_or(config.between, Into::into);
     config.texture_taps = args.texture_taps;
     config.shadow_map = args.shadow_map;
-    if let Some(shadows) = args.shadows {
-        config.shadows = shadows.into();
-    }
+    config.shadows = args.shadows.map(Into::into);
     config.samples = args.samples.unwrap_or(config.samples);
     config.cameras.clone_from(&args.camera);
     config.size = args.size;

@@ -63,7 +63,7 @@ pub struct Rung {
     pub samples: u32,
     /// Places at which each reads a texture, along each side.
     pub texture_taps: u32,
-    /// Whether shadows are told by rays, where the scene allows it; else as the user says.
+    /// Whether shadows are told by rays, where the user leaves that open and the scene allows it.
     pub rays: bool,
     /// What it reached on the built-in scenes, 640x480 where nothing else is said.
     pub expects: &'static str,
@@ -73,15 +73,12 @@ pub struct Rung {
 ///
 /// Measured on the built-in scenes; see docs/accuracy.md.
 pub const LADDER: &[Rung] = &[
-    Rung {
-        rays: true,
-        finest_hz: 8000.0,
-        ..edges(0.15, 256, 4, "F1 (1 ms) above 0.99 (two of the four scenes; the others were not measured)")
-    },
-    edges(0.15, 144, 4, "F1 (1 ms) 0.96 to 0.99 at 320x240"),
+    Rung { finest_hz: 8000.0, ..rays(0.15, 256, "F1 (1 ms) above 0.98") },
     DEFAULT,
-    edges(0.3, 64, 4, "F1 (1 ms) 0.95 to 0.99"),
-    edges(0.4, 36, 4, "F1 (1 ms) 0.91 to 0.96 at 320x240"),
+    rays(0.3, 144, "F1 (1 ms) 0.97 to 0.99"),
+    rays(0.4, 100, "F1 (1 ms) 0.96 to 0.99"),
+    edges(0.4, 64, 4, "F1 (1 ms) 0.94 to 0.99"),
+    edges(0.4, 36, 4, "F1 (1 ms) 0.93 to 0.99"),
     DRAFT,
     edges(0.5, 16, 2, "F1 (1 ms) 0.80 to 0.91 at 320x240"),
     edges(1.0, 16, 2, "F1 (1 ms) 0.71 to 0.86 at 320x240"),
@@ -89,8 +86,13 @@ pub const LADDER: &[Rung] = &[
     single(1.0, "F1 (1 ms) 0.46 to 0.76 at 320x240"),
     single(2.0, "F1 (1 ms) 0.43 to 0.64 at 320x240"),
 ];
-const DEFAULT: Rung = edges(0.3, 144, 4, "F1 (1 ms) 0.96 to 0.99");
+const DEFAULT: Rung = rays(0.2, 144, "F1 (1 ms) 0.98 to 0.99");
 const DRAFT: Rung = edges(0.5, 16, 4, "F1 (1 ms) 0.88 to 0.98");
+
+/// With shadows as sharp as what throws them.
+const fn rays(step_px: f64, samples: u32, expects: &'static str) -> Rung {
+    Rung { rays: true, ..edges(step_px, samples, 4, expects) }
+}
 
 /// Many samples of outlines, one in four of them shaded.
 const fn edges(step_px: f64, samples: u32, texture_taps: u32, expects: &'static str) -> Rung {
@@ -182,9 +184,11 @@ pub fn settle(
     let step_px = rung.step_px;
     let (needed_hz, fastest_px_s) = needed_rate(scene, gpu_scene, views, config, step_px);
     let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(rung.finest_hz);
-    if rung.rays && gpu_scene.objects.iter().all(|o| occluders::hinders(scene, o).is_none()) {
-        config.shadows = Shadows::Rays;
-    }
+    config.shadows.get_or_insert(if rung.rays && occluders::within_reach(scene, gpu_scene) {
+        Shadows::Rays
+    } else {
+        Shadows::Maps
+    });
     config.method = rung.method;
     config.antialias = rung.antialias;
     config.rate_hz = rate_hz;

@@ -145,8 +145,9 @@ pub struct RunConfig {
     /// Places at which a sample reads a texture that light is proportional to, at most, along each side of its share of the
     /// pixel, 1 to 16; beyond them mip levels average, and blur. `None` takes 2 up to 8 samples, 3 up to 15, then 4.
     pub texture_taps: Option<u32>,
-    /// How shadows are told from light.
-    pub shadows: Shadows,
+    /// How shadows are told from light; `None` leaves it to `auto`, and is by maps without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shadows: Option<Shadows>,
     /// Texels of a shadow map's edge, 64 to 16384, and as many as the device can at most. `None` takes the power of two nearest
     /// to 12.8 times the longest edge of any of the scene's pictures, 1024 to 8192 (640x480: 8192), but 4096 at most where more
     /// than two lights throw shadows, and 2048 where one of them moves or more than eight throw any.
@@ -187,7 +188,7 @@ impl Default for RunConfig {
             samples: 4,
             antialias: Antialias::Samples,
             texture_taps: None,
-            shadows: Shadows::Maps,
+            shadows: None,
             shadow_map: None,
             cameras: Vec::new(),
             size: None,

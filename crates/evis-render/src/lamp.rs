@@ -6,8 +6,8 @@ use glam::DVec3;
 use crate::area::{Corners, bounds, corners};
 use crate::shadow::LightView;
 
-/// Texels around a shadow's border that it may reach (`raster/shadow.wgsl`): of a look at 4x4 texels, the farthest has its
-/// centre within two along each axis; a comparison of 2x2 texels is up to 1.1 off its place.
+/// Texels around a shadow's border that it may reach (`raster/shadow.wgsl`): of a look at 2x2 texels, the farthest has its
+/// centre within one along each axis, and a comparison is up to 1.1 off its place.
 const MARGIN_TEXELS: f64 = 3.0;
 
 /// The least and greatest of `points` along `axis`.

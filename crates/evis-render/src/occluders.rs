@@ -17,6 +17,9 @@ use crate::uniforms::OccluderRecord;
 
 /// Triangles of a leaf, at most. Three bits of a leaf's word hold the number.
 const LEAF_TRIANGLES: usize = 4;
+/// What `auto` takes rays for at most: trees of so many triangles are built in a second or two.
+const MOST_TRIANGLES: usize = 1 << 20;
+const MOST_MOVING: usize = 32;
 /// Where a tree ends; also the root of an empty one.
 pub const END: u32 = u32::MAX;
 /// Words (of four numbers) of a node and of a triangle.
@@ -42,6 +45,16 @@ pub fn hinders(scene: &Scene, object: &Object) -> Option<&'static str> {
         return Some("it deforms");
     }
     (scene.materials[object.material].alpha != AlphaMode::Opaque).then_some("its material has holes")
+}
+
+/// Whether `auto` may take rays: they know the shadows of all there is, and it is little enough. A ray asks for everything
+/// that moves, one after another.
+pub fn within_reach(scene: &Scene, gpu_scene: &GpuScene) -> bool {
+    let objects = &gpu_scene.objects;
+    let triangles: usize = gpu_scene.draws.iter().map(|d| d.objects.len() * d.indices.len() / 3).sum();
+    triangles <= MOST_TRIANGLES
+        && objects.iter().filter(|o| o.moving).count() <= MOST_MOVING
+        && objects.iter().all(|object| hinders(scene, object).is_none())
 }
 
 impl Occluders {

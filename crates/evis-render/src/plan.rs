@@ -82,7 +82,8 @@ pub struct MadeFor {
     /// [`RunConfig::start_us`].
     pub start_us: i64,
     /// [`RunConfig::shadows`] as asked for.
-    pub shadows: Shadows,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shadows: Option<Shadows>,
     /// [`RunConfig::shadow_map`], where that is set.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shadow_map: Option<u32>,
@@ -285,7 +286,7 @@ impl Settings {
             antialias: config.antialias,
             samples: config.samples,
             texture_taps: config.taps(),
-            shadows: config.shadows,
+            shadows: config.shadows.unwrap_or_default(),
         }
     }
 
@@ -368,7 +369,7 @@ impl Plan {
         config.antialias = *antialias;
         (config.rate_hz, config.adaptive_px, config.between) = (*rate_hz, *adaptive_px, *between);
         (config.samples, config.texture_taps) = (*samples, Some(*texture_taps));
-        config.shadows = *shadows;
+        config.shadows = Some(*shadows);
         let words = self.settings.in_words();
         let costs: Vec<_> = self.measured.iter().map(|m| Some(m.ms_per_s)).collect();
         let warning = match pick(&costs, self.budget_ms) {
@@ -391,7 +392,11 @@ impl Plan {
     fn check_made_for(&self, path: &Path, run: &MadeFor) -> Result<(), ConfigError> {
         let own = &self.made_for;
         let rate = |hz: Option<f64>| hz.map_or_else(|| "none".into(), |hz| format!("{hz} Hz"));
-        let shadows = |shadows| if shadows == Shadows::Rays { "rays" } else { "maps" };
+        let shadows = |asked| match asked {
+            None => "what auto takes",
+            Some(Shadows::Maps) => "maps",
+            Some(Shadows::Rays) => "rays",
+        };
         let texels =
             |edge: Option<u32>| edge.map_or_else(|| "their usual size".into(), |n| format!("{n} texels"));
         for (what, own, run) in [
@@ -494,7 +499,7 @@ mod tests {
                 scene: "hall".into(),
                 content: "12".into(),
                 start_us: 0,
-                shadows: Shadows::Maps,
+                shadows: None,
                 shadow_map: None,
                 label_rate_hz: None,
                 frame_rate_hz: Some(30.0),
@@ -543,7 +548,8 @@ mod tests {
             (MadeFor { content: "34".into(), ..own() }, ["content 12", "34"]),
             (MadeFor { cameras: vec!["front 640x480".into()], ..own() }, ["front 64x48", "front 640x480"]),
             (MadeFor { start_us: 7, ..own() }, ["start at (microseconds) 0", "7"]),
-            (MadeFor { shadows: Shadows::Rays, ..own() }, ["shadows by maps", "rays"]),
+            (MadeFor { shadows: Some(Shadows::Rays), ..own() }, ["shadows by what auto takes", "rays"]),
+            (MadeFor { shadows: Some(Shadows::Maps), ..own() }, ["shadows by what auto takes", "maps"]),
             (MadeFor { shadow_map: Some(512), ..own() }, ["their usual size", "512 texels"]),
             (MadeFor { label_rate_hz: Some(50.0), ..own() }, ["labels at none", "50 Hz"]),
             (MadeFor { frame_rate_hz: Some(25.0), ..own() }, ["frames at 30 Hz", "25 Hz"]),
@@ -564,7 +570,7 @@ mod tests {
                     antialias: rung.antialias,
                     samples: rung.samples,
                     texture_taps: Some(rung.texture_taps),
-                    shadows: if rung.rays { Shadows::Rays } else { Shadows::Maps },
+                    shadows: rung.rays.then_some(Shadows::Rays),
                     ..RunConfig::default()
                 };
                 config.check().unwrap();

@@ -323,7 +323,7 @@ impl ShadowRoom {
         let plan = scene_bounds(scene)
             .and_then(|bounds| ShadowPlan::new(scene, &gpu_scene.objects, bounds, config, &device.limits()));
         let Some(plan) = plan else { return Ok(None) };
-        let occluders = match config.shadows {
+        let occluders = match config.shadows.unwrap_or_default() {
             Shadows::Maps => None,
             Shadows::Rays => Some(Occluders::new(scene, gpu_scene, config.start_us)?),
         };

@@ -193,7 +193,7 @@ pub fn verify_light(
     };
     let config = RunConfig {
         samples: settings.samples,
-        shadows: settings.shadows,
+        shadows: Some(settings.shadows),
         size: settings.size,
         cameras: vec![camera],
         start_us: settings.at_us,

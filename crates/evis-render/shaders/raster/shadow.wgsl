@@ -46,7 +46,7 @@ fn shadow_by_map(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f32
     return select(1.0, lit, at.inside);
 }
 
-// Where 4x4 texels around a point agree whether the surface's own plane is lit there, so is the point; else a ray tells.
+// Where the four texels around a point agree whether the surface's own plane is lit there, so is the point; else a ray tells.
 fn shadow_by_rays(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f32>, incident: Incident) -> f32 {
     let at = shadow_point(light, position);
     // The plane's depth over the map: it is linear there, also in perspective. From two steps along the plane, each as
@@ -65,28 +65,23 @@ fn shadow_by_rays(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f3
     let texel = 1.0 / size;
     // What rounding may make of depths, and of the plane's.
     let unsure = 2e-7 + 0.02 * dot(abs(slope), texel);
-    // Centre of the 4x4 texels' top left one, from the point.
-    let corner = (floor(at.uv * size - 0.5) - 1.0 + 0.5) * texel - at.uv;
-    var dark = 0.0;
-    for (var i = 0u; i < 4u; i++) {
-        let block = corner + vec2<f32>(f32(i & 1u), f32(i >> 1u)) * (2.0 * texel);
-        // Between four texels; they come as (low, high), (high, high), (high, low), (low, low) in u and v.
-        let depths = textureGather(shadow_maps, shadow_texels, at.uv + block + 0.5 * texel, layer);
-        let plane = at.depth + dot(slope, block) + unsure;
-        let right = slope.x * texel.x;
-        let down = slope.y * texel.y;
-        let planes = vec4<f32>(plane + down, plane + right + down, plane + right, plane);
-        dark += dot(select(vec4<f32>(0.0), vec4<f32>(1.0), depths > planes), vec4<f32>(1.0));
-    }
+    // Between four texels; they come as (low, high), (high, high), (high, low), (low, low) in u and v.
+    let corner = (floor(at.uv * size - 0.5) + 0.5) * texel - at.uv;
+    let depths = textureGather(shadow_maps, shadow_texels, at.uv + corner + 0.5 * texel, layer);
+    let plane = at.depth + dot(slope, corner) + unsure;
+    let right = slope.x * texel.x;
+    let down = slope.y * texel.y;
+    let planes = vec4<f32>(plane + down, plane + right + down, plane + right, plane);
+    let dark = dot(select(vec4<f32>(0.0), vec4<f32>(0.25), depths > planes), vec4<f32>(1.0));
     if (!at.inside || dark == 0.0) {
         return 1.0;
     }
-    if (dark == 16.0) {
+    if (dark == 1.0) {
         return 0.0;
     }
     // Off the surface by what f32 does not resolve.
     let off = 4e-6 * (1.0 + max(max(abs(position.x), abs(position.y)), abs(position.z)));
     let ray = shadow_ray(position + normal * off, incident.to_light, off, incident.distance);
     // A ray that came to no end leaves it to the map.
-    return select(select(1.0 - dark / 16.0, 1.0, ray.left > 0u), 0.0, ray.found);
+    return select(select(1.0 - dark, 1.0, ray.left > 0u), 0.0, ray.found);
 }

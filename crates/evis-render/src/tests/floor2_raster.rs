@@ -292,7 +292,7 @@ fn check(name: &str, case: Case) {
         samples: case.samples,
         antialias: case.antialias,
         texture_taps: Some(TAPS),
-        shadows: case.shadows,
+        shadows: Some(case.shadows),
         reference_luminance: Some(1.0),
         ..RunConfig::default()
     };
@@ -385,7 +385,7 @@ fn rays_are_refused_where_a_caster_deforms() {
     let scene = Arc::new(scenes::deformed());
     let mut lit = Scene::clone(&scene);
     lit.lights.iter_mut().for_each(|l| l.casts_shadow = true);
-    let mut config = RunConfig { shadows: Shadows::Rays, ..RunConfig::default() };
+    let mut config = RunConfig { shadows: Some(Shadows::Rays), ..RunConfig::default() };
     let (views, _) = view::views(&lit, &config).unwrap();
     let message = Engine::new(&gpu, Arc::new(lit), views, &mut config).err().map(|e| e.to_string());
     assert!(message.as_ref().is_some_and(|m| m.contains("maps") && m.contains("deforms")), "{message:?}");

@@ -133,7 +133,7 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     let large = chosen(&spinner, Target::Draft, (2000, 1520));
     assert_eq!(small.rate_hz, 1000.0, "{:?}", small.chosen);
     assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
-    assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, crate::config::Shadows::Rays);
+    assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, Some(crate::config::Shadows::Rays));
     // As many samples of outlines as a picture of them has room for.
     let wide = chosen(&spinner, Target::Default, (gpu.device.limits().max_texture_dimension_2d / 5, 8));
     let why = wide.chosen.unwrap().why;

@@ -77,7 +77,7 @@ fn the_finer_the_map_the_nearer_to_rays() {
     let Some(gpu) = super::device() else { return };
     let scene = scenes::moving_spotlight();
     let look = |config: RunConfig| engine_of(&gpu, &scene, &config).luminance(0, 10_000).unwrap();
-    let rays = look(RunConfig { shadows: Shadows::Rays, ..CONFIG() });
+    let rays = look(RunConfig { shadows: Some(Shadows::Rays), ..CONFIG() });
     let off = [256, 1024, 4096].map(|edge| {
         let maps = look(RunConfig { shadow_map: Some(edge), ..CONFIG() });
         let sum: f64 = maps.iter().zip(&rays).map(|(a, b)| (a - b).abs() / b.max(1e-3)).sum();

@@ -66,7 +66,7 @@ fn what_is_still_is_not_drawn_again_and_no_byte_differs() {
     let Some(gpu) = super::device() else { return };
     let scene = desk(|_| ());
     for shadows in [Shadows::Maps, Shadows::Rays] {
-        let config = RunConfig { shadows, ..config() };
+        let config = RunConfig { shadows: Some(shadows), ..config() };
         let (expected, _) = run(&gpu, &scene, &config, Drawing::All, 4_000);
         assert!(expected[0].len() > 100);
         // Submissions of other lengths, of one instant too: what is kept comes from the one before.

@@ -38,7 +38,7 @@ pub(super) struct Shot {
     /// Keyframes per second, where the method's own are not what is asked about.
     pub keyframe_hz: Option<f64>,
     /// How the engine tells shadow from light.
-    pub shadows: Shadows,
+    pub shadows: Option<Shadows>,
 }
 
 /// Every shot, by what tells it from the others.
@@ -187,7 +187,7 @@ impl Stage {
             sensor: SensorConfig::default(),
             reference_luminance: 0.5,
             keyframe_hz: None,
-            shadows: Shadows::Maps,
+            shadows: None,
         })
     }
 }
@@ -328,7 +328,7 @@ fn shadow() -> Result<Shot, SceneError> {
     s.builder.ambient([0.15; 3])?;
     // What a map's texels do to borders is not asked about here.
     Ok(Shot {
-        shadows: Shadows::Rays,
+        shadows: Some(Shadows::Rays),
         ..s.shot(100, PixelChoice::Crop { x: 6, y: 22, width: 48, height: 5 })?
     })
 }
