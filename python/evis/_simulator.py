@@ -89,7 +89,7 @@ class Simulator:
         without edges are rendered every few pixels of motion and followed in between (``march``); visibility
         at each, in adaptive time, and light of what stands still from some 30 keyframes a second
         (``reproject``); or splatted from keyframes.
-        ``auto`` chooses method, rate and samples for a target (and rays for shadows, for ``exact``). Where
+        ``auto`` chooses method, rate and samples for a target (and rays for shadows, but for ``draft``). Where
         not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``between``, ``samples``,
         ``antialias`` and ``texture_taps`` is, else ``auto``.
     target : {"draft", "default", "exact"}
@@ -115,7 +115,7 @@ class Simulator:
         With ``adaptive_px``, for a sensor of thresholds alone: log light runs straight from one sample to the
         next, or as the sensor's ``interpolation`` says (``line``, where not given); or along a cubic that
         takes its slopes from the sample before and the one after, and rises wherever three samples in a row
-        rise (``curve``): half of the samples for the same error.
+        rise (``curve``).
     samples : int, optional
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional
@@ -127,8 +127,8 @@ class Simulator:
         16; 2 up to 8 samples, 3 up to 15, then 4 where not given. Beyond them mip levels average, and blur.
     shadows : {"maps", "rays"}, optional
         ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by
-        rays, as sharp as what throws them, for several times the work; things that throw shadows must be
-        rigid and without holes.
+        rays, as sharp as what throws them, for up to twice the work; things that throw shadows must be rigid
+        and without holes. Where not given, ``auto`` chooses; maps without it.
     shadow_map : int, optional
         Texels of a shadow map's edge, 64 to 16384. If not given, the power of two nearest to 12.8 times the
         longest edge of any of the scene's pictures, 1024 to 8192 (8192 for 640x480); but 4096 at most where

@@ -185,8 +185,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_enum)]
     pub(crate) aa: Option<AntialiasArg>,
 
-    /// maps: by shadow maps, soft by a texel; rays: along borders by rays, as sharp as the casters, several times the work
-    /// [default: maps].
+    /// maps: by shadow maps, soft by a texel; rays: along borders by rays, as sharp as the casters, up to twice the work
+    /// [default: what auto chooses; maps without it].
     #[arg(long, value_enum)]
     pub(crate) shadows: Option<ShadowsArg>,
 

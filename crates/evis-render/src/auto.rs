@@ -184,11 +184,12 @@ pub fn settle(
     let step_px = rung.step_px;
     let (needed_hz, fastest_px_s) = needed_rate(scene, gpu_scene, views, config, step_px);
     let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(rung.finest_hz);
-    config.shadows.get_or_insert(if rung.rays && occluders::within_reach(scene, gpu_scene) {
-        Shadows::Rays
-    } else {
-        Shadows::Maps
-    });
+    // What the user asks for stays.
+    let mut by_maps = None;
+    if config.shadows.is_none() {
+        by_maps = if rung.rays { occluders::out_of_reach(scene, gpu_scene) } else { None };
+        config.shadows = Some(if rung.rays && by_maps.is_none() { Shadows::Rays } else { Shadows::Maps });
+    }
     config.method = rung.method;
     config.antialias = rung.antialias;
     config.rate_hz = rate_hz;
@@ -214,6 +215,9 @@ pub fn settle(
     );
     if config.samples < rung.samples {
         why += &format!("; {} samples, since larger pictures of them do not fit", config.samples);
+    }
+    if let Some(reason) = by_maps {
+        why += &format!("; shadows by maps, not rays ({reason})");
     }
     host_walk::settle(views, config, &mut why);
     why

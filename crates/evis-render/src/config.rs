@@ -110,7 +110,7 @@ pub enum Shadows {
     /// By maps fitted to the world: soft by a texel, which is centimetres in a street.
     #[default]
     Maps,
-    /// By maps where they are sure, and by rays along shadows' borders: as sharp as the casters, for several times the
+    /// By maps where they are sure, and by rays along shadows' borders: as sharp as the casters, for up to twice the
     /// work. Casters must be rigid and without holes.
     Rays,
 }

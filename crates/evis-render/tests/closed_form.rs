@@ -10,7 +10,7 @@ use evis_core::closed_form::{self, Flicker, FlickerShape, Footprint, PixelLight,
 use evis_core::{
     Event, ExposureShape, Interpolation, LabelData, LabelKind, Polarity, SensorConfig, TriggerRule,
 };
-use evis_render::{Gpu, RunConfig, Simulator};
+use evis_render::{Between, Gpu, RunConfig, Simulator};
 use evis_scene::builder::{EventCamera, Labels, Placement, Sampling, SceneBuilder};
 use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
 use evis_scene::primitive::Shape;
@@ -496,6 +496,26 @@ fn a_drifting_grating_fires_when_the_closed_form_does() {
             }
         }
     }
+}
+
+#[test]
+fn curves_between_samples_are_nearer_to_a_grating_than_lines() {
+    let Some(gpu) = device() else { return };
+    let grating = Grating::new(vertex_grating, 300.0, 16);
+    let (scene, form) = (grating.make)(Grating::SIZE, grating.drift, PERIOD, Footprint::Box, grating.end_us);
+    // Four milliseconds from sample to sample, four samples in a block: what they may miss of an extremum is more.
+    let solve = Solve { end_us: grating.end_us, band: 0.05, margin_us: 2_000.0 };
+    let truth = truth(Grating::SIZE, grating.drift, solve, &form);
+    let [line, curve] = [Between::Line, Between::Curve].map(|between| {
+        let config = RunConfig { adaptive_px: Some(1.3), between, ..config(grating.samples) };
+        let events = run(&gpu, &scene, config, grating.end_us);
+        let got = compare(&events, Grating::SIZE, &truth, grating.end_us);
+        println!("grating, 4 ms from sample to sample, {between:?}: {got}");
+        got
+    });
+    assert!(curve.expected > 1000 && curve.wrong_pixels <= line.wrong_pixels, "{curve}");
+    assert!(curve.median_us < 0.2 * line.median_us, "{} and {} us", curve.median_us, line.median_us);
+    assert!(curve.p95_us < 0.5 * line.p95_us, "{} and {} us", curve.p95_us, line.p95_us);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
 use crate::auto::Target;
-use crate::config::{Antialias, Between, Method, RunConfig};
+use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::engine::Engine;
 use crate::view;
 
@@ -122,18 +122,38 @@ fn a_coarser_pace_keeps_close_to_the_finest() {
 #[test]
 fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     let Some(gpu) = super::device() else { return };
-    let chosen = |scene: &Arc<Scene>, target: Target, size: (u32, u32)| {
-        let mut config = RunConfig { method: Method::Auto(target), size: Some(size), ..config(None, 1000.0) };
+    let settled = |scene: &Arc<Scene>, mut config: RunConfig| {
         let (views, _) = view::views(scene, &config).unwrap();
         drop(Engine::new(&gpu, scene.clone(), views, &mut config).unwrap());
         config
     };
+    let chosen = |scene: &Arc<Scene>, target: Target, size: (u32, u32)| {
+        let auto = RunConfig { method: Method::Auto(target), size: Some(size), ..config(None, 1000.0) };
+        settled(scene, auto)
+    };
+    let is_moving = |node: &evis_scene::Node| !matches!(node.motion, evis_scene::Motion::Fixed(_));
     let spinner = scene("spinner");
     let small = chosen(&spinner, Target::Draft, (100, 76));
     let large = chosen(&spinner, Target::Draft, (2000, 1520));
     assert_eq!(small.rate_hz, 1000.0, "{:?}", small.chosen);
     assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
-    assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, Some(crate::config::Shadows::Rays));
+    assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, Some(Shadows::Rays));
+    // What the user says of shadows stays; a crowd of things that move is too much for rays.
+    let maps = RunConfig {
+        method: Method::Auto(Target::Exact),
+        shadows: Some(Shadows::Maps),
+        size: Some((100, 76)),
+        ..config(None, 1000.0)
+    };
+    assert_eq!(settled(&spinner, maps).shadows, Some(Shadows::Maps));
+    let mut crowd = (*spinner).clone();
+    let moving = crowd.nodes.iter().position(|n| n.mesh.is_some() && is_moving(n)).unwrap();
+    for _ in 0..64 {
+        crowd.nodes.push(crowd.nodes[moving].clone());
+    }
+    let crowd = chosen(&Arc::new(crowd), Target::Default, (100, 76));
+    assert_eq!(crowd.shadows, Some(Shadows::Maps));
+    assert!(crowd.chosen.unwrap().why.contains("65 things move"));
     // As many samples of outlines as a picture of them has room for.
     let wide = chosen(&spinner, Target::Default, (gpu.device.limits().max_texture_dimension_2d / 5, 8));
     let why = wide.chosen.unwrap().why;
