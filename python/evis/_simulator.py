@@ -89,9 +89,9 @@ class Simulator:
         without edges are rendered every few pixels of motion and followed in between (``march``); visibility
         at each, in adaptive time, and light of what stands still from some 30 keyframes a second
         (``reproject``); or splatted from keyframes.
-        ``auto`` chooses method, rate and samples for a target (and rays for shadows, but for ``draft``). Where
-        not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``between``, ``samples``,
-        ``antialias`` and ``texture_taps`` is, else ``auto``.
+        ``auto`` chooses method, rate and samples for a target, and rays for shadows but for ``draft``. Where
+        not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``between``, ``samples``, ``antialias``
+        and ``texture_taps`` is, else ``auto``.
     target : {"draft", "default", "exact"}
         How near to the truth ``auto`` shall come. `chosen` says what it chose, and what that reached
         elsewhere.
