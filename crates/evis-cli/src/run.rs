@@ -10,8 +10,8 @@ use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, SensorConfig, TriggerRule};
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
-    Antialias, DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Simulator,
-    SplatConfig, StageTimes, Target, scene_sensors,
+    Antialias, Between, DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Shadows,
+    Simulator, SplatConfig, StageTimes, Target, scene_sensors,
 };
 use evis_scene::Scene;
 use serde::Serialize;
@@ -686,11 +686,13 @@ impl Report {
                 let drawn =
                     self.drawn_pixels as f64 / self.views.iter().map(ViewTally::pixels).sum::<f64>().max(1.0);
                 let shaded = if run.antialias == Antialias::Edges { ", 1 in 4 shaded" } else { "" };
-                let mut line = format!("{}, {} samples{shaded}, ", self.method, run.samples);
+                let rays = if run.shadows == Some(Shadows::Rays) { ", shadows by rays" } else { "" };
+                let mut line = format!("{}, {} samples{shaded}{rays}, ", self.method, run.samples);
                 if let Some(px) = run.adaptive_px {
                     let hz = if self.stream_s > 0.0 { drawn / self.stream_s } else { 0.0 };
+                    let curves = if run.between == Between::Curve { ", curves between them" } else { "" };
                     line += &format!(
-                        "every {px} px at up to {} Hz, {hz:.0} pictures' pixels per second, ",
+                        "every {px} px at up to {} Hz{curves}, {hz:.0} pictures' pixels per second, ",
                         run.rate_hz
                     );
                 }

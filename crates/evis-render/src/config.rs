@@ -99,7 +99,7 @@ pub enum Between {
     Line,
     /// Along a cubic through the samples, its slopes from the sample before and the one after, in pieces that are again as
     /// [`SensorConfig::interpolation`] says. It rises where three samples in a row rise, and rests next to a sample that does
-    /// not change anything. A sensor that is more than its thresholds takes lines.
+    /// not change anything. A sensor that is more than its thresholds takes lines, and a latch has no use for either.
     Curve,
 }
 

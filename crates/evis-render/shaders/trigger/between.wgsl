@@ -1,6 +1,6 @@
 #import trigger/pace.wgsl
 // Log light between two samples of a block: straight, or along a cubic that also goes by the samples before and after
-// them. Twin: evis_core::between.
+// them. Twin: cpu/trigger.rs, curve.
 
 // Whether it is a cubic.
 override CURVE: bool = false;

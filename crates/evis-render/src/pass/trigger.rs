@@ -198,6 +198,8 @@ fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'
         TriggerRule::Crossing => 0.0,
         TriggerRule::Latch => 1.0,
     };
+    // A latch knows light at samples alone.
+    let curve = blocks.between == Between::Curve && sensor.trigger == TriggerRule::Crossing;
     let interpolation = match sensor.interpolation {
         Interpolation::Log => 0.0,
         Interpolation::Light => 1.0,
@@ -207,6 +209,6 @@ fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'
         ("INTERPOLATION", interpolation),
         ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
         ("BLOCK_INSTANTS", f64::from(blocks.instants)),
-        ("CURVE", f64::from(u8::from(blocks.between == Between::Curve))),
+        ("CURVE", f64::from(u8::from(curve))),
     ]
 }
