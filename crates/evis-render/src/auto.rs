@@ -53,8 +53,6 @@ pub struct Rung {
     pub method: Method,
     /// Pixels that anything may move between two samples of it.
     pub step_px: f64,
-    /// How light runs between them.
-    pub between: Between,
     /// Where that needs more than 4000 Hz: the finest rate.
     pub finest_hz: f64,
     /// What a sample is.
@@ -99,7 +97,6 @@ const fn edges(step_px: f64, samples: u32, texture_taps: u32, expects: &'static 
     Rung {
         method: Method::Native,
         step_px,
-        between: Between::Curve,
         finest_hz: 4000.0,
         antialias: Antialias::Edges,
         samples,
@@ -185,15 +182,14 @@ pub fn settle(
     let (needed_hz, fastest_px_s) = needed_rate(scene, gpu_scene, views, config, step_px);
     let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(rung.finest_hz);
     // What the user asks for stays.
-    let mut by_maps = None;
-    if config.shadows.is_none() {
-        by_maps = if rung.rays { occluders::out_of_reach(scene, gpu_scene) } else { None };
-        config.shadows = Some(if rung.rays && by_maps.is_none() { Shadows::Rays } else { Shadows::Maps });
-    }
+    let wants_rays = rung.rays && config.shadows.is_none();
+    let by_maps = if wants_rays { occluders::out_of_reach(scene, gpu_scene) } else { None };
+    let rays = wants_rays && by_maps.is_none();
+    config.shadows.get_or_insert(if rays { Shadows::Rays } else { Shadows::Maps });
     config.method = rung.method;
     config.antialias = rung.antialias;
     config.rate_hz = rate_hz;
-    (config.adaptive_px, config.between) = (Some(step_px), rung.between);
+    (config.adaptive_px, config.between) = (Some(step_px), Between::Curve);
     config.samples = rung.samples;
     let grid = largest_grid(views, texture_edge);
     if config.coverage_grid() > grid {

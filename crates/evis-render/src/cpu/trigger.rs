@@ -12,11 +12,11 @@ pub fn log_luma(samples: impl ExactSizeIterator<Item = f32>, reference_luminance
 }
 
 /// Straight pieces that stand for a curve.
-pub const PIECES: u32 = 4;
+pub const PIECES: usize = 4;
 
 /// `trigger/between.wgsl`: from `at[0]` to `at[1]`, along a cubic that takes its slopes from the samples `before` and
 /// `after`, where the block has them; the ends of its pieces.
-pub fn curve(before: Option<f32>, at: [f32; 2], after: Option<f32>) -> [f32; PIECES as usize] {
+pub fn curve(before: Option<f32>, at: [f32; 2], after: Option<f32>) -> [f32; PIECES] {
     let [start, end] = at;
     let change = end - start;
     let within = |a: f32, b: f32| {
@@ -38,29 +38,28 @@ pub fn curve(before: Option<f32>, at: [f32; 2], after: Option<f32>) -> [f32; PIE
     let (square, cube) = (3.0 * change - 2.0 * first - last, first + last - 2.0 * change);
     std::array::from_fn(|piece| {
         let u = (piece + 1) as f32 / PIECES as f32;
-        if piece + 1 == PIECES as usize { end } else { start + u * (first + u * (square + u * cube)) }
+        if piece + 1 == PIECES { end } else { start + u * (first + u * (square + u * cube)) }
     })
 }
 
-/// One pixel's events over a block of which it is sampled at `log_lumas`, along curves: otherwise as [`walk`].
+/// One pixel's events over a block of which it is sampled at `log_lumas`, along curves; otherwise as [`walk`], of a pixel
+/// that has a state.
 pub fn walk_curves(
     config: &SensorConfig,
-    state: &mut PixelState,
+    state: &mut Option<PixelState>,
     log_lumas: &[f32],
     times: &[u32],
 ) -> Vec<(u32, bool)> {
-    let samples = [&[state.log_luma], log_lumas].concat();
+    let known = state.map(|old| old.log_luma);
+    let samples: Vec<f32> = known.into_iter().chain(log_lumas.iter().copied()).collect();
     let mut events = Vec::new();
     for (k, at) in samples.array_windows().enumerate() {
         let before = k.checked_sub(1).map(|before| samples[before]);
         let ends = curve(before, *at, samples.get(k + 2).copied());
         let interval = times[k + 1] - times[k];
-        let of_piece =
-            |piece: u32| times[k] + (u64::from(interval) * u64::from(piece) / u64::from(PIECES)) as u32;
+        let of_piece = |piece: usize| times[k] + (u64::from(interval) * piece as u64 / PIECES as u64) as u32;
         let pieces: Vec<u32> = (0..=PIECES).map(of_piece).collect();
-        let mut memory = Some(*state);
-        events.extend(walk(config, &mut memory, &ends, &pieces));
-        *state = memory.unwrap_or(*state);
+        events.extend(walk(config, state, &ends, &pieces));
     }
     events
 }

@@ -490,6 +490,7 @@ fn constants_agree() {
     assert_eq!(constant("trigger/count.wgsl", "WORKGROUP"), f64::from(WORKGROUP));
     assert_eq!(constant("trigger/block.wgsl", "BLOCK_PIXELS"), f64::from(BLOCK_PIXELS));
     assert_eq!(constant("trigger/count.wgsl", "TILE"), f64::from(crate::pace::TILE));
+    assert_eq!(constant("trigger/count.wgsl", "PIECES"), crate::cpu::trigger::PIECES as f64);
     assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::pace::TILE));
     for file in ["march/keep.wgsl", "march/walk.wgsl"] {
         assert_eq!(constant(file, "TILE"), f64::from(crate::pace::TILE));

@@ -197,6 +197,18 @@ fn sensors() -> Vec<ViewSensor> {
         .to_vec()
 }
 
+/// The same sensor for the twin.
+fn config_of(sensor: &ViewSensor, (trigger, interpolation): Rule) -> SensorConfig {
+    SensorConfig {
+        threshold_on: sensor.threshold_on,
+        threshold_off: sensor.threshold_off,
+        log_eps: sensor.log_eps,
+        trigger,
+        interpolation,
+        ..SensorConfig::default()
+    }
+}
+
 /// Distance from a decision's nearest threshold crossing below which host and device may differ: their
 /// logarithms agree to a few units in the last place of values up to 90.
 const BAND: f32 = 4e-5;
@@ -233,7 +245,7 @@ struct Comparison {
 
 fn compare(
     ran: &Ran,
-    (trigger, interpolation): Rule,
+    rule: Rule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
     grid: &SampleGrid,
@@ -243,14 +255,7 @@ fn compare(
     let mut out = Comparison { compared: 0, events: 0, near: 0, flipped: 0, late: 0, wrong: Vec::new() };
     for view in 0..VIEWS {
         let sensor = &sensors[view as usize];
-        let config = SensorConfig {
-            threshold_on: sensor.threshold_on,
-            threshold_off: sensor.threshold_off,
-            log_eps: sensor.log_eps,
-            trigger,
-            interpolation,
-            ..SensorConfig::default()
-        };
+        let config = config_of(sensor, rule);
         let range = ran.offsets[view as usize] as usize..ran.offsets[view as usize + 1] as usize;
         let mut device = ran.records[range].iter().peekable();
         for pixel in 0..WIDTH * HEIGHT {
@@ -347,7 +352,8 @@ fn twin_of_blocks(
     times: &[u32],
     between: Between,
 ) -> Vec<(u32, bool)> {
-    let mut state = PixelState { reference_log: 0.0, log_luma: 0.0 };
+    let mut state = Some(PixelState { reference_log: 0.0, log_luma: 0.0 });
+    let walk = if between == Between::Curve { walk_curves } else { walk };
     let mut events = Vec::new();
     for (block, pace) in paces.iter().enumerate() {
         let begin = block * BLOCK as usize;
@@ -357,15 +363,7 @@ fn twin_of_blocks(
         // `times` begins with the instant before the first.
         let sampled_at: Vec<u32> =
             std::iter::once(times[begin]).chain(at.iter().map(|k| times[k + 1])).collect();
-        events.extend(match between {
-            Between::Curve => walk_curves(config, &mut state, &sampled, &sampled_at),
-            Between::Line => {
-                let mut memory = Some(state);
-                let straight = walk(config, &mut memory, &sampled, &sampled_at);
-                state = memory.unwrap();
-                straight
-            }
-        });
+        events.extend(walk(config, &mut state, &sampled, &sampled_at));
     }
     events
 }
@@ -389,14 +387,7 @@ fn curves_between_samples_equal_their_twin() {
         let (mut events, mut bent, mut other, mut pixels) = (0, 0, 0, 0);
         for view in 0..VIEWS {
             let sensor = &sensors[view as usize];
-            let config = SensorConfig {
-                threshold_on: sensor.threshold_on,
-                threshold_off: sensor.threshold_off,
-                log_eps: sensor.log_eps,
-                trigger: rule.0,
-                interpolation: rule.1,
-                ..SensorConfig::default()
-            };
+            let config = config_of(sensor, rule);
             let range = ran.offsets[view as usize] as usize..ran.offsets[view as usize + 1] as usize;
             let records = &ran.records[range];
             for pixel in 0..WIDTH * HEIGHT {
@@ -447,9 +438,9 @@ fn a_curve_rises_where_samples_rise_and_rests_beside_rest() {
     ] {
         let ends = curve(before, at, after);
         let all = [&[at[0]], &ends[..]].concat();
-        assert!(all.is_sorted() && ends[PIECES as usize - 1] == at[1], "{before:?} {after:?}: {ends:?}");
+        assert!(all.is_sorted() && ends[PIECES - 1] == at[1], "{before:?} {after:?}: {ends:?}");
     }
-    assert_eq!(curve(Some(-5.0), [1.0, 1.0], Some(9.0)), [1.0; PIECES as usize]);
+    assert_eq!(curve(Some(-5.0), [1.0, 1.0], Some(9.0)), [1.0; PIECES]);
     assert_eq!(curve(Some(0.0), [0.0, 1.0], Some(1.0)), [0.15625, 0.5, 0.84375, 1.0]);
     assert_eq!(curve(None, [0.0, 1.0], None), [0.25, 0.5, 0.75, 1.0]);
     // Parabolas are exact but where they turn: x^2 at 1, 2, 3, 4.

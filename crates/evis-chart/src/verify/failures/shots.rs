@@ -37,7 +37,7 @@ pub(super) struct Shot {
     pub reference_luminance: f32,
     /// Keyframes per second, where the method's own are not what is asked about.
     pub keyframe_hz: Option<f64>,
-    /// How the engine tells shadow from light.
+    /// How the engine tells shadow from light; `None` leaves it to the method.
     pub shadows: Option<Shadows>,
 }
 
