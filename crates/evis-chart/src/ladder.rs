@@ -351,7 +351,7 @@ impl Default for Ladder {
             adaptive_px: vec![1.0, 0.5, 0.25],
             reproject_px: vec![0.5],
             march_px: vec![0.3],
-            targets: vec![Target::Draft, Target::Default],
+            targets: vec![Target::Preview, Target::Draft, Target::Default],
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
             splat_options: true,
         }
@@ -372,7 +372,7 @@ impl Ladder {
             adaptive_px: vec![0.5],
             reproject_px: vec![0.5],
             march_px: vec![0.3],
-            targets: vec![Target::Draft],
+            targets: vec![Target::Preview, Target::Draft, Target::Default],
             splat: vec![(125.0, 8)],
             splat_options: false,
         }
@@ -493,7 +493,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 1 + 1 + 2);
+        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 1 + 1 + 3);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();

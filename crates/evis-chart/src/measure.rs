@@ -65,23 +65,29 @@ pub fn measure(
     let total = series.runs.iter().map(work).sum::<f64>() * series.repetitions as f64;
     let mut done = 0.0;
     let mut points: Vec<Point> = Vec::with_capacity(series.runs.len());
+    // What `auto` chooses is chosen once.
+    let mut settled: Vec<RunConfig> = Vec::with_capacity(series.runs.len());
     for repetition in 0..series.repetitions {
         for (index, entry) in series.runs.iter().enumerate() {
             let (setting, config) = entry;
             let share = work(entry);
             let told = |part: f64| progress((done + share * part) / total);
-            let run = run(series, config, &told)?;
+            let run = run(series, settled.get(index).unwrap_or(config), &told)?;
             let hash = hash(&run.events);
             match points.get_mut(index) {
-                None => points.push(Point {
-                    setting: setting.clone().settled(&run.config, run.drawn_hz),
-                    setup_ms: run.setup_ms,
-                    wall_ms_per_s: vec![run.wall_ms_per_s],
-                    events: run.events.len() as u64,
-                    clamped: run.clamped,
-                    hash: format!("{hash:016x}"),
-                    score: judge(&run.events, config)?,
-                }),
+                None => {
+                    let reference_luminance = config.reference_luminance;
+                    settled.push(RunConfig { reference_luminance, ..run.config.clone() });
+                    points.push(Point {
+                        setting: setting.clone().settled(&run.config, run.drawn_hz),
+                        setup_ms: run.setup_ms,
+                        wall_ms_per_s: vec![run.wall_ms_per_s],
+                        events: run.events.len() as u64,
+                        clamped: run.clamped,
+                        hash: format!("{hash:016x}"),
+                        score: judge(&run.events, config)?,
+                    })
+                }
                 Some(point) => point.repeat(&run, repetition, hash)?,
             }
             done += share;
@@ -102,7 +108,10 @@ impl Point {
                 found,
             });
         }
-        self.setup_ms = self.setup_ms.min(run.setup_ms);
+        // Choosing is part of what `auto` sets up, and was done the first time.
+        if self.setting.target.is_none() {
+            self.setup_ms = self.setup_ms.min(run.setup_ms);
+        }
         self.wall_ms_per_s.push(run.wall_ms_per_s);
         Ok(())
     }

@@ -76,8 +76,8 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let gpu = Gpu::open(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let device = gpu.summary().clone();
     let scene = Arc::new(scene);
-    if args.budget.is_some() || args.plan.is_some() {
-        if !calibrate(args, &gpu, &scene, &mut config)? {
+    if matches!(config.method, Method::Auto(_)) {
+        if !settle(args, &gpu, &scene, &mut config)? {
             return Ok(EXIT_INTERRUPTED);
         }
         for warning in config.chosen.iter().filter_map(|chosen| chosen.warning.clone()) {
@@ -135,15 +135,21 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
 }
 
-/// Settles what `auto` renders by --budget and --plan; false where it was interrupted.
-fn calibrate(args: &RunArgs, gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig) -> anyhow::Result<bool> {
+/// Settles what `auto` renders; false where it was interrupted.
+fn settle(args: &RunArgs, gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig) -> anyhow::Result<bool> {
     let interrupt = Interrupt::listen();
     let progress = Progress::new(WHOLE);
     let told = |what: &str, part: f64| {
-        progress.part(&format!("timing {what}"), part);
+        progress.part(&format!("auto tries {what}"), part);
         !interrupt.asked()
     };
-    match evis_render::plan::settle(gpu, scene, config, args.budget, args.plan.as_deref(), &told) {
+    let settled = match config.method {
+        Method::Auto(target) if args.budget.is_none() && args.plan.is_none() => {
+            evis_render::auto::choose(gpu, scene, target, config, &told)
+        }
+        _ => evis_render::plan::settle(gpu, scene, config, args.budget, args.plan.as_deref(), &told),
+    };
+    match settled {
         Err(EngineError::Stopped) => Ok(false),
         settled => Ok(settled.map(|()| true)?),
     }

@@ -29,7 +29,7 @@ pub(crate) fn method(name: &str, splat: Option<&str>, target: &str) -> Result<Me
         ("reproject", None) => Ok(Method::Reproject),
         ("march", None) => Ok(Method::March),
         ("auto", None) => {
-            let targets = [Target::Draft, Target::Default, Target::Exact].map(|t| (t.name(), t));
+            let targets = Target::ALL.map(|t| (t.name(), t));
             choose("target", target, &targets).map(Method::Auto)
         }
         ("splat", Some(json)) => serde_json::from_str(json)

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
 use evis_core::{CameraInfo, ExposureShape};
-use evis_render::{Gpu, PacketStream, RunConfig};
+use evis_render::{Gpu, Method, PacketStream, RunConfig};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -122,9 +122,15 @@ impl Simulator {
         let stopped = AtomicBool::new(false);
         let prepare = || {
             let gpu = Gpu::open(device.as_deref())?;
-            if budget_ms.is_some() || plan.is_some() {
-                let told = |_: &str, _: f64| !stopped.load(Ordering::Relaxed);
-                evis_render::plan::settle(&gpu, &scene, &mut config, budget_ms, plan.as_deref(), &told)?;
+            let told = |_: &str, _: f64| !stopped.load(Ordering::Relaxed);
+            match config.method {
+                _ if budget_ms.is_some() || plan.is_some() => {
+                    evis_render::plan::settle(&gpu, &scene, &mut config, budget_ms, plan.as_deref(), &told)?;
+                }
+                Method::Auto(target) => {
+                    evis_render::auto::choose(&gpu, &scene, target, &mut config, &told)?;
+                }
+                _ => {}
             }
             let simulator = evis_render::Simulator::new(&gpu, scene, config)?;
             Ok::<_, Failure>(Self {

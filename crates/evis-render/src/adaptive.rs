@@ -57,6 +57,8 @@ pub struct AdaptiveRoom {
     /// By the first view of a group: the instant that comes next, and the layers of the last one, view by view.
     kept: HashMap<usize, (i64, wgpu::Texture)>,
     drawn_pixels: u64,
+    /// Per view: which tiles are looked at; all where there is nothing.
+    only: Vec<Vec<bool>>,
     /// Instead of what poses tell: a test's pace.
     #[cfg(test)]
     pub forced: Option<u8>,
@@ -97,6 +99,8 @@ struct Work<'a> {
     paces: Vec<Paces>,
     /// Whether what still tiles showed before the first instant is kept.
     follows: bool,
+    /// Whether only some tiles are looked at; nobody asks what the others show.
+    partial: bool,
 }
 
 impl Work<'_> {
@@ -113,7 +117,7 @@ impl Work<'_> {
     const fn is_due(&self, pace: u8, block: u32, number: u32) -> bool {
         match pace {
             // Nobody has kept what still tiles showed.
-            STILL => !self.follows && block == 0 && number == self.length,
+            STILL => !self.follows && !self.partial && block == 0 && number == self.length,
             pace => number.is_multiple_of(1 << pace),
         }
     }
@@ -176,6 +180,7 @@ impl AdaptiveRoom {
             march: march.map(|constants| MarchRoom::new(context, constants, step_px)),
             kept: HashMap::new(),
             drawn_pixels: 0,
+            only: Vec::new(),
             #[cfg(test)]
             forced: None,
         }
@@ -193,6 +198,12 @@ impl AdaptiveRoom {
         if let Some(march) = &mut self.march {
             march.add_class(device, width, height);
         }
+    }
+
+    /// Forgets what was shown, and looks at the tiles `only` of each view from now on; at all where there is nothing.
+    pub fn begin_again(&mut self, only: Vec<Vec<bool>>) {
+        self.kept.clear();
+        self.only = only;
     }
 
     /// Pixels drawn since this was last asked.
@@ -239,7 +250,7 @@ impl AdaptiveRoom {
         let kept = self.kept.remove(&group.views[0]);
         let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first);
         let kept = kept.map(|(_, texture)| texture);
-        let paces = self.paces(context, &views, unit);
+        let paces = self.paces(context, &views, group, unit);
         let (frames, length) = (self.frames(unit), self.block_of(unit));
         let work = Work {
             targets,
@@ -252,6 +263,7 @@ impl AdaptiveRoom {
             frame_group,
             paces,
             follows,
+            partial: !self.only.is_empty(),
         };
         write_paces(context, targets, &work.paces, length);
         match self.march.take() {
@@ -487,29 +499,38 @@ impl AdaptiveRoom {
         }
     }
 
+    /// What a pixel takes in one pass, in pixels that are shaded once.
+    fn pixel_price(&self) -> f64 {
+        match self.made {
+            LayerUse::Resolved(grid) => f64::from(grid * grid),
+            _ => 1.0,
+        }
+    }
+
     /// Instants of a block of `unit`: the stream's first instant has a submission of its own.
     const fn block_of(&self, unit: &Unit) -> u32 {
         if unit.first == 0 { 1 } else { self.block }
     }
 
     /// Per view and block.
-    fn paces(&self, context: &Context, views: &[View], unit: &Unit) -> Vec<Paces> {
+    fn paces(&self, context: &Context, views: &[View], group: &Group, unit: &Unit) -> Vec<Paces> {
         let length = self.block_of(unit);
         let blocks = unit.instants / length;
         let frames = self.frames(unit) as usize;
         let mut paces = Vec::new();
         for (v, view) in views.iter().enumerate() {
+            let only = self.only.get(group.views[v]);
             let (columns, rows) = (tiles_along(view.lens.width), tiles_along(view.lens.height));
             for block in 0..blocks {
                 let count = (columns * rows) as usize;
                 let all = |pace| Paces { columns, tiles: vec![pace; count], relit: vec![false; count] };
                 if unit.first == 0 {
-                    paces.push(all(0));
+                    paces.push(all(0).restricted(only));
                     continue;
                 }
                 #[cfg(test)]
                 if let Some(pace) = self.forced {
-                    paces.push(all(pace));
+                    paces.push(all(pace).restricted(only));
                     continue;
                 }
                 let start = v * frames + (block * length) as usize;
@@ -520,7 +541,7 @@ impl AdaptiveRoom {
                 if view.sensor.walks_on_host() {
                     own.tiles.fill(0);
                 }
-                paces.push(own);
+                paces.push(own.restricted(only));
             }
         }
         paces
@@ -652,7 +673,7 @@ impl AdaptiveRoom {
                                 active(of.tiles[at(x, y)])
                                     && (reused.is_none() || of.relit[at(x, y)] == relit)
                             };
-                            rects(chosen, TILE, size, |rect| cost(rect, &areas))
+                            rects(chosen, TILE, size, |rect| cost(rect, &areas, self.pixel_price()))
                         };
                         // What is lit anew first: where rectangles overlap, the first one stays.
                         let anew = chosen(true).into_iter().map(|rect| (rect, true));
@@ -801,7 +822,7 @@ fn look(
     let columns = tiles_along(lens.width);
     let areas = areas(context, &work.views[view as usize], view * work.frames + k);
     let active = |x: u32, y: u32| squares.chosen[(y * squares.columns + x) as usize];
-    let parts = rects(active, Squares::SIDE, (lens.width, lens.height), |rect| cost(rect, &areas))
+    let parts = rects(active, Squares::SIDE, (lens.width, lens.height), |rect| cost(rect, &areas, 1.0))
         .into_iter()
         .map(|rect| (rect, items(&rect, &areas)))
         .collect();
@@ -894,11 +915,11 @@ fn areas(context: &Context, view: &View, frame: u32) -> Vec<Placed> {
         .collect()
 }
 
-/// What drawing `rect` takes, in pixels.
-fn cost(rect: &Rect, areas: &[Placed]) -> f64 {
+/// What drawing `rect` takes, in pixels that are shaded once; each of its own takes `pixel_price`.
+fn cost(rect: &Rect, areas: &[Placed], pixel_price: f64) -> f64 {
     let within = Area::of(rect);
     let objects: f64 = areas.iter().filter(|p| !p.area.meet(within).is_nothing()).map(|p| p.price).sum();
-    RECT_PX + rect.pixels() as f64 + objects
+    RECT_PX + pixel_price * rect.pixels() as f64 + objects
 }
 
 /// What is drawn within `rect`.

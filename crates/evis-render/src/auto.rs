@@ -1,49 +1,85 @@
-//! `auto`: settings from a target, the scene and its poses. It reads no truth, no clock, no packet and no neighbour, so a
-//! stream's bytes are a function of what the user asks for; and what it chooses is written into the run's settings, which
-//! give the same bytes when they are asked for by themselves.
+//! `auto`: settings from a target, the scene and its poses. It reads no truth, no clock and no packet, and no more than the
+//! first few views, so a stream's bytes are a function of what the user asks for; and what it chose is written into the
+//! run's settings, which give the same bytes when they are asked for by themselves.
 
-use evis_scene::Scene;
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use evis_core::CameraInfo;
+use evis_scene::{Scene, SceneState};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
+use crate::error::EngineError;
 use crate::frame::{FrameData, FrameRequest};
+use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
 use crate::host_walk;
 use crate::occluders;
 use crate::pace::{Pacer, Passing};
-use crate::view::View;
+use crate::pass::raster::SurfaceLayouts;
+use crate::pilot::{PLACES, Pilot};
+use crate::plan::Told;
+use crate::view::{self, View};
 
 /// How near to the truth events should be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Target {
-    /// Cheap.
+    /// Cheap, and nothing is promised: settings that are the same for every scene.
+    Preview,
+    /// F1 (1 ms) of 0.95.
     Draft,
-    /// A compromise.
+    /// F1 (1 ms) of 0.98.
     #[default]
     Default,
-    /// As near as sampling comes within reason.
+    /// As near as sampling comes within reason: settings that are the same for every scene.
     Exact,
 }
 
 impl Target {
+    /// All, the cheapest first.
+    pub const ALL: [Self; 4] = [Self::Preview, Self::Draft, Self::Default, Self::Exact];
+
     /// As users write it.
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Preview => "preview",
             Self::Draft => "draft",
             Self::Default => "default",
             Self::Exact => "exact",
         }
     }
 
-    /// What it takes.
+    /// What is looked for on the scene itself.
+    fn search(self) -> Option<Search> {
+        let place = |rung: Rung| LADDER.iter().position(|other| *other == rung);
+        let (f1, cheapest, finest) = match self {
+            Self::Preview | Self::Exact => return None,
+            Self::Draft => (0.95, COARSE, DEFAULT),
+            Self::Default => (0.98, PREVIEW, EXACT),
+        };
+        Some(Search { f1, cheapest: place(cheapest)?, finest: place(finest)? })
+    }
+
+    /// What it takes where nothing is looked for, or what was looked at tells nothing.
     const fn rung(self) -> Rung {
         match self {
-            Self::Draft => DRAFT,
+            Self::Preview | Self::Draft => PREVIEW,
             Self::Default => DEFAULT,
-            Self::Exact => LADDER[0],
+            Self::Exact => EXACT,
         }
     }
+}
+
+/// The cheapest rung that fires as the finest does.
+struct Search {
+    /// F1 within 1 ms beside the finest that is asked for.
+    f1: f64,
+    /// Where on the ladder it begins, at the cheap end.
+    cheapest: usize,
+    /// What all are compared with.
+    finest: usize,
 }
 
 /// Settings that `auto` may choose.
@@ -71,21 +107,23 @@ pub struct Rung {
 ///
 /// Measured on the built-in scenes; see docs/accuracy.md.
 pub const LADDER: &[Rung] = &[
-    Rung { finest_hz: 8000.0, ..rays(0.15, 256, "F1 (1 ms) above 0.98") },
+    EXACT,
     DEFAULT,
     rays(0.3, 144, "F1 (1 ms) 0.97 to 0.99"),
     rays(0.4, 100, "F1 (1 ms) 0.96 to 0.99"),
     edges(0.4, 64, 4, "F1 (1 ms) 0.94 to 0.99"),
     edges(0.4, 36, 4, "F1 (1 ms) 0.93 to 0.99"),
-    DRAFT,
+    PREVIEW,
     edges(0.5, 16, 2, "F1 (1 ms) 0.80 to 0.91 at 320x240"),
-    edges(1.0, 16, 2, "F1 (1 ms) 0.71 to 0.86 at 320x240"),
+    COARSE,
     edges(1.0, 4, 2, "F1 (1 ms) 0.58 to 0.78 at 320x240"),
     single(1.0, "F1 (1 ms) 0.46 to 0.76 at 320x240"),
     single(2.0, "F1 (1 ms) 0.43 to 0.64 at 320x240"),
 ];
+const EXACT: Rung = Rung { finest_hz: 8000.0, ..rays(0.15, 256, "F1 (1 ms) above 0.98") };
 const DEFAULT: Rung = rays(0.2, 144, "F1 (1 ms) 0.98 to 0.99");
-const DRAFT: Rung = edges(0.5, 16, 4, "F1 (1 ms) 0.88 to 0.98");
+const PREVIEW: Rung = edges(0.5, 16, 4, "F1 (1 ms) 0.88 to 0.98");
+const COARSE: Rung = edges(1.0, 16, 2, "F1 (1 ms) 0.71 to 0.86 at 320x240");
 
 /// With shadows as sharp as what throws them.
 const fn rays(step_px: f64, samples: u32, expects: &'static str) -> Rung {
@@ -141,36 +179,167 @@ const LOOKS: usize = 12;
 /// Seconds over which a speed is taken.
 const SPAN_S: f64 = 0.000_5;
 /// Views whose speeds are looked at.
-const VIEWS: usize = 4;
+pub(crate) const VIEWS: usize = 4;
 /// Bytes that a picture of coverage samples may take, 8 for each: 1920x1080 pixels have 100 of them then.
 const COVERAGE_BYTES: u64 = 2 << 30;
 /// Finest rates that are chosen from. What is slow costs no more at a finer one, and what no pose tells (a cut of the camera)
 /// is then told to a millisecond; above 4 kHz blocks are so short that what is slow does cost more.
 const RATES_HZ: [f64; 3] = [1000.0, 2000.0, 4000.0];
 
-/// Settles `config`, which asks for `target`.
-pub fn choose(
-    target: Target,
-    scene: &Scene,
-    gpu_scene: &GpuScene,
-    views: &[View],
+/// What settings are chosen for.
+pub(crate) struct Site<'a> {
+    scene: &'a Scene,
+    gpu_scene: GpuScene,
+    /// All views.
+    pub views: Vec<View>,
+    /// Their cameras.
+    pub cameras: Vec<CameraInfo>,
     texture_edge: u32,
+}
+
+impl<'a> Site<'a> {
+    /// What `config` asks for of `scene`.
+    ///
+    /// # Errors
+    /// Cameras that do not exist or cannot be used.
+    pub fn new(gpu: &Gpu, scene: &'a Scene, config: &RunConfig) -> Result<Self, EngineError> {
+        let (views, cameras) = view::views(scene, config)?;
+        let mut state = SceneState::default();
+        scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
+        let layouts = SurfaceLayouts::new(&gpu.device);
+        let gpu_scene = GpuScene::new(&gpu.device, &gpu.queue, &layouts, scene, &state);
+        let texture_edge = gpu.device.limits().max_texture_dimension_2d;
+        Ok(Self { scene, gpu_scene, views, cameras, texture_edge })
+    }
+
+    /// `config` with the settings of `rung`, and why its rate.
+    pub fn settled(&self, rung: &Rung, config: &RunConfig) -> (RunConfig, String) {
+        let (mut config, mut why) = self.settled_for_thresholds(rung, config);
+        host_walk::settle(&self.views, &mut config, &mut why);
+        (config, why)
+    }
+
+    /// The same, if all sensors were thresholds alone.
+    fn settled_for_thresholds(&self, rung: &Rung, config: &RunConfig) -> (RunConfig, String) {
+        let mut config = config.clone();
+        let why = settle(rung, self.scene, &self.gpu_scene, &self.views, self.texture_edge, &mut config);
+        (config, why)
+    }
+
+    /// How fast what each tile may show moves at `start_us`, of the first `count` views: pixels per second.
+    pub fn speeds(&self, start_us: i64, count: usize) -> Vec<Vec<f64>> {
+        let start_s = start_us as f64 * 1e-6;
+        let needs = needs(self.scene, &self.gpu_scene, &self.views[..count], &[start_s]);
+        needs.into_iter().map(|of| of.into_iter().map(|need| need / SPAN_S).collect()).collect()
+    }
+}
+
+/// Settles `config`, which asks for `target`: by settings that are the same for every scene, or by what a [pilot](Pilot) finds
+/// on this one.
+///
+/// # Errors
+/// A setting that cannot be used, a device that fails, or a stop.
+pub fn choose(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    target: Target,
     config: &mut RunConfig,
-) {
-    let rung = target.rung();
-    let why = settle(&rung, scene, gpu_scene, views, texture_edge, config);
+    told: &Told<'_>,
+) -> Result<(), EngineError> {
+    let site = Site::new(gpu, scene, config)?;
+    let mut found = Found { rung: target.rung(), why: String::new(), expects: target.rung().expects.into() };
+    if let Some(search) = target.search() {
+        found = search.run(gpu, scene, config, &site, told)?.unwrap_or_else(|| Found {
+            why: "too little fires in the tiles that were looked at to tell settings apart, so they are the usual ones; "
+                .into(),
+            ..found
+        });
+    }
+    let (settled, why) = site.settled(&found.rung, config);
+    *config = settled;
     config.chosen = Some(Chosen {
         target: Some(target),
         budget_ms: None,
-        why,
-        expects: rung.expects.into(),
+        why: found.why + &why,
+        expects: found.expects,
         warning: None,
     });
+    Ok(())
+}
+
+/// What was settled on.
+struct Found {
+    rung: Rung,
+    /// What comes before why its rate.
+    why: String,
+    expects: String,
+}
+
+impl Search {
+    /// `None` where too little fires to tell settings apart.
+    fn run(
+        &self,
+        gpu: &Gpu,
+        scene: &Arc<Scene>,
+        config: &RunConfig,
+        site: &Site<'_>,
+        told: &Told<'_>,
+    ) -> Result<Option<Found>, EngineError> {
+        let words = |config: &RunConfig| {
+            let rays = if config.shadows == Some(Shadows::Rays) { ", rays" } else { "" };
+            format!("{} px, {} samples{rays}", config.adaptive_px.unwrap_or_default(), config.samples)
+        };
+        let doing = RefCell::new((String::new(), 0.0));
+        let stop = || {
+            let doing = doing.borrow();
+            !told(&doing.0, doing.1)
+        };
+        let settled = |rung: usize| site.settled_for_thresholds(&LADDER[rung], config).0;
+        let mut pilot = Pilot::new(gpu, scene, config, site, &stop)?;
+        let count = (self.cheapest - self.finest + 2) as f64;
+        let mut done = 0.0;
+        let mut fire = |pilot: &mut Pilot<'_>, settled: &RunConfig| {
+            *doing.borrow_mut() = (words(settled), done / count);
+            done += 1.0;
+            pilot.fire(settled)
+        };
+        let probe = fire(&mut pilot, &settled(self.cheapest))?;
+        pilot.adjust(&probe);
+        let finest = settled(self.finest);
+        let finer = fire(&mut pilot, &finest)?;
+        let mut tried = Vec::new();
+        for rung in (self.finest + 1..=self.cheapest).rev() {
+            let settled = settled(rung);
+            let fired = fire(&mut pilot, &settled)?;
+            let Some(f1) = pilot.agreement(&fired, &finer)?.f1() else { return Ok(None) };
+            tried.push(format!("{f1:.3} ({})", words(&settled)));
+            if f1 >= self.f1 {
+                return Ok(Some(Found {
+                    rung: LADDER[rung],
+                    why: self.why(&tried, &words(&finest), pilot.tiles()),
+                    expects: format!("F1 (1 ms) {f1:.3}, as beside the finest settings in those tiles"),
+                }));
+            }
+        }
+        Ok(Some(Found {
+            rung: LADDER[self.finest],
+            why: self.why(&tried, &words(&finest), pilot.tiles()) + "so the finest settings are taken; ",
+            expects: LADDER[self.finest].expects.into(),
+        }))
+    }
+
+    fn why(&self, tried: &[String], finest: &str, tiles: usize) -> String {
+        format!(
+            "{} is asked for; F1 (1 ms) beside {finest}, in {tiles} tiles at {PLACES} times of the scene: {}; ",
+            self.f1,
+            tried.join(", ")
+        )
+    }
 }
 
 /// Gives `config` the settings of `rung`, with fewer samples of outlines where a picture of them is larger than
 /// `texture_edge`, the device's largest texture; says why its rate.
-pub fn settle(
+fn settle(
     rung: &Rung,
     scene: &Scene,
     gpu_scene: &GpuScene,
@@ -215,7 +384,6 @@ pub fn settle(
     if let Some(reason) = by_maps {
         why += &format!("; shadows by maps, not rays ({reason})");
     }
-    host_walk::settle(views, config, &mut why);
     why
 }
 
@@ -245,15 +413,26 @@ fn needed_rate(
     let views = &views[..views.len().min(VIEWS)];
     let start_s = config.start_us as f64 * 1e-6;
     let length_s = length_s(scene, start_s);
-    let times_s: Vec<f64> = (0..LOOKS)
-        .flat_map(|i| {
-            let at = start_s + length_s * i as f64 / LOOKS as f64;
-            [at, at + SPAN_S]
-        })
-        .collect();
+    let times_s: Vec<f64> = (0..LOOKS).map(|i| start_s + length_s * i as f64 / LOOKS as f64).collect();
+    let mut most: Option<f64> = None;
+    for of in needs(scene, gpu_scene, views, &times_s) {
+        // What deforms or is lit by moving lights has no speed that poses tell.
+        if of.iter().any(|need| need.is_finite()) {
+            let fastest = of.into_iter().fold(0.0, f64::max) / SPAN_S;
+            most = Some(most.map_or(fastest, |other| other.max(fastest)));
+        }
+    }
+    // Where none is told, the middle of the rates.
+    most.map_or((RATES_HZ[1], 0.0), |most| (most / step_px, most))
+}
+
+/// How far what each tile may show moves within [`SPAN_S`] from each of `times_s` on, in pixels: of each view one after the
+/// other, by time.
+fn needs(scene: &Scene, gpu_scene: &GpuScene, views: &[View], times_s: &[f64]) -> Vec<Vec<f64>> {
+    let moments: Vec<f64> = times_s.iter().flat_map(|at| [*at, at + SPAN_S]).collect();
     let request = FrameRequest {
         views,
-        times_s: &times_s,
+        times_s: &moments,
         shadows: None,
         occluders: None,
         record_ids: false,
@@ -265,19 +444,12 @@ fn needed_rate(
     data.build(scene, gpu_scene, &request);
     let pacer = Pacer::new(scene, gpu_scene, 1.0, 1);
     let sky = scene.environment.as_ref().is_some_and(|e| e.visible);
-    let mut most: Option<f64> = None;
+    let mut needs = Vec::new();
     for (v, view) in views.iter().enumerate() {
-        for look in 0..LOOKS {
-            let frames = v * times_s.len() + 2 * look..v * times_s.len() + 2 * look + 2;
-            let passing = Passing::new(&data, frames, &view.lens, sky);
-            let needs = pacer.needs(gpu_scene, &passing);
-            // What deforms or is lit by moving lights has no speed that poses tell.
-            if needs.iter().any(|need| need.is_finite()) {
-                let fastest = needs.into_iter().fold(0.0, f64::max) / SPAN_S;
-                most = Some(most.map_or(fastest, |other| other.max(fastest)));
-            }
+        for look in 0..times_s.len() {
+            let frames = v * moments.len() + 2 * look..v * moments.len() + 2 * look + 2;
+            needs.push(pacer.needs(gpu_scene, &Passing::new(&data, frames, &view.lens, sky)));
         }
     }
-    // Where none is told, the middle of the rates.
-    most.map_or((RATES_HZ[1], 0.0), |most| (most / step_px, most))
+    needs
 }

@@ -11,7 +11,6 @@ use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid
 use evis_scene::{Scene, SceneState};
 
 use crate::adaptive::AdaptiveRoom;
-use crate::auto;
 use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
 use crate::error::EngineError;
@@ -225,9 +224,6 @@ impl Engine {
         scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
         let layouts = SurfaceLayouts::new(device);
         let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
-        if let Method::Auto(target) = config.method {
-            auto::choose(target, &scene, &gpu_scene, &views, limits.max_texture_dimension_2d, config);
-        }
         let edges = config.antialias == Antialias::Edges;
         let reuses = config.method == Method::Reproject;
         let offsets = match (edges, reuses) {
@@ -516,6 +512,22 @@ impl Engine {
     /// Stream time up to which packets were delivered.
     pub fn now_us(&self) -> i64 {
         self.delivered_us
+    }
+
+    /// Starts the stream of an engine with thresholds alone and without frames anew, `start_us` into the scene's time; in
+    /// adaptive time it looks at the tiles `only` of each view from then on, and other pixels fire anything or nothing.
+    pub fn begin_again(&mut self, start_us: i64, only: Vec<Vec<bool>>) -> Result<(), EngineError> {
+        while !self.in_flight.is_empty() {
+            self.collect_oldest()?;
+        }
+        self.context.start_us = start_us;
+        self.sampling.begin_again(only);
+        self.groups.iter_mut().for_each(|group| group.next = 0);
+        self.complete_us.fill(0);
+        self.arrived.iter_mut().for_each(|arrived| *arrived = Arrived::default());
+        (self.next_label, self.next_label_group, self.labels_complete) = (0, 0, 0);
+        (self.next_pose, self.delivered_us, self.report) = (0, 0, PacketReport::default());
+        Ok(())
     }
 
     /// Delivers `[now, until_us)`, submitting ahead as far as `horizon_us`.

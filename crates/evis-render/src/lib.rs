@@ -33,6 +33,7 @@ pub mod packet;
 mod pass;
 pub mod pattern;
 mod pieces;
+mod pilot;
 pub mod plan;
 mod reuse;
 mod scene_sensor;

@@ -42,6 +42,16 @@ impl Sampling {
         Ok(())
     }
 
+    /// Forgets what was shown. In adaptive time, only the tiles `only` of each view are looked at from now on.
+    pub fn begin_again(&mut self, only: Vec<Vec<bool>>) {
+        match self {
+            Self::Native(room) => *room = NativeRoom::default(),
+            Self::Adaptive(room) => room.begin_again(only),
+            // Its keyframes go by their instants.
+            Self::Splat(_) => {}
+        }
+    }
+
     /// Pixels drawn since this was last asked, each by all of its samples.
     pub fn take_drawn_pixels(&mut self) -> u64 {
         match self {

@@ -74,6 +74,16 @@ pub struct Paces {
     pub relit: Vec<bool>,
 }
 
+impl Paces {
+    /// The same, if only some tiles are looked at.
+    pub fn restricted(mut self, only: Option<&Vec<bool>>) -> Self {
+        for (pace, _) in self.tiles.iter_mut().zip(only.into_iter().flatten()).filter(|(_, only)| !**only) {
+            *pace = STILL;
+        }
+        self
+    }
+}
+
 /// Tiles along `pixels`.
 pub const fn tiles_along(pixels: u32) -> u32 {
     pixels.div_ceil(TILE)

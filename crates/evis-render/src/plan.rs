@@ -10,12 +10,10 @@ use evis_core::fnv::Fnv;
 use evis_scene::{Scene, SceneError};
 use serde::{Deserialize, Serialize};
 
-use crate::auto::{self, Chosen, LADDER, Rung};
+use crate::auto::{self, Chosen, LADDER, Site};
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
-use crate::gpu_scene::GpuScene;
-use crate::pass::raster::SurfaceLayouts;
 use crate::simulator::Simulator;
 use crate::view;
 
@@ -176,7 +174,9 @@ pub fn calibrate(
 ) -> Result<Plan, EngineError> {
     config.check()?;
     let made_for = MadeFor::new(scene, config)?;
-    let mut settled = rungs(gpu, scene, config)?;
+    let site = Site::new(gpu, scene, config)?;
+    let mut settled: Vec<_> = LADDER.iter().map(|rung| site.settled(rung, config)).collect();
+    drop(site);
     let mut costs = vec![None; settled.len()];
     let mut done = 0;
     while let Some(next) = next(&costs, budget_ms) {
@@ -212,22 +212,6 @@ pub fn calibrate(
         made_for,
         measured,
     })
-}
-
-/// Every rung's settings for this scene, and why its rate.
-fn rungs(gpu: &Gpu, scene: &Scene, config: &RunConfig) -> Result<Vec<(RunConfig, String)>, EngineError> {
-    let (views, _) = view::views(scene, config)?;
-    let mut state = evis_scene::SceneState::default();
-    scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
-    let layouts = SurfaceLayouts::new(&gpu.device);
-    let gpu_scene = GpuScene::new(&gpu.device, &gpu.queue, &layouts, scene, &state);
-    let texture_edge = gpu.device.limits().max_texture_dimension_2d;
-    let settled = |rung: &Rung| {
-        let mut config = config.clone();
-        let why = auto::settle(rung, scene, &gpu_scene, &views, texture_edge, &mut config);
-        (config, why)
-    };
-    Ok(LADDER.iter().map(settled).collect())
 }
 
 /// Milliseconds of work per simulated second, as packets report it, and the `Y_ref` in force.

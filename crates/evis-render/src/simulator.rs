@@ -10,7 +10,8 @@ use std::time::Duration;
 use evis_core::{CameraInfo, ConfigError};
 use evis_scene::Scene;
 
-use crate::config::RunConfig;
+use crate::auto;
+use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -35,6 +36,9 @@ impl Simulator {
     /// A setting that cannot be used, a camera that does not exist, or a device that is too small.
     pub fn new(gpu: &Gpu, scene: Arc<Scene>, mut config: RunConfig) -> Result<Self, EngineError> {
         config.check()?;
+        if let Method::Auto(target) = config.method {
+            auto::choose(gpu, &scene, target, &mut config, &|_, _| true)?;
+        }
         let (views, cameras) = view::views(&scene, &config)?;
         // Each camera's first view has its sensor.
         config.tell_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
@@ -78,6 +82,11 @@ impl Simulator {
     /// A view that does not exist, or a device that fails.
     pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
         self.engine.luminance(view, t_us)
+    }
+
+    /// See [`Engine::begin_again`].
+    pub(crate) fn begin_again(&mut self, start_us: i64, only: Vec<Vec<bool>>) -> Result<(), EngineError> {
+        self.engine.begin_again(start_us, only)
     }
 
     /// Set from another thread, it ends a step after the submission in work with [`EngineError::Stopped`].

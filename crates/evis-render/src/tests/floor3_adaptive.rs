@@ -5,10 +5,9 @@ use std::sync::Arc;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
-use crate::auto::Target;
+use crate::auto::{self, Target};
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
-use crate::engine::Engine;
-use crate::view;
+use crate::simulator::Simulator;
 
 use super::adaptive_streams::{
     assert_neighbours_change_no_byte, assert_packets_and_reruns_change_no_byte, deliver, engine, force, run,
@@ -123,8 +122,8 @@ fn a_coarser_pace_keeps_close_to_the_finest() {
 fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     let Some(gpu) = super::device() else { return };
     let settled = |scene: &Arc<Scene>, mut config: RunConfig| {
-        let (views, _) = view::views(scene, &config).unwrap();
-        drop(Engine::new(&gpu, scene.clone(), views, &mut config).unwrap());
+        let Method::Auto(target) = config.method else { panic!("{:?}", config.method) };
+        auto::choose(&gpu, scene, target, &mut config, &|_, _| panic!("nothing is tried")).unwrap();
         config
     };
     let chosen = |scene: &Arc<Scene>, target: Target, size: (u32, u32)| {
@@ -133,8 +132,8 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     };
     let is_moving = |node: &evis_scene::Node| !matches!(node.motion, evis_scene::Motion::Fixed(_));
     let spinner = scene("spinner");
-    let small = chosen(&spinner, Target::Draft, (100, 76));
-    let large = chosen(&spinner, Target::Draft, (2000, 1520));
+    let small = chosen(&spinner, Target::Preview, (100, 76));
+    let large = chosen(&spinner, Target::Preview, (2000, 1520));
     assert_eq!(small.rate_hz, 1000.0, "{:?}", small.chosen);
     assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
     assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, Some(Shadows::Rays));
@@ -151,18 +150,19 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     for _ in 0..64 {
         crowd.nodes.push(crowd.nodes[moving].clone());
     }
-    let crowd = chosen(&Arc::new(crowd), Target::Default, (100, 76));
+    let crowd = chosen(&Arc::new(crowd), Target::Exact, (100, 76));
     assert_eq!(crowd.shadows, Some(Shadows::Maps));
     assert!(crowd.chosen.unwrap().why.contains("65 things move"));
     // As many samples of outlines as a picture of them has room for.
-    let wide = chosen(&spinner, Target::Default, (gpu.device.limits().max_texture_dimension_2d / 5, 8));
+    let wide = chosen(&spinner, Target::Exact, (gpu.device.limits().max_texture_dimension_2d / 5, 8));
     let why = wide.chosen.unwrap().why;
     assert!(wide.samples == 100 && why.contains("100 samples"), "{} samples: {why}", wide.samples);
     let settings = |config: &RunConfig| RunConfig { chosen: None, ..config.clone() };
     let expected = run(&gpu, &spinner, &settings(&small), 16_000).events;
-    let auto = RunConfig { method: Method::Auto(Target::Draft), ..config(None, 1000.0) };
-    let events = run(&gpu, &spinner, &auto, 16_000).events;
-    assert!(events == expected && expected[0].len() > 100);
+    let auto = RunConfig { method: Method::Auto(Target::Preview), ..config(None, 1000.0) };
+    let events =
+        Simulator::new(&gpu, spinner.clone(), auto).unwrap().step(64_000).unwrap().views.remove(0).events;
+    assert!(events == expected[0] && events.len() > 100);
     // What does not move needs no more than the least rate.
     let mut still = (*spinner).clone();
     for node in &mut still.nodes {

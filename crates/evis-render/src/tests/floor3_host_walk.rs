@@ -167,7 +167,7 @@ fn coverage_samples_reach_the_host_too() {
 fn auto_samples_every_pixel_at_one_rate_and_says_so() {
     let Some(gpu) = super::device() else { return };
     let scene = batch(&[0.0]);
-    let auto = RunConfig { method: Method::Auto(Target::Draft), ..config() };
+    let auto = RunConfig { method: Method::Auto(Target::Preview), ..config() };
     let simulator = Simulator::new(&gpu, scene.clone(), auto.clone()).unwrap();
     let settled = simulator.config().clone();
     assert!(settled.adaptive_px.is_none() && settled.method == Method::Native);

@@ -44,7 +44,7 @@ fn a_plan_runs_again_to_the_same_bytes_without_timing_anything() {
     assert_eq!(again, first);
     let expected = events(first);
     assert!(expected.len() > 50 && events(again) == expected);
-    let by_target = RunConfig { method: Method::Auto(Target::Draft), ..config() };
+    let by_target = RunConfig { method: Method::Auto(Target::Preview), ..config() };
     assert_ne!(events(by_target), expected, "canary: other settings");
 
     let refused = |config: RunConfig, scene: &Arc<Scene>, budget: Option<f64>| {

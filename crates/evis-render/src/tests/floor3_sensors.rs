@@ -223,7 +223,7 @@ fn auto_settles_once_and_says_whose_pixels_have_no_pace() {
     let (scene, sensors) = rig();
     let settled = |cameras: &[&str]| {
         let cameras = cameras.iter().map(|name| (*name).to_owned()).collect();
-        let auto = RunConfig { method: Method::Auto(Target::Draft), cameras, ..config(&sensors) };
+        let auto = RunConfig { method: Method::Auto(Target::Preview), cameras, ..config(&sensors) };
         Simulator::new(&gpu, scene.clone(), auto).unwrap().config().clone()
     };
     let why = |config: &RunConfig| config.chosen.as_ref().unwrap().why.clone();

@@ -15,6 +15,7 @@ mod floor3_frames;
 mod floor3_host_walk;
 mod floor3_march;
 mod floor3_pace;
+mod floor3_pilot;
 mod floor3_plan;
 mod floor3_reproject;
 mod floor3_sensors;

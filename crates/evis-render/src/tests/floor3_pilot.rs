@@ -1,0 +1,180 @@
+//! Floor 3: what `auto` tries before it runs.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use evis_core::metric::{self, ScoreSettings};
+use evis_core::truth::Truth;
+use evis_core::{Event, LabelKind, SensorConfig};
+use evis_scene::Scene;
+
+use crate::auto::{self, LADDER, Target};
+use crate::config::{Antialias, Between, Method, RunConfig};
+use crate::error::EngineError;
+use crate::gpu::Gpu;
+use crate::pace::{TILE, tiles_along};
+use crate::simulator::Simulator;
+
+use super::adaptive_streams::scene;
+
+const SIZE: (u32, u32) = (320, 240);
+
+fn asks(target: Target) -> RunConfig {
+    RunConfig { method: Method::Auto(target), size: Some(SIZE), ..RunConfig::default() }
+}
+
+fn settled(gpu: &Gpu, scene: &Arc<Scene>, mut config: RunConfig) -> RunConfig {
+    let Method::Auto(target) = config.method else { panic!("{:?}", config.method) };
+    auto::choose(gpu, scene, target, &mut config, &|_, _| true).unwrap();
+    config
+}
+
+fn why(config: &RunConfig) -> String {
+    config.chosen.as_ref().unwrap().why.clone()
+}
+
+fn events(gpu: &Gpu, scene: &Arc<Scene>, config: RunConfig, until_us: i64) -> Vec<Event> {
+    Simulator::new(gpu, scene.clone(), config).unwrap().step(until_us).unwrap().views.remove(0).events
+}
+
+#[test]
+fn tiles_that_are_looked_at_alone_fire_as_in_the_whole_picture() {
+    let Some(gpu) = super::device() else { return };
+    for (name, antialias, samples) in [("spinner", Antialias::Edges, 16), ("desk", Antialias::Samples, 2)] {
+        let scene = scene(name);
+        let config = RunConfig {
+            size: Some(SIZE),
+            rate_hz: 2000.0,
+            adaptive_px: Some(0.5),
+            between: Between::Curve,
+            antialias,
+            samples,
+            reference_luminance: Some(1.0),
+            ..RunConfig::default()
+        };
+        let columns = tiles_along(SIZE.0);
+        let tile = |e: &Event| (u32::from(e.y) / TILE * columns + u32::from(e.x) / TILE) as usize;
+        let mut looks = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
+        let mut some = 0;
+        // Wherever it was before, and whatever it looked at.
+        for (start_us, every) in [(40_000, 3), (0, 2), (123_000, 7), (40_000, 1)] {
+            let only: Vec<bool> = (0..columns * tiles_along(SIZE.1)).map(|t| t % every == 0).collect();
+            looks.begin_again(start_us, vec![only.clone()]).unwrap();
+            let mut seen = looks.step(20_000).unwrap().views.remove(0).events;
+            seen.retain(|e| only[tile(e)]);
+            let mut whole = events(
+                &gpu,
+                &scene,
+                RunConfig { start_us, reference_luminance: Some(1.0), ..config.clone() },
+                20_000,
+            );
+            whole.retain(|e| only[tile(e)]);
+            assert!(seen == whole, "{name} from {start_us}: {} events of {}", seen.len(), whole.len());
+            some += seen.len();
+        }
+        assert!(some > 500, "{name}: {some}");
+    }
+}
+
+#[test]
+fn the_cheapest_that_agrees_with_the_finest_is_taken() {
+    let Some(gpu) = super::device() else { return };
+    let spinner = scene("spinner");
+    let chosen = settled(&gpu, &spinner, asks(Target::Default));
+    let told = why(&chosen);
+    // All that were tried are told, and the last alone has what is asked for.
+    let f1: Vec<f64> = told.split(" (").filter_map(|part| part.rsplit(' ').next()?.parse().ok()).collect();
+    let (last, others) = f1.split_last().unwrap();
+    assert!(told.contains("0.98 is asked for") && *last >= 0.98, "{told}");
+    assert!(!others.is_empty() && others.iter().all(|f1| (0.5..0.98).contains(f1)), "{told}");
+    assert!(told.contains(&format!("{} px", chosen.adaptive_px.unwrap())), "{told}");
+    assert!(chosen.chosen.as_ref().unwrap().expects.contains(&format!("{last:.3}")), "{:?}", chosen.chosen);
+    // It holds where nothing was tried: other times, all tiles.
+    let start_us = 700_000;
+    let fired = |config: RunConfig| events(&gpu, &spinner, RunConfig { start_us, ..config }, 30_000);
+    let finest = settled(&gpu, &spinner, asks(Target::Exact));
+    let simulator = Simulator::new(&gpu, spinner.clone(), finest.clone()).unwrap();
+    let truth = Truth::from_events(
+        fired(finest),
+        simulator.cameras()[0].clone(),
+        SensorConfig::default(),
+        1.0,
+        30_000,
+    );
+    let score = |events: &[Event]| {
+        let settings = ScoreSettings { tolerances_us: vec![1000], ..ScoreSettings::default() };
+        metric::score(events, &truth, &settings).unwrap().tolerances[0].plain.f1
+    };
+    let by_hand = RunConfig { chosen: None, ..chosen.clone() };
+    let (own, cheap) =
+        (score(&fired(by_hand)), score(&fired(settled(&gpu, &spinner, asks(Target::Preview)))));
+    assert!(own > 0.965 && own > cheap + 0.02, "{own} and, a canary, {cheap}");
+
+    // A draft asks for less, and neither labels nor frames nor what sensors do beyond thresholds are looked at.
+    let draft = settled(&gpu, &spinner, asks(Target::Draft));
+    let place = |config: &RunConfig| {
+        LADDER.iter().position(|r| Some(r.step_px) == config.adaptive_px && r.samples == config.samples)
+    };
+    assert!(place(&draft) > place(&chosen), "{} and {}", why(&draft), told);
+    let more = RunConfig {
+        labels: vec![LabelKind::Depth],
+        frame_rate_hz: Some(30.0),
+        sensor: SensorConfig::preset("davis346").unwrap(),
+        ..asks(Target::Draft)
+    };
+    let same_thresholds = RunConfig {
+        sensor: SensorConfig {
+            threshold_on: more.sensor.threshold_on,
+            threshold_off: more.sensor.threshold_off,
+            log_eps: more.sensor.log_eps,
+            ..SensorConfig::default()
+        },
+        ..asks(Target::Draft)
+    };
+    let until = |config: RunConfig| {
+        why(&settled(&gpu, &spinner, config)).split("tiles move").next().unwrap().to_owned()
+    };
+    assert_eq!(until(more), until(same_thresholds));
+}
+
+#[test]
+fn where_little_fires_settings_are_the_usual_ones_and_a_stop_is_one() {
+    let Some(gpu) = super::device() else { return };
+    let spinner = scene("spinner");
+    let mut still = (*spinner).clone();
+    for node in &mut still.nodes {
+        node.motion = evis_scene::Motion::Fixed(glam::DMat4::IDENTITY);
+    }
+    let still = Arc::new(still);
+    for (target, usual) in [(Target::Default, Target::Default), (Target::Draft, Target::Preview)] {
+        let config = settled(&gpu, &still, asks(target));
+        assert!(why(&config).contains("too little fires"), "{}", why(&config));
+        let samples = if usual == Target::Default { 144 } else { 16 };
+        assert_eq!(config.samples, samples);
+        assert!(events(&gpu, &still, config, 20_000).is_empty());
+    }
+    let tried = RefCell::new(Vec::new());
+    let stop_at = |most: usize| {
+        let mut config = asks(Target::Default);
+        let told = |what: &str, part: f64| {
+            assert!(what.contains("px") && (0.0..1.0).contains(&part), "{what} {part}");
+            tried.borrow_mut().push(what.to_owned());
+            tried.borrow().len() < most
+        };
+        (auto::choose(&gpu, &spinner, Target::Default, &mut config, &told), config)
+    };
+    let (stopped, config) = stop_at(5);
+    assert!(matches!(stopped, Err(EngineError::Stopped)) && tried.borrow().len() == 5);
+    assert_eq!(config, asks(Target::Default), "as it was");
+}
+
+#[test]
+fn batches_are_tried_in_their_first_environment() {
+    let Some(gpu) = super::device() else { return };
+    let spinner = scene("spinner");
+    let mut many = (*spinner).clone();
+    many.variants = vec![evis_scene::Variant::default(); 3];
+    let (one, many) =
+        (settled(&gpu, &spinner, asks(Target::Draft)), settled(&gpu, &Arc::new(many), asks(Target::Draft)));
+    assert_eq!(one, many);
+}
