@@ -95,9 +95,10 @@ class Simulator:
     target : {"preview", "draft", "default", "exact"}
         How near to the truth ``auto`` shall come: F1 within 1 ms of 0.95 (``draft``) or 0.98 (``default``).
         Some tiles of the picture are rendered at three times of the scene, with the finest settings and with
-        cheaper ones, and the cheapest are taken whose events agree with the finest ones': making the simulator
-        then takes seconds, on a software driver up to a minute. ``preview`` and ``exact`` have settings that
-        are the same for every scene, and take no time. `chosen` says what was chosen, and what was tried.
+        cheaper ones, and the cheapest are taken whose events agree with those of the finest: making the
+        simulator then takes seconds, on a software driver up to a minute. ``preview`` and ``exact`` have
+        settings that are the same for every scene, and take no time. `chosen` says what was chosen, and what
+        was tried.
     budget_ms : float, optional
         Instead of a target: milliseconds of work that a simulated second may take. The settings that
         ``auto`` may choose are timed on the scene, the cheap ones first, which takes as long as some tenths
