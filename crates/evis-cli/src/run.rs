@@ -143,13 +143,7 @@ fn settle(args: &RunArgs, gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig)
         progress.part(&format!("auto tries {what}"), part);
         !interrupt.asked()
     };
-    let settled = match config.method {
-        Method::Auto(target) if args.budget.is_none() && args.plan.is_none() => {
-            evis_render::auto::choose(gpu, scene, target, config, &told)
-        }
-        _ => evis_render::plan::settle(gpu, scene, config, args.budget, args.plan.as_deref(), &told),
-    };
-    match settled {
+    match evis_render::plan::settle(gpu, scene, config, args.budget, args.plan.as_deref(), &told) {
         Err(EngineError::Stopped) => Ok(false),
         settled => Ok(settled.map(|()| true)?),
     }

@@ -122,15 +122,9 @@ impl Simulator {
         let stopped = AtomicBool::new(false);
         let prepare = || {
             let gpu = Gpu::open(device.as_deref())?;
-            let told = |_: &str, _: f64| !stopped.load(Ordering::Relaxed);
-            match config.method {
-                _ if budget_ms.is_some() || plan.is_some() => {
-                    evis_render::plan::settle(&gpu, &scene, &mut config, budget_ms, plan.as_deref(), &told)?;
-                }
-                Method::Auto(target) => {
-                    evis_render::auto::choose(&gpu, &scene, target, &mut config, &told)?;
-                }
-                _ => {}
+            if matches!(config.method, Method::Auto(_)) || budget_ms.is_some() || plan.is_some() {
+                let told = |_: &str, _: f64| !stopped.load(Ordering::Relaxed);
+                evis_render::plan::settle(&gpu, &scene, &mut config, budget_ms, plan.as_deref(), &told)?;
             }
             let simulator = evis_render::Simulator::new(&gpu, scene, config)?;
             Ok::<_, Failure>(Self {

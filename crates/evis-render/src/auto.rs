@@ -195,21 +195,25 @@ pub(crate) struct Site<'a> {
     /// Their cameras.
     pub cameras: Vec<CameraInfo>,
     texture_edge: u32,
+    /// How fast what moves fastest does, over the scene; `None` where poses do not tell.
+    fastest_px_s: Option<f64>,
 }
 
 impl<'a> Site<'a> {
     /// What `config` asks for of `scene`.
     ///
     /// # Errors
-    /// Cameras that do not exist or cannot be used.
+    /// Cameras that do not exist or cannot be used, a scene that the device refuses.
     pub fn new(gpu: &Gpu, scene: &'a Scene, config: &RunConfig) -> Result<Self, EngineError> {
         let (views, cameras) = view::views(scene, config)?;
         let mut state = SceneState::default();
         scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
         let layouts = SurfaceLayouts::new(&gpu.device);
-        let gpu_scene = GpuScene::new(&gpu.device, &gpu.queue, &layouts, scene, &state);
+        let gpu_scene =
+            gpu.guarded(|| Ok(GpuScene::new(&gpu.device, &gpu.queue, &layouts, scene, &state)))?;
         let texture_edge = gpu.device.limits().max_texture_dimension_2d;
-        Ok(Self { scene, gpu_scene, views, cameras, texture_edge })
+        let fastest_px_s = fastest(scene, &gpu_scene, &views, config);
+        Ok(Self { scene, gpu_scene, views, cameras, texture_edge, fastest_px_s })
     }
 
     /// `config` with the settings of `rung`, and why its rate.
@@ -219,10 +223,49 @@ impl<'a> Site<'a> {
         (config, why)
     }
 
-    /// The same, if all sensors were thresholds alone.
+    /// `config` with the settings of `rung` for sensors of thresholds alone, with fewer samples of outlines where a picture of
+    /// them is larger than the device's largest texture; and why its rate.
     fn settled_for_thresholds(&self, rung: &Rung, config: &RunConfig) -> (RunConfig, String) {
         let mut config = config.clone();
-        let why = settle(rung, self.scene, &self.gpu_scene, &self.views, self.texture_edge, &mut config);
+        let step_px = rung.step_px;
+        // Where no speed is told, the middle of the rates.
+        let needed_hz = self.fastest_px_s.map_or(RATES_HZ[1], |fastest| fastest / step_px);
+        let fastest_px_s = self.fastest_px_s.unwrap_or(0.0);
+        let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(rung.finest_hz);
+        // What the user asks for stays.
+        let wants_rays = rung.rays && config.shadows.is_none();
+        let by_maps = if wants_rays { occluders::out_of_reach(self.scene, &self.gpu_scene) } else { None };
+        let rays = wants_rays && by_maps.is_none();
+        config.shadows.get_or_insert(if rays { Shadows::Rays } else { Shadows::Maps });
+        config.method = rung.method;
+        config.antialias = rung.antialias;
+        config.rate_hz = rate_hz;
+        (config.adaptive_px, config.between) = (Some(step_px), Between::Curve);
+        config.samples = rung.samples;
+        let grid = largest_grid(&self.views, self.texture_edge);
+        if config.coverage_grid() > grid {
+            config.samples = 4 * grid * grid;
+        }
+        config.texture_taps = Some(rung.texture_taps);
+        let reach = if needed_hz <= rate_hz {
+            String::new()
+        } else if needed_hz.is_infinite() {
+            ", more for what passes the camera".into()
+        } else {
+            format!(", {:.2} px for the fastest", step_px * needed_hz / rate_hz)
+        };
+        let fastest =
+            if fastest_px_s.is_finite() { format!("{fastest_px_s:.0}") } else { "any number of".into() };
+        let mut why = format!(
+            "tiles move up to {fastest} px/s, so they are rendered up to {rate_hz:.0} times a second: every {step_px} \
+             px{reach}"
+        );
+        if config.samples < rung.samples {
+            why += &format!("; {} samples, since larger pictures of them do not fit", config.samples);
+        }
+        if let Some(reason) = by_maps {
+            why += &format!("; shadows by maps, not rays ({reason})");
+        }
         (config, why)
     }
 
@@ -337,56 +380,6 @@ impl Search {
     }
 }
 
-/// Gives `config` the settings of `rung`, with fewer samples of outlines where a picture of them is larger than
-/// `texture_edge`, the device's largest texture; says why its rate.
-fn settle(
-    rung: &Rung,
-    scene: &Scene,
-    gpu_scene: &GpuScene,
-    views: &[View],
-    texture_edge: u32,
-    config: &mut RunConfig,
-) -> String {
-    let step_px = rung.step_px;
-    let (needed_hz, fastest_px_s) = needed_rate(scene, gpu_scene, views, config, step_px);
-    let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(rung.finest_hz);
-    // What the user asks for stays.
-    let wants_rays = rung.rays && config.shadows.is_none();
-    let by_maps = if wants_rays { occluders::out_of_reach(scene, gpu_scene) } else { None };
-    let rays = wants_rays && by_maps.is_none();
-    config.shadows.get_or_insert(if rays { Shadows::Rays } else { Shadows::Maps });
-    config.method = rung.method;
-    config.antialias = rung.antialias;
-    config.rate_hz = rate_hz;
-    (config.adaptive_px, config.between) = (Some(step_px), Between::Curve);
-    config.samples = rung.samples;
-    let grid = largest_grid(views, texture_edge);
-    if config.coverage_grid() > grid {
-        config.samples = 4 * grid * grid;
-    }
-    config.texture_taps = Some(rung.texture_taps);
-    let reach = if needed_hz <= rate_hz {
-        String::new()
-    } else if needed_hz.is_infinite() {
-        ", more for what passes the camera".into()
-    } else {
-        format!(", {:.2} px for the fastest", step_px * needed_hz / rate_hz)
-    };
-    let fastest =
-        if fastest_px_s.is_finite() { format!("{fastest_px_s:.0}") } else { "any number of".into() };
-    let mut why = format!(
-        "tiles move up to {fastest} px/s, so they are rendered up to {rate_hz:.0} times a second: every {step_px} \
-         px{reach}"
-    );
-    if config.samples < rung.samples {
-        why += &format!("; {} samples, since larger pictures of them do not fit", config.samples);
-    }
-    if let Some(reason) = by_maps {
-        why += &format!("; shadows by maps, not rays ({reason})");
-    }
-    why
-}
-
 /// The finest grid of [`Antialias::Edges`] whose pictures fit.
 fn largest_grid(views: &[View], texture_edge: u32) -> u32 {
     let fits = |view: &View| {
@@ -402,14 +395,8 @@ pub fn length_s(scene: &Scene, start_s: f64) -> f64 {
     scene.duration_s.filter(|s| s.is_finite() && *s > start_s).map_or(1.0, |s| s - start_s)
 }
 
-/// The rate at which all tiles are sampled often enough, and how fast the fastest of them moves.
-fn needed_rate(
-    scene: &Scene,
-    gpu_scene: &GpuScene,
-    views: &[View],
-    config: &RunConfig,
-    step_px: f64,
-) -> (f64, f64) {
+/// How fast the fastest of all tiles moves, in pixels per second; `None` where poses do not tell.
+fn fastest(scene: &Scene, gpu_scene: &GpuScene, views: &[View], config: &RunConfig) -> Option<f64> {
     let views = &views[..views.len().min(VIEWS)];
     let start_s = config.start_us as f64 * 1e-6;
     let length_s = length_s(scene, start_s);
@@ -422,8 +409,7 @@ fn needed_rate(
             most = Some(most.map_or(fastest, |other| other.max(fastest)));
         }
     }
-    // Where none is told, the middle of the rates.
-    most.map_or((RATES_HZ[1], 0.0), |most| (most / step_px, most))
+    most
 }
 
 /// How far what each tile may show moves within [`SPAN_S`] from each of `times_s` on, in pixels: of each view one after the

@@ -59,6 +59,19 @@ pub fn list_devices() -> Vec<DeviceSummary> {
 }
 
 impl Gpu {
+    /// What `work` makes. The device's own complaints about it come as an error, not as a panic.
+    pub(crate) fn guarded<T>(&self, work: impl FnOnce() -> Result<T, EngineError>) -> Result<T, EngineError> {
+        let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let made = work();
+        for scope in [memory, validation] {
+            if let Some(error) = pollster::block_on(scope.pop()) {
+                return Err(EngineError::Device(format!("the device refused this scene: {error}")));
+            }
+        }
+        made
+    }
+
     /// Opens a device: by index, by a part of its name (case-insensitive), or the fastest kind where `None`.
     ///
     /// # Errors

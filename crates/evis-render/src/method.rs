@@ -47,7 +47,7 @@ impl Sampling {
         match self {
             Self::Native(room) => *room = NativeRoom::default(),
             Self::Adaptive(room) => room.begin_again(only),
-            // Its keyframes go by their instants.
+            // Keyframes are kept by their numbers: nobody begins such a stream again.
             Self::Splat(_) => {}
         }
     }

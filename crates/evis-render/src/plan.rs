@@ -108,11 +108,12 @@ pub struct Measured {
 /// Told what is timed and the part of the ladder that is done; returns false to stop.
 pub type Told<'a> = dyn Fn(&str, f64) -> bool + 'a;
 
-/// Settles `config`, which asks for `auto`, by a budget: by the plan that `path` holds, else by timing the scene, and then
-/// `path` holds the plan. A plan that is there is all that is looked at; `budget_ms` must be its own, if given.
+/// Settles `config`, which asks for `auto`. By a budget: by the plan that `path` holds, else by timing the scene, and then
+/// `path` holds the plan. A plan that is there is all that is looked at; `budget_ms` must be its own, if given. Without
+/// either by its target.
 ///
 /// # Errors
-/// No budget and no plan, a plan that is broken or was made for something else, a file that cannot be read or written, a
+/// No budget and no plan that exists, a plan that is broken or was made for something else, a file that cannot be read or written, a
 /// device that fails, or a stop.
 pub fn settle(
     gpu: &Gpu,
@@ -122,6 +123,9 @@ pub fn settle(
     path: Option<&Path>,
     told: &Told<'_>,
 ) -> Result<(), EngineError> {
+    if let (Method::Auto(target), None, None) = (config.method, budget_ms, path) {
+        return auto::choose(gpu, scene, target, config, told);
+    }
     if let Some(ms) = budget_ms.filter(|ms| !(ms.is_finite() && *ms > 0.0)) {
         let remedy = "a number of milliseconds of work per simulated second above 0, such as 1000";
         return Err(ConfigError::new("budget", ms, remedy).into());

@@ -43,16 +43,8 @@ impl Simulator {
         // Each camera's first view has its sensor.
         config.tell_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
         let environments = scene.variants.len().max(1);
-        // The device's own complaints about this scene come as an error, not as a panic.
-        let validation = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
-        let memory = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let engine = Engine::new(gpu, scene, views, &mut config);
-        for scope in [memory, validation] {
-            if let Some(error) = pollster::block_on(scope.pop()) {
-                return Err(EngineError::Device(format!("the device refused this scene: {error}")));
-            }
-        }
-        Ok(Self { cameras, environments, config, engine: engine? })
+        let engine = gpu.guarded(|| Engine::new(gpu, scene, views, &mut config))?;
+        Ok(Self { cameras, environments, config, engine })
     }
 
     /// The rendered cameras, in view order.

@@ -180,3 +180,18 @@ fn batches_are_tried_in_their_first_environment() {
         (settled(&gpu, &spinner, asks(Target::Draft)), settled(&gpu, &Arc::new(many), asks(Target::Draft)));
     assert_eq!(one, many);
 }
+
+#[test]
+fn a_scene_that_the_device_refuses_is_an_error() {
+    let Some(gpu) = super::device() else { return };
+    let mut vast = (*scene("spinner")).clone();
+    let edge = gpu.device.limits().max_texture_dimension_2d + 1;
+    let image = vast.images.first_mut().unwrap();
+    (image.width, image.height) = (edge, 1);
+    image.texels.resize(edge as usize, image.texels[0]);
+    let vast = Arc::new(vast);
+    for target in Target::ALL {
+        let refused = Simulator::new(&gpu, vast.clone(), asks(target)).err().unwrap().to_string();
+        assert!(refused.contains("the device refused this scene"), "{}: {refused}", target.name());
+    }
+}
