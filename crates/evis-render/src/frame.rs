@@ -181,7 +181,12 @@ impl FrameData {
             .filter_map(|(index, node)| {
                 let layer = request.shadows.and_then(|plan| plan.layer_of(index));
                 let shadow = layer.map(|l| (l, light_views[l as usize]));
-                Some(light_record(scene, state, node.light?, &state.world_from_node[index], shadow))
+                let mut record =
+                    light_record(scene, state, node.light?, &state.world_from_node[index], shadow);
+                // Exact: there are fewer than f32 has.
+                record.spot[3] =
+                    request.occluders.zip(layer).map_or(0, |(o, layer)| o.cells(environment, layer)) as f32;
+                Some(record)
             })
             .collect();
         let world: Vec<DMat4> = objects

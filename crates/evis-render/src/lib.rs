@@ -39,6 +39,7 @@ mod reuse;
 mod scene_sensor;
 mod shader;
 mod shadow;
+mod shadow_cells;
 mod shadow_pace;
 pub mod simulator;
 pub mod sizes;

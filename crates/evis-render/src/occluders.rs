@@ -2,17 +2,20 @@
 //!
 //! A shadow map tells light from dark where its texels agree. Along a shadow's border, where they do not, a ray decides
 //! (`shaders/raster/occluders.wgsl`): borders are then as sharp as the geometry, at any size of the world.
-//! What never moves is one tree in world space; each mesh that moves has a tree in its own, and a matrix per instant.
+//! What never moves is one tree in world space, and sorted into the cells of the maps of lights that do not move either; each
+//! mesh that moves has a tree in its own space, and a matrix per instant.
 
 use std::collections::HashMap;
 use std::ops::Range;
 
 use evis_core::ConfigError;
-use evis_scene::{AlphaMode, Scene};
+use evis_scene::{AlphaMode, Scene, SceneState};
 use glam::{DMat4, Vec3};
 
 use crate::gpu_scene::{GpuScene, Object};
-use crate::shadow::{alike, states};
+use crate::pieces::Extent;
+use crate::shadow::{LightView, ShadowPlan, alike, states};
+use crate::shadow_cells;
 use crate::uniforms::OccluderRecord;
 
 /// Triangles of a leaf, at most. Three bits of a leaf's word hold the number.
@@ -29,14 +32,39 @@ const TRIANGLE_WORDS: usize = 3;
 const BINS: usize = 16;
 
 /// The trees of a scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Occluders {
     /// Nodes and triangles: what the device reads.
     pub words: Vec<[u32; 4]>,
     /// Per environment: root of what never moves there.
     still_roots: Vec<u32>,
-    /// Objects that move, and the roots of their trees.
-    moving: Vec<(usize, u32)>,
+    /// Per environment and light that throws shadows: where the cells of its map begin, if it has any.
+    cells: Vec<Vec<Option<u32>>>,
+    /// What moves.
+    moving: Vec<Moving>,
+}
+
+/// A node that moves.
+#[derive(Clone, Copy, Debug)]
+struct Moving {
+    /// One of its objects.
+    object: usize,
+    /// Of its tree.
+    root: u32,
+    /// The least and the greatest of its corners.
+    extent: Extent,
+}
+
+/// The objects that move, by node: what belongs to a node moves alike.
+fn moving(objects: &[Object]) -> Vec<(usize, Vec<usize>)> {
+    let mut found: Vec<(usize, Vec<usize>)> = Vec::new();
+    for (o, object) in objects.iter().enumerate().filter(|(_, object)| object.moving) {
+        match found.iter_mut().find(|(node, _)| *node == object.node) {
+            Some((_, members)) => members.push(o),
+            None => found.push((object.node, vec![o])),
+        }
+    }
+    found
 }
 
 /// Why rays do not know the shadow of `object`; `None` where they do.
@@ -53,7 +81,7 @@ pub fn out_of_reach(scene: &Scene, gpu_scene: &GpuScene) -> Option<String> {
     let objects = &gpu_scene.objects;
     let hindered =
         objects.iter().find_map(|o| Some(format!("{:?}: {}", scene.nodes[o.node].name, hinders(scene, o)?)));
-    let moving = objects.iter().filter(|o| o.moving).count();
+    let moving = moving(objects).len();
     let triangles: usize = gpu_scene.draws.iter().map(|d| d.objects.len() * d.indices.len() / 3).sum();
     hindered
         .or_else(|| (moving > MOST_MOVING).then(|| format!("{moving} things move")))
@@ -61,11 +89,16 @@ pub fn out_of_reach(scene: &Scene, gpu_scene: &GpuScene) -> Option<String> {
 }
 
 impl Occluders {
-    /// Of `scene`, whose streams start at `start_us` of its time.
+    /// Of `scene`, whose streams start at `start_us` of its time, and of what `plan` draws maps of.
     ///
     /// # Errors
     /// Something deforms or has holes cut into it: such casters are not in trees.
-    pub fn new(scene: &Scene, gpu_scene: &GpuScene, start_us: i64) -> Result<Self, ConfigError> {
+    pub fn new(
+        scene: &Scene,
+        gpu_scene: &GpuScene,
+        plan: &ShadowPlan,
+        start_us: i64,
+    ) -> Result<Self, ConfigError> {
         let objects = &gpu_scene.objects;
         for object in objects {
             if let Some(why) = hinders(scene, object) {
@@ -75,7 +108,7 @@ impl Occluders {
                 return Err(ConfigError::new("shadows", "rays", remedy));
             }
         }
-        let mut trees = Self { words: Vec::new(), still_roots: Vec::new(), moving: Vec::new() };
+        let mut trees = Self::default();
         let local = |o: usize| {
             let object = &objects[o];
             let mesh = scene.nodes[object.node].mesh;
@@ -101,11 +134,15 @@ impl Occluders {
             }
             trees.still_roots.push(roots[placement as usize]);
         }
+        trees.sort_into_cells(scene, plan, &states);
         let mut roots = HashMap::new();
-        for (o, object) in objects.iter().enumerate().filter(|(_, object)| object.moving) {
-            let key = (scene.nodes[object.node].mesh, object.primitive);
-            let root = *roots.entry(key).or_insert_with(|| trees.push(triangles(o, &DMat4::IDENTITY)));
-            trees.moving.push((o, root));
+        for (node, members) in moving(objects) {
+            let mesh = || members.iter().flat_map(|&o| triangles(o, &DMat4::IDENTITY)).collect();
+            let root = *roots.entry(scene.nodes[node].mesh).or_insert_with(|| trees.push(mesh()));
+            let extents = members.iter().filter_map(|&o| objects[o].extent);
+            let join = |a: Extent, b: Extent| (a.0.min(b.0), a.1.max(b.1));
+            let extent = extents.reduce(join).unwrap_or_default();
+            trees.moving.push(Moving { object: members[0], root, extent });
         }
         Ok(trees)
     }
@@ -115,16 +152,66 @@ impl Occluders {
         self.still_roots.get(environment).copied().unwrap_or(END)
     }
 
+    /// Lists what never moves for the lights that do not either, in each of `states`.
+    fn sort_into_cells(&mut self, scene: &Scene, plan: &ShadowPlan, states: &[SceneState]) {
+        // Environments share what is alike.
+        let mut done: Vec<(u32, DMat4, Option<u32>)> = Vec::new();
+        for (environment, state) in states.iter().enumerate() {
+            let root = self.still_roots[environment];
+            let mut of = |(view, moves): (LightView, &bool)| {
+                let clip = view.clip_from_world;
+                if *moves || root == END {
+                    return None;
+                }
+                if let Some((.., cells)) =
+                    done.iter().find(|(tree, other, _)| *tree == root && *other == clip)
+                {
+                    return *cells;
+                }
+                let triangles = leaves(&self.words, root);
+                let cells = shadow_cells::append(&mut self.words, &triangles, &clip);
+                done.push((root, clip, cells));
+                cells
+            };
+            let cells = plan.matrices(scene, state).zip(plan.light_moves()).map(&mut of).collect();
+            self.cells.push(cells);
+        }
+    }
+
+    /// Where the cells of the map of light `layer` begin in `environment`; 0 where it has none.
+    pub fn cells(&self, environment: usize, layer: u32) -> u32 {
+        let of = self.cells.get(environment).and_then(|of| of.get(layer as usize)).copied();
+        of.flatten().unwrap_or_default()
+    }
+
     /// What moves, where `world` (per object) has it.
     pub fn records<'a>(&'a self, world: &'a [DMat4]) -> impl Iterator<Item = OccluderRecord> + 'a {
-        self.moving.iter().map(|&(object, root)| {
+        self.moving.iter().map(|&Moving { object, root, extent: (low, high) }| {
             let place = &world[object];
+            let middle = place.transform_point3(0.5 * (low + high));
+            let reach = crate::area::corners(low, high)
+                .map(|corner| place.transform_point3(corner).distance(middle))
+                .into_iter()
+                .fold(0.0, f64::max);
+            // Wider than rounding.
+            let reach = reach * 1.0001 + 1e-5 * (1.0 + middle.abs().max_element());
+            let sphere = [middle.x as f32, middle.y as f32, middle.z as f32, reach as f32];
             // What is flattened to nothing throws no shadow.
             let (inverse, root) =
                 if place.determinant() == 0.0 { (DMat4::IDENTITY, END) } else { (place.inverse(), root) };
             let [object_row_0, object_row_1, object_row_2] = crate::frame::rows(&inverse);
-            OccluderRecord { object_row_0, object_row_1, object_row_2, root, pad_0: 0, pad_1: 0, pad_2: 0 }
+            let [pad_0, pad_1, pad_2] = [0; 3];
+            OccluderRecord { sphere, object_row_0, object_row_1, object_row_2, root, pad_0, pad_1, pad_2 }
         })
+    }
+
+    /// Every ray visits trees alone, and asks for what moves within `reach`.
+    #[cfg(test)]
+    pub fn forget_cells(&mut self, reach: f64) {
+        self.cells.clear();
+        for moving in &mut self.moving {
+            moving.extent = (glam::DVec3::splat(-reach), glam::DVec3::splat(reach));
+        }
     }
 
     /// Things that move.
@@ -168,6 +255,27 @@ impl Occluders {
             }
         }
     }
+}
+
+/// The triangles of the tree at `root`, and where each stands.
+fn leaves(words: &[[u32; 4]], root: u32) -> Vec<(u32, [Vec3; 3])> {
+    let corner = |at: u32| {
+        let [x, y, z, _] = words[at as usize].map(f32::from_bits);
+        Vec3::new(x, y, z)
+    };
+    let mut found = Vec::new();
+    let mut at = root;
+    while at != END {
+        let high = words[at as usize + 1];
+        let (count, first) = (high[3] & 7, high[3] >> 3);
+        for place in (0..count).map(|i| first + i * TRIANGLE_WORDS as u32) {
+            let a = corner(place);
+            found.push((place, [a, a + corner(place + 1), a + corner(place + 2)]));
+        }
+        // As if every ray met every node.
+        at = if count == 0 { at + NODE_WORDS as u32 } else { words[at as usize][3] };
+    }
+    found
 }
 
 /// A part of a tree that is being made.
@@ -345,7 +453,7 @@ mod tests {
                 [at, at + point(4 * i + 1) * 0.6, at + point(4 * i + 2) * 0.6]
             })
             .collect();
-        let mut trees = Occluders { words: Vec::new(), still_roots: Vec::new(), moving: Vec::new() };
+        let mut trees = Occluders::default();
         assert_eq!(trees.push(Vec::new()), END, "nothing has no tree");
         // Another tree before it: roots are not all 0.
         trees.push(triangles[..7].to_vec());

@@ -99,6 +99,11 @@ impl ShadowPlan {
         self.redrawn
     }
 
+    /// Per light that throws shadows: whether it moves.
+    pub fn light_moves(&self) -> &[bool] {
+        &self.light_moves
+    }
+
     /// First layer of the maps that `environment` is drawn with.
     pub fn layer_base(&self, environment: usize) -> u32 {
         if self.redrawn { 0 } else { self.placements[environment] * self.nodes.len() as u32 }
@@ -325,7 +330,7 @@ impl ShadowRoom {
         let Some(plan) = plan else { return Ok(None) };
         let occluders = match config.shadows.unwrap_or_default() {
             Shadows::Maps => None,
-            Shadows::Rays => Some(Occluders::new(scene, gpu_scene, config.start_us)?),
+            Shadows::Rays => Some(Occluders::new(scene, gpu_scene, &plan, config.start_us)?),
         };
         let lights = plan.nodes.len() as u32;
         let count = plan.kept.filter(|_| !plan.redrawn).unwrap_or(lights);

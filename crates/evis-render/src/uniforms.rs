@@ -35,6 +35,8 @@ pub struct Frame {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct OccluderRecord {
+    /// Around it: middle in the world, and radius.
+    pub sphere: [f32; 4],
     /// First row of `object_from_world`.
     pub object_row_0: [f32; 4],
     /// Second row.
@@ -111,7 +113,7 @@ pub struct LightRecord {
     pub direction_range: [f32; 4],
     /// Colour times intensity; w: shadow layer within the environment, -1 for none.
     pub radiance_shadow: [f32; 4],
-    /// Angular scale and offset; world size of a shadow texel per unit of clip w.
+    /// Angular scale and offset; world size of a shadow texel per unit of clip w; where its map's cells begin, 0 for none.
     pub spot: [f32; 4],
     /// Columns of the shadow map's matrix.
     pub shadow_clip_from_world: [[f32; 4]; 4],

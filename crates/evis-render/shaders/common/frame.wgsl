@@ -30,7 +30,8 @@ struct Light {
     direction_range: vec4<f32>,
     // rgb: colour * intensity * waveform; w: shadow map layer within the environment, -1 for none.
     radiance_shadow: vec4<f32>,
-    // Spot: scale and offset of the angular falloff; z: world size of a shadow texel per unit of clip w.
+    // Spot: scale and offset of the angular falloff; z: world size of a shadow texel per unit of clip w; w: where the cells of
+    // its map begin, 0 for none.
     spot: vec4<f32>,
     shadow_clip_from_world: mat4x4<f32>,
 };

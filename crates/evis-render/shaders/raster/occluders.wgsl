@@ -1,7 +1,9 @@
-// Shadow rays through the trees of occluders.rs.
+// Shadow rays through the trees of occluders.rs, and the lists of shadow_cells.rs.
 
 // A rigid thing that moves, at one instant. Twin: uniforms.rs, OccluderRecord.
 struct OccluderRecord {
+    // Around it: middle and radius.
+    sphere: vec4<f32>,
     // Rows of object_from_world.
     object_row_0: vec4<f32>,
     object_row_1: vec4<f32>,
@@ -14,7 +16,8 @@ struct OccluderRecord {
 
 @group(0) @binding(5) var<storage, read> occluders: array<OccluderRecord>;
 // A node: low corner, where to go on after a miss; high corner, first triangle << 3 | triangles (0: its first child comes
-// next). A triangle: a corner, the edges from there.
+// next). A triangle: a corner, the edges from there. Two cells of a map: where the list of each is, and how long. Four
+// triangles of a list.
 @group(2) @binding(7) var<storage, read> occluder_words: array<vec4<u32>>;
 
 // Where a tree ends.
@@ -80,12 +83,44 @@ fn follow(ray: ShadowRay, root: u32, origin: vec3<f32>, direction: vec3<f32>, ne
     return ShadowRay(found, left);
 }
 
+// Cells along a map's edge. Twin: shadow_cells.rs.
+const OCCLUDER_CELLS: u32 = 1024u;
+// The length of a list that is too long to be one.
+const OCCLUDERS_CROWDED: u32 = 0xffffffffu;
+
+// What stands still, for a ray to the light whose map shows the ray at `uv`.
+fn follow_still(light: Light, uv: vec2<f32>, origin: vec3<f32>, direction: vec3<f32>, near: f32, far: f32) -> ShadowRay {
+    var ray = ShadowRay(false, OCCLUDER_NODES);
+    var entry = vec2<u32>(0u, OCCLUDERS_CROWDED);
+    if (light.spot.w > 0.0) {
+        let place = min(vec2<u32>(uv * f32(OCCLUDER_CELLS)), vec2<u32>(OCCLUDER_CELLS - 1u));
+        let cell = place.y * OCCLUDER_CELLS + place.x;
+        let pair = occluder_words[u32(light.spot.w) + cell / 2u];
+        entry = select(pair.xy, pair.zw, (cell & 1u) == 1u);
+    }
+    if (entry.y == OCCLUDERS_CROWDED) {
+        return follow(ray, frame.occluder_root, origin, direction, near, far);
+    }
+    for (var i = 0u; i < entry.y && !ray.found; i++) {
+        let four = occluder_words[entry.x + i / 4u];
+        let two = select(four.xy, four.zw, (i & 2u) != 0u);
+        ray.found = meets_triangle(select(two.x, two.y, (i & 1u) != 0u), origin, direction, near, far);
+    }
+    return ray;
+}
+
 // Whether anything lies between `origin` and a light `far` away in `direction`, a unit vector; nearer than `near` nothing
-// counts. Where no nodes are left, nothing was found so far.
-fn shadow_ray(origin: vec3<f32>, direction: vec3<f32>, near: f32, far: f32) -> ShadowRay {
-    var ray = follow(ShadowRay(false, OCCLUDER_NODES), frame.occluder_root, origin, direction, near, far);
+// counts. Where no nodes are left, nothing was found so far. The light's map shows the ray at `uv`.
+fn shadow_ray(light: Light, uv: vec2<f32>, origin: vec3<f32>, direction: vec3<f32>, near: f32, far: f32) -> ShadowRay {
+    var ray = follow_still(light, uv, origin, direction, near, far);
     let end = frame.occluder_first + frame.occluder_count;
     for (var i = frame.occluder_first; i < end && !ray.found; i++) {
+        let sphere = occluders[i].sphere;
+        let apart = sphere.xyz - origin;
+        let nearest = apart - clamp(dot(apart, direction), 0.0, far) * direction;
+        if (dot(nearest, nearest) > sphere.w * sphere.w) {
+            continue;
+        }
         let o = occluders[i];
         let from_here = vec4<f32>(origin, 1.0);
         let local = vec3<f32>(dot(o.object_row_0, from_here), dot(o.object_row_1, from_here), dot(o.object_row_2, from_here));

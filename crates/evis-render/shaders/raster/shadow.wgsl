@@ -81,7 +81,7 @@ fn shadow_by_rays(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f3
     }
     // Off the surface by what f32 does not resolve.
     let off = 4e-6 * (1.0 + max(max(abs(position.x), abs(position.y)), abs(position.z)));
-    let ray = shadow_ray(position + normal * off, incident.to_light, off, incident.distance);
+    let ray = shadow_ray(light, at.uv, position + normal * off, incident.to_light, off, incident.distance);
     // A ray that came to no end leaves it to the map.
     return select(select(1.0 - dark, 1.0, ray.left > 0u), 0.0, ray.found);
 }

@@ -314,7 +314,16 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "raster/luminance.wgsl",
         "OccluderRecord",
-        uniforms::OccluderRecord { object_row_0, object_row_1, object_row_2, root, pad_0, pad_1, pad_2 }
+        uniforms::OccluderRecord {
+            sphere,
+            object_row_0,
+            object_row_1,
+            object_row_2,
+            root,
+            pad_0,
+            pad_1,
+            pad_2
+        }
     );
     same_layout!("raster/luminance.wgsl", "Share", crate::pattern::Share { shift, size });
     same_layout!(
@@ -498,6 +507,10 @@ fn constants_agree() {
         assert_eq!(constant(file, "PHASES"), f64::from(crate::march::PHASES));
     }
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
+    let cells = f64::from(crate::shadow_cells::CELLS);
+    assert_eq!(constant("raster/luminance.wgsl", "OCCLUDER_CELLS"), cells);
+    let crowded = f64::from(crate::shadow_cells::CROWDED);
+    assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_CROWDED"), crowded);
     let splat_constants = [
         ("SPLAT_WORKGROUP", f64::from(splat::SPLAT_WORKGROUP)),
         ("HOLE_TILE", f64::from(splat::HOLE_TILE)),

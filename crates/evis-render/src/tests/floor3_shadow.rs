@@ -5,7 +5,7 @@ use std::sync::Arc;
 use evis_scene::{Scene, Variant};
 use glam::{DMat4, DVec3};
 
-use super::adaptive_streams::engine;
+use super::adaptive_streams::{self, engine};
 use super::raster_scenes as scenes;
 use crate::config::{RunConfig, Shadows};
 use crate::engine::Engine;
@@ -51,6 +51,28 @@ fn a_map_shows_its_instant_and_environment_whatever_it_showed_before() {
     }
     assert!(pictures[0] != pictures[1] && pictures[1] != pictures[2], "canary: they differ");
     assert!(pictures[1] == pictures[3], "the box that starts later is where the other one was");
+}
+
+#[test]
+fn rays_see_in_cells_and_spheres_what_they_see_in_trees() {
+    let Some(gpu) = super::device() else { return };
+    let config = RunConfig { size: Some((128, 96)), shadows: Some(Shadows::Rays), ..CONFIG() };
+    for (name, t_us) in [("desk", 100_000), ("street", 300_000), ("warehouse", 700_000)] {
+        let scene = adaptive_streams::scene(name);
+        let mut engine = engine(&gpu, &scene, &config);
+        let listed = engine.luminance(0, t_us).unwrap();
+        let mut without = |reach: f64| {
+            let room = engine.parts().0.shadows.as_mut().unwrap();
+            room.occluders.as_mut().unwrap().forget_cells(reach);
+            engine.luminance(0, t_us).unwrap()
+        };
+        let off = |other: &[f64]| listed.iter().zip(other).filter(|(a, b)| a != b).count();
+        // A ray that comes to no end in a tree is the map's.
+        let walked = off(&without(1e4));
+        assert!(walked <= 3, "{name}: {walked} pixels differ");
+        let unseen = off(&without(0.0));
+        assert!(unseen > 3, "{name}: canary: what moves throws no shadow, {unseen} pixels differ");
+    }
 }
 
 #[test]
