@@ -917,9 +917,12 @@ pub(crate) enum TargetArg {
     Draft,
     /// The same for an F1 of 0.98.
     Default,
+    /// The cheapest that are as near to much finer ones as --method native --rate 2000 --samples 16 is there: in F1 (100
+    /// us) and in median time error.
+    Exact,
     /// Where something has moved by 0.15 pixels, 256 samples of outlines, 64 of light; shadows by rays where the scene
     /// allows them.
-    Exact,
+    Finest,
 }
 
 impl From<TargetArg> for Target {
@@ -929,6 +932,7 @@ impl From<TargetArg> for Target {
             TargetArg::Draft => Self::Draft,
             TargetArg::Default => Self::Default,
             TargetArg::Exact => Self::Exact,
+            TargetArg::Finest => Self::Finest,
         }
     }
 }

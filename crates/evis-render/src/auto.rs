@@ -2,7 +2,6 @@
 //! first few views, so a stream's bytes are a function of what the user asks for; and what it chose is written into the
 //! run's settings, which give the same bytes when they are asked for by themselves.
 
-use std::cell::RefCell;
 use std::sync::Arc;
 
 use evis_core::CameraInfo;
@@ -18,8 +17,8 @@ use crate::host_walk;
 use crate::occluders;
 use crate::pace::{Pacer, Passing};
 use crate::pass::raster::SurfaceLayouts;
-use crate::pilot::{PLACES, Pilot};
 use crate::plan::Told;
+use crate::search::{Found, Looked, Search, Wanted};
 use crate::view::{self, View};
 
 /// How near to the truth events should be.
@@ -33,13 +32,15 @@ pub enum Target {
     /// F1 (1 ms) of 0.98.
     #[default]
     Default,
-    /// As near as sampling comes within reason: settings that are the same for every scene.
+    /// As near as `native` at 2000 Hz with 16 whole samples, within 100 us and in time.
     Exact,
+    /// As near as sampling comes within reason: settings that are the same for every scene.
+    Finest,
 }
 
 impl Target {
     /// All, the cheapest first.
-    pub const ALL: [Self; 4] = [Self::Preview, Self::Draft, Self::Default, Self::Exact];
+    pub const ALL: [Self; 5] = [Self::Preview, Self::Draft, Self::Default, Self::Exact, Self::Finest];
 
     /// As users write it.
     pub const fn name(self) -> &'static str {
@@ -48,38 +49,45 @@ impl Target {
             Self::Draft => "draft",
             Self::Default => "default",
             Self::Exact => "exact",
+            Self::Finest => "finest",
+        }
+    }
+
+    /// What settings must have beside the finest ones; `None` where they are the same for every scene.
+    pub(crate) const fn wanted(self) -> Option<Wanted> {
+        match self {
+            Self::Preview | Self::Finest => None,
+            Self::Draft => Some(Wanted::F1(0.95)),
+            Self::Default => Some(Wanted::F1(0.98)),
+            Self::Exact => Some(Wanted::AsNative),
         }
     }
 
     /// What is looked for on the scene itself.
     fn search(self) -> Option<Search> {
-        let place = |rung: Rung| LADDER.iter().position(|other| *other == rung);
-        let (f1, cheapest, finest) = match self {
-            Self::Preview | Self::Exact => return None,
-            Self::Draft => (0.95, COARSE, DEFAULT),
-            Self::Default => (0.98, PREVIEW, EXACT),
+        let wanted = self.wanted()?;
+        // Of the ladder, what lies from `cheapest` up to what is cheaper than `finest`.
+        let between = |cheapest: Rung, finest: Rung| {
+            let place = |rung: Rung| LADDER.iter().position(|other| *other == rung);
+            let candidates = LADDER[place(finest)? + 1..=place(cheapest)?].iter().rev().copied().collect();
+            Some(Search { wanted, candidates, finest })
         };
-        Some(Search { f1, cheapest: place(cheapest)?, finest: place(finest)? })
+        match self {
+            Self::Preview | Self::Finest => None,
+            Self::Draft => between(COARSE, DEFAULT),
+            Self::Default => between(PREVIEW, FINEST),
+            Self::Exact => Some(Search { wanted, candidates: NEAR_NATIVE.to_vec(), finest: FINEST }),
+        }
     }
 
     /// What it takes where nothing is looked for, or what was looked at tells nothing.
     const fn rung(self) -> Rung {
         match self {
             Self::Preview | Self::Draft => PREVIEW,
-            Self::Default => DEFAULT,
-            Self::Exact => EXACT,
+            Self::Default | Self::Exact => DEFAULT,
+            Self::Finest => FINEST,
         }
     }
-}
-
-/// The cheapest rung that fires as the finest does.
-struct Search {
-    /// F1 within 1 ms beside the finest that is asked for.
-    f1: f64,
-    /// Where on the ladder it begins, at the cheap end.
-    cheapest: usize,
-    /// What all are compared with.
-    finest: usize,
 }
 
 /// Settings that `auto` may choose.
@@ -89,7 +97,7 @@ pub struct Rung {
     pub method: Method,
     /// Pixels that anything may move between two samples of it.
     pub step_px: f64,
-    /// Where that needs more than 4000 Hz: the finest rate.
+    /// The finest rate: where that needs more than 4000 Hz it is this one.
     pub finest_hz: f64,
     /// What a sample is.
     pub antialias: Antialias,
@@ -107,7 +115,7 @@ pub struct Rung {
 ///
 /// Measured on the built-in scenes; see docs/accuracy.md.
 pub const LADDER: &[Rung] = &[
-    EXACT,
+    FINEST,
     DEFAULT,
     rays(0.3, 144, "F1 (1 ms) 0.97 to 0.99"),
     rays(0.4, 100, "F1 (1 ms) 0.96 to 0.99"),
@@ -120,7 +128,16 @@ pub const LADDER: &[Rung] = &[
     single(1.0, "F1 (1 ms) 0.46 to 0.76 at 320x240"),
     single(2.0, "F1 (1 ms) 0.43 to 0.64 at 320x240"),
 ];
-const EXACT: Rung = Rung { finest_hz: 8000.0, ..rays(0.15, 256, "F1 (1 ms) above 0.98") };
+/// What `exact` tries, the cheapest first. What they reach is told by what was found, since none is taken without that.
+const NEAR_NATIVE: &[Rung] = &[
+    edges(0.4, 64, 4, ""),
+    whole(0.3, 16, 2000.0, ""),
+    edges(0.4, 100, 4, ""),
+    rays(0.4, 100, ""),
+    rays(0.3, 144, ""),
+    DEFAULT,
+];
+const FINEST: Rung = Rung { finest_hz: 8000.0, ..rays(0.15, 256, "F1 (1 ms) above 0.98") };
 const DEFAULT: Rung = rays(0.2, 144, "F1 (1 ms) 0.98 to 0.99");
 const PREVIEW: Rung = edges(0.5, 16, 4, "F1 (1 ms) 0.88 to 0.98");
 const COARSE: Rung = edges(1.0, 16, 2, "F1 (1 ms) 0.71 to 0.86 at 320x240");
@@ -142,6 +159,11 @@ const fn edges(step_px: f64, samples: u32, texture_taps: u32, expects: &'static 
         rays: false,
         expects,
     }
+}
+
+/// Each sample is shaded.
+const fn whole(step_px: f64, samples: u32, finest_hz: f64, expects: &'static str) -> Rung {
+    Rung { antialias: Antialias::Samples, finest_hz, ..edges(step_px, samples, 4, expects) }
 }
 
 const fn single(step_px: f64, expects: &'static str) -> Rung {
@@ -225,13 +247,14 @@ impl<'a> Site<'a> {
 
     /// `config` with the settings of `rung` for sensors of thresholds alone, with fewer samples of outlines where a picture of
     /// them is larger than the device's largest texture; and why its rate.
-    fn settled_for_thresholds(&self, rung: &Rung, config: &RunConfig) -> (RunConfig, String) {
+    pub fn settled_for_thresholds(&self, rung: &Rung, config: &RunConfig) -> (RunConfig, String) {
         let mut config = config.clone();
         let step_px = rung.step_px;
         // Where no speed is told, the middle of the rates.
         let needed_hz = self.fastest_px_s.map_or(RATES_HZ[1], |fastest| fastest / step_px);
         let fastest_px_s = self.fastest_px_s.unwrap_or(0.0);
         let rate_hz = RATES_HZ.into_iter().find(|rate| *rate >= needed_hz).unwrap_or(rung.finest_hz);
+        let rate_hz = rate_hz.min(rung.finest_hz);
         // What the user asks for stays.
         let wants_rays = rung.rays && config.shadows.is_none();
         let by_maps = if wants_rays { occluders::out_of_reach(self.scene, &self.gpu_scene) } else { None };
@@ -277,8 +300,8 @@ impl<'a> Site<'a> {
     }
 }
 
-/// Settles `config`, which asks for `target`: by settings that are the same for every scene, or by what a [pilot](Pilot) finds
-/// on this one.
+/// Settles `config`, which asks for `target`: by settings that are the same for every scene, or by what a
+/// [pilot](crate::pilot::Pilot) finds on this one, which is returned; `None` where nothing was looked at, or it told nothing.
 ///
 /// # Errors
 /// A setting that cannot be used, a device that fails, or a stop.
@@ -288,96 +311,28 @@ pub fn choose(
     target: Target,
     config: &mut RunConfig,
     told: &Told<'_>,
-) -> Result<(), EngineError> {
+) -> Result<Option<Looked>, EngineError> {
     let site = Site::new(gpu, scene, config)?;
-    let mut found = Found { rung: target.rung(), why: String::new(), expects: target.rung().expects.into() };
-    if let Some(search) = target.search() {
-        found = search.run(gpu, scene, config, &site, told)?.unwrap_or_else(|| Found {
-            why: "too little fires in the tiles that were looked at to tell settings apart, so they are the usual ones; "
-                .into(),
-            ..found
-        });
-    }
-    let (settled, why) = site.settled(&found.rung, config);
-    *config = settled;
-    config.chosen = Some(Chosen {
-        target: Some(target),
-        budget_ms: None,
-        why: found.why + &why,
-        expects: found.expects,
-        warning: None,
-    });
-    Ok(())
-}
-
-/// What was settled on.
-struct Found {
-    rung: Rung,
-    /// What comes before why its rate.
-    why: String,
-    expects: String,
-}
-
-impl Search {
-    /// `None` where too little fires to tell settings apart.
-    fn run(
-        &self,
-        gpu: &Gpu,
-        scene: &Arc<Scene>,
-        config: &RunConfig,
-        site: &Site<'_>,
-        told: &Told<'_>,
-    ) -> Result<Option<Found>, EngineError> {
-        let words = |config: &RunConfig| {
-            let rays = if config.shadows == Some(Shadows::Rays) { ", rays" } else { "" };
-            format!("{} px, {} samples{rays}", config.adaptive_px.unwrap_or_default(), config.samples)
-        };
-        let doing = RefCell::new((String::new(), 0.0));
-        let stop = || {
-            let doing = doing.borrow();
-            !told(&doing.0, doing.1)
-        };
-        let settled = |rung: usize| site.settled_for_thresholds(&LADDER[rung], config).0;
-        let mut pilot = Pilot::new(gpu, scene, config, site, &stop)?;
-        let count = (self.cheapest - self.finest + 2) as f64;
-        let mut done = 0.0;
-        let mut fire = |pilot: &mut Pilot<'_>, settled: &RunConfig| {
-            *doing.borrow_mut() = (words(settled), done / count);
-            done += 1.0;
-            pilot.fire(settled)
-        };
-        let probe = fire(&mut pilot, &settled(self.cheapest))?;
-        pilot.adjust(&probe);
-        let finest = settled(self.finest);
-        let finer = fire(&mut pilot, &finest)?;
-        let mut tried = Vec::new();
-        for rung in (self.finest + 1..=self.cheapest).rev() {
-            let settled = settled(rung);
-            let fired = fire(&mut pilot, &settled)?;
-            let Some(f1) = pilot.agreement(&fired, &finer)?.f1() else { return Ok(None) };
-            tried.push(format!("{f1:.3} ({})", words(&settled)));
-            if f1 >= self.f1 {
-                return Ok(Some(Found {
-                    rung: LADDER[rung],
-                    why: self.why(&tried, &words(&finest), pilot.tiles()),
-                    expects: format!("F1 (1 ms) {f1:.3}, as beside the finest settings in those tiles"),
-                }));
-            }
+    let search = target.search();
+    let found = match &search {
+        Some(search) => search.run(gpu, scene, config, &site, told)?,
+        None => None,
+    };
+    let Found { rung, why, expects, looked } = found.unwrap_or_else(|| {
+        let nothing_told =
+            "too little fires in the tiles that were looked at to tell settings apart, so they are the usual ones; ";
+        Found {
+            rung: target.rung(),
+            why: search.map_or_else(String::new, |_| nothing_told.into()),
+            expects: target.rung().expects.into(),
+            looked: None,
         }
-        Ok(Some(Found {
-            rung: LADDER[self.finest],
-            why: self.why(&tried, &words(&finest), pilot.tiles()) + "so the finest settings are taken; ",
-            expects: LADDER[self.finest].expects.into(),
-        }))
-    }
-
-    fn why(&self, tried: &[String], finest: &str, tiles: usize) -> String {
-        format!(
-            "{} is asked for; F1 (1 ms) beside {finest}, in {tiles} tiles at {PLACES} times of the scene: {}; ",
-            self.f1,
-            tried.join(", ")
-        )
-    }
+    });
+    let (settled, rate_why) = site.settled(&rung, config);
+    *config = settled;
+    config.chosen =
+        Some(Chosen { target: Some(target), budget_ms: None, why: why + &rate_why, expects, warning: None });
+    Ok(looked)
 }
 
 /// The finest grid of [`Antialias::Edges`] whose pictures fit.

@@ -37,6 +37,7 @@ mod pilot;
 pub mod plan;
 mod reuse;
 mod scene_sensor;
+pub mod search;
 mod shader;
 mod shadow;
 mod shadow_cells;

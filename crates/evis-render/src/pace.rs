@@ -27,7 +27,8 @@ use crate::view::PixelLens;
 pub const TILE: u32 = 16;
 /// The pace of a tile that does not change.
 pub const STILL: u8 = u8::MAX;
-/// How much the logarithm of a light may change between two looks: a tenth of the usual threshold.
+/// How much the logarithm of a light may change between two looks: a tenth of the usual threshold. Steps in pixels that are
+/// smaller numbers hold for light too, so that a step of next to nothing looks at every instant of whatever changes.
 const LIGHT_STEP: f64 = 0.02;
 /// Moments of a block at which speeds are taken, beside its start.
 const MOMENTS: usize = 8;
@@ -136,6 +137,10 @@ impl Pacer {
         needs
     }
 
+    fn light_step(&self) -> f64 {
+        LIGHT_STEP.min(self.step_px)
+    }
+
     /// `need`: looks per instant.
     fn pace(&self, need: f64) -> u8 {
         if need == 0.0 {
@@ -150,7 +155,7 @@ impl Pacer {
         let mut need: f64 = 0.0;
         for pair in view.shared.windows(2) {
             for (a, b) in pair[0].lights.iter().zip(&pair[1].lights) {
-                need = need.max(light_change(a, b) / LIGHT_STEP);
+                need = need.max(light_change(a, b) / self.light_step());
             }
         }
         need
@@ -179,7 +184,7 @@ impl Pacer {
             let glow = view.shared.windows(2).map(|pair| {
                 log_change(pair[0].records[o].emission_factor, pair[1].records[o].emission_factor)
             });
-            let glow = glow.fold(0.0, f64::max) / LIGHT_STEP;
+            let glow = glow.fold(0.0, f64::max) / self.light_step();
             if view.visible.contains(&(o as u32)) {
                 for piece in &pieces.boxes {
                     let places = places(view, moments, o, piece);

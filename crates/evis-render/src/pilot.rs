@@ -2,12 +2,14 @@
 //! with fine ones, and the cheapest are taken whose events are those of the fine ones. It reads scene, poses and settings
 //! alone: no truth, no clock, no packet, and no more than the first few views.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use evis_core::metric::{self, ScoreSettings};
 use evis_core::truth::Truth;
 use evis_core::{CameraInfo, Event, ExposureShape, LabelData, LabelKind, SensorConfig};
 use evis_scene::Scene;
+use serde::{Deserialize, Serialize};
 
 use crate::auto::{self, Site, VIEWS};
 use crate::config::{Antialias, Between, Method, RunConfig};
@@ -33,11 +35,13 @@ const MOST_TILES: usize = 64;
 /// With 4000 events that are independent of each other, an F1 of 0.98 is uncertain by 0.002.
 const WANTED: usize = 4000;
 /// Fewer events tell nothing: an F1 of 0.98 would be uncertain by 0.006 and more.
-const LEAST: u64 = 500;
+const LEAST: usize = 500;
 /// Flow is measured over the time from one label to the next, so many of them per second.
 const FLOW_HZ: f64 = 1000.0;
-/// Within which two events count as the same: what targets are about.
-const TOLERANCE_US: i64 = 1000;
+/// Within which two events count as the same: what `draft` and `default` are about, and what `exact` is.
+const TOLERANCES_US: [i64; 2] = [1000, 100];
+/// Between two streams that are compared as one. Where little moves a tolerance is ten times what it says, at most.
+const APART_US: i64 = 20 * TOLERANCES_US[0];
 
 /// Looks at a scene.
 pub struct Pilot<'a> {
@@ -72,21 +76,74 @@ impl Fired {
     }
 }
 
-/// How events agree with finer ones.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// How events agree with finer ones: tolerances are scaled by image speed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Agreement {
-    matched: u64,
-    unmatched: u64,
-    /// Of the finer ones.
-    events: u64,
+    /// F1 within 1 ms.
+    pub f1_1ms: f64,
+    /// F1 within 100 us.
+    pub f1_100us: f64,
+    /// Median time error of events that have a partner within 1 ms, in microseconds; `None` where none has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub median_us: Option<f64>,
 }
 
-impl Agreement {
-    /// F1 within 1 ms, scaled by image speed; `None` where too little fired to tell.
-    pub fn f1(&self) -> Option<f64> {
-        let all = 2 * self.matched + self.unmatched;
-        (self.events >= LEAST).then(|| 2.0 * self.matched as f64 / all as f64)
+/// What fired in one view at one place, twice.
+struct Streams<'a> {
+    fired: &'a [Event],
+    finer: &'a [Event],
+    length_us: i64,
+    camera: &'a CameraInfo,
+    /// Per pixel: pixels per second.
+    flow: &'a [f32],
+}
+
+/// How what fired agrees with what is finer, in all `streams` together; `None` where too little fired to tell.
+///
+/// They are scored as one stream, one after another in one picture, so far apart that no event finds a partner in another
+/// stream: a median cannot be had from those of parts.
+fn agreement(streams: &[Streams<'_>]) -> Result<Option<Agreement>, EngineError> {
+    let (mut fired, mut finer, mut speed) = (Vec::new(), Vec::new(), Vec::new());
+    let mut start_us = 0;
+    for of in streams {
+        let later = |event: &Event| {
+            let mut event = *event;
+            event.t += start_us;
+            event
+        };
+        fired.extend(of.fired.iter().map(later));
+        finer.extend(of.finer.iter().map(later));
+        let pixel = |event: &Event| u32::from(event.y) * of.camera.width + u32::from(event.x);
+        let speed_at = |event: &Event| of.flow.get(pixel(event) as usize).copied().unwrap_or_default();
+        speed.extend(of.finer.iter().map(speed_at));
+        start_us += of.length_us + APART_US;
     }
+    let widest = streams.iter().map(|of| of.camera).max_by_key(|camera| camera.width);
+    let Some(camera) = widest.filter(|_| finer.len() >= LEAST) else { return Ok(None) };
+    let height = streams.iter().map(|of| of.camera.height).max().unwrap_or_default();
+    let pixels: BTreeSet<_> = fired.iter().chain(&finer).map(|event| (event.y, event.x)).collect();
+    let truth = Truth {
+        camera: CameraInfo { height, ..camera.clone() },
+        sensor: SensorConfig::default(),
+        reference_luminance: 1.0,
+        duration_us: start_us,
+        pixels: pixels.into_iter().map(|(y, x)| [x, y]).collect(),
+        events: finer,
+        speed,
+        event_region: Vec::new(),
+        span_start: Vec::new(),
+        spans: Vec::new(),
+        provenance: String::new(),
+    };
+    let settings = ScoreSettings { tolerances_us: TOLERANCES_US.to_vec(), ..ScoreSettings::default() };
+    let score = metric::score(&fired, &truth, &settings)
+        .map_err(|e| EngineError::Device(format!("two streams cannot be compared: {e}")))?;
+    let [wide, narrow] = TOLERANCES_US.map(|us| score.at(us).map(|of| &of.scaled));
+    Ok(wide.zip(narrow).map(|(wide, narrow)| Agreement {
+        f1_1ms: wide.f1,
+        f1_100us: narrow.f1,
+        median_us: wide.time_error.as_ref().map(|error| error.median_us),
+    }))
 }
 
 impl<'a> Pilot<'a> {
@@ -221,42 +278,20 @@ impl<'a> Pilot<'a> {
         Ok(Fired(fired))
     }
 
-    /// How `fired` agrees with `finer`.
+    /// How `fired` agrees with `finer`; `None` where too little fired to tell.
     ///
     /// # Errors
     /// Streams that are no streams of these cameras.
-    pub fn agreement(&self, fired: &Fired, finer: &Fired) -> Result<Agreement, EngineError> {
-        let mut sum = Agreement::default();
-        let settings = ScoreSettings { tolerances_us: vec![TOLERANCE_US], ..ScoreSettings::default() };
+    pub fn agreement(&self, fired: &Fired, finer: &Fired) -> Result<Option<Agreement>, EngineError> {
+        let mut streams = Vec::new();
         for ((place, fired), finer) in self.places.iter().zip(&fired.0).zip(&finer.0) {
-            let streams = fired.iter().zip(finer).zip(&place.flow).zip(&self.cameras);
-            for (((fired, finer), flow), camera) in streams {
-                if finer.is_empty() {
-                    sum.unmatched += fired.len() as u64;
-                    continue;
-                }
-                let pixel = |event: &Event| u32::from(event.y) * camera.width + u32::from(event.x);
-                let speed = |event: &Event| flow.get(pixel(event) as usize).copied().unwrap_or_default();
-                let truth = Truth {
-                    speed: finer.iter().map(speed).collect(),
-                    ..Truth::from_events(
-                        finer.clone(),
-                        camera.clone(),
-                        SensorConfig::default(),
-                        1.0,
-                        place.length_us,
-                    )
-                };
-                let score = metric::score(fired, &truth, &settings)
-                    .map_err(|e| EngineError::Device(format!("two streams cannot be compared: {e}")))?;
-                for of in &score.tolerances {
-                    sum.matched += of.scaled.matched;
-                    sum.unmatched += of.scaled.missed + of.scaled.spurious;
-                }
-                sum.events += score.truth_events;
+            for (((fired, finer), flow), camera) in
+                fired.iter().zip(finer).zip(&place.flow).zip(&self.cameras)
+            {
+                streams.push(Streams { fired, finer, length_us: place.length_us, camera, flow });
             }
         }
-        Ok(sum)
+        agreement(&streams)
     }
 }
 
@@ -288,6 +323,8 @@ fn spread(speeds: &[f64], count: usize) -> Vec<bool> {
 
 #[cfg(test)]
 mod tests {
+    use evis_core::Polarity;
+
     use super::*;
 
     #[test]
@@ -315,12 +352,58 @@ mod tests {
         assert_eq!(of(&[f64::INFINITY; 2]), 16_000);
     }
 
+    fn camera(width: u32, height: u32) -> CameraInfo {
+        let (fx, fy, cx, cy) = (1.0, 1.0, 0.0, 0.0);
+        CameraInfo { name: String::new(), width, height, fx, fy, cx, cy }
+    }
+
+    /// `count` events at pixels of their own, 40 wide, `late_us` after 15 ms.
+    fn events(count: u16, late_us: i64) -> Vec<Event> {
+        (0..count).map(|k| Event::new(15_000 + late_us, k % 40, k / 40, Polarity::On)).collect()
+    }
+
+    /// What `fired` and `finer` of several views of 30 ms agree in, at so many pixels per second.
+    fn compared<'a>(streams: &[(&'a [Event], &'a [Event])], speed: f32) -> Option<Agreement> {
+        let cameras = [camera(40, 30), camera(50, 20)];
+        let flow = vec![speed; 1200];
+        let of = |(k, (fired, finer)): (usize, &(&'a [Event], &'a [Event]))| Streams {
+            fired,
+            finer,
+            length_us: 30_000,
+            camera: &cameras[k % 2],
+            flow: &flow,
+        };
+        let streams: Vec<_> = streams.iter().enumerate().map(of).collect();
+        agreement(&streams).unwrap()
+    }
+
     #[test]
     fn few_events_tell_nothing() {
-        let of = |matched, unmatched, events| Agreement { matched, unmatched, events }.f1();
-        assert_eq!(of(0, 0, 0), None);
-        assert_eq!(of(499, 0, 499), None);
-        assert_eq!(of(500, 0, 500), Some(1.0));
-        assert_eq!(of(450, 100, 500), Some(0.9));
+        let f1 = |fired: &[Event], finer: u16| compared(&[(fired, &events(finer, 0))], 0.0).map(|a| a.f1_1ms);
+        assert_eq!(f1(&[], 0), None);
+        assert_eq!(f1(&events(900, 0), 499), None);
+        assert_eq!(f1(&events(500, 0), 500), Some(1.0));
+        let mut tenth_elsewhere = events(500, 0);
+        tenth_elsewhere[..50].iter_mut().for_each(|event| event.y += 15);
+        assert_eq!(f1(&tenth_elsewhere, 500), Some(0.9));
+        assert_eq!(compared(&[], 0.0), None);
+    }
+
+    #[test]
+    fn streams_are_compared_as_one_without_partners_in_another() {
+        let finer = events(600, 0);
+        let (soon, late) = (events(600, 10), events(510, 400));
+        let both = compared(&[(&soon, &finer), (&late, &finer[..510])], 0.0).unwrap();
+        // Neither the mean of both medians nor that of the last.
+        assert_eq!((both.f1_1ms, both.median_us), (1.0, Some(10.0)));
+        assert!((both.f1_100us - 600.0 / 1110.0).abs() < 1e-12, "{both:?}");
+        let alone = compared(&[(&late, &finer[..510])], 0.0).unwrap();
+        assert_eq!((alone.f1_100us, alone.median_us), (0.0, Some(400.0)));
+        // Where little moves a tolerance is ten times what it says; an end and the next start are farther apart.
+        let slow = |late_us| compared(&[(&events(600, late_us), &finer)], 1.0).unwrap().f1_1ms;
+        assert_eq!((slow(9_900), slow(10_100)), (1.0, 0.0));
+        let (last, first) = (events(600, 14_999), events(600, -15_000));
+        let apart = compared(&[(&last, &[]), (&[], &first)], 1.0).unwrap();
+        assert_eq!((apart.f1_1ms, apart.median_us), (0.0, None));
     }
 }

@@ -124,7 +124,7 @@ pub fn settle(
     told: &Told<'_>,
 ) -> Result<(), EngineError> {
     if let (Method::Auto(target), None, None) = (config.method, budget_ms, path) {
-        return auto::choose(gpu, scene, target, config, told);
+        return auto::choose(gpu, scene, target, config, told).map(|_| ());
     }
     if let Some(ms) = budget_ms.filter(|ms| !(ms.is_finite() && *ms > 0.0)) {
         let remedy = "a number of milliseconds of work per simulated second above 0, such as 1000";
@@ -265,7 +265,7 @@ fn pick(costs: &[Option<f64>], budget_ms: f64) -> Option<(usize, bool)> {
 }
 
 impl Settings {
-    fn of(config: &RunConfig) -> Self {
+    pub(crate) fn of(config: &RunConfig) -> Self {
         Self {
             method: config.method,
             rate_hz: config.rate_hz,

@@ -136,10 +136,10 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     let large = chosen(&spinner, Target::Preview, (2000, 1520));
     assert_eq!(small.rate_hz, 1000.0, "{:?}", small.chosen);
     assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
-    assert_eq!(chosen(&spinner, Target::Exact, (100, 76)).shadows, Some(Shadows::Rays));
+    assert_eq!(chosen(&spinner, Target::Finest, (100, 76)).shadows, Some(Shadows::Rays));
     // What the user says of shadows stays; a crowd of things that move is too much for rays.
     let maps = RunConfig {
-        method: Method::Auto(Target::Exact),
+        method: Method::Auto(Target::Finest),
         shadows: Some(Shadows::Maps),
         size: Some((100, 76)),
         ..config(None, 1000.0)
@@ -150,11 +150,11 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     for _ in 0..64 {
         crowd.nodes.push(crowd.nodes[moving].clone());
     }
-    let crowd = chosen(&Arc::new(crowd), Target::Exact, (100, 76));
+    let crowd = chosen(&Arc::new(crowd), Target::Finest, (100, 76));
     assert_eq!(crowd.shadows, Some(Shadows::Maps));
     assert!(crowd.chosen.unwrap().why.contains("65 things move"));
     // As many samples of outlines as a picture of them has room for.
-    let wide = chosen(&spinner, Target::Exact, (gpu.device.limits().max_texture_dimension_2d / 5, 8));
+    let wide = chosen(&spinner, Target::Finest, (gpu.device.limits().max_texture_dimension_2d / 5, 8));
     let why = wide.chosen.unwrap().why;
     assert!(wide.samples == 100 && why.contains("100 samples"), "{} samples: {why}", wide.samples);
     let settings = |config: &RunConfig| RunConfig { chosen: None, ..config.clone() };
@@ -168,5 +168,5 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     for node in &mut still.nodes {
         node.motion = evis_scene::Motion::Fixed(glam::DMat4::IDENTITY);
     }
-    assert_eq!(chosen(&Arc::new(still), Target::Exact, (100, 76)).rate_hz, 1000.0);
+    assert_eq!(chosen(&Arc::new(still), Target::Finest, (100, 76)).rate_hz, 1000.0);
 }

@@ -14,6 +14,9 @@ use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::pace::{TILE, tiles_along};
 use crate::packet::Packet;
+use crate::pilot::Agreement;
+use crate::plan::Settings;
+use crate::search::{self, Tried};
 use crate::simulator::Simulator;
 
 use super::adaptive_streams::scene;
@@ -94,7 +97,7 @@ fn the_cheapest_that_agrees_with_the_finest_is_taken() {
     // It holds where nothing was tried: other times, all tiles.
     let start_us = 700_000;
     let fired = |config: RunConfig| events(&gpu, &spinner, RunConfig { start_us, ..config }, 30_000);
-    let finest = settled(&gpu, &spinner, asks(Target::Exact));
+    let finest = settled(&gpu, &spinner, asks(Target::Finest));
     let simulator = Simulator::new(&gpu, spinner.clone(), finest.clone()).unwrap();
     let truth = Truth::from_events(
         fired(finest),
@@ -140,6 +143,103 @@ fn the_cheapest_that_agrees_with_the_finest_is_taken() {
 }
 
 #[test]
+fn exact_is_the_cheapest_that_is_as_near_as_native() {
+    let Some(gpu) = super::device() else { return };
+    let spinner = scene("spinner");
+    let size = Some((128, 96));
+    let mut chosen = RunConfig { size, ..asks(Target::Exact) };
+    let looked = auto::choose(&gpu, &spinner, Target::Exact, &mut chosen, &|_, _| true).unwrap().unwrap();
+    let told = why(&chosen);
+    let native = looked.native.unwrap();
+    let is_as_near = |own: &Agreement| {
+        own.f1_100us >= native.f1_100us - 0.005 && own.median_us.unwrap() <= 1.05 * native.median_us.unwrap()
+    };
+    let (last, others) = looked.tried.split_last().unwrap();
+    assert!(is_as_near(&last.agreement), "{looked:?}");
+    assert!(!others.is_empty() && others.iter().all(|tried| !is_as_near(&tried.agreement)), "{looked:?}");
+    assert_eq!(last.what, Settings::of(&chosen).in_words());
+    let (f1, median_us) = (native.f1_100us, native.median_us.unwrap());
+    assert!(
+        told.contains(&format!("16 whole samples has ({f1:.3}, {median_us:.1} us) is asked for")),
+        "{told}"
+    );
+    for Tried { agreement, .. } in &looked.tried {
+        let figures = format!("{:.3}, {:.1} us", agreement.f1_100us, agreement.median_us.unwrap());
+        assert!(told.contains(&figures), "{figures}: {told}");
+    }
+    let expects = &chosen.chosen.as_ref().unwrap().expects;
+    assert!(expects.contains(&format!("F1 (100 us) {:.3}", last.agreement.f1_100us)), "{expects}");
+    // The goal holds where nothing was tried: other times, all tiles.
+    let start_us = 700_000;
+    let fired =
+        |config: RunConfig| events(&gpu, &spinner, RunConfig { start_us, chosen: None, ..config }, 40_000);
+    let finest = settled(&gpu, &spinner, RunConfig { size, ..asks(Target::Finest) });
+    let simulator = Simulator::new(&gpu, spinner.clone(), finest.clone()).unwrap();
+    let camera = simulator.cameras()[0].clone();
+    let truth = Truth::from_events(fired(finest), camera, SensorConfig::default(), 1.0, 40_000);
+    let score = |config: RunConfig| {
+        let score = metric::score(&fired(config), &truth, &ScoreSettings::default()).unwrap();
+        let median_us = score.at(1000).unwrap().plain.time_error.clone().unwrap().median_us;
+        (score.at(100).unwrap().plain.f1, median_us)
+    };
+    let native =
+        score(RunConfig { adaptive_px: None, ..search::native(&RunConfig { size, ..asks(Target::Exact) }) });
+    let own = score(chosen.clone());
+    let cheap = score(settled(&gpu, &spinner, RunConfig { size, ..asks(Target::Preview) }));
+    let meets = |(f1, median_us): (f64, f64)| f1 >= native.0 - 0.01 && median_us <= 1.1 * native.1;
+    assert!(meets(own) && !meets(cheap), "{own:?} and {native:?}, a canary {cheap:?}");
+}
+
+#[test]
+fn where_nothing_is_as_near_as_native_the_finest_settings_are_taken() {
+    let Some(gpu) = super::device() else { return };
+    let spinner = scene("spinner");
+    // Things are so small here that few samples see other events than many do.
+    let mut chosen = RunConfig { size: Some((96, 72)), ..asks(Target::Exact) };
+    let looked = auto::choose(&gpu, &spinner, Target::Exact, &mut chosen, &|_, _| true).unwrap().unwrap();
+    assert_eq!((chosen.samples, chosen.adaptive_px), (256, Some(0.15)), "{}", why(&chosen));
+    assert_eq!(looked.finest, Settings::of(&chosen).in_words());
+    assert!(
+        looked.tried.len() > 3 && why(&chosen).contains("so the finest settings are taken"),
+        "{looked:?}"
+    );
+}
+
+#[test]
+fn native_is_looked_at_as_it_runs_at_a_fixed_rate() {
+    let Some(gpu) = super::device() else { return };
+    let mut flickering = (*scene("desk")).clone();
+    flickering.lights[0].waveform = Some(evis_scene::motion::Waveform {
+        shape: evis_scene::motion::WaveShape::Sine,
+        frequency_hz: 10.0,
+        phase: 0.0,
+        low: 0.5,
+        high: 1.0,
+    });
+    for scene in [scene("spinner"), Arc::new(flickering)] {
+        let sensor = SensorConfig { threshold_on: 0.05, threshold_off: 0.05, ..SensorConfig::default() };
+        let asked = RunConfig { sensor, size: Some((64, 48)), ..asks(Target::Exact) };
+        let looks = search::native(&asked);
+        let fixed = RunConfig { adaptive_px: None, ..looks.clone() };
+        assert_eq!((fixed.rate_hz, fixed.samples, fixed.antialias), (2000.0, 16, Antialias::Samples));
+        let expected = events(&gpu, &scene, fixed, 16_000);
+        let some = expected.len();
+        let same = events(&gpu, &scene, looks.clone(), 16_000) == expected;
+        assert!(some > 100 && same, "{}: {some} events", scene.name);
+        let coarser = RunConfig { adaptive_px: Some(0.1), ..looks.clone() };
+        assert_ne!(events(&gpu, &scene, coarser, 16_000), expected, "canary: {}", scene.name);
+        // Only what is looked at is drawn.
+        let drawn = |only: Vec<Vec<bool>>| {
+            let mut simulator = Simulator::new(&gpu, scene.clone(), looks.clone()).unwrap();
+            simulator.begin_again(0, only).unwrap();
+            simulator.step(16_000).unwrap().report.drawn_pixels
+        };
+        let one = vec![(0..12).map(|tile| tile == 5).collect()];
+        assert!((1..drawn(Vec::new()) / 3).contains(&drawn(one)), "{}", scene.name);
+    }
+}
+
+#[test]
 fn where_little_fires_settings_are_the_usual_ones_and_a_stop_is_one() {
     let Some(gpu) = super::device() else { return };
     let spinner = scene("spinner");
@@ -148,10 +248,9 @@ fn where_little_fires_settings_are_the_usual_ones_and_a_stop_is_one() {
         node.motion = evis_scene::Motion::Fixed(glam::DMat4::IDENTITY);
     }
     let still = Arc::new(still);
-    for (target, usual) in [(Target::Default, Target::Default), (Target::Draft, Target::Preview)] {
+    for (target, samples) in [(Target::Default, 144), (Target::Exact, 144), (Target::Draft, 16)] {
         let config = settled(&gpu, &still, asks(target));
         assert!(why(&config).contains("too little fires"), "{}", why(&config));
-        let samples = if usual == Target::Default { 144 } else { 16 };
         assert_eq!(config.samples, samples);
         assert!(events(&gpu, &still, config, 20_000).is_empty());
     }
