@@ -354,6 +354,28 @@ def test_a_plan_keeps_what_a_budget_found(device: evis.Device, tmp_path: Path):
         evis.Simulator(scene, size=(48, 36), plan=plan)
 
 
+def test_a_plan_keeps_what_a_target_found(device: evis.Device, tmp_path: Path):
+    scene = evis.Scene.builtin("spinner")
+    plan = tmp_path / "plan.toml"
+    looked = evis.Simulator(scene, size=(48, 36), target="draft", plan=plan)
+    found = tomllib.loads(plan.read_text())
+    assert found["target"] == "draft"
+    before = plan.stat().st_mtime_ns
+    again = evis.Simulator(scene, size=(48, 36), target="draft", plan=plan)
+    alone = evis.Simulator(scene, size=(48, 36), plan=plan)
+    assert plan.stat().st_mtime_ns == before
+    assert again.config_toml == alone.config_toml == looked.config_toml
+    events = looked.step(40_000).view.events
+    assert len(events) > 50
+    assert np.array_equal(alone.step(40_000).view.events, events)
+    with pytest.raises(evis.ConfigError, match=r"target draft.*target default"):
+        evis.Simulator(scene, size=(48, 36), target="default", plan=plan)
+    with pytest.raises(evis.ConfigError, match=r"target draft.*budget of 5 ms"):
+        evis.Simulator(scene, size=(48, 36), budget_ms=5, plan=plan)
+    with pytest.raises(evis.ConfigError, match=r"0\.2 ON.*0\.3 ON"):
+        evis.Simulator(scene, size=(48, 36), sensor=evis.Sensor(threshold_on=0.3), plan=plan)
+
+
 def test_march_renders_less_and_says_its_name(device: evis.Device):
     def run(method: str) -> evis.Packet:
         scene = evis.Scene.builtin("spinner")

@@ -287,7 +287,7 @@ class Simulator:
         sensors: dict[str, str],
         method: str,
         splat: str | None,
-        target: str,
+        target: str | None,
         budget_ms: float | None,
         plan: str | None,
         rate_hz: float,

@@ -92,22 +92,25 @@ class Simulator:
         ``auto`` chooses method, rate, samples and shadows for a target. Where
         not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``between``, ``samples``, ``antialias``
         and ``texture_taps`` is, else ``auto``.
-    target : {"preview", "draft", "default", "exact", "finest"}
+    target : {"preview", "draft", "default", "exact", "finest"}, optional
         How near to the truth ``auto`` shall come: F1 within 1 ms of 0.95 (``draft``) or 0.98 (``default``),
         or what ``native`` has with 2000 Hz and 16 samples, in F1 within 100 us and in time (``exact``).
         Some tiles of the picture are rendered at three times of the scene, with the finest settings and with
         cheaper ones, and the cheapest are taken whose events agree with those of the finest: making the
         simulator then takes seconds, on a software driver up to a minute. ``preview`` and ``finest`` have
         settings that are the same for every scene, and take no time. `chosen` says what was chosen, and what
-        was tried.
+        was tried. ``default`` where neither a target nor a budget nor a plan that is there is given.
     budget_ms : float, optional
         Instead of a target: milliseconds of work that a simulated second may take. The settings that
         ``auto`` may choose are timed on the scene, the cheap ones first, which takes as long as some tenths
         of a simulated second of each; the most accurate that fits is taken. Where none fits: the cheapest,
         with a warning.
     plan : path-like, optional
-        A TOML file that keeps what was found for ``budget_ms``. Where it is there, its settings are taken,
-        nothing is timed, and the events are the same; one for another scene, size, start or rate is refused.
+        A TOML file that keeps what was found for ``target`` or ``budget_ms``. Where it is there, its settings
+        are taken, nothing is looked at or timed, and the events are the same. One for another target or
+        budget, where one is given, or for another scene, size or start is refused; one for a target also for
+        other thresholds, ``log_eps`` or ``reference_luminance``, one for a budget for other rates of labels
+        and frames.
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
         ``native``, ``march`` and ``reproject``: a splat has its own.
@@ -183,7 +186,7 @@ class Simulator:
         *,
         sensor: Sensor | str | Mapping[str, Sensor | str] | None = None,
         method: Method | None = None,
-        target: Literal["preview", "draft", "default", "exact", "finest"] = "default",
+        target: Literal["preview", "draft", "default", "exact", "finest"] | None = None,
         budget_ms: float | None = None,
         plan: str | PathLike[str] | None = None,
         rate_hz: float | None = None,
@@ -223,12 +226,12 @@ class Simulator:
                 f"{given[0]} is {by_hand[given[0]]!r}; the method auto chooses that itself: take the method "
                 "'native' to set it, or target= for how near to the truth it shall come"
             )
-        goals = {"target": None if target == "default" else target, "budget_ms": budget_ms, "plan": plan}
+        goals = {"target": target, "budget_ms": budget_ms, "plan": plan}
         asked = [f"{name} is {value!r}" for name, value in goals.items() if value is not None]
         if asked and method != "auto":
             raise ConfigError(f"{asked[0]}; only the method 'auto' has targets, budgets and plans")
-        if len(asked) > 1 and goals["target"] is not None:
-            raise ConfigError(f"{asked[0]} and {asked[1]}; give a target, or a budget and its plan")
+        if target is not None and budget_ms is not None:
+            raise ConfigError(f"{asked[0]} and {asked[1]}; give a target or a budget")
         if splat is not None and rate_hz is not None:
             raise ConfigError(
                 f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "

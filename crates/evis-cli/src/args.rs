@@ -101,8 +101,9 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "MS", allow_hyphen_values = true, conflicts_with = "target")]
     pub(crate) budget: Option<f64>,
 
-    /// Where --budget keeps what it found. A file that is there is run again, without timing anything: the same events.
-    #[arg(long, value_name = "PLAN.toml", conflicts_with = "target")]
+    /// Where --target or --budget keeps what it found. A file that is there is run again, without looking at the scene or
+    /// timing anything: the same events. It must be for the same --target or --budget, where one is given.
+    #[arg(long, value_name = "PLAN.toml")]
     pub(crate) plan: Option<PathBuf>,
 
     /// Sampled instants per second, for --method native, march and reproject [default: 1000].

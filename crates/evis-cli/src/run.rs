@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, SensorConfig, TriggerRule};
+use evis_render::plan::Goal;
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
     Antialias, Between, DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Shadows,
@@ -143,7 +144,9 @@ fn settle(args: &RunArgs, gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig)
         progress.part(&format!("auto tries {what}"), part);
         !interrupt.asked()
     };
-    match evis_render::plan::settle(gpu, scene, config, args.budget, args.plan.as_deref(), &told) {
+    // One of them at most; without any, a plan is for what it was made for.
+    let goal = args.budget.map(Goal::Budget).or(args.target.map(|target| Goal::Target(Target::from(target))));
+    match evis_render::plan::settle(gpu, scene, config, goal, args.plan.as_deref(), &told) {
         Err(EngineError::Stopped) => Ok(false),
         settled => Ok(settled.map(|()| true)?),
     }

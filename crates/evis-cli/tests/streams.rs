@@ -116,9 +116,51 @@ fn a_budget_is_timed_once_and_its_plan_runs_again_to_the_same_events() {
     };
     refused("--plan plan.toml --frame-rate 50", &["plan.toml", "frames at none", "50 Hz"]);
     refused("--plan plan.toml --budget 70", &["plan.toml", "0.001", "70"]);
-    refused("--plan none.toml", &["none.toml", "budget"]);
+    refused("--plan plan.toml --target exact", &["plan.toml", "a budget of 0.001 ms", "the target exact"]);
     std::fs::write(folder.file("plan.toml"), plan.replace("samples = ", "samples = 1")).unwrap();
     refused("--plan plan.toml", &["plan.toml", "its times ask for", "give a budget"]);
+}
+
+#[test]
+fn a_target_is_looked_for_once_and_its_plan_runs_again_to_the_same_events() {
+    let folder = Folder::new("target-plan");
+    if no_device(&folder) {
+        return;
+    }
+    let line = |name: &str, arguments: &str| {
+        format!("run spinner -o {name}.h5 --size 64x48 --duration 0.05 --json {arguments}")
+    };
+    let run = |name: &str, arguments: &str| {
+        let output = evis(&folder, &line(name, arguments));
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        json(&output)
+    };
+    let read = |plan: &str| std::fs::read_to_string(folder.file(plan)).unwrap();
+    let first = run("first", "--target draft --plan plan.toml");
+    let plan = read("plan.toml");
+    assert!(plan.contains("target = \"draft\"") && plan.contains("[[looked.tried]]"), "{plan}");
+    // By its own target or without any; a run that is given none looks for the default.
+    for (name, arguments) in [("same", "--target draft --plan plan.toml"), ("alone", "--plan plan.toml")] {
+        let again = run(name, arguments);
+        assert_eq!((read("plan.toml"), &again["settings"]), (plan.clone(), &first["settings"]));
+        assert_eq!((&again["events"], &again["on"]), (&first["events"], &first["on"]));
+    }
+    let usual = run("usual", "--plan usual.toml");
+    assert!(read("usual.toml").contains("target = \"default\""));
+    let samples = |run: &serde_json::Value| run["settings"]["run"]["samples"].as_u64();
+    assert!(samples(&usual) > samples(&first), "canary");
+
+    let refused = |arguments: &str, told: &[&str]| {
+        let output = evis(&folder, &line("no", arguments));
+        let text = stderr(&output);
+        assert_eq!(code(&output), 2, "{arguments}: {text}");
+        assert!(told.iter().all(|part| text.contains(part)), "{arguments}: {text}");
+    };
+    refused("--plan plan.toml --target default", &["plan.toml", "the target draft", "the target default"]);
+    refused("--plan plan.toml --budget 70", &["plan.toml", "the target draft", "a budget of 70 ms"]);
+    refused("--plan plan.toml --threshold-on 0.3", &["plan.toml", "0.2 ON", "0.3 ON"]);
+    std::fs::write(folder.file("plan.toml"), plan.replace("f1_1ms = 0.", "f1_1ms = 1.")).unwrap();
+    refused("--plan plan.toml", &["plan.toml", "F1 (1 ms) of", "is 1.", "give a budget or a target"]);
 }
 
 #[test]

@@ -22,15 +22,17 @@ fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, F
     })
 }
 
-/// `auto` for a target, `native`, `march`, `reproject`, or `splat` with its settings as JSON.
-pub(crate) fn method(name: &str, splat: Option<&str>, target: &str) -> Result<Method, Failure> {
+/// `auto` for a target (the usual one where none is given), `native`, `march`, `reproject`, or `splat` with its
+/// settings as JSON.
+pub(crate) fn method(name: &str, splat: Option<&str>, target: Option<&str>) -> Result<Method, Failure> {
     match (name, splat) {
         ("native", None) => Ok(Method::Native),
         ("reproject", None) => Ok(Method::Reproject),
         ("march", None) => Ok(Method::March),
         ("auto", None) => {
             let targets = Target::ALL.map(|t| (t.name(), t));
-            choose("target", target, &targets).map(Method::Auto)
+            let asked = target.map(|target| choose("target", target, &targets)).transpose()?;
+            Ok(Method::Auto(asked.unwrap_or_default()))
         }
         ("splat", Some(json)) => serde_json::from_str(json)
             .map(Method::Splat)

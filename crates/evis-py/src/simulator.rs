@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
 use evis_core::{CameraInfo, ExposureShape};
+use evis_render::plan::Goal;
 use evis_render::{Gpu, Method, PacketStream, RunConfig};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -65,7 +66,7 @@ impl Simulator {
         sensors: BTreeMap<String, String>,
         method: &str,
         splat: Option<&str>,
-        target: &str,
+        target: Option<&str>,
         budget_ms: Option<f64>,
         plan: Option<PathBuf>,
         rate_hz: f64,
@@ -89,6 +90,11 @@ impl Simulator {
         device: Option<String>,
     ) -> PyResult<Self> {
         let method = engine::method(method, splat, target)?;
+        let goal = match (budget_ms, &method) {
+            (Some(ms), _) => Some(Goal::Budget(ms)),
+            (None, Method::Auto(asked)) => target.map(|_| Goal::Target(*asked)),
+            (None, _) => None,
+        };
         let mut config = RunConfig {
             sensor: emulator::from_json(sensor)?,
             sensors: sensors
@@ -122,9 +128,9 @@ impl Simulator {
         let stopped = AtomicBool::new(false);
         let prepare = || {
             let gpu = Gpu::open(device.as_deref())?;
-            if matches!(config.method, Method::Auto(_)) || budget_ms.is_some() || plan.is_some() {
+            if matches!(config.method, Method::Auto(_)) || goal.is_some() || plan.is_some() {
                 let told = |_: &str, _: f64| !stopped.load(Ordering::Relaxed);
-                evis_render::plan::settle(&gpu, &scene, &mut config, budget_ms, plan.as_deref(), &told)?;
+                evis_render::plan::settle(&gpu, &scene, &mut config, goal, plan.as_deref(), &told)?;
             }
             let simulator = evis_render::Simulator::new(&gpu, scene, config)?;
             Ok::<_, Failure>(Self {

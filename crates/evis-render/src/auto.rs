@@ -129,7 +129,7 @@ pub const LADDER: &[Rung] = &[
     single(2.0, "F1 (1 ms) 0.43 to 0.64 at 320x240"),
 ];
 /// What `exact` tries, the cheapest first. What they reach is told by what was found, since none is taken without that.
-const NEAR_NATIVE: &[Rung] = &[
+pub(crate) const NEAR_NATIVE: &[Rung] = &[
     edges(0.4, 64, 4, ""),
     whole(0.3, 16, 2000.0, ""),
     edges(0.4, 100, 4, ""),
@@ -301,7 +301,8 @@ impl<'a> Site<'a> {
 }
 
 /// Settles `config`, which asks for `target`: by settings that are the same for every scene, or by what a
-/// [pilot](crate::pilot::Pilot) finds on this one, which is returned; `None` where nothing was looked at, or it told nothing.
+/// [pilot](crate::pilot::Pilot) finds on this one. Returns what was chosen, and what was looked at: `None` where
+/// nothing was, or it told nothing.
 ///
 /// # Errors
 /// A setting that cannot be used, a device that fails, or a stop.
@@ -311,7 +312,7 @@ pub fn choose(
     target: Target,
     config: &mut RunConfig,
     told: &Told<'_>,
-) -> Result<Option<Looked>, EngineError> {
+) -> Result<(Chosen, Option<Looked>), EngineError> {
     let site = Site::new(gpu, scene, config)?;
     let search = target.search();
     let found = match &search {
@@ -330,9 +331,10 @@ pub fn choose(
     });
     let (settled, rate_why) = site.settled(&rung, config);
     *config = settled;
-    config.chosen =
-        Some(Chosen { target: Some(target), budget_ms: None, why: why + &rate_why, expects, warning: None });
-    Ok(looked)
+    let chosen =
+        Chosen { target: Some(target), budget_ms: None, why: why + &rate_why, expects, warning: None };
+    config.chosen = Some(chosen.clone());
+    Ok((chosen, looked))
 }
 
 /// The finest grid of [`Antialias::Edges`] whose pictures fit.

@@ -1,5 +1,6 @@
-//! A budget of time for `auto`: its settings are timed on the scene once, and a plan keeps what came of it. Whoever replays a
-//! plan looks at no clock, so the stream's bytes are a function of the plan and of what the user asks for.
+//! What `auto` found, kept: for a budget of time its settings are timed on the scene once, for a target some tiles of it
+//! are looked at, and a plan keeps what came of it. Whoever replays a plan looks at neither clock nor scene, so the
+//! stream's bytes are a function of the plan and of what the user asks for.
 
 use std::hash::Hasher as _;
 use std::path::Path;
@@ -10,10 +11,11 @@ use evis_core::fnv::Fnv;
 use evis_scene::{Scene, SceneError};
 use serde::{Deserialize, Serialize};
 
-use crate::auto::{self, Chosen, LADDER, Site};
+use crate::auto::{self, Chosen, LADDER, Site, Target};
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use crate::search::Looked;
 use crate::simulator::Simulator;
 use crate::view;
 
@@ -24,14 +26,36 @@ const WARM_UP_US: i64 = 16_000;
 /// What is timed at each: whole blocks at every rate, and a keyframe's share.
 const TIMED_US: i64 = 32_000;
 
-/// Settings for a budget, and how they were found.
+/// What a user asks `auto` for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Goal {
+    /// How near to the truth events shall be.
+    Target(Target),
+    /// Milliseconds of work per simulated second.
+    Budget(f64),
+}
+
+impl Goal {
+    fn in_words(self) -> String {
+        match self {
+            Self::Target(target) => format!("the target {}", target.name()),
+            Self::Budget(ms) => format!("a budget of {ms} ms per simulated second"),
+        }
+    }
+}
+
+/// Settings for a goal, and how they were found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
     /// Version that made it.
     pub evis: String,
-    /// Milliseconds of work per simulated second that were asked for.
-    pub budget_ms: f64,
+    /// Milliseconds of work per simulated second, if these were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budget_ms: Option<f64>,
+    /// The target, if one was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target: Option<Target>,
     /// Why these settings.
     pub why: String,
     /// What they reached on the built-in scenes.
@@ -40,8 +64,12 @@ pub struct Plan {
     pub settings: Settings,
     /// What it was made for: it is refused for anything else.
     pub made_for: MadeFor,
-    /// What was timed, the most accurate first.
+    /// For a budget: what was timed, the most accurate first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub measured: Vec<Measured>,
+    /// For a target: what was looked at. Nothing, where settings are the same for every scene or too little fired.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub looked: Option<Looked>,
 }
 
 /// What `auto` sets.
@@ -69,7 +97,7 @@ pub struct Settings {
     pub shadows: Shadows,
 }
 
-/// What makes a plan's times and rate what they are.
+/// What makes a plan's settings what they are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MadeFor {
@@ -85,14 +113,20 @@ pub struct MadeFor {
     /// [`RunConfig::shadow_map`], where that is set.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shadow_map: Option<u32>,
-    /// [`RunConfig::label_rate_hz`], where labels are rendered.
+    /// For a budget, since they take time: [`RunConfig::label_rate_hz`], where labels are rendered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub label_rate_hz: Option<f64>,
-    /// [`RunConfig::frame_rate_hz`].
+    /// For a budget: [`RunConfig::frame_rate_hz`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame_rate_hz: Option<f64>,
+    /// For a target, since they say what fires: [`RunConfig::reference_luminance`], where that is set.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference_luminance: Option<f32>,
     /// Names and sizes.
     pub cameras: Vec<String>,
+    /// For a target: thresholds and `log_eps` of each camera's sensor.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensors: Vec<String>,
 }
 
 /// What some settings took.
@@ -105,64 +139,93 @@ pub struct Measured {
     pub ms_per_s: f64,
 }
 
-/// Told what is timed and the part of the ladder that is done; returns false to stop.
+/// Told what is tried and the part of all that is done; returns false to stop.
 pub type Told<'a> = dyn Fn(&str, f64) -> bool + 'a;
 
-/// Settles `config`, which asks for `auto`. By a budget: by the plan that `path` holds, else by timing the scene, and then
-/// `path` holds the plan. A plan that is there is all that is looked at; `budget_ms` must be its own, if given. Without
-/// either by its target.
+/// Settles `config`, which asks for `auto`: by the plan that `path` holds; else for `goal`, by timing the scene or
+/// looking at it, and then `path` holds the plan. A plan that is there is all that is looked at, and must be for `goal`,
+/// if that is given. Without a goal and a plan that is there it is for the target that the method names.
 ///
 /// # Errors
-/// No budget and no plan that exists, a plan that is broken or was made for something else, a file that cannot be read or written, a
-/// device that fails, or a stop.
+/// A plan that is broken or was made for something else, a file that cannot be read or written, a device that fails, or
+/// a stop.
 pub fn settle(
     gpu: &Gpu,
     scene: &Arc<Scene>,
     config: &mut RunConfig,
-    budget_ms: Option<f64>,
+    goal: Option<Goal>,
     path: Option<&Path>,
     told: &Told<'_>,
 ) -> Result<(), EngineError> {
-    if let (Method::Auto(target), None, None) = (config.method, budget_ms, path) {
-        return auto::choose(gpu, scene, target, config, told).map(|_| ());
-    }
-    if let Some(ms) = budget_ms.filter(|ms| !(ms.is_finite() && *ms > 0.0)) {
+    if let Some(Goal::Budget(ms)) = goal
+        && !(ms.is_finite() && ms > 0.0)
+    {
         let remedy = "a number of milliseconds of work per simulated second above 0, such as 1000";
         return Err(ConfigError::new("budget", ms, remedy).into());
     }
-    if !matches!(config.method, Method::Auto(_)) {
-        return Err(ConfigError::new("method", config.method.name(), "auto, for a budget or a plan").into());
-    }
-    let there = path.filter(|path| path.exists());
-    let plan = match (there, budget_ms) {
-        (Some(path), _) => {
-            let plan = Plan::read(path)?;
-            if let Some(ms) = budget_ms.filter(|ms| *ms != plan.budget_ms) {
-                return Err(plan.refused(path, "a budget of", plan.budget_ms, ms).into());
-            }
-            plan.check_made_for(path, &MadeFor::new(scene, config)?)?;
-            plan
+    let Method::Auto(usual) = config.method else {
+        let remedy = "auto, for a target, a budget or a plan";
+        return Err(ConfigError::new("method", config.method.name(), remedy).into());
+    };
+    let plan = if let Some(path) = path.filter(|path| path.exists()) {
+        let plan = Plan::read(path)?;
+        if let (Some(own), Some(asked)) = (plan.goal(), goal)
+            && own != asked
+        {
+            return Err(plan.refused(path, &own.in_words(), &asked.in_words()).into());
         }
-        (None, Some(budget_ms)) => {
-            let folder = path.and_then(Path::parent).filter(|folder| !folder.as_os_str().is_empty());
-            if let (Some(path), Some(false)) = (path, folder.map(Path::is_dir)) {
-                let source = std::io::Error::from(std::io::ErrorKind::NotFound);
-                return Err(EngineError::Write { path: path.into(), source });
-            }
-            let plan = calibrate(gpu, scene, config, budget_ms, told)?;
-            if let Some(path) = path {
-                plan.write(path)?;
-            }
-            plan
+        plan.check_made_for(path, &MadeFor::new(scene, config, plan.target.is_some())?)?;
+        plan
+    } else {
+        let folder = path.and_then(Path::parent).filter(|folder| !folder.as_os_str().is_empty());
+        if let (Some(path), Some(false)) = (path, folder.map(Path::is_dir)) {
+            let source = std::io::Error::from(std::io::ErrorKind::NotFound);
+            return Err(EngineError::Write { path: path.into(), source });
         }
-        (None, None) => {
-            let value =
-                path.map_or_else(|| "none".into(), |path| format!("{} (no such file)", path.display()));
-            return Err(ConfigError::new("plan", value, "a file that exists, or given a budget").into());
+        let plan = match goal.unwrap_or(Goal::Target(usual)) {
+            // Nobody asks what that was made for.
+            Goal::Target(target) if path.is_none() => {
+                auto::choose(gpu, scene, target, config, told)?;
+                return Ok(());
+            }
+            Goal::Budget(budget_ms) => calibrate(gpu, scene, config, budget_ms, told)?,
+            Goal::Target(target) => look(gpu, scene, config, target, told)?,
+        };
+        if let Some(path) = path {
+            plan.write(path)?;
         }
+        plan
     };
     plan.apply(config);
     Ok(config.check()?)
+}
+
+/// Looks at `scene` for `target`, where that takes a look.
+///
+/// # Errors
+/// A setting that cannot be used, a device that fails, or a stop.
+pub fn look(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &RunConfig,
+    target: Target,
+    told: &Told<'_>,
+) -> Result<Plan, EngineError> {
+    config.check()?;
+    let made_for = MadeFor::new(scene, config, true)?;
+    let mut settled = config.clone();
+    let (chosen, looked) = auto::choose(gpu, scene, target, &mut settled, told)?;
+    Ok(Plan {
+        evis: env!("CARGO_PKG_VERSION").into(),
+        budget_ms: None,
+        target: Some(target),
+        why: chosen.why,
+        expects: chosen.expects,
+        settings: Settings::of(&settled),
+        made_for,
+        measured: Vec::new(),
+        looked,
+    })
 }
 
 /// Times the ladder of `auto` on `scene`, as far as it takes to know what fits the budget.
@@ -177,7 +240,7 @@ pub fn calibrate(
     told: &Told<'_>,
 ) -> Result<Plan, EngineError> {
     config.check()?;
-    let made_for = MadeFor::new(scene, config)?;
+    let made_for = MadeFor::new(scene, config, false)?;
     let site = Site::new(gpu, scene, config)?;
     let mut settled: Vec<_> = LADDER.iter().map(|rung| site.settled(rung, config)).collect();
     drop(site);
@@ -209,12 +272,14 @@ pub fn calibrate(
     let why = format!("took {took} ms per simulated second, {} settings timed; {rate_why}", measured.len());
     Ok(Plan {
         evis: env!("CARGO_PKG_VERSION").into(),
-        budget_ms,
+        budget_ms: Some(budget_ms),
+        target: None,
         why,
         expects: LADDER[index].expects.into(),
         settings: Settings::of(chosen),
         made_for,
         measured,
+        looked: None,
     })
 }
 
@@ -295,57 +360,106 @@ impl Settings {
 }
 
 impl MadeFor {
-    fn new(scene: &Scene, config: &RunConfig) -> Result<Self, EngineError> {
-        let (_, cameras) = view::views(scene, config)?;
+    /// What counts of `config` for a target, or for a budget: sensors say what fires, and hardly change what rendering
+    /// takes; labels and frames take time, and fire nothing.
+    fn new(scene: &Scene, config: &RunConfig, target: bool) -> Result<Self, EngineError> {
+        let (views, cameras) = view::views(scene, config)?;
         let mut content = [Fnv::default()];
         evis_scene::digest(scene, "", &mut content);
+        // A camera has its sensor in all environments.
+        let first = views.iter().filter(|view| view.environment == 0);
+        let sensors = first.map(|view| {
+            let (sensor, camera) = (&view.sensor, &cameras[view.camera].name);
+            format!(
+                "{camera} {} ON, {} OFF, log_eps {}",
+                sensor.threshold_on, sensor.threshold_off, sensor.log_eps
+            )
+        });
         Ok(Self {
             scene: scene.name.clone(),
             content: format!("{:016x}", content[0].finish()),
             start_us: config.start_us,
             shadows: config.shadows,
             shadow_map: config.shadow_map,
-            label_rate_hz: (!config.labels.is_empty()).then_some(config.label_rate_hz),
-            frame_rate_hz: config.frame_rate_hz,
+            label_rate_hz: (!target && !config.labels.is_empty()).then_some(config.label_rate_hz),
+            frame_rate_hz: config.frame_rate_hz.filter(|_| !target),
+            reference_luminance: config.reference_luminance.filter(|_| target),
             cameras: cameras.iter().map(|c| format!("{} {}x{}", c.name, c.width, c.height)).collect(),
+            sensors: if target { sensors.collect() } else { Vec::new() },
         })
     }
 }
 
 impl Plan {
+    /// What it was made for; one that was read has one goal.
+    pub fn goal(&self) -> Option<Goal> {
+        match (self.budget_ms, self.target) {
+            (Some(ms), None) => Some(Goal::Budget(ms)),
+            (None, Some(target)) => Some(Goal::Target(target)),
+            _ => None,
+        }
+    }
+
     /// Reads and checks one.
     ///
     /// # Errors
-    /// A file that cannot be read, is no plan, or does not follow from its own times.
+    /// A file that cannot be read, is no plan, or does not follow from its own figures.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
         let io = |source| SceneError::Io { path: path.into(), source };
         let text = std::fs::read_to_string(path).map_err(io)?;
-        let remedy = "remove it and give a budget to make a new one";
+        let remedy = "remove it and give a budget or a target to make a new one";
         let broken = |what: &str| SceneError::invalid(path, format!("no plan of auto: {what}; {remedy}"));
         let plan: Self = toml::from_str(&text).map_err(|e| broken(e.to_string().trim_end()))?;
         let mut config = RunConfig::default();
         plan.apply(&mut config);
         config.check().map_err(|e| broken(&e.to_string()))?;
-        let costs: Vec<_> = plan.measured.iter().map(|m| Some(m.ms_per_s)).collect();
-        if let Some(bad) = plan.measured.iter().find(|m| !(m.ms_per_s.is_finite() && m.ms_per_s >= 0.0)) {
-            return Err(broken(&format!("'{}' took {} ms", bad.what, bad.ms_per_s)));
-        }
         let asked = plan.settings.in_words();
-        match pick(&costs, plan.budget_ms).map(|(k, _)| &plan.measured[k].what) {
-            Some(what) if *what == asked => Ok(plan),
-            Some(what) => Err(broken(&format!(
-                "for {} ms its times ask for '{what}', and its settings are '{asked}'",
-                plan.budget_ms
-            ))),
-            None => Err(broken("it has no times")),
+        match plan.asks_for().map_err(|e| broken(&e))? {
+            Some((figures, what)) if what != asked => {
+                Err(broken(&format!("{figures} ask for '{what}', and its settings are '{asked}'")))
+            }
+            _ => Ok(plan),
         }
     }
 
+    /// Which settings its own figures ask for, in words, and what figures those are; `None` where nothing was looked at, so
+    /// that there is nothing to tell them by. What is wrong, if its figures are no figures of such a plan.
+    fn asks_for(&self) -> Result<Option<(String, &str)>, String> {
+        match self.goal() {
+            None if self.target.is_some() => Err("it is for a budget and for a target".into()),
+            None => Err("it is for neither a budget nor a target".into()),
+            Some(Goal::Budget(_)) if self.looked.is_some() => Err("it is for a budget, and not timed".into()),
+            Some(Goal::Target(_)) if !self.measured.is_empty() => Err("it is for a target, and timed".into()),
+            Some(goal @ Goal::Budget(budget_ms)) => {
+                let is_time = |m: &&Measured| m.ms_per_s.is_finite() && m.ms_per_s >= 0.0;
+                if let Some(bad) = self.measured.iter().find(|m| !is_time(m)) {
+                    return Err(format!("'{}' took {} ms", bad.what, bad.ms_per_s));
+                }
+                let (taken, _) = pick(&self.costs(), budget_ms).ok_or("it has no times")?;
+                Ok(Some((format!("for {} its times", goal.in_words()), &self.measured[taken].what)))
+            }
+            Some(goal @ Goal::Target(target)) => {
+                let Some(looked) = &self.looked else { return Ok(None) };
+                let what = looked.asks_for(target)?;
+                Ok(Some((format!("for {} its figures", goal.in_words()), what)))
+            }
+        }
+    }
+
+    /// What was timed, as [`pick`] takes it.
+    fn costs(&self) -> Vec<Option<f64>> {
+        self.measured.iter().map(|m| Some(m.ms_per_s)).collect()
+    }
+
     fn write(&self, path: &Path) -> Result<(), EngineError> {
-        const HEAD: &str = "# What `auto` chose for a budget. --plan with this file runs these settings again, without looking at a \
-                            clock.\n# Times are milliseconds of work per simulated second on the machine that made it.\n\n";
+        const HEAD: &str =
+            "# What `auto` chose. --plan with this file runs it again, without looking at scene or clock.\n";
+        let figures = match self.target {
+            None => "Times are milliseconds of work per simulated second on the machine that made it.",
+            Some(_) => "Figures are those beside the finest settings, in the tiles that were looked at.",
+        };
         let text = toml::to_string(self).map_err(|e| EngineError::Device(format!("no plan: {e}")))?;
-        std::fs::write(path, format!("{HEAD}{text}"))
+        std::fs::write(path, format!("{HEAD}# {figures}\n\n{text}"))
             .map_err(|source| EngineError::Write { path: path.into(), source })
     }
 
@@ -359,19 +473,19 @@ impl Plan {
         (config.samples, config.texture_taps) = (*samples, Some(*texture_taps));
         config.shadows = Some(*shadows);
         let words = self.settings.in_words();
-        let costs: Vec<_> = self.measured.iter().map(|m| Some(m.ms_per_s)).collect();
-        let warning = match pick(&costs, self.budget_ms) {
-            Some((k, false)) => Some(format!(
-                "nothing fits {} ms per simulated second: the cheapest, {words}, took {} ms; allow that much, or render \
+        let warning = match self.budget_ms.map(|ms| (ms, pick(&self.costs(), ms))) {
+            Some((ms, Some((k, false)))) => Some(format!(
+                "nothing fits {ms} ms per simulated second: the cheapest, {words}, took {} ms; allow that much, or render \
                  fewer pixels",
-                self.budget_ms, self.measured[k].ms_per_s
+                self.measured[k].ms_per_s
             )),
             _ => None,
         };
         config.chosen = Some(Chosen {
-            target: None,
-            budget_ms: Some(self.budget_ms),
-            why: format!("{words}: {}", self.why),
+            target: self.target,
+            budget_ms: self.budget_ms,
+            // What a target takes begins with what it asks for.
+            why: if self.target.is_some() { self.why.clone() } else { format!("{words}: {}", self.why) },
             expects: self.expects.clone(),
             warning,
         });
@@ -387,6 +501,9 @@ impl Plan {
         };
         let texels =
             |edge: Option<u32>| edge.map_or_else(|| "their usual size".into(), |n| format!("{n} texels"));
+        let reference = |luminance: Option<f32>| {
+            luminance.map_or_else(|| "that is measured".into(), |y| format!("of {y}"))
+        };
         for (what, own, run) in [
             ("scene", own.scene.clone(), run.scene.clone()),
             ("cameras", own.cameras.join(", "), run.cameras.join(", ")),
@@ -395,33 +512,33 @@ impl Plan {
             ("shadow maps of", texels(own.shadow_map), texels(run.shadow_map)),
             ("labels at", rate(own.label_rate_hz), rate(run.label_rate_hz)),
             ("frames at", rate(own.frame_rate_hz), rate(run.frame_rate_hz)),
+            ("a reference luminance", reference(own.reference_luminance), reference(run.reference_luminance)),
+            ("sensors with", own.sensors.join("; "), run.sensors.join("; ")),
             ("a scene of that name and of content", own.content.clone(), run.content.clone()),
         ] {
             if own != run {
-                return Err(self.refused(path, what, own, run));
+                return Err(self.refused(path, &format!("{what} {own}"), &run));
             }
         }
         Ok(())
     }
 
-    fn refused(
-        &self,
-        path: &Path,
-        what: &str,
-        own: impl std::fmt::Display,
-        run: impl std::fmt::Display,
-    ) -> ConfigError {
+    fn refused(&self, path: &Path, own: &str, run: &str) -> ConfigError {
         ConfigError::new(
             &format!("plan {}", path.display()),
-            format!("for {what} {own}"),
-            format!("for {run}, as this run: name a file that does not exist, and a budget to make a plan"),
+            format!("for {own}"),
+            format!("for {run}, as this run: name a file that does not exist to make a new plan"),
         )
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
+    use crate::auto::{NEAR_NATIVE, Rung};
+    use crate::search::{Agreement, Tried};
 
     /// What would be timed and taken if rungs cost `true_ms`.
     fn search(true_ms: &[f64], budget_ms: f64) -> (Vec<usize>, Option<(usize, bool)>) {
@@ -451,7 +568,7 @@ mod tests {
         assert_eq!(search(&[1000.0, 90.0, 40.0, 20.0], 15.0), (vec![3, 2], Some((3, false))));
         assert_eq!(search(&[1000.0, 90.0, 20.0, 40.0], 15.0).1, Some((2, false)));
         let mut plan = made_up();
-        plan.budget_ms = 100.0;
+        plan.budget_ms = Some(100.0);
         plan.settings.samples = 4;
         let mut config = RunConfig::default();
         plan.apply(&mut config);
@@ -475,7 +592,8 @@ mod tests {
         let settings = Settings { samples: 16, ..cheap.clone() };
         Plan {
             evis: "0".into(),
-            budget_ms: 500.0,
+            budget_ms: Some(500.0),
+            target: None,
             why: "took 480 ms".into(),
             expects: "F1".into(),
             measured: vec![
@@ -491,9 +609,36 @@ mod tests {
                 shadow_map: None,
                 label_rate_hz: None,
                 frame_rate_hz: Some(30.0),
+                reference_luminance: None,
                 cameras: vec!["front 64x48".into()],
+                sensors: Vec::new(),
             },
+            looked: None,
         }
+    }
+
+    /// The same settings for `exact`, the second that were tried.
+    fn made_up_for_a_target() -> Plan {
+        let plan = made_up();
+        let tried = |m: &Measured, f1_100us: f64, median_us: f64| Tried {
+            what: m.what.clone(),
+            agreement: Agreement { f1_1ms: 0.98, f1_100us, median_us: Some(median_us) },
+        };
+        let [dear, cheap] = &plan.measured[..] else { panic!("{:?}", plan.measured) };
+        let looked = Looked {
+            tiles: 24,
+            finest: "the finest".into(),
+            tried: vec![tried(cheap, 0.7, 30.0), tried(dear, 0.853, 12.5)],
+            native: Some(Agreement { f1_1ms: 0.99, f1_100us: 0.85, median_us: Some(12.0) }),
+        };
+        let made_for = MadeFor {
+            frame_rate_hz: None,
+            reference_luminance: Some(0.18),
+            sensors: vec!["front 0.2 ON, 0.25 OFF, log_eps 0.001".into()],
+            ..plan.made_for
+        };
+        let (budget_ms, measured) = (None, Vec::new());
+        Plan { budget_ms, target: Some(Target::Exact), made_for, measured, looked: Some(looked), ..plan }
     }
 
     #[test]
@@ -503,6 +648,11 @@ mod tests {
         plan.write(&path).unwrap();
         assert_eq!(Plan::read(&path).unwrap(), plan);
         let text = std::fs::read_to_string(&path).unwrap();
+        let broken = |text: &str, told: &str| {
+            std::fs::write(&path, text).unwrap();
+            let error = Plan::read(&path).unwrap_err().to_string();
+            assert!(error.contains(told) && error.contains("give a budget or a target"), "{told}: {error}");
+        };
         for (from, to, told) in [
             (
                 "samples = 16",
@@ -511,19 +661,109 @@ mod tests {
             ),
             ("samples = 16", "samples = 0", "samples is 0"),
             ("samples = 16", "samples = \"many\"", "samples"),
-            ("budget_ms = 500.0", "budget_ms = 200.0", "for 200 ms its times ask for"),
+            (
+                "budget_ms = 500.0",
+                "budget_ms = 200.0",
+                "for a budget of 200 ms per simulated second its times ask",
+            ),
+            ("budget_ms = 500.0", "", "neither a budget nor a target"),
+            ("budget_ms = 500.0", "budget_ms = 500.0\ntarget = \"draft\"", "for a budget and for a target"),
+            ("budget_ms = 500.0", "target = \"draft\"", "for a target, and timed"),
+            ("budget_ms = 500.0", "target = \"fine\"", "fine"),
             ("ms_per_s = 480.0", "ms_per_s = nan", "NaN ms"),
             ("start_us = 0", "begin_us = 0", "begin_us"),
             ("rate_hz = 1000.0", "rate_hz = -5.0", "-5"),
             ("[settings]", "[settings", "line 9"),
         ] {
             assert!(text.contains(from), "{from}");
-            std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
-            let error = Plan::read(&path).unwrap_err().to_string();
-            assert!(error.contains(told) && error.contains("give a budget"), "{to}: {error}");
+            broken(&text.replacen(from, to, 1), told);
         }
+
+        let plan = made_up_for_a_target();
+        plan.write(&path).unwrap();
+        assert_eq!(Plan::read(&path).unwrap(), plan);
+        let text = std::fs::read_to_string(&path).unwrap();
+        let other = "ask for 'native, every 0.5 px up to 1000 Hz, curves between them, 4 samples";
+        for (from, to, told) in [
+            ("samples = 16", "samples = 4", "for the target exact its figures ask for"),
+            ("f1_100us = 0.7\nmedian_us = 30.0", "f1_100us = 0.9\nmedian_us = 9.0", other),
+            ("f1_100us = 0.853", "f1_100us = 0.8", "ask for 'the finest'"),
+            ("median_us = 12.5", "median_us = 14.0", "ask for 'the finest'"),
+            ("f1_100us = 0.853", "f1_100us = 1.2", "1.2"),
+            ("median_us = 12.5", "median_us = -1.0", "-1"),
+            ("f1_1ms = 0.99", "f1_1ms = nan", "NaN"),
+            ("f1_1ms = 0.99\n", "", "f1_1ms"),
+            ("[looked.native]", "[looked.naive]", "naive"),
+            ("target = \"exact\"", "target = \"draft\"", "asks for nothing of native"),
+            ("target = \"exact\"", "target = \"finest\"", "finest looks at nothing"),
+            ("target = \"exact\"", "budget_ms = 70.0", "not timed"),
+        ] {
+            assert!(text.contains(from), "{from}: {text}");
+            broken(&text.replacen(from, to, 1), told);
+        }
+        let without_native = text.split("[looked.native]").next().unwrap();
+        broken(without_native, "what native has is missing");
+        // Where nothing was looked at there is nothing that settings could follow from.
+        Plan { looked: None, ..plan.clone() }.write(&path).unwrap();
+        assert_eq!(Plan::read(&path).unwrap().settings, plan.settings);
+        let Plan { looked: Some(looked), .. } = plan.clone() else { panic!("{plan:?}") };
+        let by_f1 = Looked { native: None, ..looked.clone() };
+        let of = |target: Target, looked: Looked| {
+            Plan { target: Some(target), looked: Some(looked), ..plan.clone() }.write(&path).unwrap();
+            Plan::read(&path).map_err(|e| e.to_string())
+        };
+        // For these the first has what is asked for, which is not what its settings are.
+        assert!(
+            of(Target::Default, by_f1.clone()).unwrap_err().contains("for the target default its figures")
+        );
+        assert!(
+            of(Target::Exact, Looked { tried: Vec::new(), ..looked }).unwrap_err().contains("nothing was")
+        );
+        let last = Looked { tried: by_f1.tried[1..].to_vec(), ..by_f1 };
+        assert_eq!(of(Target::Default, last).unwrap().goal(), Some(Goal::Target(Target::Default)));
         std::fs::remove_file(&path).unwrap();
         assert!(Plan::read(&path).unwrap_err().to_string().contains("cannot read"));
+    }
+
+    #[test]
+    fn plans_of_budgets_from_before_targets_had_any_are_read() {
+        let path = std::env::temp_dir().join(format!("evis-old-plan-{}.toml", std::process::id()));
+        std::fs::write(
+            &path,
+            r#"evis = "0.1.0"
+budget_ms = 500.0
+why = "took 480 ms"
+expects = "F1"
+
+[settings]
+method = "native"
+rate_hz = 1000.0
+adaptive_px = 0.5
+between = "curve"
+antialias = "samples"
+samples = 16
+texture_taps = 4
+shadows = "maps"
+
+[made_for]
+scene = "hall"
+content = "12"
+start_us = 0
+frame_rate_hz = 30.0
+cameras = ["front 64x48"]
+
+[[measured]]
+what = "native, every 0.5 px up to 1000 Hz, curves between them, 16 samples, textures at 4x4 places"
+ms_per_s = 480.0
+
+[[measured]]
+what = "native, every 0.5 px up to 1000 Hz, curves between them, 4 samples, textures at 4x4 places"
+ms_per_s = 150.5
+"#,
+        )
+        .unwrap();
+        assert_eq!(Plan::read(&path).unwrap(), Plan { evis: "0.1.0".into(), ..made_up() });
+        std::fs::remove_file(&path).unwrap();
     }
 
     #[test]
@@ -545,13 +785,24 @@ mod tests {
             let error = plan.check_made_for(path, &run).unwrap_err().to_string();
             assert!(error.contains("p.toml") && sides.iter().all(|side| error.contains(side)), "{error}");
         }
+        let plan = made_up_for_a_target();
+        let own = || plan.made_for.clone();
+        let sensors = vec!["front 0.3 ON, 0.25 OFF, log_eps 0.001".into()];
+        plan.check_made_for(path, &own()).unwrap();
+        for (run, sides) in [
+            (MadeFor { sensors, ..own() }, ["sensors with front 0.2 ON", "for front 0.3 ON"]),
+            (MadeFor { reference_luminance: None, ..own() }, ["luminance of 0.18", "that is measured"]),
+            (MadeFor { reference_luminance: Some(0.5), ..own() }, ["luminance of 0.18", "of 0.5"]),
+        ] {
+            let error = plan.check_made_for(path, &run).unwrap_err().to_string();
+            assert!(error.contains("p.toml") && sides.iter().all(|side| error.contains(side)), "{error}");
+        }
     }
 
     #[test]
     fn rungs_are_settings_that_can_run_and_each_has_words_of_its_own() {
-        let mut words: Vec<_> = LADDER
-            .iter()
-            .map(|rung| {
+        for rungs in [LADDER, NEAR_NATIVE] {
+            let words = |rung: &Rung| {
                 let config = RunConfig {
                     method: rung.method,
                     adaptive_px: Some(rung.step_px),
@@ -563,10 +814,9 @@ mod tests {
                 };
                 config.check().unwrap();
                 Settings::of(&config).in_words()
-            })
-            .collect();
-        words.sort();
-        words.dedup();
-        assert_eq!(words.len(), LADDER.len());
+            };
+            let words: BTreeSet<_> = rungs.iter().map(words).collect();
+            assert_eq!(words.len(), rungs.len());
+        }
     }
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use evis_scene::Scene;
 use serde::{Deserialize, Serialize};
 
-use crate::auto::{Rung, Site};
+use crate::auto::{Rung, Site, Target};
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -80,6 +80,33 @@ impl Looked {
     /// Which of those tried are taken: the first that has what is wanted. `None`: the finest settings are.
     pub(crate) fn taken(&self, wanted: Wanted) -> Option<usize> {
         self.tried.iter().position(|tried| wanted.is_met(&tried.agreement, self.native.as_ref()))
+    }
+
+    /// Which settings these figures ask for, in words; what is wrong, if a look for `target` cannot have found them.
+    pub(crate) fn asks_for(&self, target: Target) -> Result<&str, String> {
+        let name = target.name();
+        let wanted = target.wanted().ok_or_else(|| format!("{name} looks at nothing"))?;
+        match (wanted, &self.native) {
+            (Wanted::F1(_), Some(_)) => return Err(format!("{name} asks for nothing of native")),
+            (Wanted::AsNative, None) => return Err("what native has is missing".into()),
+            _ => {}
+        }
+        if self.tried.is_empty() {
+            return Err("nothing was tried".into());
+        }
+        let tried = self.tried.iter().map(|tried| (tried.what.as_str(), &tried.agreement));
+        for (what, of) in tried.chain(self.native.iter().map(|of| ("native", of))) {
+            for (figure, value, most) in [
+                ("F1 (1 ms)", of.f1_1ms, 1.0),
+                ("F1 (100 us)", of.f1_100us, 1.0),
+                ("median time error", of.median_us.unwrap_or_default(), f64::MAX),
+            ] {
+                if !(0.0..=most).contains(&value) {
+                    return Err(format!("{figure} of '{what}' is {value}"));
+                }
+            }
+        }
+        Ok(self.taken(wanted).map_or(&self.finest, |taken| &self.tried[taken].what))
     }
 }
 

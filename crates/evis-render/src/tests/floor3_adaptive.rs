@@ -5,7 +5,7 @@ use std::sync::Arc;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
-use crate::auto::{self, Target};
+use crate::auto::{self, NEAR_NATIVE, Target};
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::simulator::Simulator;
 
@@ -135,6 +135,14 @@ fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
     let small = chosen(&spinner, Target::Preview, (100, 76));
     let large = chosen(&spinner, Target::Preview, (2000, 1520));
     assert_eq!(small.rate_hz, 1000.0, "{:?}", small.chosen);
+    // No faster than a rung allows, whatever it would take.
+    let asks = RunConfig { size: Some((2000, 1520)), ..config(None, 1000.0) };
+    let site = auto::Site::new(&gpu, &spinner, &asks).unwrap();
+    let rates = NEAR_NATIVE.iter().map(|rung| site.settled(rung, &asks).0.rate_hz);
+    let (whole, others): (Vec<_>, Vec<_>) =
+        NEAR_NATIVE.iter().zip(rates).partition(|(rung, _)| rung.antialias == Antialias::Samples);
+    assert!(whole.iter().all(|(rung, hz)| (rung.finest_hz, *hz) == (2000.0, 2000.0)), "{whole:?}");
+    assert!(!whole.is_empty() && others.iter().any(|(_, hz)| *hz == 4000.0), "{others:?}");
     assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
     assert_eq!(chosen(&spinner, Target::Finest, (100, 76)).shadows, Some(Shadows::Rays));
     // What the user says of shadows stays; a crowd of things that move is too much for rays.
