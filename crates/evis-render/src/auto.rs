@@ -132,7 +132,7 @@ pub const LADDER: &[Rung] = &[
 pub(crate) const NEAR_NATIVE: &[Rung] = &[
     edges(0.4, 64, 4, ""),
     whole(0.3, 16, 2000.0, ""),
-    edges(0.4, 100, 4, ""),
+    Rung { finest_hz: 2000.0, ..edges(0.4, 100, 4, "") },
     rays(0.4, 100, ""),
     rays(0.3, 144, ""),
     DEFAULT,

@@ -622,6 +622,7 @@ mod tests {
         let plan = made_up();
         let tried = |m: &Measured, f1_100us: f64, median_us: f64| Tried {
             what: m.what.clone(),
+            as_finest: false,
             agreement: Agreement { f1_1ms: 0.98, f1_100us, median_us: Some(median_us) },
         };
         let [dear, cheap] = &plan.measured[..] else { panic!("{:?}", plan.measured) };

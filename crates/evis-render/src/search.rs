@@ -21,7 +21,12 @@ const NATIVE_HZ: f64 = 2000.0;
 const NATIVE_SAMPLES: u32 = 16;
 /// By how much F1 within 100 us may be below its, and how many times its median time error may be. The goal is 0.01 and 1.1:
 /// the rest is left for tiles and times that were not looked at.
-const F1_BELOW: f64 = 0.005;
+const F1_BELOW: f64 = 0.008;
+/// By how much it must be above instead where samples are taken as the finest settings take them, and up to where: such
+/// settings share errors with those, and were better beside them than beside the truth by 0.047, 0.062 and 0.035 on
+/// `spinner`, `desk` and `street`, all compared with `native`.
+const F1_ABOVE: f64 = 0.05;
+const F1_ENOUGH: f64 = 0.99;
 const MEDIAN_TIMES: f64 = 1.05;
 
 /// What settings must have beside the finest ones, to be taken.
@@ -35,7 +40,8 @@ pub(crate) enum Wanted {
 
 impl Wanted {
     /// Whether settings that agree so have it; `native`: how that agrees, where it counts.
-    fn is_met(self, own: &Agreement, native: Option<&Agreement>) -> bool {
+    fn is_met(self, tried: &Tried, native: Option<&Agreement>) -> bool {
+        let own = &tried.agreement;
         match (self, native) {
             (Self::F1(least), _) => own.f1_1ms >= least,
             (Self::AsNative, None) => false,
@@ -45,7 +51,11 @@ impl Wanted {
                     (own, None) => own.is_some(),
                     (None, Some(_)) => false,
                 };
-                in_time && own.f1_100us >= native.f1_100us - F1_BELOW
+                let least = match tried.as_finest {
+                    false => native.f1_100us - F1_BELOW,
+                    true => (native.f1_100us + F1_ABOVE).min(F1_ENOUGH),
+                };
+                in_time && own.f1_100us >= least
             }
         }
     }
@@ -71,6 +81,9 @@ pub struct Looked {
 pub struct Tried {
     /// [`Settings::in_words`].
     pub what: String,
+    /// Whether they take samples as the finest settings do.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub as_finest: bool,
     /// How they agree.
     #[serde(flatten)]
     pub agreement: Agreement,
@@ -79,7 +92,7 @@ pub struct Tried {
 impl Looked {
     /// Which of those tried are taken: the first that has what is wanted. `None`: the finest settings are.
     pub(crate) fn taken(&self, wanted: Wanted) -> Option<usize> {
-        self.tried.iter().position(|tried| wanted.is_met(&tried.agreement, self.native.as_ref()))
+        self.tried.iter().position(|tried| wanted.is_met(tried, self.native.as_ref()))
     }
 
     /// Which settings these figures ask for, in words; what is wrong, if a look for `target` cannot have found them.
@@ -175,7 +188,8 @@ impl Search {
             let fired: Fired = fire(&mut pilot, words(&settled), &settled)?;
             let Some(agreement) = pilot.agreement(&fired, &finer)? else { return Ok(None) };
             tried.push(format!("{} ({})", self.figures(&agreement), words(&settled)));
-            looked.tried.push(Tried { what: runs(rung), agreement });
+            let as_finest = rung.antialias == self.finest.antialias;
+            looked.tried.push(Tried { what: runs(rung), as_finest, agreement });
             if looked.taken(self.wanted).is_some() {
                 let expects = match self.wanted {
                     Wanted::F1(_) => format!("F1 (1 ms) {:.3}", agreement.f1_1ms),
@@ -261,11 +275,14 @@ mod tests {
 
     #[test]
     fn the_first_that_has_what_is_wanted_is_taken() {
-        let of = |tried: &[Agreement], native: Option<Agreement>, wanted: Wanted| {
-            let tried =
-                tried.iter().map(|agreement| Tried { what: String::new(), agreement: *agreement }).collect();
+        let with = |as_finest: bool, tried: &[Agreement], native: Option<Agreement>, wanted: Wanted| {
+            let tried = tried
+                .iter()
+                .map(|agreement| Tried { what: String::new(), as_finest, agreement: *agreement })
+                .collect();
             Looked { tiles: 1, finest: String::new(), tried, native }.taken(wanted)
         };
+        let of = |tried: &[Agreement], native, wanted| with(false, tried, native, wanted);
         let tried =
             [(0.94, 0.9, 5.0), (0.96, 0.7, 8.0), (0.98, 0.6, 30.0)].map(|(a, b, c)| agreement(a, b, c));
         assert_eq!(of(&tried, None, Wanted::F1(0.95)), Some(1));
@@ -275,8 +292,12 @@ mod tests {
         let near = |own, native| of(&[own], Some(native), Wanted::AsNative).is_some();
         let native = agreement(0.97, 0.8, 100.0);
         assert!(near(native, native));
-        assert!(near(agreement(0.5, 0.7951, 104.9), native), "what counts is not F1 within 1 ms");
-        assert!(!near(agreement(0.99, 0.7949, 50.0), native));
+        assert!(near(agreement(0.5, 0.7921, 104.9), native), "what counts is not F1 within 1 ms");
+        assert!(!near(agreement(0.99, 0.7919, 50.0), native));
+        // What shares the finest settings' errors must do better.
+        let alike = |own, native| with(true, &[own], Some(native), Wanted::AsNative).is_some();
+        assert!(!alike(agreement(0.99, 0.849, 50.0), native) && alike(agreement(0.99, 0.851, 50.0), native));
+        assert!(alike(agreement(0.99, 0.991, 1.0), agreement(0.99, 0.98, 1.0)));
         assert!(!near(agreement(0.99, 0.9, 105.1), native));
         let without = |of: Agreement| Agreement { median_us: None, ..of };
         assert!(!near(without(native), native) && near(native, without(native)));

@@ -145,18 +145,23 @@ fn the_cheapest_that_agrees_with_the_finest_is_taken() {
 #[test]
 fn exact_is_the_cheapest_that_is_as_near_as_native() {
     let Some(gpu) = super::device() else { return };
-    let spinner = scene("spinner");
+    // As fast as that 0.4 pixels pass in two of the instants of `native`: as at 640x480.
+    let spinner = Arc::new((*scene("spinner")).clone().at_speed(4.0).unwrap());
     let size = Some((128, 96));
     let mut chosen = RunConfig { size, ..asks(Target::Exact) };
     let looked = auto::choose(&gpu, &spinner, Target::Exact, &mut chosen, &|_, _| true).unwrap().1.unwrap();
     let told = why(&chosen);
     let native = looked.native.unwrap();
-    let is_as_near = |own: &Agreement| {
-        own.f1_100us >= native.f1_100us - 0.005 && own.median_us.unwrap() <= 1.05 * native.median_us.unwrap()
+    let is_as_near = |tried: &Tried| {
+        let own = &tried.agreement;
+        // Outlines see what the finest settings see, and whole samples do not.
+        let more = if tried.as_finest { 0.05 } else { -0.008 };
+        own.f1_100us >= (native.f1_100us + more).min(0.99)
+            && own.median_us.unwrap() <= 1.05 * native.median_us.unwrap()
     };
     let (last, others) = looked.tried.split_last().unwrap();
-    assert!(is_as_near(&last.agreement), "{looked:?}");
-    assert!(!others.is_empty() && others.iter().all(|tried| !is_as_near(&tried.agreement)), "{looked:?}");
+    assert!(is_as_near(last), "{looked:?}");
+    assert!(!others.is_empty() && others.iter().all(|tried| !is_as_near(tried)), "{looked:?}");
     assert_eq!(last.what, Settings::of(&chosen).in_words());
     let (f1, median_us) = (native.f1_100us, native.median_us.unwrap());
     assert!(
@@ -170,7 +175,7 @@ fn exact_is_the_cheapest_that_is_as_near_as_native() {
     let expects = &chosen.chosen.as_ref().unwrap().expects;
     assert!(expects.contains(&format!("F1 (100 us) {:.3}", last.agreement.f1_100us)), "{expects}");
     // The goal holds where nothing was tried: other times, all tiles.
-    let start_us = 700_000;
+    let start_us = 200_000;
     let fired =
         |config: RunConfig| events(&gpu, &spinner, RunConfig { start_us, chosen: None, ..config }, 40_000);
     let finest = settled(&gpu, &spinner, RunConfig { size, ..asks(Target::Finest) });
