@@ -14,7 +14,6 @@ use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::pace::{TILE, tiles_along};
 use crate::packet::Packet;
-use crate::pilot::Agreement;
 use crate::plan::Settings;
 use crate::search::{self, Tried};
 use crate::simulator::Simulator;
