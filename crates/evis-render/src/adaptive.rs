@@ -8,30 +8,24 @@
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
-use crate::area::{Area, Rect};
+use crate::area::Rect;
 use crate::engine::{Context, Upload};
 use crate::error::EngineError;
 use crate::frame_buffers::{GrowingBuffer, aligned};
-use crate::gpu_scene::{DrawItem, push_item};
+use crate::gpu_scene::{DrawItem, Part, push_item};
 use crate::interval::{Group, Unit, borrowed, copy_layers, encode_luminance, encode_sample};
 use crate::march::{MarchRoom, left_over};
 use crate::pace::{Pacer, Paces, Passing, STILL, TILE, rects, tiles_along};
+use crate::parts::InView;
 use crate::pass::adaptive::{MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
 use crate::pass::raster::SceneConstants;
 use crate::pass::{self, ComputePass};
 use crate::reuse::{Instant, Keyframe, ReuseGroups, ReuseRoom, steady};
 use crate::shadow::MovingShadows;
 use crate::sizes;
-use crate::still;
 use crate::targets::{LayerUse, Layers, Targets};
 use crate::uniforms::MeanJob;
 use crate::view::View;
-
-/// What a draw call takes beside its vertices, and what an index takes, in pixels (measured on lavapipe).
-const DRAW_PX: f64 = 100.0;
-const INDEX_PX: f64 = 0.3;
-/// What a rectangle takes.
-const RECT_PX: f64 = 200.0;
 
 /// The room.
 pub struct AdaptiveRoom {
@@ -69,7 +63,7 @@ struct Look {
     view: u32,
     /// Frame within the view: 0 is the instant before the unit's first.
     k: u32,
-    parts: Vec<(Rect, Vec<DrawItem>)>,
+    parts: Vec<Part>,
     /// Per part: what takes its light from keyframes.
     still: Vec<Vec<DrawItem>>,
     first_tile: u32,
@@ -499,14 +493,6 @@ impl AdaptiveRoom {
         }
     }
 
-    /// What a pixel takes in one pass, in pixels that are shaded once.
-    fn pixel_price(&self) -> f64 {
-        match self.made {
-            LayerUse::Resolved(grid) => f64::from(grid * grid),
-            _ => 1.0,
-        }
-    }
-
     /// Instants of a block of `unit`: the stream's first instant has a submission of its own.
     const fn block_of(&self, unit: &Unit) -> u32 {
         if unit.first == 0 { 1 } else { self.block }
@@ -664,7 +650,7 @@ impl AdaptiveRoom {
                     if !of.tiles.iter().any(|pace| active(*pace)) {
                         continue;
                     }
-                    let areas = areas(context, view, v * work.frames + k);
+                    let in_view = InView::new(context, view, v * work.frames + k);
                     let size = (view.lens.width, view.lens.height);
                     let rects = plans[v as usize].entry(number.trailing_zeros()).or_insert_with(|| {
                         let at = |x: u32, y: u32| (y * of.columns + x) as usize;
@@ -673,7 +659,7 @@ impl AdaptiveRoom {
                                 active(of.tiles[at(x, y)])
                                     && (reused.is_none() || of.relit[at(x, y)] == relit)
                             };
-                            rects(chosen, TILE, size, |rect| cost(rect, &areas, self.pixel_price()))
+                            in_view.rects(chosen, TILE, size, self.made.pixel_price())
                         };
                         // What is lit anew first: where rectangles overlap, the first one stays.
                         let anew = chosen(true).into_iter().map(|rect| (rect, true));
@@ -692,7 +678,7 @@ impl AdaptiveRoom {
                     }
                     let (mut parts, mut still) = (Vec::new(), Vec::new());
                     for (rect, anew) in rects.iter() {
-                        let all = items(rect, &areas);
+                        let all = in_view.items(rect);
                         let known = reused.filter(|_| !anew);
                         still.push(known.map_or(Vec::new(), |of| of.still(context, &all)));
                         parts.push((*rect, all));
@@ -820,12 +806,9 @@ fn look(
 ) -> Look {
     let lens = &work.views[view as usize].lens;
     let columns = tiles_along(lens.width);
-    let areas = areas(context, &work.views[view as usize], view * work.frames + k);
+    let in_view = InView::new(context, &work.views[view as usize], view * work.frames + k);
     let active = |x: u32, y: u32| squares.chosen[(y * squares.columns + x) as usize];
-    let parts = rects(active, Squares::SIDE, (lens.width, lens.height), |rect| cost(rect, &areas, 1.0))
-        .into_iter()
-        .map(|rect| (rect, items(&rect, &areas)))
-        .collect();
+    let parts = in_view.parts(active, Squares::SIDE, (lens.width, lens.height), 1.0);
     let first_tile = tiles.len() as u32;
     for (index, quarters) in (0..).zip(felt).filter(|(_, quarters)| **quarters != 0) {
         tiles.push(tile_word(index, columns, *quarters));
@@ -887,47 +870,4 @@ fn write_paces(context: &Context, targets: &Targets, paces: &[Paces], length: u3
         wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(columns), rows_per_image: Some(rows) },
         wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: paces.len() as u32 },
     );
-}
-
-/// A visible object: how it is drawn, where it is seen, and what it takes.
-struct Placed {
-    draw: u32,
-    object: u32,
-    area: Area,
-    price: f64,
-}
-
-/// What is in view in a frame, in drawing order.
-fn areas(context: &Context, view: &View, frame: u32) -> Vec<Placed> {
-    let data = &context.frame_data;
-    let camera = &data.trail.camera_from_world[frame as usize];
-    let shared = &data.trail.shared[data.trail.shared_of[frame as usize]];
-    let scene = &context.gpu_scene;
-    data.visible[frame as usize]
-        .iter()
-        .flat_map(|item| item.objects.clone().map(move |object| (item.draw, object)))
-        .map(|(draw, object)| {
-            let area = still::place(&scene.objects[object as usize], &shared.world[object as usize])
-                .map_or(Area::EVERYTHING, |corners| still::own_area(&corners, camera, &view.lens));
-            let price = DRAW_PX + INDEX_PX * scene.draws[draw as usize].indices.len() as f64;
-            Placed { draw, object, area, price }
-        })
-        .collect()
-}
-
-/// What drawing `rect` takes, in pixels that are shaded once; each of its own takes `pixel_price`.
-fn cost(rect: &Rect, areas: &[Placed], pixel_price: f64) -> f64 {
-    let within = Area::of(rect);
-    let objects: f64 = areas.iter().filter(|p| !p.area.meet(within).is_nothing()).map(|p| p.price).sum();
-    RECT_PX + pixel_price * rect.pixels() as f64 + objects
-}
-
-/// What is drawn within `rect`.
-fn items(rect: &Rect, areas: &[Placed]) -> Vec<DrawItem> {
-    let within = Area::of(rect);
-    let mut items: Vec<DrawItem> = Vec::new();
-    for placed in areas.iter().filter(|p| !p.area.meet(within).is_nothing()) {
-        push_item(&mut items, placed.draw, placed.object);
-    }
-    items
 }

@@ -7,6 +7,7 @@ use evis_scene::{AlphaMode, Scene, SceneState, ShadingModel, TextureRef, Wrap};
 use glam::{DVec3, Vec3};
 use wgpu::util::DeviceExt as _;
 
+use crate::area::Rect;
 use crate::occluders::Occluders;
 use crate::pass::raster::{MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, SurfaceLayouts};
 use crate::pass::{self};
@@ -36,6 +37,9 @@ pub struct DrawItem {
     /// Objects, in record order.
     pub objects: Range<u32>,
 }
+
+/// A rectangle of a picture, and what is drawn in it.
+pub type Part = (Rect, Vec<DrawItem>);
 
 /// Adds `object`, drawn by `draw`: objects that follow each other in record order are drawn at once.
 pub fn push_item(items: &mut Vec<DrawItem>, draw: u32, object: u32) {

@@ -6,7 +6,7 @@ use crate::engine::Context;
 use crate::error::EngineError;
 use crate::geometry::attachment;
 use crate::gpu::Gpu;
-use crate::gpu_scene::{Draw, DrawItem};
+use crate::gpu_scene::{Draw, DrawItem, Part};
 use crate::grid::SampleGrid;
 use crate::method::Sampling;
 use crate::pass::raster::Pipelines;
@@ -328,7 +328,7 @@ pub fn encode_luminance(
     frame_group: &wgpu::BindGroup,
     frame: u32,
     first_layer: u32,
-    parts: Option<&[(Rect, Vec<DrawItem>)]>,
+    parts: Option<&[Part]>,
 ) {
     let everything =
         || vec![(Rect::whole(layers.width, layers.height), &context.frame_data.visible[frame as usize][..])];
@@ -343,7 +343,7 @@ pub fn encode_luminance(
 }
 
 /// `parts`, as [`encode_sample`] takes them.
-pub fn borrowed(parts: &[(Rect, Vec<DrawItem>)]) -> Vec<(Rect, &[DrawItem])> {
+pub fn borrowed(parts: &[Part]) -> Vec<(Rect, &[DrawItem])> {
     parts.iter().map(|(rect, items)| (*rect, &items[..])).collect()
 }
 

@@ -30,6 +30,7 @@ mod method;
 mod occluders;
 mod pace;
 pub mod packet;
+mod parts;
 mod pass;
 pub mod pattern;
 mod pieces;

@@ -10,13 +10,12 @@ use std::collections::HashMap;
 
 use wgpu::util::DeviceExt as _;
 
-use crate::area::Rect;
 use crate::engine::{Context, map, wait_mapped};
 use crate::error::EngineError;
 use crate::frame::columns;
 use crate::frame_buffers::{GrowingBuffer, aligned};
 use crate::geometry::attachment;
-use crate::gpu_scene::DrawItem;
+use crate::gpu_scene::Part;
 use crate::interval::{Drawing, depth_attachment, draw_surfaces};
 use crate::pace::{Paces, STILL, TILE, tiles_along};
 use crate::pass::march::{KEEP_BINDINGS, MarchPasses, PLACE_BINDINGS, PLACE_FORMAT, WALK_BINDINGS};
@@ -393,7 +392,7 @@ impl MarchRoom {
         groups: &MarchGroups,
         (class, scratch): (usize, &Layers),
         frame: u32,
-        parts: &[(Rect, Vec<DrawItem>)],
+        parts: &[Part],
         (number, look): (u32, &KeyLook),
     ) {
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {

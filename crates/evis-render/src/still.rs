@@ -8,8 +8,8 @@ use std::mem::offset_of;
 
 use glam::{DMat4, DVec3};
 
-use crate::area::{Area, Corners, MARGIN_PX, Rect, bounds, corners, seen};
-use crate::gpu_scene::{DrawItem, GpuScene, Object, push_item};
+use crate::area::{Area, Corners, MARGIN_PX, bounds, corners, seen};
+use crate::gpu_scene::{DrawItem, GpuScene, Object, Part, push_item};
 use crate::lamp::Lamp;
 use crate::uniforms::{Frame, ObjectRecord};
 use crate::view::PixelLens;
@@ -24,7 +24,7 @@ pub enum Change {
     #[default]
     All,
     /// These objects within these rectangles.
-    Parts(Vec<(Rect, Vec<DrawItem>)>),
+    Parts(Vec<Part>),
     /// Nothing.
     Nothing,
 }

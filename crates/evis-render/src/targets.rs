@@ -37,6 +37,16 @@ pub enum LayerUse {
     Computed,
 }
 
+impl LayerUse {
+    /// What a pixel takes in one pass, in pixels that are shaded once.
+    pub const fn pixel_price(self) -> f64 {
+        match self {
+            Self::Resolved(grid) => (grid * grid) as f64,
+            Self::Rendered | Self::Computed => 1.0,
+        }
+    }
+}
+
 impl Layers {
     /// Allocates `count` layers.
     pub fn new(device: &wgpu::Device, width: u32, height: u32, count: u32, made: LayerUse) -> Self {
