@@ -1025,6 +1025,15 @@ pub(crate) fn mean_luminance(
     let mut encoder = device.create_command_encoder(&Default::default());
     MovingShadows::new(&frame_group, &view, 1).show(context, &mut encoder, 0, 0);
     interval::encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0, None);
+    read_mean(context, encoder, layers)
+}
+
+/// Runs `encoder` and reads the mean over the samples in `layers` back, row-major from the top.
+pub(crate) fn read_mean(
+    context: &Context,
+    encoder: wgpu::CommandEncoder,
+    layers: &Layers,
+) -> Result<Vec<f64>, EngineError> {
     let samples = context.offsets.len();
     let read = read_layers(context, encoder, layers, samples as u32)?;
     let pixels = layers.width as usize * layers.height as usize;

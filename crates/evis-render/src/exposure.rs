@@ -1,4 +1,6 @@
 //! Frames of a sensor's other output: the mean of linear light over an exposure, by its shape, stamped at its middle.
+//!
+//! How often a frame looks is a matter of each of its tiles: where nothing moves while it is exposed, once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,20 +8,30 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use evis_core::{ExposureShape, LabelData, LabelFrame, LabelKind, TimeGrid};
 
 use crate::config::RunConfig;
-use crate::engine::{Context, mean_luminance};
+use crate::engine::{Context, Upload, read_mean};
 use crate::error::EngineError;
+use crate::interval::encode_luminance;
+use crate::pace::{Pacer, Passing, STILL, TILE, tiles_along};
+use crate::parts::InView;
+use crate::shadow::MovingShadows;
 use crate::targets::{LayerUse, Layers};
+use crate::view::View;
 
-/// Renders of an exposure, at least and at most.
+/// Looks at a tile during an exposure, at most: not denser than the instants that make events, but for the least of these.
 const LOOKS: std::ops::RangeInclusive<i64> = 8..=64;
+/// Pixels that anything may move between two looks. A pixel's own width smooths what they leave out.
+const STEP_PX: f64 = 0.25;
 
 /// Everything that frames need; absent where none is asked for. Frames are rendered apart from what pixels feel, whatever
-/// the method: so no frame depends on how events are sampled, and none costs anything where it is not wanted.
+/// the method: of how events are sampled, a frame knows the rate alone, and none costs anything where it is not wanted.
 pub struct ExposureRoom {
     grid: TimeGrid,
     exposure_us: i64,
-    /// Of each look: the shape's integral over its part of the exposure, in such parts; their mean is 1.
-    weights: Vec<f64>,
+    shape: ExposureShape,
+    pacer: Pacer,
+    /// Looks at a tile, at most; a power of two.
+    most: u32,
+    made: LayerUse,
     next: i64,
     /// Per size of a view.
     layers: Vec<Layers>,
@@ -30,10 +42,7 @@ impl ExposureRoom {
     pub fn new(context: &Context, config: &RunConfig, made: LayerUse) -> Result<Option<Self>, EngineError> {
         let Some(rate_hz) = config.frame_rate_hz else { return Ok(None) };
         let (grid, exposure_us) = (TimeGrid::new(rate_hz)?, config.exposure_us);
-        let interval_us = config.sample_grid()?.longest_interval_us();
-        // As dense as the instants that make events.
-        let looks = ((exposure_us as f64 / interval_us).ceil() as i64).clamp(*LOOKS.start(), *LOOKS.end());
-        let looks = looks.min(exposure_us);
+        let most = most_looks(exposure_us, config.sample_grid()?.longest_interval_us());
         let mut layers: Vec<Layers> = Vec::new();
         for view in &context.views {
             let (width, height) = (view.lens.width, view.lens.height);
@@ -42,7 +51,9 @@ impl ExposureRoom {
                 layers.push(Layers::new(&context.gpu.device, width, height, samples, made));
             }
         }
-        Ok(Some(Self { grid, exposure_us, weights: weights(&config.exposure_shape, looks), next: 0, layers }))
+        let pacer = Pacer::new(&context.scene, &context.gpu_scene, STEP_PX, most);
+        let shape = config.exposure_shape.clone();
+        Ok(Some(Self { grid, exposure_us, shape, pacer, most, made, next: 0, layers }))
     }
 
     /// The next frame of every view, in view order, if its middle lies before `until_us`.
@@ -59,46 +70,149 @@ impl ExposureRoom {
         }
         let mut frames = Vec::new();
         for index in 0..context.views.len() {
-            let lens = context.views[index].lens;
+            let view = [context.views[index].clone()];
+            let lens = &view[0].lens;
             let fits = |layers: &&Layers| (layers.width, layers.height) == (lens.width, lens.height);
             let Some(layers) = self.layers.iter().find(fits) else { continue };
-            let mut sum = vec![0.0; lens.width as usize * lens.height as usize];
-            let looks = self.weights.len() as i64;
-            for (look, weight) in (0..).zip(&self.weights) {
-                if stop.load(Ordering::Relaxed) {
-                    return Err(EngineError::Stopped);
-                }
-                if *weight == 0.0 {
-                    continue;
-                }
-                // The middle of each part.
-                let at = start_us + (2 * look + 1) * self.exposure_us / (2 * looks);
-                for (sum, y) in sum.iter_mut().zip(mean_luminance(context, layers, index, at)?) {
-                    *sum += weight * y;
+            let looks = self.looks(context, &view, start_us);
+            let mut mean = vec![0.0; lens.width as usize * lens.height as usize];
+            // Tiles that are looked at equally often share their looks.
+            for count in (0..=self.most.trailing_zeros()).map(|level| 1 << level) {
+                if looks.contains(&count) {
+                    self.add(context, &view, layers, start_us, (&looks, count), &mut mean, stop)?;
                 }
             }
-            let mean = sum.into_iter().map(|sum| (sum / looks as f64) as f32).collect();
             frames.push(LabelFrame {
                 kind: LabelKind::Frame,
                 t_us,
                 t_other_us: start_us,
-                data: LabelData::F32(mean),
+                data: LabelData::F32(mean.into_iter().map(|mean| mean as f32).collect()),
             });
         }
         self.next += 1;
         Ok(Some(frames))
     }
+
+    /// Per tile of `view`: how often it is looked at during the exposure from `start_us` on.
+    fn looks(&self, context: &mut Context, view: &[View], start_us: i64) -> Vec<u32> {
+        let moments: Vec<i64> = (0..=i64::from(self.most))
+            .map(|k| start_us + k * self.exposure_us / i64::from(self.most))
+            .collect();
+        context.upload_frames_as(view, &moments, Upload { trail: true, ..Default::default() });
+        let sky = context.sky.is_some();
+        let passing = Passing::new(&context.frame_data, 0..moments.len(), &view[0].lens, sky);
+        let paces = self.pacer.paces(&context.gpu_scene, &passing).tiles;
+        paces.into_iter().map(|pace| if pace == STILL { 1 } else { self.most >> pace }).collect()
+    }
+
+    /// Adds to `mean` the light of all tiles that `counts` wants to be looked at `count` times.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a view of a frame, and the tiles of it that are looked at"
+    )]
+    fn add(
+        &self,
+        context: &mut Context,
+        view: &[View],
+        layers: &Layers,
+        start_us: i64,
+        (counts, count): (&[u32], u32),
+        mean: &mut [f64],
+        stop: &Arc<AtomicBool>,
+    ) -> Result<(), EngineError> {
+        let (width, height) = (layers.width, layers.height);
+        let columns = tiles_along(width);
+        let wanted = |x: u32, y: u32| counts[(y * columns + x) as usize] == count;
+        let looks = looks_of(&self.shape, count);
+        let time = |look: &Look| start_us + (look.at * self.exposure_us as f64).round() as i64;
+        let times: Vec<i64> = looks.iter().map(time).collect();
+        let frames = context.upload_frames_as(view, &times, Upload { trail: true, ..Default::default() });
+        let mut shadows = MovingShadows::new(&frames, view, count);
+        for (look, Look { share, .. }) in (0..).zip(looks) {
+            if stop.load(Ordering::Relaxed) {
+                return Err(EngineError::Stopped);
+            }
+            if share == 0.0 {
+                continue;
+            }
+            let in_view = InView::new(context, &view[0], look);
+            let parts = in_view.parts(wanted, TILE, (width, height), self.made.pixel_price());
+            let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+            shadows.show(context, &mut encoder, 0, look);
+            encode_luminance(context, &mut encoder, layers, &frames, look, 0, Some(&parts));
+            let light = read_mean(context, encoder, layers)?;
+            let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+            for ((mean, light), (x, y)) in mean.iter_mut().zip(light).zip(pixels) {
+                if wanted(x / TILE, y / TILE) {
+                    *mean += share * light;
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
-/// Of each of `looks` looks: the integral of `shape` over its part of the exposure, in such parts.
-fn weights(shape: &ExposureShape, looks: i64) -> Vec<f64> {
-    let part = |look: i64| {
-        let at = |look: i64| look as f64 / looks as f64;
-        looks as f64 * shape.moments(at(look), at(look + 1))[0]
+/// Looks at a tile during an exposure, at most, where instants are `interval_us` apart: a power of two, and no more than
+/// there are microseconds.
+fn most_looks(exposure_us: i64, interval_us: f64) -> u32 {
+    let dense = ((exposure_us as f64 / interval_us).ceil() as i64).clamp(*LOOKS.start(), *LOOKS.end());
+    let most = (dense as u32).next_power_of_two();
+    if i64::from(most) <= exposure_us { most } else { 1 << exposure_us.ilog2() }
+}
+
+/// A look at light for a part of an exposure.
+struct Look {
+    /// When, from 0 at the exposure's start to 1 at its end.
+    at: f64,
+    /// Of the part in the whole.
+    share: f64,
+}
+
+/// `count` looks, each for an equal part of the time of an exposure and in the middle of its weight: exact where light
+/// changes evenly within each part.
+fn looks_of(shape: &ExposureShape, count: u32) -> Vec<Look> {
+    let look = |k: u32| {
+        let [from, to] = [k, k + 1].map(|k| f64::from(k) / f64::from(count));
+        let [share, moment] = shape.moments(from, to);
+        Look { at: if share > 0.0 { from + moment / share } else { from }, share }
     };
-    match shape {
-        // Not but for rounding.
-        ExposureShape::Box => vec![1.0; looks as usize],
-        ExposureShape::Weights(_) => (0..looks).map(part).collect(),
+    (0..count).map(look).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looks_are_as_dense_as_instants_at_most_and_never_denser_than_microseconds() {
+        for (exposure_us, rate_hz, most) in [
+            (10_000, 1000.0, 16),
+            (10_000, 100.0, 8),
+            (10_000, 4000.0, 64),
+            (1_000_000, 4000.0, 64),
+            (10, 1e6, 8),
+            (6, 1000.0, 4),
+            (2, 1000.0, 2),
+        ] {
+            assert_eq!(most_looks(exposure_us, 1e6 / rate_hz), most, "{exposure_us} us, {rate_hz} Hz");
+        }
+    }
+
+    #[test]
+    fn looks_of_every_number_make_the_whole() {
+        for shape in [ExposureShape::Box, ExposureShape::Weights(vec![0.0, 1.0, 3.0, 0.5])] {
+            let [_, middle] = shape.moments(0.0, 1.0);
+            for count in [1, 2, 4, 64] {
+                let looks = looks_of(&shape, count);
+                assert_eq!(looks.len(), count as usize);
+                let whole: f64 = looks.iter().map(|look| look.share).sum();
+                let mean: f64 = looks.iter().map(|look| look.share * look.at).sum();
+                assert!((whole - 1.0).abs() < 1e-12 && (mean - middle).abs() < 1e-12, "{shape:?} {count}");
+            }
+        }
+        // Light counts until the middle alone: what falls, evenly.
+        let early = looks_of(&ExposureShape::Weights(vec![2.0, 0.0, 0.0]), 2);
+        assert!((early[0].share - 1.0).abs() < 1e-12 && (early[0].at - 1.0 / 6.0).abs() < 1e-12);
+        assert_eq!(early[1].share, 0.0);
     }
 }
