@@ -220,6 +220,20 @@ def test_unusable_stream_lengths_are_refused(spinner: evis.Scene):
         assert len(list(stream)) == 1, "a refused stream leaves the engine where it was"
 
 
+def test_impossible_times_are_named_in_the_unit_that_was_given(spinner: evis.Scene):
+    sim: Any = evis.Simulator(spinner, **SMALL)
+    for make, said in [
+        (lambda: sim.stream(duration=-1), "duration is -1; it must be above 0 seconds"),
+        (lambda: sim.stream(duration="x"), "duration is 'x'; it must be a number of seconds"),
+        (lambda: sim.stream(duration=1, packet_us=1.5), "packet_us is 1.5; it must be a whole number"),
+        (lambda: sim.step(1.5), "until_us is 1.5; it must be a whole number of microseconds"),
+        (lambda: sim.step(2**70), r"until_us is 1180591620717411303424; .*2\*\*62 - 1"),
+    ]:
+        with pytest.raises(evis.ConfigError, match=said):
+            make()
+    assert sim.now_us == 0
+
+
 def test_unknown_scenes_are_refused():
     with pytest.raises(evis.ConfigError, match="warehouse"):
         evis.Scene.builtin("barehouse")
@@ -425,7 +439,7 @@ def test_a_method_samples_instants_from_keyframes(device: evis.Device):
         ({"method": "warp"}, "method"),
         ({"method": "splat", "rate_hz": 500.0}, "rate_hz"),
         ({"method": evis.Splat(steps=0)}, "steps"),
-        ({"method": evis.Splat(keyframe_hz=float("inf"))}, "method|keyframe_rate"),
+        ({"method": evis.Splat(keyframe_hz=float("inf"))}, "keyframe_hz is inf"),
     ]:
         with pytest.raises(evis.ConfigError, match=name):
             evis.Simulator(scene, size=(48, 36), **wrong)
@@ -581,3 +595,21 @@ def test_frames_survive_a_file(spinner: evis.Scene, tmp_path: Path):
 def test_impossible_exposures_are_named(spinner: evis.Scene, exposure_us: int):
     with pytest.raises(evis.ConfigError, match="exposure"):
         evis.Simulator(spinner, frame_rate_hz=50.0, exposure_us=exposure_us)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "exposure_us"), [(50.0, 10_000), (100.0, 10_000), (500.0, 2_000), (300.0, 3_332), (3e5, 2)]
+)
+def test_exposures_fit_between_frames(spinner: evis.Scene, rate_hz: float, exposure_us: int):
+    # As on the command line: 10 ms, or what fits, rounded down to even.
+    sim = evis.Simulator(spinner, **SMALL, frame_rate_hz=rate_hz)
+    assert tomllib.loads(sim.config_toml)["run"]["exposure_us"] == exposure_us
+
+
+def test_labels_say_what_they_hold_in_a_line(spinner: evis.Scene):
+    sim = evis.Simulator(spinner, **SMALL, frame_rate_hz=100.0)
+    packet = sim.step(30_000)
+    assert repr(packet.labels["frame"]) == "Labels('frame', 3 images, 64x48, t_us 5000 to 25000)"
+    assert repr(evis.Simulator(spinner, **SMALL, labels=["depth"]).step(1).labels["depth"]).startswith(
+        "Labels('depth', 1 images, 64x48, t_us 0 to 0"
+    )

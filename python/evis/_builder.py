@@ -8,10 +8,10 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis, _toml
+from . import _check, _evis, _toml
 from ._evis import ConfigError
 from ._scene import EventCamera, Scene
-from .motion import HERE, Placement, Vector, Waveform, fields_of
+from .motion import HERE, Placement, Vector, Waveform, fields_of, table_of
 
 Wrap: TypeAlias = Literal["repeat", "mirror", "clamp"]
 Color: TypeAlias = Vector | str
@@ -241,7 +241,7 @@ class SceneBuilder:
 
     def node(self, name: str, *, pose: Placement = HERE) -> None:
         """Add an empty node that others can hang on."""
-        self._add("nodes", name=name, **pose.table())
+        self._add("nodes", name=name, **table_of(name, pose))
 
     def gltf(
         self,
@@ -254,7 +254,12 @@ class SceneBuilder:
     ) -> None:
         """Add a ``.gltf`` or ``.glb`` file with its animation."""
         self._add(
-            "gltf", name=name, file=file, semantic_id=semantic_id, instance_id=instance_id, **pose.table()
+            "gltf",
+            name=name,
+            file=file,
+            semantic_id=semantic_id,
+            instance_id=instance_id,
+            **table_of(name, pose),
         )
 
     def plane(self, name: str, *, size: Vector, material: str, pose: Placement = HERE, **more: Any) -> None:
@@ -302,7 +307,9 @@ class SceneBuilder:
     def _primitive(
         self, shape: str, name: str, material: str, pose: Placement, more: dict[str, Any], **keys: Any
     ) -> None:
-        self._add("primitives", name=name, shape=shape, material=material, **keys, **more, **pose.table())
+        self._add(
+            "primitives", name=name, shape=shape, material=material, **keys, **more, **table_of(name, pose)
+        )
 
     def light(
         self,
@@ -352,11 +359,13 @@ class SceneBuilder:
             inner_degrees=inner_degrees,
             outer_degrees=outer_degrees,
             waveform=None if waveform is None else fields_of(waveform),
-            **pose.table(),
+            **table_of(name, pose),
         )
 
     def camera(self, camera: EventCamera) -> None:
         """Add an event camera."""
+        if not isinstance(camera, EventCamera):
+            raise ConfigError(f"camera is {_check.shown(camera)}; it must be an evis.EventCamera")
         self._add("cameras", **camera.table())
 
     def environments(
@@ -381,13 +390,14 @@ class SceneBuilder:
         offsets : dict of str to Placement, optional
             Per object: a pose that comes before its motion.
         """
+        places = {name: table_of(name, pose) for name, pose in (offsets or {}).items()}
         self._add(
             "environments",
             count=count,
             seed_offset=seed_offset,
             time_offset_s=time_offset_s,
             time_step_s=time_step_s,
-            offsets=None if offsets is None else {name: pose.table() for name, pose in offsets.items()},
+            offsets=None if offsets is None else places,
         )
 
     def toml(self) -> str:

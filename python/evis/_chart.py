@@ -9,12 +9,12 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal
 
-from . import _evis
+from . import _check, _evis
 from ._evis import ConfigError
 from ._method import Splat
-from ._scene import Scene
-from ._sensor import Interpolation, Sensor, Trigger
-from ._simulator import Device, _selector, _size, _whole, micros
+from ._scene import Scene, raw_of
+from ._sensor import Interpolation, Sensor, Trigger, thresholds_of
+from ._simulator import Device, _selector
 from .metrics import Score
 
 DEFAULT_TRUTH_PIXELS = 1000
@@ -287,7 +287,12 @@ class Chart:
         OSError
             If the file cannot be written.
         """
-        _evis.draw_chart(self._json, fspath(path), tolerance_us, render_ms)
+        _evis.draw_chart(
+            self._json,
+            fspath(path),
+            _check.time_us("tolerance_us", tolerance_us),
+            _check.number("render_ms", render_ms, " milliseconds"),
+        )
 
     def recommend(
         self,
@@ -317,7 +322,12 @@ class Chart:
             If no measured setting reaches the goal; the message names the nearest one.
         """
         text = _evis.recommend_chart(
-            self._json, _whole("scene", scene, 2**32), budget_ms, target_f1, tolerance_us, render_ms
+            self._json,
+            _check.whole("scene", scene),
+            _check.number_or_none("budget_ms", budget_ms, " milliseconds"),
+            _check.number_or_none("target_f1", target_f1),
+            _check.time_us("tolerance_us", tolerance_us),
+            _check.number("render_ms", render_ms, " milliseconds"),
         )
         held = json.loads(text)
         setting = _setting(held.pop("setting"))
@@ -423,33 +433,31 @@ def chart(
         If there is no such device, or it failed.
     """
     rates, counts, covered, light, latch, most = _evis.chart_ladder(quick)
-    sensor = Sensor() if sensor is None else sensor
+    threshold_on, threshold_off, log_eps = thresholds_of(sensor)
     folder = _evis.chart_cache() if cache is True else None if cache is False else Path(cache)
     text = _evis.chart(
-        scene._raw,
-        rates_hz=list(rates if rates_hz is None else rates_hz),
-        samples=[_whole("samples", n, 2**32) for n in (counts if samples is None else samples)],
+        raw_of(scene),
+        rates_hz=_check.numbers("rates_hz", rates if rates_hz is None else rates_hz),
+        samples=_check.wholes("samples", counts if samples is None else samples),
         edges=covered if edges is None else edges,
-        light_samples=[
-            _whole("light_samples", n, 2**32) for n in (light if light_samples is None else light_samples)
-        ],
-        latch_rates_hz=list(latch if latch_rates_hz is None else latch_rates_hz),
+        light_samples=_check.wholes("light_samples", light if light_samples is None else light_samples),
+        latch_rates_hz=_check.numbers("latch_rates_hz", latch if latch_rates_hz is None else latch_rates_hz),
         # Who names rates or samples means all of them.
         most_samples_hz=most if rates_hz is None and samples is None else None,
         published=published,
         splat=splat,
         adaptive=adaptive,
         quick=quick,
-        repetitions=_whole("repetitions", repetitions, 2**32),
-        threshold_on=sensor.threshold_on,
-        threshold_off=sensor.threshold_off,
-        log_eps=sensor.log_eps,
-        camera=camera,
-        size=_size(size),
-        start_us=micros("start", start),
-        duration_us=micros("duration", duration),
-        truth_pixels=None if truth_pixels is None else _whole("truth_pixels", truth_pixels, 2**32),
-        reference_luminance=reference_luminance,
+        repetitions=_check.whole("repetitions", repetitions),
+        threshold_on=threshold_on,
+        threshold_off=threshold_off,
+        log_eps=log_eps,
+        camera=None if camera is None else str(camera),
+        size=None if size is None else _check.size(size),
+        start_us=_check.micros("start", start),
+        duration_us=_check.duration_us("duration", duration),
+        truth_pixels=None if truth_pixels is None else _check.whole("truth_pixels", truth_pixels),
+        reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
         floor=floor,
         cache=folder,
         device=_selector(device),

@@ -6,17 +6,17 @@ import json
 import re
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis
+from . import _check, _evis
 from ._events import EventArray
 from ._evis import ConfigError
 from ._packets import CAUSE
-from ._sensor import Sensor
+from ._sensor import Sensor, sensor_of
 
 Transfer: TypeAlias = Literal["linear", "log", "srgb", "rec709", "gamma"]
 """What a frame's numbers are: light, its logarithm, or light under a transfer curve."""
@@ -250,45 +250,31 @@ class EventEmulator(Generic[Out]):
         threads: int = 0,
         labels: Iterable[Literal["cause"]] = (),
     ) -> None:
-        if sensor is None:
-            sensor = Sensor()
-        elif isinstance(sensor, str):
-            sensor = Sensor.preset(sensor)
-        for what, value, most in (
-            ("width", width, 65536),
-            ("height", height, 65536),
-            ("batch", 1 if batch is None else batch, 2**31),
-        ):
-            if not 0 < value <= most:
-                raise ConfigError(f"{what} is {value}; it must be between 1 and {most}")
-        for what, value in (("seed", seed), ("camera", camera), ("threads", threads)):
-            limit = 64 if what == "seed" else 32
-            if not 0 <= value < 2**limit:
-                raise ConfigError(f"{what} is {value}; it must be at least 0 and below 2**{limit}")
-        if isinstance(labels, str):
-            raise ConfigError("labels is a sequence: write ['cause'], not 'cause'")
-        wanted = list(labels)
+        sensor = sensor_of(sensor)
+        wanted = _check.items("labels", labels, "['cause']")
         for label in wanted:
             if label != CAUSE:
-                raise ConfigError(f"label is {label!r}; it must be 'cause': images come from a Simulator")
-        sensor.check()
+                raise ConfigError(
+                    f"label is {_check.shown(label)}; it must be 'cause': images come from a Simulator"
+                )
         self._sensor = sensor
         self._settings: dict[str, Any] = {
-            "width": int(width),
-            "height": int(height),
-            "batch": None if batch is None else int(batch),
-            "seed": int(seed),
-            "camera": int(camera),
-            "reference_luminance": float(reference_luminance),
-            "threads": int(threads),
+            "width": _check.whole("width", width, 1, 65536),
+            "height": _check.whole("height", height, 1, 65536),
+            "batch": None if batch is None else _check.whole("batch", batch, 1, 2**31),
+            "seed": _check.whole("seed", seed, 0, 2**64 - 1),
+            "camera": _check.whole("camera", camera),
+            "reference_luminance": _check.number("reference_luminance", reference_luminance),
+            "threads": _check.whole("threads", threads),
             "labels": tuple(wanted),
         }
+        sensor.check()
         self._copies = (0, 0)
         # Kinds of warnings that were given.
         self._warned: set[str] = set()
         self._emulator = _evis.EventEmulator(
             **{name: value for name, value in self._settings.items() if name != "labels"}
-            | {"batch": 1 if batch is None else batch, "causes": CAUSE in wanted},
+            | {"batch": self._settings["batch"] or 1, "causes": CAUSE in wanted},
             sensor=sensor._json(),
         )
 
@@ -372,7 +358,11 @@ class EventEmulator(Generic[Out]):
         if transfer is None:
             transfer = "linear" if array.dtype == np.float32 else "srgb"
         lists = self._emulator.push(
-            array.reshape(-1), _time(t_us), channels=channels, transfer=str(transfer), gamma=float(gamma)
+            array.reshape(-1),
+            _check.time_us("t_us", t_us),
+            channels=channels,
+            transfer=str(transfer),
+            gamma=_check.number("gamma", gamma),
         )
         return self._made(lists, int(copied))
 
@@ -467,8 +457,8 @@ class EventEmulator(Generic[Out]):
         >>> sorted(set(events.x.tolist())), emulator.keyframe_report.steps
         ([10, 11, 12, 13], 14)
         """
-        chosen = _warp(warp, steps)
-        border = 2 * chosen.margin if isinstance(chosen.margin, int) else 0
+        settings = _check.plain(_warp(warp, steps))
+        border = 2 * settings["margin"]
         size_hw: tuple[int, int] = (self.height + border, self.width + border)
         shape: tuple[int, ...] = size_hw if self.batch is None else (self.batch, *size_hw)
         light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16))
@@ -497,14 +487,14 @@ class EventEmulator(Generic[Out]):
             light.reshape(-1),
             depths.reshape(-1),
             None if motion is None else motion.reshape(-1),
-            _time(t_us),
+            _check.time_us("t_us", t_us),
             motion_steps=None if fields is None else fields.reshape(-1),
             motion_forward=None if forward is None else forward.reshape(-1),
             cut=np.broadcast_to(cuts, size).tolist(),
             channels=channels,
             transfer=str(transfer),
-            gamma=float(gamma),
-            warp=json.dumps(asdict(chosen)),
+            gamma=_check.number("gamma", gamma),
+            warp=json.dumps(settings),
         )
         for report in self._emulator.keyframe_reports():
             for text in report["warnings"]:
@@ -549,8 +539,15 @@ class EventEmulator(Generic[Out]):
         if env_ids is None:
             self._emulator.reset(None)
             return
-        indices = [int(index) for index in np.atleast_1d(np.asarray(env_ids))]
         size = 1 if self.batch is None else self.batch
+        given = np.atleast_1d(np.asarray(env_ids))
+        if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+            mask = ": np.flatnonzero(mask) for a mask" if given.dtype == np.bool_ else ""
+            raise ConfigError(
+                f"env_ids is {_check.shown(env_ids)}; it must be the number of an environment, or a sequence "
+                f"of them{mask}"
+            )
+        indices = [int(index) for index in given]
         for index in indices:
             if not 0 <= index < size:
                 raise ConfigError(
@@ -570,6 +567,8 @@ class EventEmulator(Generic[Out]):
         ConfigError
             If the state is not of such an emulator.
         """
+        if not isinstance(state, bytes):
+            raise ConfigError(f"state is {_check.shown(state)}; it must be the bytes that get_state returns")
         self._emulator.restore(state)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -600,12 +599,6 @@ def _unpickle(sensor: Sensor, settings: dict[str, Any], state: bytes) -> EventEm
     return emulator
 
 
-def _time(t_us: int) -> int:
-    if not isinstance(t_us, (int, np.integer)) or isinstance(t_us, bool) or not -(2**62) < t_us < 2**62:
-        raise ConfigError(f"t_us is {t_us!r}; it must be an integer, microseconds")
-    return int(t_us)
-
-
 def _warp(warp: Any, steps: int | Literal["auto"] | None) -> Warp:
     if isinstance(warp, Warp):
         chosen = warp
@@ -614,7 +607,7 @@ def _warp(warp: Any, steps: int | Literal["auto"] | None) -> Warp:
     elif warp == "evis-paper":
         chosen = Warp.evis_paper()
     else:
-        raise ConfigError(f"warp is {warp!r}; it must be 'splat', 'evis-paper' or a Warp")
+        raise ConfigError(f"warp is {_check.shown(warp)}; it must be 'splat', 'evis-paper' or a Warp")
     if isinstance(steps, str) and steps != "auto":
         raise ConfigError(f"steps is {steps!r}; it must be a number of instants, or 'auto'")
     return chosen if steps is None else replace(chosen, steps=None if steps == "auto" else steps)

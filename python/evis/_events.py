@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis
+from . import _check, _evis
 from ._evis import ConfigError
 
 EventCD: np.dtype[np.void] = _evis.event_dtype()
@@ -91,9 +91,8 @@ class EventArray:
 
     def __init__(self, events: npt.ArrayLike, *, width: int, height: int) -> None:
         array = as_event_cd(events)
-        for what, value in (("width", width), ("height", height)):
-            if not 0 < value <= 65536:
-                raise ConfigError(f"{what} is {value}; it must be between 1 and 65536 pixels")
+        width = _check.whole("width", width, 1, 65536, " pixels")
+        height = _check.whole("height", height, 1, 65536, " pixels")
         if array.size and bool((np.diff(array["t"]) < 0).any()):
             raise ConfigError(
                 "events are not sorted by t; sort them: events[np.argsort(events['t'], kind='stable')]"
@@ -233,7 +232,7 @@ class EventArray:
         ConfigError
             If ``window_us`` is not positive.
         """
-        if window_us <= 0:
+        if _check.time_us("window_us", window_us) <= 0:
             raise ConfigError(f"window_us is {window_us}; it must be above 0 microseconds")
         first = min(0, int(self.t[0])) if len(self) else 0
         start = first if start_us is None else start_us

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis
+from . import _check, _evis
 from ._events import EventArray, EventCD, as_event_cd
 from ._evis import ConfigError, EvisError, FormatError
 from ._packets import CAUSE, LABEL_KINDS, CameraInfo, Packet, Poses
@@ -405,6 +405,10 @@ class Writer:
         path = Path(path)
         if path.suffix.lower() not in HDF5_ENDINGS:
             raise ConfigError(f"path ends with '{path.suffix}'; a stream is written to .h5 or .hdf5")
+        if not isinstance(simulator, Simulator):
+            raise ConfigError(
+                f"simulator is {_check.shown(simulator)}; it must be the evis.Simulator of the packets"
+            )
         count = simulator.environments
         self._simulator = simulator
         self._duration_us = duration_us
@@ -527,6 +531,13 @@ def save(
     """
     path = Path(path)
     ending = path.suffix.lower()
+    if not isinstance(source, (Stream, Recording)):
+        arrays = list(source.values()) if isinstance(source, Mapping) else [source]
+        if not all(isinstance(events, EventArray) for events in arrays):
+            raise ConfigError(
+                f"source is {_check.shown(source)}; it must be a Stream, as Simulator.stream makes, an "
+                "evis.EventArray, a mapping of them by camera, or an evis.Recording"
+            )
     if ending in HDF5_ENDINGS:
         if isinstance(source, Stream):
             return _save_stream(path, source, overwrite)

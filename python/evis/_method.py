@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from . import _check
 from ._evis import ConfigError
 
 #: Rates of ``method="evis-paper"`` where none are given.
@@ -109,4 +110,4 @@ def name(splat: Splat) -> str:
 
 def as_json(splat: Splat | None) -> str | None:
     """Return the settings for the engine."""
-    return None if splat is None else json.dumps(asdict(splat))
+    return None if splat is None else json.dumps(_check.plain(splat))

@@ -128,6 +128,12 @@ class Labels:
         """When each image ends, int64 (N,): a frame's exposure; of labels, their time."""
         return 2 * self.t_us - self.t_other_us if self.kind == "frame" else self.t_us
 
+    def __repr__(self) -> str:
+        """Say what they are, how many, and when; images have millions of numbers."""
+        width, height = self._size
+        when = f", t_us {self.t_us[0]} to {self.t_us[-1]}" if len(self) else ""
+        return f"Labels({self.kind!r}, {len(self)} images, {width}x{height}{when})"
+
     def __len__(self) -> int:
         """Count the images."""
         return len(self.images)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
-from . import _evis, _toml
+from . import _check, _evis, _toml
 from ._evis import ConfigError
 from ._sensor import Sensor
-from .motion import HERE, Placement, fields_of
+from .motion import HERE, Placement, fields_of, table_of
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,7 +64,7 @@ class EventCamera:
             table["size"] = (width, height)
         if isinstance(self.sensor, Sensor):
             table["sensor"] = json.loads(self.sensor._json())
-        return {**table.pop("pose").table(), **table}
+        return {**table_of(self.name, table.pop("pose", None)), **table}
 
 
 class Scene:
@@ -95,9 +95,7 @@ class Scene:
         ConfigError
             If there is no such scene; lists those that exist.
         """
-        if not 0 <= seed < 2**64:
-            raise ConfigError(f"seed is {seed}; it must be between 0 and 2**64 - 1")
-        return cls(_evis.Scene.builtin(name, seed))
+        return cls(_evis.Scene.builtin(str(name), _check.whole("seed", seed, 0, 2**64 - 1)))
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Scene:
@@ -149,9 +147,15 @@ class Scene:
         ConfigError, FormatError
             If a name is taken, a parent does not exist, or a value cannot be used.
         """
-        parents = [camera.pose.parent for camera in cameras]
-        orphans = [replace(camera, pose=replace(camera.pose, parent=None)) for camera in cameras]
-        text = _toml.document({"cameras": [camera.table() for camera in orphans]})
+        cameras = _check.items("cameras", cameras, "[evis.EventCamera(name='left')]")
+        tables = []
+        for camera in cameras:
+            if not isinstance(camera, EventCamera):
+                raise ConfigError(f"cameras has {_check.shown(camera)}; it must hold evis.EventCamera")
+            tables.append(camera.table())
+        # The parents are nodes of this scene, which the text of the cameras does not know.
+        parents = [table.pop("parent", None) for table in tables]
+        text = _toml.document({"cameras": tables})
         return Scene(self._raw.with_cameras(text, parents))
 
     def at_speed(self, speed: float) -> Scene:
@@ -167,7 +171,7 @@ class Scene:
         ConfigError
             If it is not a number above 0.
         """
-        return Scene(self._raw.at_speed(speed))
+        return Scene(self._raw.at_speed(_check.number("speed", speed)))
 
     @property
     def name(self) -> str:
@@ -202,6 +206,16 @@ class Scene:
     def __repr__(self) -> str:
         """Say what it holds."""
         return f"Scene({self.name!r}, {len(self.nodes)} nodes, cameras {', '.join(self.cameras) or 'none'})"
+
+
+def raw_of(scene: Any) -> _evis.Scene:
+    """Return the engine's scene."""
+    if not isinstance(scene, Scene):
+        raise ConfigError(
+            f"scene is {_check.shown(scene)}; it must be an evis.Scene, such as "
+            "evis.Scene.builtin('spinner') or evis.Scene.load(path)"
+        )
+    return scene._raw
 
 
 def scenes() -> dict[str, str]:

@@ -6,12 +6,12 @@ import json
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from . import _evis
+from . import _check, _evis
 from ._evis import ConfigError
 
 Trigger: TypeAlias = Literal["crossing", "latch"]
@@ -302,7 +302,7 @@ class Sensor:
         ConfigError
             If there is no such preset; the message lists them.
         """
-        return cls._of_json(_evis.sensor_preset(name))
+        return cls._of_json(_evis.sensor_preset(str(name)))
 
     @staticmethod
     def presets() -> dict[str, str]:
@@ -357,10 +357,16 @@ class Sensor:
         ConfigError
             If a path or a range cannot be used, or the drawn sensor cannot be.
         """
+        if not isinstance(ranges, Mapping):
+            raise ConfigError(
+                f"ranges are {_check.shown(ranges)}; they must be a mapping, such as "
+                "{'threshold_on': (0.1, 0.3)}"
+            )
         plain = {
-            path: dict(range_) if isinstance(range_, Mapping) else list(range_)
+            path: dict(range_) if isinstance(range_, Mapping) else _check.items(path, range_, "(0.1, 0.3)")
             for path, range_ in ranges.items()
         }
+        seed = _check.whole("seed", seed, 0, 2**64 - 1)
         try:
             text = json.dumps(plain)
         except TypeError as error:
@@ -390,7 +396,7 @@ class Sensor:
         """
         if law not in ("measured", "v2e"):
             raise ConfigError(f"law is {law!r}; it must be 'measured' or 'v2e'")
-        return _evis.sensor_photoreceptor_noise(self._json(), rate_hz, law == "v2e")
+        return _evis.sensor_photoreceptor_noise(self._json(), _check.number("rate_hz", rate_hz), law == "v2e")
 
     def check(self) -> None:
         """Check every value.
@@ -414,13 +420,9 @@ class Sensor:
         return _evis.sensor_check(self._json())[1]
 
     def _json(self) -> str:
-        values = asdict(self)
+        values = _check.plain(self)
         values["exposure"]["shape"] = _shape("exposure.shape", self.exposure.shape) or "box"
-        _check_finite("", values)
-        try:
-            return json.dumps(values)
-        except TypeError as error:
-            raise ConfigError(f"sensor is {self!r}; it must hold numbers and names ({error})") from None
+        return json.dumps(values)
 
     @classmethod
     def _of_json(cls, text: str) -> Sensor:
@@ -441,13 +443,32 @@ class Sensor:
         return cls(**{**values, **stages})
 
 
-def _check_finite(path: str, values: Mapping[str, object]) -> None:
-    """Refuse what JSON cannot say, by the value's path."""
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            _check_finite(f"{path}{name}.", value)
-        elif isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(f"{path}{name} is {value}; it must be a finite number")
+def sensor_of(sensor: Any, what: str = "sensor") -> Sensor:
+    """Return a sensor as it is, one of a preset by its name, and an ideal one for None."""
+    if sensor is None:
+        return Sensor()
+    if isinstance(sensor, str):
+        return Sensor.preset(sensor)
+    if not isinstance(sensor, Sensor):
+        raise ConfigError(
+            f"{what} is {_check.shown(sensor)}; it must be an evis.Sensor, or the name of a preset"
+        )
+    return sensor
+
+
+def thresholds_of(sensor: Any) -> tuple[float, float, float]:
+    """Return both thresholds and ``log_eps`` of a sensor, an ideal one for None; nothing else is used."""
+    if not isinstance(sensor, (Sensor, type(None))):
+        raise ConfigError(
+            f"sensor is {_check.shown(sensor)}; it must be an evis.Sensor, such as "
+            "evis.Sensor(threshold_on=0.25) or evis.Sensor.preset('davis346')"
+        )
+    sensor = sensor or Sensor()
+    return (
+        _check.number("threshold_on", sensor.threshold_on),
+        _check.number("threshold_off", sensor.threshold_off),
+        _check.number("log_eps", sensor.log_eps),
+    )
 
 
 def _shape(name: str, shape: str | Sequence[float]) -> list[float] | None:
@@ -459,7 +480,7 @@ def _shape(name: str, shape: str | Sequence[float]) -> list[float] | None:
     except (TypeError, ValueError):
         weights = []
     if not weights:
-        raise ConfigError(f"{name} is {shape!r}; it must be 'box', or 2 to 256 weights")
+        raise ConfigError(f"{name} is {_check.shown(shape)}; it must be 'box', or 2 to 256 weights")
     for weight in weights:
         if not math.isfinite(weight):
             raise ConfigError(f"{name} has a weight of {weight}; its weights must be from 0 to 1e9")

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from types import TracebackType
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
-from . import _evis, _method
+from . import _check, _evis, _method
 from ._evis import ConfigError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
-from ._scene import EventCamera, Scene
-from ._sensor import Sensor, _shape
+from ._scene import EventCamera, Scene, raw_of
+from ._sensor import Sensor, _shape, sensor_of
 
 LabelName: TypeAlias = Literal[
     "depth",
@@ -30,6 +29,9 @@ LabelName: TypeAlias = Literal[
     "hdr",
     "cause",
 ]
+
+#: Where frames are on and no exposure is given, as far as it fits between two of them.
+_EXPOSURE_US = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +62,6 @@ class Device:
 def devices() -> tuple[Device, ...]:
     """List the devices that can run EVIS; empty where there is no driver."""
     return tuple(Device(**device) for device in _evis.list_devices())
-
-
-def micros(what: str, seconds: float) -> int:
-    """Round ``seconds`` to whole microseconds."""
-    if not math.isfinite(seconds) or abs(seconds) > 9e12:
-        raise ConfigError(f"{what} is {seconds}; it must be a finite number of seconds")
-    return round(seconds * 1e6)
 
 
 class Simulator:
@@ -157,8 +152,9 @@ class Simulator:
     frame_rate_hz : float, optional
         Frames per second beside the events, as ``labels["frame"]``: float32 (H, W), mean linear luminance
         over an exposure; ``t_us`` is its middle, `start_us` and `end_us` its ends. None if not given.
-    exposure_us : int
-        Exposure of those frames: even, and at most the time between two.
+    exposure_us : int, optional
+        Exposure of those frames: even, and at most the time between two. 10000 where not given, or all of
+        that time, rounded down to even, where it is shorter. Only with ``frame_rate_hz``.
     exposure_shape : "box" or sequence of float
         How much light counts from the start of those exposures to their end: all the same, or 2 to 256
         weights that are straight between each other, such as ``[0, 1, 1, 0]`` for a shutter that opens and
@@ -202,7 +198,7 @@ class Simulator:
         labels: Iterable[LabelName] = (),
         label_rate_hz: float = 50.0,
         frame_rate_hz: float | None = None,
-        exposure_us: int = 10_000,
+        exposure_us: int | None = None,
         exposure_shape: Literal["box"] | Sequence[float] = "box",
         start: float = 0.0,
         seed: int = 0,
@@ -237,22 +233,22 @@ class Simulator:
                 f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "
                 "second: set those of a Splat instead"
             )
-        if isinstance(cameras, str) or isinstance(labels, str):
-            raise ConfigError("cameras and labels are sequences: write ['NAME'], not 'NAME'")
+        raw_of(scene)
         names: list[str] = []
         if cameras is not None:
+            cameras = _check.items("cameras", cameras, f"{list(scene.cameras)}")
             if not cameras:
                 raise ConfigError("cameras is empty; it must name a camera, or be None for all")
             added = [camera for camera in cameras if isinstance(camera, EventCamera)]
             scene = scene.with_cameras(added) if added else scene
-            names = [camera.name if isinstance(camera, EventCamera) else camera for camera in cameras]
+            names = [camera.name if isinstance(camera, EventCamera) else str(camera) for camera in cameras]
         sensors: dict[str, str] = {}
         if sensor is None or isinstance(sensor, Mapping):
             sensors = {**_evis.scene_sensors(scene._raw, names), **_by_camera(sensor or {})}
             paper = splat is not None and splat.is_evis_paper
             sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
-        elif isinstance(sensor, str):
-            sensor = Sensor.preset(sensor)
+        else:
+            sensor = sensor_of(sensor)
         sensor.check()
         self._scene = scene
         self._engine = _evis.Simulator(
@@ -260,32 +256,32 @@ class Simulator:
             sensor=sensor._json(),
             sensors=sensors,
             method=str(method) if splat is None else "splat",
-            target=target,
-            budget_ms=budget_ms,
+            target=None if target is None else str(target),
+            budget_ms=_check.number_or_none("budget_ms", budget_ms, " milliseconds"),
             plan=None if plan is None else fspath(plan),
             splat=_method.as_json(splat),
-            rate_hz=1000.0 if rate_hz is None else rate_hz,
-            adaptive_px=adaptive_px,
-            between=between or "line",
-            samples=4 if samples is None else _whole("samples", samples, 2**32),
-            antialias=antialias or "samples",
-            texture_taps=texture_taps,
-            shadows=shadows,
-            shadow_map=None if shadow_map is None else _whole("shadow_map", shadow_map, 2**32),
+            rate_hz=1000.0 if rate_hz is None else _check.number("rate_hz", rate_hz),
+            adaptive_px=_check.number_or_none("adaptive_px", adaptive_px),
+            between=str(between or "line"),
+            samples=4 if samples is None else _check.whole("samples", samples),
+            antialias=str(antialias or "samples"),
+            texture_taps=None if texture_taps is None else _check.whole("texture_taps", texture_taps),
+            shadows=None if shadows is None else str(shadows),
+            shadow_map=None if shadow_map is None else _check.whole("shadow_map", shadow_map),
             cameras=names,
-            size=_size(size),
-            start_us=micros("start", start),
-            seed=_whole("seed", seed, 2**63),
-            labels=list(labels),
-            label_rate_hz=label_rate_hz,
-            frame_rate_hz=frame_rate_hz,
-            exposure_us=_whole("exposure_us", exposure_us, 2**62),
+            size=None if size is None else _check.size(size),
+            start_us=_check.micros("start", start),
+            seed=_check.whole("seed", seed, 0, 2**63 - 1),
+            labels=_labels(labels),
+            label_rate_hz=_check.number("label_rate_hz", label_rate_hz),
+            frame_rate_hz=_check.number_or_none("frame_rate_hz", frame_rate_hz),
+            exposure_us=_exposure(exposure_us, frame_rate_hz),
             exposure_shape=_shape("exposure_shape", exposure_shape),
-            reference_luminance=reference_luminance,
+            reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             device=_selector(device),
         )
         self._method = str(method) if splat is None else _method.name(splat)
-        self._start_us = micros("start", start)
+        self._start_us = _check.micros("start", start)
         self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
         each = (Sensor._of_json(json) for json in self._engine.sensors)
@@ -385,7 +381,9 @@ class Simulator:
         EvisError
             If a stream has taken the engine.
         """
-        return packet_from(self._engine.step(until_us), self._cameras, self._labels)
+        return packet_from(
+            self._engine.step(_check.time_us("until_us", until_us)), self._cameras, self._labels
+        )
 
     def stream(self, *, duration: float | None = None, packet_us: int = 10_000) -> Stream:
         """Stream packets, rendered ahead while Python works.
@@ -416,11 +414,15 @@ class Simulator:
             end = self._scene.duration
             if end is None:
                 raise ConfigError("this scene's motion has no end: give duration, in seconds")
-            left_us = micros("duration", end) - self._start_us - self.now_us
+            left_us = _check.micros("duration", end) - self._start_us - self.now_us
+            if left_us <= 0:
+                raise ConfigError(
+                    f"this scene's motion has ended, {end} s after 0: give duration, in seconds"
+                )
         else:
-            left_us = micros("duration", duration)
+            left_us = _check.duration_us("duration", duration)
         end_us = self.now_us + left_us
-        return Stream(self, self._engine.stream(left_us, packet_us), end_us)
+        return Stream(self, self._engine.stream(left_us, _check.time_us("packet_us", packet_us)), end_us)
 
     def __repr__(self) -> str:
         """Say what renders where."""
@@ -484,24 +486,32 @@ def _by_camera(sensors: Mapping[str, Sensor | str]) -> dict[str, str]:
     return checked
 
 
-def _size(size: tuple[int, int] | None) -> tuple[int, int] | None:
-    if size is None:
-        return None
-    width, height = size
-    return _whole("width", width, 2**32), _whole("height", height, 2**32)
+def _labels(labels: Iterable[LabelName]) -> list[str]:
+    names = get_args(LabelName)
+    asked = _check.items("labels", labels, "['depth', 'flow']")
+    for label in asked:
+        if label == "frame":
+            raise ConfigError("label is 'frame'; frames come with frame_rate_hz=, and need no label")
+        if label not in names:
+            raise ConfigError(f"label is {_check.shown(label)}; it must be {_check.one_of(names)}")
+    return asked
+
+
+def _exposure(exposure_us: int | None, frame_rate_hz: float | None) -> int:
+    """Return the exposure of frames: the one given, or the usual one, as far as it fits between two."""
+    if exposure_us is not None:
+        if frame_rate_hz is None:
+            raise ConfigError(
+                f"exposure_us is {_check.shown(exposure_us)}; it exposes no frame: give frame_rate_hz too"
+            )
+        return _check.whole("exposure_us", exposure_us, 0, _check.MOST_US, " microseconds")
+    if frame_rate_hz is None or not frame_rate_hz > 0:
+        # No rate, or one that the engine refuses.
+        return _EXPOSURE_US
+    return 2 * int(min(_EXPOSURE_US / 2, 0.5e6 / frame_rate_hz))
 
 
 def _selector(device: Device | str | int | None) -> str | None:
     if device is None:
         return None
     return str(device.index) if isinstance(device, Device) else str(device)
-
-
-def _whole(what: str, value: int, limit: int) -> int:
-    """Check that ``value`` fits an unsigned integer, so that the error names the setting."""
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise ConfigError(f"{what} is {value!r}; it must be a whole number")
-    number = value.__index__()
-    if not 0 <= number < limit:
-        raise ConfigError(f"{what} is {number}; it must be between 0 and {limit - 1}")
-    return number

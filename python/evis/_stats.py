@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Any, TypeAlias
 
-from . import _evis
+from . import _check, _evis
 from ._events import EventArray
 from ._evis import ConfigError
 from ._files import Recording, load
-from ._sensor import Sensor
+from ._sensor import Sensor, sensor_of
 
 Source: TypeAlias = "EventArray | Recording | str | PathLike[str]"
 """Events, a recording of one camera, or the path of one (.h5, .npz, .npy)."""
@@ -24,6 +24,8 @@ Curve: TypeAlias = "tuple[tuple[float, ...], ...]"
 class Statistics:
     """What is counted about a stream; "cold" are pixels that are not hot. Made by `statistics`.
 
+    A figure is None where nothing is left to count: in recordings so short that one event makes a pixel hot.
+
     Attributes
     ----------
     width, height : int
@@ -32,17 +34,17 @@ class Statistics:
         Length, seconds.
     events : int
         All events.
-    rate_hz, cold_rate_hz, cold_on_hz, cold_off_hz : float
+    rate_hz, cold_rate_hz, cold_on_hz, cold_off_hz : float (of cold pixels: or None)
         Events per pixel and second; of cold pixels; of those the ON and the OFF events.
-    on_share : float
+    on_share : float or None
         Share of ON events, cold pixels.
     silent_share : float
         Share of pixels that never fired.
     hot_pixels : int
         Pixels above 20 events per second.
-    hot_share, hot_event_share, hot_hz : float
+    hot_share, hot_event_share, hot_hz : float (the last two: or None)
         Their share of all pixels and of all events, and their mean rate.
-    fano : float
+    fano : float or None
         Variance over mean of the counts of cold pixels; 1 for Poisson processes of one rate.
     fano_by_window : tuple of (float, float)
         The same in shorter windows: seconds, Fano factor.
@@ -58,7 +60,7 @@ class Statistics:
         1, 10, 50, 90 and 99 % of the times between two events of a cold pixel.
     intervals : tuple of (float, float)
         Their density: seconds, pairs per second and event.
-    burst_share, burst_interval_us : float
+    burst_share, burst_interval_us : float or None
         How many more pairs are within 5 ms than those up to 10 ms suggest, and their mean interval or None.
     regularity : float or None
         Median variation of the times between ON events in a row; near 1: random, below a half: regular.
@@ -68,7 +70,7 @@ class Statistics:
         Pixels, correlation of counts along rows, along columns.
     temporal_correlation, spectrum : tuple of (float, float)
         Of the number of events per millisecond: seconds, autocorrelation; Hz, power over a Poisson process's.
-    unsteadiness : float
+    unsteadiness : float or None
         Relative deviation of the rate over 50 ms, beyond what counting explains.
     """
 
@@ -77,16 +79,16 @@ class Statistics:
     duration_s: float
     events: int
     rate_hz: float
-    cold_rate_hz: float
-    cold_on_hz: float
-    cold_off_hz: float
-    on_share: float
+    cold_rate_hz: float | None
+    cold_on_hz: float | None
+    cold_off_hz: float | None
+    on_share: float | None
     silent_share: float
     hot_pixels: int
     hot_share: float
-    hot_event_share: float
-    hot_hz: float
-    fano: float
+    hot_event_share: float | None
+    hot_hz: float | None
+    fano: float | None
     fano_by_window: Curve
     pairs: int
     alternation: float | None
@@ -94,14 +96,14 @@ class Statistics:
     least_interval_us: int | None
     interval_quantiles_us: tuple[float, ...] | None
     intervals: Curve
-    burst_share: float
+    burst_share: float | None
     burst_interval_us: float | None
     regularity: float | None
     pixel_rates: Curve
     spatial_correlation: Curve
     temporal_correlation: Curve
     spectrum: Curve
-    unsteadiness: float
+    unsteadiness: float | None
 
 
 def _tuples(value: Any) -> Any:
@@ -121,16 +123,19 @@ def _events(source: Source, duration: float | None) -> tuple[EventArray, tuple[i
         if source.report is not None:
             end_us = round(1e6 * float(source.report.get("stream_s", 0.0)))
         events = source.events
-    else:
+    elif isinstance(source, EventArray):
         events = source
+    else:
+        raise ConfigError(
+            f"source is {_check.shown(source)}; it must be an evis.EventArray, an evis.Recording or the path "
+            "of a recording"
+        )
     if not len(events) and not end_us:
         raise ConfigError("source holds no events; it must hold some")
     start_us = min(0, int(events.t[0])) if end_us else int(events.t[0])
     end_us = max(end_us, int(events.t[-1]) + 1 if len(events) else 0)
     if duration is not None:
-        if not duration > 0:
-            raise ConfigError(f"duration is {duration}; it must be above 0 seconds")
-        end_us = min(end_us, start_us + round(1e6 * duration))
+        end_us = min(end_us, start_us + _check.duration_us("duration", duration))
         events = events.slice_time(start_us, end_us)
     return events, (start_us, end_us)
 
@@ -176,17 +181,15 @@ def static_scene(
     seed : int
         Seed of everything random.
     """
-    if isinstance(sensor, str):
-        sensor = Sensor.preset(sensor)
+    sensor = sensor_of(sensor)
     sensor.check()
-    for what, value in (("width", width), ("height", height)):
-        if not 0 < value <= 65536:
-            raise ConfigError(f"{what} is {value}; it must be between 1 and 65536")
-    if not 0 < duration <= 86400:
+    width, height = _check.whole("width", width, 1, 65536), _check.whole("height", height, 1, 65536)
+    duration_us = _check.duration_us("duration", duration)
+    if duration_us > 86_400_000_000:
         raise ConfigError(f"duration is {duration}; it must be above 0 and at most 86400 seconds")
-    if not 0 <= seed < 2**63:
-        raise ConfigError(f"seed is {seed}; it must be at least 0 and below 2**63")
-    events = _evis.static_scene(sensor._json(), (width, height), round(1e6 * duration), light, seed)
+    seed = _check.whole("seed", seed, 0, 2**63 - 1)
+    light = _check.number("light", light)
+    events = _evis.static_scene(sensor._json(), (width, height), duration_us, light, seed)
     return EventArray(events, width=width, height=height)
 
 
@@ -307,12 +310,13 @@ def calibrate(
     >>> print(round(float(evis.calibrate(events).found[0].value), 1))
     2.2
     """
-    base = Sensor() if base is None else Sensor.preset(base) if isinstance(base, str) else base
+    base = sensor_of(base, "base")
     base.check()
-    if not 0 <= seed < 2**63:
-        raise ConfigError(f"seed is {seed}; it must be at least 0 and below 2**63")
+    seed = _check.whole("seed", seed, 0, 2**63 - 1)
     single = isinstance(source, (EventArray, Recording, str, PathLike))
-    sources: list[Source] = [source] if single else list(source)  # type: ignore[list-item, arg-type]
+    sources: list[Source] = (
+        [source] if single else _check.items("source", source, "['a.h5', 'b.h5']")  # type: ignore[list-item]
+    )
     if stimulus is None:
         if len(sources) != 1:
             raise ConfigError(f"there are {len(sources)} sources; a still scene is calibrated from one")
@@ -331,8 +335,13 @@ def calibrate(
             simulated=_statistics(held["simulated"]),
             _table=table,
         )
-    pairs = [stimulus] if isinstance(stimulus[0], (int, float)) else list(stimulus)
-    stimuli = [(float(pair[0]), float(pair[1])) for pair in pairs]  # type: ignore[index]
+    try:
+        pairs: list[Any] = [stimulus] if isinstance(stimulus[0], (int, float)) else list(stimulus)
+        stimuli = [(float(hz), float(contrast)) for hz, contrast in pairs]
+    except (TypeError, ValueError, LookupError):
+        raise ConfigError(
+            f"stimulus is {_check.shown(stimulus)}; it must be (hz, contrast), or one such pair per source"
+        ) from None
     if len(stimuli) != len(sources):
         raise ConfigError(f"there are {len(sources)} sources and {len(stimuli)} stimuli; give one per source")
     parts = []

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis
+from . import _check, _evis
 from ._events import EventArray, as_event_cd
 from ._evis import ConfigError
 from ._packets import CameraInfo
-from ._sensor import Sensor
+from ._sensor import Sensor, thresholds_of
 
 REGIONS = ("interior", "silhouette", "disoccluded", "shadow_edge")
 """Names of the regions; their indices are the codes in `Truth.event_region` and `Truth.span_region`."""
@@ -118,22 +118,23 @@ class Truth:
             array = as_event_cd(events)
         if size is None:
             raise ConfigError("size is missing; it must be (width, height) where events are a plain array")
-        width, height = size
-        for what, value in (("width", width), ("height", height)):
-            if not 0 < value <= 65536:
-                raise ConfigError(f"{what} is {value}; it must be between 1 and 65536 pixels")
+        width, height = _check.size(size, 65536)
         if duration_us is None:
             duration_us = int(array["t"].max(initial=0)) + 1
         unknown = math.nan
         numbers = (unknown, unknown, unknown)
         if sensor is not None:
-            numbers = (sensor.threshold_on, sensor.threshold_off, sensor.log_eps)
+            numbers = thresholds_of(sensor)
         return cls(
             _evis.Truth(
                 camera=asdict(CameraInfo("camera", width, height, unknown, unknown, unknown, unknown)),
                 sensor=numbers,
-                reference_luminance=unknown if reference_luminance is None else reference_luminance,
-                duration_us=duration_us,
+                reference_luminance=(
+                    unknown
+                    if reference_luminance is None
+                    else _check.number("reference_luminance", reference_luminance)
+                ),
+                duration_us=_check.time_us("duration_us", duration_us),
                 events=np.ascontiguousarray(array),
                 pixels=_column(pixels, np.uint16),
                 speed=_column(speed, np.float32),

@@ -12,11 +12,11 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis
+from . import _check, _evis
 from ._chart import SceneChart, _scene_chart
-from ._scene import Scene
-from ._sensor import Sensor
-from ._simulator import Device, _selector, _size, _whole, micros
+from ._scene import Scene, raw_of
+from ._sensor import Sensor, thresholds_of
+from ._simulator import Device, _selector
 
 TriggerVariant = Literal["crossing_log", "crossing_light", "latch"]
 """Crossings on a straight line of log intensity or of light, or at most one event per sample."""
@@ -125,7 +125,7 @@ class Verification(_Report):
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
-        self._checks = tuple(_check(held) for held in json.loads(text)["checks"])
+        self._checks = tuple(_form_check(held) for held in json.loads(text)["checks"])
 
     @property
     def checks(self) -> tuple[FormCheck, ...]:
@@ -451,21 +451,21 @@ def verify_scene(
     DeviceError
         If there is no such device, or it failed.
     """
-    sensor = Sensor() if sensor is None else sensor
+    threshold_on, threshold_off, log_eps = thresholds_of(sensor)
     folder = _evis.chart_cache() if cache is True else None if cache is False else Path(cache)
     text = _evis.verify_scene(
-        scene._raw,
-        rates_hz=list(rates_hz),
-        samples=[_whole("samples", n, 2**32) for n in samples],
-        triggers=list(triggers),
-        threshold_on=sensor.threshold_on,
-        threshold_off=sensor.threshold_off,
-        log_eps=sensor.log_eps,
-        camera=camera,
-        size=_size(size),
-        start_us=micros("start", start),
-        duration_us=micros("duration", duration),
-        truth_pixels=None if truth_pixels is None else _whole("truth_pixels", truth_pixels, 2**32),
+        raw_of(scene),
+        rates_hz=_check.numbers("rates_hz", rates_hz),
+        samples=_check.wholes("samples", samples),
+        triggers=_check.names("triggers", triggers),
+        threshold_on=threshold_on,
+        threshold_off=threshold_off,
+        log_eps=log_eps,
+        camera=None if camera is None else str(camera),
+        size=None if size is None else _check.size(size),
+        start_us=_check.micros("start", start),
+        duration_us=_check.duration_us("duration", duration),
+        truth_pixels=None if truth_pixels is None else _check.whole("truth_pixels", truth_pixels),
         cache=folder,
         device=_selector(device),
     )
@@ -502,8 +502,8 @@ def verify_failures(
         If there is no such device, or it failed.
     """
     text = _evis.verify_failures(
-        methods=None if methods is None else list(methods),
-        failures=None if failures is None else list(failures),
+        methods=None if methods is None else _check.names("methods", methods),
+        failures=None if failures is None else _check.names("failures", failures),
         cache=_evis.chart_cache() if cache is True else None if cache is False else Path(cache),
         device=_selector(device),
     )
@@ -552,13 +552,13 @@ def verify_light(
         If there is no such device, or it failed.
     """
     text = _evis.verify_light(
-        scene._raw,
-        at_us=micros("at", at),
-        samples=_whole("samples", samples, 2**32),
-        shadows=shadows,
-        camera=camera,
-        size=_size(size),
-        worst=_whole("worst", worst, 2**32),
+        raw_of(scene),
+        at_us=_check.micros("at", at),
+        samples=_check.whole("samples", samples),
+        shadows=str(shadows),
+        camera=None if camera is None else str(camera),
+        size=None if size is None else _check.size(size),
+        worst=_check.whole("worst", worst),
         device=_selector(device),
     )
     return LightVerification(text)
@@ -591,7 +591,7 @@ def _cell(held: dict[str, Any]) -> FailureCell:
     )
 
 
-def _check(held: dict[str, Any]) -> FormCheck:
+def _form_check(held: dict[str, Any]) -> FormCheck:
     measured, theory = held["measured"], held["theory"]
     kind, numbers = (theory, {}) if isinstance(theory, str) else next(iter(theory.items()))
     return FormCheck(

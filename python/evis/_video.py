@@ -14,10 +14,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis
+from . import _check, _evis
 from ._evis import ConfigError
-from ._sensor import Sensor
-from ._simulator import micros
+from ._sensor import Sensor, sensor_of
 
 
 def _ffmpeg() -> str | None:
@@ -39,16 +38,14 @@ def _wanted(
     start: float,
     duration: float | None,
 ) -> dict[str, Any]:
-    if size is not None and not (len(size) == 2 and all(0 < int(side) <= 65536 for side in size)):
-        raise ConfigError(f"size is {size}; it must be (width, height), each between 1 and 65536 pixels")
     return {
         "path": Path(source),
-        "transfer": transfer,
-        "fps": fps,
+        "transfer": None if transfer is None else str(transfer),
+        "fps": _check.number_or_none("fps", fps),
         "timestamps": None if timestamps is None else Path(timestamps),
-        "size": None if size is None else (int(size[0]), int(size[1])),
-        "start_us": micros("start", start),
-        "duration_us": None if duration is None else micros("duration", duration),
+        "size": None if size is None else _check.size(size, 65536),
+        "start_us": _check.micros("start", start),
+        "duration_us": None if duration is None else _check.duration_us("duration", duration),
         "ffmpeg": _ffmpeg(),
     }
 
@@ -175,19 +172,14 @@ def video(
     """
     if Path(output).suffix.lower() not in (".h5", ".hdf5"):
         raise ConfigError(f"output ends with '{Path(output).suffix}'; it must end with .h5 or .hdf5")
-    if sensor is None:
-        sensor = Sensor()
-    elif isinstance(sensor, str):
-        sensor = Sensor.preset(sensor)
+    sensor = sensor_of(sensor)
     sensor.check()
-    if not 0 <= seed < 2**63:
-        raise ConfigError(f"seed is {seed}; it must be at least 0 and below 2**63")
     text = _evis.convert_video(
         _wanted(source, transfer, fps, timestamps, size, start, duration),
         Path(output),
         sensor=sensor._json(),
-        seed=seed,
-        reference_luminance=reference_luminance,
+        seed=_check.whole("seed", seed, 0, 2**63 - 1),
+        reference_luminance=_check.number("reference_luminance", reference_luminance),
         overwrite=overwrite,
     )
     held = json.loads(text)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import _check
 from ._evis import ConfigError
 
 Float = npt.NDArray[np.float32]
@@ -167,8 +168,8 @@ def upsample(
         If OpenCV is missing, or a frame cannot be used.
     """
     cv2 = _opencv()
-    for what, value, low in (("step_px", step_px, 0.0), ("most", most, 0), ("log_eps", log_eps, 0.0)):
-        if not value > low:
+    for what, value in (("step_px", step_px), ("most", most), ("log_eps", log_eps)):
+        if not _check.number(what, value) > 0:
             raise ConfigError(f"{what} is {value}; it must be above 0")
     held: tuple[int, Float] | None = None
     for t_us, frame in frames:

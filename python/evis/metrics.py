@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis
+from . import _check, _evis
 from ._events import EventArray, Events, as_event_cd
 from ._evis import ConfigError, FormatError
 from ._files import HDF5_ENDINGS, Recording, load
-from ._sensor import Sensor
+from ._sensor import Sensor, thresholds_of
 from ._truth import REGIONS, Truth, load_truth
 
 __all__ = [
@@ -308,11 +308,12 @@ def score(
     OSError, FormatError
         If a file cannot be read.
     """
+    tolerances = _check.wholes("tolerances_us", tolerances_us)
     known = _as_truth(truth, camera)
     array, size, stored = _as_events(events, known, camera)
     if sensor is not None:
-        stored = (sensor.threshold_on, sensor.threshold_off, sensor.log_eps)
-    return Score.from_json(_evis.score(array, known._handle, list(tolerances_us), stored, size))
+        stored = thresholds_of(sensor)
+    return Score.from_json(_evis.score(array, known._handle, tolerances, stored, size))
 
 
 def voxel_l1(

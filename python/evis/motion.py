@@ -14,6 +14,9 @@ from typing import Any, ClassVar, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from . import _check
+from ._evis import ConfigError
+
 Vector: TypeAlias = Sequence[float] | npt.NDArray[np.floating[Any]]
 Interpolation: TypeAlias = Literal["linear", "catmull_rom", "hermite"]
 
@@ -184,7 +187,7 @@ class Chain(_Motion):
         """Return the motion as a scene file has it."""
         links = []
         for placement in self.motions:
-            link = placement.table()
+            link = table_of("chain", placement)
             # A link of a chain has its motion's keys beside those of its pose.
             link |= link.pop("motion", {})
             links.append(link)
@@ -231,8 +234,23 @@ class Placement:
         """Return the placement as a scene file has it."""
         table = fields_of(self)
         if self.motion is not None:
+            if not isinstance(self.motion, _Motion):
+                raise ConfigError(
+                    f"motion is {_check.shown(self.motion)}; it must be one of evis.motion, such as "
+                    "evis.motion.Spin(degrees_per_s=90)"
+                )
             table["motion"] = self.motion.table()
         return table
+
+
+def table_of(name: str, pose: Any) -> dict[str, Any]:
+    """Return the pose of the object ``name`` as a scene file has it."""
+    if not isinstance(pose, Placement):
+        raise ConfigError(
+            f"pose of '{name}' is {_check.shown(pose)}; it must be an evis.Placement, such as "
+            "evis.Placement(position=(0, 1, 0))"
+        )
+    return pose.table()
 
 
 HERE = Placement()

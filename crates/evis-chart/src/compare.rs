@@ -84,14 +84,17 @@ fn figure(comparison: &Comparison) -> Result<Figure, ChartError> {
     }
     let note = |side: &evis_core::stats::Named| {
         let Stats { width, height, duration_s, cold_rate_hz, on_share, hot_share, .. } = side.stats;
+        let told = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
         format!(
-            "{}: {width}×{height} pixels, {duration_s:.3} s, {cold_rate_hz:.4} Hz per pixel, ON share {on_share:.3}, hot pixels \
-             {:.4} %.",
+            "{}: {width}×{height} pixels, {duration_s:.3} s, {} Hz per pixel, ON share {}, hot pixels {:.4} %.",
             name(&side.name),
+            told(cold_rate_hz, 4),
+            told(on_share, 3),
             hot_share * 100.0
         )
     };
     let mut notes: Vec<String> = sides.iter().map(|side| note(side)).collect();
+    notes.extend(comparison.notes().into_iter().map(|note| format!("{note}.")));
     notes.push("Hot pixels (above 20 Hz) count in the second and the fourth panel only. Values of 0 and below are left out.".into());
     Ok(Figure {
         title: "Two recordings".into(),

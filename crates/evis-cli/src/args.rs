@@ -168,7 +168,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) frame_rate: Option<f64>,
 
-    /// Exposure of those frames in milliseconds, at most the time between two [default: 10].
+    /// Exposure of those frames in milliseconds, at most the time between two; rounded down to an even number of microseconds
+    /// [default: 10, or the time between two where that is shorter].
     #[arg(long, value_name = "MS", value_parser = window_ms, allow_hyphen_values = true)]
     pub(crate) exposure_ms: Option<f64>,
 
@@ -213,7 +214,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
     pub(crate) seed: Option<u64>,
 
-    /// Write a report as JSON: settings, device, counts, rates, milliseconds per stage, warnings.
+    /// Write a report as JSON: settings, device, counts, rates, milliseconds per stage, warnings. Refused if the file exists,
+    /// unless --force is given.
     #[arg(long, value_name = "R.json")]
     pub(crate) report: Option<PathBuf>,
 
@@ -382,7 +384,7 @@ pub(crate) struct VideoArgs {
     #[arg(long)]
     pub(crate) force: bool,
 
-    /// Write the report as JSON to this file too.
+    /// Write the report as JSON to this file too. Refused if it exists, unless --force is given.
     #[arg(long, value_name = "FILE")]
     pub(crate) report: Option<PathBuf>,
 

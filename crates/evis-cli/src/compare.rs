@@ -22,6 +22,10 @@ pub(crate) fn compare(args: &CompareArgs) -> anyhow::Result<i32> {
     };
     let comparison = Comparison { a: side(&args.a)?, b: side(&args.b)? };
     if args.json {
+        // The table has them.
+        for note in comparison.notes() {
+            text::complain(&format!("note: {note}"));
+        }
         text::say_json(&comparison)?;
     } else {
         text::say(&comparison.to_string());

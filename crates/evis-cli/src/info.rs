@@ -1,6 +1,7 @@
 //! `info`: what a recording holds; `--repair` makes one that was cut off readable for every reader.
 
-use evis_core::format::hdf5::{self, Recording, stored_sensor};
+use evis_core::format::FormatError;
+use evis_core::format::hdf5::{self, Recording, RepairReport, stored_sensor};
 use evis_core::sensor::PRESETS;
 use evis_core::{CameraInfo, SensorConfig};
 use serde::Serialize;
@@ -13,6 +14,10 @@ struct Info {
     file: String,
     /// Closed in good order; a file that was cut off is not.
     complete: bool,
+    /// Closed in good order before the stream was as long as asked, by Ctrl-C.
+    interrupted: bool,
+    /// The length that was asked for; none where the settings do not tell.
+    asked_s: Option<f64>,
     repaired: Option<Repaired>,
     seed: u64,
     method: String,
@@ -31,8 +36,53 @@ struct Info {
 struct Repaired {
     /// The mark that a killed writer leaves is gone.
     reopened: bool,
+    /// The file ended before its content did.
+    cut_short: bool,
+    events_saved: u64,
+    /// Events that the file promised.
+    events_promised: u64,
+    /// Of events, poses and labels.
     rows_dropped: u64,
     millis_rebuilt: u64,
+    report_dropped: bool,
+    nothing_to_do: bool,
+}
+
+impl Repaired {
+    fn of(report: &RepairReport) -> Self {
+        let saved: u64 = report.events.iter().map(|(_, events)| events).sum();
+        Self {
+            reopened: report.reopened,
+            cut_short: report.cut_short,
+            events_saved: saved,
+            events_promised: saved + report.events_dropped,
+            rows_dropped: report.rows_dropped,
+            millis_rebuilt: report.millis_rebuilt,
+            report_dropped: report.report_dropped,
+            nothing_to_do: report.nothing_to_do(),
+        }
+    }
+
+    /// `cut off, and repaired: 12 of 20 events could be saved; ...`.
+    fn in_words(&self) -> String {
+        let why = if self.cut_short || self.reopened { "cut off" } else { "damaged" };
+        let mut text = format!(
+            "{why}, and repaired: {} of {} events could be saved",
+            text::grouped(self.events_saved),
+            text::grouped(self.events_promised)
+        );
+        let others = self.rows_dropped - (self.events_promised - self.events_saved);
+        if others > 0 {
+            text += &format!("; {} labels and poses were dropped", text::grouped(others));
+        }
+        if self.millis_rebuilt > 0 {
+            text += "; ms_to_idx was mended";
+        }
+        if self.report_dropped {
+            text += "; the run's report is lost";
+        }
+        text + "; every reader opens it, and it does not count as complete"
+    }
 }
 
 #[derive(Serialize)]
@@ -66,16 +116,7 @@ struct LabelLine {
 
 /// Describes a recording.
 pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
-    let repaired = if args.repair {
-        let report = hdf5::repair(&args.input)?;
-        Some(Repaired {
-            reopened: report.reopened,
-            rows_dropped: report.rows_dropped,
-            millis_rebuilt: report.millis_rebuilt,
-        })
-    } else {
-        None
-    };
+    let repaired = if args.repair { Some(Repaired::of(&hdf5::repair(&args.input)?)) } else { None };
     let recording = Recording::open(&args.input)?;
     let header = recording.header();
     let duration_s = extent::end_us(&recording)? as f64 / 1.0e6;
@@ -86,6 +127,8 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
     let info = Info {
         file: args.input.display().to_string(),
         complete: recording.is_complete()?,
+        interrupted: was_interrupted(&recording)?,
+        asked_s: asked_s(&header.config_toml),
         repaired,
         seed: header.seed,
         method: header.method.clone(),
@@ -105,17 +148,38 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
     Ok(0)
 }
 
+/// Whether the writer's report says so.
+fn was_interrupted(recording: &Recording) -> anyhow::Result<bool> {
+    let report = recording.report()?.and_then(|json| serde_json::from_str::<serde_json::Value>(&json).ok());
+    Ok(report.and_then(|report| report.get("interrupted")?.as_bool()).unwrap_or(false))
+}
+
+/// `duration_s` of the settings.
+fn asked_s(config_toml: &str) -> Option<f64> {
+    config_toml.parse::<toml::Table>().ok()?.get("duration_s")?.as_float()
+}
+
 fn camera_line(
     recording: &Recording,
     index: usize,
     camera: &CameraInfo,
     duration_s: f64,
 ) -> anyhow::Result<CameraLine> {
+    let promised = recording.event_count(index)?;
     let (mut events, mut on) = (0, 0);
     extent::for_each_piece(recording, index, |piece| {
         events += piece.len() as u64;
         on += piece.iter().filter(|e| e.p == 1).count() as u64;
     })?;
+    if events < promised {
+        let camera = &camera.name;
+        return Err(FormatError::corrupt(
+            recording.path(),
+            format!("{camera}/ms_to_idx leads to {events} of {promised} events only"),
+            "copy it again from its source, or record it again",
+        )
+        .into());
+    }
     let mut labels = Vec::new();
     for kind in recording.label_kinds(index)? {
         let times = recording.label_times(index, *kind)?;
@@ -159,10 +223,15 @@ fn in_words(sensor: &SensorConfig) -> Option<String> {
 
 fn describe(info: &Info) -> String {
     let state = match (info.complete, &info.repaired) {
-        (true, _) => "complete",
-        (false, Some(_)) => "cut off, and repaired: every reader opens it",
+        (_, Some(repaired)) if !repaired.nothing_to_do => repaired.in_words(),
+        (true, _) if info.interrupted => {
+            let asked = info.asked_s.map_or_else(String::new, |s| format!(" of the {s} s asked for"));
+            format!("interrupted (Ctrl-C) after {} s{asked}; complete up to there", info.duration_s)
+        }
+        (true, _) => "complete".into(),
+        (false, Some(_)) => "not complete, and nothing to repair: every reader opens it".into(),
         (false, None) => {
-            "not complete: being written, or cut off; `info --repair` then lets every reader open it"
+            "not complete: being written, or cut off; `info --repair` then lets every reader open it".into()
         }
     };
     let mut lines = vec![format!(
@@ -207,4 +276,39 @@ fn describe(info: &Info) -> String {
     lines.push("settings".into());
     lines.extend(info.settings_toml.lines().map(|line| format!("  {line}")));
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_repair_is_told_with_what_it_saved_and_what_not() {
+        let report = RepairReport {
+            cut_short: true,
+            events: vec![("a".into(), 10), ("b".into(), 2)],
+            events_dropped: 5,
+            rows_dropped: 8,
+            report_dropped: true,
+            ..Default::default()
+        };
+        let told = Repaired::of(&report).in_words();
+        for words in
+            ["cut off", "12 of 17 events", "3 labels and poses were dropped", "report is lost", "not count"]
+        {
+            assert!(told.contains(words), "{told} lacks '{words}'");
+        }
+        let told = Repaired::of(&RepairReport { millis_rebuilt: 3, ..Default::default() }).in_words();
+        assert!(
+            told.starts_with("damaged") && told.contains("ms_to_idx") && !told.contains("lost"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn the_length_asked_for_is_that_of_the_settings() {
+        assert_eq!(asked_s("duration_s = 3.0\n[run]\nseed = 1\n"), Some(3.0));
+        assert_eq!(asked_s("[run]\nduration_s = 3.0\n"), None);
+        assert_eq!(asked_s("not toml"), None);
+    }
 }

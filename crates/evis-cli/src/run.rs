@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, SensorConfig, TriggerRule};
+use evis_core::{CameraInfo, LabelKind, SensorConfig, TriggerRule};
 use evis_render::plan::Goal;
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
     Antialias, Between, DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Shadows,
     Simulator, SplatConfig, StageTimes, Target, scene_sensors,
 };
-use evis_scene::Scene;
+use evis_scene::{Scene, SceneState};
 use serde::Serialize;
 
 use crate::args::{self, MethodArg, RunArgs};
@@ -40,11 +40,16 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
 
     // Everything that can be refused is refused before a file is touched: the cheap checks first.
     check_output(&args.output)?;
-    if let Some(plan) = args.plan.as_ref().filter(|plan| !plan.exists()) {
-        check_parent(plan, "--plan")?;
+    let mut taken = vec![("--output", args.output.as_path()), ("the scene", Path::new(&args.scene))];
+    if let Some(plan) = &args.plan {
+        check_apart(plan, "--plan", &taken)?;
+        if !plan.exists() {
+            check_parent(plan, "--plan")?;
+        }
+        taken.push(("--plan", plan));
     }
     if let Some(report) = &args.report {
-        check_parent(report, "--report")?;
+        check_report(report, args.force, &taken)?;
     }
     let asked = sensor_source::asked(&args.sensor)?;
     let for_all = asked.all.is_some();
@@ -79,6 +84,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let scene = Arc::new(scene);
     if matches!(config.method, Method::Auto(_)) {
         if !settle(args, &gpu, &scene, &mut config)? {
+            text::complain("interrupted; nothing was written");
             return Ok(EXIT_INTERRUPTED);
         }
         for warning in config.chosen.iter().filter_map(|chosen| chosen.warning.clone()) {
@@ -204,13 +210,24 @@ fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConf
                 "--exposure-ms {exposure_ms} exposes no frame; add --frame-rate HZ"
             )));
         }
-        // Even, so that the middle is a whole microsecond.
-        config.exposure_us = (exposure_ms * 500.0).round() as i64 * 2;
+        // Even, so that the middle is a whole microsecond; never longer than was asked for, but for rounding.
+        config.exposure_us = (exposure_ms * 500.0 + 1e-6).floor() as i64 * 2;
+        if config.exposure_us < 2 {
+            return Err(bad_input(format!("--exposure-ms {exposure_ms}: the shortest exposure is 0.002 ms")));
+        }
     } else if let Some(rate_hz) = args.frame_rate {
         // The default, or what fits between two frames.
         config.exposure_us = config.exposure_us.min((0.5e6 / rate_hz) as i64 * 2);
     }
+    if args.exposure_shape.is_some() && args.frame_rate.is_none() {
+        return Err(bad_input("--exposure-shape exposes no frame; add --frame-rate HZ".to_owned()));
+    }
     config.exposure_shape = args.exposure_shape.clone().unwrap_or_default();
+    if config.between == Between::Curve && config.adaptive_px.is_none() {
+        return Err(bad_input(
+            "--between curve runs from look to look of adaptive time; add --adaptive PX".to_owned(),
+        ));
+    }
     Ok(config)
 }
 
@@ -285,6 +302,7 @@ fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
     let until_s = start_s + duration_s + ahead_s;
     if let Some(own_s) = own_s
         && until_s > own_s + 1.0e-6
+        && rests_after(scene, own_s)
     {
         warnings.add(format!(
             "the scene's motion ends at {own_s} s and the stream at {until_s} s of the scene's time; after its end \
@@ -292,6 +310,39 @@ fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
         ));
     }
     to_us(duration_s).max(1)
+}
+
+/// Whether nothing changes any more from `end_s` on, as far as some times say; motion by formulas goes on.
+fn rests_after(scene: &Scene, end_s: f64) -> bool {
+    let at = |time_s: f64| {
+        let mut state = SceneState::default();
+        scene.evaluate(time_s, &mut state);
+        state
+    };
+    let end = at(end_s);
+    // No multiples of each other: what comes back is seen elsewhere at one of them.
+    [0.013, 0.37, 1.0, 2.9].iter().all(|later| at(end_s + later) == end)
+}
+
+/// Refuses a report that would take another file's place: without `force` any, and always those that are `taken`.
+pub(crate) fn check_report(path: &Path, force: bool, taken: &[(&str, &Path)]) -> anyhow::Result<()> {
+    check_apart(path, "--report", taken)?;
+    check_parent(path, "--report")?;
+    check_unused(path, "--report", force)
+}
+
+/// Refuses a path that is one of those that are `taken`, under whatever name.
+fn check_apart(path: &Path, flag: &str, taken: &[(&str, &Path)]) -> anyhow::Result<()> {
+    let place = |path: &Path| {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        path.canonicalize().ok().or_else(|| Some(folder.canonicalize().ok()?.join(path.file_name()?)))
+    };
+    match taken.iter().find(|(_, other)| place(path).is_some_and(|at| place(other) == Some(at))) {
+        Some((what, _)) => {
+            Err(bad_input(format!("{flag} {}: that is {what}; choose another name", path.display())))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Refuses an output that could not be written, before any work.
@@ -338,9 +389,13 @@ pub(crate) fn check_parent(path: &Path, flag: &str) -> anyhow::Result<()> {
 }
 
 pub(crate) fn check_free(path: &Path, force: bool) -> anyhow::Result<()> {
+    check_unused(path, "--output", force)
+}
+
+fn check_unused(path: &Path, flag: &str, force: bool) -> anyhow::Result<()> {
     if path.exists() && !force {
         return Err(bad_input(format!(
-            "--output {} exists already; --force overwrites it, or choose another name",
+            "{flag} {} exists already; --force overwrites it, or choose another name",
             path.display()
         )));
     }
@@ -519,6 +574,8 @@ struct Tally {
     cameras: usize,
     report: PacketReport,
     packets: u64,
+    /// Frames beside the events, of all views.
+    frames: u64,
     end_us: i64,
     write: Duration,
 }
@@ -540,6 +597,7 @@ impl Tally {
             cameras: cameras.len(),
             report: PacketReport::default(),
             packets: 0,
+            frames: 0,
             end_us: 0,
             write: Duration::ZERO,
         }
@@ -553,6 +611,8 @@ impl Tally {
                 tally.on += on;
                 tally.off += view.events.len() as u64 - on;
                 tally.labels += view.labels.len() as u64;
+                let frames = view.labels.iter().filter(|label| label.kind == LabelKind::Frame);
+                self.frames += frames.count() as u64;
             }
         }
         let (sum, new) = (&mut self.report, &packet.report);
@@ -623,6 +683,8 @@ struct Report {
     unknown: u64,
     reruns: u64,
     packets: u64,
+    /// Beside the events, of all views.
+    frames: u64,
     milliseconds: Milliseconds,
     views: Vec<ViewTally>,
     warnings: Vec<String>,
@@ -667,6 +729,7 @@ impl Report {
             unknown: tally.report.unknown,
             reruns: tally.report.reruns,
             packets: tally.packets,
+            frames: tally.frames,
             milliseconds: Milliseconds {
                 setup: setup.as_secs_f64() * 1.0e3,
                 host: times.host_ms,
@@ -693,7 +756,7 @@ impl Report {
                 let mut line = format!("{}, {} samples{shaded}{rays}, ", self.method, run.samples);
                 if let Some(px) = run.adaptive_px {
                     let hz = if self.stream_s > 0.0 { drawn / self.stream_s } else { 0.0 };
-                    let curves = if run.between == Between::Curve { ", curves between them" } else { "" };
+                    let curves = if run.takes_curves() { ", curves between them" } else { "" };
                     line += &format!(
                         "every {px} px at up to {} Hz{curves}, {hz:.0} pictures' pixels per second, ",
                         run.rate_hz
@@ -738,6 +801,13 @@ impl Report {
             text::grouped(self.events),
             text::percent(self.on, self.events)
         ));
+        if let Some(rate_hz) = self.settings.run.frame_rate_hz {
+            lines.push(format!(
+                "frames             {}, each {} ms at {rate_hz} Hz",
+                text::grouped(self.frames),
+                self.settings.run.exposure_us as f64 * 1e-3
+            ));
+        }
         lines.push(format!(
             "events per second  {} of work, {} of stream",
             text::short(self.events_per_second),

@@ -56,17 +56,28 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
         truth.sampled_hz().map_or_else(String::new, |hz| format!(", sampled at {hz} Hz")),
     ));
     if let Some(audit) = Audit::of(&truth) {
-        text::say(&format!(
-            "audit: {} of {} quiet steps looked at 16 times as finely: {} hide events; with {:.0} % confidence at most {:.2} % as many \
-             as there are events do",
-            text::grouped(audit.audited),
-            text::grouped(audit.intervals),
-            audit.missed,
-            100.0 * audit.confidence,
-            100.0 * audit.missed_per_event_at_most,
-        ));
+        text::say(&audit_line(&audit));
     }
     Ok(0)
+}
+
+/// What the audit says of the truth.
+fn audit_line(audit: &Audit) -> String {
+    let percent = 100.0 * audit.missed_per_event_at_most;
+    // A bound above the number of events bounds nothing.
+    let bound = if percent > 100.0 {
+        "too few were looked at to bound what the others hide; a longer truth or more pixels give a bound"
+            .into()
+    } else {
+        let confidence = 100.0 * audit.confidence;
+        format!("with {confidence:.0} % confidence at most {percent:.2} % as many as there are events do")
+    };
+    format!(
+        "audit: {} of {} quiet steps looked at 16 times as finely: {} hide events; {bound}",
+        text::grouped(audit.audited),
+        text::grouped(audit.intervals),
+        audit.missed,
+    )
 }
 
 /// What truth takes of the sensor that the scene gives the camera: thresholds, `eps` and trigger.
@@ -113,4 +124,28 @@ fn settings(args: &TruthArgs, sensor: SensorConfig) -> TruthSettings {
     settings.lattice = args.lattice.map_or(settings.lattice, Into::into);
     settings.reference_luminance = args.reference_luminance;
     settings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bound_that_bounds_nothing_is_not_told_as_one() {
+        let audit = |missed_per_event_at_most| Audit {
+            intervals: 900,
+            audited: 12,
+            missed: 0,
+            confidence: 0.95,
+            missed_at_most: 199.0,
+            missed_per_event_at_most,
+        };
+        assert!(
+            audit_line(&audit(0.0123)).ends_with(
+                "0 hide events; with 95 % confidence at most 1.23 % as many as there are events do"
+            )
+        );
+        let line = audit_line(&audit(169.8773));
+        assert!(line.contains("too few were looked at") && !line.contains("16987"), "{line}");
+    }
 }

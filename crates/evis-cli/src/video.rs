@@ -10,14 +10,14 @@ use evis_video::{
 use crate::args::VideoArgs;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
 use crate::progress::Progress;
-use crate::run::{check_free, check_output, check_parent, to_us};
+use crate::run::{check_free, check_output, check_report, to_us};
 use crate::{sensor_source, text};
 
 /// Converts and tells.
 pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
     check_output(&args.output)?;
     if let Some(report) = &args.report {
-        check_parent(report, "--report")?;
+        check_report(report, args.force, &[("--output", &args.output), ("the input", &args.input)])?;
     }
     check_free(&args.output, args.force)?;
     let defaults = VideoConfig::default();

@@ -78,7 +78,7 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--sensor v2e --rate 0.001", ["rate", "every 1000 s", "268"]),
         ("--frame-rate 0", ["--frame-rate", "'0'", "above 0"]),
         ("--frame-rate 30 --exposure-ms 40", ["exposure", "40000 us", "33332"]),
-        ("--exposure-shape 0,1", ["exposure_shape", "weights", "frame rate"]),
+        ("--exposure-shape 0,1", ["--exposure-shape", "no frame", "--frame-rate"]),
         ("--frame-rate 30 --exposure-shape 1,-2", ["exposure_shape", "-2", "0 to 1e9"]),
         ("--frame-rate 30 --exposure-shape 0,0", ["exposure_shape", "0 throughout", "1e-9"]),
         ("--frame-rate 30 --exposure-shape bow", ["--exposure-shape", "bow", "0,1,1,0"]),
@@ -158,7 +158,23 @@ fn outputs_that_cannot_be_written_are_refused_before_any_work() {
     refused(&folder, "run spinner -o folder.h5", &["folder.h5", "file name"]);
     refused(&folder, "run spinner -o x.txt", &["x.txt", ".h5"]);
     refused(&folder, "run spinner -o x.h5 --report no/r.json", &["--report", "no/r.json"]);
-    assert_eq!(std::fs::read(folder.file("old.h5")).unwrap(), b"precious");
+    // Nothing is a report's or a plan's place that is another file's.
+    std::fs::write(folder.file("own.toml"), "precious").unwrap();
+    for (line, words) in [
+        ("run spinner -o x.h5 --report old.h5", ["--report", "--force"]),
+        ("run spinner -o x.h5 --report x.h5", ["--report", "--output"]),
+        ("run spinner -o old.h5 --report ./old.h5 --force", ["--report", "--output"]),
+        ("run own.toml -o x.h5 --report own.toml --force", ["--report", "the scene"]),
+        ("run spinner -o x.h5 --plan p.toml --report ./p.toml", ["--report", "--plan"]),
+        ("run spinner -o x.h5 --plan x.h5", ["--plan", "--output"]),
+        ("video own.toml -o x.h5 --fps 10 --report own.toml --force", ["--report", "the input"]),
+        ("video own.toml -o x.h5 --fps 10 --report old.h5", ["--report", "--force"]),
+    ] {
+        refused(&folder, line, &words);
+    }
+    for kept in ["old.h5", "own.toml"] {
+        assert_eq!(std::fs::read(folder.file(kept)).unwrap(), b"precious", "{kept}");
+    }
 }
 
 #[test]

@@ -82,6 +82,11 @@ fn a_still_scene_gives_a_sensor_that_run_by_itself_gives_the_same() {
     let of = |side: &str| told[side]["stats"]["cold_rate_hz"].as_f64().unwrap();
     assert!(of("b") > 2.0 * of("a"), "canary: another recording has another rate");
 
+    // Where one event makes a pixel hot, nothing is left to count: null, and a note beside the JSON.
+    let short = evis(&folder, "compare a.h5 b.h5 --duration 0.03 --json");
+    assert!(stderr(&short).contains("note: B: a recording of 0.030 s is too short"), "{}", stderr(&short));
+    assert!(json(&short)["a"]["stats"]["on_share"].is_null());
+
     let table = evis(&folder, "compare a.h5 b.h5 --duration 1");
     assert!(stdout(&table).contains("Fano factor of counts") && stdout(&table).contains("a.h5"));
 }
@@ -119,6 +124,7 @@ fn what_cannot_be_calibrated_is_told() {
         ("calibrate none.h5", "none.h5"),
         ("calibrate text.txt", "ends with .h5, .hdf5, .npz or .npy"),
         ("calibrate few.h5", "record longer"),
+        ("calibrate a.h5 --duration 0.04", "record 0.25 s or more"),
         ("calibrate a.h5 --start 9", "choose an earlier one"),
         ("calibrate a.h5 a.h5", "a still scene is calibrated from one recording"),
         ("calibrate a.h5 --stimulus 5", "HZ,CONTRAST"),

@@ -251,15 +251,28 @@ fn times_beyond_the_scene_are_told_once() {
     if no_device(&folder) {
         return;
     }
-    let scenes = json(&evis(&folder, "scenes --json"));
-    let with_end = |s: &&serde_json::Value| s["duration_s"].as_f64().is_some();
-    let Some(scene) = scenes.as_array().unwrap().iter().find(with_end) else { return };
-    let (name, end_s) = (scene["name"].as_str().unwrap(), scene["duration_s"].as_f64().unwrap());
-    let line = format!("run {name} -o a.h5 {SMALL} --start {} --json", end_s - 0.02);
-    let output = evis(&folder, &line);
-    assert_eq!(code(&output), 0, "{}", stderr(&output));
-    assert_eq!(stderr(&output).matches("the scene's motion ends").count(), 1, "{}", stderr(&output));
-    assert_eq!(json(&output)["warnings"].as_array().unwrap().len(), 1);
+    let run = |name: &str, end_s: f64| {
+        let line = format!("run {name} -o a.h5 {SMALL} --start {} --json --force", end_s - 0.02);
+        let output = evis(&folder, &line);
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        let told = stderr(&output).matches("the scene's motion ends").count();
+        (told, json(&output)["warnings"].as_array().unwrap().len())
+    };
+    let ends = r#"
+        duration_s = 0.5
+        [[materials]]
+        name = "grey"
+        [[primitives]]
+        name = "ball"
+        shape = "sphere"
+        radius = 0.3
+        material = "grey"
+        motion = { kind = "keys", times_s = [0.0, 0.5], positions = [[0.0, 0.0, 0.0], [0.2, 0.0, 0.0]] }
+    "#;
+    std::fs::write(folder.file("ends.toml"), ends).unwrap();
+    assert_eq!(run("ends.toml", 0.5), (1, 1));
+    // Its motion is a formula, which goes on.
+    assert_eq!(run("spinner", 4.0), (0, 0));
 }
 
 #[test]

@@ -5,6 +5,7 @@
 mod calibrate;
 mod compare;
 mod flicker;
+mod motion;
 mod spectrum;
 
 use serde::{Deserialize, Serialize};
@@ -18,6 +19,10 @@ pub use flicker::{FlickerFit, Stimulus, calibrate_flicker};
 
 /// A pixel that fires more often than this is hot, events per second.
 pub const HOT_HZ: f64 = 20.0;
+
+/// As many events as [`HOT_HZ`] makes in the shortest recording that tells hot pixels: where it makes fewer, pixels that are not
+/// hot are above it by chance, and where it makes less than one, all pixels that fire are.
+const HOT_EVENTS: f64 = 5.0;
 
 /// Lengths of the windows in which events are counted for [`Stats::fano_by_window`], microseconds.
 const WINDOWS_US: [i64; 7] = [1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000];
@@ -37,7 +42,7 @@ pub(crate) const BURST_US: i64 = 5_000;
 /// A point of a curve.
 pub type Point = [f64; 2];
 
-/// What is counted about a stream. "Cold" are pixels that are not hot.
+/// What is counted about a stream. "Cold" are pixels that are not hot. A figure is `None` where nothing is left to count.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stats {
     /// Pixels per row.
@@ -50,14 +55,15 @@ pub struct Stats {
     pub events: u64,
     /// Events per pixel and second.
     pub rate_hz: f64,
-    /// Events per cold pixel and second.
-    pub cold_rate_hz: f64,
+    /// Events per cold pixel and second; `None` where no pixel can fire and be cold, for the recording is shorter than
+    /// 1 / [`HOT_HZ`], and where none is.
+    pub cold_rate_hz: Option<f64>,
     /// ON events per cold pixel and second.
-    pub cold_on_hz: f64,
+    pub cold_on_hz: Option<f64>,
     /// OFF events per cold pixel and second.
-    pub cold_off_hz: f64,
+    pub cold_off_hz: Option<f64>,
     /// Share of ON events among those of cold pixels.
-    pub on_share: f64,
+    pub on_share: Option<f64>,
     /// Share of pixels that never fired.
     pub silent_share: f64,
     /// Pixels above [`HOT_HZ`].
@@ -65,12 +71,12 @@ pub struct Stats {
     /// Their share of all pixels.
     pub hot_share: f64,
     /// Their share of all events.
-    pub hot_event_share: f64,
-    /// Their mean rate, events per second; 0 where there are none.
-    pub hot_hz: f64,
+    pub hot_event_share: Option<f64>,
+    /// Their mean rate, events per second.
+    pub hot_hz: Option<f64>,
     /// Variance over mean of the counts of cold pixels, over the whole length; 1 for one Poisson process per pixel, all of
     /// one rate.
-    pub fano: f64,
+    pub fano: Option<f64>,
     /// The same in shorter windows: (seconds, Fano factor).
     pub fano_by_window: Vec<Point>,
     /// Neighbouring events of one cold pixel.
@@ -87,7 +93,7 @@ pub struct Stats {
     /// Times between two events of a cold pixel: (seconds, pairs per second of interval and event).
     pub intervals: Vec<Point>,
     /// Of all pairs of cold pixels: how many more are within 5 ms than one expects from those up to 10 ms.
-    pub burst_share: f64,
+    pub burst_share: Option<f64>,
     /// Their mean interval, microseconds; `None` where there are too few.
     pub burst_interval_us: Option<f64>,
     /// Median over cold pixels of the coefficient of variation of the times between ON events in a row: near 1 for random,
@@ -101,8 +107,27 @@ pub struct Stats {
     pub temporal_correlation: Vec<Point>,
     /// Power of the number of events per millisecond, over that of a Poisson process: (Hz, power).
     pub spectrum: Vec<Point>,
-    /// Standard deviation of the rate over 50 ms, over its mean, beyond what counting explains.
-    pub unsteadiness: f64,
+    /// Standard deviation of the rate over 50 ms, over its mean, beyond what counting explains. `None` below 200 ms.
+    pub unsteadiness: Option<f64>,
+}
+
+impl Stats {
+    /// How long a recording must be to tell hot pixels, seconds, if this one is too short.
+    pub fn shortest_for_hot_s(&self) -> Option<f64> {
+        (HOT_HZ * self.duration_s < HOT_EVENTS).then_some(HOT_EVENTS / HOT_HZ)
+    }
+
+    /// That the recording is too short to tell hot pixels, if it is.
+    pub fn hot_note(&self) -> Option<String> {
+        let shortest = self.shortest_for_hot_s()?;
+        let Self { duration_s, .. } = self;
+        let fewest = (HOT_HZ * duration_s).floor() + 1.0;
+        let events = if fewest > 1.0 { "events make" } else { "event makes" };
+        Some(format!(
+            "a recording of {duration_s:.3} s is too short for a threshold of {HOT_HZ} Hz to tell hot pixels: {fewest} {events} \
+             a pixel hot; {shortest} s or more would do"
+        ))
+    }
 }
 
 /// What a pixel has done so far.
@@ -167,7 +192,7 @@ pub fn stats(
     let hot_count = HOT_HZ * duration_s;
     let is_hot = |count: u32| f64::from(count) > hot_count;
     let hot_pixels = counts.iter().filter(|count| is_hot(**count)).count();
-    let cold_pixels = (pixels - hot_pixels).max(1) as f64;
+    let cold_pixels = (pixels - hot_pixels) as f64;
     let hot_events: u64 = counts.iter().filter(|count| is_hot(**count)).map(|count| u64::from(*count)).sum();
     let cold_events = events.len() as u64 - hot_events;
 
@@ -213,8 +238,10 @@ pub fn stats(
     let quantiles = [0.01, 0.1, 0.5, 0.9, 0.99].map(quantile);
 
     let cold_counts = || counts.iter().copied().filter(|count| !is_hot(*count)).map(f64::from);
-    let mean = cold_events as f64 / cold_pixels;
-    let variance = cold_counts().map(|count| (count - mean).powi(2)).sum::<f64>() / cold_pixels;
+    // Where one event makes a pixel hot, that the others have none says nothing.
+    let some_are_cold = cold_pixels > 0.0 && hot_count >= 1.0;
+    let mean = if some_are_cold { cold_events as f64 / cold_pixels } else { 0.0 };
+    let variance = cold_counts().map(|count| (count - mean).powi(2)).sum::<f64>() / cold_pixels.max(1.0);
     let mut regular: Vec<f64> = seen
         .iter()
         .zip(&counts)
@@ -228,22 +255,23 @@ pub fn stats(
     regular.sort_unstable_by(f64::total_cmp);
 
     let cold = |event: &Event| !is_hot(counts[place(event)]);
+    let cold_hz = |events: u64| some_are_cold.then(|| events as f64 / cold_pixels / duration_s);
     Ok(Stats {
         width,
         height,
         duration_s,
         events: events.len() as u64,
         rate_hz: events.len() as f64 / pixels as f64 / duration_s,
-        cold_rate_hz: mean / duration_s,
-        cold_on_hz: on as f64 / cold_pixels / duration_s,
-        cold_off_hz: (cold_events - on) as f64 / cold_pixels / duration_s,
-        on_share: share(on, cold_events).unwrap_or(0.5),
+        cold_rate_hz: cold_hz(cold_events),
+        cold_on_hz: cold_hz(on),
+        cold_off_hz: cold_hz(cold_events - on),
+        on_share: share(on, cold_events),
         silent_share: counts.iter().filter(|count| **count == 0).count() as f64 / pixels as f64,
         hot_pixels: hot_pixels as u64,
         hot_share: hot_pixels as f64 / pixels as f64,
-        hot_event_share: share(hot_events, events.len() as u64).unwrap_or(0.0),
-        hot_hz: if hot_pixels > 0 { hot_events as f64 / hot_pixels as f64 / duration_s } else { 0.0 },
-        fano: if mean > 0.0 { variance / mean } else { 1.0 },
+        hot_event_share: share(hot_events, events.len() as u64),
+        hot_hz: share(hot_events, hot_pixels as u64).map(|count| count / duration_s),
+        fano: (mean > 0.0).then(|| variance / mean),
         fano_by_window: fano_by_window(events, place, cold, cold_pixels, (start_us, length_us)),
         pairs,
         alternation: share(after[0][1] + after[1][1], pairs),
@@ -254,7 +282,7 @@ pub fn stats(
             _ => None,
         },
         intervals: histogram(&intervals_us, cold_events),
-        burst_share: if pairs > 0 { (excess / pairs as f64).max(0.0) } else { 0.0 },
+        burst_share: (pairs > 0).then(|| (excess / pairs as f64).max(0.0)),
         burst_interval_us: (excess > 20.0 && burst_sum > 0.0).then(|| burst_sum / excess),
         regularity: regular.get(regular.len() / 2).copied(),
         pixel_rates: survival(&counts, duration_s),
@@ -356,12 +384,12 @@ fn spatial(
 }
 
 /// Relative deviation of the rate over 50 steps beyond counting noise.
-fn unsteadiness(population: &[f64]) -> f64 {
+fn unsteadiness(population: &[f64]) -> Option<f64> {
     let sums: Vec<f64> = population.chunks_exact(50).map(|chunk| chunk.iter().sum()).collect();
     let mean = sums.iter().sum::<f64>() / sums.len().max(1) as f64;
     if sums.len() < 4 || mean <= 0.0 {
-        return 0.0;
+        return None;
     }
     let variance = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / (sums.len() - 1) as f64;
-    ((variance - mean).max(0.0)).sqrt() / mean
+    Some(((variance - mean).max(0.0)).sqrt() / mean)
 }

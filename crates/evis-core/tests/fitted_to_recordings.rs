@@ -18,7 +18,9 @@ const RECORDINGS: [(&str, (u32, u32), &str); 2] = [
 
 /// Rate, share of hot pixels, ON share, Fano factor, alternation.
 fn figures(stats: &Stats) -> [f64; 5] {
-    [stats.cold_rate_hz, stats.hot_share, stats.on_share, stats.fano, stats.alternation.unwrap()]
+    let [rate_hz, on_share, fano, alternation] =
+        [stats.cold_rate_hz, stats.on_share, stats.fano, stats.alternation].map(Option::unwrap);
+    [rate_hz, stats.hot_share, on_share, fano, alternation]
 }
 
 /// What `sensor` does before a still scene, the mean of a few draws: forty hot pixels vary by a sixth.
@@ -88,4 +90,17 @@ fn what_is_fitted_to_the_first_half_holds_for_the_second() {
         let other = expected(&SensorConfig::preset("v2e-noisy").unwrap(), size, length_us).unwrap();
         assert!(apart(other, want) > 0.5, "canary: {name}: another sensor has {other:?} for {want:?}");
     }
+}
+
+#[test]
+fn a_board_that_moves_is_told_from_noise() {
+    let Some(assets) = std::env::var_os("EVIS_ASSETS").map(PathBuf::from) else {
+        eprintln!("skipped: EVIS_ASSETS names no folder with recordings");
+        return;
+    };
+    // The two still recordings, which have no warnings, are the other side.
+    let board = read_events(&assets.join("recordings/davis346_board_346x260.npz"), None).unwrap();
+    let made = calibrate(&board.events, (346, 260), board.range, &SensorConfig::default(), 0).unwrap();
+    let sign = "neighbouring pixels change together";
+    assert!(made.warnings.iter().any(|warning| warning.contains(sign)), "{:?}", made.warnings);
 }

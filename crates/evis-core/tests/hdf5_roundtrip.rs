@@ -263,7 +263,7 @@ fn events_that_make_no_stream_are_refused_whole() {
     writer.write_label(0, &label(LabelKind::Depth, 50, 128)).unwrap();
     for (bad, word) in [
         (label(LabelKind::Depth, 60, 127), "127 values"),
-        (LabelFrame { data: LabelData::U32(vec![0; 128]), ..label(LabelKind::Depth, 60, 128) }, "F32"),
+        (LabelFrame { data: LabelData::U32(vec![0; 128]), ..label(LabelKind::Depth, 60, 128) }, "float32"),
         (label(LabelKind::Depth, 49, 128), "order of time"),
     ] {
         let error = writer.write_label(0, &bad).unwrap_err().to_string();
@@ -432,10 +432,50 @@ fn a_file_cut_short_at_any_length_gives_an_error_and_no_panic() {
                 saved += 1;
                 let errors = catch_unwind(|| read_everything(&path)).expect("no panic");
                 assert_eq!(errors, 0, "repaired at {length} of {} bytes", whole.len());
+                let complete = Recording::open(&path).unwrap().is_complete().unwrap();
+                assert!(!complete, "complete at {length} of {} bytes", whole.len());
+            } else {
+                assert!(fs::read(&path).unwrap() == whole[..length], "refused at {length}, and changed");
             }
         }
     }
     assert!(saved > 10, "repair saved {saved}");
+}
+
+#[test]
+fn a_repair_says_how_much_of_a_cut_file_it_saved() {
+    let folder = Folder::new("saved");
+    let path = folder.file("cut.h5");
+    // Three chunks and a part of one, stored as they fill.
+    let all = events(220_000, 16, 8, 8);
+    let mut writer = RecordingWriter::create(&path, &header(vec![camera("cam", 16, 8)]), false).unwrap();
+    for part in all.chunks(55_000) {
+        writer.write_events(0, part).unwrap();
+    }
+    writer.finish("{}").unwrap();
+    let whole = fs::read(&path).unwrap();
+    assert!(Recording::open(&path).unwrap().is_complete().unwrap(), "canary: it was complete");
+
+    fs::write(&path, &whole[..whole.len() * 7 / 10]).unwrap();
+    let report = repair(&path).unwrap();
+    let kept = report.events[0].1;
+    assert!(report.cut_short && !report.reopened && report.report_dropped, "{report:?}");
+    assert!(kept > 0 && kept < 220_000 && kept + report.events_dropped == 220_000, "{report:?}");
+    let recording = Recording::open(&path).unwrap();
+    assert!(!recording.is_complete().unwrap());
+    let kept = usize::try_from(kept).unwrap();
+    assert!(recording.events(0).unwrap() == all[..kept]);
+    assert_eq!(stored_index(&path, "cam"), index_of(&all[..kept]));
+    assert!(repair(&path).unwrap().nothing_to_do());
+
+    // Less than a chunk of each column.
+    let head = &whole[..whole.len() / 10];
+    fs::write(&path, head).unwrap();
+    let error = repair(&path).unwrap_err().to_string();
+    for words in ["cut short", "none of its 220000 events can be saved", "left as it is"] {
+        assert!(error.contains(words), "the message lacks '{words}': {error}");
+    }
+    assert!(fs::read(&path).unwrap() == head);
 }
 
 #[test]

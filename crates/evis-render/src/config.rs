@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use evis_core::{ConfigError, ExposureShape, LabelKind, Sensor, SensorConfig, TimeGrid};
+use evis_core::{ConfigError, ExposureShape, LabelKind, Sensor, SensorConfig, TimeGrid, TriggerRule};
 use serde::{Deserialize, Serialize};
 
 use crate::auto::{Chosen, Target};
@@ -294,6 +294,13 @@ impl RunConfig {
         kinds
     }
 
+    /// Whether light runs along curves for any of the sensors: for those of thresholds alone, unless they latch.
+    pub fn takes_curves(&self) -> bool {
+        let usual = self.sensors.is_empty().then_some(&self.sensor);
+        let bends = |sensor: &SensorConfig| sensor.is_ideal() && sensor.trigger == TriggerRule::Crossing;
+        self.between == Between::Curve && self.sensors.values().chain(usual).any(bends)
+    }
+
     fn check_frames(&self) -> Result<(), ConfigError> {
         let Some(rate_hz) = self.frame_rate_hz else {
             if self.labels.contains(&LabelKind::Frame) {
@@ -307,6 +314,10 @@ impl RunConfig {
         };
         TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
         let longest = (1e6 / rate_hz) as i64 / 2 * 2;
+        if longest < 2 {
+            let remedy = "500000 frames per second at most: an exposure lasts 2 microseconds and more";
+            return Err(ConfigError::new("frame_rate", rate_hz, remedy));
+        }
         if self.exposure_us % 2 != 0 || !(2..=longest).contains(&self.exposure_us) {
             return Err(ConfigError::new(
                 "exposure",

@@ -455,6 +455,9 @@ impl Plan {
         const HEAD: &str =
             "# What `auto` chose. --plan with this file runs it again, without looking at scene or clock.\n";
         let figures = match self.target {
+            Some(_) if self.looked.is_none() => {
+                "Nothing was looked at: these settings are the same for every scene."
+            }
             None => "Times are milliseconds of work per simulated second on the machine that made it.",
             Some(_) => "Figures are those beside the finest settings, in the tiles that were looked at.",
         };
@@ -501,9 +504,8 @@ impl Plan {
         };
         let texels =
             |edge: Option<u32>| edge.map_or_else(|| "their usual size".into(), |n| format!("{n} texels"));
-        let reference = |luminance: Option<f32>| {
-            luminance.map_or_else(|| "that is measured".into(), |y| format!("of {y}"))
-        };
+        let reference =
+            |luminance: Option<f32>| luminance.map_or_else(|| "as measured".into(), |y| y.to_string());
         for (what, own, run) in [
             ("scene", own.scene.clone(), run.scene.clone()),
             ("cameras", own.cameras.join(", "), run.cameras.join(", ")),
@@ -514,7 +516,11 @@ impl Plan {
             ("frames at", rate(own.frame_rate_hz), rate(run.frame_rate_hz)),
             ("a reference luminance", reference(own.reference_luminance), reference(run.reference_luminance)),
             ("sensors with", own.sensors.join("; "), run.sensors.join("; ")),
-            ("a scene of that name and of content", own.content.clone(), run.content.clone()),
+            (
+                "a scene (of that name, with its --seed and --speed) of content",
+                own.content.clone(),
+                run.content.clone(),
+            ),
         ] {
             if own != run {
                 return Err(self.refused(path, &format!("{what} {own}"), &run));

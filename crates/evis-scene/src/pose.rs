@@ -6,7 +6,7 @@ use crate::error::SceneError;
 use crate::model::{Scene, Variant};
 
 /// Where everything is, and how bright, at one time.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneState {
     /// Per node.
     pub world_from_node: Vec<DMat4>,

@@ -110,12 +110,20 @@ pub struct EventFile {
 /// A file that cannot be read, another ending, a camera that is not there.
 pub fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, FormatError> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-    match ending.as_deref() {
+    let file = match ending.as_deref() {
         Some("h5" | "hdf5") => hdf5::read_events(path, camera),
         Some("npz" | "npy") => numpy::read_events(path),
         _ => {
             let remedy = "name a file that ends with .h5, .hdf5, .npz or .npy";
             Err(FormatError::invalid(path, "this kind of file is not read", remedy))
         }
+    }?;
+    let (width, height) = file.size;
+    let outside = |e: &Event| u32::from(e.x) >= width || u32::from(e.y) >= height;
+    if let Some((index, e)) = file.events.iter().enumerate().find(|(_, e)| outside(e)) {
+        let what =
+            format!("event {index} (x {}, y {}, at {} us) lies outside of {width}x{height}", e.x, e.y, e.t);
+        return Err(FormatError::corrupt(path, what, "record it again, or copy it again from its source"));
     }
+    Ok(file)
 }

@@ -156,7 +156,11 @@ fn event(
     };
     match (t, side(x), side(y), polarity) {
         (Some(t), Some(x), Some(y), Some(polarity)) => Ok(Event::new(t, x, y, polarity)),
-        _ => Err(format!("event {index} cannot be: t {t:?}, x {x:?}, y {y:?}, p {p:?}")),
+        _ => {
+            let word = |value: Option<i64>| value.map_or("beyond 63 bits".into(), |value| value.to_string());
+            let [t, x, y, p] = [t, x, y, p].map(word);
+            Err(format!("event {index} cannot be: t {t}, x {x}, y {y}, p {p}"))
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::motion::likeness;
 use super::{HOT_HZ, Stats, stats};
 use crate::emulator::{EmulatorConfig, EventEmulator, Frames};
 use crate::event::{Event, slice_time};
@@ -20,6 +21,9 @@ const CLOSE: f64 = 0.02;
 
 /// Fewer events than this say nothing.
 const FEWEST: u64 = 200;
+
+/// A greater share of pixels above [`HOT_HZ`] is none of defects.
+const MOST_HOT: f64 = 0.05;
 
 /// Something that was found about a sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -111,19 +115,27 @@ pub fn calibrate(
             (until_us - start_us) as f64 * 1e-6
         ));
     }
-    let target = stats(slice_time(events, start_us, until_us), (width, height), (start_us, until_us))?;
+    let used = slice_time(events, start_us, until_us);
+    let target = stats(used, (width, height), (start_us, until_us))?;
     if target.events < FEWEST {
         let remedy = format!("at least {FEWEST}: record longer");
         return Err(ConfigError::new("number of events", target.events, remedy));
     }
-    if target.unsteadiness > 0.15 {
-        warnings.push(format!(
-            "the rate varies by {:.0} % from 50 ms to 50 ms: the scene was probably not still, and its motion or flicker is \
-             counted as noise",
-            target.unsteadiness * 100.0
-        ));
-    }
     let duration_us = until_us - start_us;
+    warnings.extend(target.hot_note());
+    // The noise is fitted to nothing else.
+    let cold = cold_events(&target).round();
+    if cold < FEWEST as f64 {
+        let value = format!("{cold} of {}, for {} pixels are hot", target.events, target.hot_pixels);
+        let how = match target.shortest_for_hot_s() {
+            Some(shortest) => format!("record {shortest} s or more"),
+            None => "record longer, a scene that is still, in light that does not flicker".into(),
+        };
+        let remedy = format!("at least {FEWEST}: {how}");
+        let what = format!("number of events of pixels that fire up to {HOT_HZ} times per second");
+        return Err(ConfigError::new(&what, value, remedy));
+    }
+    warnings.extend(signs_of_motion(&target, used, (start_us, duration_us)));
     let (sensor, simulated) = fit(&target, (width, height), duration_us, base, seed)?;
     let (found, unknown) = tell(&target, &sensor);
     for (name, of) in FIGURES {
@@ -136,20 +148,55 @@ pub fn calibrate(
     Ok(Calibration { sensor, found, unknown, warnings, recording: target, simulated })
 }
 
+/// Events of pixels that are not hot.
+fn cold_events(target: &Stats) -> f64 {
+    target.events as f64 * (1.0 - target.hot_event_share.unwrap_or(0.0))
+}
+
+/// What says that the scene was not still.
+fn signs_of_motion(target: &Stats, events: &[Event], (start_us, duration_us): (i64, i64)) -> Vec<String> {
+    const COUNTED: &str = "the scene was probably not still, and its motion or flicker is counted as noise";
+    let mut signs = Vec::new();
+    if let Some(unsteadiness) = target.unsteadiness.filter(|unsteadiness| *unsteadiness > 0.15) {
+        signs
+            .push(format!("the rate varies by {:.0} % from 50 ms to 50 ms: {COUNTED}", unsteadiness * 100.0));
+    }
+    let size = (target.width as usize, target.height as usize);
+    if let Some(alike) = likeness(events, size, (start_us, duration_us)).filter(|alike| alike.moves()) {
+        signs.push(format!(
+            "neighbouring pixels change together (correlation {:.2} in windows of {:.0} ms; noise that is independent from \
+             pixel to pixel has 0.00): {COUNTED}",
+            alike.correlation,
+            alike.window_us as f64 * 1e-3
+        ));
+    }
+    if target.hot_share > MOST_HOT {
+        signs.push(format!(
+            "{:.0} % of the pixels fire more than {HOT_HZ} times per second and count as hot: that many are no defects; the \
+             scene was probably not still, or its noise is above {HOT_HZ} Hz, which cannot be fitted",
+            target.hot_share * 100.0
+        ));
+    }
+    signs
+}
+
 /// What a fit must meet.
 type Figure = (&'static str, fn(&Stats) -> Option<f64>);
 const HOT_FIGURE: &str = "the share of hot pixels";
 const FIGURES: [Figure; 5] = [
-    ("the rate without hot pixels", |s| Some(s.cold_rate_hz)),
+    ("the rate without hot pixels", |s| s.cold_rate_hz),
     // A handful of hot pixels has no share.
     (HOT_FIGURE, |s| (s.hot_pixels >= 5).then_some(s.hot_share)),
-    ("the ON share", |s| Some(s.on_share)),
-    ("the Fano factor", |s| Some(s.fano)),
+    ("the ON share", |s| s.on_share),
+    ("the Fano factor", |s| s.fano),
     ("the alternation of polarities", |s| s.alternation.filter(|_| s.pairs >= 100)),
 ];
 
 /// Greatest relative difference of the figures that pixels which are not hot decide.
 fn distance(target: &Stats, got: &Stats) -> f64 {
+    if got.fano.is_none() {
+        return f64::INFINITY;
+    }
     let of = |(_, of): &Figure| Some((of(got)? / of(target)? - 1.0).abs());
     let hot = |(name, _): &&Figure| *name != HOT_FIGURE;
     FIGURES.iter().filter(hot).filter_map(of).fold(0.0, f64::max)
@@ -188,7 +235,8 @@ fn fit(
     let (_, mut noise, got) = best.ok_or_else(|| ConfigError::new("the recording", "unusable", remedy))?;
     let share = target.hot_share - got.hot_share;
     if share > 0.0 {
-        let hz = (target.hot_share * target.hot_hz - got.hot_share * got.hot_hz) / share;
+        let of_all = |stats: &Stats| stats.hot_share * stats.hot_hz.unwrap_or(0.0);
+        let hz = (of_all(target) - of_all(&got)) / share;
         noise.hot_share = share.min(1.0) as f32;
         noise.hot_hz = hz.clamp(1.2 * HOT_HZ, 1e4) as f32;
     }
@@ -200,24 +248,49 @@ fn too_hot(target: &Stats, got: &Stats) -> bool {
     got.hot_pixels >= 5 && got.hot_share > 0.7 * target.hot_share
 }
 
+/// What a fit starts from and steers by.
+#[derive(Clone, Copy)]
+struct Cold {
+    rate_hz: f64,
+    on_hz: f64,
+    off_hz: f64,
+    on_share: f64,
+    fano: f64,
+    burst_share: f64,
+}
+
+impl Cold {
+    /// A recording has all of them; a simulation on the way may be silent, and is steered away from as if it were Poisson's.
+    fn of(stats: &Stats) -> Self {
+        Self {
+            rate_hz: stats.cold_rate_hz.unwrap_or(0.0),
+            on_hz: stats.cold_on_hz.unwrap_or(0.0),
+            off_hz: stats.cold_off_hz.unwrap_or(0.0),
+            on_share: stats.on_share.unwrap_or(0.5),
+            fano: stats.fano.unwrap_or(1.0),
+            burst_share: stats.burst_share.unwrap_or(0.0),
+        }
+    }
+}
+
 /// Log-normal spread, in decades, whose coefficient of variation has this square.
 fn decades(variation_squared: f64) -> f32 {
     ((1.0 + variation_squared.max(0.0)).ln().sqrt() / std::f64::consts::LN_10).clamp(0.0, 1.0) as f32
 }
 
 fn first_guess(target: &Stats, base: &SensorConfig) -> Noise {
-    let mean = target.cold_rate_hz * target.duration_s;
-    let cold = target.cold_rate_hz;
+    let cold = Cold::of(target);
+    let mean = cold.rate_hz * target.duration_s;
     // Followers per event that is followed.
-    let followers = target.burst_share * target.pairs as f64;
-    let events = (target.events as f64 * (1.0 - target.hot_event_share)).max(1.0);
+    let followers = cold.burst_share * target.pairs as f64;
+    let events = cold_events(target).max(1.0);
     let burst = (followers / (events - followers).max(1.0)).clamp(0.0, 20.0);
-    let spread = (target.fano - 1.0 - 2.0 * burst) / mean.max(1e-9);
+    let spread = (cold.fano - 1.0 - 2.0 * burst) / mean.max(1e-9);
     let leak = leak(target);
-    let shot_hz = if leak.is_some() { 2.0 * target.cold_off_hz } else { cold };
-    let on_share = if leak.is_some() { 0.5 } else { target.on_share };
+    let shot_hz = if leak.is_some() { 2.0 * cold.off_hz } else { cold.rate_hz };
+    let on_share = if leak.is_some() { 0.5 } else { cold.on_share };
     // What independent polarities would give.
-    let chance = 2.0 * target.on_share * (1.0 - target.on_share);
+    let chance = 2.0 * cold.on_share * (1.0 - cold.on_share);
     let alternation = target
         .alternation
         .filter(|told| target.pairs >= 100 && leak.is_none() && (told - chance).abs() > 0.03)
@@ -245,7 +318,7 @@ fn first_guess(target: &Stats, base: &SensorConfig) -> Noise {
 /// Rate and jitter of the leak, where ON events are regular.
 fn leak(target: &Stats) -> Option<(f64, f64)> {
     let variation = target.regularity.filter(|variation| *variation < 0.5)?;
-    let hz = target.cold_on_hz - target.cold_off_hz;
+    let hz = target.cold_on_hz? - target.cold_off_hz?;
     (hz > 0.0).then_some((hz, variation))
 }
 
@@ -261,18 +334,19 @@ impl Guess {
     fn corrected(self, target: &Stats, got: &Stats) -> Self {
         let Self { noise, mut tail_is_full } = self;
         let mut next = noise;
+        let (want, had) = (Cold::of(target), Cold::of(got));
         let ratio = |want: f64, got: f64, most: f64| {
             if got > 0.0 { (want / got).clamp(1.0 / most, most) } else { most }
         };
         if noise.leak_hz > 0.0 {
-            let missing = (target.cold_on_hz - got.cold_on_hz) - (target.cold_off_hz - got.cold_off_hz);
+            let missing = (want.on_hz - had.on_hz) - (want.off_hz - had.off_hz);
             next.leak_hz = (f64::from(noise.leak_hz) + missing).clamp(0.0, 1e4) as f32;
-            let factor = ratio(target.cold_off_hz, got.cold_off_hz, 2.0);
+            let factor = ratio(want.off_hz, had.off_hz, 2.0);
             next.shot_hz = (f64::from(noise.shot_hz) * factor).min(1e4) as f32;
         } else {
-            let factor = ratio(target.cold_rate_hz, got.cold_rate_hz, 2.0);
+            let factor = ratio(want.rate_hz, had.rate_hz, 2.0);
             next.shot_hz = (f64::from(noise.shot_hz) * factor).min(1e4) as f32;
-            let share = f64::from(noise.on_share) + target.on_share - got.on_share;
+            let share = f64::from(noise.on_share) + want.on_share - had.on_share;
             next.on_share = share.clamp(0.0, 1.0) as f32;
         }
         if let (true, Some(want), Some(had)) = (noise.alternation >= 0.0, target.alternation, got.alternation)
@@ -281,8 +355,8 @@ impl Guess {
         }
         // Pixels' rates differ by this, squared, relative to their mean.
         let squared = (f64::from(noise.shot_spread_decades) * std::f64::consts::LN_10).powi(2).exp() - 1.0;
-        let mean = (target.cold_rate_hz * target.duration_s).max(1e-9);
-        let missing = target.fano - got.fano;
+        let mean = (want.rate_hz * target.duration_s).max(1e-9);
+        let missing = want.fano - had.fano;
         if too_hot(target, got) || (noise.shot_spread_decades >= 1.0 && missing > 0.0) {
             tail_is_full = true;
             next.shot_spread_decades = decades(squared * 0.6);
@@ -297,7 +371,7 @@ impl Guess {
             return Self { noise: next, tail_is_full };
         }
         if noise.burst_events > 0.0 {
-            let factor = ratio(target.burst_share, got.burst_share, 1.5);
+            let factor = ratio(want.burst_share, had.burst_share, 1.5);
             next.burst_events = (f64::from(noise.burst_events) * factor).clamp(0.0, 20.0) as f32;
             if let (Some(want), Some(had), true) =
                 (target.burst_interval_us, got.burst_interval_us, noise.burst_longest_us == 0.0)
@@ -318,8 +392,9 @@ fn tell(target: &Stats, sensor: &SensorConfig) -> (Vec<Estimate>, Vec<String>) {
         found.push(Estimate { name: name.into(), value, unit: unit.into(), note: note.into() });
     };
     let noise = &sensor.noise;
-    say("ON noise", target.cold_on_hz, "Hz", "per pixel, hot pixels left out");
-    say("OFF noise", target.cold_off_hz, "Hz", "per pixel, hot pixels left out");
+    let cold = Cold::of(target);
+    say("ON noise", cold.on_hz, "Hz", "per pixel, hot pixels left out");
+    say("OFF noise", cold.off_hz, "Hz", "per pixel, hot pixels left out");
     if noise.leak_hz > 0.0 {
         say(
             "leak",
@@ -328,7 +403,7 @@ fn tell(target: &Stats, sensor: &SensorConfig) -> (Vec<Estimate>, Vec<String>) {
             "ON events come at regular times, as a leaking reference makes them",
         );
     } else {
-        let most = (target.cold_on_hz - target.cold_off_hz).max(0.0);
+        let most = (cold.on_hz - cold.off_hz).max(0.0);
         say(
             "leak, at most",
             most,
@@ -337,10 +412,10 @@ fn tell(target: &Stats, sensor: &SensorConfig) -> (Vec<Estimate>, Vec<String>) {
         );
     }
     say("hot pixels", target.hot_share, "share", "above 20 Hz");
-    if target.hot_pixels > 0 {
-        say("rate of a hot pixel", target.hot_hz, "Hz", "mean; the model gives all the same");
+    if let Some(hot_hz) = target.hot_hz {
+        say("rate of a hot pixel", hot_hz, "Hz", "mean; the model gives all the same");
     }
-    say("Fano factor", target.fano, "", "of the counts of pixels that are not hot; 1: alike and independent");
+    say("Fano factor", cold.fano, "", "of the counts of pixels that are not hot; 1: alike and independent");
     say(
         "spread of pixels' rates",
         noise.shot_spread_decades.into(),

@@ -50,26 +50,32 @@ impl Comparison {
             ("duration, s", |s| Some(s.duration_s)),
             ("events", |s| Some(s.events as f64)),
             ("rate, Hz per pixel", |s| Some(s.rate_hz)),
-            ("rate without hot pixels, Hz", |s| Some(s.cold_rate_hz)),
-            ("  of it ON, Hz", |s| Some(s.cold_on_hz)),
-            ("  of it OFF, Hz", |s| Some(s.cold_off_hz)),
-            ("ON share", |s| Some(s.on_share)),
+            ("rate without hot pixels, Hz", |s| s.cold_rate_hz),
+            ("  of it ON, Hz", |s| s.cold_on_hz),
+            ("  of it OFF, Hz", |s| s.cold_off_hz),
+            ("ON share", |s| s.on_share),
             ("silent pixels, share", |s| Some(s.silent_share)),
             ("hot pixels (> 20 Hz), share", |s| Some(s.hot_share)),
-            ("  their share of events", |s| Some(s.hot_event_share)),
-            ("  their mean rate, Hz", |s| (s.hot_pixels > 0).then_some(s.hot_hz)),
-            ("Fano factor of counts", |s| Some(s.fano)),
+            ("  their share of events", |s| s.hot_event_share),
+            ("  their mean rate, Hz", |s| s.hot_hz),
+            ("Fano factor of counts", |s| s.fano),
             ("alternation of polarity", |s| s.alternation),
             ("  after ON", |s| s.alternation_after[0]),
             ("  after OFF", |s| s.alternation_after[1]),
             ("least interval, us", |s| s.least_interval_us.map(|us| us as f64)),
             ("median interval, ms", |s| s.interval_quantiles_us.map(|q| q[2] * 1e-3)),
-            ("excess of intervals < 5 ms", |s| Some(s.burst_share)),
+            ("excess of intervals < 5 ms", |s| s.burst_share),
             ("correlation of neighbours", |s| s.spatial_correlation.first().map(|c| (c[1] + c[2]) / 2.0)),
-            ("unsteadiness of the rate", |s| Some(s.unsteadiness)),
+            ("unsteadiness of the rate", |s| s.unsteadiness),
         ];
         let row = |(name, of): Figure| Row { name, a: of(&self.a.stats), b: of(&self.b.stats) };
         FIGURES.into_iter().map(row).collect()
+    }
+
+    /// What is to be known about the figures.
+    pub fn notes(&self) -> Vec<String> {
+        let note = |(side, of): (&str, &Named)| Some(format!("{side}: {}", of.stats.hot_note()?));
+        [("A", &self.a), ("B", &self.b)].into_iter().filter_map(note).collect()
     }
 }
 
@@ -101,6 +107,9 @@ impl fmt::Display for Comparison {
             let Row { name, a, b } = row;
             let ratio = row.ratio().map_or_else(|| "-".into(), |r| format!("{r:.3}"));
             write!(f, "\n{name:<30} {:>wide$} {:>wide$} {ratio:>8}", digits(a), digits(b))?;
+        }
+        for note in self.notes() {
+            write!(f, "\nnote: {note}")?;
         }
         Ok(())
     }

@@ -106,6 +106,15 @@ impl LabelType {
         }
     }
 
+    /// As `NumPy` calls it.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "float32",
+            Self::U32 => "uint32",
+            Self::U8 => "uint8",
+        }
+    }
+
     fn matches(self, data: &LabelData) -> bool {
         matches!(
             (self, data),

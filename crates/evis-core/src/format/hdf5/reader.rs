@@ -114,7 +114,17 @@ impl Recording {
             let index = source.dataset(&format!("{name}/ms_to_idx"))?;
             let entries = source.rows(&index, "ms_to_idx")?;
             // Where the index has no entry, it has not got there yet, or no event is that late.
-            let entry = |millis: u64| source.slice::<u64>(&index, millis, 1).map(|v| v.first().copied());
+            let entry = |millis: u64| {
+                let row = source.slice::<u64>(&index, millis, 1)?.first().copied();
+                match row {
+                    // While the file is written, the index may be newer than the count of events.
+                    Some(row) if source.closed && row > columns.count => Err(source.out_of_step(format!(
+                        "{name}/ms_to_idx leads to event {row} at {millis} ms, of {} events",
+                        columns.count
+                    ))),
+                    row => Ok(row),
+                }
+            };
             let start_millis = u64::try_from(start_us).unwrap_or(0) / 1000;
             let end_millis = u64::try_from(end_us).unwrap_or(0).div_ceil(1000);
             let from = match entries.checked_sub(1) {
@@ -301,6 +311,8 @@ pub(super) struct Source<'a> {
     pub path: &'a Path,
     pub file: H5File,
     bytes: u64,
+    /// Nobody was writing it when it was opened, and no writer was killed.
+    closed: bool,
 }
 
 /// The event columns of a camera.
@@ -331,7 +343,7 @@ pub(super) fn with_file<T>(
     }
     let attempt = catch_unwind(AssertUnwindSafe(|| {
         let file = H5File::options().no_locking().open(path).map_err(|e| damaged(path, e.to_string()))?;
-        read(&Source { path, file, bytes })
+        read(&Source { path, file, bytes, closed: superblock.file_consistency_flags == 0 })
     }));
     attempt.unwrap_or_else(|_| Err(damaged(path, "the decoder gave up on it")))
 }
@@ -361,6 +373,15 @@ fn damaged(path: &Path, what: impl Into<String>) -> FormatError {
 impl Source<'_> {
     pub fn damaged(&self, what: impl Into<String>) -> FormatError {
         damaged(self.path, what)
+    }
+
+    /// Parts that do not fit together, which a repair can put right.
+    fn out_of_step(&self, what: impl Into<String>) -> FormatError {
+        FormatError::corrupt(
+            self.path,
+            what,
+            "copy it again from its source, or keep what can be saved with evis-rs info --repair",
+        )
     }
 
     pub fn check<T>(&self, name: &str, result: Result<T, Hdf5Error>) -> Result<T, FormatError> {
@@ -479,9 +500,18 @@ impl Source<'_> {
             cause: None,
             count: u64::MAX,
         };
-        for dataset in [&columns.x, &columns.y, &columns.t, &columns.p] {
-            // A killed writer may have extended some of the columns only.
-            columns.count = columns.count.min(self.rows(dataset, "events")?);
+        let mut rows = [0; 4];
+        for (rows, dataset) in rows.iter_mut().zip([&columns.x, &columns.y, &columns.t, &columns.p]) {
+            *rows = self.rows(dataset, "events")?;
+            columns.count = columns.count.min(*rows);
+        }
+        // A killed writer, or one whose disk was full, may have extended some of the columns only.
+        let uneven = rows.iter().any(|r| *r != columns.count);
+        if uneven && self.closed && self.scalar::<u8>("evis/complete")? == 1 {
+            let [x, y, t, p] = rows;
+            return Err(self.out_of_step(format!(
+                "the columns of {camera}/events have unlike lengths (x {x}, y {y}, t {t}, p {p})"
+            )));
         }
         Ok(columns)
     }

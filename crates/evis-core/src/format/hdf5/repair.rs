@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::store::{Column, FileState, Store, compress};
+use super::writer::LATEST_US;
 use super::{RESERVED_NAMES, Recording};
 use crate::format::FormatError;
 
@@ -11,121 +12,256 @@ use crate::format::FormatError;
 pub struct RepairReport {
     /// The file was still marked as being written; the mark is gone.
     pub reopened: bool,
+    /// The file ended before its content did.
+    pub cut_short: bool,
     /// Cameras with the events that each has now.
     pub events: Vec<(String, u64)>,
+    /// Events that the file promised and that could not be saved.
+    pub events_dropped: u64,
     /// Entries of `ms_to_idx` that were added or dropped.
     pub millis_rebuilt: u64,
-    /// Rows dropped because a column of their event, label or pose was missing or damaged.
+    /// Rows dropped because a column of their event, label or pose was missing or damaged; events among them.
     pub rows_dropped: u64,
+    /// The writer's report was there and could not be saved.
+    pub report_dropped: bool,
 }
 
 impl RepairReport {
     /// Whether the file was as it should be.
     pub fn nothing_to_do(&self) -> bool {
-        !self.reopened && self.millis_rebuilt == 0 && self.rows_dropped == 0
+        !self.reopened
+            && !self.cut_short
+            && !self.report_dropped
+            && self.millis_rebuilt == 0
+            && self.rows_dropped == 0
     }
 }
 
 /// Clears the mark that a killed writer leaves, so that every HDF5 reader opens the file, and brings the
-/// columns into step: rows of which a part is missing go, `ms_to_idx` is completed. A file that needs
-/// nothing is not touched.
+/// columns into step: rows of which a part is missing go, `ms_to_idx` is completed. The file then no longer counts
+/// as complete. A file that needs nothing is not touched, and one that cannot be repaired stays what it was.
 ///
 /// # Errors
-/// A file that is no recording, is being written or read by another process, cannot be written to, or is
-/// damaged beyond its rows.
+/// A file that is no recording, is being written or read by another process, cannot be written to, is
+/// damaged beyond its rows, or of whose events and label images none can be saved.
 pub fn repair(path: &Path) -> Result<RepairReport, FormatError> {
     let mut store = Store::open(path)?;
     store.lock_alone()?;
-    let mut report = RepairReport { reopened: store.state() == FileState::Open, ..Default::default() };
+    store.remember();
+    let repaired = save(&mut store);
+    if repaired.is_err() {
+        store.take_back()?;
+    }
+    repaired
+}
+
+fn save(store: &mut Store) -> Result<RepairReport, FormatError> {
+    let path = store.path().to_path_buf();
+    let mut report = RepairReport {
+        reopened: store.state() == FileState::Open,
+        cut_short: store.missing().is_some(),
+        ..Default::default()
+    };
+    // What there is, before anything is written.
+    let mut cameras = Vec::new();
+    for name in camera_names(store)? {
+        cameras.push(Camera::survey(store, name)?);
+    }
+    let mut text = Rows::survey(store, &["evis/report_json".into()])?;
+    refuse_if_nothing_is_left(store, &cameras)?;
+
+    for camera in &mut cameras {
+        report.events.push((camera.name.clone(), camera.events.kept));
+        report.events_dropped += camera.events.dropped();
+        for rows in std::iter::once(&camera.events).chain(&camera.others) {
+            report.rows_dropped += rows.dropped();
+        }
+        report.millis_rebuilt += camera.index.survey(store, &mut camera.events)?;
+    }
+    report.report_dropped = text.dropped() > 0;
+    if report.nothing_to_do() {
+        return Ok(report);
+    }
+
+    // First, so that a repair that is itself killed leaves no file that claims to be complete.
+    store.write_contiguous("evis/complete", &[0])?;
+    for camera in &mut cameras {
+        for rows in std::iter::once(&mut camera.events).chain(&mut camera.others) {
+            rows.shorten(store)?;
+        }
+        camera.index.complete(store, &mut camera.events)?;
+    }
+    text.shorten(store)?;
+    store.publish(FileState::Closed)?;
+    // Groups, names and texts cannot be rebuilt; whether they are there, the reader knows.
+    Recording::open(&path)?;
+    Ok(report)
+}
+
+fn camera_names(store: &mut Store) -> Result<Vec<String>, FormatError> {
     let mut roots = store.names("")?;
     if !roots.iter().any(|name| name == "evis") {
         return Err(FormatError::corrupt(
-            path,
+            store.path(),
             "it has no group evis",
             "give a recording that evis-rs wrote",
         ));
     }
     roots.retain(|name| !RESERVED_NAMES.contains(&name.as_str()));
-    for camera in roots {
-        let present = store.names(&format!("{camera}/events"))?;
-        let all = ["x", "y", "t", "p", "cause"].into_iter();
-        let events: Vec<String> = all
-            .filter(|c| *c != "cause" || present.iter().any(|name| name == c))
-            .map(|c| format!("{camera}/events/{c}"))
-            .collect();
-        let (count, mut columns) = align(&mut store, &events, &mut report)?;
-        if let [_, _, t, ..] = columns.as_mut_slice() {
-            complete_index(&mut store, &camera, t, &mut report)?;
-        }
-        report.events.push((camera.clone(), count));
+    Ok(roots)
+}
 
-        let poses = ["t_us", "position", "rotation_xyzw"].map(|c| format!("{camera}/poses/{c}"));
-        align(&mut store, &poses, &mut report)?;
-        let labels = store.names(&format!("{camera}/labels"))?;
+/// A file that would be emptied is better left to whoever has the rest of it.
+fn refuse_if_nothing_is_left(store: &Store, cameras: &[Camera]) -> Result<(), FormatError> {
+    let content = || cameras.iter().flat_map(|c| std::iter::once(&c.events).chain(c.others.iter().skip(1)));
+    let (kept, promised) =
+        content().fold((0, 0), |(kept, promised), rows| (kept + rows.kept, promised + rows.promised));
+    if kept > 0 || promised == 0 {
+        return Ok(());
+    }
+    let events: u64 = cameras.iter().map(|c| c.events.promised).sum();
+    let extent = store.missing().map_or_else(String::new, |(found, promised)| {
+        format!("it is cut short ({found} of {promised} bytes), and ")
+    });
+    let images = match promised - events {
+        0 => String::new(),
+        images => format!(" and {images} label images"),
+    };
+    Err(FormatError::corrupt(
+        store.path(),
+        format!("{extent}none of its {events} events{images} can be saved"),
+        "it was left as it is: copy it again from its source, or record it again",
+    ))
+}
+
+/// What a camera has.
+struct Camera {
+    name: String,
+    events: Rows,
+    index: Index,
+    /// Poses, then a label each.
+    others: Vec<Rows>,
+}
+
+impl Camera {
+    fn survey(store: &mut Store, name: String) -> Result<Self, FormatError> {
+        let present = store.names(&format!("{name}/events"))?;
+        let all = ["x", "y", "t", "p", "cause"].into_iter();
+        let columns: Vec<String> = all
+            .filter(|c| *c != "cause" || present.iter().any(|name| name == c))
+            .map(|c| format!("{name}/events/{c}"))
+            .collect();
+        let events = Rows::survey(store, &columns)?;
+        let index = Index { column: Column::open(store, &format!("{name}/ms_to_idx"))?, kept: 0, wanted: 0 };
+
+        let poses = ["t_us", "position", "rotation_xyzw"].map(|c| format!("{name}/poses/{c}"));
+        let mut others = vec![Rows::survey(store, &poses)?];
+        let labels = store.names(&format!("{name}/labels"))?;
         for kind in labels.iter().filter(|name| !name.ends_with("_us")) {
             let times = ["_t_us", "_t_other_us", "_t_end_us"].map(|ending| format!("{kind}{ending}"));
             let parts: Vec<String> = std::iter::once(kind.clone())
                 .chain(times)
-                .filter(|name| labels.contains(name))
-                .map(|name| format!("{camera}/labels/{name}"))
+                .filter(|part| labels.contains(part))
+                .map(|part| format!("{name}/labels/{part}"))
                 .collect();
-            align(&mut store, &parts, &mut report)?;
+            others.push(Rows::survey(store, &parts)?);
         }
+        Ok(Self { name, events, index, others })
     }
-    align(&mut store, &["evis/report_json".into()], &mut report)?;
-    if !report.nothing_to_do() || store.is_truncated() {
-        store.publish(FileState::Closed)?;
-    }
-    // Groups, names and texts cannot be rebuilt; whether they are there, the reader knows.
-    Recording::open(path)?;
-    Ok(report)
 }
 
-/// Shortens `names` to the rows that all of them have.
-fn align(
-    store: &mut Store,
-    names: &[String],
-    report: &mut RepairReport,
-) -> Result<(u64, Vec<Column>), FormatError> {
-    let mut columns = names.iter().map(|n| Column::open(store, n)).collect::<Result<Vec<_>, _>>()?;
-    let rows = columns.iter_mut().map(|c| c.readable_rows(store)).min().unwrap_or(0);
-    let longest = columns.iter().map(Column::rows_published).max().unwrap_or(0);
-    report.rows_dropped += longest.saturating_sub(rows);
-    for column in &mut columns {
-        column.resume(store, rows)?;
-    }
-    Ok((rows, columns))
+/// Columns that belong together.
+struct Rows {
+    columns: Vec<Column>,
+    /// Rows that all of them have.
+    kept: u64,
+    /// Rows that the longest of them promises.
+    promised: u64,
 }
 
-/// Brings `ms_to_idx` to exactly one entry per millisecond up to the last event.
-fn complete_index(
-    store: &mut Store,
-    camera: &str,
-    t: &mut Column,
-    report: &mut RepairReport,
-) -> Result<(), FormatError> {
-    let mut index = Column::open(store, &format!("{camera}/ms_to_idx"))?;
-    let had = index.rows_published();
-    let readable = index.readable_rows(store);
-    index.resume(store, readable)?;
+impl Rows {
+    fn survey(store: &mut Store, names: &[String]) -> Result<Self, FormatError> {
+        let mut columns = names.iter().map(|n| Column::open(store, n)).collect::<Result<Vec<_>, _>>()?;
+        let kept = columns.iter_mut().map(|c| c.readable_rows(store)).min().unwrap_or(0);
+        let promised = columns.iter().map(Column::rows_published).max().unwrap_or(0);
+        Ok(Self { columns, kept, promised })
+    }
 
-    let event_count = t.rows();
-    let mut last_millis = None;
-    t.for_each_chunk(store, event_count.saturating_sub(1), |bytes| last_millis = Some(millis(bytes)))?;
-    let wanted = last_millis.map_or(0, |ms| ms + 1);
-    if index.rows() > wanted {
-        index.resume(store, wanted)?;
-    } else if index.rows() < wanted {
+    const fn dropped(&self) -> u64 {
+        self.promised.saturating_sub(self.kept)
+    }
+
+    fn shorten(&mut self, store: &mut Store) -> Result<(), FormatError> {
+        for column in &mut self.columns {
+            column.resume(store, self.kept)?;
+        }
+        Ok(())
+    }
+
+    /// Times of events.
+    fn times(&mut self) -> Option<&mut Column> {
+        self.columns.get_mut(2)
+    }
+}
+
+/// `ms_to_idx`: exactly one entry per millisecond up to the last event.
+struct Index {
+    column: Column,
+    /// Entries that stay.
+    kept: u64,
+    /// Entries that there should be.
+    wanted: u64,
+}
+
+impl Index {
+    /// How many entries have to go or to be added.
+    fn survey(&mut self, store: &mut Store, events: &mut Rows) -> Result<u64, FormatError> {
+        let had = self.column.rows_published();
+        let readable = self.column.readable_rows(store);
+        let last = events.kept.checked_sub(1);
+        if let (Some(last), Some(t)) = (last, events.times()) {
+            let last = value(t, store, last)?;
+            if last > LATEST_US.unsigned_abs() {
+                return Err(FormatError::corrupt(
+                    store.path(),
+                    format!("its last event comes at {last} us, past 31 days"),
+                    "record it again, or copy it again from its source",
+                ));
+            }
+            self.wanted = last / 1000 + 1;
+        }
+        self.kept = readable.min(self.wanted);
+        // An entry that leads nowhere makes the others suspect.
+        let (mut before, mut fine) = (0, true);
+        self.column.for_each_chunk(store, 0..self.kept, |bytes| {
+            for entry in bytes.chunks_exact(8).map(little_endian) {
+                fine &= before <= entry && entry < events.kept;
+                before = entry;
+            }
+        })?;
+        if !fine {
+            self.kept = 0;
+        }
+        Ok(had.abs_diff(self.kept) + (self.wanted - self.kept))
+    }
+
+    fn complete(&mut self, store: &mut Store, events: &mut Rows) -> Result<(), FormatError> {
+        let index = &mut self.column;
+        index.resume(store, self.kept)?;
+        let (true, count, Some(t)) = (self.kept < self.wanted, events.kept, events.times()) else {
+            return Ok(());
+        };
         // The last entry says where to go on; without one, at the first event.
-        let mut row = 0;
-        let last = index.rows().saturating_sub(1);
-        index.for_each_chunk(store, last, |bytes| row = little_endian(bytes))?;
-        let mut next = index.rows();
+        let mut row = match self.kept.checked_sub(1) {
+            Some(last) => value(index, store, last)?,
+            None => 0,
+        };
+        let (mut next, wanted) = (self.kept, self.wanted);
         let width = t.row_bytes();
         let mut entries: Vec<u64> = Vec::new();
-        t.for_each_chunk(store, row.min(event_count), |bytes| {
-            for value in bytes.chunks_exact(width) {
-                while next <= millis(value) {
+        t.for_each_chunk(store, row..count, |bytes| {
+            for t in bytes.chunks_exact(width) {
+                while next < wanted.min(little_endian(t) / 1000 + 1) {
                     entries.push(row);
                     next += 1;
                 }
@@ -133,10 +269,8 @@ fn complete_index(
             }
         })?;
         index.push_each(entries.iter().map(|e| e.to_le_bytes()));
-        store_all(store, &mut index)?;
+        store_all(store, index)
     }
-    report.millis_rebuilt += had.abs_diff(readable) + readable.abs_diff(index.rows());
-    Ok(())
 }
 
 /// Commits one column.
@@ -157,8 +291,11 @@ fn little_endian(bytes: &[u8]) -> u64 {
     bytes.iter().take(8).rev().fold(0, |value, &byte| value << 8 | u64::from(byte))
 }
 
-fn millis(t: &[u8]) -> u64 {
-    little_endian(t) / 1000
+/// One value of a column of whole numbers.
+fn value(column: &mut Column, store: &mut Store, row: u64) -> Result<u64, FormatError> {
+    let mut value = 0;
+    column.for_each_chunk(store, row..row + 1, |bytes| value = little_endian(bytes))?;
+    Ok(value)
 }
 
 #[cfg(test)]
@@ -173,9 +310,8 @@ mod tests {
         file.dataset("cam/ms_to_idx").unwrap().read_raw::<u64>().unwrap()
     }
 
-    #[test]
-    fn columns_out_of_step_are_brought_together() {
-        let path = std::env::temp_dir().join(format!("evis_repair_{}.h5", std::process::id()));
+    /// 150 000 events of a camera named cam.
+    fn record(path: &Path) -> Vec<Event> {
         let camera =
             CameraInfo { name: "cam".into(), width: 9, height: 9, fx: 1.0, fy: 1.0, cx: 1.0, cy: 1.0 };
         let header = RecordingHeader {
@@ -189,9 +325,52 @@ mod tests {
             labels: Vec::new(),
         };
         let events: Vec<_> = (0..150_000).map(|i| Event::new(i * 137, 1, 2, Polarity::Off)).collect();
-        let mut writer = RecordingWriter::create(&path, &header, true).unwrap();
+        let mut writer = RecordingWriter::create(path, &header, true).unwrap();
         writer.write_events(0, &events).unwrap();
         writer.finish("{}").unwrap();
+        events
+    }
+
+    #[test]
+    fn a_complete_file_whose_parts_do_not_fit_is_refused_until_repaired() {
+        let path = std::env::temp_dir().join(format!("evis_unfit_{}.h5", std::process::id()));
+        let events = record(&path);
+        let whole = stored_index(&path);
+        assert!(Recording::open(&path).unwrap().events(0).unwrap() == events, "canary: it reads");
+
+        // An index that leads far past the events.
+        let mut store = Store::open(&path).unwrap();
+        let mut index = Column::open(&mut store, "cam/ms_to_idx").unwrap();
+        index.resume(&mut store, 0).unwrap();
+        index.push_each(whole.iter().map(|_| 1_000_000_000_000_u64.to_le_bytes()));
+        store_all(&mut store, &mut index).unwrap();
+        store.publish(FileState::Closed).unwrap();
+        drop(store);
+        let recording = Recording::open(&path).unwrap();
+        assert!(recording.is_complete().unwrap());
+        let error = recording.events_between(0, 0, 9_000).unwrap_err().to_string();
+        assert!(error.contains("leads to event 1000000000000 at 0 ms, of 150000 events"), "{error}");
+        let report = repair(&path).unwrap();
+        assert_eq!((report.rows_dropped, report.millis_rebuilt), (0, 2 * whole.len() as u64));
+        assert_eq!(stored_index(&path), whole);
+        assert!(!recording.is_complete().unwrap(), "what was repaired does not count as complete");
+
+        record(&path);
+        let mut store = Store::open(&path).unwrap();
+        Column::open(&mut store, "cam/events/x").unwrap().resume(&mut store, 10).unwrap();
+        drop(store);
+        let error = Recording::open(&path).unwrap().event_count(0).unwrap_err().to_string();
+        assert!(error.contains("unlike lengths (x 10, y 150000, t 150000, p 150000)"), "{error}");
+        let report = repair(&path).unwrap();
+        assert_eq!((report.events_dropped, report.cut_short), (149_990, false));
+        assert!(Recording::open(&path).unwrap().events(0).unwrap() == events[..10]);
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn columns_out_of_step_are_brought_together() {
+        let path = std::env::temp_dir().join(format!("evis_repair_{}.h5", std::process::id()));
+        let events = record(&path);
         let whole = stored_index(&path);
         assert!(repair(&path).unwrap().nothing_to_do());
 

@@ -13,6 +13,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -70,6 +71,10 @@ pub(super) struct Store {
     end: u64,
     /// Bytes that the file has on disk.
     on_disk: u64,
+    /// Bytes that it had when it was opened.
+    found: u64,
+    /// Where each write since [`Store::remember`] went, and what was there.
+    overwritten: Option<Vec<(u64, Vec<u8>)>>,
 }
 
 impl Store {
@@ -96,7 +101,16 @@ impl Store {
         }
         // A killed writer leaves bytes past the recorded end; nothing refers to them.
         let end = superblock.end_of_file_address.max(on_disk);
-        Ok(Self { file, path: path.into(), context: FormatContext::default_v3(), superblock, end, on_disk })
+        Ok(Self {
+            file,
+            path: path.into(),
+            context: FormatContext::default_v3(),
+            superblock,
+            end,
+            on_disk,
+            found: on_disk,
+            overwritten: None,
+        })
     }
 
     /// Tells [`Store::lock_alone`] elsewhere that this file is being written. Readers may still open it:
@@ -130,9 +144,23 @@ impl Store {
         if self.superblock.file_consistency_flags == 0 { FileState::Closed } else { FileState::Open }
     }
 
-    /// Whether the disk holds all that the superblock promises.
-    pub fn is_truncated(&self) -> bool {
-        self.on_disk < self.superblock.end_of_file_address
+    /// Bytes found on disk, and bytes that the superblock promises, where these are more.
+    pub fn missing(&self) -> Option<(u64, u64)> {
+        let promised = self.superblock.end_of_file_address;
+        (self.found < promised).then_some((self.found, promised))
+    }
+
+    /// Keeps what is overwritten from now on, for [`Store::take_back`]. Only for a few small writes.
+    pub fn remember(&mut self) {
+        self.overwritten = Some(Vec::new());
+    }
+
+    /// Makes the file what it was when it was opened; all writes must have been remembered.
+    pub fn take_back(&mut self) -> Result<(), FormatError> {
+        for (address, bytes) in self.overwritten.take().unwrap_or_default().into_iter().rev() {
+            self.write_at(address, &bytes)?;
+        }
+        self.file.set_len(self.found).map_err(|e| self.io("write", e))
     }
 
     /// Publishes everything allocated so far as part of the file, whose state stays.
@@ -181,6 +209,10 @@ impl Store {
     }
 
     fn write_at(&mut self, address: u64, bytes: &[u8]) -> Result<(), FormatError> {
+        if self.overwritten.is_some() {
+            let before = self.read_at(address, bytes.len())?;
+            self.overwritten.get_or_insert_default().push((address, before));
+        }
         let result = self.file.seek(SeekFrom::Start(address)).and_then(|_| self.file.write_all(bytes));
         result.map_err(|e| self.io("write", e))?;
         self.on_disk = self.on_disk.max(address + bytes.len() as u64);
@@ -656,21 +688,22 @@ impl Column {
         Ok(())
     }
 
-    /// Calls `visit` with the bytes of rows `from..`, one chunk at a time.
+    /// Calls `visit` with the bytes of `rows`, one chunk at a time.
     pub fn for_each_chunk(
         &mut self,
         store: &mut Store,
-        from: u64,
+        rows: Range<u64>,
         mut visit: impl FnMut(&[u8]),
     ) -> Result<(), FormatError> {
         let per_chunk = self.rows_per_chunk as u64;
-        let mut row = from;
-        while row < self.rows_published {
+        let until = self.rows_published.min(rows.end);
+        let mut row = rows.start;
+        while row < until {
             let chunk = self.read_chunk(store, row / per_chunk)?;
-            let end = self.rows_published.min((row / per_chunk + 1) * per_chunk);
+            let end = until.min((row / per_chunk + 1) * per_chunk);
             let bytes = |r: u64| usize::try_from(r % per_chunk).unwrap_or(0) * self.row_bytes;
-            let until = bytes(row) + usize::try_from(end - row).unwrap_or(0) * self.row_bytes;
-            visit(chunk.get(bytes(row)..until).unwrap_or_default());
+            let after = bytes(row) + usize::try_from(end - row).unwrap_or(0) * self.row_bytes;
+            visit(chunk.get(bytes(row)..after).unwrap_or_default());
             row = end;
         }
         Ok(())
@@ -720,16 +753,26 @@ impl Column {
         }
     }
 
-    /// The longest start of the data set, in rows, whose chunks can all be found and decompressed from
-    /// the end: chunks are written in order, so one good last chunk vouches for those before it.
+    /// The longest start of the data set, in rows, whose chunks all lie within the file, and the last of which can be
+    /// decompressed. An unfinished chunk may lie before older ones, so each is looked up.
     pub fn readable_rows(&mut self, store: &mut Store) -> u64 {
-        let mut rows = self.rows_published;
+        let per_chunk = self.rows_per_chunk as u64;
+        let chunks = self.rows_published.div_ceil(per_chunk);
+        let found = store.found;
+        let is_there = |entry: FilteredChunkEntry| {
+            !entry.is_undef() && entry.addr.checked_add(entry.nbytes).is_some_and(|end| end <= found)
+        };
+        let mut there = 0;
+        while there < chunks && self.entry(store, there).is_ok_and(is_there) {
+            there += 1;
+        }
+        let mut rows = self.rows_published.min(there * per_chunk);
         while rows > 0 {
-            let last = (rows - 1) / self.rows_per_chunk as u64;
+            let last = (rows - 1) / per_chunk;
             if self.read_chunk(store, last).is_ok() {
                 return rows;
             }
-            rows = last * self.rows_per_chunk as u64;
+            rows = last * per_chunk;
         }
         0
     }

@@ -23,7 +23,7 @@ const FLUSH_EVERY: Duration = Duration::from_millis(800);
 const CHUNKS_AT_ONCE: usize = 8;
 /// Latest event: 31 days. `ms_to_idx` has an entry per millisecond, silent ones too, so a time in the
 /// wrong unit would fill the disk.
-const LATEST_US: i64 = 31 * 86_400 * 1_000_000;
+pub(super) const LATEST_US: i64 = 31 * 86_400 * 1_000_000;
 /// Entries per chunk of `ms_to_idx`.
 const MILLIS_PER_CHUNK: usize = 16_384;
 /// Entries of `ms_to_idx` that one silence adds before they are stored: bounds memory.
@@ -211,7 +211,7 @@ impl RecordingWriter {
         if !LabelType::of(frame.kind).matches(&frame.data) || given != pixels {
             return invalid(
                 format!("label {name} at {} us has {given} values of its type", frame.t_us),
-                &format!("give {pixels} values of {:?}", LabelType::of(frame.kind)),
+                &format!("give {pixels} values of {}", LabelType::of(frame.kind).name()),
             );
         }
         if label.last_t.is_some_and(|last| frame.t_us < last) {
@@ -249,7 +249,10 @@ impl RecordingWriter {
         if !pose.position.iter().chain(&pose.rotation).all(|v| v.is_finite()) {
             return Err(FormatError::invalid(
                 self.store.path(),
-                format!("the pose at {} us is {pose:?}", pose.t_us),
+                format!(
+                    "the pose at {} us has position {:?} and rotation {:?}",
+                    pose.t_us, pose.position, pose.rotation
+                ),
                 "give finite numbers",
             ));
         }
