@@ -14,7 +14,7 @@ const FEWEST_PAIRS: u64 = 100;
 
 /// Correlation beyond which a scene moves. Recordings of still scenes that are at hand have up to 0.03, for the pixels of a
 /// real sensor are not quite independent; those of moving ones (from 0.35 s on, with a noisy sensor too) 0.1 and more.
-const MOVES: f64 = 9.0;
+const MOVES: f64 = 0.05;
 
 /// How far beyond its own error a correlation must be.
 const ERRORS: f64 = 4.0;
