@@ -505,7 +505,7 @@ impl Plan {
         let texels =
             |edge: Option<u32>| edge.map_or_else(|| "their usual size".into(), |n| format!("{n} texels"));
         let reference =
-            |luminance: Option<f32>| luminance.map_or_else(|| "as measured".into(), |y| y.to_string());
+            |luminance: Option<f32>| luminance.map_or_else(|| "what is measured".into(), |y| y.to_string());
         for (what, own, run) in [
             ("scene", own.scene.clone(), run.scene.clone()),
             ("cameras", own.cameras.join(", "), run.cameras.join(", ")),
@@ -514,7 +514,11 @@ impl Plan {
             ("shadow maps of", texels(own.shadow_map), texels(run.shadow_map)),
             ("labels at", rate(own.label_rate_hz), rate(run.label_rate_hz)),
             ("frames at", rate(own.frame_rate_hz), rate(run.frame_rate_hz)),
-            ("a reference luminance", reference(own.reference_luminance), reference(run.reference_luminance)),
+            (
+                "a reference luminance of",
+                reference(own.reference_luminance),
+                reference(run.reference_luminance),
+            ),
             ("sensors with", own.sensors.join("; "), run.sensors.join("; ")),
             (
                 "a scene (of that name, with its --seed and --speed) of content",
@@ -798,8 +802,8 @@ ms_per_s = 150.5
         plan.check_made_for(path, &own()).unwrap();
         for (run, sides) in [
             (MadeFor { sensors, ..own() }, ["sensors with front 0.2 ON", "for front 0.3 ON"]),
-            (MadeFor { reference_luminance: None, ..own() }, ["luminance of 0.18", "that is measured"]),
-            (MadeFor { reference_luminance: Some(0.5), ..own() }, ["luminance of 0.18", "of 0.5"]),
+            (MadeFor { reference_luminance: None, ..own() }, ["luminance of 0.18", "what is measured"]),
+            (MadeFor { reference_luminance: Some(0.5), ..own() }, ["luminance of 0.18", "for 0.5"]),
         ] {
             let error = plan.check_made_for(path, &run).unwrap_err().to_string();
             assert!(error.contains("p.toml") && sides.iter().all(|side| error.contains(side)), "{error}");

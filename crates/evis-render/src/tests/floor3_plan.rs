@@ -130,7 +130,7 @@ fn a_plan_for_a_target_runs_again_to_the_same_bytes_without_looking() {
     let darker = thresholds(SensorConfig { log_eps: 0.01, ..SensorConfig::default() });
     refused(darker, None, ["log_eps 0.001", "log_eps 0.01"]);
     let lit = RunConfig { reference_luminance: Some(0.5), ..asks(Target::Draft) };
-    refused(lit, None, ["luminance that is measured", "of 0.5"]);
+    refused(lit, None, ["luminance of what is measured", "for 0.5"]);
     refused(RunConfig { size: Some((64, 48)), ..asks(Target::Draft) }, draft, ["96x72", "64x48"]);
     refused(asks(Target::Exact), Some(Goal::Target(Target::Exact)), ["the target draft", "the target exact"]);
     refused(asks(Target::Default), Some(Goal::Budget(70.0)), ["the target draft", "a budget of 70 ms"]);
