@@ -42,7 +42,9 @@ pub fn decode(name: &str, bytes: &[u8], transfer: Transfer) -> Result<Image, Str
         .with_guessed_format()
         .map_err(|e| format!("image '{name}': {e}"))?;
     if reader.format().is_none() {
-        return Err(format!("image '{name}' is of no known kind; PNG, JPEG, GIF, TIFF, Radiance and OpenEXR work"));
+        return Err(format!(
+            "image '{name}' is of no known kind; PNG, JPEG, GIF, TIFF, Radiance and OpenEXR work"
+        ));
     }
     let mut limits = ::image::Limits::default();
     limits.max_image_width = Some(MAX_EDGE);
