@@ -433,8 +433,6 @@ def chart(
         If there is no such device, or it failed.
     """
     rates, counts, covered, light, latch, most = _evis.chart_ladder(quick)
-    threshold_on, threshold_off, log_eps = thresholds_of(sensor)
-    folder = _evis.chart_cache() if cache is True else None if cache is False else Path(cache)
     text = _evis.chart(
         raw_of(scene),
         rates_hz=_check.numbers("rates_hz", rates if rates_hz is None else rates_hz),
@@ -449,20 +447,37 @@ def chart(
         adaptive=adaptive,
         quick=quick,
         repetitions=_check.whole("repetitions", repetitions),
-        threshold_on=threshold_on,
-        threshold_off=threshold_off,
-        log_eps=log_eps,
-        camera=None if camera is None else str(camera),
-        size=None if size is None else _check.size(size),
-        start_us=_check.micros("start", start),
-        duration_us=_check.duration_us("duration", duration),
-        truth_pixels=None if truth_pixels is None else _check.whole("truth_pixels", truth_pixels),
         reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
         floor=floor,
-        cache=folder,
-        device=_selector(device),
+        **beside_truth(sensor, camera, size, start, duration, truth_pixels, cache, device),
     )
     return Chart(text)
+
+
+def beside_truth(
+    sensor: Sensor | None,
+    camera: str | None,
+    size: tuple[int, int] | None,
+    start: float,
+    duration: float,
+    truth_pixels: int | None,
+    cache: bool | str | PathLike[str],
+    device: Device | str | int | None,
+) -> dict[str, Any]:
+    """Return for the engine what settings are measured on beside truth, and where truth is kept."""
+    threshold_on, threshold_off, log_eps = thresholds_of(sensor)
+    return {
+        "threshold_on": threshold_on,
+        "threshold_off": threshold_off,
+        "log_eps": log_eps,
+        "camera": None if camera is None else str(camera),
+        "size": None if size is None else _check.size(size),
+        "start_us": _check.micros("start", start),
+        "duration_us": _check.duration_us("duration", duration),
+        "truth_pixels": None if truth_pixels is None else _check.whole("truth_pixels", truth_pixels),
+        "cache": _evis.chart_cache() if cache is True else None if cache is False else Path(cache),
+        "device": _selector(device),
+    }
 
 
 def _setting(held: dict[str, Any]) -> ChartSetting:

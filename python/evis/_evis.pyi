@@ -305,7 +305,7 @@ class Simulator:
         labels: list[str],
         label_rate_hz: float,
         frame_rate_hz: float | None,
-        exposure_us: int,
+        exposure_us: int | None,
         exposure_shape: list[float] | None,
         reference_luminance: float | None,
         device: str | None,

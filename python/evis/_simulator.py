@@ -30,9 +30,6 @@ LabelName: TypeAlias = Literal[
     "cause",
 ]
 
-#: Where frames are on and no exposure is given, as far as it fits between two of them.
-_EXPOSURE_US = 10_000
-
 
 @dataclass(frozen=True, slots=True)
 class Device:
@@ -497,18 +494,15 @@ def _labels(labels: Iterable[LabelName]) -> list[str]:
     return asked
 
 
-def _exposure(exposure_us: int | None, frame_rate_hz: float | None) -> int:
-    """Return the exposure of frames: the one given, or the usual one, as far as it fits between two."""
-    if exposure_us is not None:
-        if frame_rate_hz is None:
-            raise ConfigError(
-                f"exposure_us is {_check.shown(exposure_us)}; it exposes no frame: give frame_rate_hz too"
-            )
-        return _check.whole("exposure_us", exposure_us, 0, _check.MOST_US, " microseconds")
-    if frame_rate_hz is None or not frame_rate_hz > 0:
-        # No rate, or one that the engine refuses.
-        return _EXPOSURE_US
-    return 2 * int(min(_EXPOSURE_US / 2, 0.5e6 / frame_rate_hz))
+def _exposure(exposure_us: int | None, frame_rate_hz: float | None) -> int | None:
+    """Return the exposure of frames, if one is given."""
+    if exposure_us is None:
+        return None
+    if frame_rate_hz is None:
+        raise ConfigError(
+            f"exposure_us is {_check.shown(exposure_us)}; it exposes no frame: give frame_rate_hz too"
+        )
+    return _check.whole("exposure_us", exposure_us, 0, _check.MOST_US, " microseconds")
 
 
 def _selector(device: Device | str | int | None) -> str | None:

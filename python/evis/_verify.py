@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis
-from ._chart import SceneChart, _scene_chart
+from ._chart import SceneChart, _scene_chart, beside_truth
 from ._scene import Scene, raw_of
-from ._sensor import Sensor, thresholds_of
+from ._sensor import Sensor
 from ._simulator import Device, _selector
 
 TriggerVariant = Literal["crossing_log", "crossing_light", "latch"]
@@ -451,23 +451,12 @@ def verify_scene(
     DeviceError
         If there is no such device, or it failed.
     """
-    threshold_on, threshold_off, log_eps = thresholds_of(sensor)
-    folder = _evis.chart_cache() if cache is True else None if cache is False else Path(cache)
     text = _evis.verify_scene(
         raw_of(scene),
         rates_hz=_check.numbers("rates_hz", rates_hz),
         samples=_check.wholes("samples", samples),
         triggers=_check.names("triggers", triggers),
-        threshold_on=threshold_on,
-        threshold_off=threshold_off,
-        log_eps=log_eps,
-        camera=None if camera is None else str(camera),
-        size=None if size is None else _check.size(size),
-        start_us=_check.micros("start", start),
-        duration_us=_check.duration_us("duration", duration),
-        truth_pixels=None if truth_pixels is None else _check.whole("truth_pixels", truth_pixels),
-        cache=folder,
-        device=_selector(device),
+        **beside_truth(sensor, camera, size, start, duration, truth_pixels, cache, device),
     )
     return SceneVerification(text)
 

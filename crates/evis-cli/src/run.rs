@@ -215,18 +215,15 @@ fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConf
         if config.exposure_us < 2 {
             return Err(bad_input(format!("--exposure-ms {exposure_ms}: the shortest exposure is 0.002 ms")));
         }
-    } else if let Some(rate_hz) = args.frame_rate {
-        // The default, or what fits between two frames.
-        config.exposure_us = config.exposure_us.min((0.5e6 / rate_hz) as i64 * 2);
+    } else {
+        config.exposure_us = RunConfig::usual_exposure_us(args.frame_rate);
     }
     if args.exposure_shape.is_some() && args.frame_rate.is_none() {
-        return Err(bad_input("--exposure-shape exposes no frame; add --frame-rate HZ".to_owned()));
+        return Err(bad_input("--exposure-shape exposes no frame; add --frame-rate HZ"));
     }
     config.exposure_shape = args.exposure_shape.clone().unwrap_or_default();
     if config.between == Between::Curve && config.adaptive_px.is_none() {
-        return Err(bad_input(
-            "--between curve runs from look to look of adaptive time; add --adaptive PX".to_owned(),
-        ));
+        return Err(bad_input("--between curve runs from look to look of adaptive time; add --adaptive PX"));
     }
     Ok(config)
 }

@@ -84,7 +84,7 @@ impl Simulator {
         labels: Vec<String>,
         label_rate_hz: f64,
         frame_rate_hz: Option<f64>,
-        exposure_us: i64,
+        exposure_us: Option<i64>,
         exposure_shape: Option<Vec<f64>>,
         reference_luminance: Option<f32>,
         device: Option<String>,
@@ -118,7 +118,7 @@ impl Simulator {
             labels: engine::labels(&labels)?,
             label_rate_hz,
             frame_rate_hz,
-            exposure_us,
+            exposure_us: exposure_us.unwrap_or_else(|| RunConfig::usual_exposure_us(frame_rate_hz)),
             exposure_shape: exposure_shape.map_or(ExposureShape::Box, ExposureShape::Weights),
             reference_luminance,
         };

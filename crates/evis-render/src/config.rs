@@ -20,6 +20,8 @@ const KEY_S: f64 = 0.034;
 const USUAL_STEP_PX: f64 = 0.3;
 /// Samples of `march`, at most.
 const MARCH_SAMPLES: u32 = 64;
+/// Exposure of frames where none is asked for, at most.
+const USUAL_EXPOSURE_US: i64 = 10_000;
 
 /// How an instant is sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -197,11 +199,16 @@ impl Default for RunConfig {
             labels: Vec::new(),
             label_rate_hz: 50.0,
             frame_rate_hz: None,
-            exposure_us: 10_000,
+            exposure_us: USUAL_EXPOSURE_US,
             exposure_shape: ExposureShape::Box,
             reference_luminance: None,
         }
     }
+}
+
+/// The longest exposure of frames, so many a second: the time between two, as an even number of microseconds.
+fn longest_exposure_us(frame_rate_hz: f64) -> i64 {
+    (1e6 / frame_rate_hz) as i64 / 2 * 2
 }
 
 fn is_box(shape: &ExposureShape) -> bool {
@@ -285,6 +292,11 @@ impl RunConfig {
         }
     }
 
+    /// The exposure of frames where none is asked for: the usual one, as far as it fits between two.
+    pub fn usual_exposure_us(frame_rate_hz: Option<f64>) -> i64 {
+        frame_rate_hz.map_or(USUAL_EXPOSURE_US, |rate_hz| USUAL_EXPOSURE_US.min(longest_exposure_us(rate_hz)))
+    }
+
     /// What packets carry beside events: labels, and frames where they are on.
     pub fn carried(&self) -> Vec<LabelKind> {
         let mut kinds = self.labels.clone();
@@ -313,7 +325,7 @@ impl RunConfig {
             return Ok(());
         };
         TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
-        let longest = (1e6 / rate_hz) as i64 / 2 * 2;
+        let longest = longest_exposure_us(rate_hz);
         if longest < 2 {
             let remedy = "500000 frames per second at most: an exposure lasts 2 microseconds and more";
             return Err(ConfigError::new("frame_rate", rate_hz, remedy));
@@ -419,5 +431,31 @@ impl RunConfig {
             return Err(ConfigError::new("reference_luminance", y, "a finite number above 0"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evis_core::sensor::Photoreceptor;
+
+    use super::*;
+
+    #[test]
+    fn curves_are_for_sensors_of_thresholds_that_do_not_latch() {
+        let curved = RunConfig { between: Between::Curve, ..RunConfig::default() };
+        assert!(curved.takes_curves() && !RunConfig::default().takes_curves());
+        let latch = SensorConfig { trigger: TriggerRule::Latch, ..SensorConfig::default() };
+        let photoreceptor = Photoreceptor { cutoff_hz: 100.0, ..Photoreceptor::default() };
+        let slow = SensorConfig { photoreceptor, ..SensorConfig::default() };
+        for sensor in [latch.clone(), slow.clone()] {
+            assert!(!RunConfig { sensor: sensor.clone(), ..curved.clone() }.takes_curves(), "{sensor:?}");
+        }
+        // Cameras' own come before the one for all.
+        let own = |of: [(&str, SensorConfig); 2]| RunConfig {
+            sensors: of.map(|(name, sensor)| (name.into(), sensor)).into(),
+            ..curved.clone()
+        };
+        assert!(!own([("left", latch.clone()), ("right", slow)]).takes_curves());
+        assert!(own([("left", latch), ("right", SensorConfig::default())]).takes_curves());
     }
 }

@@ -122,6 +122,12 @@ impl Context {
         times_us: &[i64],
         upload: Upload,
     ) -> wgpu::BindGroup {
+        self.build_frames(views, times_us, upload);
+        self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
+    }
+
+    /// The same, without the way to the device: for what poses alone tell.
+    pub(crate) fn build_frames(&mut self, views: &[View], times_us: &[i64], upload: Upload) {
         let times_s: Vec<f64> = times_us.iter().map(|&t| self.scene_time_s(t)).collect();
         let plan = self.shadows.as_ref().map(|s| &s.plan);
         let redrawn = plan.is_some_and(ShadowPlan::is_redrawn);
@@ -137,7 +143,6 @@ impl Context {
             trail: upload.trail,
         };
         self.frame_data.build(&self.scene, &self.gpu_scene, &request);
-        self.frame_buffers.upload(&self.gpu, &self.layouts, &self.gpu_scene.morph_data, &self.frame_data)
     }
 }
 

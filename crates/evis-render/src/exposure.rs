@@ -98,7 +98,7 @@ impl ExposureRoom {
         let moments: Vec<i64> = (0..=i64::from(self.most))
             .map(|k| start_us + k * self.exposure_us / i64::from(self.most))
             .collect();
-        context.upload_frames_as(view, &moments, Upload { trail: true, ..Default::default() });
+        context.build_frames(view, &moments, Upload { trail: true, ..Default::default() });
         let sky = context.sky.is_some();
         let passing = Passing::new(&context.frame_data, 0..moments.len(), &view[0].lens, sky);
         let paces = self.pacer.paces(&context.gpu_scene, &passing).tiles;

@@ -164,3 +164,19 @@ fn exposures_that_cannot_be_are_named() {
     let labels = vec![LabelKind::Frame];
     assert!(refused(RunConfig { labels, frame_rate_hz: None, ..config() }).contains("frame rate"));
 }
+
+#[test]
+fn the_usual_exposure_fits_between_two_frames() {
+    assert_eq!(RunConfig::usual_exposure_us(None), 10_000);
+    for (rate_hz, exposure_us) in
+        [(1e-300, 10_000), (30.0, 10_000), (100.0, 10_000), (300.0, 3_332), (5e5, 2)]
+    {
+        assert_eq!(RunConfig::usual_exposure_us(Some(rate_hz)), exposure_us, "{rate_hz} Hz");
+    }
+    let fast = |rate_hz| {
+        let exposure_us = RunConfig::usual_exposure_us(Some(rate_hz));
+        RunConfig { frame_rate_hz: Some(rate_hz), exposure_us, ..config() }.check()
+    };
+    assert!(fast(5e5).is_ok());
+    assert!(fast(6e5).unwrap_err().to_string().contains("500000 frames per second at most"));
+}
