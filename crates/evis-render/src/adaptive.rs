@@ -205,6 +205,12 @@ impl AdaptiveRoom {
         std::mem::take(&mut self.drawn_pixels)
     }
 
+    /// What decides how often tiles are sampled.
+    #[cfg(test)]
+    pub fn pacer(&mut self) -> &mut Pacer {
+        &mut self.pacer
+    }
+
     /// Where light comes from that is used again.
     #[cfg(test)]
     pub fn reuse(&self) -> Option<&ReuseRoom> {
@@ -574,7 +580,7 @@ impl AdaptiveRoom {
             if all().all(|frame| trail.camera_from_world[frame] == *camera) {
                 return None;
             }
-            Some(Reused { steady: steady(trail, all())?, keyframes: [older, older + 1], frames: around })
+            Some(Reused { steady: steady(trail, &context.gpu_scene.objects, all())?, keyframes: [older, older + 1], frames: around })
         };
         (0..work.views.len() as u32)
             .flat_map(|v| (0..blocks).map(move |block| (v, block)))

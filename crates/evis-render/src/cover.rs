@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use crate::area::MARGIN_PX;
-use crate::pace::{TILE, tile_range};
+use crate::area::{Area, MARGIN_PX};
+use crate::tiles::{TILE, tile_range};
 
 /// Tiles, row by row.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -13,18 +13,35 @@ pub struct Cover {
 }
 
 impl Cover {
-    /// What the hull of `points`, with a border of [`MARGIN_PX`], touches in a picture of `columns` x `rows` tiles.
-    pub fn new(points: Vec<[f64; 2]>, columns: u32, rows: u32) -> Self {
+    /// What `area`, with a border of [`MARGIN_PX`], touches in a picture of `columns` x `rows` tiles.
+    pub fn of(area: &Area, columns: u32, rows: u32) -> Self {
+        if area.is_nothing() {
+            return Self::default();
+        }
+        let range = |axis: usize, count: u32| {
+            tile_range(area.low[axis] - MARGIN_PX, area.high[axis] + MARGIN_PX, count)
+        };
+        let (across, down) = (range(0, columns), range(1, rows));
+        Self { first: down.start, rows: down.map(|_| across.clone()).collect() }
+    }
+
+    /// What the hull of `points`, with a border of [`MARGIN_PX`] and `border_px`, touches in a picture of `columns` x `rows`
+    /// tiles.
+    pub fn new(points: Vec<[f64; 2]>, border_px: f64, columns: u32, rows: u32) -> Self {
+        if border_px == f64::INFINITY {
+            return Self { first: 0, rows: vec![0..columns; rows as usize] };
+        }
+        let margin_px = MARGIN_PX + border_px;
         let tile = f64::from(TILE);
-        let tiles = |low: f64, high: f64, count: u32| tile_range(low - MARGIN_PX, high + MARGIN_PX, count);
+        let tiles = |low: f64, high: f64, count: u32| tile_range(low - margin_px, high + margin_px, count);
         let (low, high) = ends(points.iter().map(|p| p[1]));
         let range = tiles(low, high, rows);
         let corners = hull(points);
         let edges = || corners.iter().zip(corners.iter().cycle().skip(1));
         let first = range.start;
         let rows = range.map(|row| {
-            let upper = f64::from(row) * tile - MARGIN_PX;
-            let lower = upper + tile + 2.0 * MARGIN_PX;
+            let upper = f64::from(row) * tile - margin_px;
+            let lower = upper + tile + 2.0 * margin_px;
             // The ends of what of each edge lies in the row.
             let within = |(a, b): (&[f64; 2], &[f64; 2])| {
                 if a[1].max(b[1]) < upper || lower < a[1].min(b[1]) {

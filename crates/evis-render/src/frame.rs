@@ -1,5 +1,7 @@
 //! From poses to what the passes read: matrices in f64, composed, then rounded once to f32.
 
+use std::ops::Range;
+
 use evis_scene::{LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
@@ -162,15 +164,23 @@ impl FrameData {
         environment: usize,
     ) -> Shared {
         let mut skin_bases = vec![0; scene.skins.len()];
+        let mut palettes = Palettes::default();
         for (skin, base) in skin_bases.iter_mut().enumerate() {
             *base = (self.joints.len() / 3) as u32;
             scene.joint_matrices(skin, state, &mut self.joint_scratch);
             self.joints.extend(self.joint_scratch.iter().flat_map(rows));
+            palettes.skins.push(palettes.joints.len()..palettes.joints.len() + self.joint_scratch.len());
+            palettes.joints.extend_from_slice(&self.joint_scratch);
         }
         let mut weight_bases = vec![0; scene.nodes.len()];
-        for (node, weights) in state.morph_weights.iter().enumerate().filter(|(_, w)| !w.is_empty()) {
-            weight_bases[node] = self.morph_weights.len() as u32;
-            self.morph_weights.extend(weights);
+        for (node, weights) in state.morph_weights.iter().enumerate() {
+            let first = palettes.weights.len();
+            palettes.nodes.push(first..first + weights.len());
+            palettes.weights.extend_from_slice(weights);
+            if !weights.is_empty() {
+                weight_bases[node] = self.morph_weights.len() as u32;
+                self.morph_weights.extend(weights);
+            }
         }
         let light_views: Vec<LightView> =
             request.shadows.map_or(Vec::new(), |plan| plan.matrices(scene, state).collect());
@@ -217,7 +227,7 @@ impl FrameData {
             let nodes = plan.nodes.iter().zip(&light_views);
             nodes.filter_map(|(&node, view)| Lamp::new(scene, state, node, view)).collect()
         });
-        Shared { lights, lamps, world, records, shadow_layer_base, rays }
+        Shared { lights, lamps, world, records, palettes, shadow_layer_base, rays }
     }
 
     #[expect(
@@ -263,16 +273,46 @@ pub struct Shared {
     pub world: Vec<DMat4>,
     /// Per object.
     pub records: Vec<ObjectRecord>,
+    /// What deforms objects.
+    pub palettes: Palettes,
     shadow_layer_base: u32,
     rays: ShadowRays,
 }
 
+/// Joint matrices and morph weights at an instant.
+#[derive(Default)]
+pub struct Palettes {
+    joints: Vec<DMat4>,
+    skins: Vec<Range<usize>>,
+    weights: Vec<f32>,
+    nodes: Vec<Range<usize>>,
+}
+
+impl Palettes {
+    /// World-from-vertex matrices of a skin's joints.
+    pub fn joints(&self, skin: usize) -> &[DMat4] {
+        &self.joints[self.skins[skin].clone()]
+    }
+
+    /// Morph weights of a node; empty where it has none.
+    pub fn weights(&self, node: usize) -> &[f32] {
+        &self.weights[self.nodes[node].clone()]
+    }
+}
+
 impl Shared {
-    /// Whether object `object` moves, glows or deforms from any of `moments` to another.
-    pub fn moves(moments: &[&Self], object: usize) -> bool {
-        moments
-            .windows(2)
-            .any(|m| m[0].world[object] != m[1].world[object] || m[0].records[object] != m[1].records[object])
+    /// Whether shaders read the same bytes of object `index` here and in `other`.
+    pub fn is_equal(&self, other: &Self, object: &Object, index: usize) -> bool {
+        // Where its joints and weights lie in a submission's buffers is not part of what it is.
+        let record = |of: &Self| ObjectRecord { joint_base: 0, morph_weight_base: 0, ..of.records[index] };
+        let joints = |of: &Self| object.skin.map(|skin| of.palettes.skins[skin].clone());
+        let weights = |of: &Self| object.morph.map(|_| of.palettes.nodes[object.node].clone());
+        self.world[index] == other.world[index]
+            && record(self) == record(other)
+            && joints(self).map(|range| &self.palettes.joints[range])
+                == joints(other).map(|range| &other.palettes.joints[range])
+            && weights(self).map(|range| &self.palettes.weights[range])
+                == weights(other).map(|range| &other.palettes.weights[range])
     }
 }
 

@@ -27,6 +27,7 @@ mod labels;
 mod lamp;
 mod march;
 mod method;
+mod needs;
 mod occluders;
 mod pace;
 pub mod packet;
@@ -49,10 +50,12 @@ mod splat;
 pub mod splat_config;
 mod still;
 mod targets;
+mod tiles;
 mod uniforms;
 mod unpack;
 mod variant;
-pub mod view;
+mod view;
+mod view_motion;
 
 #[cfg(test)]
 mod tests;

@@ -1,77 +1,43 @@
-//! How often each part of a picture must be looked at: from how far everything that it may show moves between two
-//! instants, which poses alone tell.
+//! How often each tile of a picture is sampled, from how far what it may show moves between two instants. Poses alone decide.
 //!
 //! A view's picture is divided into tiles of [`TILE`] pixels, its time into blocks of instants. Within a block a tile is
-//! looked at every 1, 2, 4, ... instants, and at the block's end. What does not change at all is not looked at.
+//! sampled every 1, 2, 4, ... instants, and at the block's end. A tile is not sampled at all only if everything that its
+//! shaders read is equal at every instant of the block: see [`crate::view_motion`].
 //!
-//! Speeds are bounds where bodies move (corners of boxes around their parts), and estimates where the camera does (rays
-//! through a grid of places, as deep as boxes around what stands there allow). What is hidden counts too: nothing here
-//! knows what hides it.
+//! Speeds are bounds where bodies move (hulls of their parts), and estimates where the camera does (rays through a grid of
+//! places, as deep as boxes around what stands there allow). They choose how often a tile is sampled, never whether. What is
+//! hidden counts too: occlusion is not considered.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use evis_scene::Scene;
 use glam::{DMat4, DVec3};
 
-use crate::area::{Area, Corners, Rect, corners, seen};
-use crate::cover::Cover;
-use crate::frame::{FrameData, Shared};
+use crate::area::{Area, MARGIN_PX, Rect, bounds, seen};
 use crate::gpu_scene::GpuScene;
-use crate::pieces::{Extent, Pieces, pieces};
+use crate::needs::Needs;
+use crate::pieces::{Extent, Hull, Pieces, pieces};
 use crate::shadow_pace::{Receiver, Scenery, shadows};
 use crate::uniforms::LightRecord;
 use crate::view::PixelLens;
+pub use crate::tiles::{TILE, tile_range, tiles_along};
+use crate::view_motion::{Activity, CameraWander, Moving, Resting, Track, Wander, reach_px};
+pub use crate::view_motion::ViewMotion as Passing;
 
-/// Pixels along a tile's side; `common/tile.wgsl` has the same constant.
-pub const TILE: u32 = 16;
-/// The pace of a tile that does not change.
+/// The rate of a tile that does not change.
 pub const STILL: u8 = u8::MAX;
-/// How much the logarithm of a light may change between two looks: a tenth of the usual threshold. Steps in pixels that are
-/// smaller numbers hold for light too, so that a step of next to nothing looks at every instant of whatever changes.
+/// How much the logarithm of a light may change between two samples: a tenth of the usual threshold. Steps in pixels that
+/// are smaller numbers hold for light too, so that a step of next to nothing samples every instant of whatever changes.
 const LIGHT_STEP: f64 = 0.02;
-/// Moments of a block at which speeds are taken, beside its start.
-const MOMENTS: usize = 8;
-/// A view over a block: the moment before it, then its instants.
-pub struct Passing<'a> {
-    /// Pixels and lens.
-    pub lens: &'a PixelLens,
-    /// Where the camera is.
-    pub camera_from_world: Vec<&'a DMat4>,
-    /// All else.
-    pub shared: Vec<&'a Shared>,
-    /// Objects that are in view at any of them, in order.
-    pub visible: Vec<u32>,
-    /// Whether something is seen at infinity that a turn of the camera moves.
-    pub sky: bool,
-}
 
-impl<'a> Passing<'a> {
-    /// The frames `frames` of `data`, which was asked for its trail.
-    pub fn new(data: &'a FrameData, frames: Range<usize>, lens: &'a PixelLens, sky: bool) -> Self {
-        let trail = &data.trail;
-        let items = data.visible[frames.clone()].iter().flatten();
-        let mut visible: Vec<u32> = items.flat_map(|item| item.objects.clone()).collect();
-        visible.sort_unstable();
-        visible.dedup();
-        Self {
-            lens,
-            camera_from_world: trail.camera_from_world[frames.clone()].iter().collect(),
-            shared: trail.shared_of[frames].iter().map(|&s| &trail.shared[s]).collect(),
-            visible,
-            sky,
-        }
-    }
-}
-
-/// How often each tile of a view is looked at during a block.
+/// How often each tile of a view is sampled during a block.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Paces {
     /// Tiles per row.
     pub columns: u32,
     /// Per tile, row by row: every `2^pace` instants; [`STILL`] for never.
     pub tiles: Vec<u8>,
-    /// Per tile: whether a moving shadow may fall on it, or lights change.
+    /// Not in use.
     pub relit: Vec<bool>,
 }
 
@@ -85,55 +51,99 @@ impl Paces {
     }
 }
 
-/// Tiles along `pixels`.
-pub const fn tiles_along(pixels: u32) -> u32 {
-    pixels.div_ceil(TILE)
-}
-
-/// Tells paces.
+/// Decides how often tiles are sampled.
 pub struct Pacer {
-    pieces: Vec<Option<Arc<Pieces>>>,
-    /// Pixels that anything may move between two looks.
+    pieces: Vec<Arc<Pieces>>,
+    /// Pixels that anything may move between two samples.
     step_px: f64,
     /// log2 of the instants of a block.
     slowest: u8,
+    /// A canary of the tests: what is taken for still.
+    #[cfg(test)]
+    pub overlooks: Option<Overlook>,
+}
+
+/// Motion that a canary overlooks.
+#[cfg(test)]
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Overlook {
+    /// What rests, but moves at other times, under a camera that moves.
+    Paused,
+    /// What is back at the same pose at the instants between which speeds are computed.
+    Vibrating,
+    /// Shadows of what moves.
+    Shadows,
+    /// Joints and morph weights.
+    Deformation,
 }
 
 impl Pacer {
     /// For blocks of `block` instants, a power of two.
     pub fn new(scene: &Scene, gpu_scene: &GpuScene, step_px: f64, block: u32) -> Self {
-        Self { pieces: pieces(scene, gpu_scene), step_px, slowest: block.trailing_zeros() as u8 }
+        Self {
+            pieces: pieces(scene, gpu_scene),
+            step_px,
+            slowest: block.trailing_zeros() as u8,
+            #[cfg(test)]
+            overlooks: None,
+        }
     }
 
-    /// The paces of one view during one block.
+    /// How often the tiles of one view are sampled during one block.
     pub fn paces(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Paces {
-        let needs = self.tell(gpu_scene, view);
-        let tiles = needs.tiles.into_iter().map(|need| self.pace(need)).collect();
-        Paces { columns: needs.columns, tiles, relit: needs.relit }
+        let needs = self.required(gpu_scene, view);
+        let tiles: Vec<u8> = needs.tiles.into_iter().map(|need| self.pace(need)).collect();
+        Paces { columns: needs.columns, relit: vec![true; tiles.len()], tiles }
     }
 
-    /// Looks per instant that each tile asks for; without end where poses do not tell.
+    /// Samples per instant that each tile requires; infinite where poses do not tell.
     pub fn needs(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Vec<f64> {
-        self.tell(gpu_scene, view).tiles
+        self.required(gpu_scene, view).tiles
     }
 
-    fn tell(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Needs {
+    fn required(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Needs {
         let lens = view.lens;
         let (columns, rows) = (tiles_along(lens.width), tiles_along(lens.height));
-        let count = (columns * rows) as usize;
-        let lights = self.need_of_lights(view);
-        let deforms = view.visible.iter().any(|&o| self.pieces[o as usize].is_none());
-        if lights.is_infinite() || deforms {
-            return Needs { columns, rows, tiles: vec![f64::INFINITY; count], relit: vec![true; count] };
+        let mut needs = Needs::everywhere(columns, rows, self.need_of_lights(view));
+        if needs.tiles.iter().all(|need| need.is_infinite()) {
+            return needs;
         }
-        let mut needs = Needs { columns, rows, tiles: vec![lights; count], relit: vec![lights > 0.0; count] };
-        let last = view.shared.len() - 1;
-        let stride = (last / MOMENTS).max(1);
-        let moments: Vec<usize> = (0..=last).step_by(stride).collect();
-        if view.camera_from_world.iter().any(|c| *c != view.camera_from_world[0]) {
-            self.camera(gpu_scene, view, &moments, &mut needs);
+        let activities = view.activities(gpu_scene);
+        let (mut resting, mut moving) = (Vec::new(), Vec::new());
+        for activity in &activities {
+            match *activity {
+                Activity::Rests(object) => resting.push(object),
+                Activity::Moves(object) => moving.push(object),
+            }
         }
-        self.bodies(gpu_scene, view, &moments, &mut needs);
+        #[cfg(test)]
+        let shadows = match self.overlooks {
+            None => true,
+            Some(Overlook::Paused) => {
+                resting.retain(|object| !gpu_scene.objects[object.object()].moving);
+                true
+            }
+            Some(Overlook::Vibrating) => {
+                let at = |k: &usize, o: usize| view.shared[*k].world[o];
+                let back = |o: usize| view.moments().iter().all(|k| at(k, o) == at(&0, o));
+                moving.retain(|object| !back(object.object()));
+                true
+            }
+            Some(Overlook::Shadows) => false,
+            Some(Overlook::Deformation) => {
+                moving.retain(|object| gpu_scene.objects[object.object()].extent.is_some());
+                true
+            }
+        };
+        #[cfg(not(test))]
+        let shadows = true;
+        if view.camera_moves() {
+            self.camera(gpu_scene, view, &resting, &mut needs);
+        }
+        self.bodies(gpu_scene, view, &moving, &mut needs);
+        if shadows {
+            self.shadows(gpu_scene, view, &activities, &moving, &mut needs);
+        }
         needs
     }
 
@@ -141,7 +151,7 @@ impl Pacer {
         LIGHT_STEP.min(self.step_px)
     }
 
-    /// `need`: looks per instant.
+    /// `need`: samples per instant.
     fn pace(&self, need: f64) -> u8 {
         if need == 0.0 {
             return STILL;
@@ -150,88 +160,97 @@ impl Pacer {
         (-need.log2()).floor().clamp(0.0, f64::from(self.slowest)) as u8
     }
 
-    /// Looks per instant that the lights and the surroundings ask for, everywhere.
+    /// Samples per instant that changing lights require, everywhere.
     fn need_of_lights(&self, view: &Passing<'_>) -> f64 {
         let mut need: f64 = 0.0;
         for pair in view.shared.windows(2) {
-            for (a, b) in pair[0].lights.iter().zip(&pair[1].lights) {
-                need = need.max(light_change(a, b) / self.light_step());
+            for (a, b) in pair[0].lights.iter().zip(&pair[1].lights).filter(|(a, b)| a != b) {
+                need = need.max(light_change(a, b) / self.light_step()).max(f64::MIN_POSITIVE);
             }
         }
         need
     }
 
-    /// What moves or glows by itself, and the shadows that it throws.
-    fn bodies(&self, gpu_scene: &GpuScene, view: &Passing<'_>, moments: &[usize], needs: &mut Needs) {
-        let first = view.shared[0];
-        let moved: Vec<usize> =
-            (0..gpu_scene.objects.len()).filter(|&o| Shared::moves(&view.shared, o)).collect();
-        let scenery = Scenery::new(view, moments, (needs.columns, needs.rows));
-        let receivers: Vec<Receiver<'_>> = if moved.is_empty() || first.lamps.is_empty() {
-            Vec::new()
-        } else {
-            let receiver = |o: &u32| {
-                let o = *o as usize;
-                Receiver::new(&scenery, gpu_scene, self.pieces[o].as_deref()?, o)
-            };
-            view.visible.iter().filter_map(receiver).collect()
-        };
-        for &o in &moved {
-            let Some(pieces) = &self.pieces[o] else {
-                needs.everywhere(f64::INFINITY);
-                return;
-            };
+    /// What moves, deforms or glows by itself.
+    fn bodies(&self, gpu_scene: &GpuScene, view: &Passing<'_>, moving: &[Moving], needs: &mut Needs) {
+        let scenery = Scenery::new(view, gpu_scene, &self.pieces, (needs.columns, needs.rows));
+        for &body in moving.iter().filter(|body| view.visible.contains(&(body.object() as u32))) {
+            let o = body.object();
             let glow = view.shared.windows(2).map(|pair| {
                 log_change(pair[0].records[o].emission_factor, pair[1].records[o].emission_factor)
             });
             let glow = glow.fold(0.0, f64::max) / self.light_step();
-            if view.visible.contains(&(o as u32)) {
-                for piece in &pieces.boxes {
-                    let places = places(view, moments, o, piece);
-                    let speed = speed(view, moments, &places);
-                    needs.add(scenery.follow(&places).tiles(), (speed / self.step_px).max(glow));
-                }
+            let activity = Activity::Moves(body);
+            let wander = scenery.wander(activity);
+            for part in &self.pieces[o].boxes {
+                let speed = speed(view, &view.track(gpu_scene, activity, part), &wander);
+                let cover = scenery.follow(activity, part, &wander);
+                needs.add(cover.tiles(), (speed / self.step_px).max(glow));
             }
-            shadows(&scenery, pieces, o, &receivers, needs, self.step_px);
         }
     }
 
-    /// What stands still in the world and moves in the picture, because the camera does.
-    fn camera(&self, gpu_scene: &GpuScene, view: &Passing<'_>, moments: &[usize], needs: &mut Needs) {
+    /// Shadows of what moves, in view or not, on what is in view.
+    fn shadows(
+        &self,
+        gpu_scene: &GpuScene,
+        view: &Passing<'_>,
+        activities: &[Activity],
+        moving: &[Moving],
+        needs: &mut Needs,
+    ) {
+        if moving.is_empty() || view.shared[0].lamps.is_empty() {
+            return;
+        }
+        let scenery = Scenery::new(view, gpu_scene, &self.pieces, (needs.columns, needs.rows));
+        let receivers: Vec<Receiver<'_>> =
+            view.visible.iter().map(|o| Receiver::new(&scenery, activities[*o as usize])).collect();
+        for &caster in moving {
+            shadows(&scenery, caster, &receivers, needs, self.step_px);
+        }
+    }
+
+    /// What rests in the world and moves in the picture, because the camera does.
+    fn camera(&self, gpu_scene: &GpuScene, view: &Passing<'_>, resting: &[Resting], needs: &mut Needs) {
         let lens = view.lens;
-        let start = view.camera_from_world[0];
-        let mut grid = DepthGrid::new(lens, needs.columns, needs.rows);
-        for &o in &view.visible {
-            let object = &gpu_scene.objects[o as usize];
-            let Some(pieces) = self.pieces[o as usize].as_ref().filter(|_| !object.moving) else {
-                continue;
-            };
-            let world = &view.shared[0].world[o as usize];
-            let camera_from_object = *start * *world;
-            for piece in &pieces.boxes {
-                let places = corners(piece.0, piece.1).map(|c| world.transform_point3(c));
-                // Wherever it comes during the block, there something changes.
-                let mut area = Area::NOTHING;
-                for &k in moments {
-                    area = area.join(seen(&places, view.camera_from_world[k], lens));
+        let (columns, rows) = (needs.columns, needs.rows);
+        let moments = view.moments();
+        let ends = [moments[0], moments[moments.len() - 1]];
+        let mut grid = DepthGrid::new(lens, columns, rows);
+        for &object in resting.iter().filter(|object| view.visible.contains(&(object.object() as u32))) {
+            let (o, pieces) = (object.object(), &self.pieces[object.object()]);
+            let activity = Activity::Rests(object);
+            // Wherever it is seen during the block, there something changes.
+            let whole = view.track(gpu_scene, activity, &pieces.whole);
+            let mut area = Area::NOTHING;
+            for camera in &view.camera_from_world {
+                area = area.join(seen(whole.points(), camera, lens));
+            }
+            needs.add(tiles_of(area.grown(MARGIN_PX), columns, rows), f64::MIN_POSITIVE);
+            let world = &view.shared[0].world[o];
+            for part in &pieces.boxes {
+                let points = view.track(gpu_scene, activity, part);
+                // What deforms rests in its box in the world.
+                let (extent, world) = match part {
+                    Hull::Rigid(extent) => (*extent, *world),
+                    Hull::Deforming(_) => (bounds(points.points()), DMat4::IDENTITY),
+                };
+                for camera in ends.map(|k| view.camera_from_world[k]) {
+                    grid.add(&seen(points.points(), camera, lens), &extent, &(*camera * world));
                 }
-                needs.add(tiles_of(area, needs.columns, needs.rows), f64::MIN_POSITIVE);
-                grid.add(&seen(&places, start, lens), piece, &camera_from_object);
             }
         }
+        if view.sky && view.camera_turns() {
+            needs.tiles.iter_mut().for_each(|need| *need = need.max(f64::MIN_POSITIVE));
+        }
+        let start = view.camera_from_world[0].inverse();
         let steps: Vec<(f64, DMat4)> = moments
             .windows(2)
             .map(|pair| (pair[1] - pair[0]) as f64)
-            .zip(moments[1..].iter().map(|&k| *view.camera_from_world[k] * start.inverse()))
+            .zip(moments[1..].iter().map(|&k| *view.camera_from_world[k] * start))
             .collect();
-        grid.speeds(lens, &steps, view.sky, needs, self.step_px);
+        grid.speeds(lens, &steps, &view.camera_wander(moments), view.sky, needs, self.step_px);
     }
-}
-
-/// Where the corners of a box in object `o` are at the `moments`.
-pub fn places(view: &Passing<'_>, moments: &[usize], o: usize, (low, high): &Extent) -> Vec<Corners> {
-    let corners = corners(*low, *high);
-    moments.iter().map(|&k| corners.map(|c| view.shared[k].world[o].transform_point3(c))).collect()
 }
 
 /// How the logarithm of a light changes: without end where it moves.
@@ -247,65 +266,33 @@ fn log_change(a: f32, b: f32) -> f64 {
     if a == b { 0.0 } else { (f64::from(a) / f64::from(b)).ln().abs() }
 }
 
-/// How fast the fastest of points goes that are at `places` at the `moments`: pixels per instant.
-fn speed(view: &Passing<'_>, moments: &[usize], places: &[Corners]) -> f64 {
-    let mut speed: f64 = 0.0;
-    let mut last: Option<(usize, [Option<[f64; 2]>; 8])> = None;
-    for (&k, places) in moments.iter().zip(places) {
-        let now = places.map(|p| {
-            let p = view.camera_from_world[k].transform_point3(p);
-            (-p.z >= 0.5 * view.lens.near).then(|| view.lens.project(p)).flatten()
-        });
-        if let Some((before, was)) = last {
-            for pair in was.iter().zip(&now) {
-                speed = speed.max(match pair {
-                    (Some(a), Some(b)) => (a[0] - b[0]).hypot(a[1] - b[1]) / (k - before) as f64,
-                    // Behind the camera and before it.
-                    (None, None) => 0.0,
-                    _ => f64::INFINITY,
-                });
+/// How fast the fastest point of a part goes: pixels per instant. Infinite where it passes the camera.
+fn speed(view: &Passing<'_>, track: &Track<'_>, wander: &Wander) -> f64 {
+    let see = |k: usize, p: &DVec3| view.camera_from_world[k].transform_point3(*p);
+    let plane = 0.5 * view.lens.near;
+    let mut fastest: f64 = 0.0;
+    let mut before: Option<(usize, &[DVec3])> = None;
+    for (k, points) in track.iter() {
+        if let Some((last, were)) = before {
+            let pairs = || were.iter().zip(points).map(|(a, b)| (see(last, a), see(k, b)));
+            let is_behind = |p: DVec3| p.z > -plane;
+            // What is behind the camera all the way is not seen.
+            if !pairs().all(|(a, b)| is_behind(a) && is_behind(b)) {
+                for (a, b) in pairs() {
+                    fastest = fastest.max(match (view.lens.project(a), view.lens.project(b)) {
+                        (Some(p), Some(q)) if !is_behind(a) && !is_behind(b) => {
+                            (p[0] - q[0]).hypot(p[1] - q[1]) / (k - last) as f64
+                        }
+                        _ => f64::INFINITY,
+                    });
+                }
             }
         }
-        last = Some((k, now));
+        let shake_px = reach_px(points.iter().map(|p| see(k, p)), wander.seen.speed, view.lens);
+        fastest = fastest.max(shake_px);
+        before = Some((k, points));
     }
-    speed
-}
-
-/// Looks per instant that each tile asks for.
-pub struct Needs {
-    columns: u32,
-    rows: u32,
-    tiles: Vec<f64>,
-    /// Whether light may change there on what stands still.
-    relit: Vec<bool>,
-}
-
-impl Needs {
-    fn everywhere(&mut self, need: f64) {
-        self.tiles.iter_mut().for_each(|tile| *tile = tile.max(need));
-        self.relit.fill(true);
-    }
-
-    /// In `tiles`.
-    fn add(&mut self, tiles: impl Iterator<Item = (u32, u32)>, need: f64) {
-        for (x, y) in tiles {
-            let tile = &mut self.tiles[(y * self.columns + x) as usize];
-            *tile = tile.max(need);
-        }
-    }
-
-    /// In the tiles of `cover`, on which a shadow may move: light may change there.
-    pub fn add_shadow(&mut self, cover: &Cover, need: f64) {
-        self.add(cover.tiles(), need.max(f64::MIN_POSITIVE));
-        for (x, y) in cover.tiles() {
-            self.relit[(y * self.columns + x) as usize] = true;
-        }
-    }
-
-    /// Whether all tiles of `cover` ask for as much anyway.
-    pub fn meets(&self, cover: &Cover, need: f64) -> bool {
-        cover.tiles().all(|(x, y)| self.tiles[(y * self.columns + x) as usize] >= need)
-    }
+    fastest
 }
 
 /// The tiles that `area` touches.
@@ -315,15 +302,6 @@ fn tiles_of(area: Area, columns: u32, rows: u32) -> impl Iterator<Item = (u32, u
     };
     let (across, down) = (range(0, columns), range(1, rows));
     down.flat_map(move |y| across.clone().map(move |x| (x, y)))
-}
-
-/// Which of `count` tiles in a row or column are touched by what lies from `low` to `high`, which are infinite and in reverse
-/// where nothing does.
-pub fn tile_range(low: f64, high: f64, count: u32) -> Range<u32> {
-    let (tile, count) = (f64::from(TILE), f64::from(count));
-    let from = (low / tile).floor().clamp(0.0, count);
-    let to = (high / tile).floor().clamp(-1.0, count - 1.0) + 1.0;
-    from as u32..to as u32
 }
 
 /// Depths at which something may stand, along rays through tiles' corners, edges' middles and centres.
@@ -404,18 +382,30 @@ impl DepthGrid {
 
     /// Adds what each tile asks for when the camera goes through `steps`: their lengths in instants, and the camera after
     /// each as seen from before all.
-    fn speeds(&self, lens: &PixelLens, steps: &[(f64, DMat4)], sky: bool, needs: &mut Needs, step_px: f64) {
+    /// `wander`: how far points may be from the straight interpolation between the steps.
+    fn speeds(
+        &self,
+        lens: &PixelLens,
+        steps: &[(f64, DMat4)],
+        wander: &CameraWander,
+        sky: bool,
+        needs: &mut Needs,
+        step_px: f64,
+    ) {
         let speed = |ray: DVec3, depths: [f64; 2]| {
             let mut most: f64 = 0.0;
             let ends = (depths[0] <= depths[1]).then_some(depths);
             let finite = ends.into_iter().flatten().map(|depth| (ray * depth, 1.0));
             for (point, w) in finite.chain(sky.then_some((ray, 0.0))) {
                 let mut last = lens.project(ray);
+                // At infinity offsets do not count.
+                let shake = if w == 0.0 { wander.speed.slope * ray.length() } else { wander.speed.at(point) };
+                let shake_px = reach_px(std::iter::once(point), shake, lens);
                 for (instants, step) in steps {
                     let now = (*step * point.extend(w)).truncate();
                     let now = if -now.z > 0.0 { lens.project(now) } else { None };
                     most = most.max(match (last, now) {
-                        (Some(a), Some(b)) => (a[0] - b[0]).hypot(a[1] - b[1]) / instants,
+                        (Some(a), Some(b)) => (a[0] - b[0]).hypot(a[1] - b[1]) / instants + shake_px,
                         _ => f64::INFINITY,
                     });
                     last = now;
@@ -516,17 +506,14 @@ pub fn rects(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::area::corners;
 
     fn lens() -> PixelLens {
         PixelLens { width: 70, height: 50, focal: [80.0, 80.0], center: [35.0, 25.0], near: 0.05 }
     }
 
     fn needs(lens: &PixelLens) -> Needs {
-        let (columns, rows) = (tiles_along(lens.width), tiles_along(lens.height));
-        {
-            let count = (columns * rows) as usize;
-            Needs { columns, rows, tiles: vec![0.0; count], relit: vec![false; count] }
-        }
+        Needs::everywhere(tiles_along(lens.width), tiles_along(lens.height), 0.0)
     }
 
     #[test]
@@ -540,25 +527,25 @@ mod tests {
         // 3 cm to the right in 4 instants, then back in 2: 80 * 0.03 / 2 pixels, in 2 instants.
         let right = DMat4::from_translation(DVec3::new(-0.03, 0.0, 0.0));
         let mut wanted = needs(&lens);
-        grid.speeds(&lens, &[(4.0, right), (2.0, start)], false, &mut wanted, 0.5);
+        grid.speeds(&lens, &[(4.0, right), (2.0, start)], &CameraWander::default(), false, &mut wanted, 0.5);
         for need in &wanted.tiles {
             assert!((need - 0.6 / 0.5).abs() < 1e-9, "{need}");
         }
         // A turn moves everything, the sky too, by about the focal length times the angle.
         let turn = DMat4::from_rotation_y(0.01);
         let mut wanted = needs(&lens);
-        DepthGrid::new(&lens, 5, 4).speeds(&lens, &[(1.0, turn)], true, &mut wanted, 1.0);
+        DepthGrid::new(&lens, 5, 4).speeds(&lens, &[(1.0, turn)], &CameraWander::default(), true, &mut wanted, 1.0);
         let center = wanted.tiles[(2 * wanted.columns + 2) as usize];
         assert!((0.8..0.9).contains(&center) && wanted.tiles[0] > center, "{:?}", wanted.tiles);
         // Nothing is there and nothing is asked for.
         let mut wanted = needs(&lens);
-        DepthGrid::new(&lens, 5, 4).speeds(&lens, &[(1.0, turn)], false, &mut wanted, 1.0);
+        DepthGrid::new(&lens, 5, 4).speeds(&lens, &[(1.0, turn)], &CameraWander::default(), false, &mut wanted, 1.0);
         assert!(wanted.tiles.iter().all(|need| *need == 0.0));
     }
 
     #[test]
     fn paces_are_powers_of_two_and_never_too_slow() {
-        let pacer = Pacer { pieces: Vec::new(), step_px: 1.0, slowest: 4 };
+        let pacer = Pacer { pieces: Vec::new(), step_px: 1.0, slowest: 4, overlooks: None };
         for (need, pace) in
             [(0.0, STILL), (1e-300, 4), (0.06, 4), (0.0625, 4), (0.07, 3), (0.5, 1), (0.51, 0)]
         {

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 use crate::engine::Context;
 use crate::error::EngineError;
-use crate::frame::{Shared, Trail, columns};
+use crate::frame::{Trail, columns};
 use crate::frame_buffers::{GrowingBuffer, aligned};
 use crate::geometry::attachment;
 use crate::gpu_scene::DrawItem;
@@ -86,13 +86,13 @@ impl Slots {
 }
 
 /// What of a view stands still at the `frames`, by number, so that its light may be used again; `None` where lights change.
-pub fn steady(trail: &Trail, frames: impl Iterator<Item = usize>) -> Option<Vec<bool>> {
+pub fn steady(trail: &Trail, objects: &[crate::gpu_scene::Object], frames: impl Iterator<Item = usize>) -> Option<Vec<bool>> {
     let shared: Vec<_> = frames.map(|frame| &trail.shared[trail.shared_of[frame]]).collect();
     let first = shared.first()?;
     if shared.iter().any(|s| s.lights != first.lights) {
         return None;
     }
-    Some((0..first.world.len()).map(|object| !Shared::moves(&shared, object)).collect())
+    Some(objects.iter().enumerate().map(|(i, o)| shared.windows(2).all(|m| m[0].is_equal(m[1], o, i))).collect())
 }
 
 /// A keyframe that is to be drawn.

@@ -9,73 +9,105 @@ use std::cell::OnceCell;
 
 use glam::{DMat3, DMat4, DVec2, DVec3};
 
-use crate::area::{Corners, bounds, corners, outline};
+use crate::area::{Area, Corners, bounds, corners, outline, seen};
 use crate::cover::Cover;
 use crate::gpu_scene::GpuScene;
 use crate::lamp::{Lamp, extent};
-use crate::pace::{Needs, Passing, places};
-use crate::pieces::{Extent, Face, Pieces};
+use crate::needs::Needs;
+use crate::pieces::{Face, Hull, Pieces};
 use crate::view::PixelLens;
+use crate::view_motion::{Activity, CameraWander, Moving, Track, ViewMotion, Wander, reach_px};
 
 /// Cosine of the incidence below which a shadow is not taken to slide any farther: the light that it takes away there is as
 /// much less. On what is curved light comes in at every angle somewhere.
 const LEAST_COSINE: f64 = 0.2;
 const LEAST_COSINE_CURVED: f64 = 0.5;
-/// Tiles of a shadow that are not worth being told apart.
+/// Tiles of a shadow that are not worth a finer division.
 const FEW_TILES: usize = 4;
 
 /// A view during a block, as shadows need it.
 pub struct Scenery<'a> {
     /// The view.
-    pub view: &'a Passing<'a>,
-    /// Moments at which things are looked at.
-    pub moments: &'a [usize],
+    pub view: &'a ViewMotion<'a>,
+    gpu_scene: &'a GpuScene,
+    pieces: &'a [std::sync::Arc<Pieces>],
     /// Tiles per row and column.
-    pub tiles: (u32, u32),
-    /// The camera at the first, the middle and the last moment, and when; once where it stands still.
+    tiles: (u32, u32),
+    /// The camera at the first, the middle and the last instant, and when; once where it stands still.
     cameras: Vec<(&'a DMat4, f64)>,
     eyes: Vec<DVec3>,
+    /// How far resting points are from the interpolation between these.
+    wander: CameraWander,
 }
 
 impl<'a> Scenery<'a> {
-    /// At `moments`.
-    pub fn new(view: &'a Passing<'a>, moments: &'a [usize], tiles: (u32, u32)) -> Self {
-        let at = thirds(moments.len()).map(|i| moments[i]);
-        let mut cameras = at.map(|k| (view.camera_from_world[k], k as f64)).to_vec();
-        cameras.dedup_by(|a, b| a.0 == b.0);
+    /// Of `view`, in a picture of `tiles`.
+    pub fn new(
+        view: &'a ViewMotion<'a>,
+        gpu_scene: &'a GpuScene,
+        pieces: &'a [std::sync::Arc<Pieces>],
+        tiles: (u32, u32),
+    ) -> Self {
+        let still = !view.camera_moves();
+        let ends = if still { &view.ends()[..1] } else { view.ends() };
+        let cameras: Vec<_> = ends.iter().map(|&k| (view.camera_from_world[k], k as f64)).collect();
         let eyes = cameras.iter().map(|(camera, _)| camera.inverse().w_axis.truncate()).collect();
-        Self { view, moments, tiles, cameras, eyes }
+        let wander = view.camera_wander(ends);
+        Self { view, gpu_scene, pieces, tiles, cameras, eyes, wander }
     }
 
-    /// Where the hull of `points` is seen during the block.
+    /// Where the hull of `points`, which rest in the world, is seen during the block.
     pub fn cover(&self, points: &[DVec3]) -> Cover {
         let mut outlines = Vec::new();
+        let mut border_px: f64 = 0.0;
         for (camera, _) in &self.cameras {
             outline(points, camera, self.view.lens, |at| outlines.push(at));
         }
-        Cover::new(outlines, self.tiles.0, self.tiles.1)
-    }
-
-    /// Where a box is seen during the block that is at `places` at the moments.
-    pub fn follow(&self, places: &[Corners]) -> Cover {
-        let mut outlines = Vec::new();
-        for i in thirds(places.len()) {
-            let camera = self.view.camera_from_world[self.moments[i]];
-            outline(&places[i], camera, self.view.lens, |at| outlines.push(at));
+        if self.cameras.len() > 1 {
+            let start = self.cameras[0].0;
+            let seen = |camera: &'a DMat4| points.iter().map(|p| camera.transform_point3(*p));
+            let distance = seen(start).map(|p| self.wander.distance.at(p)).fold(0.0, f64::max);
+            for (camera, _) in &self.cameras {
+                border_px = border_px.max(reach_px(seen(camera), distance, self.view.lens));
+            }
         }
-        Cover::new(outlines, self.tiles.0, self.tiles.1)
+        Cover::new(outlines, border_px, self.tiles.0, self.tiles.1)
     }
 
-    /// Corners of a box of object `o` at the moments; once where it stands still.
-    fn places(&self, o: usize, extent: &Extent) -> Vec<Corners> {
-        let of = |k: usize| self.view.shared[k].world[o];
-        let still = self.moments.iter().all(|&k| of(k) == of(self.moments[0]));
-        places(self.view, if still { &self.moments[..1] } else { self.moments }, o, extent)
+    /// Where a part of an object is seen during the block.
+    pub fn follow(&self, activity: Activity, hull: &Hull, wander: &Wander) -> Cover {
+        let (object, view) = (activity.object(), self.view);
+        match activity {
+            Activity::Rests(_) => {
+                let track = view.track(self.gpu_scene, activity, hull);
+                self.cover(track.points())
+            }
+            Activity::Moves(_) if hull.is_rigid() => {
+                let (mut outlines, mut border_px) = (Vec::new(), 0.0_f64);
+                for (k, points) in view.track_at(self.gpu_scene, object, hull, view.ends()).iter() {
+                    let camera = view.camera_from_world[k];
+                    outline(points, camera, view.lens, |at| outlines.push(at));
+                    let seen = points.iter().map(|p| camera.transform_point3(*p));
+                    border_px = border_px.max(reach_px(seen, wander.seen_from_ends.distance, view.lens));
+                }
+                Cover::new(outlines, border_px, self.tiles.0, self.tiles.1)
+            }
+            Activity::Moves(_) => {
+                let mut area = Area::NOTHING;
+                for (k, points) in view.track(self.gpu_scene, activity, hull).iter() {
+                    area = area.join(seen(points, view.camera_from_world[k], view.lens));
+                }
+                Cover::of(&area, self.tiles.0, self.tiles.1)
+            }
+        }
     }
 
-    /// Where the box is seen whose corners [`Self::places`] tells.
-    fn see(&self, places: &[Corners]) -> Cover {
-        if let [still] = places { self.cover(still) } else { self.follow(places) }
+    /// How far a moving object may be from its tracks.
+    pub fn wander(&self, activity: Activity) -> Wander {
+        match activity {
+            Activity::Rests(_) => Wander::default(),
+            Activity::Moves(moving) => self.view.wander(moving, &self.pieces[moving.object()]),
+        }
     }
 
     /// How the picture of a point that stands still goes about when the camera is at `index`: pixels per instant.
@@ -93,15 +125,11 @@ impl<'a> Scenery<'a> {
         (see(b) - see(a)) / (to - from)
     }
 
-    /// Instants from each moment to the next.
-    fn instants(&self) -> impl Iterator<Item = f64> + '_ {
-        self.moments.windows(2).map(|pair| (pair[1] - pair[0]) as f64)
+    /// How much faster it may go at some instant: pixels per instant.
+    fn shake_px(&self, camera: &DMat4, point: DVec3) -> f64 {
+        let speed = self.wander.speed.at(self.cameras[0].0.transform_point3(point));
+        reach_px(std::iter::once(camera.transform_point3(point)), speed, self.view.lens)
     }
-}
-
-/// The first, the middle and the last of so many: what lies between them lies within their hull.
-const fn thirds(count: usize) -> [usize; 3] {
-    [0, count / 2, count - 1]
 }
 
 /// How far outlines of something go in an instant.
@@ -120,14 +148,16 @@ impl Motion {
         Self { way, rest: steps.iter().map(|(by, rest)| by.distance(way) + rest).fold(0.0, f64::max) }
     }
 
-    /// Of outlines of what is in a box of an object at `places`: as corners of the box go, or as `all` of the object.
-    fn of(scenery: &Scenery<'_>, places: &[Corners], all: Self) -> Self {
-        if places.len() == 1 {
+    /// Of outlines of what is in a part of an object: as points of its track go, or as `all` of the object.
+    fn of(track: &Track<'_>, wander: &Wander, all: Self) -> Self {
+        if track.is_fixed() {
             return Self { way: DVec3::ZERO, rest: 0.0 };
         }
-        let pairs = places.windows(2).zip(scenery.instants());
-        let steps: Vec<(DVec3, f64)> = pairs
-            .flat_map(|(pair, instants)| (0..8).map(move |i| ((pair[1][i] - pair[0][i]) / instants, 0.0)))
+        let steps: Vec<(DVec3, f64)> = track
+            .steps()
+            .flat_map(|(from, to, instants)| {
+                from.iter().zip(to).map(move |(a, b)| ((*b - *a) / instants, wander.world.speed))
+            })
             .collect();
         let own = Self::new(&steps);
         if own.rest < all.rest { own } else { all }
@@ -147,17 +177,18 @@ fn go<const N: usize>(camera: &DMat4, lens: &PixelLens, point: DVec3, ways: [DVe
 
 /// Something in view, over the block.
 pub struct Receiver<'a> {
-    object: usize,
-    extent: Extent,
+    activity: Activity,
+    extent: (DVec3, DVec3),
     /// Where it is seen.
     cover: Cover,
     pieces: &'a Pieces,
+    wander: Wander,
     faces: OnceCell<Vec<PlacedFace>>,
 }
 
 struct PlacedFace {
     middle: DVec3,
-    /// Corners of its box.
+    /// Points whose hull holds it.
     corners: Vec<DVec3>,
     /// Its extents along axes of the box and of the world.
     slabs: [(DVec3, [f64; 2]); 6],
@@ -170,34 +201,43 @@ struct PlacedFace {
 }
 
 impl<'a> Receiver<'a> {
-    /// Object `o` of `gpu_scene`; `None` where it deforms.
-    pub fn new(scenery: &Scenery<'_>, gpu_scene: &GpuScene, pieces: &'a Pieces, o: usize) -> Option<Self> {
-        let all = scenery.places(o, &gpu_scene.objects[o].extent?);
-        let extent = bounds(all.as_flattened());
-        Some(Self { object: o, extent, cover: scenery.see(&all), pieces, faces: OnceCell::new() })
+    /// An object in view.
+    pub fn new(scenery: &Scenery<'a>, activity: Activity) -> Self {
+        let pieces: &'a Pieces = &scenery.pieces[activity.object()];
+        let wander = scenery.wander(activity);
+        let track = scenery.view.track(scenery.gpu_scene, activity, &pieces.whole);
+        let (low, high) = bounds(track.points());
+        let extent = (low - wander.world.distance, high + wander.world.distance);
+        let cover = scenery.follow(activity, &pieces.whole, &wander);
+        Self { activity, extent, cover, pieces, wander, faces: OnceCell::new() }
     }
 
     fn faces(&self, scenery: &Scenery<'_>) -> &[PlacedFace] {
-        let world = DMat3::from_mat4(scenery.view.shared[0].world[self.object]);
+        let object = self.activity.object();
+        let world = DMat3::from_mat4(scenery.view.shared[0].world[object]);
         // Normals go by the inverse transpose; what is flattened to nothing has none.
         let turn = world.inverse().transpose();
         let turned = |n: &DVec3| (turn * *n).normalize_or_zero();
         let [x, y, z] = DVec3::AXES;
         let axes = [x, y, z, turned(&x), turned(&y), turned(&z)];
-        let all = motion(scenery, self.pieces, self.object);
+        let all = motion(scenery, self.pieces, self.activity, &self.wander);
         // A closed surface with all cameras outside shows no insides.
         let closed = self.pieces.swing.is_finite();
         let (low, high) = self.extent;
         let inside = |eye: &DVec3| (low - *eye).max(*eye - high).max_element() <= 0.0;
         let solid = closed && !scenery.eyes.iter().any(inside);
         let place = |face: &Face| {
-            let places = scenery.places(self.object, &face.extent);
-            let motion = Motion::of(scenery, &places, all);
-            let cover = scenery.see(&places);
-            let corners = places.into_flattened();
+            let track = scenery.view.track(scenery.gpu_scene, self.activity, &face.hull);
+            let motion = Motion::of(&track, &self.wander, all);
+            let cover = scenery.follow(self.activity, &face.hull, &self.wander);
+            let corners = track.into_points();
+            let slab = |axis: DVec3| {
+                let [low, high] = extent(&corners, axis);
+                (axis, [low - self.wander.world.distance, high + self.wander.world.distance])
+            };
             PlacedFace {
                 middle: corners.iter().sum::<DVec3>() / corners.len() as f64,
-                slabs: axes.map(|axis| (axis, extent(&corners, axis))),
+                slabs: axes.map(slab),
                 normals: face.normals.iter().map(turned).collect(),
                 cover,
                 motion,
@@ -238,12 +278,17 @@ impl PlacedFace {
     }
 }
 
-/// How outlines of object `o` move, wherever they are.
-fn motion(scenery: &Scenery<'_>, pieces: &Pieces, o: usize) -> Motion {
-    let step = |(pair, instants): (&[usize], f64)| {
-        let [before, now] = [pair[0], pair[1]].map(|k| &scenery.view.shared[k].world[o]);
+/// How outlines of an object move, wherever they are.
+fn motion(scenery: &Scenery<'_>, pieces: &Pieces, activity: Activity, wander: &Wander) -> Motion {
+    let (object, view) = (activity.object(), scenery.view);
+    if !pieces.whole.is_rigid() {
+        return Motion { way: DVec3::ZERO, rest: f64::INFINITY };
+    }
+    let step = |pair: &[usize]| {
+        let [before, now] = [pair[0], pair[1]].map(|k| &view.shared[k].world[object]);
+        let instants = (pair[1] - pair[0]) as f64;
         if before == now {
-            return (DVec3::ZERO, 0.0);
+            return (DVec3::ZERO, wander.world.speed);
         }
         let [from, to] = [before, now].map(|world| world.transform_point3(pieces.middle));
         // Its turn in its own frame at the first moment.
@@ -252,40 +297,44 @@ fn motion(scenery: &Scenery<'_>, pieces: &Pieces, o: usize) -> Motion {
         let turn = DVec3::new(turn.y_axis.z, turn.z_axis.x, turn.x_axis.y).abs();
         let bend = 0.5 * (by + by.transpose());
         let bend = bend.to_cols_array().iter().map(|v| v * v).sum::<f64>().sqrt();
-        // Without end times nothing is nothing.
+        // An infinite swing times no turn is none.
         let turned: f64 = (0..3).filter(|&i| turn[i] > 0.0).map(|i| turn[i] * pieces.swing[i]).sum();
         // No less than the greatest singular value.
         let axes = DMat3::from_mat4(*before);
         let gram = (axes.transpose() * axes).to_cols_array_2d();
         let scale = gram.iter().map(|row| row.iter().map(|v| v.abs()).sum()).fold(0.0, f64::max).sqrt();
-        ((to - from) / instants, scale * (turned + bend * pieces.radius) / instants)
+        let rest = scale * (turned + bend * pieces.radius) / instants + wander.world.speed;
+        ((to - from) / instants, rest)
     };
-    let steps: Vec<(DVec3, f64)> = scenery.moments.windows(2).zip(scenery.instants()).map(step).collect();
+    let steps: Vec<(DVec3, f64)> = view.moments().windows(2).map(step).collect();
     Motion::new(&steps)
 }
 
-/// Adds what shadows of object `o` ask for that may move on `receivers` during the block.
+/// Adds what shadows of a moving object require that may move on `receivers` during the block.
 pub fn shadows(
     scenery: &Scenery<'_>,
-    pieces: &Pieces,
-    o: usize,
+    caster: Moving,
     receivers: &[Receiver<'_>],
     needs: &mut Needs,
     step_px: f64,
 ) {
-    let all = motion(scenery, pieces, o);
-    let caster = |extent: &Extent| {
-        let places = places(scenery.view, scenery.moments, o, extent);
-        let (low, high) = bounds(places.as_flattened());
-        (corners(low, high), Motion::of(scenery, &places, all))
+    let activity = Activity::Moves(caster);
+    let pieces = &scenery.pieces[caster.object()];
+    let wander = scenery.wander(activity);
+    let all = motion(scenery, pieces, activity, &wander);
+    let placed = |hull: &Hull| {
+        let track = scenery.view.track(scenery.gpu_scene, activity, hull);
+        let (low, high) = bounds(track.points());
+        let by = DVec3::splat(wander.world.distance);
+        (corners(low - by, high + by), Motion::of(&track, &wander, all))
     };
-    let whole = caster(&pieces.extent);
-    let parts: Vec<(Corners, Motion)> = pieces.casters.iter().map(caster).collect();
+    let whole = placed(&pieces.whole);
+    let parts: Vec<(Corners, Motion)> = pieces.casters.iter().map(placed).collect();
     for lamp in &scenery.view.shared[0].lamps {
         let grown = |(corners, motion): &(Corners, Motion)| Some((lamp.grown(corners)?, *motion));
         let reached = receivers.iter().filter(|r| lamp.shadow(&whole.0, r.extent).is_some());
         let Some(whole) = grown(&whole) else {
-            reached.for_each(|receiver| needs.add_shadow(&receiver.cover, f64::INFINITY));
+            reached.for_each(|receiver| needs.add(receiver.cover.tiles(), f64::INFINITY));
             continue;
         };
         // A light in a box of a body is in the body's too.
@@ -299,12 +348,12 @@ pub fn shadows(
                 };
                 let most = need(&whole.1, &prism);
                 if cover.count() <= FEW_TILES || needs.meets(&cover, most) {
-                    needs.add_shadow(&cover, most);
+                    needs.add(cover.tiles(), most);
                     continue;
                 }
                 for (part, motion) in &parts {
                     if let Some((cover, prism)) = fall(scenery, lamp, part, face) {
-                        needs.add_shadow(&cover, need(motion, &prism));
+                        needs.add(cover.tiles(), need(motion, &prism));
                     }
                 }
             }
@@ -344,6 +393,7 @@ fn speed(
         let rest = growth * motion.rest;
         for (index, (camera, _)) in scenery.cameras.iter().enumerate() {
             let drift = scenery.drift(index, *point);
+            let shake_px = scenery.shake_px(camera, *point);
             let [across, up_px, right_px, ahead] =
                 go(camera, scenery.view.lens, *point, [way, up, right, along]);
             for slope in slopes {
@@ -354,7 +404,7 @@ fn speed(
                 let (aa, bb) = (a.length_squared(), b.length_squared());
                 let most = (0.5 * (aa + bb + (aa - bb).hypot(2.0 * a.dot(b)))).sqrt();
                 let face_rest = face.motion.rest * slope.length() * ahead.length();
-                fastest = fastest.max(known.length() + rest * most + face_rest);
+                fastest = fastest.max(known.length() + rest * most + face_rest + shake_px);
             }
         }
     }

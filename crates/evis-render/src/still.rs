@@ -128,7 +128,11 @@ pub fn own_area(corners: &Corners, camera_from_world: &DMat4, lens: &PixelLens) 
 }
 
 fn change(scene: &GpuScene, last: &Seen, now: &Moment<'_>) -> Change {
-    let same = |o: usize| last.world.get(o) == now.world.get(o) && last.records.get(o) == now.records.get(o);
+    // Joints and morph weights are not compared.
+    let deforms = |o: usize| scene.objects[o].extent.is_none() && scene.objects[o].moving;
+    let same = |o: usize| {
+        !deforms(o) && last.world.get(o) == now.world.get(o) && last.records.get(o) == now.records.get(o)
+    };
     let moved: Vec<usize> = (0..scene.objects.len()).filter(|o| !same(*o)).collect();
     if moved.is_empty() && last.world.len() == now.world.len() {
         return Change::Nothing;

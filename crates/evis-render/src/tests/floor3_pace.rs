@@ -166,7 +166,7 @@ impl Trial {
         let passing = Passing::new(&data, 0..INSTANTS + 1, &views[0].lens, false);
         let pacer = Pacer::new(&scene, &context.gpu_scene, STEP_PX, INSTANTS as u32);
         let needs = pacer.needs(&context.gpu_scene, &passing);
-        let relit = pacer.paces(&context.gpu_scene, &passing).relit;
+        let relit = needs.iter().map(|need| *need > 0.0).collect();
         let objects = &context.gpu_scene.objects;
         let world = |k: usize| {
             let solid = |(object, place): (&Object, &DMat4)| {

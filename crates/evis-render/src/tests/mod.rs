@@ -23,7 +23,9 @@ mod floor3_shadow;
 mod floor3_splat;
 mod floor3_still;
 mod pushed;
+mod random_scenes;
 mod raster_scenes;
+mod skips;
 
 use crate::gpu::Gpu;
 

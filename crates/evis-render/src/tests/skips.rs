@@ -1,0 +1,104 @@
+//! No tile is skipped wrongly: on random scenes, sampling only the tiles that change gives the bytes of rendering every instant
+//! everywhere.
+
+use std::sync::Arc;
+
+use evis_core::{Event, SensorConfig};
+use evis_scene::Scene;
+
+use crate::config::RunConfig;
+use crate::engine::Engine;
+use crate::gpu::Gpu;
+use crate::method::Sampling;
+use crate::pace::Overlook;
+use crate::view;
+
+use super::random_scenes::{self, LENGTH_MS, RATE_HZ};
+
+/// Scenes that every run tries; `EVIS_SCENES=FIRST..LAST` tries others.
+const SEEDS: std::ops::Range<u64> = 0..24;
+
+fn seeds() -> std::ops::Range<u64> {
+    let asked = std::env::var("EVIS_SCENES").ok();
+    asked.map_or(SEEDS, |range| {
+        let (first, last) = range.split_once("..").expect("EVIS_SCENES=FIRST..LAST");
+        first.parse().expect("a number")..last.parse().expect("a number")
+    })
+}
+
+/// How a stream is rendered.
+#[derive(Clone, Copy, PartialEq)]
+enum Rendering {
+    /// Every instant everywhere.
+    Plain,
+    /// What changes, `native`.
+    Changes,
+    /// What changes, tile by tile at its own rate, of which none is slower than all instants.
+    Tiles(Option<Overlook>),
+}
+
+fn config(rendering: Rendering) -> RunConfig {
+    RunConfig {
+        rate_hz: RATE_HZ,
+        samples: 2,
+        // So fine a step samples whatever moves at every instant.
+        adaptive_px: matches!(rendering, Rendering::Tiles(_)).then_some(f64::MIN_POSITIVE),
+        // A change of light by 1 % fires.
+        sensor: SensorConfig { threshold_on: 0.01, threshold_off: 0.01, ..SensorConfig::default() },
+        reference_luminance: Some(0.5),
+        ..RunConfig::default()
+    }
+}
+
+/// The events of each view, and the pixels that were drawn.
+fn run(gpu: &Gpu, scene: &Arc<Scene>, rendering: Rendering) -> (Vec<Vec<Event>>, u64) {
+    let mut config = config(rendering);
+    let (views, _) = view::views(scene, &config).unwrap();
+    let mut events = vec![Vec::new(); views.len()];
+    let mut engine = Engine::new(gpu, scene.clone(), views, &mut config).unwrap();
+    let (context, sampling, ..) = engine.parts();
+    context.skips_still = rendering != Rendering::Plain;
+    if let (Sampling::Adaptive(sampler), Rendering::Tiles(overlooks)) = (sampling, rendering) {
+        sampler.pacer().overlooks = overlooks;
+    }
+    let mut drawn = 0;
+    for until_us in [7, 31, LENGTH_MS].map(|ms| i64::from(ms) * 1000) {
+        let packet = engine.deliver(until_us, until_us).unwrap();
+        drawn += packet.report.drawn_pixels;
+        events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
+    }
+    (events, drawn)
+}
+
+#[test]
+fn random_scenes_fire_the_same_bytes_whatever_is_skipped() {
+    let Some(gpu) = super::device() else { return };
+    let (mut fired, mut all_pixels, mut drawn_pixels) = (0, 0, 0);
+    let mut found = [0; 4];
+    let canaries = [Overlook::Paused, Overlook::Vibrating, Overlook::Shadows, Overlook::Deformation];
+    for seed in seeds() {
+        let scene = Arc::new(random_scenes::scene(seed));
+        let (expected, all) = run(&gpu, &scene, Rendering::Plain);
+        for rendering in [Rendering::Changes, Rendering::Tiles(None)] {
+            let (events, drawn) = run(&gpu, &scene, rendering);
+            let name = if rendering == Rendering::Changes { "native" } else { "tiles" };
+            let first = expected.iter().flatten().zip(events.iter().flatten()).find(|(a, b)| a != b);
+            let counts = [&expected, &events].map(|of| of.iter().map(Vec::len).sum::<usize>());
+            assert!(events == expected, "seed {seed}, {name}: {counts:?} events, {first:?}");
+            if rendering != Rendering::Changes {
+                drawn_pixels += drawn;
+            }
+        }
+        fired += expected.iter().map(Vec::len).sum::<usize>();
+        all_pixels += all;
+        for (canary, found) in canaries.into_iter().zip(&mut found) {
+            // One canary per scene, in turn, until it was found three times.
+            if *found < 3 {
+                *found += usize::from(run(&gpu, &scene, Rendering::Tiles(Some(canary))).0 != expected);
+            }
+        }
+    }
+    assert!(fired > 10_000, "{fired} events");
+    assert!(drawn_pixels < all_pixels, "{drawn_pixels} of {all_pixels} pixels were drawn");
+    assert!(found.iter().all(|found| *found > 0), "canaries were found {found:?} times");
+}
