@@ -71,8 +71,6 @@ pub struct Paces {
     pub columns: u32,
     /// Per tile, row by row: every `2^pace` instants; [`STILL`] for never.
     pub tiles: Vec<u8>,
-    /// Per tile: whether a moving shadow may fall on it, or lights change.
-    pub relit: Vec<bool>,
 }
 
 impl Paces {
@@ -109,7 +107,7 @@ impl Pacer {
     pub fn paces(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Paces {
         let needs = self.tell(gpu_scene, view);
         let tiles = needs.tiles.into_iter().map(|need| self.pace(need)).collect();
-        Paces { columns: needs.columns, tiles, relit: needs.relit }
+        Paces { columns: needs.columns, tiles }
     }
 
     /// Looks per instant that each tile asks for; without end where poses do not tell.
@@ -124,9 +122,9 @@ impl Pacer {
         let lights = self.need_of_lights(view);
         let deforms = view.visible.iter().any(|&o| self.pieces[o as usize].is_none());
         if lights.is_infinite() || deforms {
-            return Needs { columns, rows, tiles: vec![f64::INFINITY; count], relit: vec![true; count] };
+            return Needs { columns, rows, tiles: vec![f64::INFINITY; count] };
         }
-        let mut needs = Needs { columns, rows, tiles: vec![lights; count], relit: vec![lights > 0.0; count] };
+        let mut needs = Needs { columns, rows, tiles: vec![lights; count] };
         let last = view.shared.len() - 1;
         let stride = (last / MOMENTS).max(1);
         let moments: Vec<usize> = (0..=last).step_by(stride).collect();
@@ -276,14 +274,11 @@ pub struct Needs {
     columns: u32,
     rows: u32,
     tiles: Vec<f64>,
-    /// Whether light may change there on what stands still.
-    relit: Vec<bool>,
 }
 
 impl Needs {
     fn everywhere(&mut self, need: f64) {
         self.tiles.iter_mut().for_each(|tile| *tile = tile.max(need));
-        self.relit.fill(true);
     }
 
     /// In `tiles`.
@@ -297,9 +292,6 @@ impl Needs {
     /// In the tiles of `cover`, on which a shadow may move: light may change there.
     pub fn add_shadow(&mut self, cover: &Cover, need: f64) {
         self.add(cover.tiles(), need.max(f64::MIN_POSITIVE));
-        for (x, y) in cover.tiles() {
-            self.relit[(y * self.columns + x) as usize] = true;
-        }
     }
 
     /// Whether all tiles of `cover` ask for as much anyway.
@@ -525,7 +517,7 @@ mod tests {
         let (columns, rows) = (tiles_along(lens.width), tiles_along(lens.height));
         {
             let count = (columns * rows) as usize;
-            Needs { columns, rows, tiles: vec![0.0; count], relit: vec![false; count] }
+            Needs { columns, rows, tiles: vec![0.0; count] }
         }
     }
 
