@@ -80,10 +80,10 @@ def test_a_recommendation_can_be_simulated(made: evis.Chart):
     assert found.command.startswith("evis run spinner -o events.h5 --size 32x24")
     sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(32, 24), **found.simulator)
     assert len(sim.step(20_000).events) > 0
-    reused = replace(found.setting, method="reproject", rate_hz=1000.0, adaptive_px=0.3, samples=4)
-    found = replace(found, setting=reused)
+    adaptive = replace(found.setting, method="native", rate_hz=1000.0, adaptive_px=0.3, samples=4)
+    found = replace(found, setting=adaptive)
     sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(32, 24), **found.simulator)
-    assert sim.method == "reproject"
+    assert sim.method == "native"
     with pytest.raises(evis.ConfigError, match="the cheapest is"):
         made.recommend(budget_ms=1e-3)
     with pytest.raises(evis.ConfigError, match="one goal"):

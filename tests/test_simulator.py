@@ -390,33 +390,6 @@ def test_a_plan_keeps_what_a_target_found(device: evis.Device, tmp_path: Path):
         evis.Simulator(scene, size=(48, 36), sensor=evis.Sensor(threshold_on=0.3), plan=plan)
 
 
-def test_march_renders_less_and_says_its_name(device: evis.Device):
-    def run(method: str) -> evis.Packet:
-        scene = evis.Scene.builtin("spinner")
-        sim = evis.Simulator(scene, size=(320, 240), method=method, samples=16, adaptive_px=0.3)
-        assert sim.method == method
-        return sim.step(32_000)
-
-    rendered, followed = run("native"), run("march")
-    assert 0 < followed.report.drawn_pixels < rendered.report.drawn_pixels
-    assert len(followed.view.events) == pytest.approx(len(rendered.view.events), rel=0.02)
-    with pytest.raises(evis.ConfigError, match="64 at most, for march"):
-        evis.Simulator(evis.Scene.builtin("spinner"), method="march", samples=128)
-
-
-def test_reproject_takes_light_from_keyframes(device: evis.Device):
-    scene = evis.Scene.builtin("spinner")
-    sim = evis.Simulator(scene, size=(64, 48), method="reproject")
-    packet = sim.step(40_000)
-    # At 0, 32 and 64 ms.
-    assert (sim.method, packet.report.keyframes) == ("reproject", 3)
-    assert len(packet.view.events) > 100
-    with pytest.raises(evis.ConfigError, match=r"samples is 6.*multiple of 4"):
-        evis.Simulator(scene, method="reproject", samples=6)
-    with pytest.raises(evis.ConfigError, match=r"reproject.*Splat"):
-        evis.Simulator(scene, method="warp")  # type: ignore[arg-type]
-
-
 def test_a_method_samples_instants_from_keyframes(device: evis.Device):
     scene = evis.Scene.builtin("spinner")
 

@@ -79,11 +79,11 @@ def test_failure_modes_are_measured(tmp_path: Path):
     assert paper.number < 0.9, "canary"
     assert native.details["events over truth's"] == pytest.approx(1.0, abs=0.02)
     with pytest.raises(KeyError):
-        report.cell("borders", "march")
+        report.cell("borders", "splat")
     assert "1 of 1 claims hold" in str(report)
     report.save(tmp_path / "a.svg")
     assert "borders without margin" in (tmp_path / "a.svg").read_text()
-    with pytest.raises(evis.ConfigError, match="one of native, auto, reproject, march, splat"):
+    with pytest.raises(evis.ConfigError, match="one of native, auto, splat, splat-linear"):
         evis.verify_failures(methods=["teleport"])
     with pytest.raises(evis.ConfigError, match="keyframe-burst"):
         evis.verify_failures(failures=["border"])

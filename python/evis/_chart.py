@@ -397,7 +397,7 @@ def chart(
     splat : bool
         Whether ``splat`` is measured too, with each of its options unless ``quick``.
     adaptive : bool
-        Whether adaptive time, ``march``, ``reproject`` and ``auto`` are measured too.
+        Whether adaptive time and ``auto`` are measured too.
     repetitions : int
         Runs of each setting; the fastest counts.
     sensor : Sensor, optional

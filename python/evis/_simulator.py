@@ -76,12 +76,8 @@ class Simulator:
         camera come before its sensor's. Every stage runs on the device, but a sensor with
         ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is walked on the host, from the light of every
         instant.
-    method : {"auto", "native", "march", "reproject", "splat", "evis-paper"} or Splat, optional
-        How instants are sampled: each rendered (``native``); in adaptive time, where parts of the picture
-        without edges are rendered every few pixels of motion and followed in between (``march``); visibility
-        at each, in adaptive time, and light of what stands still from some 30 keyframes a second
-        (``reproject``); or splatted from keyframes.
-        ``auto`` chooses method, rate, samples and shadows for a target. Where
+    method : {"auto", "native", "splat", "evis-paper"} or Splat, optional
+        How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses method, rate, samples and shadows for a target. Where
         not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``between``, ``samples``, ``antialias``
         and ``texture_taps`` is, else ``auto``.
     target : {"preview", "draft", "default", "exact", "finest"}, optional
@@ -105,12 +101,11 @@ class Simulator:
         and frames.
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
-        ``native``, ``march`` and ``reproject``: a splat has its own.
+        ``native``: a splat has its own.
     adaptive_px : float, optional
-        Only for ``native``, ``march`` and ``reproject``: each tile of the picture is sampled no more often
-        than that nothing it may show moves farther than so many pixels between two of its samples, and
-        ``rate_hz`` at most. Where not given, ``native`` renders everything at ``rate_hz``, and ``march`` and
-        ``reproject`` take 0.3.
+        Only for ``native``: each tile of the picture is sampled no more often than that nothing it may show
+        moves farther than so many pixels between two of its samples, and ``rate_hz`` at most. Where not
+        given, everything is rendered at ``rate_hz``.
     between : {"line", "curve"}, optional
         With ``adaptive_px``, for a sensor of thresholds alone: log light runs straight from one sample to the
         next, or as the sensor's ``interpolation`` says (``line``, where not given); or along a cubic that
@@ -120,8 +115,7 @@ class Simulator:
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional
         ``samples``: visibility and shading at every sample. ``edges``: visibility at every sample, shading
-        at one in four, which lie on a grid: ``samples`` is 4, 16, 36, 64, 100, 144, 196 or 256. Not with
-        ``march`` and ``reproject``.
+        at one in four, which lie on a grid: ``samples`` is 4, 16, 36, 64, 100, 144, 196 or 256.
     texture_taps : int, optional
         Places at which a sample reads a texture, at most, along each side of its share of the pixel, 1 to
         16; 2 up to 8 samples, 3 up to 15, then 4 where not given. Beyond them mip levels average, and blur.

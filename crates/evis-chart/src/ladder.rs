@@ -62,19 +62,6 @@ impl Setting {
         Self { adaptive_px: Some(step_px), ..native }
     }
 
-    /// Visibility at every instant of adaptive time, light from keyframes.
-    pub fn reproject(step_px: f64, rate_hz: f64, samples: u32) -> Self {
-        let adaptive = Self::adaptive(step_px, rate_hz, samples);
-        let setting = Self { method: "reproject".into(), ..adaptive };
-        let keyframe_hz = setting.run_config(&RunConfig::default()).and_then(|config| config.keyframe_hz());
-        Self { rendered_hz: keyframe_hz.unwrap_or(rate_hz), ..setting }
-    }
-
-    /// Adaptive time; surfaces without edges are followed between keys. How many pictures that draws is known when it has run.
-    pub fn march(step_px: f64, rate_hz: f64, samples: u32) -> Self {
-        Self { method: "march".into(), ..Self::adaptive(step_px, rate_hz, samples) }
-    }
-
     /// What `auto` makes of `target`. Rates and samples are known when it has run.
     pub fn auto(target: Target) -> Self {
         let native = Self::native(1000.0, 1, Antialias::Samples, TriggerRule::Crossing);
@@ -87,9 +74,7 @@ impl Setting {
             return self;
         }
         let rate_hz = config.rate_hz;
-        // With keyframes, these are what a heavier renderer renders.
-        let rendered_hz = config.keyframe_hz().unwrap_or(drawn_hz.min(rate_hz));
-        Self { rate_hz, rendered_hz, samples: config.samples, ..self }
+        Self { rate_hz, rendered_hz: drawn_hz.min(rate_hz), samples: config.samples, ..self }
     }
 
     /// Keyframes of `samples` samples, and splatted instants between them.
@@ -118,8 +103,6 @@ impl Setting {
     pub fn engine_method(&self) -> Option<Method> {
         match (self.method.as_str(), self.splat) {
             ("native", None) => Some(Method::Native),
-            ("reproject", None) => Some(Method::Reproject),
-            ("march", None) => Some(Method::March),
             ("auto", None) => self.target.map(Method::Auto),
             ("splat" | "evis-paper", Some(splat)) => Some(Method::Splat(splat)),
             _ => None,
@@ -326,10 +309,6 @@ pub struct Ladder {
     pub published: bool,
     /// Pixels that anything may move between two samples of it, at 4000 Hz at most, with 4 samples.
     pub adaptive_px: Vec<f64>,
-    /// The same of `reproject`, with 4 coverage samples.
-    pub reproject_px: Vec<f64>,
-    /// The same of `march`, with 16 samples: with fewer, what is followed is not rendered well enough.
-    pub march_px: Vec<f64>,
     /// What `auto` is asked for.
     pub targets: Vec<Target>,
     /// Keyframes per second and instants per gap of `splat`, with 4 samples.
@@ -349,8 +328,6 @@ impl Default for Ladder {
             most_samples_hz: Some(16_000.0),
             published: true,
             adaptive_px: vec![1.0, 0.5, 0.25],
-            reproject_px: vec![0.5],
-            march_px: vec![0.3],
             targets: vec![Target::Preview, Target::Draft, Target::Default],
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
             splat_options: true,
@@ -370,8 +347,6 @@ impl Ladder {
             most_samples_hz: Some(16_000.0),
             published: true,
             adaptive_px: vec![0.5],
-            reproject_px: vec![0.5],
-            march_px: vec![0.3],
             targets: vec![Target::Preview, Target::Draft, Target::Default],
             splat: vec![(125.0, 8)],
             splat_options: false,
@@ -422,10 +397,7 @@ impl Ladder {
                 add(Setting::native(rate_hz, count, samples, TriggerRule::Latch));
             }
         }
-        let adaptive = self.adaptive_px.iter().map(|px| Setting::adaptive(*px, ADAPTIVE_HZ, 4));
-        let reproject = self.reproject_px.iter().map(|px| Setting::reproject(*px, ADAPTIVE_HZ, 4));
-        let march = self.march_px.iter().map(|px| Setting::march(*px, ADAPTIVE_HZ, 16));
-        for setting in adaptive.chain(reproject).chain(march) {
+        for setting in self.adaptive_px.iter().map(|px| Setting::adaptive(*px, ADAPTIVE_HZ, 4)) {
             setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
             add(setting);
         }
@@ -493,7 +465,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 1 + 1 + 3);
+        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 3);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
@@ -511,11 +483,7 @@ mod tests {
         let adaptive = Setting::adaptive(0.5, 2000.0, 4);
         assert_eq!(adaptive.label(), "0.5 px up to 2000 Hz ×4");
         assert_eq!(adaptive.run_flags(), "--rate 2000 --adaptive 0.5 --samples 4");
-        let march = Setting::march(0.3, 4000.0, 16);
-        assert_eq!(march.label(), "march 0.3 px up to 4000 Hz ×16");
-        assert_eq!(march.run_flags(), "--method march --rate 4000 --adaptive 0.3 --samples 16");
-        assert_eq!(march.engine_method(), Some(Method::March));
-        assert_eq!(march.settled(&ran, 300.0).rendered_hz, 300.0, "by the pictures that were drawn");
+        assert_eq!(adaptive.settled(&ran, 300.0).rendered_hz, 300.0, "by the pictures that were drawn");
         assert!(Ladder::quick().settings().unwrap().len() < all.len() / 2 + 5);
     }
 
@@ -558,8 +526,6 @@ mod tests {
             most_samples_hz: None,
             published: false,
             adaptive_px: vec![],
-            reproject_px: vec![],
-            march_px: vec![],
             targets: vec![],
             splat: vec![],
             splat_options: false,

@@ -27,8 +27,6 @@ fn tiny() -> ChartSettings {
             most_samples_hz: None,
             published: true,
             adaptive_px: vec![1.0],
-            reproject_px: vec![],
-            march_px: vec![],
             targets: vec![evis_render::Target::Draft],
             splat: vec![],
             splat_options: false,

@@ -68,31 +68,6 @@ fn auto_keeps_near_native() {
 }
 
 #[test]
-fn march_keeps_near_native() {
-    let failures = [
-        "disocclusion",
-        "rotation",
-        "thin-fast",
-        "edge-ramp",
-        "breathing",
-        "near",
-        "depth",
-        "cracks",
-        "borders",
-        "global-step",
-        "cut",
-        "low-threshold",
-        "refractory",
-    ];
-    let Some(report) = suite(&["native", "march"], &failures) else { return };
-    let step = report.cell("global-step", "march").unwrap().number.unwrap();
-    assert!(
-        step > 1.3,
-        "the spot costs it {step}: without it, tiles are followed, and drawn at few instants"
-    );
-}
-
-#[test]
 fn what_comes_into_view_is_told() {
     told(&["evis-paper"], &["disocclusion", "thin-fast", "borders", "near", "depth"]);
 }

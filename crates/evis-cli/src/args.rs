@@ -106,12 +106,12 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "PLAN.toml")]
     pub(crate) plan: Option<PathBuf>,
 
-    /// Sampled instants per second, for --method native, march and reproject [default: 1000].
+    /// Sampled instants per second, for --method native [default: 1000].
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) rate: Option<f64>,
 
     /// Render each part of the picture only as often as it moves by so many pixels, and at --rate at most, for --method
-    /// native, march and reproject [default: 0.3 for the latter two].
+    /// native [default: the whole picture at --rate].
     #[arg(long, value_name = "PX", allow_hyphen_values = true)]
     pub(crate) adaptive: Option<f64>,
 
@@ -535,7 +535,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_published: bool,
 
-    /// Leave out adaptive time, `march`, `reproject` and `auto`.
+    /// Leave out adaptive time and `auto`.
     #[arg(long)]
     pub(crate) no_adaptive: bool,
 
@@ -902,10 +902,6 @@ pub(crate) enum MethodArg {
     Auto,
     /// Every instant is rendered.
     Native,
-    /// Visibility at every instant, in adaptive time; light of what stands still from keyframes.
-    Reproject,
-    /// Adaptive time; tiles without edges are rendered every few pixels of motion, and followed in between.
-    March,
     /// Keyframes are rendered; what lies between is splatted from both.
     Splat,
     /// As the EVIS paper publishes it: linear motion, colours, latch, black holes.

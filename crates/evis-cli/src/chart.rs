@@ -168,8 +168,6 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
     }
     if args.no_adaptive {
         ladder.adaptive_px.clear();
-        ladder.reproject_px.clear();
-        ladder.march_px.clear();
         ladder.targets.clear();
     }
     ladder.edges &= !args.no_edges;

@@ -191,7 +191,7 @@ fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConf
     if let Some(antialias) = args.aa {
         config.antialias = antialias.into();
     }
-    config.adaptive_px = args.adaptive.or(config.method.usual_adaptive_px());
+    config.adaptive_px = args.adaptive;
     config.between = args.between.map_or(config.between, Into::into);
     config.texture_taps = args.texture_taps;
     config.shadow_map = args.shadow_map;
@@ -243,9 +243,7 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
         return Err(bad_input(format!("{goal}: only auto has targets, budgets and plans; {remedy}")));
     }
     let base = match asked {
-        MethodArg::Auto | MethodArg::Native | MethodArg::Reproject | MethodArg::March
-            if let Some(flag) = args.splat.given() =>
-        {
+        MethodArg::Auto | MethodArg::Native if let Some(flag) = args.splat.given() => {
             return Err(bad_input(format!(
                 "{flag} needs keyframes; add --method splat or --method evis-paper"
             )));
@@ -260,8 +258,6 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
             };
         }
         MethodArg::Native => return Ok(Method::Native),
-        MethodArg::Reproject => return Ok(Method::Reproject),
-        MethodArg::March => return Ok(Method::March),
         MethodArg::Splat => SplatConfig::default(),
         MethodArg::EvisPaper => {
             let SplatConfig { keyframe_hz, steps, .. } = SplatConfig::default();

@@ -65,7 +65,6 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--plan no/p.toml --budget 5", ["--plan", "no", "does not exist"]),
         ("--adaptive 0", ["adaptive_px", "0", "above 0"]),
         ("--adaptive nan", ["adaptive_px", "NaN", "above 0"]),
-        ("--method march --aa edges", ["antialias", "edges", "samples"]),
         ("--samples 6 --aa edges", ["samples", "6", "36"]),
         ("--adaptive 0.3 --method splat", ["adaptive_px", "0.3", "native"]),
         ("--method fast", ["--method", "'fast'", "native"]),

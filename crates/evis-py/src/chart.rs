@@ -76,8 +76,6 @@ pub(crate) fn chart(
             most_samples_hz,
             published,
             adaptive_px: if adaptive { usual.adaptive_px } else { Vec::new() },
-            reproject_px: if adaptive { usual.reproject_px } else { Vec::new() },
-            march_px: if adaptive { usual.march_px } else { Vec::new() },
             targets: if adaptive { usual.targets } else { Vec::new() },
             splat: if splat { usual.splat } else { Vec::new() },
             splat_options: splat && usual.splat_options,

@@ -22,13 +22,10 @@ fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, F
     })
 }
 
-/// `auto` for a target (the usual one where none is given), `native`, `march`, `reproject`, or `splat` with its
-/// settings as JSON.
+/// `auto` for a target (the usual one where none is given), `native`, or `splat` with its settings as JSON.
 pub(crate) fn method(name: &str, splat: Option<&str>, target: Option<&str>) -> Result<Method, Failure> {
     match (name, splat) {
         ("native", None) => Ok(Method::Native),
-        ("reproject", None) => Ok(Method::Reproject),
-        ("march", None) => Ok(Method::March),
         ("auto", None) => {
             let targets = Target::ALL.map(|t| (t.name(), t));
             let asked = target.map(|target| choose("target", target, &targets)).transpose()?;
@@ -37,12 +34,7 @@ pub(crate) fn method(name: &str, splat: Option<&str>, target: Option<&str>) -> R
         ("splat", Some(json)) => serde_json::from_str(json)
             .map(Method::Splat)
             .map_err(|e| ConfigError::new("method", json, format!("settings that splat has ({e})")).into()),
-        _ => Err(ConfigError::new(
-            "method",
-            format!("'{name}'"),
-            "'auto', 'native', 'march', 'reproject' or 'splat'",
-        )
-        .into()),
+        _ => Err(ConfigError::new("method", format!("'{name}'"), "'auto', 'native' or 'splat'").into()),
     }
 }
 

@@ -101,7 +101,7 @@ impl Simulator {
                 .into_iter()
                 .map(|(camera, json)| Ok((camera, emulator::from_json(&json)?)))
                 .collect::<Result<_, Failure>>()?,
-            adaptive_px: adaptive_px.or(method.usual_adaptive_px()),
+            adaptive_px,
             method,
             chosen: None,
             rate_hz,

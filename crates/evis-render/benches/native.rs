@@ -304,9 +304,7 @@ fn methods(device: &wgpu::Device, queue: &wgpu::Queue, repetitions: u32) -> Resu
     let all = [
         ("native, 1000 Hz, 1 sample", config()),
         ("native, 1000 Hz, 4 samples", native),
-        ("native, 0.5 px, 4 samples", adaptive.clone()),
-        ("reproject, 0.5 px, 4 samples", RunConfig { method: Method::Reproject, ..adaptive.clone() }),
-        ("march, 0.5 px, 4 samples", RunConfig { method: Method::March, ..adaptive }),
+        ("native, 0.5 px, 4 samples", adaptive),
         ("splat, 125 x 8", splat(SplatConfig::default())),
         ("evis-paper, 125 x 8", splat(SplatConfig::evis_paper(125.0, 8))),
         ("evis-paper, 30 x 8", splat(SplatConfig::evis_paper(30.0, 8))),

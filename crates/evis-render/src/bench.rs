@@ -100,7 +100,7 @@ impl Stages {
         }
         let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
         if stage >= Stage::Raster {
-            sampling.encode(context, &mut encoder, targets, group, &unit)?;
+            sampling.encode(context, &mut encoder, targets, group, &unit);
         } else {
             let views = context.views_of(group);
             let times: Vec<i64> =

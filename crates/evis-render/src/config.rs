@@ -13,13 +13,6 @@ use crate::splat_config::SplatConfig;
 
 /// Seconds of a block of adaptive sampling.
 const BLOCK_S: f64 = 0.016;
-/// Seconds from one keyframe of `reproject` to the next, at most.
-const KEY_S: f64 = 0.034;
-
-/// Pixels that anything may move between two samples, where a method with no other time than adaptive time is not told.
-const USUAL_STEP_PX: f64 = 0.3;
-/// Samples of `march`, at most.
-const MARCH_SAMPLES: u32 = 64;
 /// Exposure of frames where none is asked for, at most.
 const USUAL_EXPOSURE_US: i64 = 10_000;
 
@@ -32,12 +25,6 @@ pub enum Method {
     Native,
     /// Whatever the target asks for: settled when a simulator is made, see [`RunConfig::chosen`].
     Auto(Target),
-    /// Visibility is rendered at every instant; light of what stands still comes from the two keyframes around it. In
-    /// adaptive time, with four coverage samples at each sample.
-    Reproject,
-    /// Adaptive time in which tiles that show one surface without edges are rendered every few pixels of motion only: in
-    /// between, each pixel walks its way through both renderings. Whatever is no such tile is rendered as by `native`.
-    March,
     /// Keyframes are rendered; the instants between two of them are splatted from both.
     Splat(SplatConfig),
 }
@@ -48,8 +35,6 @@ impl Method {
         match self {
             Self::Native => "native",
             Self::Auto(_) => "auto",
-            Self::Reproject => "reproject",
-            Self::March => "march",
             Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
             Self::Splat(_) => "splat",
         }
@@ -58,23 +43,15 @@ impl Method {
     /// Whether each tile of a picture may have a pace of its own: see [`RunConfig::adaptive_px`].
     pub const fn has_adaptive_time(&self) -> bool {
         match self {
-            Self::Native | Self::Reproject | Self::March => true,
+            Self::Native => true,
             Self::Auto(_) | Self::Splat(_) => false,
-        }
-    }
-
-    /// [`RunConfig::adaptive_px`] where the user gives none: `reproject` and `march` have no other time than adaptive time.
-    pub const fn usual_adaptive_px(&self) -> Option<f64> {
-        match self {
-            Self::Reproject | Self::March => Some(USUAL_STEP_PX),
-            Self::Native | Self::Auto(_) | Self::Splat(_) => None,
         }
     }
 
     /// Keyframes per second and instants per gap, where it has keyframes.
     pub const fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
-            Self::Native | Self::Auto(_) | Self::Reproject | Self::March => None,
+            Self::Native | Self::Auto(_) => None,
             Self::Splat(splat) => Some((splat.keyframe_hz, splat.steps)),
         }
     }
@@ -133,7 +110,7 @@ pub struct RunConfig {
     pub chosen: Option<Chosen>,
     /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
     pub rate_hz: f64,
-    /// Of methods that have adaptive time: every tile of the picture is rendered no more often than that nothing it may show
+    /// Of `native`: every tile of the picture is rendered no more often than that nothing it may show
     /// moves farther than so many pixels between two of its samples, and `rate_hz` at most. `None` renders everything at
     /// `rate_hz`.
     pub adaptive_px: Option<f64>,
@@ -265,20 +242,6 @@ impl RunConfig {
         if adaptive { 1 << longest.max(1).ilog2() } else { 1 }
     }
 
-    /// Blocks from one keyframe of `reproject` to the next, a power of two: some 30 keyframes a second.
-    pub fn blocks_per_key(&self) -> u32 {
-        let longest = KEY_S * self.rate_hz / f64::from(self.block());
-        1 << (longest.clamp(1.0, 1e6) as u32).ilog2()
-    }
-
-    /// Keyframes per second, where the method has any.
-    pub fn keyframe_hz(&self) -> Option<f64> {
-        match &self.method {
-            Method::Reproject => Some(self.rate_hz / f64::from(self.block() * self.blocks_per_key())),
-            other => other.keyframes().map(|(hz, _)| hz),
-        }
-    }
-
     /// [`RunConfig::texture_taps`], chosen where it is not given.
     ///
     /// Few samples leave edges rougher than coarse places leave textures, so finer ones are not worth their work. On the
@@ -362,19 +325,11 @@ impl RunConfig {
         }
         if let Some(px) = self.adaptive_px {
             if !self.method.has_adaptive_time() {
-                return Err(ConfigError::new("adaptive_px", px, "set with native, march and reproject only"));
+                return Err(ConfigError::new("adaptive_px", px, "set with native only"));
             }
             if !(px.is_finite() && px > 0.0) {
                 return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));
             }
-            if self.antialias == Antialias::Edges && self.method != Method::Native {
-                let remedy = format!("samples, for {} in adaptive time", self.method.name());
-                return Err(ConfigError::new("antialias", "edges", remedy));
-            }
-        } else if self.method.usual_adaptive_px().is_some() {
-            let name = self.method.name();
-            let wanted = format!("set (pixels between two samples), for {name}");
-            return Err(ConfigError::new("adaptive_px", "none", wanted));
         }
         if self.between == Between::Curve && self.adaptive_px.is_none() {
             return Err(ConfigError::new("between", "curve", "line, without adaptive time (adaptive_px)"));
@@ -383,16 +338,6 @@ impl RunConfig {
         if self.antialias == Antialias::Edges && self.samples != 4 * side * side {
             let remedy = "4, 16, 36, 64, 100, 144, 196 or 256 with antialias = edges: one in four is shaded, on a grid";
             return Err(ConfigError::new("samples", self.samples, remedy));
-        }
-        if self.method == Method::March && self.samples > MARCH_SAMPLES {
-            return Err(ConfigError::new(
-                "samples",
-                self.samples,
-                format!("{MARCH_SAMPLES} at most, for march"),
-            ));
-        }
-        if self.method == Method::Reproject && !self.samples.is_multiple_of(4) {
-            return Err(ConfigError::new("samples", self.samples, "a multiple of 4, for reproject"));
         }
         // What a pace may stretch an interval to.
         let interval_us = self.sample_grid()?.longest_interval_us() * f64::from(self.block());

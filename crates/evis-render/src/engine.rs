@@ -23,13 +23,11 @@ use crate::grid::SampleGrid;
 use crate::host_walk::{HostWalk, Looks};
 use crate::interval::{self, Group, Slot, Unit};
 use crate::labels::{LabelJob, LabelRoom};
-use crate::march;
 use crate::method::{NativeRoom, Sampling};
 use crate::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::pass::raster::{self, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::sky;
 use crate::pass::trigger::{Blocks, TriggerPasses, WalkPasses};
-use crate::reuse;
 use crate::shadow::{MovingShadows, ShadowPlan, ShadowRoom};
 use crate::sizes::{self, DeviceLimits, MethodNeeds};
 use crate::splat::{self, SplatRoom};
@@ -230,17 +228,7 @@ impl Engine {
         let layouts = SurfaceLayouts::new(device);
         let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
         let edges = config.antialias == Antialias::Edges;
-        let reuses = config.method == Method::Reproject;
-        let offsets = match (edges, reuses) {
-            (true, _) => vec![[0.0, 0.0]],
-            // Four coverage samples lie around each, a quarter of a pixel apart in x and in y: these fill what is between.
-            (_, true) => {
-                let quarter = |o: [f32; 2]| o.map(|v| 0.25 * v);
-                crate::pattern::offsets(config.samples / 4).into_iter().map(quarter).collect()
-            }
-            _ => crate::pattern::offsets(config.samples),
-        };
-        let edges = edges || reuses;
+        let offsets = if edges { vec![[0.0, 0.0]] } else { crate::pattern::offsets(config.samples) };
         let grid_side = config.coverage_grid();
         let samples = offsets.len() as u32;
         // A picture that is moved by an offset is sampled at the opposite place.
@@ -322,11 +310,7 @@ impl Engine {
                 Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat)))
             }
             (_, Some(step_px)) => {
-                let reuse = reuses.then(|| (&constants, config.blocks_per_key()));
-                let march = (config.method == Method::March).then_some(&constants);
-                Sampling::Adaptive(Box::new(AdaptiveRoom::new(
-                    &context, step_px, block, rendered, reuse, march,
-                )))
+                Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block, rendered)))
             }
             (_, None) => Sampling::Native(NativeRoom::default()),
         };
@@ -339,14 +323,6 @@ impl Engine {
             let PixelLens { width, height, .. } = context.views[views[0]].lens;
             let needs = match &config.method {
                 Method::Native | Method::Auto(_) => MethodNeeds { block, ..Default::default() },
-                Method::Reproject => {
-                    reuse::check_size(width, height, &device_limits)?;
-                    MethodNeeds { block, ..Default::default() }
-                }
-                Method::March => {
-                    march::check_size(width, height, &device_limits)?;
-                    MethodNeeds { block, layers: march::LAYERS, ..Default::default() }
-                }
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &drawn_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &drawn_limits))?,
             };
@@ -487,7 +463,7 @@ impl Engine {
         let (group, unit) = (&self.groups[0], Unit { group: 0, first, instants });
         let targets = &self.targets[group.targets];
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
-        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit)?;
+        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
         let samples = targets.plan.layers / (targets.plan.instants * targets.plan.views_per_group);
         let layers = read_layers(&self.context, encoder, &targets.layers, instants * samples)?;
         Ok(layers
@@ -672,7 +648,7 @@ impl Engine {
             &unit,
             &slot,
             predicted,
-        )?;
+        );
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&slot.staging);
         group.parity = 1 - group.parity;
@@ -692,7 +668,7 @@ impl Engine {
         let group = &mut self.groups[unit.group];
         let targets = &self.targets[group.targets];
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
-        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit)?;
+        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
         let looks = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&looks.staging);

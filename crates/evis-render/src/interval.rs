@@ -3,7 +3,6 @@
 use crate::area::Rect;
 use crate::chain::{ChainPasses, GroupChain, TALLY_WORDS, Walk};
 use crate::engine::Context;
-use crate::error::EngineError;
 use crate::geometry::attachment;
 use crate::gpu::Gpu;
 use crate::gpu_scene::{Draw, DrawItem, Part};
@@ -276,9 +275,9 @@ pub fn encode(
     unit: &Unit,
     slot: &Slot,
     predicted: u32,
-) -> Result<(), EngineError> {
+) {
     // What the pixels see at every instant, by whatever method.
-    sampling.encode(context, encoder, targets, group, unit)?;
+    sampling.encode(context, encoder, targets, group, unit);
     // What they feel.
     let steps = trigger_steps(&context.gpu, &context.trigger, &context.grid, targets, group, unit, slot);
     clear_tallies(encoder, group);
@@ -290,7 +289,6 @@ pub fn encode(
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, header, offsets);
     let bytes = u64::from(predicted.min(slot.capacity)) * 8;
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, group.header_bytes(), bytes);
-    Ok(())
 }
 
 /// No pixel of a chain has asked for events or woken yet.
@@ -335,7 +333,7 @@ pub fn encode_luminance(
     let parts = parts.map_or_else(everything, borrowed);
     for (sample, layer) in (0..context.offsets.len() as u32).zip(&layers.each[first_layer as usize..]) {
         let into = (layers, first_layer + sample);
-        encode_sample(context, encoder, into, frame_group, (frame, sample), &parts, |_, _| {});
+        encode_sample(context, encoder, into, frame_group, (frame, sample), &parts);
         if let Some(samples) = &layers.multisampled {
             encode_resolve(context, encoder, layers, samples, layer);
         }
@@ -347,8 +345,7 @@ pub fn borrowed(parts: &[Part]) -> Vec<(Rect, &[DrawItem])> {
     parts.iter().map(|(rect, items)| (*rect, &items[..])).collect()
 }
 
-/// Renders sample `sample` of `parts` of `frame` into layer `layer` of `layers`, or its coverage samples. What `before`
-/// draws of a part, by its number, lies before what is equally far.
+/// Renders sample `sample` of `parts` of `frame` into layer `layer` of `layers`, or its coverage samples.
 pub fn encode_sample(
     context: &Context,
     encoder: &mut wgpu::CommandEncoder,
@@ -356,7 +353,6 @@ pub fn encode_sample(
     frame_group: &wgpu::BindGroup,
     (frame, sample): (u32, u32),
     parts: &[(Rect, &[DrawItem])],
-    before: impl Fn(&mut wgpu::RenderPass<'_>, usize),
 ) {
     let color = layers.multisampled.as_ref().unwrap_or(&layers.each[layer as usize]);
     let background = wgpu::Color { r: context.background_luminance, g: 0.0, b: 0.0, a: 0.0 };
@@ -380,14 +376,13 @@ pub fn encode_sample(
     let grid = layers.grid;
     let [width, height] = [layers.width, layers.height].map(|edge| (grid * edge) as f32);
     pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);
-    for (number, (rect, items)) in parts.iter().enumerate() {
+    for (rect, items) in parts {
         let [width, height] = rect.size();
         pass.set_scissor_rect(grid * rect.low[0], grid * rect.low[1], grid * width, grid * height);
         if !clears {
             pass.set_pipeline(&context.background);
             pass.draw(0..3, 0..1);
         }
-        before(&mut pass, number);
         let what = Drawing { items, frame, sample: Some(sample), first_record: context.object_base(frame) };
         let surroundings = Some(&context.surroundings);
         draw_surfaces(context, &mut pass, &context.luminance, frame_group, surroundings, &what);

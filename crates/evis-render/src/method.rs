@@ -3,7 +3,6 @@
 use crate::adaptive::AdaptiveRoom;
 use crate::area::Rect;
 use crate::engine::{Context, Upload};
-use crate::error::EngineError;
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::shadow::MovingShadows;
 use crate::splat::SplatRoom;
@@ -23,9 +22,6 @@ pub enum Sampling {
 impl Sampling {
     /// Records what makes the luminance of every view of `group` at every instant of `unit`: instant k of view v, sample
     /// s, in layer `(v * instants + k) * samples + s`.
-    ///
-    /// # Errors
-    /// The device may fail where a method asks it something.
     pub fn encode(
         &mut self,
         context: &mut Context,
@@ -33,13 +29,12 @@ impl Sampling {
         targets: &Targets,
         group: &Group,
         unit: &Unit,
-    ) -> Result<(), EngineError> {
+    ) {
         match self {
             Self::Native(room) => room.encode(context, encoder, targets, group, unit),
-            Self::Adaptive(room) => room.encode(context, encoder, targets, group, unit)?,
+            Self::Adaptive(room) => room.encode(context, encoder, targets, group, unit),
             Self::Splat(room) => room.encode(context, encoder, targets, group, unit),
         }
-        Ok(())
     }
 
     /// Forgets what was shown. In adaptive time, only the tiles `only` of each view are looked at from now on.
@@ -64,8 +59,7 @@ impl Sampling {
     /// Keyframes drawn since this was last asked.
     pub fn take_keyframes(&mut self) -> u64 {
         match self {
-            Self::Native(_) => 0,
-            Self::Adaptive(room) => room.take_keyframes(),
+            Self::Native(_) | Self::Adaptive(_) => 0,
             Self::Splat(room) => room.take_keyframes(),
         }
     }

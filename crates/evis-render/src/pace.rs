@@ -37,8 +37,6 @@ pub struct Paces {
     pub columns: u32,
     /// Per tile, row by row: every `2^pace` instants; [`STILL`] for never.
     pub tiles: Vec<u8>,
-    /// Not in use.
-    pub relit: Vec<bool>,
 }
 
 impl Paces {
@@ -92,8 +90,8 @@ impl Pacer {
     /// How often the tiles of one view are sampled during one block.
     pub fn paces(&self, gpu_scene: &GpuScene, view: &Passing<'_>) -> Paces {
         let needs = self.required(gpu_scene, view);
-        let tiles: Vec<u8> = needs.tiles.into_iter().map(|need| self.pace(need)).collect();
-        Paces { columns: needs.columns, relit: vec![true; tiles.len()], tiles }
+        let tiles = needs.tiles.into_iter().map(|need| self.pace(need)).collect();
+        Paces { columns: needs.columns, tiles }
     }
 
     /// Samples per instant that each tile requires; infinite where poses do not tell.

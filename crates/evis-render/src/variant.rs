@@ -180,8 +180,6 @@ pub struct Interface {
     pub normal_label: bool,
     /// Whether surfaces are shaded; else only position is needed, and what an alpha mask reads.
     pub shades: bool,
-    /// Whether the fragment stage asks where in the world it is, and of which record.
-    pub places: bool,
 }
 
 /// Attributes that `variant` fetches under `interface`.
@@ -332,7 +330,7 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface, lights: &LightSet
             "",
             "world_from_object(input_instance(in), local.position)",
             "vec3<f32>(0.0)",
-            interface.places || shading && variant.lit() && (lights.positional || variant.model == 2),
+            shading && variant.lit() && (lights.positional || variant.model == 2),
         ),
         (
             "tangent",
@@ -350,7 +348,6 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface, lights: &LightSet
             "1.0",
             shading && variant.emission_waveform,
         ),
-        ("number", "u32", "@interpolate(flat) ", "instance", "0u", interface.places),
     ];
     out.push_str("struct Varyings {\n    @builtin(position) position: vec4<f32>,\n");
     for (location, (name, kind, qualifier, .., used)) in varyings.iter().enumerate() {

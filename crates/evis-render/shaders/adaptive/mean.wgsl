@@ -26,8 +26,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) i
         for (var s = 0u; s < SAMPLES; s++) {
             sum += textureLoad(samples, pixel, s).r;
         }
-        if (is_wanted(number, vec2<u32>(id.x, row))) {
-            textureStore(layers, pixel, job.layer, vec4<f32>(sum * (1.0 / f32(SAMPLES)), 0.0, 0.0, 0.0));
-        }
+        textureStore(layers, pixel, job.layer, vec4<f32>(sum * (1.0 / f32(SAMPLES)), 0.0, 0.0, 0.0));
     }
 }

@@ -12,17 +12,11 @@ struct MeanJob {
 };
 
 @group(0) @binding(0) var<uniform> job: MeanJob;
-// Column | row << 16 | quarters to leave as they are << 28, the upper left first, then the upper right.
+// Column | row << 16.
 @group(0) @binding(1) var<storage, read> tiles: array<u32>;
 
 // The upper left pixel of a tile.
 fn tile_corner(number: u32) -> vec2<u32> {
     let tile = tiles[job.first + number];
-    return vec2<u32>(tile & 0xffffu, (tile >> 16u) & 0xfffu) * TILE;
-}
-
-// Whether a tile's pixel, counted from its corner, is to be written.
-fn is_wanted(number: u32, pixel: vec2<u32>) -> bool {
-    let quarter = pixel.x / (TILE / 2u) + 2u * (pixel.y / (TILE / 2u));
-    return ((tiles[job.first + number] >> (28u + quarter)) & 1u) == 0u;
+    return vec2<u32>(tile & 0xffffu, tile >> 16u) * TILE;
 }

@@ -3,6 +3,5 @@
 //! The trigger's twin is the same algorithm in f32. The raster passes are held against `evis_truth::rays`, exact
 //! geometry in f64, ray by ray.
 
-pub mod reuse;
 pub mod splat;
 pub mod trigger;

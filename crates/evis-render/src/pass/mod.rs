@@ -2,9 +2,7 @@
 
 pub mod adaptive;
 pub mod labels;
-pub mod march;
 pub mod raster;
-pub mod reuse;
 pub mod shadow_map;
 pub mod sky;
 pub mod splat;
@@ -41,8 +39,6 @@ pub enum Access {
     UintLayers,
     /// `r32float` storage texture array, read: software drivers do so three times as fast as by a fetch.
     ReadLayers,
-    /// `rgba32float` storage texture array, read.
-    ReadLayersRgba,
     /// `rgba32uint` storage texture array, read.
     ReadLayersWords,
     /// `r32uint` storage texture array, read.
@@ -137,7 +133,6 @@ fn binding_type(access: Access) -> wgpu::BindingType {
         Access::UintPicture => texture(TextureSampleType::Uint, TextureViewDimension::D2, false),
         Access::UintLayers => texture(TextureSampleType::Uint, TextureViewDimension::D2Array, false),
         Access::ReadLayers => storage_layers(TextureFormat::R32Float, StorageTextureAccess::ReadOnly),
-        Access::ReadLayersRgba => storage_layers(TextureFormat::Rgba32Float, StorageTextureAccess::ReadOnly),
         Access::ReadLayersWords => storage_layers(TextureFormat::Rgba32Uint, StorageTextureAccess::ReadOnly),
         Access::ReadLayersWord => storage_layers(TextureFormat::R32Uint, StorageTextureAccess::ReadOnly),
         Access::UpdateLayersWord => storage_layers(TextureFormat::R32Uint, StorageTextureAccess::ReadWrite),

@@ -8,7 +8,7 @@ use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
 
 use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
 use crate::pass::shadow_map::RESTORE_BINDINGS;
-use crate::pass::{Access, Binding, adaptive, labels, march, reuse, splat, trigger};
+use crate::pass::{Access, Binding, adaptive, labels, splat, trigger};
 use crate::shader::{self, compose};
 use crate::uniforms;
 use crate::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
@@ -64,21 +64,6 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
         ("adaptive/mean.wgsl", &[adaptive::MEAN_BINDINGS]),
         ("adaptive/resolve.wgsl", &[adaptive::TILE_RESOLVE_BINDINGS]),
-        (
-            "march/geometry.wgsl",
-            &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, march::PLACE_BINDINGS],
-        ),
-        ("march/keep.wgsl", &[march::KEEP_BINDINGS]),
-        ("march/walk.wgsl", &[march::WALK_BINDINGS]),
-        (
-            "reuse/keyframe.wgsl",
-            &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, reuse::KEYFRAME_BINDINGS],
-        ),
-        (
-            "reuse/luminance.wgsl",
-            &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS, reuse::REUSE_BINDINGS],
-        ),
-        ("reuse/mean.wgsl", &[reuse::CELL_MEAN_BINDINGS]),
         ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/emit.wgsl", &[trigger::KEPT_BINDINGS]),
@@ -92,11 +77,7 @@ fn draws_surfaces(file: &str) -> bool {
 /// The interface that the file's pass asks for.
 fn interface(file: &str) -> Interface {
     let shades = compose(file, "").contains("fn surface_radiance(");
-    Interface {
-        normal_label: file.starts_with("labels/appearance"),
-        shades,
-        places: file.starts_with("reuse/"),
-    }
+    Interface { normal_label: file.starts_with("labels/appearance"), shades }
 }
 
 fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Module {
@@ -191,7 +172,6 @@ fn access_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Access {
                     (R32Float, false) => Access::ReadLayers,
                     (Rgba32Uint, false) => Access::ReadLayersWords,
                     (R32Float, true) => Access::StorageLayers,
-                    (Rgba32Float, false) => Access::ReadLayersRgba,
                     (Rgba32Float, true) => Access::StorageLayersRgba,
                     (Rgba32Uint, true) => Access::StorageLayersWords,
                     (R32Uint, false) => Access::ReadLayersWord,
@@ -395,42 +375,6 @@ fn host_and_shader_structs_have_one_layout() {
     );
     same_layout!("adaptive/mean.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
     same_layout!("adaptive/resolve.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
-    same_layout!(
-        "march/walk.wgsl",
-        "MarchJob",
-        uniforms::MarchJob {
-            world_from_camera_right,
-            world_from_camera_up,
-            world_from_camera_back,
-            ray,
-            first,
-            count,
-            row,
-            frame,
-            matrices,
-            view,
-            layer,
-            verdict,
-            half_size,
-            dark,
-            pad,
-        }
-    );
-    same_layout!("reuse/mean.wgsl", "MeanParams", uniforms::MeanParams { width, height, layer, pad });
-    same_layout!(
-        "reuse/luminance.wgsl",
-        "ReuseFrame",
-        uniforms::ReuseFrame {
-            older_clip_from_world,
-            newer_clip_from_world,
-            cells,
-            shift,
-            older,
-            newer,
-            weight,
-            first_record,
-        }
-    );
     same_layout!("chain/walk.wgsl", "ChainStep", uniforms::ChainStep { mode, instant, pad });
     same_layout!(
         "chain/walk.wgsl",
@@ -501,11 +445,6 @@ fn constants_agree() {
     assert_eq!(constant("trigger/count.wgsl", "TILE"), f64::from(crate::pace::TILE));
     assert_eq!(constant("trigger/count.wgsl", "PIECES"), crate::cpu::trigger::PIECES as f64);
     assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::pace::TILE));
-    for file in ["march/keep.wgsl", "march/walk.wgsl"] {
-        assert_eq!(constant(file, "TILE"), f64::from(crate::pace::TILE));
-        assert_eq!(constant(file, "APRON"), f64::from(crate::march::APRON));
-        assert_eq!(constant(file, "PHASES"), f64::from(crate::march::PHASES));
-    }
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
     let cells = f64::from(crate::shadow_cells::CELLS);
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDER_CELLS"), cells);

@@ -227,8 +227,6 @@ fn packets_steps_and_neighbours_change_no_byte_of_exposed_pixels() {
         (Method::Native, None),
         (Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 5, ..SplatConfig::default() }), None),
         (Method::Native, Some(0.4)),
-        (Method::March, Some(0.4)),
-        (Method::Reproject, Some(0.4)),
     ];
     for ((method, adaptive_px), base) in methods.into_iter().zip(exposed().into_iter().cycle()) {
         let config = RunConfig {

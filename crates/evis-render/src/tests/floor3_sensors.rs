@@ -70,8 +70,6 @@ fn methods() -> Vec<(Method, Option<f64>)> {
     vec![
         (Method::Native, None),
         (Method::Native, Some(0.4)),
-        (Method::March, Some(0.4)),
-        (Method::Reproject, Some(0.4)),
         (Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 7, ..SplatConfig::default() }), None),
     ]
 }

@@ -187,17 +187,11 @@ const fn near_native(failure: &'static str, method: &'static str, bound: Bound) 
     }
 }
 
-/// What `march` promises beyond that: its number.
-const fn because(reason: &'static str, failure: &'static str, bound: Bound) -> Row {
-    Row { reason, ..near_native(failure, MARCH, bound) }
-}
-
 use Bound::{Any, AtLeast, AtMost, Between, Holds};
 
 const NATIVE: &str = "native";
 const SPLAT: &str = "splat";
 const LINEAR: &str = "splat-linear";
-const MARCH: &str = "march";
 
 /// An interval of confidence that holds 1.
 const EVEN: Bound = Holds { value: 1.0, factor: 1.3 };
@@ -349,27 +343,4 @@ const LIMITS: &[Row] = &[
         0.55,
         "a rest of three instants makes small errors of time large: not within 0.02 of native, itself at 0.78",
     ),
-    near_native("keyframe-burst", MARCH, EVEN),
-    near_native("keyframe-burst-30", MARCH, EVEN),
-    because("a way between keys is a parabola through three exact places", "rotation", AtMost(0.01)),
-    because("a key's mean light is read by a cubic over quarters of a pixel", "breathing", AtMost(0.02)),
-    because(
-        "what a key does not show is rendered, and so is what two keys disagree about",
-        "cut",
-        AtMost(0.0),
-    ),
-    because("a pixel whose way leads through no key is rendered", "cracks", AtMost(0.0)),
-    Row {
-        measured: true,
-        ..because(
-            "quarters that the spot may cross are rendered, which are followed without it",
-            "global-step",
-            AtMost(2.0),
-        )
-    },
-    near_native(ANY, MARCH, Any),
-    today("refractory", MARCH, AtMost(0.0), 0.55, "its outlines are rendered at the instants of `auto`"),
-    claim("keyframe-burst", "reproject", EVEN, 0.0, "its signal is continuous at keyframes"),
-    claim("keyframe-burst-30", "reproject", EVEN, 0.0, "its signal is continuous at keyframes"),
-    claim(ANY, "reproject", Any, 0.0, "a pixel whose light does not change never fires"),
 ];

@@ -69,8 +69,6 @@ pub fn methods() -> Vec<NamedMethod> {
     vec![
         NamedMethod::new("native", native(SAMPLES)),
         NamedMethod::new("auto", Setting::auto(Target::Default)),
-        NamedMethod::new("reproject", Setting::reproject(0.3, 4000.0, SAMPLES)),
-        NamedMethod::new("march", Setting::march(0.3, 4000.0, SAMPLES)),
         NamedMethod::new("splat", Setting::splat(splat, SAMPLES, crossing)),
         NamedMethod::new("splat-linear", Setting::splat(linear, SAMPLES, crossing)),
         NamedMethod::new("no-aa", native(1)),
