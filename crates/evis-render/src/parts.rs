@@ -2,7 +2,7 @@
 
 use crate::area::{Area, Rect};
 use crate::engine::Context;
-use crate::gpu_scene::{DrawItem, push_item};
+use crate::gpu_scene::{DrawItem, Part, push_item};
 use crate::pace::rects;
 use crate::still;
 use crate::view::View;
@@ -63,6 +63,18 @@ impl InView {
             push_item(&mut items, placed.draw, placed.object);
         }
         items
+    }
+
+    /// [`Self::rects`], with what is drawn in each.
+    pub fn parts(
+        &self,
+        active: impl Fn(u32, u32) -> bool,
+        side: u32,
+        size: (u32, u32),
+        pixel_price: f64,
+    ) -> Vec<Part> {
+        let rects = self.rects(active, side, size, pixel_price);
+        rects.into_iter().map(|rect| (rect, self.items(&rect))).collect()
     }
 
     /// What drawing `rect` takes, in pixels that are shaded once.

@@ -90,11 +90,3 @@ pub(super) fn assert_neighbours_change_no_byte(
         assert_eq!(same, own, "{}: beside {offsets_s:?}, and the canary", scene.name);
     }
 }
-
-/// How far the logarithms of two pictures lie apart, at most, in each of `parts` of their pixels.
-pub(super) fn apart<const N: usize>(a: &[f32], b: &[f32], parts: [f64; N]) -> [f64; N] {
-    let mut all: Vec<f64> =
-        a.iter().zip(b).map(|(a, b)| (f64::from(*a) / f64::from(*b)).ln().abs()).collect();
-    all.sort_by(f64::total_cmp);
-    parts.map(|part| all[(part * all.len() as f64) as usize])
-}
