@@ -296,19 +296,15 @@ def test_ctrl_c_ends_a_long_step_and_loses_nothing(device: evis.Device):
     assert "the same" in text, text
 
 
-def test_auto_chooses_and_whoever_samples_by_hand_gets_native(device: evis.Device):
+def test_a_preset_and_its_settings_by_hand_or_by_file_fire_the_same(device: evis.Device, tmp_path: Path):
     scene = evis.Scene.builtin("spinner")
-    auto = evis.Simulator(scene, size=(48, 36), target="draft")
-    assert auto.method == "auto"
-    assert auto.chosen is not None
-    assert "px/s" in auto.chosen
-    assert "F1" in auto.chosen
-    packet = auto.step(40_000)
+    standard = evis.Simulator(scene, size=(48, 36))
+    assert (standard.method, standard.quality, standard.notes) == ("native", "standard", ())
+    packet = standard.step(40_000)
     assert packet.report.drawn_pixels > 0
-    assert 'target = "draft"' in auto.config_toml
-    # The settings in the file, by hand, give the same events.
-    held = tomllib.loads(auto.config_toml)
-    held = held.get("run", held)
+    assert len(packet.view.events) > 50
+    held = tomllib.loads(standard.config_toml)["run"]
+    assert held["quality"] == "standard"
     by_hand = evis.Simulator(
         scene,
         size=(48, 36),
@@ -319,75 +315,39 @@ def test_auto_chooses_and_whoever_samples_by_hand_gets_native(device: evis.Devic
         samples=held["samples"],
         texture_taps=held["texture_taps"],
     )
-    assert (by_hand.method, by_hand.chosen) == ("native", None)
+    assert (by_hand.method, by_hand.quality) == ("native", None)
     assert np.array_equal(by_hand.step(40_000).view.events, packet.view.events)
-    whole = evis.Simulator(scene, size=(48, 36), rate_hz=held["rate_hz"])
-    assert whole.step(40_000).report.drawn_pixels >= packet.report.drawn_pixels / 1.5
-    with pytest.raises(evis.ConfigError, match=r"samples is 4.*native"):
-        evis.Simulator(scene, method="auto", samples=4)
-    with pytest.raises(evis.ConfigError, match=r"target is 'draft'.*auto"):
-        evis.Simulator(scene, method="native", target="draft")
-    with pytest.raises(evis.ConfigError, match=r"target.*'fine'.*draft"):
-        evis.Simulator(scene, target="fine")  # type: ignore[arg-type]
+    # What a recording stores runs again; arguments stand over it.
+    settings = tmp_path / "settings.toml"
+    settings.write_text(standard.config_toml)
+    again = evis.Simulator(scene, settings=settings)
+    assert again.config_toml == standard.config_toml
+    assert np.array_equal(again.step(40_000).view.events, packet.view.events)
+    other = evis.Simulator(scene, settings=settings, samples=36, seed=3)
+    assert (tomllib.loads(other.config_toml)["run"]["samples"], other.seed) == (36, 3)
+    draft = evis.Simulator(scene, size=(48, 36), quality="draft")
+    assert not np.array_equal(draft.step(40_000).view.events, packet.view.events)
+
+
+def test_sampling_that_contradicts_itself_is_refused(device: evis.Device, tmp_path: Path):
+    scene = evis.Scene.builtin("spinner")
+    with pytest.raises(evis.ConfigError, match=r"quality.*high.*splat"):
+        evis.Simulator(scene, quality="high", method="splat")
+    with pytest.raises(evis.ConfigError, match=r"quality.*'fine'.*draft"):
+        evis.Simulator(scene, quality="fine")  # type: ignore[arg-type]
     with pytest.raises(evis.ConfigError, match=r"adaptive_px.*above 0"):
         evis.Simulator(scene, adaptive_px=-1.0)
-
-
-def test_a_plan_keeps_what_a_budget_found(device: evis.Device, tmp_path: Path):
-    scene = evis.Scene.builtin("spinner")
-    plan = tmp_path / "plan.toml"
-    # Nothing is as cheap: the fewest settings are timed.
-    with pytest.warns(UserWarning, match=r"nothing fits 0.001 ms"):
-        timed = evis.Simulator(scene, size=(48, 36), budget_ms=0.001, plan=plan)
-    found = tomllib.loads(plan.read_text())
-    assert found["budget_ms"] == 0.001
-    assert len(found["measured"]) == 2
-    assert found["made_for"]["cameras"][0].endswith("48x36")
-    assert timed.chosen is not None
-    assert "ms per simulated second" in timed.chosen
-    before = plan.stat().st_mtime_ns
-    with pytest.warns(UserWarning, match="nothing fits"):
-        again = evis.Simulator(scene, size=(48, 36), plan=str(plan))
-    assert plan.stat().st_mtime_ns == before
-    assert again.config_toml == timed.config_toml
-    events = timed.step(40_000).view.events
-    assert len(events) > 50
-    assert np.array_equal(again.step(40_000).view.events, events)
-    with pytest.raises(evis.ConfigError, match=r"48x36.*64x48"):
-        evis.Simulator(scene, size=(64, 48), plan=plan)
-    with pytest.raises(evis.ConfigError, match=r"spinner.*desk"):
-        evis.Simulator(evis.Scene.builtin("desk"), size=(48, 36), plan=plan)
-    with pytest.raises(evis.ConfigError, match=r"budget_ms is 5.*auto"):
-        evis.Simulator(scene, method="native", budget_ms=5)
-    with pytest.raises(evis.ConfigError, match=r"target is 'draft' and budget_ms is 5"):
-        evis.Simulator(scene, target="draft", budget_ms=5)
-    with pytest.raises(evis.ConfigError, match=r"budget is -1"):
-        evis.Simulator(scene, budget_ms=-1.0)
-    plan.write_text("nonsense")
-    with pytest.raises(evis.FormatError, match=r"plan.toml.*no plan of auto"):
-        evis.Simulator(scene, size=(48, 36), plan=plan)
-
-
-def test_a_plan_keeps_what_a_target_found(device: evis.Device, tmp_path: Path):
-    scene = evis.Scene.builtin("spinner")
-    plan = tmp_path / "plan.toml"
-    looked = evis.Simulator(scene, size=(48, 36), target="draft", plan=plan)
-    found = tomllib.loads(plan.read_text())
-    assert found["target"] == "draft"
-    before = plan.stat().st_mtime_ns
-    again = evis.Simulator(scene, size=(48, 36), target="draft", plan=plan)
-    alone = evis.Simulator(scene, size=(48, 36), plan=plan)
-    assert plan.stat().st_mtime_ns == before
-    assert again.config_toml == alone.config_toml == looked.config_toml
-    events = looked.step(40_000).view.events
-    assert len(events) > 50
-    assert np.array_equal(alone.step(40_000).view.events, events)
-    with pytest.raises(evis.ConfigError, match=r"target draft.*target default"):
-        evis.Simulator(scene, size=(48, 36), target="default", plan=plan)
-    with pytest.raises(evis.ConfigError, match=r"target draft.*budget of 5 ms"):
-        evis.Simulator(scene, size=(48, 36), budget_ms=5, plan=plan)
-    with pytest.raises(evis.ConfigError, match=r"0\.2 ON.*0\.3 ON"):
-        evis.Simulator(scene, size=(48, 36), sensor=evis.Sensor(threshold_on=0.3), plan=plan)
+    with pytest.raises(evis.ConfigError, match=r"rate.*500.*splat"):
+        evis.Simulator(scene, method="splat", rate_hz=500)
+    settings = tmp_path / "settings.toml"
+    settings.write_text("nonsense")
+    with pytest.raises(evis.ConfigError, match=r"settings.toml.*evis tune"):
+        evis.Simulator(scene, settings=settings)
+    settings.write_text('evis = "7.0.0"\n[run]\n')
+    with pytest.raises(evis.ConfigError, match=r"settings.toml.*7\.0\.0"):
+        evis.Simulator(scene, settings=settings)
+    with pytest.raises(FileNotFoundError, match="gone"):
+        evis.Simulator(scene, settings=tmp_path / "gone.toml")
 
 
 def test_a_method_samples_instants_from_keyframes(device: evis.Device):

@@ -47,8 +47,8 @@ class ChartSetting:
     adaptive_px : float or None
         Pixels that anything may move between two samples of it; None where everything is sampled at
         ``rate_hz``.
-    target : str or None
-        What ``auto`` was asked for.
+    quality : str or None
+        The preset that it is.
     """
 
     published: str | None
@@ -61,7 +61,7 @@ class ChartSetting:
     interpolation: Interpolation
     splat: Splat | None
     adaptive_px: float | None = None
-    target: str | None = None
+    quality: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,8 +187,8 @@ class Recommendation:
     def simulator(self) -> dict[str, Any]:
         """Keyword arguments for `Simulator`: sensor, rate_hz or method, samples, antialias."""
         splat = self.setting.splat
-        if self.setting.target is not None:
-            return {"sensor": self.sensor, "target": self.setting.target}
+        if self.setting.quality is not None:
+            return {"sensor": self.sensor, "quality": self.setting.quality}
         instants: dict[str, Any] = {"method": splat}
         if splat is None:
             instants = {
@@ -397,7 +397,7 @@ def chart(
     splat : bool
         Whether ``splat`` is measured too, with each of its options unless ``quick``.
     adaptive : bool
-        Whether adaptive time and ``auto`` are measured too.
+        Whether adaptive time and the presets are measured too.
     repetitions : int
         Runs of each setting; the fastest counts.
     sensor : Sensor, optional

@@ -283,25 +283,25 @@ class Simulator:
         cls,
         scene: Scene,
         *,
-        sensor: str,
+        sensor: str | None,
+        for_all: bool,
         sensors: dict[str, str],
-        method: str,
+        method: str | None,
         splat: str | None,
-        target: str | None,
-        budget_ms: float | None,
-        plan: str | None,
-        rate_hz: float,
+        quality: str | None,
+        settings: str | None,
+        rate_hz: float | None,
         adaptive_px: float | None,
-        between: str,
-        samples: int,
-        antialias: str,
+        between: str | None,
+        samples: int | None,
+        antialias: str | None,
         texture_taps: int | None,
         shadows: str | None,
         shadow_map: int | None,
         cameras: list[str],
         size: tuple[int, int] | None,
-        start_us: int,
-        seed: int,
+        start_us: int | None,
+        seed: int | None,
         labels: list[str],
         label_rate_hz: float,
         frame_rate_hz: float | None,
@@ -319,7 +319,15 @@ class Simulator:
     @property
     def sensors(self) -> list[str]: ...
     @property
-    def chosen(self) -> tuple[str, str, str | None] | None: ...
+    def notes(self) -> list[str]: ...
+    @property
+    def quality(self) -> str | None: ...
+    @property
+    def method(self) -> str: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def start_us(self) -> int: ...
     @property
     def reference_luminance(self) -> float | None: ...
     @property

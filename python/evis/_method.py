@@ -84,21 +84,21 @@ class Splat:
         return self == Splat.evis_paper(self.keyframe_hz, self.steps)
 
 
-Method: TypeAlias = Literal["auto", "native", "splat", "evis-paper"] | Splat
+Method: TypeAlias = Literal["native", "splat", "evis-paper"] | Splat
 
 
 def chosen(method: Method) -> Splat | None:
     """Return the splat that ``method`` stands for, None where it is none."""
     if isinstance(method, Splat):
         return method
-    if method in ("auto", "native"):
+    if method == "native":
         return None
     if method == "splat":
         return Splat()
     if method == "evis-paper":
         return Splat.evis_paper()
     raise ConfigError(
-        f"method is {method!r}; it must be 'auto', 'native', 'splat', 'evis-paper' or a Splat"
+        f"method is {method!r}; it must be 'native', 'splat', 'evis-paper' or a Splat"
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
@@ -76,31 +75,18 @@ class Simulator:
         camera come before its sensor's. Every stage runs on the device, but a sensor with
         ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is walked on the host, from the light of every
         instant.
-    method : {"auto", "native", "splat", "evis-paper"} or Splat, optional
-        How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses method, rate, samples and shadows for a target. Where
-        not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``between``, ``samples``, ``antialias``
-        and ``texture_taps`` is, else ``auto``.
-    target : {"preview", "draft", "default", "exact", "finest"}, optional
-        How near to the truth ``auto`` shall come: F1 within 1 ms of 0.95 (``draft``) or 0.98 (``default``),
-        or what ``native`` has with 2000 Hz and 16 samples, in F1 within 100 us and in time (``exact``).
-        Some tiles of the picture are rendered at three times of the scene, with the finest settings and with
-        cheaper ones, and the cheapest are taken whose events agree with those of the finest: making the
-        simulator then takes seconds, on a software driver up to a minute. ``preview`` and ``finest`` have
-        settings that are the same for every scene, and take no time. `chosen` says what was chosen, and what
-        was tried. ``default`` where neither a target nor a budget nor a plan that is there is given.
-    budget_ms : float, optional
-        Instead of a target: milliseconds of work that a simulated second may take. The settings that
-        ``auto`` may choose are timed on the scene, the cheap ones first, which takes as long as some tenths
-        of a simulated second of each; the most accurate that fits is taken. Where none fits: the cheapest,
-        with a warning.
-    plan : path-like, optional
-        A TOML file that keeps what was found for ``target`` or ``budget_ms``. Where it is there, its settings
-        are taken, nothing is looked at or timed, and the events are the same. One for another target or
-        budget, where one is given, or for another scene, size or start is refused; one for a target also for
-        other thresholds, ``log_eps`` or ``reference_luminance``, one for a budget for other rates of labels
-        and frames.
+    quality : {"draft", "standard", "high", "reference"}, optional
+        Fixed settings of sampling, the same for every scene; nothing is analysed before the run.
+        ``docs/accuracy.md`` says how near to the truth each came, and at which cost. Settings given by hand
+        stand over it. ``standard`` where neither a quality, a settings file, a method nor any of
+        ``rate_hz``, ``adaptive_px``, ``between``, ``samples``, ``antialias`` and ``texture_taps`` is given.
+    settings : path-like, optional
+        Settings from a file: one that `tune` or ``evis tune`` wrote, or a recording (``.h5``), whose own
+        settings are used again. Arguments given here override it.
+    method : {"native", "splat", "evis-paper"} or Splat, optional
+        How instants are sampled: rendered (``native``), or splatted from keyframes.
     rate_hz : float, optional
-        Sampled instants per second, on a grid fixed in absolute time; 1000 where not given. Only for
+        Sampled instants per second, on a grid fixed in absolute time; 1000 without a preset. Only for
         ``native``: a splat has its own.
     adaptive_px : float, optional
         Only for ``native``: each tile of the picture is sampled no more often than that nothing it may show
@@ -122,7 +108,7 @@ class Simulator:
     shadows : {"maps", "rays"}, optional
         ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by
         rays, as sharp as what throws them, for up to twice the work; things that throw shadows must be rigid
-        and without holes. Where not given, ``auto`` chooses; maps without it.
+        and without holes. Where not given, the preset's; maps without one.
     shadow_map : int, optional
         Texels of a shadow map's edge, 64 to 16384. If not given, the power of two nearest to 12.8 times the
         longest edge of any of the scene's pictures, 1024 to 8192 (8192 for 640x480); but 4096 at most where
@@ -172,10 +158,9 @@ class Simulator:
         scene: Scene,
         *,
         sensor: Sensor | str | Mapping[str, Sensor | str] | None = None,
+        quality: Literal["draft", "standard", "high", "reference"] | None = None,
+        settings: str | PathLike[str] | None = None,
         method: Method | None = None,
-        target: Literal["preview", "draft", "default", "exact", "finest"] | None = None,
-        budget_ms: float | None = None,
-        plan: str | PathLike[str] | None = None,
         rate_hz: float | None = None,
         adaptive_px: float | None = None,
         between: Literal["line", "curve"] | None = None,
@@ -191,39 +176,12 @@ class Simulator:
         frame_rate_hz: float | None = None,
         exposure_us: int | None = None,
         exposure_shape: Literal["box"] | Sequence[float] = "box",
-        start: float = 0.0,
-        seed: int = 0,
+        start: float | None = None,
+        seed: int | None = None,
         reference_luminance: float | None = None,
         device: Device | str | int | None = None,
     ) -> None:
-        by_hand = {
-            "rate_hz": rate_hz,
-            "adaptive_px": adaptive_px,
-            "between": between,
-            "samples": samples,
-            "antialias": antialias,
-            "texture_taps": texture_taps,
-        }
-        given = [name for name, value in by_hand.items() if value is not None]
-        if method is None:
-            method = "native" if given else "auto"
-        splat = _method.chosen(method)
-        if method == "auto" and given:
-            raise ConfigError(
-                f"{given[0]} is {by_hand[given[0]]!r}; the method auto chooses that itself: take the method "
-                "'native' to set it, or target= for how near to the truth it shall come"
-            )
-        goals = {"target": target, "budget_ms": budget_ms, "plan": plan}
-        asked = [f"{name} is {value!r}" for name, value in goals.items() if value is not None]
-        if asked and method != "auto":
-            raise ConfigError(f"{asked[0]}; only the method 'auto' has targets, budgets and plans")
-        if target is not None and budget_ms is not None:
-            raise ConfigError(f"{asked[0]} and {asked[1]}; give a target or a budget")
-        if splat is not None and rate_hz is not None:
-            raise ConfigError(
-                f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "
-                "second: set those of a Splat instead"
-            )
+        splat = None if method is None else _method.chosen(method)
         raw_of(scene)
         names: list[str] = []
         if cameras is not None:
@@ -233,36 +191,38 @@ class Simulator:
             added = [camera for camera in cameras if isinstance(camera, EventCamera)]
             scene = scene.with_cameras(added) if added else scene
             names = [camera.name if isinstance(camera, EventCamera) else str(camera) for camera in cameras]
+        for_all = not (sensor is None or isinstance(sensor, Mapping))
         sensors: dict[str, str] = {}
+        own: Sensor | None = None
         if sensor is None or isinstance(sensor, Mapping):
-            sensors = {**_evis.scene_sensors(scene._raw, names), **_by_camera(sensor or {})}
-            paper = splat is not None and splat.is_evis_paper
-            sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
+            sensors = _by_camera(sensor or {})
+            if splat is not None and splat.is_evis_paper:
+                own = Sensor(trigger="latch", log_eps=1e-5)
         else:
-            sensor = sensor_of(sensor)
-        sensor.check()
+            own = sensor_of(sensor)
+            own.check()
         self._scene = scene
         self._engine = _evis.Simulator(
             scene._raw,
-            sensor=sensor._json(),
+            sensor=None if own is None else own._json(),
+            for_all=for_all,
             sensors=sensors,
-            method=str(method) if splat is None else "splat",
-            target=None if target is None else str(target),
-            budget_ms=_check.number_or_none("budget_ms", budget_ms, " milliseconds"),
-            plan=None if plan is None else fspath(plan),
+            method=None if method is None else str(method) if splat is None else "splat",
             splat=_method.as_json(splat),
-            rate_hz=1000.0 if rate_hz is None else _check.number("rate_hz", rate_hz),
+            quality=None if quality is None else str(quality),
+            settings=None if settings is None else fspath(settings),
+            rate_hz=_check.number_or_none("rate_hz", rate_hz),
             adaptive_px=_check.number_or_none("adaptive_px", adaptive_px),
-            between=str(between or "line"),
-            samples=4 if samples is None else _check.whole("samples", samples),
-            antialias=str(antialias or "samples"),
+            between=None if between is None else str(between),
+            samples=None if samples is None else _check.whole("samples", samples),
+            antialias=None if antialias is None else str(antialias),
             texture_taps=None if texture_taps is None else _check.whole("texture_taps", texture_taps),
             shadows=None if shadows is None else str(shadows),
             shadow_map=None if shadow_map is None else _check.whole("shadow_map", shadow_map),
             cameras=names,
             size=None if size is None else _check.size(size),
-            start_us=_check.micros("start", start),
-            seed=_check.whole("seed", seed, 0, 2**63 - 1),
+            start_us=None if start is None else _check.micros("start", start),
+            seed=None if seed is None else _check.whole("seed", seed, 0, 2**63 - 1),
             labels=_labels(labels),
             label_rate_hz=_check.number("label_rate_hz", label_rate_hz),
             frame_rate_hz=_check.number_or_none("frame_rate_hz", frame_rate_hz),
@@ -271,17 +231,10 @@ class Simulator:
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             device=_selector(device),
         )
-        self._method = str(method) if splat is None else _method.name(splat)
-        self._start_us = _check.micros("start", start)
-        self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
         each = (Sensor._of_json(json) for json in self._engine.sensors)
         self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}
         self._labels = tuple(self._engine.labels)
-        chosen = self._engine.chosen
-        if chosen is not None and chosen[2] is not None:
-            warnings.warn(chosen[2], stacklevel=2)
-
     @property
     def scene(self) -> Scene:
         """The scene, with the cameras that were added."""
@@ -300,7 +253,7 @@ class Simulator:
     @property
     def method(self) -> str:
         """Name of the method that samples instants."""
-        return self._method
+        return self._engine.method
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
@@ -320,7 +273,7 @@ class Simulator:
     @property
     def seed(self) -> int:
         """Seed of everything random."""
-        return self._seed
+        return self._engine.seed
 
     @property
     def config_toml(self) -> str:
@@ -328,10 +281,14 @@ class Simulator:
         return self._engine.config_toml
 
     @property
-    def chosen(self) -> str | None:
-        """What ``auto`` chose, why, what it tried, and what to expect; None for other methods."""
-        chosen = self._engine.chosen
-        return None if chosen is None else f"{chosen[0]}; expects {chosen[1]}"
+    def quality(self) -> str | None:
+        """The preset in force; None where settings were given by hand or by a file."""
+        return self._engine.quality
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the preset could not have on this scene and device, such as shadow rays."""
+        return tuple(self._engine.notes)
 
     @property
     def reference_luminance(self) -> float | None:
@@ -405,7 +362,7 @@ class Simulator:
             end = self._scene.duration
             if end is None:
                 raise ConfigError("this scene's motion has no end: give duration, in seconds")
-            left_us = _check.micros("duration", end) - self._start_us - self.now_us
+            left_us = _check.micros("duration", end) - self._engine.start_us - self.now_us
             if left_us <= 0:
                 raise ConfigError(
                     f"this scene's motion has ended, {end} s after 0: give duration, in seconds"

@@ -1,7 +1,7 @@
 //! Which settings are measured.
 
 use evis_core::{ConfigError, Interpolation, TimeGrid, TriggerRule};
-use evis_render::{Antialias, Carrier, Method, Motion, RunConfig, SplatConfig, Target};
+use evis_render::{Antialias, Carrier, Method, Motion, Quality, RunConfig, SplatConfig};
 use serde::{Deserialize, Serialize};
 
 /// A point of the chart, as data: it may name a method that this version of the engine does not have.
@@ -28,9 +28,9 @@ pub struct Setting {
     /// Pixels that anything may move between two samples of it; `None` where every pixel is sampled at `rate_hz`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adaptive_px: Option<f64>,
-    /// What `auto` is asked for; it chooses all else but the trigger.
+    /// The preset that all but the trigger comes from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub target: Option<Target>,
+    pub quality: Option<Quality>,
     /// Settings of `splat` and `evis-paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub splat: Option<SplatConfig>,
@@ -51,7 +51,7 @@ impl Setting {
             trigger,
             interpolation,
             adaptive_px: None,
-            target: None,
+            quality: None,
             splat: None,
         }
     }
@@ -62,15 +62,17 @@ impl Setting {
         Self { adaptive_px: Some(step_px), ..native }
     }
 
-    /// What `auto` makes of `target`. Rates and samples are known when it has run.
-    pub fn auto(target: Target) -> Self {
-        let native = Self::native(1000.0, 1, Antialias::Samples, TriggerRule::Crossing);
-        Self { method: "auto".into(), target: Some(target), ..native }
+    /// A preset. How many pictures it draws is known when it has run.
+    pub fn quality(quality: Quality) -> Self {
+        let sampling = quality.sampling();
+        let crossing = TriggerRule::Crossing;
+        let native = Self::native(sampling.rate_hz, sampling.samples, sampling.antialias, crossing);
+        Self { adaptive_px: sampling.step_px, quality: Some(quality), ..native }
     }
 
     /// The same as `config` ran it, which rendered `drawn_hz` whole pictures per simulated second.
     pub fn settled(self, config: &RunConfig, drawn_hz: f64) -> Self {
-        if self.target.is_none() && self.adaptive_px.is_none() {
+        if self.quality.is_none() && self.adaptive_px.is_none() {
             return self;
         }
         let rate_hz = config.rate_hz;
@@ -89,7 +91,7 @@ impl Setting {
             trigger,
             interpolation: Interpolation::Log,
             adaptive_px: None,
-            target: None,
+            quality: None,
             splat: Some(splat),
         }
     }
@@ -103,7 +105,6 @@ impl Setting {
     pub fn engine_method(&self) -> Option<Method> {
         match (self.method.as_str(), self.splat) {
             ("native", None) => Some(Method::Native),
-            ("auto", None) => self.target.map(Method::Auto),
             ("splat" | "evis-paper", Some(splat)) => Some(Method::Splat(splat)),
             _ => None,
         }
@@ -117,6 +118,7 @@ impl Setting {
         config.samples = self.samples;
         config.antialias = self.antialias;
         config.adaptive_px = self.adaptive_px;
+        config.quality = self.quality;
         config.sensor.trigger = self.trigger;
         config.sensor.interpolation = self.interpolation;
         Some(config)
@@ -124,8 +126,8 @@ impl Setting {
 
     /// Short and complete: `1000 Hz ×16`, `250 Hz edges`, `1000 Hz ×4 latch`, `splat 250×4 Hz latch`.
     pub fn label(&self) -> String {
-        if let Some(target) = self.target {
-            return format!("auto {}", target.name());
+        if let Some(quality) = self.quality {
+            return quality.name().into();
         }
         let mut label = String::new();
         if let Some(px) = self.adaptive_px {
@@ -208,8 +210,8 @@ impl Setting {
             (Antialias::Samples, 1) => "1 sample".to_owned(),
             (Antialias::Samples, n) => format!("{n} samples"),
         };
-        if self.target.is_some() {
-            "auto".into()
+        if self.quality.is_some() {
+            "presets".into()
         } else if self.adaptive_px.is_some() {
             let method = if self.method == "native" { "adaptive" } else { &self.method };
             format!("{method}, {trigger}, {pixel}")
@@ -222,8 +224,8 @@ impl Setting {
 
     /// The flags of `run` that differ from its defaults.
     pub fn run_flags(&self) -> String {
-        if let Some(target) = self.target {
-            return format!("--target {}", target.name());
+        if let Some(quality) = self.quality {
+            return format!("--quality {}", quality.name());
         }
         let mut flags = match &self.splat {
             None => match self.adaptive_px {
@@ -309,8 +311,8 @@ pub struct Ladder {
     pub published: bool,
     /// Pixels that anything may move between two samples of it, at 4000 Hz at most, with 4 samples.
     pub adaptive_px: Vec<f64>,
-    /// What `auto` is asked for.
-    pub targets: Vec<Target>,
+    /// Presets.
+    pub presets: Vec<Quality>,
     /// Keyframes per second and instants per gap of `splat`, with 4 samples.
     pub splat: Vec<(f64, u32)>,
     /// Also `splat` with each of its options changed, at 125 keyframes per second and 8 instants per gap.
@@ -328,7 +330,7 @@ impl Default for Ladder {
             most_samples_hz: Some(16_000.0),
             published: true,
             adaptive_px: vec![1.0, 0.5, 0.25],
-            targets: vec![Target::Preview, Target::Draft, Target::Default],
+            presets: vec![Quality::Draft, Quality::Standard, Quality::High],
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
             splat_options: true,
         }
@@ -347,7 +349,7 @@ impl Ladder {
             most_samples_hz: Some(16_000.0),
             published: true,
             adaptive_px: vec![0.5],
-            targets: vec![Target::Preview, Target::Draft, Target::Default],
+            presets: vec![Quality::Draft, Quality::Standard, Quality::High],
             splat: vec![(125.0, 8)],
             splat_options: false,
         }
@@ -401,7 +403,7 @@ impl Ladder {
             setting.run_config(&RunConfig::default()).map_or(Ok(()), |config| config.check())?;
             add(setting);
         }
-        self.targets.iter().for_each(|target| add(Setting::auto(*target)));
+        self.presets.iter().for_each(|quality| add(Setting::quality(*quality)));
         for &(keyframe_hz, steps) in &self.splat {
             let splat = SplatConfig { keyframe_hz, steps, ..SplatConfig::default() };
             splat.check()?;
@@ -475,10 +477,10 @@ mod tests {
         assert_eq!(labels.len(), before, "labels tell settings apart");
         let named: Vec<_> = all.iter().filter_map(|s| s.published.as_deref()).collect();
         assert_eq!(named, ["EVIS 1000 Hz", "EVIS 250×4", "EVIS 125×8", "EVIS 40×8", "EVIS 30×8"]);
-        let auto = Setting::auto(Target::Draft);
-        assert_eq!((auto.label(), auto.run_flags()), ("auto draft".into(), "--target draft".into()));
+        let draft = Setting::quality(Quality::Draft);
+        assert_eq!((draft.label(), draft.run_flags()), ("draft".into(), "--quality draft".into()));
         let ran = RunConfig { rate_hz: 4000.0, samples: 4, ..RunConfig::default() };
-        let settled = auto.settled(&ran, 700.0);
+        let settled = draft.settled(&ran, 700.0);
         assert_eq!((settled.rate_hz, settled.rendered_hz, settled.samples), (4000.0, 700.0, 4));
         let adaptive = Setting::adaptive(0.5, 2000.0, 4);
         assert_eq!(adaptive.label(), "0.5 px up to 2000 Hz ×4");

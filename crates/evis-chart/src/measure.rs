@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use evis_core::Event;
 use evis_core::fnv::Fnv;
 use evis_core::metric::Score;
-use evis_render::{Gpu, RunConfig, Simulator};
+use evis_render::{Gpu, RunConfig, Simulator, quality};
 use evis_scene::Scene;
 
 use crate::error::ChartError;
@@ -65,7 +65,6 @@ pub fn measure(
     let total = series.runs.iter().map(work).sum::<f64>() * series.repetitions as f64;
     let mut done = 0.0;
     let mut points: Vec<Point> = Vec::with_capacity(series.runs.len());
-    // What `auto` chooses is chosen once.
     let mut settled: Vec<RunConfig> = Vec::with_capacity(series.runs.len());
     for repetition in 0..series.repetitions {
         for (index, entry) in series.runs.iter().enumerate() {
@@ -108,10 +107,7 @@ impl Point {
                 found,
             });
         }
-        // Choosing is part of what `auto` sets up, and was done the first time.
-        if self.setting.target.is_none() {
-            self.setup_ms = self.setup_ms.min(run.setup_ms);
-        }
+        self.setup_ms = self.setup_ms.min(run.setup_ms);
         self.wall_ms_per_s.push(run.wall_ms_per_s);
         Ok(())
     }
@@ -122,7 +118,9 @@ fn run(series: &Series<'_>, config: &RunConfig, progress: &dyn Fn(f64) -> bool) 
         return Err(ChartError::Stopped);
     }
     let started = Instant::now();
-    let simulator = Simulator::new(series.gpu, Arc::clone(&series.scene), config.clone())?;
+    let mut config = config.clone();
+    quality::settle(series.gpu, &series.scene, &mut config)?;
+    let simulator = Simulator::new(series.gpu, Arc::clone(&series.scene), config)?;
     let setup = started.elapsed();
 
     let settled = simulator.config().clone();

@@ -93,8 +93,7 @@ pub struct TruthNote {
 pub struct Point {
     /// What was run.
     pub setting: Setting,
-    /// Least milliseconds of preparation: pipelines and uploads, no part of the cost. Of `auto` those of the first run, which
-    /// has to choose.
+    /// Least milliseconds of preparation: pipelines and uploads, no part of the cost.
     pub setup_ms: f64,
     /// Wall milliseconds of work per simulated second, one per repetition.
     pub wall_ms_per_s: Vec<f64>,

@@ -27,7 +27,7 @@ fn tiny() -> ChartSettings {
             most_samples_hz: None,
             published: true,
             adaptive_px: vec![1.0],
-            targets: vec![evis_render::Target::Draft],
+            presets: vec![evis_render::Quality::Draft],
             splat: vec![],
             splat_options: false,
         },

@@ -53,13 +53,13 @@ fn what_moves_on_its_own_is_told_from_what_does_not() {
 }
 
 #[test]
-fn auto_keeps_near_native() {
+fn the_high_preset_keeps_near_native() {
     let failures =
         ["keyframe-burst", "disocclusion", "thin-fast", "edge-ramp", "shadows", "depth", "cut", "refractory"];
-    let Some(report) = suite(&["native", "auto"], &failures) else { return };
+    let Some(report) = suite(&["native", "high"], &failures) else { return };
     // Canary: native's own claim of its distance to itself does not hold for a stream that misses the ball.
-    let promise = limit("thin-fast", "auto").unwrap();
-    let missed = Cell { f1: Some(0.65), ..report.cell("thin-fast", "auto").unwrap().clone() };
+    let promise = limit("thin-fast", "high").unwrap();
+    let missed = Cell { f1: Some(0.65), ..report.cell("thin-fast", "high").unwrap().clone() };
     let native = report.cell("thin-fast", "native").unwrap().f1;
     assert!(
         !promise.faults(&missed, native).is_empty(),

@@ -8,7 +8,7 @@ use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
 use evis_core::{ConfigError, ExposureShape, Interpolation, LabelKind, Transfer, TriggerRule};
-use evis_render::{Antialias, Between, Carrier, Motion, Shadows, SplatConfig, Target};
+use evis_render::{Antialias, Between, Carrier, Motion, Quality, Shadows, SplatConfig};
 use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -38,6 +38,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Simulate a scene and write its events, labels and poses to an HDF5 file.
     Run(Box<RunArgs>),
+    /// Find the cheapest settings that are accurate enough on a scene, for `run --settings`.
+    Tune(Box<TuneArgs>),
     /// Turn a film, a folder of pictures or an array of frames into events, and write them to an HDF5 file.
     Video(Box<VideoArgs>),
     /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4).
@@ -92,19 +94,13 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
     pub(crate) size: Option<(u32, u32)>,
 
-    /// How near to the truth --method auto shall come [default: default].
+    /// Fixed settings, the same for every scene [default: standard, unless sampling is set by hand].
     #[arg(long, value_enum)]
-    pub(crate) target: Option<TargetArg>,
+    pub(crate) quality: Option<QualityArg>,
 
-    /// Instead of a --target: the most accurate settings that take at most so many milliseconds of work per simulated
-    /// second here. They are timed on the scene first.
-    #[arg(long, value_name = "MS", allow_hyphen_values = true, conflicts_with = "target")]
-    pub(crate) budget: Option<f64>,
-
-    /// Where --target or --budget keeps what it found. A file that is there is run again, without looking at the scene or
-    /// timing anything: the same events. It must be for the same --target or --budget, where one is given.
-    #[arg(long, value_name = "PLAN.toml")]
-    pub(crate) plan: Option<PathBuf>,
+    /// Settings from `tune`, or those of a recording (.h5); flags override them.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) settings: Option<PathBuf>,
 
     /// Sampled instants per second, for --method native [default: 1000].
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
@@ -123,8 +119,7 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "N", value_parser = sample_count, allow_hyphen_values = true)]
     pub(crate) samples: Option<u32>,
 
-    /// How an instant is sampled [default: auto; native where --rate, --adaptive, --between, --samples, --aa or
-    /// --texture-taps is given].
+    /// How instants are sampled [default: native].
     #[arg(long, value_enum)]
     pub(crate) method: Option<MethodArg>,
 
@@ -188,7 +183,7 @@ pub(crate) struct RunArgs {
     pub(crate) aa: Option<AntialiasArg>,
 
     /// maps: by shadow maps, soft by a texel; rays: along borders by rays, as sharp as the casters, up to twice the work
-    /// [default: what auto chooses; maps without it].
+    /// [default: the preset's; maps without one].
     #[arg(long, value_enum)]
     pub(crate) shadows: Option<ShadowsArg>,
 
@@ -277,22 +272,6 @@ pub(crate) struct SplatArgs {
     pub(crate) fill: Option<f32>,
 }
 
-impl RunArgs {
-    /// The first flag that was given which sets by hand what `auto` chooses.
-    pub(crate) fn sampling_flag(&self) -> Option<&'static str> {
-        [
-            (self.rate.is_some(), "--rate"),
-            (self.adaptive.is_some(), "--adaptive"),
-            (self.between.is_some(), "--between"),
-            (self.samples.is_some(), "--samples"),
-            (self.aa.is_some(), "--aa"),
-            (self.texture_taps.is_some(), "--texture-taps"),
-        ]
-        .into_iter()
-        .find_map(|(given, flag)| given.then_some(flag))
-    }
-}
-
 impl SplatArgs {
     /// `base` with what was given.
     pub(crate) fn over(&self, base: SplatConfig) -> SplatConfig {
@@ -331,6 +310,57 @@ impl SplatArgs {
         .into_iter()
         .find_map(|(given, flag)| given.then_some(flag))
     }
+}
+
+/// `tune`.
+#[derive(Debug, Args)]
+pub(crate) struct TuneArgs {
+    /// A built-in scene (see `scenes`), or a .toml, .gltf or .glb file.
+    pub(crate) scene: String,
+
+    /// The settings file to write.
+    #[arg(short, long, value_name = "SETTINGS.toml")]
+    pub(crate) output: PathBuf,
+
+    /// F1 within 1 ms, beside much finer settings, that is enough.
+    #[arg(long, value_name = "F1", default_value_t = 0.98, allow_hyphen_values = true)]
+    pub(crate) target_f1: f64,
+
+    /// Milliseconds of work per simulated second that are allowed; candidates are timed [default: no limit].
+    #[arg(long, value_name = "MS", allow_hyphen_values = true)]
+    pub(crate) budget: Option<f64>,
+
+    /// A camera to render; repeat for several [default: all].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Vec<String>,
+
+    /// Pixels of every camera [default: the camera's own, else 640x480, or its aspect at 480 lines].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// How fast everything in the scene moves and changes [default: 1].
+    #[arg(long, value_name = "FACTOR", value_parser = speed, allow_hyphen_values = true)]
+    pub(crate) speed: Option<f64>,
+
+    /// Scene time in seconds at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Sensor whose thresholds count: a preset or a TOML file [default: what the scene gives each camera, else ideal].
+    #[arg(long, value_name = "[CAMERA=]PRESET|FILE")]
+    pub(crate) sensor: Vec<String>,
+
+    /// Shadows by maps or by rays [default: whatever is accurate enough].
+    #[arg(long, value_enum)]
+    pub(crate) shadows: Option<ShadowsArg>,
+
+    /// Device, by its index or a part of its name (see `devices`) [default: the fastest kind].
+    #[arg(long, value_name = "DEVICE")]
+    pub(crate) device: Option<String>,
+
+    /// Replace the output if it exists.
+    #[arg(long)]
+    pub(crate) force: bool,
 }
 
 /// `video`.
@@ -535,7 +565,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_published: bool,
 
-    /// Leave out adaptive time and `auto`.
+    /// Leave out adaptive time and the presets.
     #[arg(long)]
     pub(crate) no_adaptive: bool,
 
@@ -898,9 +928,7 @@ pub(crate) struct ListArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MethodArg {
-    /// Method, rate and samples are chosen for --target.
-    Auto,
-    /// Every instant is rendered.
+    /// Instants are rendered.
     Native,
     /// Keyframes are rendered; what lies between is splatted from both.
     Splat,
@@ -909,29 +937,24 @@ pub(crate) enum MethodArg {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum TargetArg {
-    /// Cheap, and nothing is promised: where something has moved by half a pixel, 16 samples of outlines, 4 of light.
-    Preview,
-    /// The cheapest settings whose events agree with much finer ones in some tiles of the scene by an F1 (1 ms) of 0.95.
+pub(crate) enum QualityArg {
+    /// A sample per pixel of motion, 16 coverage samples.
     Draft,
-    /// The same for an F1 of 0.98.
-    Default,
-    /// The cheapest that are as near to much finer ones as --method native --rate 2000 --samples 16 is there: in F1 (100
-    /// us) and in median time error.
-    Exact,
-    /// Where something has moved by 0.15 pixels, 256 samples of outlines, 64 of light; shadows by rays where the scene
-    /// allows them.
-    Finest,
+    /// A sample per half pixel of motion, 16 coverage samples.
+    Standard,
+    /// A sample per 0.3 pixels of motion, 144 coverage samples, shadow rays where the scene allows them.
+    High,
+    /// A sample per 0.15 pixels of motion, 256 coverage samples, shadow rays where the scene allows them.
+    Reference,
 }
 
-impl From<TargetArg> for Target {
-    fn from(target: TargetArg) -> Self {
-        match target {
-            TargetArg::Preview => Self::Preview,
-            TargetArg::Draft => Self::Draft,
-            TargetArg::Default => Self::Default,
-            TargetArg::Exact => Self::Exact,
-            TargetArg::Finest => Self::Finest,
+impl From<QualityArg> for Quality {
+    fn from(quality: QualityArg) -> Self {
+        match quality {
+            QualityArg::Draft => Self::Draft,
+            QualityArg::Standard => Self::Standard,
+            QualityArg::High => Self::High,
+            QualityArg::Reference => Self::Reference,
         }
     }
 }

@@ -168,7 +168,7 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
     }
     if args.no_adaptive {
         ladder.adaptive_px.clear();
-        ladder.targets.clear();
+        ladder.presets.clear();
     }
     ladder.edges &= !args.no_edges;
     ladder.published &= !args.no_published;

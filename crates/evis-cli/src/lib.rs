@@ -16,8 +16,10 @@ mod run;
 mod scene_source;
 mod score;
 mod sensor_source;
+mod settings_source;
 mod text;
 mod truth;
+mod tune;
 mod verify;
 mod video;
 
@@ -41,6 +43,7 @@ pub fn run(args: Vec<String>) -> i32 {
     };
     let done = match cli.command {
         Command::Run(args) => run::run(&args),
+        Command::Tune(args) => tune::tune(&args),
         Command::Video(args) => video::video(&args),
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),

@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, LabelKind, SensorConfig, TriggerRule};
-use evis_render::plan::Goal;
+use evis_render::settings::SettingsFile;
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
-    Antialias, Between, DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Shadows,
-    Simulator, SplatConfig, StageTimes, Target, scene_sensors,
+    Antialias, DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Shadows,
+    SamplingRequest, Simulator, SplatConfig, StageTimes, scene_sensors,
 };
 use evis_scene::{Scene, SceneState};
 use serde::Serialize;
@@ -20,8 +20,8 @@ use serde::Serialize;
 use crate::args::{self, MethodArg, RunArgs};
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
-use crate::progress::{Progress, WHOLE};
-use crate::{scene_source, sensor_source, text};
+use crate::progress::Progress;
+use crate::{scene_source, sensor_source, settings_source, text};
 
 /// Packets are this long; the stream's bytes do not depend on it.
 const PACKET_US: i64 = 10_000;
@@ -41,20 +41,17 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     // Everything that can be refused is refused before a file is touched: the cheap checks first.
     check_output(&args.output)?;
     let mut taken = vec![("--output", args.output.as_path()), ("the scene", Path::new(&args.scene))];
-    if let Some(plan) = &args.plan {
-        check_apart(plan, "--plan", &taken)?;
-        if !plan.exists() {
-            check_parent(plan, "--plan")?;
-        }
-        taken.push(("--plan", plan));
-    }
+    taken.extend(args.settings.as_deref().map(|settings| ("--settings", settings)));
     if let Some(report) = &args.report {
         check_report(report, args.force, &taken)?;
     }
     let asked = sensor_source::asked(&args.sensor)?;
-    let for_all = asked.all.is_some();
-    let mut config = config(args, asked)?;
+    let settings = args.settings.as_deref().map(settings_source::load).transpose()?;
+    // A recording's settings hold every camera's sensor.
+    let for_all = asked.all.is_some() || settings.as_ref().is_some_and(|file| file.gives("sensor"));
+    let (mut config, sampling) = config(args, settings, asked)?;
     config.check()?;
+    sampling.check()?;
     let scene = scene_source::load(&args.scene, config.seed, args.speed)?;
     for name in config.cameras.iter().chain(config.sensors.keys()) {
         scene.camera(name)?;
@@ -82,14 +79,8 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let gpu = Gpu::open(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let device = gpu.summary().clone();
     let scene = Arc::new(scene);
-    if matches!(config.method, Method::Auto(_)) {
-        if !settle(args, &gpu, &scene, &mut config)? {
-            text::complain("interrupted; nothing was written");
-            return Ok(EXIT_INTERRUPTED);
-        }
-        for warning in config.chosen.iter().filter_map(|chosen| chosen.warning.clone()) {
-            warnings.add(warning);
-        }
+    for note in sampling.apply(&gpu, &scene, &mut config)? {
+        text::complain(&format!("quality: {note}"));
     }
     let simulator = Simulator::new(&gpu, scene, config)?;
     let settings = Settings {
@@ -142,22 +133,6 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
 }
 
-/// Settles what `auto` renders; false where it was interrupted.
-fn settle(args: &RunArgs, gpu: &Gpu, scene: &Arc<Scene>, config: &mut RunConfig) -> anyhow::Result<bool> {
-    let interrupt = Interrupt::listen();
-    let progress = Progress::new(WHOLE);
-    let told = |what: &str, part: f64| {
-        progress.part(&format!("auto tries {what}"), part);
-        !interrupt.asked()
-    };
-    // One of them at most; without any, a plan is for what it was made for.
-    let goal = args.budget.map(Goal::Budget).or(args.target.map(|target| Goal::Target(Target::from(target))));
-    match evis_render::plan::settle(gpu, scene, config, goal, args.plan.as_deref(), &told) {
-        Err(EngineError::Stopped) => Ok(false),
-        settled => Ok(settled.map(|()| true)?),
-    }
-}
-
 /// Single settings of the sensor, over what preset, file or scene say.
 fn adjust(args: &RunArgs, sensor: &mut SensorConfig) {
     let set = |to: &mut f32, from: Option<f32>| *to = from.unwrap_or(*to);
@@ -172,38 +147,49 @@ fn adjust(args: &RunArgs, sensor: &mut SensorConfig) {
     }
 }
 
-/// The run's settings: flags over defaults.
-fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConfig> {
-    let mut config = RunConfig { method: method(args)?, ..RunConfig::default() };
-    config.sensors = asked.of;
+/// The run's settings, flags over a settings file's or defaults, and what is asked of sampling.
+fn config(
+    args: &RunArgs,
+    settings: Option<SettingsFile>,
+    asked: sensor_source::Asked,
+) -> anyhow::Result<(RunConfig, SamplingRequest)> {
+    let mut config = settings.map_or_else(RunConfig::default, SettingsFile::into_config);
+    let method = method(args)?;
+    config.sensors.extend(asked.of);
     if let Some(sensor) = asked.all {
         config.sensor = sensor;
     } else if args.method == Some(MethodArg::EvisPaper) {
         config.sensor.trigger = TriggerRule::Latch;
         config.sensor.log_eps = EVIS_PAPER_LOG_EPS;
     }
-    let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
-    set(&mut config.rate_hz, args.rate);
-    set(&mut config.label_rate_hz, args.label_rate);
     for sensor in config.sensors.values_mut().chain([&mut config.sensor]) {
         adjust(args, sensor);
     }
-    if let Some(antialias) = args.aa {
-        config.antialias = antialias.into();
+    let sampling = SamplingRequest {
+        quality: args.quality.map(Into::into),
+        from_settings: args.settings.is_some(),
+        method,
+        rate_hz: args.rate,
+        adaptive_px: args.adaptive,
+        between: args.between.map(Into::into),
+        samples: args.samples,
+        antialias: args.aa.map(Into::into),
+        texture_taps: args.texture_taps,
+        shadows: args.shadows.map(Into::into),
+    };
+    config.shadow_map = args.shadow_map.or(config.shadow_map);
+    if !args.camera.is_empty() {
+        config.cameras.clone_from(&args.camera);
     }
-    config.adaptive_px = args.adaptive;
-    config.between = args.between.map_or(config.between, Into::into);
-    config.texture_taps = args.texture_taps;
-    config.shadow_map = args.shadow_map;
-    config.shadows = args.shadows.map(Into::into);
-    config.samples = args.samples.unwrap_or(config.samples);
-    config.cameras.clone_from(&args.camera);
-    config.size = args.size;
-    config.start_us = to_us(args.start.unwrap_or(0.0));
+    config.size = args.size.or(config.size);
+    config.start_us = args.start.map_or(config.start_us, to_us);
     config.seed = args.seed.unwrap_or(config.seed);
-    config.labels = args::label_kinds(&args.labels);
-    config.reference_luminance = args.reference_luminance;
-    config.frame_rate_hz = args.frame_rate;
+    if !args.labels.is_empty() {
+        config.labels = args::label_kinds(&args.labels);
+    }
+    config.label_rate_hz = args.label_rate.unwrap_or(config.label_rate_hz);
+    config.reference_luminance = args.reference_luminance.or(config.reference_luminance);
+    config.frame_rate_hz = args.frame_rate.or(config.frame_rate_hz);
     if let Some(exposure_ms) = args.exposure_ms {
         if args.frame_rate.is_none() {
             return Err(bad_input(format!(
@@ -215,51 +201,33 @@ fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConf
         if config.exposure_us < 2 {
             return Err(bad_input(format!("--exposure-ms {exposure_ms}: the shortest exposure is 0.002 ms")));
         }
-    } else {
+    } else if args.frame_rate.is_some() {
         config.exposure_us = RunConfig::usual_exposure_us(args.frame_rate);
     }
     if args.exposure_shape.is_some() && args.frame_rate.is_none() {
         return Err(bad_input("--exposure-shape exposes no frame; add --frame-rate HZ"));
     }
-    config.exposure_shape = args.exposure_shape.clone().unwrap_or_default();
-    if config.between == Between::Curve && config.adaptive_px.is_none() {
-        return Err(bad_input("--between curve runs from look to look of adaptive time; add --adaptive PX"));
+    if let Some(shape) = &args.exposure_shape {
+        config.exposure_shape = shape.clone();
     }
-    Ok(config)
+    if args.between.is_some() && args.adaptive.is_none() && args.quality.is_none() && args.settings.is_none() {
+        return Err(bad_input("--between: tiles are sampled at rates of their own only with --adaptive PX; add it"));
+    }
+    Ok((config, sampling))
 }
 
-/// The method with its flags; flags of another method are refused, they would be ignored.
-fn method(args: &RunArgs) -> anyhow::Result<Method> {
-    let own = args.sampling_flag();
-    let asked = args.method.unwrap_or(if own.is_some() { MethodArg::Native } else { MethodArg::Auto });
-    let goal = (args.target.map(|target| format!("--target {}", Target::from(target).name())))
-        .or_else(|| args.budget.map(|ms| format!("--budget {ms}")))
-        .or_else(|| args.plan.as_ref().map(|plan| format!("--plan {}", plan.display())));
-    if let Some(goal) = goal.filter(|_| !matches!(asked, MethodArg::Auto)) {
-        let remedy = match own.filter(|_| args.method.is_none()) {
-            Some(flag) => format!("leave out {flag}, which sets sampling by hand"),
-            None => "leave out --method, or say --method auto".into(),
-        };
-        return Err(bad_input(format!("{goal}: only auto has targets, budgets and plans; {remedy}")));
-    }
-    let base = match asked {
-        MethodArg::Auto | MethodArg::Native if let Some(flag) = args.splat.given() => {
+/// The method with its flags, if one is given; flags of another method are refused, they would be ignored.
+fn method(args: &RunArgs) -> anyhow::Result<Option<Method>> {
+    let base = match args.method {
+        None | Some(MethodArg::Native) if let Some(flag) = args.splat.given() => {
             return Err(bad_input(format!(
                 "{flag} needs keyframes; add --method splat or --method evis-paper"
             )));
         }
-        MethodArg::Auto => {
-            return match own {
-                None => Ok(Method::Auto(args.target.map_or_else(Target::default, Target::from))),
-                Some(flag) => Err(bad_input(format!(
-                    "{flag}: --method auto chooses that itself; say --method native to set it, or --target for how near \
-                     to the truth it shall come"
-                ))),
-            };
-        }
-        MethodArg::Native => return Ok(Method::Native),
-        MethodArg::Splat => SplatConfig::default(),
-        MethodArg::EvisPaper => {
+        None => return Ok(None),
+        Some(MethodArg::Native) => return Ok(Some(Method::Native)),
+        Some(MethodArg::Splat) => SplatConfig::default(),
+        Some(MethodArg::EvisPaper) => {
             let SplatConfig { keyframe_hz, steps, .. } = SplatConfig::default();
             SplatConfig::evis_paper(keyframe_hz, steps)
         }
@@ -269,7 +237,7 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
             "--rate {rate}: a method with keyframes has --keyframe-rate times --steps instants per second; give those"
         )));
     }
-    Ok(Method::Splat(args.splat.over(base)))
+    Ok(Some(Method::Splat(args.splat.over(base))))
 }
 
 pub(crate) fn to_us(seconds: f64) -> i64 {
@@ -756,13 +724,8 @@ impl Report {
                     );
                 }
                 line += &format!("{instants} instants");
-                if let Some(chosen) = &run.chosen {
-                    line += &format!(
-                        "\n                   chosen by auto for {}: {}\n                   expects {}",
-                        chosen.asked(),
-                        chosen.why,
-                        chosen.expects
-                    );
+                if let Some(quality) = run.quality {
+                    line += &format!("\n                   quality {}: {}", quality.name(), quality.measured());
                 }
                 line
             }

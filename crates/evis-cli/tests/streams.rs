@@ -47,83 +47,8 @@ fn a_scene_becomes_a_recording() {
 }
 
 #[test]
-fn auto_says_what_it_chose_and_the_same_by_hand_gives_the_same_bytes() {
-    let folder = Folder::new("auto");
-    if no_device(&folder) {
-        return;
-    }
-    let run = |name: &str, arguments: &str| {
-        let line = format!("run spinner -o {name}.h5 --size 64x48 --duration 0.05 --json {arguments}");
-        let output = evis(&folder, &line);
-        assert_eq!(code(&output), 0, "{}", stderr(&output));
-        json(&output)
-    };
-    let chosen = run("auto", "--target draft");
-    let settings = &chosen["settings"]["run"];
-    assert_eq!(settings["chosen"]["target"], "draft");
-    assert!(settings["chosen"]["why"].as_str().unwrap().contains("px/s"), "{settings}");
-    assert!(chosen["drawn_pixels"].as_u64().unwrap() > 0);
-    let (rate, step, taps) = (&settings["rate_hz"], &settings["adaptive_px"], &settings["texture_taps"]);
-    let by_hand = run(
-        "hand",
-        &format!(
-            "--rate {rate} --adaptive {step} --between curve --aa edges --samples {} --texture-taps {taps}",
-            settings["samples"]
-        ),
-    );
-    assert!(by_hand["settings"]["run"]["chosen"].is_null());
-    assert_eq!((&chosen["events"], &chosen["on"]), (&by_hand["events"], &by_hand["on"]));
-    let finer = run("finer", "");
-    assert_eq!(finer["settings"]["run"]["chosen"]["target"], "default");
-    assert!(finer["settings"]["run"]["samples"].as_u64() > settings["samples"].as_u64());
-    let text = evis(&folder, "run spinner -o text.h5 --size 64x48 --duration 0.02 --target draft");
-    let text = String::from_utf8_lossy(&text.stdout).into_owned();
-    assert!(text.contains("chosen by auto for draft") && text.contains("expects F1"), "{text}");
-}
-
-#[test]
-fn a_budget_is_timed_once_and_its_plan_runs_again_to_the_same_events() {
-    let folder = Folder::new("budget");
-    if no_device(&folder) {
-        return;
-    }
-    let line = |name: &str, arguments: &str| {
-        format!("run spinner -o {name}.h5 --size 48x36 --duration 0.05 --json {arguments}")
-    };
-    let run = |name: &str, arguments: &str| {
-        let output = evis(&folder, &line(name, arguments));
-        assert_eq!(code(&output), 0, "{}", stderr(&output));
-        json(&output)
-    };
-    // Nothing is as cheap: the fewest settings are timed.
-    let first = run("first", "--budget 0.001 --plan plan.toml");
-    let warnings = first["warnings"].to_string();
-    assert!(warnings.contains("nothing fits 0.001 ms"), "{warnings}");
-    let plan = std::fs::read_to_string(folder.file("plan.toml")).unwrap();
-    assert!(plan.contains("budget_ms = 0.001") && plan.contains("[[measured]]"), "{plan}");
-    let again = run("again", "--plan plan.toml");
-    assert_eq!(std::fs::read_to_string(folder.file("plan.toml")).unwrap(), plan);
-    assert_eq!(again["settings"], first["settings"]);
-    assert!(again["settings"]["run"]["chosen"]["why"].as_str().unwrap().contains("px/s"));
-    assert_eq!((&again["events"], &again["on"]), (&first["events"], &first["on"]));
-    assert_ne!(run("other", "--target draft")["events"], first["events"], "canary");
-
-    let refused = |arguments: &str, told: &[&str]| {
-        let output = evis(&folder, &line("no", arguments));
-        let text = stderr(&output);
-        assert_eq!(code(&output), 2, "{arguments}: {text}");
-        assert!(told.iter().all(|part| text.contains(part)), "{arguments}: {text}");
-    };
-    refused("--plan plan.toml --frame-rate 50", &["plan.toml", "frames at none", "50 Hz"]);
-    refused("--plan plan.toml --budget 70", &["plan.toml", "0.001", "70"]);
-    refused("--plan plan.toml --target exact", &["plan.toml", "a budget of 0.001 ms", "the target exact"]);
-    std::fs::write(folder.file("plan.toml"), plan.replace("samples = ", "samples = 1")).unwrap();
-    refused("--plan plan.toml", &["plan.toml", "its times ask for", "give a budget"]);
-}
-
-#[test]
-fn a_target_is_looked_for_once_and_its_plan_runs_again_to_the_same_events() {
-    let folder = Folder::new("target-plan");
+fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes() {
+    let folder = Folder::new("quality");
     if no_device(&folder) {
         return;
     }
@@ -135,32 +60,83 @@ fn a_target_is_looked_for_once_and_its_plan_runs_again_to_the_same_events() {
         assert_eq!(code(&output), 0, "{}", stderr(&output));
         json(&output)
     };
-    let read = |plan: &str| std::fs::read_to_string(folder.file(plan)).unwrap();
-    let first = run("first", "--target draft --plan plan.toml");
-    let plan = read("plan.toml");
-    assert!(plan.contains("target = \"draft\"") && plan.contains("[[looked.tried]]"), "{plan}");
-    // By its own target or without any; a run that is given none looks for the default.
-    for (name, arguments) in [("same", "--target draft --plan plan.toml"), ("alone", "--plan plan.toml")] {
-        let again = run(name, arguments);
-        assert_eq!((read("plan.toml"), &again["settings"]), (plan.clone(), &first["settings"]));
-        assert_eq!((&again["events"], &again["on"]), (&first["events"], &first["on"]));
-    }
-    let usual = run("usual", "--plan usual.toml");
-    assert!(read("usual.toml").contains("target = \"default\""));
-    let samples = |run: &serde_json::Value| run["settings"]["run"]["samples"].as_u64();
-    assert!(samples(&usual) > samples(&first), "canary");
+    let counts = |run: &serde_json::Value| (run["events"].clone(), run["on"].clone());
+    // What stands first is what a run takes without a word.
+    let standard = run("standard", "");
+    let settings = &standard["settings"]["run"];
+    assert_eq!(settings["quality"], "standard");
+    assert!(standard["drawn_pixels"].as_u64().unwrap() > 0 && standard["events"].as_u64().unwrap() > 100);
+    let (rate, step, taps) = (&settings["rate_hz"], &settings["adaptive_px"], &settings["texture_taps"]);
+    let by_hand = run(
+        "hand",
+        &format!(
+            "--rate {rate} --adaptive {step} --between curve --aa edges --samples {} --texture-taps {taps}",
+            settings["samples"]
+        ),
+    );
+    assert!(by_hand["settings"]["run"]["quality"].is_null());
+    assert_eq!(counts(&by_hand), counts(&standard));
+    let draft = run("draft", "--quality draft --threshold-on 0.3 --seed 5");
+    assert_ne!(counts(&draft), counts(&standard), "canary");
+    // Flags stand over a recording's settings.
+    let again = run("again", "--settings draft.h5");
+    assert_eq!(again["settings"]["run"], draft["settings"]["run"]);
+    assert_eq!(counts(&again), counts(&draft));
+    let finer = run("finer", "--settings draft.h5 --samples 36");
+    assert_eq!(finer["settings"]["run"]["samples"], 36);
+    assert_eq!(finer["settings"]["run"]["seed"], 5);
+    let over = run("over", "--quality draft --samples 36");
+    assert_eq!(over["settings"]["run"]["adaptive_px"], draft["settings"]["run"]["adaptive_px"]);
+    assert!(over["settings"]["run"]["quality"].is_null(), "not the preset's own settings any more");
+    let text = evis(&folder, "run spinner -o text.h5 --size 64x48 --duration 0.02");
+    let text = String::from_utf8_lossy(&text.stdout).into_owned();
+    assert!(text.contains("quality standard") && text.contains("F1 (1 ms)"), "{text}");
 
-    let refused = |arguments: &str, told: &[&str]| {
+    let refused = |arguments: &str, wanted: &[&str]| {
         let output = evis(&folder, &line("no", arguments));
         let text = stderr(&output);
         assert_eq!(code(&output), 2, "{arguments}: {text}");
-        assert!(told.iter().all(|part| text.contains(part)), "{arguments}: {text}");
+        assert!(wanted.iter().all(|part| text.contains(part)), "{arguments}: {text}");
     };
-    refused("--plan plan.toml --target default", &["plan.toml", "the target draft", "the target default"]);
-    refused("--plan plan.toml --budget 70", &["plan.toml", "the target draft", "a budget of 70 ms"]);
-    refused("--plan plan.toml --threshold-on 0.3", &["plan.toml", "0.2 ON", "0.3 ON"]);
-    std::fs::write(folder.file("plan.toml"), plan.replace("f1_1ms = 0.", "f1_1ms = 1.")).unwrap();
-    refused("--plan plan.toml", &["plan.toml", "F1 (1 ms) of", "is 1.", "give a budget or a target"]);
+    std::fs::write(folder.file("other.toml"), "evis = \"7.1.0\"\n[run]\nsamples = 3\n").unwrap();
+    std::fs::write(folder.file("none.toml"), "colour = 3\n").unwrap();
+    let version = env!("CARGO_PKG_VERSION");
+    std::fs::write(folder.file("typo.toml"), format!("evis = \"{version}\"\n[run]\nsample = 3\n")).unwrap();
+    refused("--settings other.toml", &["other.toml", "7.1.0", version]);
+    refused("--settings none.toml", &["none.toml", "evis tune"]);
+    refused("--settings typo.toml", &["typo.toml", "sample"]);
+    refused("--settings gone.toml", &["gone.toml"]);
+    refused("--settings draft.h5 --quality high", &["quality", "high", "settings file"]);
+    refused("--quality high --method splat", &["quality", "high", "splat"]);
+}
+
+#[test]
+fn tune_writes_settings_that_run_takes() {
+    let folder = Folder::new("tune");
+    if no_device(&folder) {
+        return;
+    }
+    let output = evis(&folder, "tune spinner -o found.toml --size 96x72 --target-f1 0.6");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(text.contains("* ") && text.contains("whole samples") && text.contains("found.toml"), "{text}");
+    let found = std::fs::read_to_string(folder.file("found.toml")).unwrap();
+    assert!(found.starts_with("# Found by") && found.contains("adaptive_px"), "{found}");
+    let run = evis(&folder, "run spinner -o a.h5 --size 96x72 --duration 0.02 --json --settings found.toml");
+    assert_eq!(code(&run), 0, "{}", stderr(&run));
+    let settings = &json(&run)["settings"]["run"];
+    assert!(settings["quality"].is_null() && settings["adaptive_px"].as_f64().is_some(), "{settings}");
+    for (arguments, wanted) in [
+        ("tune spinner -o found.toml", &["found.toml", "--force"][..]),
+        ("tune spinner -o found.h5", &["found.h5", ".toml"]),
+        ("tune spinner -o b.toml --target-f1 1.5", &["target_f1", "1.5", "0.98"]),
+        ("tune spinner -o b.toml --budget 0", &["budget", "0", "above 0"]),
+    ] {
+        let output = evis(&folder, arguments);
+        let text = stderr(&output);
+        assert_eq!(code(&output), 2, "{arguments}: {text}");
+        assert!(wanted.iter().all(|part| text.contains(part)), "{arguments}: {text}");
+    }
 }
 
 #[test]

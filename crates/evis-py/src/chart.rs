@@ -76,7 +76,7 @@ pub(crate) fn chart(
             most_samples_hz,
             published,
             adaptive_px: if adaptive { usual.adaptive_px } else { Vec::new() },
-            targets: if adaptive { usual.targets } else { Vec::new() },
+            presets: if adaptive { usual.presets } else { Vec::new() },
             splat: if splat { usual.splat } else { Vec::new() },
             splat_options: splat && usual.splat_options,
         },

@@ -3,8 +3,10 @@
 use std::path::Path;
 use std::time::Duration;
 
+use evis_core::format::hdf5::Recording;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity};
-use evis_render::{Antialias, Between, DeviceSummary, EngineError, Method, RunConfig, Shadows, Target};
+use evis_render::settings::SettingsFile;
+use evis_render::{Antialias, Between, DeviceSummary, EngineError, Method, Quality, RunConfig, Shadows};
 use evis_scene::{Image, SceneError};
 use half::f16;
 use pyo3::prelude::*;
@@ -22,19 +24,29 @@ fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, F
     })
 }
 
-/// `auto` for a target (the usual one where none is given), `native`, or `splat` with its settings as JSON.
-pub(crate) fn method(name: &str, splat: Option<&str>, target: Option<&str>) -> Result<Method, Failure> {
+/// The settings in a TOML file, or those that a recording stores.
+pub(crate) fn settings(path: &Path) -> Result<SettingsFile, Failure> {
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_lowercase();
+    if ["h5", "hdf5"].contains(&ending.as_str()) {
+        let recording = Recording::open(path)?;
+        return Ok(SettingsFile::parse(&recording.header().config_toml, &path.display().to_string())?);
+    }
+    Ok(SettingsFile::read(path)?)
+}
+
+/// A quality preset by its name.
+pub(crate) fn quality(name: &str) -> Result<Quality, Failure> {
+    choose("quality", name, &Quality::ALL.map(|quality| (quality.name(), quality)))
+}
+
+/// `native`, or `splat` with its settings as JSON.
+pub(crate) fn method(name: &str, splat: Option<&str>) -> Result<Method, Failure> {
     match (name, splat) {
         ("native", None) => Ok(Method::Native),
-        ("auto", None) => {
-            let targets = Target::ALL.map(|t| (t.name(), t));
-            let asked = target.map(|target| choose("target", target, &targets)).transpose()?;
-            Ok(Method::Auto(asked.unwrap_or_default()))
-        }
         ("splat", Some(json)) => serde_json::from_str(json)
             .map(Method::Splat)
             .map_err(|e| ConfigError::new("method", json, format!("settings that splat has ({e})")).into()),
-        _ => Err(ConfigError::new("method", format!("'{name}'"), "'auto', 'native' or 'splat'").into()),
+        _ => Err(ConfigError::new("method", format!("'{name}'"), "'native' or 'splat'").into()),
     }
 }
 

@@ -60,7 +60,7 @@ impl From<EngineError> for Failure {
             EngineError::Config(error) => error.into(),
             EngineError::Scene(error) => error.into(),
             EngineError::Device(message) => Self::Device(message),
-            EngineError::Write { path, source } => {
+            EngineError::Read { path, source } | EngineError::Write { path, source } => {
                 Self::Io { path: Some(path.display().to_string()), source }
             }
             EngineError::Stopped => Self::Engine(error.to_string()),

@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
 use evis_core::{CameraInfo, ExposureShape};
-use evis_render::plan::Goal;
-use evis_render::{Gpu, Method, PacketStream, RunConfig};
+use evis_render::settings::SettingsFile;
+use evis_render::{Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_sensors};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -28,6 +28,7 @@ pub(crate) struct Simulator {
     environments: usize,
     config: RunConfig,
     scene: String,
+    notes: Vec<String>,
     device: evis_render::DeviceSummary,
     now_us: AtomicI64,
     /// The engine's own: ends a step.
@@ -54,7 +55,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (
-        scene, *, sensor, sensors, method, splat, target, budget_ms, plan, rate_hz, adaptive_px, between, samples, antialias, texture_taps,
+        scene, *, sensor, for_all, sensors, method, splat, quality, settings, rate_hz, adaptive_px, between, samples, antialias, texture_taps,
         shadows, shadow_map, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
         exposure_shape, reference_luminance, device
     ))]
@@ -62,25 +63,25 @@ impl Simulator {
     fn new(
         py: Python<'_>,
         scene: &Scene,
-        sensor: &str,
+        sensor: Option<&str>,
+        for_all: bool,
         sensors: BTreeMap<String, String>,
-        method: &str,
+        method: Option<&str>,
         splat: Option<&str>,
-        target: Option<&str>,
-        budget_ms: Option<f64>,
-        plan: Option<PathBuf>,
-        rate_hz: f64,
+        quality: Option<&str>,
+        settings: Option<PathBuf>,
+        rate_hz: Option<f64>,
         adaptive_px: Option<f64>,
-        between: &str,
-        samples: u32,
-        antialias: &str,
+        between: Option<&str>,
+        samples: Option<u32>,
+        antialias: Option<&str>,
         texture_taps: Option<u32>,
         shadows: Option<&str>,
         shadow_map: Option<u32>,
         cameras: Vec<String>,
         size: Option<(u32, u32)>,
-        start_us: i64,
-        seed: u64,
+        start_us: Option<i64>,
+        seed: Option<u64>,
         labels: Vec<String>,
         label_rate_hz: f64,
         frame_rate_hz: Option<f64>,
@@ -89,55 +90,62 @@ impl Simulator {
         reference_luminance: Option<f32>,
         device: Option<String>,
     ) -> PyResult<Self> {
-        let method = engine::method(method, splat, target)?;
-        let goal = match (budget_ms, &method) {
-            (Some(ms), _) => Some(Goal::Budget(ms)),
-            (None, Method::Auto(asked)) => target.map(|_| Goal::Target(*asked)),
-            (None, _) => None,
-        };
+        let file = settings.as_deref().map(engine::settings).transpose()?;
+        // A recording's settings hold every camera's sensor.
+        let for_all = for_all || file.as_ref().is_some_and(|file| file.gives("sensor"));
+        let base = file.map_or_else(RunConfig::default, SettingsFile::into_config);
         let mut config = RunConfig {
-            sensor: emulator::from_json(sensor)?,
-            sensors: sensors
-                .into_iter()
-                .map(|(camera, json)| Ok((camera, emulator::from_json(&json)?)))
-                .collect::<Result<_, Failure>>()?,
-            adaptive_px,
-            method,
-            chosen: None,
-            rate_hz,
-            between: engine::between(between)?,
-            samples,
-            antialias: engine::antialias(antialias)?,
-            texture_taps,
-            shadows: shadows.map(engine::shadows).transpose()?,
-            shadow_map,
-            cameras,
-            size,
-            start_us,
-            seed,
-            labels: engine::labels(&labels)?,
+            sensor: sensor.map_or(Ok(base.sensor.clone()), emulator::from_json)?,
+            shadow_map: shadow_map.or(base.shadow_map),
+            size: size.or(base.size),
+            start_us: start_us.unwrap_or(base.start_us),
+            seed: seed.unwrap_or(base.seed),
+            reference_luminance: reference_luminance.or(base.reference_luminance),
             label_rate_hz,
             frame_rate_hz,
             exposure_us: exposure_us.unwrap_or_else(|| RunConfig::usual_exposure_us(frame_rate_hz)),
             exposure_shape: exposure_shape.map_or(ExposureShape::Box, ExposureShape::Weights),
-            reference_luminance,
+            labels: engine::labels(&labels)?,
+            ..base
         };
-        config.check().map_err(Failure::from)?;
+        for (camera, json) in sensors {
+            config.sensors.insert(camera, emulator::from_json(&json)?);
+        }
+        if !cameras.is_empty() {
+            config.cameras = cameras;
+        }
+        let sampling = SamplingRequest {
+            quality: quality.map(engine::quality).transpose()?,
+            from_settings: settings.is_some(),
+            method: method.map(|method| engine::method(method, splat)).transpose()?,
+            rate_hz,
+            adaptive_px,
+            between: between.map(engine::between).transpose()?,
+            samples,
+            antialias: antialias.map(engine::antialias).transpose()?,
+            texture_taps,
+            shadows: shadows.map(engine::shadows).transpose()?,
+        };
+        sampling.check().map_err(Failure::from)?;
         let scene = scene.shared();
+        if !for_all {
+            for (camera, sensor) in scene_sensors(&scene, &config.cameras).map_err(Failure::from)? {
+                config.sensors.entry(camera).or_insert(sensor);
+            }
+        }
+        config.check().map_err(Failure::from)?;
         let name = scene.name.clone();
         let stopped = AtomicBool::new(false);
         let prepare = || {
             let gpu = Gpu::open(device.as_deref())?;
-            if matches!(config.method, Method::Auto(_)) || goal.is_some() || plan.is_some() {
-                let told = |_: &str, _: f64| !stopped.load(Ordering::Relaxed);
-                evis_render::plan::settle(&gpu, &scene, &mut config, goal, plan.as_deref(), &told)?;
-            }
+            let notes = sampling.apply(&gpu, &scene, &mut config)?;
             let simulator = evis_render::Simulator::new(&gpu, scene, config)?;
             Ok::<_, Failure>(Self {
                 cameras: simulator.cameras().to_vec(),
                 environments: simulator.environments(),
                 config: simulator.config().clone(),
                 scene: name,
+                notes,
                 device: gpu.summary().clone(),
                 now_us: AtomicI64::new(simulator.now_us()),
                 stop: Arc::clone(simulator.stop()),
@@ -176,11 +184,33 @@ impl Simulator {
         engine::config_toml(&self.scene, self.environments, &self.config).map_err(Into::into)
     }
 
-    /// What `auto` chose, in one line, what it expects, and a warning if there is one; None for other methods.
+    /// What the preset could not have on this scene and device.
     #[getter]
-    fn chosen(&self) -> Option<(String, String, Option<String>)> {
-        let chosen = self.config.chosen.as_ref()?;
-        Some((chosen.why.clone(), chosen.expects.clone(), chosen.warning.clone()))
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+
+    /// The preset in force, if one is.
+    #[getter]
+    fn quality(&self) -> Option<&'static str> {
+        self.config.quality.map(Quality::name)
+    }
+
+    #[getter]
+    const fn seed(&self) -> u64 {
+        self.config.seed
+    }
+
+    /// Scene time of the stream's start.
+    #[getter]
+    const fn start_us(&self) -> i64 {
+        self.config.start_us
+    }
+
+    /// The method's name.
+    #[getter]
+    fn method(&self) -> &'static str {
+        self.config.method.name()
     }
 
     #[getter]

@@ -42,8 +42,7 @@ pub struct AdaptiveRoom {
     drawn_pixels: u64,
     /// Per view: which tiles are looked at; all where there is nothing.
     only: Vec<Vec<bool>>,
-    /// Instead of what poses tell: a test's pace.
-    #[cfg(test)]
+    /// Instead of what poses tell: how often every tile is sampled.
     pub forced: Option<u8>,
 }
 
@@ -151,7 +150,6 @@ impl AdaptiveRoom {
             kept: HashMap::new(),
             drawn_pixels: 0,
             only: Vec::new(),
-            #[cfg(test)]
             forced: None,
         }
     }
@@ -163,10 +161,12 @@ impl AdaptiveRoom {
         self.scratch.push(Layers::new(&context.gpu.device, width, height, samples, self.made));
     }
 
-    /// Forgets what was shown, and looks at the tiles `only` of each view from now on; at all where there is nothing.
-    pub fn begin_again(&mut self, only: Vec<Vec<bool>>) {
+    /// Forgets what was shown, and renders the tiles `only` of each view from now on, all where there is nothing; with
+    /// `every_instant` at every instant, whether they change or not.
+    pub fn restart(&mut self, only: Vec<Vec<bool>>, every_instant: bool) {
         self.kept.clear();
         self.only = only;
+        self.forced = every_instant.then_some(0);
     }
 
     /// Pixels drawn since this was last asked.
@@ -272,7 +272,6 @@ impl AdaptiveRoom {
                     paces.push(all(0).restricted(only));
                     continue;
                 }
-                #[cfg(test)]
                 if let Some(pace) = self.forced {
                     paces.push(all(pace).restricted(only));
                     continue;

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use evis_core::{ConfigError, ExposureShape, LabelKind, Sensor, SensorConfig, TimeGrid, TriggerRule};
 use serde::{Deserialize, Serialize};
 
-use crate::auto::{Chosen, Target};
 use crate::chain::OLD_US;
 use crate::grid::SampleGrid;
+use crate::quality::Quality;
 use crate::sizes::MAX_INSTANTS;
 use crate::splat_config::SplatConfig;
 
@@ -23,8 +23,6 @@ pub enum Method {
     /// Every instant is rendered.
     #[default]
     Native,
-    /// Whatever the target asks for: settled when a simulator is made, see [`RunConfig::chosen`].
-    Auto(Target),
     /// Keyframes are rendered; the instants between two of them are splatted from both.
     Splat(SplatConfig),
 }
@@ -34,7 +32,6 @@ impl Method {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Native => "native",
-            Self::Auto(_) => "auto",
             Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
             Self::Splat(_) => "splat",
         }
@@ -44,14 +41,14 @@ impl Method {
     pub const fn has_adaptive_time(&self) -> bool {
         match self {
             Self::Native => true,
-            Self::Auto(_) | Self::Splat(_) => false,
+            Self::Splat(_) => false,
         }
     }
 
     /// Keyframes per second and instants per gap, where it has keyframes.
     pub const fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
-            Self::Native | Self::Auto(_) => None,
+            Self::Native => None,
             Self::Splat(splat) => Some((splat.keyframe_hz, splat.steps)),
         }
     }
@@ -106,8 +103,9 @@ pub struct RunConfig {
     pub sensors: BTreeMap<String, SensorConfig>,
     /// Sampling method.
     pub method: Method,
-    /// What `auto` chose: it has set method, rate, samples and shadows.
-    pub chosen: Option<Chosen>,
+    /// The preset that method, rate, samples and shadows come from; they stand below, and are what counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
     /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
     pub rate_hz: f64,
     /// Of `native`: every tile of the picture is rendered no more often than that nothing it may show
@@ -124,7 +122,7 @@ pub struct RunConfig {
     /// Places at which a sample reads a texture that light is proportional to, at most, along each side of its share of the
     /// pixel, 1 to 16; beyond them mip levels average, and blur. `None` takes 2 up to 8 samples, 3 up to 15, then 4.
     pub texture_taps: Option<u32>,
-    /// How shadows are told from light; `None` leaves it to `auto`, and is by maps without it.
+    /// How shadows are told from light; `None` leaves it to a quality preset, and is by maps without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shadows: Option<Shadows>,
     /// Texels of a shadow map's edge, 64 to 16384, and as many as the device can at most. `None` takes the power of two nearest
@@ -160,7 +158,7 @@ impl Default for RunConfig {
             sensor: SensorConfig::default(),
             sensors: BTreeMap::new(),
             method: Method::Native,
-            chosen: None,
+            quality: None,
             rate_hz: 1000.0,
             adaptive_px: None,
             between: Between::Line,

@@ -322,7 +322,7 @@ impl Engine {
         for (class, views) in classes.into_iter().enumerate() {
             let PixelLens { width, height, .. } = context.views[views[0]].lens;
             let needs = match &config.method {
-                Method::Native | Method::Auto(_) => MethodNeeds { block, ..Default::default() },
+                Method::Native => MethodNeeds { block, ..Default::default() },
                 Method::Splat(splat) => SplatRoom::needs(splat, width, height, &drawn_limits)
                     .ok_or_else(|| splat::does_not_fit(splat, width, height, &drawn_limits))?,
             };
@@ -495,14 +495,20 @@ impl Engine {
         self.delivered_us
     }
 
-    /// Starts the stream of an engine with thresholds alone and without frames anew, `start_us` into the scene's time; in
-    /// adaptive time it looks at the tiles `only` of each view from then on, and other pixels fire anything or nothing.
-    pub fn begin_again(&mut self, start_us: i64, only: Vec<Vec<bool>>) -> Result<(), EngineError> {
+    /// Restarts the stream of an engine whose sensors are ideal and that has no frames, `start_us` into the scene's time. In
+    /// adaptive time it renders the tiles `only` of each view from then on (all where there is nothing), and other pixels fire
+    /// anything or nothing; with `every_instant` at every instant, whether they change or not.
+    pub fn restart(
+        &mut self,
+        start_us: i64,
+        only: Vec<Vec<bool>>,
+        every_instant: bool,
+    ) -> Result<(), EngineError> {
         while !self.in_flight.is_empty() {
             self.collect_oldest()?;
         }
         self.context.start_us = start_us;
-        self.sampling.begin_again(only);
+        self.sampling.restart(only, every_instant);
         self.groups.iter_mut().for_each(|group| group.next = 0);
         self.complete_us.fill(0);
         self.arrived.iter_mut().for_each(|arrived| *arrived = Arrived::default());

@@ -21,18 +21,6 @@ use crate::view::View;
 /// Light is held below this; `chain/layout.wgsl` has the same constant.
 const LIGHT_LIMIT: f64 = 1e30;
 
-/// Takes back the adaptive time that `auto` chose where no view can have it; `why` says so.
-pub fn settle(views: &[View], config: &mut RunConfig, why: &mut String) {
-    let without = views.iter().filter(|view| view.sensor.walks_on_host()).count();
-    if without == views.len() {
-        (config.adaptive_px, config.between) = (None, Between::Line);
-        *why += "; all tiles at this rate, since the sensor is walked on the host, which takes every instant of every pixel";
-    } else if without > 0 {
-        *why += "; where a camera's sensor is walked on the host all tiles at this rate, since it takes every instant of \
-                 every pixel";
-    }
-}
-
 /// A submission whose light comes to the host.
 pub struct Looks {
     /// Which.

@@ -1,11 +1,10 @@
-//! EVIS engine: renders batches of views of a moving scene and feels them as event sensors would.
+//! EVIS engine: renders batches of views of a moving scene and simulates event sensors on them.
 //!
 //! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop.
 
 #[doc(hidden)]
 mod adaptive;
 mod area;
-pub mod auto;
 pub mod bench;
 mod chain;
 pub mod config;
@@ -34,10 +33,10 @@ mod parts;
 mod pass;
 pub mod pattern;
 mod pieces;
-mod pilot;
-pub mod plan;
+pub mod quality;
+pub mod request;
 mod scene_sensor;
-pub mod search;
+pub mod settings;
 mod shader;
 mod shadow;
 mod shadow_cells;
@@ -49,6 +48,7 @@ pub mod splat_config;
 mod still;
 mod targets;
 mod tiles;
+pub mod tune;
 mod uniforms;
 mod unpack;
 mod variant;
@@ -58,13 +58,13 @@ mod view_motion;
 #[cfg(test)]
 mod tests;
 
-pub use auto::{Chosen, Target};
 pub use config::{Antialias, Between, Method, RunConfig, Shadows};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
 pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};
-pub use plan::Plan;
+pub use quality::Quality;
+pub use request::SamplingRequest;
 pub use scene_sensor::scene_sensors;
 pub use simulator::{PacketStream, Simulator};
 pub use splat_config::{Carrier, Motion, SplatConfig};

@@ -37,12 +37,13 @@ impl Sampling {
         }
     }
 
-    /// Forgets what was shown. In adaptive time, only the tiles `only` of each view are looked at from now on.
-    pub fn begin_again(&mut self, only: Vec<Vec<bool>>) {
+    /// Forgets what was shown. In adaptive time, only the tiles `only` of each view are rendered from now on; with
+    /// `every_instant` at every instant.
+    pub fn restart(&mut self, only: Vec<Vec<bool>>, every_instant: bool) {
         match self {
             Self::Native(room) => *room = NativeRoom::default(),
-            Self::Adaptive(room) => room.begin_again(only),
-            // Keyframes are kept by their numbers: nobody begins such a stream again.
+            Self::Adaptive(room) => room.restart(only, every_instant),
+            // Keyframes are kept by their numbers: such a stream is never restarted.
             Self::Splat(_) => {}
         }
     }

@@ -20,9 +20,6 @@ use crate::uniforms::OccluderRecord;
 
 /// Triangles of a leaf, at most. Three bits of a leaf's word hold the number.
 const LEAF_TRIANGLES: usize = 4;
-/// What `auto` takes rays for at most: trees of so many triangles take 2.5 s and 72 MB (measured on two busy cores).
-const MOST_TRIANGLES: usize = 1 << 20;
-const MOST_MOVING: usize = 64;
 /// Where a tree ends; also the root of an empty one.
 pub const END: u32 = u32::MAX;
 /// Words (of four numbers) of a node and of a triangle.
@@ -73,19 +70,6 @@ pub fn hinders(scene: &Scene, object: &Object) -> Option<&'static str> {
         return Some("it deforms");
     }
     (scene.materials[object.material].alpha != AlphaMode::Opaque).then_some("its material has holes")
-}
-
-/// Why `auto` leaves shadows to maps; `None` where it may take rays: they know the shadows of all there is, and that is
-/// little enough. A ray asks for everything that moves, one after another.
-pub fn out_of_reach(scene: &Scene, gpu_scene: &GpuScene) -> Option<String> {
-    let objects = &gpu_scene.objects;
-    let hindered =
-        objects.iter().find_map(|o| Some(format!("{:?}: {}", scene.nodes[o.node].name, hinders(scene, o)?)));
-    let moving = moving(objects).len();
-    let triangles: usize = gpu_scene.draws.iter().map(|d| d.objects.len() * d.indices.len() / 3).sum();
-    hindered
-        .or_else(|| (moving > MOST_MOVING).then(|| format!("{moving} things move")))
-        .or_else(|| (triangles > MOST_TRIANGLES).then(|| format!("there are {triangles} triangles")))
 }
 
 impl Occluders {

@@ -10,8 +10,7 @@ use std::time::Duration;
 use evis_core::{CameraInfo, ConfigError};
 use evis_scene::Scene;
 
-use crate::auto;
-use crate::config::{Method, RunConfig};
+use crate::config::RunConfig;
 use crate::engine::Engine;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -36,9 +35,6 @@ impl Simulator {
     /// A setting that cannot be used, a camera that does not exist, or a device that is too small.
     pub fn new(gpu: &Gpu, scene: Arc<Scene>, mut config: RunConfig) -> Result<Self, EngineError> {
         config.check()?;
-        if let Method::Auto(target) = config.method {
-            auto::choose(gpu, &scene, target, &mut config, &|_, _| true)?;
-        }
         let (views, cameras) = view::views(&scene, &config)?;
         // Each camera's first view has its sensor.
         config.tell_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
@@ -76,9 +72,14 @@ impl Simulator {
         self.engine.luminance(view, t_us)
     }
 
-    /// See [`Engine::begin_again`].
-    pub(crate) fn begin_again(&mut self, start_us: i64, only: Vec<Vec<bool>>) -> Result<(), EngineError> {
-        self.engine.begin_again(start_us, only)
+    /// See [`Engine::restart`].
+    pub(crate) fn restart(
+        &mut self,
+        start_us: i64,
+        only: Vec<Vec<bool>>,
+        every_instant: bool,
+    ) -> Result<(), EngineError> {
+        self.engine.restart(start_us, only, every_instant)
     }
 
     /// Set from another thread, it ends a step after the submission in work with [`EngineError::Stopped`].

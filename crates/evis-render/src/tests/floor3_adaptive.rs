@@ -1,13 +1,8 @@
 //! Floor 3: sampling each tile at its own pace gives what sampling everything at that pace gives.
 
-use std::sync::Arc;
-
 use evis_core::{Event, SensorConfig};
-use evis_scene::Scene;
 
-use crate::auto::{self, NEAR_NATIVE, Target};
-use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
-use crate::simulator::Simulator;
+use crate::config::{Antialias, Between, RunConfig};
 
 use super::adaptive_streams::{
     assert_neighbours_change_no_byte, assert_packets_and_reruns_change_no_byte, deliver, engine, force, run,
@@ -116,65 +111,4 @@ fn a_coarser_pace_keeps_close_to_the_finest() {
         let (close, far) = (found(&paced), found(&coarse));
         assert!(close > 0.9 && far < close - 0.05, "{name}: {close:.3}, canary {far:.3}");
     }
-}
-
-#[test]
-fn auto_chooses_by_speed_and_its_settings_by_hand_give_its_bytes() {
-    let Some(gpu) = super::device() else { return };
-    let settled = |scene: &Arc<Scene>, mut config: RunConfig| {
-        let Method::Auto(target) = config.method else { panic!("{:?}", config.method) };
-        auto::choose(&gpu, scene, target, &mut config, &|_, _| panic!("nothing is tried")).unwrap();
-        config
-    };
-    let chosen = |scene: &Arc<Scene>, target: Target, size: (u32, u32)| {
-        let auto = RunConfig { method: Method::Auto(target), size: Some(size), ..config(None, 1000.0) };
-        settled(scene, auto)
-    };
-    let is_moving = |node: &evis_scene::Node| !matches!(node.motion, evis_scene::Motion::Fixed(_));
-    let spinner = scene("spinner");
-    let small = chosen(&spinner, Target::Preview, (100, 76));
-    let large = chosen(&spinner, Target::Preview, (2000, 1520));
-    assert_eq!(small.rate_hz, 1000.0, "{:?}", small.chosen);
-    // No faster than a rung allows, whatever it would take.
-    let asks = RunConfig { size: Some((2000, 1520)), ..config(None, 1000.0) };
-    let site = auto::Site::new(&gpu, &spinner, &asks).unwrap();
-    let rates = NEAR_NATIVE.iter().map(|rung| site.settled(rung, &asks).0.rate_hz);
-    let (whole, others): (Vec<_>, Vec<_>) =
-        NEAR_NATIVE.iter().zip(rates).partition(|(rung, _)| rung.antialias == Antialias::Samples);
-    assert!(whole.iter().all(|(rung, hz)| (rung.finest_hz, *hz) == (2000.0, 2000.0)), "{whole:?}");
-    assert!(!whole.is_empty() && others.iter().any(|(_, hz)| *hz == 4000.0), "{others:?}");
-    assert!(large.rate_hz > small.rate_hz, "{:?}", large.chosen);
-    assert_eq!(chosen(&spinner, Target::Finest, (100, 76)).shadows, Some(Shadows::Rays));
-    // What the user says of shadows stays; a crowd of things that move is too much for rays.
-    let maps = RunConfig {
-        method: Method::Auto(Target::Finest),
-        shadows: Some(Shadows::Maps),
-        size: Some((100, 76)),
-        ..config(None, 1000.0)
-    };
-    assert_eq!(settled(&spinner, maps).shadows, Some(Shadows::Maps));
-    let mut crowd = (*spinner).clone();
-    let moving = crowd.nodes.iter().position(|n| n.mesh.is_some() && is_moving(n)).unwrap();
-    for _ in 0..64 {
-        crowd.nodes.push(crowd.nodes[moving].clone());
-    }
-    let crowd = chosen(&Arc::new(crowd), Target::Finest, (100, 76));
-    assert_eq!(crowd.shadows, Some(Shadows::Maps));
-    assert!(crowd.chosen.unwrap().why.contains("65 things move"));
-    // As many samples of outlines as a picture of them has room for.
-    let wide = chosen(&spinner, Target::Finest, (gpu.device.limits().max_texture_dimension_2d / 5, 8));
-    let why = wide.chosen.unwrap().why;
-    assert!(wide.samples == 100 && why.contains("100 samples"), "{} samples: {why}", wide.samples);
-    let settings = |config: &RunConfig| RunConfig { chosen: None, ..config.clone() };
-    let expected = run(&gpu, &spinner, &settings(&small), 16_000).events;
-    let auto = RunConfig { method: Method::Auto(Target::Preview), ..config(None, 1000.0) };
-    let events =
-        Simulator::new(&gpu, spinner.clone(), auto).unwrap().step(64_000).unwrap().views.remove(0).events;
-    assert!(events == expected[0] && events.len() > 100);
-    // What does not move needs no more than the least rate.
-    let mut still = (*spinner).clone();
-    for node in &mut still.nodes {
-        node.motion = evis_scene::Motion::Fixed(glam::DMat4::IDENTITY);
-    }
-    assert_eq!(chosen(&Arc::new(still), Target::Finest, (100, 76)).rate_hz, 1000.0);
 }

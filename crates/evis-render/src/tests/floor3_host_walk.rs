@@ -8,7 +8,6 @@ use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind};
 use evis_scene::Scene;
 
 use super::floor3::{batch, events, gather};
-use crate::auto::Target;
 use crate::config::{Antialias, Method, RunConfig};
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
@@ -161,22 +160,6 @@ fn coverage_samples_reach_the_host_too() {
     let (with, without) = (stream(&gpu, &scene, &edges, 10_000), stream(&gpu, &scene, &config(), 10_000));
     assert!(with[0].len() > 500 && with != without);
     assert!(stream(&gpu, &scene, &edges, 3_333) == with);
-}
-
-#[test]
-fn auto_samples_every_pixel_at_one_rate_and_says_so() {
-    let Some(gpu) = super::device() else { return };
-    let scene = batch(&[0.0]);
-    let auto = RunConfig { method: Method::Auto(Target::Preview), ..config() };
-    let simulator = Simulator::new(&gpu, scene.clone(), auto.clone()).unwrap();
-    let settled = simulator.config().clone();
-    assert!(settled.adaptive_px.is_none() && settled.method == Method::Native);
-    assert!(settled.chosen.as_ref().unwrap().why.contains("walked on the host"));
-    let by_hand = RunConfig { chosen: None, ..settled };
-    assert!(stream(&gpu, &scene, &auto, 10_000) == stream(&gpu, &scene, &by_hand, 10_000));
-    // Canary: a sensor without it has adaptive time.
-    let other = RunConfig { sensor: SensorConfig::default(), ..auto };
-    assert!(Simulator::new(&gpu, scene, other).unwrap().config().adaptive_px.is_some());
 }
 
 /// Pixels that see frames, of thresholds, of a chain with noise and a wire, and of a diffusion.

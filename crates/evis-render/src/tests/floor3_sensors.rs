@@ -8,7 +8,6 @@ use evis_core::{Event, LabelKind, TriggerRule};
 use evis_scene::{Scene, Variant};
 
 use super::floor3::{events, gather};
-use crate::auto::Target;
 use crate::config::{Method, RunConfig};
 use crate::engine::{Engine, classes};
 use crate::error::EngineError;
@@ -213,26 +212,6 @@ fn adaptive_time_gives_a_diffusion_the_light_of_every_instant() {
         assert!(every < 0.02, "{}: {every}", method.name());
         assert!(own_pace > 0.2, "canary, {}: {own_pace}", method.name());
     }
-}
-
-#[test]
-fn auto_settles_once_and_says_whose_pixels_have_no_pace() {
-    let Some(gpu) = super::device() else { return };
-    let (scene, sensors) = rig();
-    let settled = |cameras: &[&str]| {
-        let cameras = cameras.iter().map(|name| (*name).to_owned()).collect();
-        let auto = RunConfig { method: Method::Auto(Target::Preview), cameras, ..config(&sensors) };
-        Simulator::new(&gpu, scene.clone(), auto).unwrap().config().clone()
-    };
-    let why = |config: &RunConfig| config.chosen.as_ref().unwrap().why.clone();
-    let both = settled(&["plain", "diffusion"]);
-    assert!(
-        both.adaptive_px.is_some() && why(&both).contains("where a camera's sensor is walked on the host")
-    );
-    let one = settled(&["diffusion"]);
-    assert!(one.adaptive_px.is_none() && why(&one).contains("walked on the host"));
-    let none = settled(&["plain", "chain"]);
-    assert!(none.adaptive_px.is_some() && !why(&none).contains("walked on the host"), "canary");
 }
 
 #[test]

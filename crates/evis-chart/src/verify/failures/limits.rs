@@ -333,12 +333,12 @@ const LIMITS: &[Row] = &[
     claim("cracks", LINEAR, AtMost(0.0), 0.0, "the newer keyframe shrinks where the older one cracks"),
     claim("near", LINEAR, Between(0.95, 1.05), 0.6, "nearest depths are kept by integers; nothing overflows"),
     // The project's own targets.
-    near_native("keyframe-burst", "auto", EVEN),
-    near_native("keyframe-burst-30", "auto", EVEN),
-    near_native(ANY, "auto", Any),
+    near_native("keyframe-burst", "high", EVEN),
+    near_native("keyframe-burst-30", "high", EVEN),
+    near_native(ANY, "high", Any),
     today(
         "refractory",
-        "auto",
+        "high",
         AtMost(0.0),
         0.55,
         "a rest of three instants makes small errors of time large: not within 0.02 of native, itself at 0.78",

@@ -1,7 +1,7 @@
 //! The methods that the suite asks: a table of named settings.
 
 use evis_core::{ConfigError, TriggerRule};
-use evis_render::{Antialias, Motion, SplatConfig, Target};
+use evis_render::{Antialias, Motion, Quality, SplatConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::ladder::Setting;
@@ -68,7 +68,7 @@ pub fn methods() -> Vec<NamedMethod> {
     let paper = SplatConfig::evis_paper(KEYFRAME_HZ, 8);
     vec![
         NamedMethod::new("native", native(SAMPLES)),
-        NamedMethod::new("auto", Setting::auto(Target::Default)),
+        NamedMethod::new("high", Setting::quality(Quality::High)),
         NamedMethod::new("splat", Setting::splat(splat, SAMPLES, crossing)),
         NamedMethod::new("splat-linear", Setting::splat(linear, SAMPLES, crossing)),
         NamedMethod::new("no-aa", native(1)),

@@ -153,12 +153,13 @@ impl Run {
             shadows: shot.shadows,
             ..RunConfig::default()
         };
-        let Some(config) = method.setting.run_config(&base) else {
+        let Some(mut config) = method.setting.run_config(&base) else {
             return Err(ChartError::Unreachable(format!(
                 "method {} does not exist in this version",
                 method.setting.method
             )));
         };
+        evis_render::quality::settle(gpu, &known.scene, &mut config)?;
         let simulator = Simulator::new(gpu, Arc::clone(&known.scene), config)?;
         let samples = simulator.config().samples;
         let mut drawn_pixels = 0;

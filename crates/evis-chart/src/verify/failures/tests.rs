@@ -119,7 +119,7 @@ fn limits_are_of_failures_and_methods_that_exist_and_each_can_be_broken() {
         assert_eq!(near.faults(&Cell { f1: Some(0.97), ..behind }, native(1.0)).len(), 1);
     }
     assert!(limit("cut", "no-aa").is_none());
-    assert_eq!(limit("cut", "auto").unwrap().below_native, Some(0.02), "what the next method must do");
+    assert_eq!(limit("cut", "high").unwrap().below_native, Some(0.02), "what the next method must do");
 }
 
 #[test]

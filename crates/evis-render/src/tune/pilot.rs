@@ -1,6 +1,5 @@
-//! What `auto` finds out before it runs: some tiles of the picture, at some times of the scene, fire with cheap settings and
-//! with fine ones, and the cheapest are taken whose events are those of the fine ones. It reads scene, poses and settings
-//! alone: no truth, no clock, no packet, and no more than the first few views.
+//! Renders some tiles of the picture at some times of the scene, and compares what fires with what a reference fires. It reads
+//! scene, poses and settings alone, and no more than the first few views.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -8,18 +7,32 @@ use std::sync::Arc;
 use evis_core::metric::{self, ScoreSettings};
 use evis_core::truth::Truth;
 use evis_core::{CameraInfo, Event, ExposureShape, LabelData, LabelKind, SensorConfig};
-use evis_scene::Scene;
+use evis_scene::{Scene, SceneState};
 use serde::{Deserialize, Serialize};
 
-use crate::auto::{self, Site, VIEWS};
-use crate::config::{Antialias, Between, Method, RunConfig};
+use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::error::EngineError;
+use crate::frame::{FrameData, FrameRequest};
 use crate::gpu::Gpu;
-use crate::pace::{TILE, tiles_along};
+use crate::gpu_scene::GpuScene;
+use crate::pace::Pacer;
 use crate::packet::ViewPacket;
+use crate::pass::raster::SurfaceLayouts;
 use crate::simulator::Simulator;
+use crate::tiles::{TILE, tiles_along};
+use crate::view::{self, View};
+use crate::view_motion::ViewMotion;
 
-/// Times of the scene at which it looks, from its start to its end.
+/// Views that are rendered.
+const VIEWS: usize = 4;
+/// Seconds over which a speed is taken.
+const SPAN_S: f64 = 0.000_5;
+/// Instants of the reference at each place, at most: its rate is the largest of these that needs no more.
+const REFERENCE_INSTANTS: i64 = 128;
+const REFERENCE_RATES_HZ: [f64; 3] = [4000.0, 2000.0, 1000.0];
+/// Samples of the reference, each shaded. No candidate has as many shaded ones.
+const REFERENCE_SAMPLES: u32 = 100;
+/// Times of the scene that are rendered, from its start to its end.
 pub const PLACES: usize = 3;
 /// How long it looks at each, at least and at most: in steps of the least, which are whole blocks of adaptive time.
 const LEAST_US: i64 = 16_000;
@@ -54,7 +67,7 @@ pub struct Pilot<'a> {
     stop: &'a dyn Fn() -> bool,
 }
 
-/// What is looked at from one time on.
+/// What is rendered from one time on.
 struct Place {
     start_us: i64,
     length_us: i64,
@@ -146,30 +159,23 @@ fn agreement(streams: &[Streams<'_>]) -> Result<Option<Agreement>, EngineError> 
     }))
 }
 
+/// Seconds from `start_s` to the end of the scene's motion; 1 where it has none.
+pub fn length_s(scene: &Scene, start_s: f64) -> f64 {
+    scene.duration_s.filter(|s| s.is_finite() && *s > start_s).map_or(1.0, |s| s - start_s)
+}
+
 impl<'a> Pilot<'a> {
-    /// For what `config` renders of `scene`, of which `site` was made.
+    /// For what `config` renders of `scene`.
+    ///
+    /// # Errors
+    /// Cameras that do not exist or cannot be used, a scene that the device refuses, or a stop.
     pub fn new(
         gpu: &'a Gpu,
         scene: &Arc<Scene>,
         config: &RunConfig,
-        site: &Site<'_>,
         stop: &'a dyn Fn() -> bool,
     ) -> Result<Self, EngineError> {
         // Of the first environment.
-        let cameras = site.cameras[..site.cameras.len().min(VIEWS)].to_vec();
-        let length_us = (auto::length_s(scene, config.start_us as f64 * 1e-6) * 1e6) as i64;
-        let place = |place: usize| {
-            // What ends with the scene begins before its end, as long before as things are slow there.
-            let speeds_at = |before_us: i64| {
-                let room_us = (length_us - before_us).max(0);
-                let start_us = config.start_us + room_us * place as i64 / (PLACES as i64 - 1);
-                (start_us, site.speeds(start_us, cameras.len()))
-            };
-            let length_us = long_enough(&speeds_at(LEAST_US).1).min(length_us.max(LEAST_US));
-            let (start_us, speeds) = speeds_at(length_us);
-            Place { start_us, length_us, speeds, only: Vec::new(), flow: Vec::new() }
-        };
-        let places = (0..PLACES).map(place).collect();
         let scene = if scene.variants.len() > 1 {
             let mut first = (**scene).clone();
             first.variants.truncate(1);
@@ -177,6 +183,27 @@ impl<'a> Pilot<'a> {
         } else {
             Arc::clone(scene)
         };
+        let (mut views, mut cameras) = view::views(&scene, config)?;
+        views.truncate(VIEWS);
+        cameras.truncate(VIEWS);
+        let mut state = SceneState::default();
+        scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
+        let layouts = SurfaceLayouts::new(&gpu.device);
+        let gpu_scene =
+            gpu.guarded(|| Ok(GpuScene::new(&gpu.device, &gpu.queue, &layouts, &scene, &state)))?;
+        let length_us = (length_s(&scene, config.start_us as f64 * 1e-6) * 1e6) as i64;
+        let place = |place: usize| {
+            // What ends with the scene begins before its end, as long before as things are slow there.
+            let speeds_at = |before_us: i64| {
+                let room_us = (length_us - before_us).max(0);
+                let start_us = config.start_us + room_us * place as i64 / (PLACES as i64 - 1);
+                (start_us, speeds(&scene, &gpu_scene, &views, start_us))
+            };
+            let length_us = long_enough(&speeds_at(LEAST_US).1).min(length_us.max(LEAST_US));
+            let (start_us, speeds) = speeds_at(length_us);
+            Place { start_us, length_us, speeds, only: Vec::new(), flow: Vec::new() }
+        };
+        let places = (0..PLACES).map(place).collect();
         let mut pilot =
             Self { gpu, scene, cameras, places, reference_luminance: config.reference_luminance, stop };
         pilot.choose_tiles(TILES);
@@ -205,7 +232,7 @@ impl<'a> Pilot<'a> {
             if speed.is_finite() { speed } else { 0.0 }
         };
         for place in &mut self.places {
-            simulator.begin_again(place.start_us, Vec::new())?;
+            simulator.restart(place.start_us, Vec::new(), false)?;
             let of = |view: ViewPacket| match view.labels.into_iter().next().map(|label| label.data) {
                 Some(LabelData::F32(flow)) => flow.chunks_exact(2).map(speed).collect(),
                 _ => Vec::new(),
@@ -254,12 +281,56 @@ impl<'a> Pilot<'a> {
         self.places.iter().flat_map(|place| &place.only).flatten().filter(|only| **only).count()
     }
 
-    /// What `config`, which has been settled, fires.
+    /// What `config` fires.
     ///
     /// # Errors
     /// A device that fails, or a stop.
     pub fn fire(&mut self, config: &RunConfig) -> Result<Fired, EngineError> {
         let config = RunConfig { reference_luminance: self.reference_luminance, ..self.plain(config) };
+        self.fire_tiles(config, false)
+    }
+
+    /// The rate of the reference: as fine as its instants allow.
+    fn reference_rate_hz(&self) -> f64 {
+        let longest_us = self.places.iter().map(|place| place.length_us).max().unwrap_or(LEAST_US);
+        let fits = |rate_hz: &&f64| (**rate_hz * longest_us as f64 * 1e-6) as i64 <= REFERENCE_INSTANTS;
+        REFERENCE_RATES_HZ.iter().find(fits).copied().unwrap_or(REFERENCE_RATES_HZ[2])
+    }
+
+    /// The reference, in words.
+    pub fn reference_words(&self) -> String {
+        format!("every instant at {} Hz with {REFERENCE_SAMPLES} whole samples", self.reference_rate_hz())
+    }
+
+    /// What the reference fires: every instant everywhere in the chosen tiles, with light straight between instants and each
+    /// sample shaded.
+    ///
+    /// # Errors
+    /// A device that fails, or a stop.
+    pub fn fire_reference(&mut self, config: &RunConfig) -> Result<Fired, EngineError> {
+        let shadows = if config.shadows == Some(Shadows::Maps) { Shadows::Maps } else { Shadows::Rays };
+        let of = |shadows| RunConfig {
+            method: Method::Native,
+            rate_hz: self.reference_rate_hz(),
+            // In force for which tiles are drawn; how often is not a matter of motion.
+            adaptive_px: Some(f64::MIN_POSITIVE),
+            between: Between::Line,
+            antialias: Antialias::Samples,
+            samples: REFERENCE_SAMPLES,
+            texture_taps: Some(4),
+            shadows: Some(shadows),
+            reference_luminance: self.reference_luminance,
+            ..self.plain(config)
+        };
+        let (rays, maps) = (of(shadows), of(Shadows::Maps));
+        match self.fire_tiles(rays, true) {
+            // Casters that rays do not hold.
+            Err(EngineError::Config(e)) if e.what == "shadows" => self.fire_tiles(maps, true),
+            fired => fired,
+        }
+    }
+
+    fn fire_tiles(&mut self, config: RunConfig, every_instant: bool) -> Result<Fired, EngineError> {
         let mut simulator = Simulator::new(self.gpu, Arc::clone(&self.scene), config)?;
         self.reference_luminance = simulator.config().reference_luminance;
         let mut fired = Vec::new();
@@ -267,7 +338,7 @@ impl<'a> Pilot<'a> {
             if (self.stop)() {
                 return Err(EngineError::Stopped);
             }
-            simulator.begin_again(place.start_us, place.only.clone())?;
+            simulator.restart(place.start_us, place.only.clone(), every_instant)?;
             let views = simulator.step(place.length_us)?.views;
             let seen = views.into_iter().zip(&place.only).zip(&self.cameras).map(|((view, only), camera)| {
                 let columns = tiles_along(camera.width);
@@ -293,6 +364,30 @@ impl<'a> Pilot<'a> {
         }
         agreement(&streams)
     }
+}
+
+/// How fast what each tile of the `views` may show moves at `start_us`: pixels per second, infinite where no bound is known.
+fn speeds(scene: &Scene, gpu_scene: &GpuScene, views: &[View], start_us: i64) -> Vec<Vec<f64>> {
+    let start_s = start_us as f64 * 1e-6;
+    let request = FrameRequest {
+        views,
+        times_s: &[start_s, start_s + SPAN_S],
+        shadows: None,
+        occluders: None,
+        record_ids: false,
+        shadow_maps: false,
+        watch: None,
+        trail: true,
+    };
+    let mut data = FrameData::default();
+    data.build(scene, gpu_scene, &request);
+    let pacer = Pacer::new(scene, gpu_scene, 1.0, 1);
+    let sky = scene.environment.as_ref().is_some_and(|e| e.visible);
+    let of = |(v, view): (usize, &View)| {
+        let motion = ViewMotion::new(&data, 2 * v..2 * v + 2, &view.lens, sky);
+        pacer.needs(gpu_scene, &motion).into_iter().map(|need| need / SPAN_S).collect()
+    };
+    views.iter().enumerate().map(of).collect()
 }
 
 /// The tile of an event, in a picture of `columns` tiles.
