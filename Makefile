@@ -30,7 +30,7 @@ CHART_ARGS ?=
 
 # What `make demo` simulates.
 DEMO_SCENE ?= warehouse
-DEMO_ARGS ?= --target preview --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
+DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 
 .PHONY: help setup demo test test-rust test-python check format bench chart accuracy wheel smoke docs bless clean
 

@@ -298,6 +298,7 @@ class Simulator:
         texture_taps: int | None,
         shadows: str | None,
         shadow_map: int | None,
+        audit: float | None,
         cameras: list[str],
         size: tuple[int, int] | None,
         start_us: int | None,

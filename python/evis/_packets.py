@@ -232,6 +232,13 @@ class Report:
         Pixels and instants that the method could not know; there the pixel waits for its next known instant.
     reruns : int
         Submissions run again because a buffer was too small.
+    audited : int
+        Tiles that were skipped, or sampled less often than at every instant, and were rendered once more to
+        compare; no event depends on it.
+    changed : int
+        Of those, tiles in which light had changed by more than half a threshold.
+    findings : list of str
+        What changed there: camera, pixel, time and object.
     host_ms, device_wait_ms, pack_ms, total_ms : float
         Measured milliseconds: on the host, waiting for the device, packing events, and all together.
     """
@@ -245,6 +252,9 @@ class Report:
     keyframes: int
     unknown: int
     reruns: int
+    audited: int
+    changed: int
+    findings: list[str]
     host_ms: float
     device_wait_ms: float
     pack_ms: float

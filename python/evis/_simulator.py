@@ -114,6 +114,9 @@ class Simulator:
         longest edge of any of the scene's pictures, 1024 to 8192 (8192 for 640x480); but 4096 at most where
         more than two lights throw shadows, and 2048 where one of them moves or more than eight throw any.
         Fewer take less memory (4 bytes per texel and map, twice where things move) and less time.
+    audit : float, optional
+        Share of the tiles that are skipped, or sampled less often than at every instant, which are rendered
+        once more and compared (`Report.audited`); no event depends on it. 0.005 where not given, 0 for none.
     cameras : sequence of str or EventCamera, optional
         Cameras to render: names of the scene's own, or cameras to add to it; all of the scene's if not
         given.
@@ -169,6 +172,7 @@ class Simulator:
         texture_taps: int | None = None,
         shadows: Literal["maps", "rays"] | None = None,
         shadow_map: int | None = None,
+        audit: float | None = None,
         cameras: Sequence[str | EventCamera] | None = None,
         size: tuple[int, int] | None = None,
         labels: Iterable[LabelName] = (),
@@ -219,6 +223,7 @@ class Simulator:
             texture_taps=None if texture_taps is None else _check.whole("texture_taps", texture_taps),
             shadows=None if shadows is None else str(shadows),
             shadow_map=None if shadow_map is None else _check.whole("shadow_map", shadow_map),
+            audit=_check.number_or_none("audit", audit),
             cameras=names,
             size=None if size is None else _check.size(size),
             start_us=None if start is None else _check.micros("start", start),

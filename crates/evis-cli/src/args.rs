@@ -102,6 +102,11 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) settings: Option<PathBuf>,
 
+    /// Share of the tiles that are skipped or sampled less often which are rendered once more and compared; no event depends
+    /// on it, 0 turns it off [default: 0.005].
+    #[arg(long, value_name = "SHARE", allow_hyphen_values = true)]
+    pub(crate) audit: Option<f64>,
+
     /// Sampled instants per second, for --method native [default: 1000].
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true)]
     pub(crate) rate: Option<f64>,

@@ -11,8 +11,8 @@ use evis_core::{CameraInfo, LabelKind, SensorConfig, TriggerRule};
 use evis_render::settings::SettingsFile;
 use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
-    Antialias, DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, Shadows,
-    SamplingRequest, Simulator, SplatConfig, StageTimes, scene_sensors,
+    Antialias, DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, SamplingRequest, Shadows,
+    Simulator, SplatConfig, StageTimes, scene_sensors,
 };
 use evis_scene::{Scene, SceneState};
 use serde::Serialize;
@@ -110,6 +110,9 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
             "{clamped} pixel intervals hit the limit of events and were clamped; raise --rate or the thresholds"
         ));
     }
+    for warning in audit_warnings(&job.tally.report) {
+        warnings.add(warning);
+    }
     let report = |job: &Job, interrupted| {
         Report::new(&settings, &device, job, &warnings, setup, streaming.elapsed(), interrupted)
     };
@@ -131,6 +134,26 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         text::say(&report.summary())
     }
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
+}
+
+/// What audits found: the first skipped tiles that changed, each by itself, and the worst of those that were sampled too
+/// seldom.
+fn audit_warnings(report: &PacketReport) -> Vec<String> {
+    const MOST: usize = 3;
+    let (skipped, seldom): (Vec<_>, Vec<_>) = report.findings.iter().partition(|finding| finding.skipped);
+    let mut warnings: Vec<String> = skipped.iter().take(MOST).map(|finding| finding.warning()).collect();
+    if skipped.len() > MOST {
+        warnings.push(format!("{} more skipped tiles changed", skipped.len() - MOST));
+    }
+    if let Some(worst) = seldom.iter().max_by(|a, b| a.change.total_cmp(&b.change)) {
+        warnings.push(format!(
+            "{} of {} audited tiles changed between their samples by more than half a threshold; the worst: {}",
+            seldom.len(),
+            report.audited,
+            worst.warning()
+        ));
+    }
+    warnings
 }
 
 /// Single settings of the sensor, over what preset, file or scene say.
@@ -190,6 +213,7 @@ fn config(
     config.label_rate_hz = args.label_rate.unwrap_or(config.label_rate_hz);
     config.reference_luminance = args.reference_luminance.or(config.reference_luminance);
     config.frame_rate_hz = args.frame_rate.or(config.frame_rate_hz);
+    config.audit = args.audit.unwrap_or(config.audit);
     if let Some(exposure_ms) = args.exposure_ms {
         if args.frame_rate.is_none() {
             return Err(bad_input(format!(
@@ -210,8 +234,11 @@ fn config(
     if let Some(shape) = &args.exposure_shape {
         config.exposure_shape = shape.clone();
     }
-    if args.between.is_some() && args.adaptive.is_none() && args.quality.is_none() && args.settings.is_none() {
-        return Err(bad_input("--between: tiles are sampled at rates of their own only with --adaptive PX; add it"));
+    if args.between.is_some() && args.adaptive.is_none() && args.quality.is_none() && args.settings.is_none()
+    {
+        return Err(bad_input(
+            "--between: tiles are sampled at rates of their own only with --adaptive PX; add it",
+        ));
     }
     Ok((config, sampling))
 }
@@ -583,6 +610,9 @@ impl Tally {
         sum.clamped += new.clamped;
         sum.instants += new.instants;
         sum.reruns += new.reruns;
+        sum.audited += new.audited;
+        sum.changed += new.changed;
+        sum.findings.extend_from_slice(&new.findings);
         sum.drawn_pixels += new.drawn_pixels;
         sum.keyframes += new.keyframes;
         sum.unknown += new.unknown;
@@ -643,6 +673,10 @@ struct Report {
     /// Pixels and instants that the method could not know.
     unknown: u64,
     reruns: u64,
+    /// Tiles that were skipped or sampled less often, and were rendered once more to compare.
+    audited: u64,
+    /// Of those: tiles in which light had changed by more than half a threshold.
+    changed: u64,
     packets: u64,
     /// Beside the events, of all views.
     frames: u64,
@@ -689,6 +723,8 @@ impl Report {
             keyframes: tally.report.keyframes,
             unknown: tally.report.unknown,
             reruns: tally.report.reruns,
+            audited: tally.report.audited,
+            changed: tally.report.changed,
             packets: tally.packets,
             frames: tally.frames,
             milliseconds: Milliseconds {
@@ -725,7 +761,8 @@ impl Report {
                 }
                 line += &format!("{instants} instants");
                 if let Some(quality) = run.quality {
-                    line += &format!("\n                   quality {}: {}", quality.name(), quality.measured());
+                    line +=
+                        &format!("\n                   quality {}: {}", quality.name(), quality.measured());
                 }
                 line
             }

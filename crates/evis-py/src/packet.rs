@@ -100,6 +100,10 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     dict.set_item("keyframes", report.keyframes)?;
     dict.set_item("unknown", report.unknown)?;
     dict.set_item("reruns", report.reruns)?;
+    dict.set_item("audited", report.audited)?;
+    dict.set_item("changed", report.changed)?;
+    let findings: Vec<String> = report.findings.iter().map(evis_render::audit::Finding::warning).collect();
+    dict.set_item("findings", findings)?;
     dict.set_item("host_ms", report.times.host_ms)?;
     dict.set_item("device_wait_ms", report.times.device_wait_ms)?;
     dict.set_item("pack_ms", report.times.pack_ms)?;

@@ -56,7 +56,7 @@ impl Simulator {
     #[new]
     #[pyo3(signature = (
         scene, *, sensor, for_all, sensors, method, splat, quality, settings, rate_hz, adaptive_px, between, samples, antialias, texture_taps,
-        shadows, shadow_map, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
+        shadows, shadow_map, audit, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
         exposure_shape, reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
@@ -78,6 +78,7 @@ impl Simulator {
         texture_taps: Option<u32>,
         shadows: Option<&str>,
         shadow_map: Option<u32>,
+        audit: Option<f64>,
         cameras: Vec<String>,
         size: Option<(u32, u32)>,
         start_us: Option<i64>,
@@ -97,6 +98,7 @@ impl Simulator {
         let mut config = RunConfig {
             sensor: sensor.map_or(Ok(base.sensor.clone()), emulator::from_json)?,
             shadow_map: shadow_map.or(base.shadow_map),
+            audit: audit.unwrap_or(base.audit),
             size: size.or(base.size),
             start_us: start_us.unwrap_or(base.start_us),
             seed: seed.unwrap_or(base.seed),

@@ -8,18 +8,19 @@
 use std::collections::HashMap;
 
 use crate::area::Rect;
+use crate::audit::{self, AuditRun, Entry};
 use crate::engine::{Context, Upload};
 use crate::frame_buffers::{GrowingBuffer, aligned};
 use crate::gpu_scene::Part;
 use crate::interval::{Group, Unit, borrowed, copy_layers, encode_luminance, encode_sample};
 use crate::pace::{Pacer, Paces, Passing, STILL, TILE, rects, tiles_along};
 use crate::parts::InView;
-use crate::pass::adaptive::{MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
+use crate::pass::adaptive::{AUDIT_BINDINGS, MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
 use crate::pass::{self, ComputePass};
 use crate::shadow::MovingShadows;
 use crate::sizes;
 use crate::targets::{LayerUse, Layers, Targets};
-use crate::uniforms::MeanJob;
+use crate::uniforms::{AuditJob, MeanJob};
 use crate::view::View;
 
 /// The room.
@@ -37,6 +38,12 @@ pub struct AdaptiveRoom {
     made: LayerUse,
     /// Where coverage samples are averaged.
     resolve: Option<ComputePass>,
+    /// Share of tiles that are audited.
+    audit_share: f64,
+    audit: ComputePass,
+    audit_jobs: GrowingBuffer,
+    /// Per class of views: a tile at an instant, before it and after it.
+    audit_layers: Vec<Layers>,
     /// By the first view of a group: the instant that comes next, and the layers of the last one, view by view.
     kept: HashMap<usize, (i64, wgpu::Texture)>,
     drawn_pixels: u64,
@@ -54,6 +61,18 @@ struct Look {
     parts: Vec<Part>,
     first_tile: u32,
     tiles: u32,
+    /// What drawing it takes, in pixels that are shaded once.
+    cost: f64,
+}
+
+/// A tile that is rendered at an instant at which nothing depends on it.
+struct Audit {
+    look: Look,
+    rect: Rect,
+    /// The layers of the samples before it and after it; none is what the submission before kept.
+    before: Option<u32>,
+    after: u32,
+    entry: Entry,
 }
 
 impl Look {
@@ -131,7 +150,7 @@ impl Work<'_> {
 
 impl AdaptiveRoom {
     /// For blocks of `block` instants within which nothing moves more than `step_px` pixels unseen.
-    pub fn new(context: &Context, step_px: f64, block: u32, made: LayerUse) -> Self {
+    pub fn new(context: &Context, step_px: f64, block: u32, made: LayerUse, audit_share: f64) -> Self {
         let device = &context.gpu.device;
         let samples = context.offsets.len() as u32;
         Self {
@@ -147,6 +166,10 @@ impl AdaptiveRoom {
                 LayerUse::Resolved(grid) => Some(crate::pass::adaptive::resolve(device, grid)),
                 _ => None,
             },
+            audit_share,
+            audit: crate::pass::adaptive::audit(device),
+            audit_jobs: GrowingBuffer::new(device, "audit jobs", wgpu::BufferUsages::UNIFORM),
+            audit_layers: Vec::new(),
             kept: HashMap::new(),
             drawn_pixels: 0,
             only: Vec::new(),
@@ -158,7 +181,10 @@ impl AdaptiveRoom {
     pub fn add_class(&mut self, context: &Context, targets: &Targets) {
         let samples = context.offsets.len() as u32;
         let (width, height) = (targets.width, targets.height);
-        self.scratch.push(Layers::new(&context.gpu.device, width, height, samples, self.made));
+        let device = &context.gpu.device;
+        self.scratch.push(Layers::new(device, width, height, samples, self.made));
+        let [width, height] = if self.audit_share > 0.0 { [width, height] } else { [1; 2] };
+        self.audit_layers.push(Layers::new(device, width, height, 3, LayerUse::Computed));
     }
 
     /// Forgets what was shown, and renders the tiles `only` of each view from now on, all where there is nothing; with
@@ -189,7 +215,7 @@ impl AdaptiveRoom {
         targets: &Targets,
         group: &Group,
         unit: &Unit,
-    ) {
+    ) -> Option<AuditRun> {
         let views = context.views_of(group);
         // The instant before the first is where things come from.
         let times: Vec<i64> = (-1..i64::from(unit.instants))
@@ -220,10 +246,148 @@ impl AdaptiveRoom {
         let mut tiles = Vec::new();
         let looks = self.looks(context, &work, &mut tiles);
         self.drawn_pixels += looks.iter().map(Look::pixels).sum::<u64>();
-        let means = self.upload(context, &work, &looks, &tiles);
+        let audits = self.audits(context, &work, &looks, &mut tiles);
+        let means = self.upload(context, &work, &looks, &audits, &tiles);
         self.draw(context, encoder, &work, &means, &looks);
-        work.carry(encoder, kept.as_ref().filter(|_| follows));
+        let before = kept.as_ref().filter(|_| follows);
+        work.carry(encoder, before);
+        let run = (!audits.is_empty()).then(|| {
+            let first_job = looks.len() as u32;
+            self.encode_audits(context, encoder, &work, &means, (audits, first_job), before)
+        });
         self.keep(context, encoder, &work, kept);
+        run
+    }
+
+    /// Which tiles are audited, and at which instants.
+    fn audits(&self, context: &Context, work: &Work<'_>, looks: &[Look], tiles: &mut Vec<u32>) -> Vec<Audit> {
+        let mut audits = Vec::new();
+        if self.audit_share <= 0.0 || work.partial || self.forced.is_some() || work.unit.first == 0 {
+            return audits;
+        }
+        let price = self.made.pixel_price();
+        for (v, view) in (0..).zip(&work.views) {
+            let (width, height) = (view.lens.width, view.lens.height);
+            for block in 0..work.blocks {
+                let of = &work.paces[work.place(v, block)];
+                let within = |look: &&Look| look.view == v && (look.k - 1) / work.length == block;
+                let own_work: f64 = looks.iter().filter(within).map(|look| look.cost).sum();
+                let known = block > 0 || work.follows;
+                // Between two samples of which the first is kept.
+                let audited: Vec<bool> = of.tiles.iter().map(|rate| known && *rate > 0).collect();
+                let absolute = (work.unit.first - 1) / i64::from(work.length) + i64::from(block);
+                let frame_of = |number: u32| v * work.frames + block * work.length + number;
+                let rect_of = |tile: usize| {
+                    let [x, y] = audit::corner(tile, of.columns);
+                    Rect { low: [x, y], high: [(x + TILE).min(width), (y + TILE).min(height)] }
+                };
+                let cost = |tile: usize, number: u32| {
+                    InView::new(context, view, frame_of(number)).cost(&rect_of(tile), price)
+                };
+                let identity = (view.environment, view.camera);
+                let chosen = audit::choose(
+                    self.audit_share,
+                    identity,
+                    absolute,
+                    work.length,
+                    &audited,
+                    own_work,
+                    cost,
+                );
+                for (tile, number) in chosen {
+                    let (rect, rate) = (rect_of(tile), of.tiles[tile]);
+                    let in_view = InView::new(context, view, frame_of(number));
+                    let [before, after] = audit::around(rate, work.length, number);
+                    let layer = |number: u32| v * work.unit.instants + block * work.length + number - 1;
+                    let object = in_view.nearest(&rect);
+                    let look = Look {
+                        view: v,
+                        k: block * work.length + number,
+                        parts: vec![(rect, in_view.items(&rect))],
+                        first_tile: tiles.len() as u32,
+                        tiles: 1,
+                        cost: 0.0,
+                    };
+                    tiles.push((tile as u32 % of.columns) | (tile as u32 / of.columns) << 16);
+                    let instant = work.unit.first - 1 + i64::from(look.k);
+                    let entry = Entry {
+                        view: work.group.views[v as usize],
+                        corner: rect.low,
+                        t_us: context.grid.instant_us(instant),
+                        node: object.map(|object| context.gpu_scene.objects[object as usize].node),
+                        skipped: rate == STILL,
+                    };
+                    let before = (block > 0 || before > 0).then(|| layer(before));
+                    audits.push(Audit { look, rect, before, after: layer(after), entry });
+                }
+            }
+        }
+        audits
+    }
+
+    /// Records `audits`: each tile at its instant, beside the samples before and after it.
+    fn encode_audits(
+        &mut self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        work: &Work<'_>,
+        means: &MeanGroups,
+        (audits, first_job): (Vec<Audit>, u32),
+        kept: Option<&wgpu::Texture>,
+    ) -> AuditRun {
+        let (device, queue) = (&context.gpu.device, &context.gpu.queue);
+        let job = |(slot, audit): (u32, &Audit)| AuditJob {
+            corner: audit.rect.low,
+            slot,
+            offset: work.views[audit.look.view as usize].sensor.log_eps * context.reference_luminance,
+        };
+        let jobs: Vec<AuditJob> = (0..).zip(&audits).map(job).collect();
+        self.audit_jobs.write(device, queue, &aligned(&jobs));
+        let bytes = 4 * audits.len() as u64;
+        let buffer = |label, usage| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: bytes,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let changes = buffer("audit changes", wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC);
+        let staging = buffer("audit staging", wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
+        let own = &self.audit_layers[work.group.targets];
+        let layers = &work.targets.layers;
+        let group = pass::group(
+            device,
+            "audit",
+            &self.audit.layout,
+            AUDIT_BINDINGS,
+            vec![
+                pass::part(self.audit_jobs.get(), 0, size_of::<AuditJob>() as u64),
+                wgpu::BindingResource::TextureView(&own.array),
+                changes.as_entire_binding(),
+            ],
+        );
+        let mut shadows = work.shadows();
+        for (slot, audit) in (0..).zip(&audits) {
+            shadows.show(context, encoder, audit.look.view, audit.look.k);
+            self.draw_one(
+                context,
+                encoder,
+                work,
+                (&means.audit, &means.audit_resolve),
+                &audit.look,
+                first_job + slot,
+            );
+            let before = match (audit.before, kept) {
+                (None, Some(kept)) => (kept, audit.look.view),
+                (before, _) => (&layers.texture, before.unwrap_or(audit.after)),
+            };
+            copy_layers(encoder, before, (&own.texture, 1), 1, audit.rect);
+            copy_layers(encoder, (&layers.texture, audit.after), (&own.texture, 2), 1, audit.rect);
+            self.audit.encode_tiles(encoder, &group, slot, 1);
+        }
+        encoder.copy_buffer_to_buffer(&changes, 0, &staging, 0, bytes);
+        AuditRun { entries: audits.into_iter().map(|audit| audit.entry).collect(), staging }
     }
 
     /// Records `looks`: their samples, and their means.
@@ -235,19 +399,32 @@ impl AdaptiveRoom {
         means: &MeanGroups,
         looks: &[Look],
     ) {
-        let scratch = &self.scratch[work.group.targets];
         let mut shadows = work.shadows();
         for (job, look) in (0..).zip(looks) {
             shadows.show(context, encoder, look.view, look.k);
-            let (frame_group, frame) = (&work.frame_group, work.frame_of(look));
-            if let (Some(resolve), Some(resolving)) = (&self.resolve, &means.resolve) {
-                let parts = borrowed(&look.parts);
-                encode_sample(context, encoder, (scratch, 0), frame_group, (frame, 0), &parts);
-                resolve.encode_tiles(encoder, resolving, job, look.tiles);
-            } else {
-                encode_luminance(context, encoder, scratch, frame_group, frame, 0, Some(&look.parts));
-                self.mean.encode_tiles(encoder, &means.mean, job, look.tiles);
-            }
+            self.draw_one(context, encoder, work, (&means.mean, &means.resolve), look, job);
+        }
+    }
+
+    /// Records the samples of `look`, and their means into the layers of the groups `into`: of samples, and of coverage samples.
+    fn draw_one(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        work: &Work<'_>,
+        into: (&wgpu::BindGroup, &Option<wgpu::BindGroup>),
+        look: &Look,
+        job: u32,
+    ) {
+        let scratch = &self.scratch[work.group.targets];
+        let (frame_group, frame) = (&work.frame_group, work.frame_of(look));
+        if let (Some(resolve), Some(resolving)) = (&self.resolve, into.1) {
+            let parts = borrowed(&look.parts);
+            encode_sample(context, encoder, (scratch, 0), frame_group, (frame, 0), &parts);
+            resolve.encode_tiles(encoder, resolving, job, look.tiles);
+        } else {
+            encode_luminance(context, encoder, scratch, frame_group, frame, 0, Some(&look.parts));
+            self.mean.encode_tiles(encoder, into.0, job, look.tiles);
         }
     }
 
@@ -317,8 +494,10 @@ impl AdaptiveRoom {
                         }
                     }
                     let parts = rects.iter().map(|rect| (*rect, in_view.items(rect))).collect();
+                    let price = self.made.pixel_price();
+                    let cost = rects.iter().map(|rect| in_view.cost(rect, price)).sum();
                     let count = tiles.len() as u32 - first_tile;
-                    looks.push(Look { view: v, k, parts, first_tile, tiles: count });
+                    looks.push(Look { view: v, k, parts, first_tile, tiles: count, cost });
                 }
             }
         }
@@ -326,32 +505,45 @@ impl AdaptiveRoom {
     }
 
     /// What the means are made from.
-    fn upload(&mut self, context: &Context, work: &Work<'_>, looks: &[Look], tiles: &[u32]) -> MeanGroups {
+    fn upload(
+        &mut self,
+        context: &Context,
+        work: &Work<'_>,
+        looks: &[Look],
+        audits: &[Audit],
+        tiles: &[u32],
+    ) -> MeanGroups {
         let (device, queue) = (&context.gpu.device, &context.gpu.queue);
-        let job = |look: &Look| MeanJob {
+        let job = |look: &Look, layer: u32| MeanJob {
             first: look.first_tile,
             count: look.tiles,
             row: sizes::dispatch(look.tiles, 1).0,
-            // The instant before the first is never drawn.
-            layer: look.view * work.unit.instants + look.k - 1,
+            layer,
         };
-        let jobs: Vec<MeanJob> = looks.iter().map(job).collect();
+        // The instant before the first is never drawn.
+        let layer_of = |look: &Look| look.view * work.unit.instants + look.k - 1;
+        let mut jobs: Vec<MeanJob> = looks.iter().map(|look| job(look, layer_of(look))).collect();
+        jobs.extend(audits.iter().map(|audit| job(&audit.look, 0)));
         self.jobs.write(device, queue, &aligned(&jobs));
         self.tiles.write(device, queue, bytemuck::cast_slice(tiles));
         let scratch = &self.scratch[work.group.targets];
         let view = wgpu::BindingResource::TextureView;
-        let resources = |from| {
+        let resources = |from, into| {
             let job = pass::part(self.jobs.get(), 0, size_of::<MeanJob>() as u64);
-            let layers = &work.targets.layers.array;
-            vec![job, self.tiles.get().as_entire_binding(), view(from), view(layers)]
+            vec![job, self.tiles.get().as_entire_binding(), view(from), view(into)]
         };
-        let resolve = self.resolve.as_ref().zip(scratch.multisampled.as_ref()).map(|(resolve, samples4)| {
-            let resources = resources(samples4);
-            pass::group(device, "tile resolve", &resolve.layout, TILE_RESOLVE_BINDINGS, resources)
-        });
-        let mean = resources(&scratch.array);
-        let mean = pass::group(device, "mean", &self.mean.layout, MEAN_BINDINGS, mean);
-        MeanGroups { mean, resolve }
+        let groups = |into| {
+            let resolve =
+                self.resolve.as_ref().zip(scratch.multisampled.as_ref()).map(|(resolve, samples4)| {
+                    let resources = resources(samples4, into);
+                    pass::group(device, "tile resolve", &resolve.layout, TILE_RESOLVE_BINDINGS, resources)
+                });
+            let mean = resources(&scratch.array, into);
+            (pass::group(device, "mean", &self.mean.layout, MEAN_BINDINGS, mean), resolve)
+        };
+        let (mean, resolve) = groups(&work.targets.layers.array);
+        let (audit, audit_resolve) = groups(&self.audit_layers[work.group.targets].array);
+        MeanGroups { mean, resolve, audit, audit_resolve }
     }
 
     /// Keeps the last instant for the next submission.
@@ -385,6 +577,9 @@ impl AdaptiveRoom {
 struct MeanGroups {
     mean: wgpu::BindGroup,
     resolve: Option<wgpu::BindGroup>,
+    /// The same, into the layers of an audit.
+    audit: wgpu::BindGroup,
+    audit_resolve: Option<wgpu::BindGroup>,
 }
 
 /// Frames of a view in a submission: the instant before the first, and the instants.

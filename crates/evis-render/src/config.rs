@@ -16,6 +16,9 @@ const BLOCK_S: f64 = 0.016;
 /// Exposure of frames where none is asked for, at most.
 const USUAL_EXPOSURE_US: i64 = 10_000;
 
+/// The share of tiles that are audited.
+const USUAL_AUDIT: f64 = 0.005;
+
 /// How an instant is sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -148,6 +151,9 @@ pub struct RunConfig {
     /// How much light counts from an exposure's start to its end. Frames are stamped at its middle, whatever the shape.
     #[serde(skip_serializing_if = "is_box")]
     pub exposure_shape: ExposureShape,
+    /// The share of tiles that are skipped, or sampled less often than at every instant, which are rendered once more and
+    /// compared; no event depends on it. 0 audits nothing.
+    pub audit: f64,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
     pub reference_luminance: Option<f32>,
 }
@@ -176,6 +182,7 @@ impl Default for RunConfig {
             frame_rate_hz: None,
             exposure_us: USUAL_EXPOSURE_US,
             exposure_shape: ExposureShape::Box,
+            audit: USUAL_AUDIT,
             reference_luminance: None,
         }
     }
@@ -364,6 +371,9 @@ impl RunConfig {
                     return Err(ConfigError::new(what, value, "between 1 and 8192 pixels"));
                 }
             }
+        }
+        if !(0.0..=1.0).contains(&self.audit) {
+            return Err(ConfigError::new("audit", self.audit, "from 0 to 1 (a share of the tiles)"));
         }
         if self.start_us < 0 {
             return Err(ConfigError::new("start", self.start_us as f64 * 1e-6, "0 or later (seconds)"));

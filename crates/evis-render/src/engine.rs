@@ -11,6 +11,7 @@ use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid
 use evis_scene::{Scene, SceneState};
 
 use crate::adaptive::AdaptiveRoom;
+use crate::audit::{AuditRun, Finding};
 use crate::chain::{ChainPlan, GroupChain, STRIKE_WORDS};
 use crate::config::{Antialias, Method, RunConfig};
 use crate::error::EngineError;
@@ -157,11 +158,15 @@ enum Work {
         unit: Unit,
         slot: Slot,
         predicted: u32,
+        audit: Option<PendingAudit>,
     },
     Labels(LabelJob),
     /// Light for pixels that the host walks.
     Looks(Looks),
 }
+
+/// Audits of a submission, on their way.
+type PendingAudit = (AuditRun, Receiver<Result<(), wgpu::BufferAsyncError>>);
 
 struct InFlight {
     work: Work,
@@ -309,9 +314,13 @@ impl Engine {
             (Method::Splat(splat), _) => {
                 Sampling::Splat(Box::new(SplatRoom::new(&context, &constants, splat)))
             }
-            (_, Some(step_px)) => {
-                Sampling::Adaptive(Box::new(AdaptiveRoom::new(&context, step_px, block, rendered)))
-            }
+            (_, Some(step_px)) => Sampling::Adaptive(Box::new(AdaptiveRoom::new(
+                &context,
+                step_px,
+                block,
+                rendered,
+                config.audit,
+            ))),
             (_, None) => Sampling::Native(NativeRoom::default()),
         };
         // Pictures are drawn so many times as large along each side.
@@ -645,7 +654,7 @@ impl Engine {
         let last = self.last_counts[group.targets];
         let predicted = (last / 2 * 3).saturating_add(4096).min(slot.capacity);
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
-        interval::encode(
+        let audit = interval::encode(
             &mut self.context,
             &mut self.sampling,
             &mut encoder,
@@ -657,10 +666,14 @@ impl Engine {
         );
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&slot.staging);
+        let audit = audit.map(|run| {
+            let mapped = map(&run.staging);
+            (run, mapped)
+        });
         group.parity = 1 - group.parity;
         group.next = unit.first + i64::from(unit.instants);
         self.in_flight.push_back(InFlight {
-            work: Work::Events { unit, slot, predicted },
+            work: Work::Events { unit, slot, predicted, audit },
             submitted,
             submission,
             mapped,
@@ -674,7 +687,8 @@ impl Engine {
         let group = &mut self.groups[unit.group];
         let targets = &self.targets[group.targets];
         let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
-        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        // Every instant of every tile is sampled: there is nothing to audit.
+        let _ = self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
         let looks = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
         let submission = self.context.gpu.queue.submit([encoder.finish()]);
         let mapped = map(&looks.staging);
@@ -714,7 +728,15 @@ impl Engine {
             self.instant_ms = 0.5 * (self.instant_ms + milliseconds(began) / f64::from(unit.instants));
         }
         match oldest.work {
-            Work::Events { unit, slot, predicted } => self.take_events(unit, slot, predicted),
+            Work::Events { unit, slot, predicted, audit } => {
+                if self.take_events(unit, slot, predicted)?
+                    && let Some((run, mapped)) = audit
+                {
+                    wait_mapped(&self.context.gpu, &oldest.submission, &mapped)?;
+                    self.take_audit(&run)?;
+                }
+                Ok(())
+            }
             Work::Looks(looks) => self.take_looks(looks),
             Work::Labels(job) => {
                 let packing = Instant::now();
@@ -739,7 +761,41 @@ impl Engine {
         wait_mapped(&self.context.gpu, &flight.submission, &flight.mapped)
     }
 
-    fn take_events(&mut self, unit: Unit, slot: Slot, predicted: u32) -> Result<(), EngineError> {
+    /// Reports what audits found.
+    fn take_audit(&mut self, run: &AuditRun) -> Result<(), EngineError> {
+        let failed = |e: wgpu::MapRangeError| EngineError::Device(format!("cannot read audits back: {e}"));
+        let words: Vec<u32> = {
+            let bytes = run.staging.get_mapped_range(..).map_err(failed)?;
+            bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
+        };
+        run.staging.unmap();
+        self.report.audited += run.entries.len() as u64;
+        for (entry, change, pixel) in run.changes(&words) {
+            let view = &self.context.views[entry.view];
+            if change <= 0.5 * view.sensor.threshold_on.min(view.sensor.threshold_off) {
+                continue;
+            }
+            self.report.changed += 1;
+            let scene = &self.context.scene;
+            self.report.findings.push(Finding {
+                environment: view.environment,
+                camera: scene
+                    .cameras
+                    .iter()
+                    .find(|c| c.node == view.node)
+                    .map_or_else(String::new, |c| c.name.clone()),
+                pixel,
+                t_us: entry.t_us,
+                object: entry.node.map(|node| scene.nodes[node].name.clone()),
+                skipped: entry.skipped,
+                change,
+            });
+        }
+        Ok(())
+    }
+
+    /// Takes a submission's events; false where it has to run again.
+    fn take_events(&mut self, unit: Unit, slot: Slot, predicted: u32) -> Result<bool, EngineError> {
         let packing = Instant::now();
         let group = &self.groups[unit.group];
         let header = group.header_bytes();
@@ -763,7 +819,7 @@ impl Engine {
         }
         if status.stalled != 0 {
             slot.staging.unmap();
-            return self.recover(unit, status.event_count);
+            return self.recover(unit, status.event_count).map(|()| false);
         }
         let count = status.event_count;
         if count > predicted {
@@ -812,7 +868,7 @@ impl Engine {
         group.suppressed = status.suppressed;
         self.report.instants += u64::from(unit.instants);
         self.report.times.pack_ms += milliseconds(packing);
-        Ok(())
+        Ok(true)
     }
 
     /// Lets the host's pixels feel what a submission brought.

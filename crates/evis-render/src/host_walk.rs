@@ -10,7 +10,6 @@ use evis_core::emulator::parts::emulator;
 use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
 use rayon::prelude::*;
 
-use crate::config::{Between, RunConfig};
 use crate::engine::Context;
 use crate::error::EngineError;
 use crate::gpu::Gpu;

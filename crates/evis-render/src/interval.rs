@@ -1,6 +1,7 @@
 //! One submission: some instants of a group of views, from poses to events in a staging buffer.
 
 use crate::area::Rect;
+use crate::audit::AuditRun;
 use crate::chain::{ChainPasses, GroupChain, TALLY_WORDS, Walk};
 use crate::engine::Context;
 use crate::geometry::attachment;
@@ -275,9 +276,9 @@ pub fn encode(
     unit: &Unit,
     slot: &Slot,
     predicted: u32,
-) {
+) -> Option<AuditRun> {
     // What the pixels see at every instant, by whatever method.
-    sampling.encode(context, encoder, targets, group, unit);
+    let audit = sampling.encode(context, encoder, targets, group, unit);
     // What they feel.
     let steps = trigger_steps(&context.gpu, &context.trigger, &context.grid, targets, group, unit, slot);
     clear_tallies(encoder, group);
@@ -289,6 +290,7 @@ pub fn encode(
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, header, offsets);
     let bytes = u64::from(predicted.min(slot.capacity)) * 8;
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, group.header_bytes(), bytes);
+    audit
 }
 
 /// No pixel of a chain has asked for events or woken yet.

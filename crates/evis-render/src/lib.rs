@@ -5,6 +5,7 @@
 #[doc(hidden)]
 mod adaptive;
 mod area;
+pub mod audit;
 pub mod bench;
 mod chain;
 pub mod config;

@@ -2,6 +2,7 @@
 
 use crate::adaptive::AdaptiveRoom;
 use crate::area::Rect;
+use crate::audit::AuditRun;
 use crate::engine::{Context, Upload};
 use crate::interval::{Group, Unit, copy_layers, encode_luminance};
 use crate::shadow::MovingShadows;
@@ -29,12 +30,13 @@ impl Sampling {
         targets: &Targets,
         group: &Group,
         unit: &Unit,
-    ) {
+    ) -> Option<AuditRun> {
         match self {
             Self::Native(room) => room.encode(context, encoder, targets, group, unit),
-            Self::Adaptive(room) => room.encode(context, encoder, targets, group, unit),
+            Self::Adaptive(room) => return room.encode(context, encoder, targets, group, unit),
             Self::Splat(room) => room.encode(context, encoder, targets, group, unit),
         }
+        None
     }
 
     /// Forgets what was shown. In adaptive time, only the tiles `only` of each view are rendered from now on; with

@@ -18,11 +18,11 @@ use crate::gpu_scene::GpuScene;
 use crate::needs::Needs;
 use crate::pieces::{Extent, Hull, Pieces, pieces};
 use crate::shadow_pace::{Receiver, Scenery, shadows};
+pub use crate::tiles::{TILE, tile_range, tiles_along};
 use crate::uniforms::LightRecord;
 use crate::view::PixelLens;
-pub use crate::tiles::{TILE, tile_range, tiles_along};
-use crate::view_motion::{Activity, CameraWander, Moving, Resting, Track, Wander, reach_px};
 pub use crate::view_motion::ViewMotion as Passing;
+use crate::view_motion::{Activity, CameraWander, Moving, Resting, Track, Wander, reach_px};
 
 /// The rate of a tile that does not change.
 pub const STILL: u8 = u8::MAX;
@@ -532,12 +532,26 @@ mod tests {
         // A turn moves everything, the sky too, by about the focal length times the angle.
         let turn = DMat4::from_rotation_y(0.01);
         let mut wanted = needs(&lens);
-        DepthGrid::new(&lens, 5, 4).speeds(&lens, &[(1.0, turn)], &CameraWander::default(), true, &mut wanted, 1.0);
+        DepthGrid::new(&lens, 5, 4).speeds(
+            &lens,
+            &[(1.0, turn)],
+            &CameraWander::default(),
+            true,
+            &mut wanted,
+            1.0,
+        );
         let center = wanted.tiles[(2 * wanted.columns + 2) as usize];
         assert!((0.8..0.9).contains(&center) && wanted.tiles[0] > center, "{:?}", wanted.tiles);
         // Nothing is there and nothing is asked for.
         let mut wanted = needs(&lens);
-        DepthGrid::new(&lens, 5, 4).speeds(&lens, &[(1.0, turn)], &CameraWander::default(), false, &mut wanted, 1.0);
+        DepthGrid::new(&lens, 5, 4).speeds(
+            &lens,
+            &[(1.0, turn)],
+            &CameraWander::default(),
+            false,
+            &mut wanted,
+            1.0,
+        );
         assert!(wanted.tiles.iter().all(|need| *need == 0.0));
     }
 

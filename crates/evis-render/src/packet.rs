@@ -3,6 +3,8 @@
 use evis_core::{Event, LabelFrame, PoseSample};
 use serde::Serialize;
 
+use crate::audit::Finding;
+
 /// Everything that happened in `[start_us, end_us)`, all environments and cameras.
 #[derive(Clone, Debug, Default)]
 pub struct Packet {
@@ -52,6 +54,12 @@ pub struct PacketReport {
     pub keyframes: u64,
     /// Pixels and instants that the method could not know: there the pixel waits for its next known instant.
     pub unknown: u64,
+    /// Tiles that were skipped or sampled less often, and were rendered once more to compare.
+    pub audited: u64,
+    /// Of those: tiles in which light had changed by more than half a threshold.
+    pub changed: u64,
+    /// What changed, and where.
+    pub findings: Vec<Finding>,
     /// Submissions run again because a buffer was too small.
     pub reruns: u64,
     /// Measured milliseconds per stage.

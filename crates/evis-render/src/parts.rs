@@ -78,9 +78,14 @@ impl InView {
     }
 
     /// What drawing `rect` takes, in pixels that are shaded once.
-    fn cost(&self, rect: &Rect, pixel_price: f64) -> f64 {
+    pub fn cost(&self, rect: &Rect, pixel_price: f64) -> f64 {
         let objects: f64 = self.within(rect).map(|placed| placed.price).sum();
         RECT_PX + pixel_price * rect.pixels() as f64 + objects
+    }
+
+    /// The nearest object that may be seen within `rect`.
+    pub fn nearest(&self, rect: &Rect) -> Option<u32> {
+        self.within(rect).next().map(|placed| placed.object)
     }
 
     fn within(&self, rect: &Rect) -> impl Iterator<Item = &Placed> {

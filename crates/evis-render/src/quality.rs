@@ -49,9 +49,7 @@ impl Quality {
             Self::Draft => SamplingSettings::coverage(1.0, 16, 2),
             Self::Standard => SamplingSettings::coverage(0.5, 16, 4),
             Self::High => SamplingSettings::with_rays(0.3, 144),
-            Self::Reference => {
-                SamplingSettings { rate_hz: 8000.0, ..SamplingSettings::with_rays(0.15, 256) }
-            }
+            Self::Reference => SamplingSettings { rate_hz: 8000.0, ..SamplingSettings::with_rays(0.15, 256) },
         }
     }
 

@@ -68,7 +68,8 @@ impl SamplingRequest {
             return Err(ConfigError::new("quality", quality.name(), remedy));
         }
         if let (Some(method), Some(rate_hz)) = (keyframes, self.rate_hz) {
-            let remedy = format!("left out: {} samples keyframe rate times steps instants per second", method.name());
+            let remedy =
+                format!("left out: {} samples keyframe rate times steps instants per second", method.name());
             return Err(ConfigError::new("rate", rate_hz, remedy));
         }
         Ok(())
@@ -84,7 +85,12 @@ impl SamplingRequest {
     ///
     /// # Errors
     /// What contradicts itself, cameras that do not exist or cannot be used.
-    pub fn apply(&self, gpu: &Gpu, scene: &Scene, config: &mut RunConfig) -> Result<Vec<String>, EngineError> {
+    pub fn apply(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+        config: &mut RunConfig,
+    ) -> Result<Vec<String>, EngineError> {
         self.check()?;
         if self.shadows.is_some() {
             config.shadows = self.shadows;
@@ -135,7 +141,10 @@ mod tests {
         let refused = |request: SamplingRequest| request.check().unwrap_err().to_string();
         let quality = Some(Quality::High);
         assert!(refused(SamplingRequest { quality, method: splat, ..Default::default() }).contains("high"));
-        assert!(refused(SamplingRequest { quality, from_settings: true, ..Default::default() }).contains("settings file"));
+        assert!(
+            refused(SamplingRequest { quality, from_settings: true, ..Default::default() })
+                .contains("settings file")
+        );
         let rate_hz = Some(500.0);
         assert!(refused(SamplingRequest { rate_hz, method: splat, ..Default::default() }).contains("500"));
     }

@@ -53,7 +53,8 @@ impl SettingsFile {
     /// # Errors
     /// As [`SettingsFile::read`].
     pub fn parse(text: &str, source: &str) -> Result<Self, ConfigError> {
-        let refuse = |value: String, remedy: &str| ConfigError::new(format!("settings file {source}"), value, remedy);
+        let refuse =
+            |value: String, remedy: &str| ConfigError::new(&format!("settings file {source}"), value, remedy);
         let table: toml::Table = text
             .parse()
             .map_err(|e: toml::de::Error| refuse(e.message().to_owned(), "TOML, as `evis tune` writes it"))?;
@@ -66,7 +67,9 @@ impl SettingsFile {
             let remedy = concat!("made with version ", env!("CARGO_PKG_VERSION"), ": run `evis tune` again");
             return Err(refuse(format!("version {version}"), remedy));
         }
-        let known = |key: &&String| key.as_str() != "evis" && key.as_str() != "run" && !BESIDE.contains(&key.as_str());
+        let known = |key: &&String| {
+            key.as_str() != "evis" && key.as_str() != "run" && !BESIDE.contains(&key.as_str())
+        };
         if let Some(key) = table.keys().find(known) {
             return Err(refuse(format!("key `{key}`"), "without it: settings stand under `[run]`"));
         }

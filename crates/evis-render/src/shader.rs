@@ -57,6 +57,7 @@ shaders![
     "adaptive/tiles.wgsl",
     "adaptive/mean.wgsl",
     "adaptive/resolve.wgsl",
+    "adaptive/audit.wgsl",
     "chain/philox.wgsl",
     "chain/arithmetic.wgsl",
     "chain/layout.wgsl",

@@ -226,6 +226,18 @@ pub struct MeanJob {
     pub layer: u32,
 }
 
+/// `AuditJob` in `adaptive/audit.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct AuditJob {
+    /// Upper left pixel of the tile.
+    pub corner: [u32; 2],
+    /// Where its change goes.
+    pub slot: u32,
+    /// Added to the luminance before the logarithm.
+    pub offset: f32,
+}
+
 /// `ChainStep` in `chain/layout.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

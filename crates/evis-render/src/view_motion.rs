@@ -183,7 +183,8 @@ impl<'a> ViewMotion<'a> {
     /// How far a resting point may be, as the camera sees it, from the interpolation between `chosen` instants.
     pub fn camera_wander(&self, chosen: &[usize]) -> CameraWander {
         let start = self.camera_from_world[0];
-        let from_start: Vec<DMat4> = self.camera_from_world.iter().map(|camera| **camera * start.inverse()).collect();
+        let from_start: Vec<DMat4> =
+            self.camera_from_world.iter().map(|camera| **camera * start.inverse()).collect();
         let mut wander = CameraWander::default();
         deviations(&from_start, chosen, |now, step| {
             wander.distance = wander.distance.largest(&LinearBound::new(now));

@@ -16,6 +16,18 @@ pub fn mean(device: &wgpu::Device, samples: u32) -> ComputePass {
     ComputePass::new(device, "adaptive/mean.wgsl", MEAN_BINDINGS, &constants)
 }
 
+/// `adaptive/audit.wgsl`.
+pub const AUDIT_BINDINGS: &[Binding] = &[
+    bind(0, "job", Access::DynamicUniform),
+    bind(1, "layers", Access::ReadLayers),
+    bind(2, "changes", Access::Write),
+];
+
+/// The pass that compares a tile with the samples around it.
+pub fn audit(device: &wgpu::Device) -> ComputePass {
+    ComputePass::new(device, "adaptive/audit.wgsl", AUDIT_BINDINGS, &[])
+}
+
 /// `adaptive/resolve.wgsl`.
 pub const TILE_RESOLVE_BINDINGS: &[Binding] = &[
     bind(0, "job", Access::DynamicUniform),

@@ -64,6 +64,7 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
         ("adaptive/mean.wgsl", &[adaptive::MEAN_BINDINGS]),
         ("adaptive/resolve.wgsl", &[adaptive::TILE_RESOLVE_BINDINGS]),
+        ("adaptive/audit.wgsl", &[adaptive::AUDIT_BINDINGS]),
         ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/emit.wgsl", &[trigger::KEPT_BINDINGS]),
@@ -374,6 +375,7 @@ fn host_and_shader_structs_have_one_layout() {
         }
     );
     same_layout!("adaptive/mean.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
+    same_layout!("adaptive/audit.wgsl", "AuditJob", uniforms::AuditJob { corner, slot, offset });
     same_layout!("adaptive/resolve.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
     same_layout!("chain/walk.wgsl", "ChainStep", uniforms::ChainStep { mode, instant, pad });
     same_layout!(
@@ -444,7 +446,9 @@ fn constants_agree() {
     assert_eq!(constant("trigger/block.wgsl", "BLOCK_PIXELS"), f64::from(BLOCK_PIXELS));
     assert_eq!(constant("trigger/count.wgsl", "TILE"), f64::from(crate::pace::TILE));
     assert_eq!(constant("trigger/count.wgsl", "PIECES"), crate::cpu::trigger::PIECES as f64);
-    assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::pace::TILE));
+    assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::tiles::TILE));
+    assert_eq!(constant("adaptive/audit.wgsl", "SCALE"), f64::from(crate::cpu::audit::SCALE));
+    assert_eq!(constant("adaptive/audit.wgsl", "PIXEL_BITS"), f64::from(crate::cpu::audit::PIXEL_BITS));
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
     let cells = f64::from(crate::shadow_cells::CELLS);
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDER_CELLS"), cells);

@@ -107,7 +107,10 @@ fn presets_are_the_same_for_every_scene_but_for_what_it_does_not_allow() {
     let (wide, notes) = preset(&gpu, &spinner, Quality::Reference, &wide);
     assert!(wide.samples == 100 && notes.iter().any(|note| note.contains("100 samples")), "{notes:?}");
     // A sensor model on the host takes every instant.
-    let diffusion = SensorConfig { trigger: evis_core::TriggerRule::Crossing, ..SensorConfig::preset("dvs-voltmeter").unwrap() };
+    let diffusion = SensorConfig {
+        trigger: evis_core::TriggerRule::Crossing,
+        ..SensorConfig::preset("davis346").unwrap()
+    };
     let (host, notes) = preset(&gpu, &spinner, Quality::Standard, &RunConfig { sensor: diffusion, ..base() });
     assert_eq!((host.adaptive_px, host.between), (None, Between::Line));
     assert!(notes.iter().any(|note| note.contains("runs on the host")), "{notes:?}");
@@ -156,9 +159,11 @@ fn the_cheapest_that_agrees_with_the_reference_is_taken() {
         let events = events(&gpu, &spinner, at(config), 30_000);
         metric::score(&events, &truth, &settings).unwrap().tolerances[0].plain.f1
     };
-    let coarse = RunConfig { adaptive_px: Some(3.0), between: Between::Curve, samples: 1, rate_hz: 4000.0, ..base() };
+    let coarse =
+        RunConfig { adaptive_px: Some(3.0), between: Between::Curve, samples: 1, rate_hz: 4000.0, ..base() };
     let (own, coarse) = (score(found.config.clone()), score(coarse));
-    assert!(own > 0.87 && own > coarse + 0.02, "{own} and, a canary, {coarse}");
+    // Unscaled tolerances are stricter where things are slow.
+    assert!(own > 0.7 && own > coarse + 0.2, "{own} and, a canary, {coarse}");
 }
 
 #[test]

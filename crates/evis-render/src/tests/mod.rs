@@ -4,6 +4,7 @@ mod adaptive_streams;
 mod floor0;
 mod floor1;
 mod floor2;
+mod floor2_audit;
 mod floor2_chain;
 mod floor2_raster;
 mod floor2_splat;

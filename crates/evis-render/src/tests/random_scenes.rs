@@ -107,7 +107,8 @@ fn motion(dice: &mut Dice, rest: Trs) -> Motion {
         8 => Motion::Path(Path::ConstantVelocity { start: rest, velocity: dice.vector(1.0) }.into()),
         // Shrinks to nothing, and is nothing for a while.
         9 => {
-            let scale = curve(3, linear, &[(0.0, &[1.0; 3]), (15.0, &[0.0; 3]), (33.0, &[0.0; 3]), (end, &[1.0; 3])]);
+            let scale =
+                curve(3, linear, &[(0.0, &[1.0; 3]), (15.0, &[0.0; 3]), (33.0, &[0.0; 3]), (end, &[1.0; 3])]);
             Motion::Animated { rest, translation: None, rotation: None, scale: Some(scale) }
         }
         // A swing of which the ends and the middle of blocks see nothing.
@@ -166,12 +167,14 @@ pub fn scene(seed: u64) -> Scene {
         s.environment(Environment { intensity: 0.8, ..STUDIO.clone() });
     }
     let pattern = s.procedural("grit", &Procedural::new(Pattern::Noise, 64, 3), Sampling::default()).unwrap();
-    let holes = s.procedural("checks", &Procedural::new(Pattern::Checker, 16, 2), Sampling::default()).unwrap();
+    let holes =
+        s.procedural("checks", &Procedural::new(Pattern::Checker, 16, 2), Sampling::default()).unwrap();
     let mut materials = vec![
         s.material(Material::unlit("plain").textured(pattern)).unwrap(),
         s.material(Material::diffuse("dull").textured(pattern)).unwrap(),
         s.material(Material::diffuse("grey").colored([0.5; 3])).unwrap(),
-        s.material(Material { alpha: AlphaMode::Mask(0.5), ..Material::diffuse("leaf").textured(holes) }).unwrap(),
+        s.material(Material { alpha: AlphaMode::Mask(0.5), ..Material::diffuse("leaf").textured(holes) })
+            .unwrap(),
     ];
     let glow = Material::diffuse("glow").emitting([0.4, 0.3, 0.1], waveform(&mut dice));
     materials.push(s.material(glow).unwrap());
@@ -180,18 +183,23 @@ pub fn scene(seed: u64) -> Scene {
     let mut nodes = Vec::new();
     for (name, size, pose) in [
         ("wall", [9.0, 6.0], Trs { translation: DVec3::new(0.0, 0.5, -2.2), ..Trs::default() }),
-        ("floor", [9.0, 6.0], Trs {
-            translation: DVec3::new(0.0, -1.2, 0.0),
-            rotation: DQuat::from_rotation_x(-TAU / 4.0),
-            ..Trs::default()
-        }),
+        (
+            "floor",
+            [9.0, 6.0],
+            Trs {
+                translation: DVec3::new(0.0, -1.2, 0.0),
+                rotation: DQuat::from_rotation_x(-TAU / 4.0),
+                ..Trs::default()
+            },
+        ),
     ] {
         if dice.rarely(5) {
             continue;
         }
         let card = Shape::Card { size }.build(Some([4, 3]), [4.0; 2]).unwrap();
         let material = materials[dice.one_of(3)];
-        let mesh = s.mesh(Mesh { primitives: vec![Primitive { material, ..card }], ..Mesh::default() }).unwrap();
+        let mesh =
+            s.mesh(Mesh { primitives: vec![Primitive { material, ..card }], ..Mesh::default() }).unwrap();
         let node = s.object(name, mesh, Labels::default(), Placement::default()).unwrap();
         let at = pose.translation.to_array();
         let motion = match dice.one_of(3) {
@@ -210,7 +218,8 @@ pub fn scene(seed: u64) -> Scene {
         let around = Shape::Box { size: [12.0; 3] }.build(Some([3, 3]), [5.0; 2]).unwrap();
         let material = Material { double_sided: true, ..Material::unlit("around").textured(pattern) };
         let material = s.material(material).unwrap();
-        let mesh = s.mesh(Mesh { primitives: vec![Primitive { material, ..around }], ..Mesh::default() }).unwrap();
+        let mesh =
+            s.mesh(Mesh { primitives: vec![Primitive { material, ..around }], ..Mesh::default() }).unwrap();
         let node = s.object("around", mesh, Labels::default(), Placement::default()).unwrap();
         nodes.push((node, motion(&mut dice, Trs::default())));
     }
@@ -241,9 +250,8 @@ pub fn scene(seed: u64) -> Scene {
             // Weights are normalised when the scene is built; some stay negative.
             let least = if dice.rarely(2) { -0.6 } else { 0.0 };
             let share = |y: f32| (2.0 * y + 0.5).clamp(0.0, 1.0);
-            let of = |[_, y, _]: &[f32; 3]| {
-                [1.3 * (1.0 - share(*y)) - least, 1.3 * share(*y) + least, 0.0, 0.0]
-            };
+            let of =
+                |[_, y, _]: &[f32; 3]| [1.3 * (1.0 - share(*y)) - least, 1.3 * share(*y) + least, 0.0, 0.0];
             primitive.joints = Some(vec![[0, 1, 0, 0]; primitive.positions.len()]);
             primitive.joint_weights = Some(primitive.positions.iter().map(of).collect());
         }
@@ -279,7 +287,8 @@ pub fn scene(seed: u64) -> Scene {
         let from = DVec3::new(dice.between(-2.0, 2.0), dice.between(2.0, 4.0), dice.between(0.5, 3.0));
         let mut place = Placement::looking_at(from, [0.0, -0.5, -0.5]);
         if dice.rarely(6) {
-            place = place.moving(Path::ConstantVelocity { start: Trs::default(), velocity: dice.vector(2.0) });
+            place =
+                place.moving(Path::ConstantVelocity { start: Trs::default(), velocity: dice.vector(2.0) });
         }
         s.light(light, place).unwrap();
     }
@@ -290,28 +299,31 @@ pub fn scene(seed: u64) -> Scene {
     let mount = s.node("mount", Placement::default()).unwrap();
     let camera = EventCamera::new("camera").size(width, height).fov_y_degrees(48.0);
     s.camera(camera, Placement::default().on(mount)).unwrap();
-    nodes.push((mount, match dice.one_of(6) {
-        0 => Motion::Fixed(start.matrix()),
-        // What rests may have keys, and cameras vibrate and cut too.
-        1 => motion(&mut dice, start),
-        2 => {
-            let rest = start.rotation.to_array();
-            let turned = (start.rotation * dice.turn(0.3)).to_array();
-            let rotation = curve(4, Interpolation::Step, &[(0.0, &rest), (20.5, &turned)]);
-            Motion::Animated { rest: start, translation: None, rotation: Some(rotation), scale: None }
-        }
-        _ => Motion::Path(
-            Path::Chain(vec![
-                Path::ConstantVelocity { start, velocity: dice.vector(1.5) },
-                Path::Spin {
-                    start: Trs::default(),
-                    axis: dice.vector(1.0).normalize_or(DVec3::Y),
-                    rate: dice.between(-1.5, 1.5),
-                },
-            ])
-            .into(),
-        ),
-    }));
+    nodes.push((
+        mount,
+        match dice.one_of(6) {
+            0 => Motion::Fixed(start.matrix()),
+            // What rests may have keys, and cameras vibrate and cut too.
+            1 => motion(&mut dice, start),
+            2 => {
+                let rest = start.rotation.to_array();
+                let turned = (start.rotation * dice.turn(0.3)).to_array();
+                let rotation = curve(4, Interpolation::Step, &[(0.0, &rest), (20.5, &turned)]);
+                Motion::Animated { rest: start, translation: None, rotation: Some(rotation), scale: None }
+            }
+            _ => Motion::Path(
+                Path::Chain(vec![
+                    Path::ConstantVelocity { start, velocity: dice.vector(1.5) },
+                    Path::Spin {
+                        start: Trs::default(),
+                        axis: dice.vector(1.0).normalize_or(DVec3::Y),
+                        rate: dice.between(-1.5, 1.5),
+                    },
+                ])
+                .into(),
+            ),
+        },
+    ));
 
     let mut scene = s.build().unwrap();
     for (node, motion) in nodes {
