@@ -19,7 +19,6 @@ TINY: dict[str, Any] = {
     "rates_hz": [100, 500],
     "samples": [4],
     "edges": False,
-    "light_samples": [],
     "splat": False,
     "adaptive": False,
     "repetitions": 2,

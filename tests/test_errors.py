@@ -111,7 +111,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: keyframe(warp=E.Warp(step_px=NAN)), "step_px is nan; it must be a finite number"),
     (lambda: keyframe(warp=E.Warp(margin=-1)), "margin is -1; it must not be negative"),
     (lambda: keyframe(warp=E.Warp(fill=NAN)), "fill is nan; it must be a finite number, or None"),
-    (lambda: keyframe(warp=E.Warp(curved="x")), "curved is 'x'; it must be True or False"),
+    (lambda: keyframe(warp=E.Warp(detect_cuts="x")), "detect_cuts is 'x'; it must be True or False"),
     (lambda: keyframe(gamma="x"), "gamma is 'x'; it must be a number"),
 ]
 
@@ -133,7 +133,7 @@ def test_numbers_of_numpy_are_numbers():
     assert (
         sensor.to_toml() == evis.Sensor(threshold_on=0.25, refractory=evis.Refractory(period_us=5)).to_toml()
     )
-    keyframe(warp=E.Warp(steps=np.int64(4), step_px=np.float32(0.5), curved=np.bool_(True)))
+    keyframe(warp=E.Warp(steps=np.int64(4), step_px=np.float32(0.5), detect_cuts=np.bool_(True)))
     emulator(np.int64(4), np.uint8(3), batch=np.int32(2)).reset(np.array([0, 1]))
 
 

@@ -14,7 +14,7 @@ pixel; polarity is ON = 1, OFF = 0.
 from . import metrics, motion
 from ._builder import SceneBuilder
 from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
-from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, Warp
+from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, MotionCheck, Warp, check_motion
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
@@ -89,6 +89,7 @@ __all__ = [
     "LightError",
     "LightPixel",
     "LightVerification",
+    "MotionCheck",
     "Noise",
     "Packet",
     "Pattern",
@@ -122,6 +123,7 @@ __all__ = [
     "as_event_cd",
     "calibrate",
     "chart",
+    "check_motion",
     "compare",
     "devices",
     "frames",

@@ -79,7 +79,7 @@ class KeyframeReport:
     cut : {"none", "start", "declared", "detected"}
         Why the gap was not warped, if it was not: there was no last keyframe, or a cut.
     warnings : tuple of str
-        What to change, in words: motion too large for the rate, vectors of another convention, a cut.
+        What to change, in words: motion too large for the rate, a cut.
     """
 
     steps: int
@@ -108,8 +108,6 @@ class Warp:
         which it moves by no more than a pixel is not divided.
     margin : int
         Pixels that keyframes show beyond each border of the sensor: pictures are larger by it on every side.
-    curved : bool
-        Whether paths bend within a gap as motion changed from the gap before it; else they are straight.
     carrier : {"index", "colour"}
         What is splatted: the number of the source pixel, whose light is then read from its keyframe, or its
         luminance, with a softmax over depth.
@@ -136,7 +134,6 @@ class Warp:
     steps: int | None = None
     step_px: float = 0.3
     margin: int = 0
-    curved: bool = False
     carrier: Literal["index", "colour"] = "index"
     filter: Literal["cubic", "bilinear"] = "cubic"
     nearest: bool = True
@@ -611,6 +608,102 @@ def _warp(warp: Any, steps: int | Literal["auto"] | None) -> Warp:
     if isinstance(steps, str) and steps != "auto":
         raise ConfigError(f"steps is {steps!r}; it must be a number of instants, or 'auto'")
     return chosen if steps is None else replace(chosen, steps=None if steps == "auto" else steps)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionCheck:
+    """Which convention motion vectors follow.
+
+    Attributes
+    ----------
+    scale : (float, float)
+        What x and y of the vectors must be multiplied by before they are pushed; (1, 1) where they are right.
+    convention : str
+        The convention of the vectors, in words.
+    error_given : float
+        Mean absolute difference of log luminance between a pixel and where the vectors as given lead from it.
+    error : float
+        The same with scaled vectors.
+    """
+
+    scale: tuple[float, float]
+    convention: str
+    error_given: float
+    error: float
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the vectors may be pushed as they are."""
+        return self.scale == (1.0, 1.0)
+
+
+def check_motion(
+    older_hdr: Any, hdr: Any, motion_vectors: Any, *, transfer: Transfer | None = None, gamma: float = 2.2
+) -> MotionCheck:
+    """Tell which convention a renderer's motion vectors follow, from two keyframes.
+
+    Each convention (signs, parts of the picture, clip space) leads from pixels of the newer picture to places
+    in the older one; the right one leads to the same light. Call it once for a renderer, with two keyframes
+    between which a textured picture moves by some pixels.
+
+    Parameters
+    ----------
+    older_hdr, hdr : array_like or DLPack tensor
+        Light of the older and of the newer keyframe, as in `EventEmulator.push_keyframe`: (H, W), (H, W, 1)
+        or (H, W, 3), linear float32, or uint8 or uint16 under ``transfer``.
+    motion_vectors : array_like or DLPack tensor
+        Vectors of the newer keyframe, float32 (H, W, 2).
+    transfer : {"linear", "srgb", "rec709", "gamma"}, optional
+        What the numbers of the pictures are. If not given, linear for float32 and sRGB for integers.
+    gamma : float
+        Exponent where ``transfer`` is ``gamma``: light = value ** gamma.
+
+    Returns
+    -------
+    MotionCheck
+        The convention, and what to multiply the vectors by.
+
+    Raises
+    ------
+    ConfigError
+        If shape, dtype or transfer cannot be used, or the pictures do not tell: too few pixels that move by
+        1.5 pixels or more, or light that fits every convention or none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import evis
+    >>> x = np.arange(64, dtype=np.float32) * np.ones((48, 1), np.float32)
+    >>> pictures = [0.5 + 0.4 * np.sin((x - shift) / 4) for shift in (0, 3)]
+    >>> motion = np.zeros((48, 64, 2), np.float32)
+    >>> motion[..., 0] = 3 / 64  # by parts of the picture, from the last keyframe to this one
+    >>> evis.check_motion(*pictures, motion).scale
+    (-64.0, -48.0)
+    """
+    vectors, _ = _as_array(motion_vectors, "motion_vectors", (np.float32,))
+    if vectors.ndim != 3 or vectors.shape[2] != 2:
+        raise ConfigError(f"motion_vectors has shape {vectors.shape}; it must have (H, W, 2)")
+    height, width = vectors.shape[:2]
+    dtypes = (np.float32, np.uint8, np.uint16)
+    older, newer = (
+        _picture(what, values, (height, width), (1, 3), dtypes)[0]
+        for what, values in (("older_hdr", older_hdr), ("hdr", hdr))
+    )
+
+    def curve(light: npt.NDArray[Any]) -> str:
+        return str(transfer or ("linear" if light.dtype == np.float32 else "srgb"))
+
+    pixels = max(height * width, 1)
+    found = _evis.check_motion(
+        older.reshape(-1),
+        newer.reshape(-1),
+        vectors.reshape(-1),
+        size=(width, height),
+        channels=(older.size // pixels, newer.size // pixels),
+        transfer=(curve(older), curve(newer)),
+        gamma=_check.number("gamma", gamma),
+    )
+    return MotionCheck(**found)
 
 
 def _picture(

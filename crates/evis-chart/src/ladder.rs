@@ -1,6 +1,6 @@
 //! Which settings are measured.
 
-use evis_core::{ConfigError, Interpolation, TimeGrid, TriggerRule};
+use evis_core::{ConfigError, TimeGrid, TriggerRule};
 use evis_render::{Antialias, Carrier, Method, Motion, RunConfig, SplatConfig, Target};
 use serde::{Deserialize, Serialize};
 
@@ -22,9 +22,6 @@ pub struct Setting {
     pub antialias: Antialias,
     /// Trigger rule.
     pub trigger: TriggerRule,
-    /// How crossings between two samples are found.
-    #[serde(default)]
-    pub interpolation: Interpolation,
     /// Pixels that anything may move between two samples of it; `None` where every pixel is sampled at `rate_hz`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adaptive_px: Option<f64>,
@@ -40,7 +37,6 @@ impl Setting {
     /// Every instant is rendered.
     pub fn native(rate_hz: f64, samples: u32, antialias: Antialias, trigger: TriggerRule) -> Self {
         let method = "native".into();
-        let interpolation = Interpolation::Log;
         Self {
             published: None,
             method,
@@ -49,7 +45,6 @@ impl Setting {
             samples,
             antialias,
             trigger,
-            interpolation,
             adaptive_px: None,
             target: None,
             splat: None,
@@ -87,16 +82,10 @@ impl Setting {
             samples,
             antialias: Antialias::Samples,
             trigger,
-            interpolation: Interpolation::Log,
             adaptive_px: None,
             target: None,
             splat: Some(splat),
         }
-    }
-
-    /// The same with crossings linear in light.
-    pub fn in_light(self) -> Self {
-        Self { interpolation: Interpolation::Light, ..self }
     }
 
     /// The method, where the engine has it.
@@ -118,7 +107,6 @@ impl Setting {
         config.antialias = self.antialias;
         config.adaptive_px = self.adaptive_px;
         config.sensor.trigger = self.trigger;
-        config.sensor.interpolation = self.interpolation;
         Some(config)
     }
 
@@ -147,9 +135,6 @@ impl Setting {
         }
         if self.trigger == TriggerRule::Latch {
             label += " latch";
-        }
-        if self.interpolation == Interpolation::Light {
-            label += " light";
         }
         label + &self.splat_words()
     }
@@ -198,10 +183,9 @@ impl Setting {
 
     /// What it has in common with the points that a line joins it to: all but the rate.
     pub fn family(&self) -> String {
-        let trigger = match (self.trigger, self.interpolation) {
-            (TriggerRule::Crossing, Interpolation::Log) => "crossing",
-            (TriggerRule::Crossing, Interpolation::Light) => "crossing in light",
-            (TriggerRule::Latch, _) => "latch",
+        let trigger = match self.trigger {
+            TriggerRule::Crossing => "crossing",
+            TriggerRule::Latch => "latch",
         };
         let pixel = match (self.antialias, self.samples) {
             (Antialias::Edges, _) => "edges".to_owned(),
@@ -250,9 +234,6 @@ impl Setting {
             TriggerRule::Crossing if paper => flags += " --trigger crossing",
             TriggerRule::Crossing => {}
         }
-        if self.interpolation == Interpolation::Light {
-            flags += " --interpolation light";
-        }
         flags
     }
 
@@ -298,8 +279,6 @@ pub struct Ladder {
     pub samples: Vec<u32>,
     /// Also one shaded sample with the coverage of four, at each rate.
     pub edges: bool,
-    /// Numbers of samples with which crossings are also linear in light, at each rate.
-    pub light_samples: Vec<u32>,
     /// Rates at which the trigger also latches, with each number of samples.
     pub latch_hz: Vec<f64>,
     /// Combinations of more samples per pixel and simulated second (rate times samples) are left out: the corner where
@@ -323,7 +302,6 @@ impl Default for Ladder {
             rates_hz: vec![125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0],
             samples: vec![1, 4, 16],
             edges: true,
-            light_samples: vec![4],
             latch_hz: vec![1000.0],
             most_samples_hz: Some(16_000.0),
             published: true,
@@ -342,7 +320,6 @@ impl Ladder {
             rates_hz: vec![125.0, 500.0, 2000.0],
             samples: vec![1, 4],
             edges: false,
-            light_samples: vec![],
             latch_hz: vec![1000.0],
             most_samples_hz: Some(16_000.0),
             published: true,
@@ -361,7 +338,7 @@ impl Ladder {
         for &rate in self.rates_hz.iter().chain(&self.latch_hz) {
             TimeGrid::new(rate).map_err(|e| ConfigError { what: "rates".into(), ..e })?;
         }
-        for &samples in self.samples.iter().chain(&self.light_samples) {
+        for &samples in &self.samples {
             let base = RunConfig { samples, ..RunConfig::default() };
             base.check()?;
         }
@@ -386,11 +363,6 @@ impl Ladder {
         }
         for &rate_hz in self.rates_hz.iter().filter(|_| self.edges) {
             add(Setting::native(rate_hz, 4, Antialias::Edges, TriggerRule::Crossing));
-        }
-        for &count in &self.light_samples {
-            for &rate_hz in &self.rates_hz {
-                add(Setting::native(rate_hz, count, samples, TriggerRule::Crossing).in_light());
-            }
         }
         for &count in &self.samples {
             for &rate_hz in &self.latch_hz {
@@ -465,7 +437,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 3);
+        assert_eq!(all.len(), 6 * 4 - 2 + 3 + 4 + 4 + 9 + 3 + 3);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
@@ -495,9 +467,6 @@ mod tests {
         assert_eq!((run.rate_hz, run.antialias, run.size), (250.0, Antialias::Edges, Some((8, 6))));
         assert_eq!(edges.label(), "250 Hz edges");
         assert_eq!(edges.run_flags(), "--rate 250 --aa edges");
-        let light = Setting::native(500.0, 4, Antialias::Samples, TriggerRule::Crossing).in_light();
-        assert_eq!(light.run_config(&base).unwrap().sensor.interpolation, Interpolation::Light);
-        assert_eq!(light.run_flags(), "--rate 500 --samples 4 --interpolation light");
         let warp = &published()[1];
         assert_eq!(warp.label(), "evis-paper 250×4 Hz ×4 latch");
         assert_eq!(
@@ -521,7 +490,6 @@ mod tests {
             rates_hz: vec![],
             samples: vec![],
             edges: false,
-            light_samples: vec![],
             latch_hz: vec![],
             most_samples_hz: None,
             published: false,

@@ -22,7 +22,6 @@ fn tiny() -> ChartSettings {
             rates_hz: vec![100.0, 1000.0],
             samples: vec![4],
             edges: false,
-            light_samples: vec![4],
             latch_hz: vec![],
             most_samples_hz: None,
             published: true,

@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
-use evis_core::{ConfigError, ExposureShape, Interpolation, LabelKind, Transfer, TriggerRule};
+use evis_core::{ConfigError, LabelKind, Transfer, TriggerRule};
 use evis_render::{Antialias, Between, Carrier, Motion, Shadows, SplatConfig, Target};
 use evis_truth::{Lattice, PixelChoice};
 
@@ -140,10 +140,6 @@ pub(crate) struct RunArgs {
     #[arg(long, value_enum)]
     pub(crate) trigger: Option<TriggerArg>,
 
-    /// What is straight between two samples when --trigger crossing asks for a time [default: log].
-    #[arg(long, value_enum)]
-    pub(crate) interpolation: Option<InterpolationArg>,
-
     /// Rise of log intensity that fires an ON event [default: 0.2].
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
     pub(crate) threshold_on: Option<f32>,
@@ -172,11 +168,6 @@ pub(crate) struct RunArgs {
     /// [default: 10, or the time between two where that is shorter].
     #[arg(long, value_name = "MS", value_parser = window_ms, allow_hyphen_values = true)]
     pub(crate) exposure_ms: Option<f64>,
-
-    /// How much light counts from the start of those frames' exposures to their end: box, or 2 to 256 weights that are straight
-    /// between each other, such as 0,1,1,0 [default: box].
-    #[arg(long, value_name = "WEIGHTS", value_parser = exposure_shape, allow_hyphen_values = true)]
-    pub(crate) exposure_shape: Option<ExposureShape>,
 
     /// Y_ref in ln(Y / Y_ref + eps) [default: brings the first camera's log-mean at the start to 0.18].
     #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
@@ -527,10 +518,6 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_edges: bool,
 
-    /// Leave out crossings that are linear in light.
-    #[arg(long)]
-    pub(crate) no_light: bool,
-
     /// Leave out the settings that the EVIS paper publishes.
     #[arg(long)]
     pub(crate) no_published: bool,
@@ -626,10 +613,6 @@ pub(crate) struct TruthArgs {
     /// With --sampled: when events fire [default: what the scene gives the camera, else crossing].
     #[arg(long, value_enum, requires = "sampled")]
     pub(crate) trigger: Option<TriggerArg>,
-
-    /// With --sampled: what is taken as straight between two instants [default: what the scene gives the camera, else log].
-    #[arg(long, value_enum, requires = "sampled")]
-    pub(crate) interpolation: Option<InterpolationArg>,
 
     /// Which samples; truths of both, scored against each other, tell their own error [default: first].
     #[arg(long, value_enum)]
@@ -987,30 +970,11 @@ impl From<TriggerArg> for TriggerRule {
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum InterpolationArg {
-    /// Log intensity.
-    Log,
-    /// Light: exact while an edge moves evenly through a pixel.
-    Light,
-}
-
-impl From<InterpolationArg> for Interpolation {
-    fn from(arg: InterpolationArg) -> Self {
-        match arg {
-            InterpolationArg::Log => Self::Log,
-            InterpolationArg::Light => Self::Light,
-        }
-    }
-}
-
 /// Triggers that `verify` knows.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum VariantArg {
-    /// Every crossing, on a straight line of log intensity.
+    /// Every crossing, by linear interpolation of log luminance.
     Crossing,
-    /// Every crossing, on a straight line of light.
-    Light,
     /// At most one event per pixel and sample, at the sample's time.
     Latch,
 }
@@ -1018,8 +982,7 @@ pub(crate) enum VariantArg {
 impl From<VariantArg> for Variant {
     fn from(arg: VariantArg) -> Self {
         match arg {
-            VariantArg::Crossing => Self::CrossingLog,
-            VariantArg::Light => Self::CrossingLight,
+            VariantArg::Crossing => Self::Crossing,
             VariantArg::Latch => Self::Latch,
         }
     }
@@ -1044,7 +1007,7 @@ impl From<AntialiasArg> for Antialias {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum BetweenArg {
-    /// Straight, or as --interpolation says.
+    /// Straight.
     Line,
     /// Along a cubic that also goes by the sample before and the one after.
     Curve,
@@ -1216,10 +1179,6 @@ fn threshold(text: &str) -> Result<f32, String> {
 fn positive(text: &str) -> Result<f32, String> {
     checked(text, "a finite number above 0, such as 0.001", |v| (v as f32).is_finite() && v as f32 > 0.0)
         .map(|v| v as f32)
-}
-
-fn exposure_shape(text: &str) -> Result<ExposureShape, String> {
-    text.parse().map_err(|error: ConfigError| format!("it must be {}", error.remedy))
 }
 
 fn window_ms(text: &str) -> Result<f64, String> {

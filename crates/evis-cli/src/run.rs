@@ -167,9 +167,6 @@ fn adjust(args: &RunArgs, sensor: &mut SensorConfig) {
     if let Some(trigger) = args.trigger {
         sensor.trigger = trigger.into();
     }
-    if let Some(interpolation) = args.interpolation {
-        sensor.interpolation = interpolation.into();
-    }
 }
 
 /// The run's settings: flags over defaults.
@@ -218,10 +215,6 @@ fn config(args: &RunArgs, asked: sensor_source::Asked) -> anyhow::Result<RunConf
     } else {
         config.exposure_us = RunConfig::usual_exposure_us(args.frame_rate);
     }
-    if args.exposure_shape.is_some() && args.frame_rate.is_none() {
-        return Err(bad_input("--exposure-shape exposes no frame; add --frame-rate HZ"));
-    }
-    config.exposure_shape = args.exposure_shape.clone().unwrap_or_default();
     if config.between == Between::Curve && config.adaptive_px.is_none() {
         return Err(bad_input("--between curve runs from look to look of adaptive time; add --adaptive PX"));
     }

@@ -20,12 +20,10 @@ pub mod truth;
 
 pub use emulator::{
     Carrier, EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes,
-    Transfer, WarpConfig,
+    MotionCheck, Transfer, WarpConfig, check_motion,
 };
 pub use event::{Cause, Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
-pub use sensor::{
-    ConfigError, Exposure, ExposureShape, Interpolation, Sensor, SensorConfig, Times, TriggerRule,
-};
+pub use sensor::{ConfigError, Exposure, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;
 pub use truth::{Region, RegionSpan, Truth};

@@ -142,12 +142,11 @@ fn a_sliding_wall_fires_as_if_it_were_seen_all_the_time() {
         let (events, report) = run(1.0);
         let share = found(&events, &truth, 300, 8);
         assert!(share > 0.95, "{speed:?}: {share}");
-        assert!(report.steps >= 4 && report.hint.is_none() && report.cut == Cut::None, "{report:?}");
-        // Canary: vectors of the other sign find far fewer, and the report says what is wrong.
-        let (events, report) = run(-1.0);
+        assert!(report.steps >= 4 && report.cut == Cut::None, "{report:?}");
+        // Canary: vectors of the other sign find far fewer.
+        let (events, _) = run(-1.0);
         let share = found(&events, &truth, 300, 8);
         assert!(share < 0.6, "{speed:?}: {share} by wrong vectors");
-        assert!(report.hint.is_some_and(|hint| hint.contains("both signs")), "{report:?}");
     }
 }
 
@@ -173,34 +172,9 @@ fn a_camera_that_turns_right_sees_vectors_that_point_right() {
     let mut events = Vec::new();
     for k in 0..=3 {
         events.extend(push(&mut emulator, &seen(k as f64), k * GAP_US));
-        assert!(emulator.keyframe_reports()[0].hint.is_none());
     }
     let share = found(&events, &truth, 300, 8);
     assert!(share > 0.95, "{share}");
-}
-
-#[test]
-fn other_conventions_are_told_apart() {
-    let speed = [3.0, 2.0];
-    for (scale, said) in [
-        ([-1.0, -1.0], "both signs"),
-        ([1.0, -1.0], "y's sign"),
-        ([-1.0, 1.0], "x's sign"),
-        ([1.0 / WIDTH as f64, 1.0 / HEIGHT as f64], "parts of the picture"),
-        ([2.0 / WIDTH as f64, -2.0 / HEIGHT as f64], "clip space"),
-    ] {
-        let mut emulator = emulator(1, 1);
-        for k in 0..2 {
-            let mut picture = sliding(speed, k as f64);
-            for pair in picture.motion.chunks_exact_mut(2) {
-                pair[0] *= scale[0] as f32;
-                pair[1] *= scale[1] as f32;
-            }
-            push(&mut emulator, &picture, k * GAP_US);
-        }
-        let warnings = emulator.keyframe_reports()[0].warnings();
-        assert!(warnings.iter().any(|warning| warning.contains(said)), "{scale:?}: {warnings:?}");
-    }
 }
 
 #[test]

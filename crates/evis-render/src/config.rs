@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use evis_core::{ConfigError, ExposureShape, LabelKind, Sensor, SensorConfig, TimeGrid, TriggerRule};
+use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid, TriggerRule};
 use serde::{Deserialize, Serialize};
 
 use crate::auto::{Chosen, Target};
@@ -73,11 +73,10 @@ pub enum Antialias {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Between {
-    /// As [`SensorConfig::interpolation`] says.
+    /// Along a straight line.
     #[default]
     Line,
-    /// Along a cubic through the samples, its slopes from the sample before and the one after, in pieces that are again as
-    /// [`SensorConfig::interpolation`] says. It rises where three samples in a row rise, and rests next to a sample that does
+    /// Along a cubic through the samples, its slopes from the sample before and the one after, in straight pieces. It rises where three samples in a row rise, and rests next to a sample that does
     /// not change anything. A sensor that is more than its thresholds takes lines, and a latch has no use for either.
     Curve,
 }
@@ -147,9 +146,6 @@ pub struct RunConfig {
     pub frame_rate_hz: Option<f64>,
     /// Exposure of a frame in microseconds; even, so that its middle is a whole microsecond.
     pub exposure_us: i64,
-    /// How much light counts from an exposure's start to its end. Frames are stamped at its middle, whatever the shape.
-    #[serde(skip_serializing_if = "is_box")]
-    pub exposure_shape: ExposureShape,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
     pub reference_luminance: Option<f32>,
 }
@@ -177,7 +173,6 @@ impl Default for RunConfig {
             label_rate_hz: 50.0,
             frame_rate_hz: None,
             exposure_us: USUAL_EXPOSURE_US,
-            exposure_shape: ExposureShape::Box,
             reference_luminance: None,
         }
     }
@@ -186,10 +181,6 @@ impl Default for RunConfig {
 /// The longest exposure of frames, so many a second: the time between two, as an even number of microseconds.
 fn longest_exposure_us(frame_rate_hz: f64) -> i64 {
     (1e6 / frame_rate_hz) as i64 / 2 * 2
-}
-
-fn is_box(shape: &ExposureShape) -> bool {
-    *shape == ExposureShape::Box
 }
 
 fn is_line(between: &Between) -> bool {
@@ -281,10 +272,6 @@ impl RunConfig {
             if self.labels.contains(&LabelKind::Frame) {
                 return Err(ConfigError::new("labels", "frame", "without frame: set a frame rate instead"));
             }
-            if !is_box(&self.exposure_shape) {
-                let remedy = "box where there are no frames: set a frame rate too";
-                return Err(ConfigError::new("exposure_shape", "a list of weights", remedy));
-            }
             return Ok(());
         };
         TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
@@ -300,7 +287,7 @@ impl RunConfig {
                 format!("an even number of microseconds, from 2 to {longest} at {rate_hz} frames per second"),
             ));
         }
-        self.exposure_shape.check("exposure_shape")
+        Ok(())
     }
 
     /// Places along each side of a pixel at which it is shaded with [`Antialias::Edges`]; else 1.

@@ -5,10 +5,10 @@ use std::sync::{Mutex, PoisonError};
 use rayon::prelude::*;
 
 use super::crew::{Crew, Hands};
-use super::frames::{BLOCK, FrameData, Frames, LUMINANCE, Source, Tables};
+use super::frames::{BLOCK, FrameData, Frames, Source, Tables, linear_luminance};
 use super::links::Links;
 use super::paths::{Fields, Paths};
-use super::warp::{Bend, Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
+use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
 use super::{EmulatorReport, Environment, EventEmulator, Push};
 use crate::event::Event;
 use crate::sensor::ConfigError;
@@ -112,8 +112,6 @@ pub struct KeyframeReport {
     pub strayed: f32,
     /// Whether the gap was warped.
     pub cut: Cut,
-    /// What would make motion vectors explain the light far better.
-    pub hint: Option<&'static str>,
 }
 
 impl KeyframeReport {
@@ -123,12 +121,9 @@ impl KeyframeReport {
         if self.cut == Cut::Detected {
             out.push(format!(
                 "{:.0} % of the picture is linked to the last keyframe: a cut that was not declared, or motion vectors \
-                 of another convention",
+                 of another convention, which check_motion names",
                 self.linked * 100.0
             ));
-        }
-        if let Some(hint) = self.hint {
-            out.push(format!("light fits motion vectors far better {hint}: check their convention"));
         }
         if self.strayed > WARN_STRAYED {
             out.push(format!(
@@ -201,12 +196,10 @@ impl Keyframe {
         let pixels = canvas[0] * canvas[1];
         let range = index * pixels..(index + 1) * pixels;
         let light = match from.light {
-            FrameData::Linear(values) if from.channels == 3 => {
-                let weights = LUMINANCE.map(|weight| weight as f32);
-                let triples = &values.as_chunks::<3>().0[range.clone()];
-                triples.iter().map(|[r, g, b]| weights[0] * r + weights[1] * g + weights[2] * b).collect()
+            FrameData::Linear(values) => {
+                let channels = from.channels;
+                linear_luminance(&values[range.start * channels..range.end * channels], channels)
             }
-            FrameData::Linear(values) => values[range.clone()].to_vec(),
             _ => from_codes(from, codes, index, pixels),
         };
         let depths = &from.depth[range.clone()];
@@ -463,24 +456,22 @@ impl Gapped<'_> {
             None if declared => Cut::Declared,
             None => Cut::Start,
             Some(before) => {
-                let links = Links::find(before, &now, canvas, self.pictures.log_floor);
-                (report.motion_px, report.linked, report.hint) = (links.motion_px, links.linked, links.hint);
+                let links = Links::find(before, &now, canvas);
+                (report.motion_px, report.linked) = (links.motion_px, links.linked);
                 if self.warp.detect_cuts && links.is_cut() {
                     // Its motion says nothing of how surfaces go on.
                     now.gap_us = 0;
                     Cut::Detected
                 } else {
                     let forward = super::links::forward_motion(before, &now, canvas);
-                    let (mut parabolas, mut steps) = Default::default();
+                    let mut steps = [Vec::new(), Vec::new()];
                     if let Some(fields) = &fields {
                         let (from, _) = fields.forward(&forward).bends(&forward);
                         let (to, strayed) = paths.bends(&now.back);
                         report.strayed = strayed as f32 / now.back.len() as f32;
                         steps = [from, to];
-                    } else if self.warp.curved {
-                        parabolas = super::links::bends(before, &now, &forward, canvas);
                     }
-                    between = Some((before, forward, parabolas, steps));
+                    between = Some((before, forward, steps));
                     Cut::None
                 }
             }
@@ -494,14 +485,10 @@ impl Gapped<'_> {
                 wanted.min(self.push.interval_us)
             }
         };
-        let gap = between.as_ref().map(|(before, forward, parabolas, steps)| {
-            let bend = |side: usize| match &fields {
-                Some(_) => Bend::Steps(&steps[side]),
-                None => Bend::Parabola(&parabolas[side]),
-            };
+        let gap = between.as_ref().map(|(before, forward, [from, to])| {
             let older =
-                Side { light: &before.light, nearness: &before.nearness, motion: forward, bend: bend(0) };
-            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bend: bend(1) };
+                Side { light: &before.light, nearness: &before.nearness, motion: forward, bends: from };
+            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bends: to };
             Gap::new(self.warp, &self.pictures, older, newer)
         });
         let steps = i64::from(report.steps);

@@ -61,9 +61,6 @@ pub struct WarpConfig {
     pub step_px: f32,
     /// Pixels that keyframes show beyond each border of the sensor.
     pub margin: u32,
-    /// Whether paths bend within a gap as motion changed from the gap before it: a turn by θ a gap is then off by r·θ³/16
-    /// instead of r·θ²/8. Else they are straight.
-    pub curved: bool,
     /// What is splatted.
     pub carrier: Carrier,
     /// How an index's light is read.
@@ -90,7 +87,6 @@ impl Default for WarpConfig {
             steps: None,
             step_px: 0.3,
             margin: 0,
-            curved: false,
             carrier: Carrier::Index,
             filter: Filter::Cubic,
             nearest: true,
@@ -143,7 +139,6 @@ impl WarpConfig {
             steps: Some(steps),
             step_px: 0.3,
             margin: 0,
-            curved: false,
             carrier: Carrier::Colour,
             filter: Filter::Bilinear,
             nearest: false,
@@ -192,17 +187,9 @@ pub struct Side<'a> {
     pub nearness: &'a [f32],
     /// Pixels to where each surface is at the other keyframe; not a number where that is not known.
     pub motion: &'a [[f32; 2]],
-    /// How much the path there bends.
-    pub bend: Bend<'a>,
-}
-
-/// What is added to straight paths, per pixel.
-#[derive(Clone, Copy, Debug)]
-pub enum Bend<'a> {
-    /// At the part s of the way, s (s − 1) times this; nothing where it is empty.
-    Parabola(&'a [[f32; 2]]),
-    /// At 1/K, 2/K, … of the way these K − 1; between two of them, and the ends, what lies between.
-    Steps(&'a [Vec<[f32; 2]>]),
+    /// What is added to straight paths, per pixel: at 1/K, 2/K, … of the way these K − 1; between two of them, and the ends,
+    /// what lies between.
+    pub bends: &'a [Vec<[f32; 2]>],
 }
 
 /// A part of the way that a side's pixels go, and what paths add to it there: up to two pictures by their weights.
@@ -214,19 +201,14 @@ struct Moved<'a> {
 
 impl<'a> Moved<'a> {
     fn new(side: &Side<'a>, part: f32) -> Self {
-        let bends = match side.bend {
-            Bend::Parabola(bends) => [(part * (part - 1.0), bends), Default::default()],
-            Bend::Steps(steps) => {
-                let place = part * (steps.len() + 1) as f32;
-                let before = place.floor();
-                let bends = |step: usize| -> &'a [[f32; 2]] {
-                    // The ends bend nowhere.
-                    step.checked_sub(1).and_then(|step| steps.get(step)).map_or(&[], Vec::as_slice)
-                };
-                let step = before as usize;
-                [(1.0 - (place - before), bends(step)), (place - before, bends(step + 1))]
-            }
+        let place = part * (side.bends.len() + 1) as f32;
+        let before = place.floor();
+        let bends = |step: usize| -> &'a [[f32; 2]] {
+            // The ends bend nowhere.
+            step.checked_sub(1).and_then(|step| side.bends.get(step)).map_or(&[], Vec::as_slice)
         };
+        let step = before as usize;
+        let bends = [(1.0 - (place - before), bends(step)), (place - before, bends(step + 1))];
         Self { part, bends }
     }
 

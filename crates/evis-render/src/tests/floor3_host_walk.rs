@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use evis_core::emulator::parts::{Cause, emulator};
-use evis_core::sensor::{Exposure, ExposureShape, Noise, Photoreceptor, Readout, SensorConfig};
+use evis_core::sensor::{Exposure, Noise, Photoreceptor, Readout, SensorConfig};
 use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind};
 use evis_scene::Scene;
 
@@ -181,8 +181,7 @@ fn auto_samples_every_pixel_at_one_rate_and_says_so() {
 
 /// Pixels that see frames, of thresholds, of a chain with noise and a wire, and of a diffusion.
 fn exposed() -> [RunConfig; 3] {
-    let exposure =
-        Exposure { time_us: 5_000, period_us: 7_001, shape: ExposureShape::Weights(vec![1.0, 1.0, 0.0]) };
+    let exposure = Exposure { time_us: 5_000, period_us: 7_001 };
     let mut noisy = SensorConfig::preset("v2e-noisy").unwrap();
     noisy.readout = Readout { latency_us: 2_500.0, jitter_us: 400.0, ..Readout::default() };
     [SensorConfig::default(), noisy, config().sensor]

@@ -2,7 +2,7 @@
 
 use evis_core::WarpConfig;
 use evis_core::emulator::Filter;
-use evis_core::emulator::parts::{Bend, Gap, Pictures, Scratch, Side};
+use evis_core::emulator::parts::{Gap, Pictures, Scratch, Side};
 
 use crate::cpu::splat::{Instant, Source, instant, resolve};
 use crate::splat_config::{Carrier, Motion, SplatConfig};
@@ -59,12 +59,8 @@ fn the_emulators_warp_is_the_engines_splat() {
                 sources.iter().map(motion).collect::<Vec<_>>(),
             )
         });
-        let [older, newer] = planes.each_ref().map(|(light, nearness, motion)| Side {
-            light,
-            nearness,
-            motion,
-            bend: Bend::Parabola(&[]),
-        });
+        let [older, newer] =
+            planes.each_ref().map(|(light, nearness, motion)| Side { light, nearness, motion, bends: &[] });
         let warp = WarpConfig {
             margin: MARGIN,
             carrier: config.carrier,
