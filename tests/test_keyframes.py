@@ -51,16 +51,22 @@ def joined(parts: list[evis.EventArray]) -> evis.EventArray:
 
 def test_pushed_keyframes_fire_as_the_engines_splat(scene: evis.Scene, rendered: Any) -> None:
     keyframes, forward, y_ref = rendered
-    splat = evis.Splat(keyframe_hz=RATE_HZ, steps=6, margin=0, motion="linear")
+    paper = evis.Warp(variant="evis-paper", keyframe_hz=RATE_HZ, steps=6, margin=0)
     engine = evis.Simulator(
-        scene, size=SIZE, method=splat, samples=1, texture_taps=4, reference_luminance=y_ref
+        scene,
+        size=SIZE,
+        method=paper,
+        sensor=evis.Sensor(),
+        samples=1,
+        texture_taps=4,
+        reference_luminance=y_ref,
     )
     truth = evis.Truth.from_events(
         evis.EventArray(engine.step(END_US).events, width=SIZE[0], height=SIZE[1]),
         sensor=evis.Sensor(),
         duration_us=END_US,
     )
-    warp = evis.Warp(steps=6, filter="bilinear", dilate=0)
+    warp = evis.Warp.evis_paper(6)
 
     def f1(with_forward: bool, sign: float) -> float:
         emulator = evis.EventEmulator(*SIZE, reference_luminance=y_ref)
@@ -393,8 +399,8 @@ def bad_pushes() -> Iterator[tuple[dict[str, Any], str]]:
     yield {"steps": -1}, "steps|u32"
     yield {"warp": "splatt"}, "splatt"
     yield {"warp": evis.Warp(margin=5)}, r"\(82, 106\)"
-    yield {"warp": evis.Warp(fill=-1.0)}, "fill"
-    yield {"warp": evis.Warp(carrier="color")}, "color"  # type: ignore[arg-type]
+    yield {"warp": evis.Warp(step_px=0.0)}, "step_px"
+    yield {"warp": evis.Warp(variant="color")}, "color"  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("changes", "said"), list(bad_pushes()))

@@ -398,20 +398,20 @@ def test_a_method_samples_instants_from_keyframes(device: evis.Device):
 
     _, native = run(method="native")
     assert (native.report.keyframes, native.report.unknown) == (0, 0)
-    sim, splat = run(method=evis.Splat(keyframe_hz=50, steps=4))
+    sim, splat = run(method=evis.Warp(keyframe_hz=50, steps=4))
     assert (sim.method, splat.report.keyframes) == ("splat", 4)
     assert "splat" in sim.config_toml
     assert 0 < len(splat.view.events) < 2 * len(native.view.events)
     sim, paper = run(method="evis-paper")
     assert (sim.method, sim.sensor.trigger, sim.sensor.log_eps) == ("evis-paper", "latch", 1e-5)
-    own, same = run(method=evis.Splat.evis_paper(), sensor=sim.sensor)
+    own, same = run(method=evis.Warp.evis_paper(), sensor=sim.sensor)
     assert own.method == "evis-paper"
     assert np.array_equal(paper.view.events, same.view.events)
     for wrong, name in [
         ({"method": "warp"}, "method"),
         ({"method": "splat", "rate_hz": 500.0}, "rate_hz"),
-        ({"method": evis.Splat(steps=0)}, "steps"),
-        ({"method": evis.Splat(keyframe_hz=float("inf"))}, "keyframe_hz is inf"),
+        ({"method": evis.Warp(steps=0)}, "steps"),
+        ({"method": evis.Warp(keyframe_hz=float("inf"))}, "keyframe_hz is inf"),
     ]:
         with pytest.raises(evis.ConfigError, match=name):
             evis.Simulator(scene, size=(48, 36), **wrong)

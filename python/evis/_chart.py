@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from . import _check, _evis
 from ._evis import ConfigError
-from ._method import Splat
+from ._method import Warp
 from ._scene import Scene, raw_of
 from ._sensor import Sensor, Trigger, thresholds_of
 from ._simulator import Device, _selector
@@ -40,7 +40,7 @@ class ChartSetting:
         How they are taken.
     trigger : {"crossing", "latch"}
         How a change becomes events.
-    splat : Splat or None
+    splat : Warp or None
         Settings of ``splat`` and ``evis-paper``.
     adaptive_px : float or None
         Pixels that anything may move between two samples of it; None where everything is sampled at
@@ -56,7 +56,7 @@ class ChartSetting:
     samples: int
     antialias: Literal["samples", "edges"]
     trigger: Trigger
-    splat: Splat | None
+    splat: Warp | None
     adaptive_px: float | None = None
     target: str | None = None
 
@@ -474,7 +474,7 @@ def beside_truth(
 
 def _setting(held: dict[str, Any]) -> ChartSetting:
     splat = held.get("splat")
-    return ChartSetting(**{"published": None, **held, "splat": None if splat is None else Splat(**splat)})
+    return ChartSetting(**{"published": None, **held, "splat": None if splat is None else Warp(**splat)})
 
 
 def _scene_chart(held: dict[str, Any]) -> SceneChart:

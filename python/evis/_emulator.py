@@ -15,6 +15,7 @@ import numpy.typing as npt
 from . import _check, _evis
 from ._events import EventArray
 from ._evis import ConfigError
+from ._method import Warp
 from ._packets import CAUSE
 from ._sensor import Sensor, sensor_of
 
@@ -91,72 +92,6 @@ class KeyframeReport:
     strayed: float
     cut: Literal["none", "start", "declared", "detected"]
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Warp:
-    """How the instants between two pushed keyframes come from both.
-
-    Values are checked when keyframes are pushed; ``docs/methods.md`` says what each option does.
-
-    Attributes
-    ----------
-    steps : int, optional
-        Instants per gap, the keyframe that ends it included; as many as ``step_px`` asks for if not given.
-    step_px : float
-        Where ``steps`` is not given: pixels that the picture moves from instant to instant, at most. A gap in
-        which it moves by no more than a pixel is not divided.
-    margin : int
-        Pixels that keyframes show beyond each border of the sensor: pictures are larger by it on every side.
-    carrier : {"index", "colour"}
-        What is splatted: the number of the source pixel, whose light is then read from its keyframe, or its
-        luminance, with a softmax over depth.
-    filter : {"cubic", "bilinear"}
-        How an index's light is read between its keyframe's pixels: cubic keeps the contrast of fine texture.
-    nearest : bool
-        Where both keyframes show something, the nearer surface wins; else the newer keyframe.
-    blend : bool
-        Where both show the same surface, both count, in log light and by their distance in time.
-    dilate : int
-        Pixels by which the motion of nearer surfaces reaches over their antialiased fringe.
-    sharpness : float
-        Of the softmax: importance is e^(sharpness (1/z) / max(1/z)).
-    hole_below : float
-        A pixel with less splatted weight of colours than this is a hole.
-    fill : float or None
-        Luminance of what neither keyframe shows; None leaves the pixel's memory untouched and counts it as
-        unknown.
-    detect_cuts : bool
-        Whether keyframes that nothing links are taken for a cut: light then goes straight from one to the
-        other.
-    """
-
-    steps: int | None = None
-    step_px: float = 0.3
-    margin: int = 0
-    carrier: Literal["index", "colour"] = "index"
-    filter: Literal["cubic", "bilinear"] = "cubic"
-    nearest: bool = True
-    blend: bool = True
-    dilate: int = 1
-    sharpness: float = 12.0
-    hole_below: float = 0.3
-    fill: float | None = None
-    detect_cuts: bool = True
-
-    @classmethod
-    def evis_paper(cls, steps: int = 8) -> Warp:
-        """Return the settings that the EVIS paper publishes; its sensor latches, with ``log_eps`` 1e-5."""
-        return cls(
-            steps=steps,
-            carrier="colour",
-            filter="bilinear",
-            nearest=False,
-            blend=False,
-            dilate=0,
-            hole_below=1e-4,
-            fill=0.0,
-        )
 
 
 class EventEmulator(Generic[Out]):
@@ -455,7 +390,7 @@ class EventEmulator(Generic[Out]):
         ([10, 11, 12, 13], 14)
         """
         settings = _check.plain(_warp(warp, steps))
-        border = 2 * settings["margin"]
+        border = 2 * (settings["margin"] or 0)
         size_hw: tuple[int, int] = (self.height + border, self.width + border)
         shape: tuple[int, ...] = size_hw if self.batch is None else (self.batch, *size_hw)
         light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16))

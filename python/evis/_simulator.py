@@ -76,7 +76,7 @@ class Simulator:
         camera come before its sensor's. Every stage runs on the device, but a sensor with
         ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is walked on the host, from the light of every
         instant.
-    method : {"auto", "native", "splat", "evis-paper"} or Splat, optional
+    method : {"auto", "native", "splat", "evis-paper"} or Warp, optional
         How instants are sampled: each rendered (``native``), or splatted from keyframes. ``auto`` chooses method, rate, samples and shadows for a target. Where
         not given: ``native`` if any of ``rate_hz``, ``adaptive_px``, ``between``, ``samples``, ``antialias``
         and ``texture_taps`` is, else ``auto``.
@@ -215,8 +215,8 @@ class Simulator:
             raise ConfigError(f"{asked[0]} and {asked[1]}; give a target or a budget")
         if splat is not None and rate_hz is not None:
             raise ConfigError(
-                f"rate_hz is {rate_hz}; {_method.name(splat)} samples keyframe_hz times steps instants per "
-                "second: set those of a Splat instead"
+                f"rate_hz is {rate_hz}; {splat.variant} samples keyframe_hz times steps instants per second: "
+                "set those of a Warp instead"
             )
         raw_of(scene)
         names: list[str] = []
@@ -230,7 +230,7 @@ class Simulator:
         sensors: dict[str, str] = {}
         if sensor is None or isinstance(sensor, Mapping):
             sensors = {**_evis.scene_sensors(scene._raw, names), **_by_camera(sensor or {})}
-            paper = splat is not None and splat.is_evis_paper
+            paper = splat is not None and splat.variant == "evis-paper"
             sensor = Sensor(trigger="latch", log_eps=1e-5) if paper else Sensor()
         else:
             sensor = sensor_of(sensor)
@@ -264,7 +264,7 @@ class Simulator:
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             device=_selector(device),
         )
-        self._method = str(method) if splat is None else _method.name(splat)
+        self._method = str(method) if splat is None else splat.variant
         self._start_us = _check.micros("start", start)
         self._seed = int(seed)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)

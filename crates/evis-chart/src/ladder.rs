@@ -1,7 +1,7 @@
 //! Which settings are measured.
 
-use evis_core::{ConfigError, TimeGrid, TriggerRule};
-use evis_render::{Antialias, Carrier, Method, Motion, RunConfig, SplatConfig, Target};
+use evis_core::{ConfigError, TimeGrid, TriggerRule, Warp};
+use evis_render::{Antialias, Method, RunConfig, Target};
 use serde::{Deserialize, Serialize};
 
 /// A point of the chart, as data: it may name a method that this version of the engine does not have.
@@ -30,7 +30,7 @@ pub struct Setting {
     pub target: Option<Target>,
     /// Settings of `splat` and `evis-paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub splat: Option<SplatConfig>,
+    pub splat: Option<Warp>,
 }
 
 impl Setting {
@@ -73,12 +73,12 @@ impl Setting {
     }
 
     /// Keyframes of `samples` samples, and splatted instants between them.
-    pub fn splat(splat: SplatConfig, samples: u32, trigger: TriggerRule) -> Self {
+    pub fn splat(splat: Warp, samples: u32, trigger: TriggerRule) -> Self {
         Self {
             published: None,
             method: Method::Splat(splat).name().into(),
-            rate_hz: splat.keyframe_hz * f64::from(splat.steps),
-            rendered_hz: splat.keyframe_hz,
+            rate_hz: splat.scene_keyframe_hz() * f64::from(splat.scene_steps()),
+            rendered_hz: splat.scene_keyframe_hz(),
             samples,
             antialias: Antialias::Samples,
             trigger,
@@ -139,46 +139,10 @@ impl Setting {
         label + &self.splat_words()
     }
 
-    /// How a splat differs from its method's defaults: ` linear`, ` no blend`.
+    /// How a splat differs from its method's defaults: ` margin 16`.
     fn splat_words(&self) -> String {
-        let Some(splat) = self.splat else { return String::new() };
-        let base = self.splat_base(&splat);
-        let mut words = String::new();
-        let mut say = |differs: bool, word: String| {
-            if differs {
-                words += " ";
-                words += &word;
-            }
-        };
-        let motion = match splat.motion {
-            Motion::Linear => "linear",
-            Motion::Exact => "exact",
-        };
-        let carrier = match splat.carrier {
-            Carrier::Colour => "colour",
-            Carrier::Index => "index",
-        };
-        let with = |on: bool, what: &str| if on { what.to_owned() } else { format!("no {what}") };
-        say(splat.motion != base.motion, motion.into());
-        say(splat.carrier != base.carrier, carrier.into());
-        say(splat.nearest != base.nearest, with(splat.nearest, "nearest"));
-        say(splat.blend != base.blend, with(splat.blend, "blend"));
-        say(splat.supersample != base.supersample, format!("{0}×{0}", splat.supersample));
-        say(splat.dilate != base.dilate, format!("dilate {}", splat.dilate));
-        say(splat.margin != base.margin, format!("margin {}", splat.margin));
-        say(splat.sharpness != base.sharpness, format!("sharpness {}", splat.sharpness));
-        say(splat.hole_below != base.hole_below, format!("holes {}", splat.hole_below));
-        say(splat.fill != base.fill, splat.fill.map_or("no fill".into(), |y| format!("fill {y}")));
-        words
-    }
-
-    /// The defaults of its method at its rate.
-    fn splat_base(&self, splat: &SplatConfig) -> SplatConfig {
-        let SplatConfig { keyframe_hz, steps, .. } = *splat;
-        match self.method.as_str() {
-            "evis-paper" => SplatConfig::evis_paper(keyframe_hz, steps),
-            _ => SplatConfig { keyframe_hz, steps, ..SplatConfig::default() },
-        }
+        let margin = self.splat.and_then(|warp| warp.margin);
+        margin.map_or_else(String::new, |margin| format!(" margin {margin}"))
     }
 
     /// What it has in common with the points that a line joins it to: all but the rate.
@@ -217,12 +181,14 @@ impl Setting {
                     if self.method == "native" { flags } else { format!("--method {} {flags}", self.method) }
                 }
             },
-            Some(splat) => {
-                let (rate, steps) = (number(splat.keyframe_hz), splat.steps);
+            Some(warp) => {
+                let (rate, steps) = (number(warp.scene_keyframe_hz()), warp.scene_steps());
                 format!("--method {} --keyframe-rate {rate} --steps {steps}", self.method)
             }
         };
-        flags += &self.splat_flags();
+        if let Some(margin) = self.splat.and_then(|warp| warp.margin) {
+            flags += &format!(" --margin {margin}");
+        }
         match self.antialias {
             Antialias::Samples => flags += &format!(" --samples {}", self.samples),
             Antialias::Edges => flags += " --aa edges",
@@ -235,24 +201,6 @@ impl Setting {
             TriggerRule::Crossing => {}
         }
         flags
-    }
-
-    /// The flags of its splat that differ from the method's defaults.
-    fn splat_flags(&self) -> String {
-        let Some(splat) = &self.splat else { return String::new() };
-        let table = |splat: &SplatConfig| match serde_json::to_value(splat) {
-            Ok(serde_json::Value::Object(table)) => table,
-            _ => serde_json::Map::new(),
-        };
-        let base = table(&self.splat_base(splat));
-        table(splat)
-            .iter()
-            .filter(|(key, value)| base.get(*key) != Some(value))
-            .map(|(key, value)| {
-                let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-                format!(" --{} {value}", key.replace('_', "-"))
-            })
-            .collect()
     }
 
     fn same_run(&self, other: &Self) -> bool {
@@ -292,8 +240,8 @@ pub struct Ladder {
     pub targets: Vec<Target>,
     /// Keyframes per second and instants per gap of `splat`, with 4 samples.
     pub splat: Vec<(f64, u32)>,
-    /// Also `splat` with each of its options changed, at 125 keyframes per second and 8 instants per gap.
-    pub splat_options: bool,
+    /// Also `splat` with a latch, and `evis-paper` without one, at 125 keyframes per second and 8 instants per gap.
+    pub splat_triggers: bool,
 }
 
 impl Default for Ladder {
@@ -308,7 +256,7 @@ impl Default for Ladder {
             adaptive_px: vec![1.0, 0.5, 0.25],
             targets: vec![Target::Preview, Target::Draft, Target::Default],
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
-            splat_options: true,
+            splat_triggers: true,
         }
     }
 }
@@ -326,7 +274,7 @@ impl Ladder {
             adaptive_px: vec![0.5],
             targets: vec![Target::Preview, Target::Draft, Target::Default],
             splat: vec![(125.0, 8)],
-            splat_options: false,
+            splat_triggers: false,
         }
     }
 
@@ -375,12 +323,13 @@ impl Ladder {
         }
         self.targets.iter().for_each(|target| add(Setting::auto(*target)));
         for &(keyframe_hz, steps) in &self.splat {
-            let splat = SplatConfig { keyframe_hz, steps, ..SplatConfig::default() };
-            splat.check()?;
-            add(Setting::splat(splat, 4, TriggerRule::Crossing));
+            let warp = Warp::default().at(keyframe_hz, steps);
+            warp.check_scene()?;
+            add(Setting::splat(warp, 4, TriggerRule::Crossing));
         }
-        if self.splat_options {
-            splat_options().into_iter().for_each(&mut add);
+        if self.splat_triggers {
+            add(Setting::splat(Warp::default(), 4, TriggerRule::Latch));
+            add(Setting::splat(Warp::evis_paper(8), 4, TriggerRule::Crossing));
         }
         if self.published {
             published().into_iter().for_each(&mut add);
@@ -396,31 +345,13 @@ impl Ladder {
     }
 }
 
-/// `splat` at 125 keyframes per second and 8 instants per gap, with each of its options changed.
-fn splat_options() -> Vec<Setting> {
-    let base = SplatConfig::default();
-    let crossing = TriggerRule::Crossing;
-    let with = |splat: SplatConfig| Setting::splat(splat, 4, crossing);
-    vec![
-        with(SplatConfig { motion: Motion::Linear, ..base }),
-        with(SplatConfig { carrier: Carrier::Colour, ..base }),
-        with(SplatConfig { blend: false, ..base }),
-        with(SplatConfig { nearest: false, ..base }),
-        with(SplatConfig { nearest: false, blend: false, ..base }),
-        with(SplatConfig { dilate: 1, ..base }),
-        Setting::splat(SplatConfig { supersample: 2, ..base }, 1, crossing),
-        Setting::splat(base, 4, TriggerRule::Latch),
-        with(SplatConfig::evis_paper(base.keyframe_hz, base.steps)),
-    ]
-}
-
 /// The settings of the EVIS paper's table (its section on speed): every frame rendered, and four ways to warp
 /// fewer of them, all with its latch. How many samples its renderer takes is not stated; 4 stands for it. The threshold
 /// and eps are those of the chart, as for every other point: truth has one pixel.
 pub fn published() -> Vec<Setting> {
     let warp = |rendered_hz: f64, steps: u32| Setting {
         published: Some(format!("EVIS {}×{steps}", number(rendered_hz))),
-        ..Setting::splat(SplatConfig::evis_paper(rendered_hz, steps), 4, TriggerRule::Latch)
+        ..Setting::splat(Warp::evis_paper(steps).at(rendered_hz, steps), 4, TriggerRule::Latch)
     };
     let rendered = Setting {
         published: Some("EVIS 1000 Hz".into()),
@@ -437,7 +368,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 4 - 2 + 3 + 4 + 4 + 9 + 3 + 3);
+        assert_eq!(all.len(), 6 * 4 - 2 + 3 + 4 + 4 + 2 + 3 + 3);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
@@ -475,10 +406,10 @@ mod tests {
         );
         let crossing = Setting { trigger: TriggerRule::Crossing, ..warp.clone() };
         assert!(crossing.run_flags().ends_with("--trigger crossing"), "the paper's own is latch");
-        let splat = SplatConfig { motion: Motion::Linear, blend: false, ..SplatConfig::default() };
+        let splat = Warp { margin: Some(16), ..Warp::default() };
         let splat = Setting::splat(splat, 4, TriggerRule::Crossing);
-        assert_eq!(splat.label(), "splat 125×8 Hz ×4 linear no blend");
-        assert!(splat.run_flags().contains("--blend false --motion linear"), "{}", splat.run_flags());
+        assert_eq!(splat.label(), "splat 125×8 Hz ×4 margin 16");
+        assert_eq!(splat.run_flags(), "--method splat --keyframe-rate 125 --steps 8 --margin 16 --samples 4");
         assert_eq!(warp.rate_hz, 1000.0);
         let unknown = Setting { method: "teleport".into(), ..edges };
         assert!(unknown.run_config(&base).is_none());
@@ -496,7 +427,7 @@ mod tests {
             adaptive_px: vec![],
             targets: vec![],
             splat: vec![],
-            splat_options: false,
+            splat_triggers: false,
         };
         assert!(none.settings().unwrap_err().to_string().contains("at least one setting"));
         for bad in [0.0, -1.0, f64::NAN, 2.0e6] {

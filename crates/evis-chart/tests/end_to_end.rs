@@ -28,7 +28,7 @@ fn tiny() -> ChartSettings {
             adaptive_px: vec![1.0],
             targets: vec![evis_render::Target::Draft],
             splat: vec![],
-            splat_options: false,
+            splat_triggers: false,
         },
         repetitions: 2,
         // So small a picture moves little: only a keen sensor sees it.

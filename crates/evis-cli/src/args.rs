@@ -7,8 +7,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
-use evis_core::{ConfigError, LabelKind, Transfer, TriggerRule};
-use evis_render::{Antialias, Between, Carrier, Motion, Shadows, SplatConfig, Target};
+use evis_core::{ConfigError, LabelKind, Transfer, TriggerRule, Warp, WarpVariant};
+use evis_render::{Antialias, Between, Shadows, Target};
 use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -230,42 +230,6 @@ pub(crate) struct SplatArgs {
     /// Pixels that keyframes show beyond each border, 0 to 512 [default: 32].
     #[arg(long, value_name = "PX", value_parser = margin_pixels, allow_hyphen_values = true)]
     pub(crate) margin: Option<u32>,
-
-    /// Keyframe pixels per sensor pixel along each axis, 1 to 4 [default: 1].
-    #[arg(long, value_name = "N", value_parser = supersample, allow_hyphen_values = true)]
-    pub(crate) supersample: Option<u32>,
-
-    /// How points move between keyframes [default: exact].
-    #[arg(long, value_enum)]
-    pub(crate) motion: Option<MotionArg>,
-
-    /// What is splatted [default: index].
-    #[arg(long, value_enum)]
-    pub(crate) carrier: Option<CarrierArg>,
-
-    /// Where both keyframes show something, the nearer surface wins, else the newer keyframe [default: true].
-    #[arg(long, value_name = "true|false")]
-    pub(crate) nearest: Option<bool>,
-
-    /// Where both show the same surface, both count by their distance in time, in log light [default: true].
-    #[arg(long, value_name = "true|false")]
-    pub(crate) blend: Option<bool>,
-
-    /// Pixels by which the motion of nearer surfaces reaches over their antialiased fringe, 0 to 8 [default: 0].
-    #[arg(long, value_name = "PX", value_parser = dilate_pixels, allow_hyphen_values = true)]
-    pub(crate) dilate: Option<u32>,
-
-    /// Sharpness of the softmax over inverse depth, 0 to 1000 [default: 12].
-    #[arg(long, value_name = "A", value_parser = sharpness, allow_hyphen_values = true)]
-    pub(crate) sharpness: Option<f32>,
-
-    /// Splatted weight of colours below which a pixel is a hole, up to 1 [default: 0.3; 0.0001 for evis-paper].
-    #[arg(long, value_name = "W", value_parser = hole_weight, allow_hyphen_values = true)]
-    pub(crate) hole_below: Option<f32>,
-
-    /// Luminance where neither keyframe shows anything [default: unknown, the pixel waits; 0 for evis-paper].
-    #[arg(long, value_name = "Y", value_parser = fill, allow_hyphen_values = true)]
-    pub(crate) fill: Option<f32>,
 }
 
 impl RunArgs {
@@ -285,22 +249,10 @@ impl RunArgs {
 }
 
 impl SplatArgs {
-    /// `base` with what was given.
-    pub(crate) fn over(&self, base: SplatConfig) -> SplatConfig {
-        SplatConfig {
-            keyframe_hz: self.keyframe_rate.unwrap_or(base.keyframe_hz),
-            steps: self.steps.unwrap_or(base.steps),
-            margin: self.margin.unwrap_or(base.margin),
-            supersample: self.supersample.unwrap_or(base.supersample),
-            motion: self.motion.map_or(base.motion, Into::into),
-            carrier: self.carrier.map_or(base.carrier, Into::into),
-            nearest: self.nearest.unwrap_or(base.nearest),
-            blend: self.blend.unwrap_or(base.blend),
-            dilate: self.dilate.unwrap_or(base.dilate),
-            sharpness: self.sharpness.unwrap_or(base.sharpness),
-            hole_below: self.hole_below.unwrap_or(base.hole_below),
-            fill: self.fill.or(base.fill),
-        }
+    /// `variant` with what was given.
+    pub(crate) fn warp(&self, variant: WarpVariant) -> Warp {
+        let Self { keyframe_rate, steps, margin } = *self;
+        Warp { variant, keyframe_hz: keyframe_rate, steps, margin, ..Warp::default() }
     }
 
     /// The first flag that was given.
@@ -309,15 +261,6 @@ impl SplatArgs {
             (self.keyframe_rate.is_some(), "--keyframe-rate"),
             (self.steps.is_some(), "--steps"),
             (self.margin.is_some(), "--margin"),
-            (self.supersample.is_some(), "--supersample"),
-            (self.motion.is_some(), "--motion"),
-            (self.carrier.is_some(), "--carrier"),
-            (self.nearest.is_some(), "--nearest"),
-            (self.blend.is_some(), "--blend"),
-            (self.dilate.is_some(), "--dilate"),
-            (self.sharpness.is_some(), "--sharpness"),
-            (self.hole_below.is_some(), "--hole-below"),
-            (self.fill.is_some(), "--fill"),
         ]
         .into_iter()
         .find_map(|(given, flag)| given.then_some(flag))
@@ -526,7 +469,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_adaptive: bool,
 
-    /// Leave out `splat` and its options.
+    /// Leave out `splat`.
     #[arg(long)]
     pub(crate) no_splat: bool,
 
@@ -920,40 +863,6 @@ impl From<TargetArg> for Target {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum MotionArg {
-    /// By motion vectors times the elapsed part of the gap.
-    Linear,
-    /// By the matrices of camera and object at the instant.
-    Exact,
-}
-
-impl From<MotionArg> for Motion {
-    fn from(arg: MotionArg) -> Self {
-        match arg {
-            MotionArg::Linear => Self::Linear,
-            MotionArg::Exact => Self::Exact,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum CarrierArg {
-    /// Luminance, with a softmax over depth.
-    Colour,
-    /// The number of the source pixel; its light is then read from the keyframe.
-    Index,
-}
-
-impl From<CarrierArg> for Carrier {
-    fn from(arg: CarrierArg) -> Self {
-        match arg {
-            CarrierArg::Colour => Self::Colour,
-            CarrierArg::Index => Self::Index,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum TriggerArg {
     /// Every threshold crossing, at its own time.
     Crossing,
@@ -1278,28 +1187,6 @@ fn step_count(text: &str) -> Result<u32, String> {
 
 fn margin_pixels(text: &str) -> Result<u32, String> {
     whole(text, 0, 512, 32)
-}
-
-fn supersample(text: &str) -> Result<u32, String> {
-    whole(text, 1, 4, 2)
-}
-
-fn dilate_pixels(text: &str) -> Result<u32, String> {
-    whole(text, 0, 8, 1)
-}
-
-fn sharpness(text: &str) -> Result<f32, String> {
-    checked(text, "a number from 0 to 1000, such as 12", |v| (0.0..=1000.0).contains(&v)).map(|v| v as f32)
-}
-
-fn hole_weight(text: &str) -> Result<f32, String> {
-    checked(text, "a number above 0 and at most 1, such as 0.2", |v| v as f32 > 0.0 && v <= 1.0)
-        .map(|v| v as f32)
-}
-
-fn fill(text: &str) -> Result<f32, String> {
-    checked(text, "a luminance, 0 or above, such as 0", |v| v >= 0.0 && (v as f32).is_finite())
-        .map(|v| v as f32)
 }
 
 /// Up to `i64::MAX`: the settings are stored as TOML, whose integers are signed.

@@ -161,7 +161,7 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
     }
     if args.no_splat {
         ladder.splat.clear();
-        ladder.splat_options = false;
+        ladder.splat_triggers = false;
     }
     if args.no_adaptive {
         ladder.adaptive_px.clear();

@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, LabelKind, SensorConfig, TriggerRule};
+use evis_render::config::EVIS_PAPER_LOG_EPS;
 use evis_render::plan::Goal;
-use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
     Antialias, Between, DeviceSummary, EngineError, Gpu, Method, Packet, PacketReport, RunConfig, Shadows,
-    Simulator, SplatConfig, StageTimes, Target, scene_sensors,
+    Simulator, StageTimes, Target, scene_sensors,
 };
 use evis_scene::{Scene, SceneState};
 use serde::Serialize;
@@ -235,7 +235,7 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
         };
         return Err(bad_input(format!("{goal}: only auto has targets, budgets and plans; {remedy}")));
     }
-    let base = match asked {
+    let variant = match asked {
         MethodArg::Auto | MethodArg::Native if let Some(flag) = args.splat.given() => {
             return Err(bad_input(format!(
                 "{flag} needs keyframes; add --method splat or --method evis-paper"
@@ -251,18 +251,15 @@ fn method(args: &RunArgs) -> anyhow::Result<Method> {
             };
         }
         MethodArg::Native => return Ok(Method::Native),
-        MethodArg::Splat => SplatConfig::default(),
-        MethodArg::EvisPaper => {
-            let SplatConfig { keyframe_hz, steps, .. } = SplatConfig::default();
-            SplatConfig::evis_paper(keyframe_hz, steps)
-        }
+        MethodArg::Splat => WarpVariant::Splat,
+        MethodArg::EvisPaper => WarpVariant::EvisPaper,
     };
     if let Some(rate) = args.rate {
         return Err(bad_input(format!(
             "--rate {rate}: a method with keyframes has --keyframe-rate times --steps instants per second; give those"
         )));
     }
-    Ok(Method::Splat(args.splat.over(base)))
+    Ok(Method::Splat(args.splat.warp(variant)))
 }
 
 pub(crate) fn to_us(seconds: f64) -> i64 {

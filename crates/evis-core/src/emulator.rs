@@ -39,7 +39,7 @@ use readout::Wire;
 pub use frames::{FrameData, Frames, Transfer};
 pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
 pub use motion_check::{MotionCheck, check_motion};
-pub use warp::{Carrier, Filter, WarpConfig, check_carrying};
+pub use warp::{Warp, WarpVariant};
 
 /// Pixels per tile, at most: the unit of work of a thread. Its memory stays within a core's second cache.
 const TILE: usize = 1 << 14;

@@ -19,8 +19,8 @@ pub mod trigger;
 pub mod truth;
 
 pub use emulator::{
-    Carrier, EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes,
-    MotionCheck, Transfer, WarpConfig, check_motion,
+    EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes, MotionCheck,
+    Transfer, Warp, WarpVariant, check_motion,
 };
 pub use event::{Cause, Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};

@@ -9,7 +9,7 @@ use evis_core::event::is_ordered;
 use evis_core::sensor::{Noise, Pattern, Readout, Refractory};
 use evis_core::{
     EmulatorConfig, Event, EventEmulator, Exposure, FrameData, Frames, Keyframes, Sensor, SensorConfig,
-    Times, Transfer, TriggerRule, WarpConfig,
+    Times, Transfer, TriggerRule, Warp,
 };
 
 fn with(exposure: &Exposure, base: SensorConfig) -> SensorConfig {
@@ -332,7 +332,7 @@ fn keyframes_are_exposed_instant_by_instant() {
                 motion_forward: None,
                 cut: &[],
             };
-            let warp = WarpConfig { steps: Some(1), detect_cuts: false, ..Default::default() };
+            let warp = Warp { steps: Some(1), detect_cuts: Some(false), ..Default::default() };
             let events = warped.push_keyframe(&keyframes, at(k), &warp).unwrap().remove(0);
             let cut = warped.keyframe_reports()[0].cut;
             assert_eq!(

@@ -76,7 +76,7 @@ pub(crate) fn chart(
             adaptive_px: if adaptive { usual.adaptive_px } else { Vec::new() },
             targets: if adaptive { usual.targets } else { Vec::new() },
             splat: if splat { usual.splat } else { Vec::new() },
-            splat_options: splat && usual.splat_options,
+            splat_triggers: splat && usual.splat_triggers,
         },
         repetitions,
         sensor: SensorConfig { threshold_on, threshold_off, log_eps, ..SensorConfig::default() },

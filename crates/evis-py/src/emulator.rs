@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use evis_core::sensor::{NoiseLaw, PRESETS, sample};
 use evis_core::{
     ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, KeyframeReport, Keyframes, MotionCheck,
-    Sensor, SensorConfig, Transfer, WarpConfig, check_motion as check,
+    Sensor, SensorConfig, Transfer, Warp, check_motion as check,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -233,7 +233,7 @@ impl EventEmulator {
         gamma: f32,
         warp: &str,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let warp: WarpConfig = serde_json::from_str(warp)
+        let warp: Warp = serde_json::from_str(warp)
             .map_err(|error| Failure::Config(format!("warp: {}", error.to_string().replace('`', "'"))))?;
         let keyframes = Keyframes {
             light: light.data(transfer, gamma)?,

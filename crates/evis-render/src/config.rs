@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid, TriggerRule};
+use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid, TriggerRule, Warp};
 use serde::{Deserialize, Serialize};
 
 use crate::auto::{Chosen, Target};
 use crate::chain::OLD_US;
 use crate::grid::SampleGrid;
 use crate::sizes::MAX_INSTANTS;
-use crate::splat_config::SplatConfig;
+
+/// `eps` of the EVIS paper's code in `ln(Y + eps)`.
+pub const EVIS_PAPER_LOG_EPS: f32 = 1e-5;
 
 /// Seconds of a block of adaptive sampling.
 const BLOCK_S: f64 = 0.016;
@@ -26,7 +28,7 @@ pub enum Method {
     /// Whatever the target asks for: settled when a simulator is made, see [`RunConfig::chosen`].
     Auto(Target),
     /// Keyframes are rendered; the instants between two of them are splatted from both.
-    Splat(SplatConfig),
+    Splat(Warp),
 }
 
 impl Method {
@@ -35,8 +37,7 @@ impl Method {
         match self {
             Self::Native => "native",
             Self::Auto(_) => "auto",
-            Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
-            Self::Splat(_) => "splat",
+            Self::Splat(warp) => warp.variant.name(),
         }
     }
 
@@ -52,7 +53,7 @@ impl Method {
     pub const fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
             Self::Native | Self::Auto(_) => None,
-            Self::Splat(splat) => Some((splat.keyframe_hz, splat.steps)),
+            Self::Splat(warp) => Some((warp.scene_keyframe_hz(), warp.scene_steps())),
         }
     }
 }
@@ -307,8 +308,8 @@ impl RunConfig {
         for (camera, sensor) in &self.sensors {
             checked(camera, sensor.clone())?;
         }
-        if let Method::Splat(splat) = &self.method {
-            splat.check()?;
+        if let Method::Splat(warp) = &self.method {
+            warp.check_scene()?;
         }
         if let Some(px) = self.adaptive_px {
             if !self.method.has_adaptive_time() {

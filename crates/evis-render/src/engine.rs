@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
 use evis_core::event::take_causes;
-use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid};
+use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid, WarpVariant};
 use evis_scene::{Scene, SceneState};
 
 use crate::adaptive::AdaptiveRoom;
@@ -243,7 +243,8 @@ impl Engine {
             (Method::Splat(_), _) | (_, Some(_)) => (1, LayerUse::Computed),
             (_, None) => (samples, rendered),
         };
-        let may_be_unknown = matches!(&config.method, Method::Splat(splat) if splat.fill.is_none());
+        let may_be_unknown =
+            matches!(&config.method, Method::Splat(warp) if warp.variant == WarpVariant::Splat);
         let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, config)?;
         let constants = SceneConstants {
             lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),

@@ -8,7 +8,7 @@ use super::crew::{Crew, Hands};
 use super::frames::{BLOCK, FrameData, Frames, Source, Tables, linear_luminance};
 use super::links::Links;
 use super::paths::{Fields, Paths};
-use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
+use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, Warp, is_motion};
 use super::{EmulatorReport, Environment, EventEmulator, Push};
 use crate::event::Event;
 use crate::sensor::ConfigError;
@@ -189,7 +189,7 @@ impl Keyframe {
         codes: (&Tables, f32),
         index: usize,
         canvas: [usize; 2],
-        config: &WarpConfig,
+        config: &Warp,
         gap_us: i64,
         fields: Option<&Fields<'_>>,
     ) -> (Self, Paths, [u64; 2]) {
@@ -213,8 +213,9 @@ impl Keyframe {
         let bad = back.iter().enumerate().filter(|(at, motion)| !is_motion(**motion) || is_broken(*at));
         let bad_motion = bad.count() as u64;
         let mut forward = from.motion_forward.map(pairs).unwrap_or_default();
-        if config.dilate > 0 {
-            let nearest = dilated(&nearness, canvas, config.dilate as usize);
+        let dilation = config.variant.dilation();
+        if dilation > 0 {
+            let nearest = dilated(&nearness, canvas, dilation);
             let pick =
                 |motion: &[[f32; 2]]| nearest.iter().filter_map(|at| motion.get(*at).copied()).collect();
             back = pick(&back);
@@ -222,7 +223,7 @@ impl Keyframe {
             forward = pick(&forward);
             nearness = nearest.iter().map(|at| nearness[*at]).collect();
         }
-        let margin = config.margin;
+        let margin = config.push_margin();
         (Self { margin, gap_us, light, nearness, back, forward }, paths, [bad_depth, bad_motion])
     }
 
@@ -291,9 +292,9 @@ impl EventEmulator {
         &mut self,
         keyframes: &Keyframes<'_>,
         t_us: i64,
-        warp: &WarpConfig,
+        warp: &Warp,
     ) -> Result<Vec<Vec<Event>>, ConfigError> {
-        warp.check()?;
+        warp.check_push()?;
         let interval_us = self.check_time(t_us)?;
         let pictures = self.check_keyframes(keyframes, warp)?;
         let frames = Frames { data: keyframes.light, channels: keyframes.channels };
@@ -342,10 +343,10 @@ impl EventEmulator {
     }
 
     /// Checks sizes and light.
-    fn check_keyframes(&self, keyframes: &Keyframes<'_>, warp: &WarpConfig) -> Result<Pictures, ConfigError> {
+    fn check_keyframes(&self, keyframes: &Keyframes<'_>, warp: &Warp) -> Result<Pictures, ConfigError> {
         let config = &self.config;
         let size = [config.width as usize, config.height as usize];
-        let canvas = size.map(|n| n + 2 * warp.margin as usize);
+        let canvas = size.map(|n| n + 2 * warp.push_margin() as usize);
         let pixels = canvas[0] * canvas[1];
         if pixels >= MOST_PIXELS {
             let value = format!("{} x {}", canvas[0], canvas[1]);
@@ -395,9 +396,11 @@ impl EventEmulator {
         }
         for environment in &self.environments {
             let before = environment.keyframe.as_ref().map(|keyframe| keyframe.margin);
-            if let Some(before) = before.filter(|before| environment.has_light() && *before != warp.margin) {
+            if let Some(before) =
+                before.filter(|before| environment.has_light() && *before != warp.push_margin())
+            {
                 let remedy = format!("{before}, as at the last keyframe; or reset all environments first");
-                return Err(ConfigError::new("margin", warp.margin, remedy));
+                return Err(ConfigError::new("margin", warp.push_margin(), remedy));
             }
         }
         if let Some(tile) = self.environments.iter().find_map(Environment::begun) {
@@ -416,7 +419,7 @@ impl EventEmulator {
 struct Gapped<'a> {
     push: Push<'a>,
     pictures: Pictures,
-    warp: &'a WarpConfig,
+    warp: &'a Warp,
     /// Instants that threads warp side by side.
     at_once: usize,
     benches: &'a Benches,
@@ -458,7 +461,7 @@ impl Gapped<'_> {
             Some(before) => {
                 let links = Links::find(before, &now, canvas);
                 (report.motion_px, report.linked) = (links.motion_px, links.linked);
-                if self.warp.detect_cuts && links.is_cut() {
+                if self.warp.detects_cuts() && links.is_cut() {
                     // Its motion says nothing of how surfaces go on.
                     now.gap_us = 0;
                     Cut::Detected
@@ -480,7 +483,7 @@ impl Gapped<'_> {
             None => 1,
             Some(_) => {
                 let wanted = self.warp.steps.or(fields.map(|fields| fields.count() as u32));
-                let wanted = wanted.unwrap_or_else(|| steps_for(report.motion_px, self.warp.step_px));
+                let wanted = wanted.unwrap_or_else(|| steps_for(report.motion_px, self.warp.push_step_px()));
                 // Instants are whole microseconds.
                 wanted.min(self.push.interval_us)
             }
@@ -489,7 +492,7 @@ impl Gapped<'_> {
             let older =
                 Side { light: &before.light, nearness: &before.nearness, motion: forward, bends: from };
             let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bends: to };
-            Gap::new(self.warp, &self.pictures, older, newer)
+            Gap::new(self.warp.variant, &self.pictures, older, newer)
         });
         let steps = i64::from(report.steps);
         let offset = |k: i64| (k * gap_us + steps / 2) / steps;

@@ -3,27 +3,14 @@
 
 use std::sync::Arc;
 
-use evis_core::{LabelKind, TriggerRule};
+use evis_core::{LabelKind, TriggerRule, Warp};
 
 use crate::config::{Antialias, Method, RunConfig};
 use crate::gpu::Gpu;
-use crate::splat_config::{Carrier, Motion, SplatConfig};
 use crate::view;
 
-fn methods() -> [Method; 4] {
-    let splat = SplatConfig::default();
-    [
-        Method::Native,
-        Method::Splat(splat),
-        Method::Splat(SplatConfig::evis_paper(30.0, 8)),
-        Method::Splat(SplatConfig {
-            motion: Motion::Linear,
-            carrier: Carrier::Index,
-            blend: false,
-            nearest: false,
-            ..splat
-        }),
-    ]
+fn methods() -> [Method; 3] {
+    [Method::Native, Method::Splat(Warp::default()), Method::Splat(Warp::evis_paper(8))]
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use evis_core::emulator::parts::{Cause, emulator};
 use evis_core::sensor::{Exposure, Noise, Photoreceptor, Readout, SensorConfig};
-use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind};
+use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind, Warp};
 use evis_scene::Scene;
 
 use super::floor3::{batch, events, gather};
@@ -12,7 +12,6 @@ use crate::auto::Target;
 use crate::config::{Antialias, Method, RunConfig};
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
-use crate::splat_config::SplatConfig;
 use crate::view;
 
 fn config() -> RunConfig {
@@ -114,8 +113,8 @@ fn packets_and_steps_change_no_byte() {
     let scene = batch(&[0.0]);
     let methods = [
         Method::Native,
-        Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 5, ..SplatConfig::default() }),
-        Method::Splat(SplatConfig::evis_paper(100.0, 5)),
+        Method::Splat(Warp::default().at(100.0, 5)),
+        Method::Splat(Warp::evis_paper(5).at(100.0, 5)),
     ];
     for method in methods {
         let mut config = RunConfig { method, ..config() };
@@ -224,7 +223,7 @@ fn packets_steps_and_neighbours_change_no_byte_of_exposed_pixels() {
     let scene = batch(&[0.3, 0.0]);
     let methods = [
         (Method::Native, None),
-        (Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 5, ..SplatConfig::default() }), None),
+        (Method::Splat(Warp::default().at(100.0, 5)), None),
         (Method::Native, Some(0.4)),
     ];
     for ((method, adaptive_px), base) in methods.into_iter().zip(exposed().into_iter().cycle()) {
