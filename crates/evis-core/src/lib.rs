@@ -8,6 +8,7 @@ pub mod emulator;
 pub mod event;
 pub mod fnv;
 pub mod format;
+pub mod luminance;
 pub mod metric;
 pub mod packet;
 pub mod random;

@@ -7,6 +7,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
 use evis_core::event::take_causes;
+use evis_core::luminance::luminance;
 use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid, WarpVariant};
 use evis_scene::{Scene, SceneState};
 
@@ -278,8 +279,7 @@ impl Engine {
             &shadow_maps,
             shadows.as_ref().and_then(|s| s.occluders.as_ref()),
         );
-        let [r, g, b] = scene.background.map(f64::from);
-        let background_luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        let background_luminance = luminance(scene.background.map(f64::from));
         let classes = classes(&views);
         let sensors: Vec<&SensorConfig> = classes.iter().map(|of| &views[of[0]].sensor).collect();
         let mut context = Context {

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::ideal::margin;
+use crate::luminance::LUMINANCE_WEIGHTS;
 use crate::sensor::{ConfigError, SensorConfig};
 use crate::simd;
 
@@ -151,15 +152,12 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// Weights of R, G and B in luminance: Rec. ITU-R BT.709-6, item 3.2.
-pub(crate) const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
-
 /// Luminance per pixel of linear light, R, G, B triples where there are three channels.
 pub(crate) fn linear_luminance(values: &[f32], channels: usize) -> Vec<f32> {
     if channels == 1 {
         return values.to_vec();
     }
-    let weights = LUMINANCE.map(|weight| weight as f32);
+    let weights = LUMINANCE_WEIGHTS.map(|weight| weight as f32);
     let (triples, _) = values.as_chunks::<3>();
     triples.iter().map(|[r, g, b]| weights[0] * r + weights[1] * g + weights[2] * b).collect()
 }
@@ -228,7 +226,7 @@ impl Tables {
         };
         self.light = match frames.channels {
             1 => [table(1.0), Vec::new(), Vec::new()],
-            _ => LUMINANCE.map(table),
+            _ => LUMINANCE_WEIGHTS.map(table),
         };
         self.log = match frames.channels {
             1 => self.light[0].iter().map(|light| simd::ln(light + eps)).collect(),
@@ -301,7 +299,7 @@ impl<'a> Source<'a> {
             FrameData::Log(values) => Self::Log { values: values.get(range)? },
             FrameData::Linear(values) if rgb => Self::LinearRgb {
                 values: values.get(range)?,
-                weights: LUMINANCE.map(|weight| weight as f32 * inverse_reference),
+                weights: LUMINANCE_WEIGHTS.map(|weight| weight as f32 * inverse_reference),
             },
             FrameData::Linear(values) => Self::Linear { values: values.get(range)?, inverse_reference },
             FrameData::U8(values, _) if rgb => Self::U8Rgb {

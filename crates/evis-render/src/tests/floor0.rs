@@ -419,17 +419,30 @@ fn canary_a_swapped_field_is_seen() {
 
 /// A scalar constant of `file`.
 fn constant(file: &str, name: &str) -> f64 {
+    let values = constants(file, name);
+    assert_eq!(values.len(), 1, "{name} is a vector");
+    values[0]
+}
+
+/// The components of a constant of `file`.
+fn constants(file: &str, name: &str) -> Vec<f64> {
     let module = parse(file, &every_feature(), interface(file));
     let (_, constant) = module
         .constants
         .iter()
         .find(|(_, c)| c.name.as_deref() == Some(name))
         .unwrap_or_else(|| panic!("{file} has no constant {name}"));
-    match module.global_expressions[constant.init] {
+    let value = |expression: &naga::Expression| match *expression {
         naga::Expression::Literal(naga::Literal::U32(v)) => f64::from(v),
         naga::Expression::Literal(naga::Literal::I32(v)) => f64::from(v),
         naga::Expression::Literal(naga::Literal::F32(v)) => f64::from(v),
         ref other => panic!("{name}: {other:?}"),
+    };
+    match &module.global_expressions[constant.init] {
+        naga::Expression::Compose { components, .. } => {
+            components.iter().map(|c| value(&module.global_expressions[*c])).collect()
+        }
+        scalar => vec![value(scalar)],
     }
 }
 
@@ -441,6 +454,8 @@ fn constants_agree() {
     assert_eq!(constant("trigger/count.wgsl", "TILE"), f64::from(crate::pace::TILE));
     assert_eq!(constant("trigger/count.wgsl", "PIECES"), crate::cpu::trigger::PIECES as f64);
     assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::pace::TILE));
+    let weights = evis_core::luminance::LUMINANCE_WEIGHTS.map(|weight| f64::from(weight as f32));
+    assert_eq!(constants("raster/luminance.wgsl", "LUMINANCE_WEIGHTS"), weights);
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
     let cells = f64::from(crate::shadow_cells::CELLS);
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDER_CELLS"), cells);
