@@ -19,7 +19,6 @@ TINY: dict[str, Any] = {
     "rates_hz": [100, 500],
     "samples": [4],
     "edges": False,
-    "light_samples": [],
     "splat": False,
     "adaptive": False,
     "repetitions": 2,
@@ -45,7 +44,7 @@ def test_points_are_typed_and_scored(made: evis.Chart):
     assert scene.floor.at(1000).scaled.f1 > max(point.f1() for point in made.points)
     assert scene.not_measured == ()
     assert made.points[-1].setting.method == "evis-paper"
-    assert made.points[-1].setting.splat == evis.Splat.evis_paper(30.0, 8)
+    assert made.points[-1].setting.splat == evis.Warp(variant="evis-paper", keyframe_hz=30.0, steps=8)
     point = made.points[0]
     assert len(point.wall_ms_per_s) == 2
     assert point.cost_ms(render_ms=10.0) == pytest.approx(point.cost_ms() + 10.0 * 100)

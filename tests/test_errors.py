@@ -84,8 +84,9 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: simulator(labels=3), "labels is 3; it must be a sequence"),
     (lambda: simulator(labels=["frame"]), "label is 'frame'; .*frame_rate_hz"),
     (lambda: simulator(cameras=3), r"cameras is 3; it must be a sequence, such as \['camera'\]"),
-    (lambda: simulator(method=E.Splat(steps=-1)), "steps is -1; it must not be negative"),
-    (lambda: simulator(method=E.Splat(motion="x")), "motion is 'x'; it must be 'exact' or 'linear'"),
+    (lambda: simulator(method=E.Warp(steps=-1)), "steps is -1; it must not be negative"),
+    (lambda: simulator(method=E.Warp(variant="x")), "variant is 'x'; it must be 'splat' or 'evis-paper'"),
+    (lambda: simulator(method=E.Warp(step_px=0.5)), "step_px is set; it must be not set"),
     (lambda: simulator(exposure_us=4), "exposure_us is 4; it exposes no frame: give frame_rate_hz"),
     (lambda: E.chart(SPINNER, samples=3), "samples is 3; it must be a sequence"),
     (lambda: E.chart(SPINNER, duration=-1), "duration is -1; it must be above 0 seconds"),
@@ -108,10 +109,10 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: emulator().push(np.ones((3, 4), np.float32), "x"), "t_us is 'x'; it must be a whole number"),
     (lambda: keyframe(steps=-1), "steps is -1; it must not be negative"),
-    (lambda: keyframe(warp=E.Warp(step_px=NAN)), "step_px is nan; it must be a finite number"),
+    (lambda: keyframe(warp=E.Warp(step_px=NAN)), "step_px is nan; it must be a finite number, or None"),
     (lambda: keyframe(warp=E.Warp(margin=-1)), "margin is -1; it must not be negative"),
-    (lambda: keyframe(warp=E.Warp(fill=NAN)), "fill is nan; it must be a finite number, or None"),
-    (lambda: keyframe(warp=E.Warp(curved="x")), "curved is 'x'; it must be True or False"),
+    (lambda: keyframe(warp=E.Warp(keyframe_hz=30.0)), "keyframe_hz is 30; it must be not set"),
+    (lambda: keyframe(warp=E.Warp(detect_cuts="x")), "detect_cuts is 'x'; it must be True or False"),
     (lambda: keyframe(gamma="x"), "gamma is 'x'; it must be a number"),
 ]
 
@@ -133,7 +134,7 @@ def test_numbers_of_numpy_are_numbers():
     assert (
         sensor.to_toml() == evis.Sensor(threshold_on=0.25, refractory=evis.Refractory(period_us=5)).to_toml()
     )
-    keyframe(warp=E.Warp(steps=np.int64(4), step_px=np.float32(0.5), curved=np.bool_(True)))
+    keyframe(warp=E.Warp(steps=np.int64(4), step_px=np.float32(0.5), detect_cuts=np.bool_(True)))
     emulator(np.int64(4), np.uint8(3), batch=np.int32(2)).reset(np.array([0, 1]))
 
 
@@ -145,7 +146,7 @@ def test_the_refused_labels_name_those_that_are_taken():
     assert set(re.findall(r"'(\w+)'", str(caught.value))) - {"zz"} == taken
 
 
-@pytest.mark.parametrize("settings", [evis.Sensor(), evis.Warp(), evis.Splat()])
+@pytest.mark.parametrize("settings", [evis.Sensor(), evis.Warp()])
 def test_settings_have_fields_of_kinds_that_can_be_checked(settings: Any):
     plain = _check.plain(settings)
     assert list(plain) == [field.name for field in fields(settings)]

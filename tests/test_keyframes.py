@@ -51,16 +51,22 @@ def joined(parts: list[evis.EventArray]) -> evis.EventArray:
 
 def test_pushed_keyframes_fire_as_the_engines_splat(scene: evis.Scene, rendered: Any) -> None:
     keyframes, forward, y_ref = rendered
-    splat = evis.Splat(keyframe_hz=RATE_HZ, steps=6, margin=0, motion="linear")
+    paper = evis.Warp(variant="evis-paper", keyframe_hz=RATE_HZ, steps=6, margin=0)
     engine = evis.Simulator(
-        scene, size=SIZE, method=splat, samples=1, texture_taps=4, reference_luminance=y_ref
+        scene,
+        size=SIZE,
+        method=paper,
+        sensor=evis.Sensor(),
+        samples=1,
+        texture_taps=4,
+        reference_luminance=y_ref,
     )
     truth = evis.Truth.from_events(
         evis.EventArray(engine.step(END_US).events, width=SIZE[0], height=SIZE[1]),
         sensor=evis.Sensor(),
         duration_us=END_US,
     )
-    warp = evis.Warp(steps=6, filter="bilinear", dilate=0)
+    warp = evis.Warp.evis_paper(6)
 
     def f1(with_forward: bool, sign: float) -> float:
         emulator = evis.EventEmulator(*SIZE, reference_luminance=y_ref)
@@ -88,15 +94,30 @@ def test_pushed_keyframes_fire_as_the_engines_splat(scene: evis.Scene, rendered:
 
 
 def test_a_known_rotation_meets_the_convention(rendered: Any) -> None:
-    keyframes, _, y_ref = rendered
-    # What a host with the other sign, or y up, would give is told.
-    for flip, said in (((1, 1), ""), ((-1, -1), "both signs"), ((1, -1), "y's sign")):
-        emulator = evis.EventEmulator(*SIZE, reference_luminance=y_ref)
-        warnings = set()
-        for t_us, hdr, depth, motion in keyframes:
-            emulator.push_keyframe(hdr, depth, motion * np.array(flip, np.float32), t_us)
-            warnings |= {text for text in emulator.keyframe_report.warnings if "convention" in text}
-        assert any(said in text for text in warnings) if said else not warnings, warnings
+    keyframes, _, _ = rendered
+    (_, older, _, _), (_, newer, _, motion) = keyframes[1:3]
+    right = evis.check_motion(older, newer, motion)
+    assert right.is_right
+    assert right.error < 0.1
+    # What a host with the other sign, or y up, would give is named.
+    for flip, named in (((-1, -1), "from the last keyframe to this one"), ((1, -1), "y up")):
+        found = evis.check_motion(older, newer, motion * np.array(flip, np.float32))
+        assert (found.scale, found.is_right) == (flip, False)
+        assert named in found.convention
+        assert found.error_given > 2 * found.error
+
+
+def test_integers_and_colours_tell_a_convention_too() -> None:
+    first, second = sliding(0), sliding(1)
+    pictures = [np.repeat(each["hdr"][..., None], 3, axis=2) for each in (first, second)]
+    codes = [(255 * np.clip(picture, 0, 1)).astype(np.uint8) for picture in pictures]
+    motion = -second["motion_vectors"]
+    assert evis.check_motion(*pictures, motion).scale == (-1.0, -1.0)
+    assert evis.check_motion(*codes, motion, transfer="linear").scale == (-1.0, -1.0)
+    with pytest.raises(evis.ConfigError, match=r"motion_vectors has shape \(72, 96\)"):
+        evis.check_motion(*pictures, motion[..., 0])
+    with pytest.raises(evis.ConfigError, match="fewer than 100 pixels"):
+        evis.check_motion(*pictures, np.zeros_like(motion))
 
 
 def test_what_a_report_warns_of_is_a_python_warning_once() -> None:
@@ -378,8 +399,8 @@ def bad_pushes() -> Iterator[tuple[dict[str, Any], str]]:
     yield {"steps": -1}, "steps|u32"
     yield {"warp": "splatt"}, "splatt"
     yield {"warp": evis.Warp(margin=5)}, r"\(82, 106\)"
-    yield {"warp": evis.Warp(fill=-1.0)}, "fill"
-    yield {"warp": evis.Warp(carrier="color")}, "color"  # type: ignore[arg-type]
+    yield {"warp": evis.Warp(step_px=0.0)}, "step_px"
+    yield {"warp": evis.Warp(variant="color")}, "color"  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("changes", "said"), list(bad_pushes()))

@@ -192,7 +192,6 @@ def test_the_stream_renders_ahead(spinner: evis.Scene):
         ({"antialias": "none"}, "'samples' or 'edges'"),
         ({"sensor": evis.Sensor(threshold_on=0.0)}, "threshold_on is 0"),
         ({"sensor": evis.Sensor(trigger="edge")}, "'crossing' or 'latch'"),  # type: ignore[arg-type]
-        ({"sensor": evis.Sensor(interpolation="linear")}, "'log' or 'light'"),  # type: ignore[arg-type]
         ({"reference_luminance": 0.0}, "reference_luminance is 0"),
         ({"cameras": []}, "cameras is empty"),
     ],
@@ -359,20 +358,20 @@ def test_a_method_samples_instants_from_keyframes(device: evis.Device):
 
     _, native = run(method="native")
     assert (native.report.keyframes, native.report.unknown) == (0, 0)
-    sim, splat = run(method=evis.Splat(keyframe_hz=50, steps=4))
+    sim, splat = run(method=evis.Warp(keyframe_hz=50, steps=4))
     assert (sim.method, splat.report.keyframes) == ("splat", 4)
     assert "splat" in sim.config_toml
     assert 0 < len(splat.view.events) < 2 * len(native.view.events)
     sim, paper = run(method="evis-paper")
     assert (sim.method, sim.sensor.trigger, sim.sensor.log_eps) == ("evis-paper", "latch", 1e-5)
-    own, same = run(method=evis.Splat.evis_paper(), sensor=sim.sensor)
+    own, same = run(method=evis.Warp.evis_paper(), sensor=sim.sensor)
     assert own.method == "evis-paper"
     assert np.array_equal(paper.view.events, same.view.events)
     for wrong, name in [
         ({"method": "warp"}, "method"),
         ({"method": "splat", "rate_hz": 500.0}, "rate_hz"),
-        ({"method": evis.Splat(steps=0)}, "steps"),
-        ({"method": evis.Splat(keyframe_hz=float("inf"))}, "keyframe_hz is inf"),
+        ({"method": evis.Warp(steps=0)}, "steps"),
+        ({"method": evis.Warp(keyframe_hz=float("inf"))}, "keyframe_hz is inf"),
     ]:
         with pytest.raises(evis.ConfigError, match=name):
             evis.Simulator(scene, size=(48, 36), **wrong)
@@ -482,29 +481,6 @@ def test_frames_come_beside_events(spinner: evis.Scene):
     assert not np.array_equal(image, labels[2].images[0])
     plain = np.concatenate([packet.events for packet in streamed(spinner)])
     assert np.array_equal(plain, np.concatenate([packet.events for packet in packets]))
-
-
-def test_frames_weigh_light_by_their_shape(spinner: evis.Scene):
-    def frames(shape: Any) -> list[Any]:
-        settings = {**SMALL, "samples": 16, "frame_rate_hz": 50.0, "exposure_us": 16_000}
-        sim = evis.Simulator(spinner, **settings, exposure_shape=shape)
-        return list(sim.step(50_000).labels["frame"].images)
-
-    def apart(a: Any, b: Any, of: Any) -> float:
-        return float(np.sqrt(np.mean(((a - b) / of) ** 2)))
-
-    flat, ones, early, late = (frames(shape) for shape in ("box", (1, 1, 1), np.array([1.0, 0.0]), [0, 1]))
-    for flat_, ones_, early_, late_ in zip(flat, ones, early, late, strict=True):
-        np.testing.assert_allclose(flat_, ones_, rtol=1e-6)
-        # A falling and a rising weight make up the box, though each looks at other times.
-        assert apart(0.5 * (early_ + late_), flat_, flat_) < 0.005
-        assert apart(early_, late_, flat_) > 0.02
-
-
-@pytest.mark.parametrize("shape", [[1.0], [0, 0], [1, -1], [1, float("nan")], "bow", [1] * 257, 3])
-def test_impossible_shapes_are_named(spinner: evis.Scene, shape: Any):
-    with pytest.raises(evis.ConfigError, match="exposure_shape"):
-        evis.Simulator(spinner, frame_rate_hz=50.0, exposure_shape=shape)
 
 
 def test_pixels_may_see_frames_of_light(spinner: evis.Scene):

@@ -13,21 +13,20 @@ import evis
 def test_the_triggers_converge_as_theory_says(tmp_path: Path):
     report = evis.verify()
     assert report.passed
-    assert repr(report) == "Verification(27 of 27 pass)"
-    assert str(report).endswith("27 of 27 rows PASS")
+    assert repr(report) == "Verification(18 of 18 pass)"
+    assert str(report).endswith("18 of 18 rows PASS")
     rows = {(check.signal, check.trigger): check for check in report.checks}
-    log, light, latch = (rows["sinusoid", t] for t in ("crossing_log", "crossing_light", "latch"))
-    for check, order in ((log, 2.0), (light, 2.0), (latch, 1.0)):
+    crossing, latch = (rows["sinusoid", t] for t in ("crossing", "latch"))
+    for check, order in ((crossing, 2.0), (latch, 1.0)):
         assert check.expected_order == order
         assert check.order == pytest.approx(order, abs=0.25)
     assert latch.order != pytest.approx(2.0, abs=0.5), "canary"
-    edge = rows["edge along an axis", "crossing_light"]
-    assert (edge.signal_class, edge.theory, edge.expected_order) == ("edge", "exact_but_at_corners", None)
-    assert all(row.median_us is not None and row.median_us < 1.0 for row in edge.rows)
-    assert edge.rows[0].interval_s == pytest.approx(1 / 250)
-    assert rows["linear ramp", "crossing_light"].theory == "exact"
+    ramp = rows["exponential ramp", "crossing"]
+    assert (ramp.signal_class, ramp.theory, ramp.expected_order) == ("ramp", "exact", None)
+    assert all(row.rms_us is not None and row.rms_us < 1.0 for row in ramp.rows)
+    assert ramp.rows[0].interval_s == pytest.approx(1 / 250)
     with pytest.raises(FrozenInstanceError):
-        edge.fault = "no"  # type: ignore[misc]
+        ramp.fault = "no"  # type: ignore[misc]
     report.save(tmp_path / "a.svg")
     assert "order 2" in (tmp_path / "a.svg").read_text()
     report.save(tmp_path / "a.png")
@@ -44,7 +43,7 @@ def test_a_scene_is_measured(spinner: evis.Scene, tmp_path: Path):
         truth_pixels=120,
         rates_hz=[250, 500, 1000, 2000],
         samples=[4],
-        triggers=["crossing_log", "latch"],
+        triggers=["crossing", "latch"],
         sensor=evis.Sensor(threshold_on=0.05, threshold_off=0.05),
         cache=False,
     )
@@ -55,7 +54,7 @@ def test_a_scene_is_measured(spinner: evis.Scene, tmp_path: Path):
     assert [point.setting.trigger for point in chart.points] == ["crossing"] * 4 + ["latch"] * 4
     assert {(fit.trigger, fit.over, fit.against, fit.held) for fit in report.fits} == {
         (trigger, "rate", against, 4.0)
-        for trigger in ("crossing_log", "latch")
+        for trigger in ("crossing", "latch")
         for against in ("truth", "finest")
     }
     assert "oracle's own error" in str(report)
@@ -83,7 +82,7 @@ def test_failure_modes_are_measured(tmp_path: Path):
     assert "1 of 1 claims hold" in str(report)
     report.save(tmp_path / "a.svg")
     assert "borders without margin" in (tmp_path / "a.svg").read_text()
-    with pytest.raises(evis.ConfigError, match="one of native, auto, splat, splat-linear"):
+    with pytest.raises(evis.ConfigError, match="one of native, auto, splat, no-aa"):
         evis.verify_failures(methods=["teleport"])
     with pytest.raises(evis.ConfigError, match="keyframe-burst"):
         evis.verify_failures(failures=["border"])

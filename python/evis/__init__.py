@@ -14,11 +14,11 @@ pixel; polarity is ON = 1, OFF = 0.
 from . import metrics, motion
 from ._builder import SceneBuilder
 from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
-from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, Warp
+from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, MotionCheck, check_motion
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
-from ._method import Splat
+from ._method import Warp
 from ._packets import CAUSES, CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Diffusion, Exposure, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
@@ -89,6 +89,7 @@ __all__ = [
     "LightError",
     "LightPixel",
     "LightVerification",
+    "MotionCheck",
     "Noise",
     "Packet",
     "Pattern",
@@ -108,7 +109,6 @@ __all__ = [
     "SceneVerification",
     "Sensor",
     "Simulator",
-    "Splat",
     "Statistics",
     "Stream",
     "Truth",
@@ -122,6 +122,7 @@ __all__ = [
     "as_event_cd",
     "calibrate",
     "chart",
+    "check_motion",
     "compare",
     "devices",
     "frames",

@@ -11,9 +11,9 @@ from typing import Any, Literal
 
 from . import _check, _evis
 from ._evis import ConfigError
-from ._method import Splat
+from ._method import Warp
 from ._scene import Scene, raw_of
-from ._sensor import Interpolation, Sensor, Trigger, thresholds_of
+from ._sensor import Sensor, Trigger, thresholds_of
 from ._simulator import Device, _selector
 from .metrics import Score
 
@@ -40,9 +40,7 @@ class ChartSetting:
         How they are taken.
     trigger : {"crossing", "latch"}
         How a change becomes events.
-    interpolation : {"log", "light"}
-        How crossings between two samples are found.
-    splat : Splat or None
+    splat : Warp or None
         Settings of ``splat`` and ``evis-paper``.
     adaptive_px : float or None
         Pixels that anything may move between two samples of it; None where everything is sampled at
@@ -58,8 +56,7 @@ class ChartSetting:
     samples: int
     antialias: Literal["samples", "edges"]
     trigger: Trigger
-    interpolation: Interpolation
-    splat: Splat | None
+    splat: Warp | None
     adaptive_px: float | None = None
     quality: str | None = None
 
@@ -116,7 +113,7 @@ class SceneChart:
     start_us, duration_us : int
         What part of the scene, in microseconds.
     sensor : Sensor
-        The camera's sensor; each point sets trigger and interpolation.
+        The camera's sensor; each point sets the trigger.
     device : str
         What rendered.
     measured : str
@@ -159,7 +156,7 @@ class Recommendation:
     setting : ChartSetting
         What to run.
     sensor : Sensor
-        The sensor with the setting's trigger and interpolation.
+        The sensor with the setting's trigger.
     label : str
         The setting in a few words.
     cost_ms_per_s : float
@@ -209,7 +206,7 @@ class Chart:
 
     >>> import evis
     >>> made = evis.chart(evis.Scene.builtin("spinner"), size=(32, 24), duration=0.05, truth_pixels=200,
-    ...                   rates_hz=[500], samples=[4], edges=False, light_samples=[], published=False,
+    ...                   rates_hz=[500], samples=[4], edges=False, published=False,
     ...                   splat=False, adaptive=False, repetitions=1, floor=False, cache=False)
     >>> [point.setting.trigger for point in made.points]
     ['crossing', 'latch']
@@ -337,7 +334,6 @@ class Chart:
             threshold_off=known.threshold_off,
             log_eps=known.log_eps,
             trigger=setting.trigger,
-            interpolation=setting.interpolation,
         )
         return Recommendation(setting=setting, sensor=sensor, **held)
 
@@ -354,7 +350,6 @@ def chart(
     rates_hz: Sequence[float] | None = None,
     samples: Sequence[int] | None = None,
     edges: bool | None = None,
-    light_samples: Sequence[int] | None = None,
     latch_rates_hz: Sequence[float] | None = None,
     published: bool = True,
     splat: bool = True,
@@ -388,8 +383,6 @@ def chart(
         Samples per pixel.
     edges : bool, optional
         Whether one shaded sample with the coverage of four is measured too, at each rate.
-    light_samples : sequence of int, optional
-        Numbers of samples with which crossings are also linear in light, at each rate.
     latch_rates_hz : sequence of float, optional
         Rates at which the trigger also latches, with each number of samples.
     published : bool
@@ -401,7 +394,7 @@ def chart(
     repetitions : int
         Runs of each setting; the fastest counts.
     sensor : Sensor, optional
-        Thresholds and ``log_eps``; trigger and interpolation are the ladder's.
+        Thresholds and ``log_eps``; the trigger is the ladder's.
     camera : str, optional
         Name of the camera; the first where not given.
     size : (int, int), optional
@@ -432,13 +425,12 @@ def chart(
     DeviceError
         If there is no such device, or it failed.
     """
-    rates, counts, covered, light, latch, most = _evis.chart_ladder(quick)
+    rates, counts, covered, latch, most = _evis.chart_ladder(quick)
     text = _evis.chart(
         raw_of(scene),
         rates_hz=_check.numbers("rates_hz", rates if rates_hz is None else rates_hz),
         samples=_check.wholes("samples", counts if samples is None else samples),
         edges=covered if edges is None else edges,
-        light_samples=_check.wholes("light_samples", light if light_samples is None else light_samples),
         latch_rates_hz=_check.numbers("latch_rates_hz", latch if latch_rates_hz is None else latch_rates_hz),
         # Who names rates or samples means all of them.
         most_samples_hz=most if rates_hz is None and samples is None else None,
@@ -482,7 +474,7 @@ def beside_truth(
 
 def _setting(held: dict[str, Any]) -> ChartSetting:
     splat = held.get("splat")
-    return ChartSetting(**{"published": None, **held, "splat": None if splat is None else Splat(**splat)})
+    return ChartSetting(**{"published": None, **held, "splat": None if splat is None else Warp(**splat)})
 
 
 def _scene_chart(held: dict[str, Any]) -> SceneChart:

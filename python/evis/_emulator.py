@@ -15,6 +15,7 @@ import numpy.typing as npt
 from . import _check, _evis
 from ._events import EventArray
 from ._evis import ConfigError
+from ._method import Warp
 from ._packets import CAUSE
 from ._sensor import Sensor, sensor_of
 
@@ -79,7 +80,7 @@ class KeyframeReport:
     cut : {"none", "start", "declared", "detected"}
         Why the gap was not warped, if it was not: there was no last keyframe, or a cut.
     warnings : tuple of str
-        What to change, in words: motion too large for the rate, vectors of another convention, a cut.
+        What to change, in words: motion too large for the rate, a cut.
     """
 
     steps: int
@@ -91,75 +92,6 @@ class KeyframeReport:
     strayed: float
     cut: Literal["none", "start", "declared", "detected"]
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Warp:
-    """How the instants between two pushed keyframes come from both.
-
-    Values are checked when keyframes are pushed; ``docs/methods.md`` says what each option does.
-
-    Attributes
-    ----------
-    steps : int, optional
-        Instants per gap, the keyframe that ends it included; as many as ``step_px`` asks for if not given.
-    step_px : float
-        Where ``steps`` is not given: pixels that the picture moves from instant to instant, at most. A gap in
-        which it moves by no more than a pixel is not divided.
-    margin : int
-        Pixels that keyframes show beyond each border of the sensor: pictures are larger by it on every side.
-    curved : bool
-        Whether paths bend within a gap as motion changed from the gap before it; else they are straight.
-    carrier : {"index", "colour"}
-        What is splatted: the number of the source pixel, whose light is then read from its keyframe, or its
-        luminance, with a softmax over depth.
-    filter : {"cubic", "bilinear"}
-        How an index's light is read between its keyframe's pixels: cubic keeps the contrast of fine texture.
-    nearest : bool
-        Where both keyframes show something, the nearer surface wins; else the newer keyframe.
-    blend : bool
-        Where both show the same surface, both count, in log light and by their distance in time.
-    dilate : int
-        Pixels by which the motion of nearer surfaces reaches over their antialiased fringe.
-    sharpness : float
-        Of the softmax: importance is e^(sharpness (1/z) / max(1/z)).
-    hole_below : float
-        A pixel with less splatted weight of colours than this is a hole.
-    fill : float or None
-        Luminance of what neither keyframe shows; None leaves the pixel's memory untouched and counts it as
-        unknown.
-    detect_cuts : bool
-        Whether keyframes that nothing links are taken for a cut: light then goes straight from one to the
-        other.
-    """
-
-    steps: int | None = None
-    step_px: float = 0.3
-    margin: int = 0
-    curved: bool = False
-    carrier: Literal["index", "colour"] = "index"
-    filter: Literal["cubic", "bilinear"] = "cubic"
-    nearest: bool = True
-    blend: bool = True
-    dilate: int = 1
-    sharpness: float = 12.0
-    hole_below: float = 0.3
-    fill: float | None = None
-    detect_cuts: bool = True
-
-    @classmethod
-    def evis_paper(cls, steps: int = 8) -> Warp:
-        """Return the settings that the EVIS paper publishes; its sensor latches, with ``log_eps`` 1e-5."""
-        return cls(
-            steps=steps,
-            carrier="colour",
-            filter="bilinear",
-            nearest=False,
-            blend=False,
-            dilate=0,
-            hole_below=1e-4,
-            fill=0.0,
-        )
 
 
 class EventEmulator(Generic[Out]):
@@ -458,7 +390,7 @@ class EventEmulator(Generic[Out]):
         ([10, 11, 12, 13], 14)
         """
         settings = _check.plain(_warp(warp, steps))
-        border = 2 * settings["margin"]
+        border = 2 * (settings["margin"] or 0)
         size_hw: tuple[int, int] = (self.height + border, self.width + border)
         shape: tuple[int, ...] = size_hw if self.batch is None else (self.batch, *size_hw)
         light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16))
@@ -611,6 +543,102 @@ def _warp(warp: Any, steps: int | Literal["auto"] | None) -> Warp:
     if isinstance(steps, str) and steps != "auto":
         raise ConfigError(f"steps is {steps!r}; it must be a number of instants, or 'auto'")
     return chosen if steps is None else replace(chosen, steps=None if steps == "auto" else steps)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionCheck:
+    """Which convention motion vectors follow.
+
+    Attributes
+    ----------
+    scale : (float, float)
+        What x and y of the vectors must be multiplied by before they are pushed; (1, 1) where they are right.
+    convention : str
+        The convention of the vectors, in words.
+    error_given : float
+        Mean absolute difference of log luminance between a pixel and where the vectors as given lead from it.
+    error : float
+        The same with scaled vectors.
+    """
+
+    scale: tuple[float, float]
+    convention: str
+    error_given: float
+    error: float
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the vectors may be pushed as they are."""
+        return self.scale == (1.0, 1.0)
+
+
+def check_motion(
+    older_hdr: Any, hdr: Any, motion_vectors: Any, *, transfer: Transfer | None = None, gamma: float = 2.2
+) -> MotionCheck:
+    """Tell which convention a renderer's motion vectors follow, from two keyframes.
+
+    Each convention (signs, parts of the picture, clip space) leads from pixels of the newer picture to places
+    in the older one; the right one leads to the same light. Call it once for a renderer, with two keyframes
+    between which a textured picture moves by some pixels.
+
+    Parameters
+    ----------
+    older_hdr, hdr : array_like or DLPack tensor
+        Light of the older and of the newer keyframe, as in `EventEmulator.push_keyframe`: (H, W), (H, W, 1)
+        or (H, W, 3), linear float32, or uint8 or uint16 under ``transfer``.
+    motion_vectors : array_like or DLPack tensor
+        Vectors of the newer keyframe, float32 (H, W, 2).
+    transfer : {"linear", "srgb", "rec709", "gamma"}, optional
+        What the numbers of the pictures are. If not given, linear for float32 and sRGB for integers.
+    gamma : float
+        Exponent where ``transfer`` is ``gamma``: light = value ** gamma.
+
+    Returns
+    -------
+    MotionCheck
+        The convention, and what to multiply the vectors by.
+
+    Raises
+    ------
+    ConfigError
+        If shape, dtype or transfer cannot be used, or the pictures do not tell: too few pixels that move by
+        1.5 pixels or more, or light that fits every convention or none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import evis
+    >>> x = np.arange(64, dtype=np.float32) * np.ones((48, 1), np.float32)
+    >>> pictures = [0.5 + 0.4 * np.sin((x - shift) / 4) for shift in (0, 3)]
+    >>> motion = np.zeros((48, 64, 2), np.float32)
+    >>> motion[..., 0] = 3 / 64  # by parts of the picture, from the last keyframe to this one
+    >>> evis.check_motion(*pictures, motion).scale
+    (-64.0, -48.0)
+    """
+    vectors, _ = _as_array(motion_vectors, "motion_vectors", (np.float32,))
+    if vectors.ndim != 3 or vectors.shape[2] != 2:
+        raise ConfigError(f"motion_vectors has shape {vectors.shape}; it must have (H, W, 2)")
+    height, width = vectors.shape[:2]
+    dtypes = (np.float32, np.uint8, np.uint16)
+    older, newer = (
+        _picture(what, values, (height, width), (1, 3), dtypes)[0]
+        for what, values in (("older_hdr", older_hdr), ("hdr", hdr))
+    )
+
+    def curve(light: npt.NDArray[Any]) -> str:
+        return str(transfer or ("linear" if light.dtype == np.float32 else "srgb"))
+
+    pixels = max(height * width, 1)
+    found = _evis.check_motion(
+        older.reshape(-1),
+        newer.reshape(-1),
+        vectors.reshape(-1),
+        size=(width, height),
+        channels=(older.size // pixels, newer.size // pixels),
+        transfer=(curve(older), curve(newer)),
+        gamma=_check.number("gamma", gamma),
+    )
+    return MotionCheck(**found)
 
 
 def _picture(

@@ -31,6 +31,7 @@ __all__ = [
     "chart_cache",
     "chart_ladder",
     "check_chart",
+    "check_motion",
     "compare_table",
     "convert_video",
     "draw_chart",
@@ -118,7 +119,6 @@ def chart(
     rates_hz: list[float],
     samples: list[int],
     edges: bool,
-    light_samples: list[int],
     latch_rates_hz: list[float],
     most_samples_hz: float | None,
     published: bool,
@@ -307,7 +307,6 @@ class Simulator:
         label_rate_hz: float,
         frame_rate_hz: float | None,
         exposure_us: int | None,
-        exposure_shape: list[float] | None,
         reference_luminance: float | None,
         device: str | None,
     ) -> Simulator: ...
@@ -455,6 +454,16 @@ def sensor_photoreceptor_noise(json: str, rate_hz: float, v2e: bool) -> float: .
 def sensor_to_toml(json: str) -> str: ...
 def sensor_from_toml(text: str) -> str: ...
 def sensor_sample(json: str, ranges: str, seed: int) -> str: ...
+def check_motion(
+    older: npt.NDArray[Any],
+    newer: npt.NDArray[Any],
+    motion: npt.NDArray[np.float32],
+    *,
+    size: tuple[int, int],
+    channels: tuple[int, int],
+    transfer: tuple[str, str],
+    gamma: float,
+) -> dict[str, Any]: ...
 
 @final
 class EventEmulator:

@@ -17,9 +17,6 @@ from ._evis import ConfigError
 Trigger: TypeAlias = Literal["crossing", "latch"]
 """``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample."""
 
-Interpolation: TypeAlias = Literal["log", "light"]
-"""What is straight between two samples: the signal, or the light (exact while an edge crosses a pixel)."""
-
 Times: TypeAlias = Literal["crossing", "sample", "even", "shared"]
 """When the events of an interval happen: at crossings, at its end, evenly, or as v2e shares them."""
 
@@ -39,14 +36,10 @@ class Exposure:
     period_us : int
         From the start of one exposure to that of the next, ``time_us`` to 10 000 000: they begin at its
         multiples. 0: one begins where another ends.
-    shape : "box" or tuple of float
-        How much light counts meanwhile: all the same, or 2 to 256 weights from start to end that are straight
-        between each other; their scale does not matter.
     """
 
     time_us: int = 0
     period_us: int = 0
-    shape: Literal["box"] | Sequence[float] = "box"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -260,9 +253,6 @@ class Sensor:
         ``log_eps`` in the formula above; above 0.
     trigger : {"crossing", "latch"}
         How a change between two samples becomes events.
-    interpolation : {"log", "light"}
-        What is straight between two samples, where ``crossing`` asks when a threshold is crossed;
-        ``latch`` does not ask.
     times : {"crossing", "sample", "even", "shared"}
         When events happen; anything but ``crossing`` imitates other simulators.
     most_events : int
@@ -277,7 +267,6 @@ class Sensor:
     threshold_off: float = 0.2
     log_eps: float = 1e-3
     trigger: Trigger = "crossing"
-    interpolation: Interpolation = "log"
     times: Times = "crossing"
     most_events: int = 65535
     exposure: Exposure = field(default_factory=Exposure)
@@ -420,19 +409,14 @@ class Sensor:
         return _evis.sensor_check(self._json())[1]
 
     def _json(self) -> str:
-        values = _check.plain(self)
-        values["exposure"]["shape"] = _shape("exposure.shape", self.exposure.shape) or "box"
-        return json.dumps(values)
+        return json.dumps(_check.plain(self))
 
     @classmethod
     def _of_json(cls, text: str) -> Sensor:
         values = json.loads(text)
         diffusion = values["diffusion"]
-        exposure = values["exposure"]
-        if not isinstance(exposure["shape"], str):
-            exposure["shape"] = tuple(exposure["shape"])
         stages: dict[str, Any] = {
-            "exposure": Exposure(**exposure),
+            "exposure": Exposure(**values["exposure"]),
             "photoreceptor": Photoreceptor(**values["photoreceptor"]),
             "pattern": Pattern(**values["pattern"]),
             "noise": Noise(**values["noise"]),
@@ -469,19 +453,3 @@ def thresholds_of(sensor: Any) -> tuple[float, float, float]:
         _check.number("threshold_off", sensor.threshold_off),
         _check.number("log_eps", sensor.log_eps),
     )
-
-
-def _shape(name: str, shape: str | Sequence[float]) -> list[float] | None:
-    """Read an exposure's weights; None for the box."""
-    if isinstance(shape, str) and shape == "box":
-        return None
-    try:
-        weights = [] if isinstance(shape, str) else [float(weight) for weight in shape]
-    except (TypeError, ValueError):
-        weights = []
-    if not weights:
-        raise ConfigError(f"{name} is {_check.shown(shape)}; it must be 'box', or 2 to 256 weights")
-    for weight in weights:
-        if not math.isfinite(weight):
-            raise ConfigError(f"{name} has a weight of {weight}; its weights must be from 0 to 1e9")
-    return weights

@@ -13,7 +13,7 @@ from ._evis import ConfigError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
 from ._scene import EventCamera, Scene, raw_of
-from ._sensor import Sensor, _shape, sensor_of
+from ._sensor import Sensor, sensor_of
 
 LabelName: TypeAlias = Literal[
     "depth",
@@ -83,7 +83,7 @@ class Simulator:
     settings : path-like, optional
         Settings from a file: one that `tune` or ``evis tune`` wrote, or a recording (``.h5``), whose own
         settings are used again. Arguments given here override it.
-    method : {"native", "splat", "evis-paper"} or Splat, optional
+    method : {"native", "splat", "evis-paper"} or Warp, optional
         How instants are sampled: rendered (``native``), or splatted from keyframes.
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 without a preset. Only for
@@ -94,9 +94,8 @@ class Simulator:
         given, everything is rendered at ``rate_hz``.
     between : {"line", "curve"}, optional
         With ``adaptive_px``, for a sensor of thresholds alone: log light runs straight from one sample to the
-        next, or as the sensor's ``interpolation`` says (``line``, where not given); or along a cubic that
-        takes its slopes from the sample before and the one after, and rises wherever three samples in a row
-        rise (``curve``).
+        next (``line``, where not given); or along a cubic that takes its slopes from the sample before and
+        the one after, and rises wherever three samples in a row rise (``curve``).
     samples : int, optional
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional
@@ -135,10 +134,6 @@ class Simulator:
     exposure_us : int, optional
         Exposure of those frames: even, and at most the time between two. 10000 where not given, or all of
         that time, rounded down to even, where it is shorter. Only with ``frame_rate_hz``.
-    exposure_shape : "box" or sequence of float
-        How much light counts from the start of those exposures to their end: all the same, or 2 to 256
-        weights that are straight between each other, such as ``[0, 1, 1, 0]`` for a shutter that opens and
-        closes slowly. Their scale does not matter, and ``t_us`` is the exposure's middle whatever the shape.
     start : float
         Scene time in seconds at which the stream starts; the stream's own time starts at 0.
     seed : int
@@ -179,7 +174,6 @@ class Simulator:
         label_rate_hz: float = 50.0,
         frame_rate_hz: float | None = None,
         exposure_us: int | None = None,
-        exposure_shape: Literal["box"] | Sequence[float] = "box",
         start: float | None = None,
         seed: int | None = None,
         reference_luminance: float | None = None,
@@ -200,7 +194,7 @@ class Simulator:
         own: Sensor | None = None
         if sensor is None or isinstance(sensor, Mapping):
             sensors = _by_camera(sensor or {})
-            if splat is not None and splat.is_evis_paper:
+            if splat is not None and splat.variant == "evis-paper":
                 own = Sensor(trigger="latch", log_eps=1e-5)
         else:
             own = sensor_of(sensor)
@@ -232,7 +226,6 @@ class Simulator:
             label_rate_hz=_check.number("label_rate_hz", label_rate_hz),
             frame_rate_hz=_check.number_or_none("frame_rate_hz", frame_rate_hz),
             exposure_us=_exposure(exposure_us, frame_rate_hz),
-            exposure_shape=_shape("exposure_shape", exposure_shape),
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             device=_selector(device),
         )

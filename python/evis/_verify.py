@@ -18,7 +18,7 @@ from ._scene import Scene, raw_of
 from ._sensor import Sensor
 from ._simulator import Device, _selector
 
-TriggerVariant = Literal["crossing_log", "crossing_light", "latch"]
+TriggerVariant = Literal["crossing", "latch"]
 """Crossings on a straight line of log intensity or of light, or at most one event per sample."""
 
 
@@ -60,9 +60,9 @@ class FormCheck:
         The closed form.
     signal_class : {"smooth", "ramp", "edge", "jump"}
         How it moves between two samples.
-    trigger : {"latch", "crossing_log", "crossing_light"}
+    trigger : {"crossing", "latch"}
         How samples become events.
-    theory : {"order", "order_of_rms", "exact", "exact_but_at_corners"}
+    theory : {"order", "exact"}
         What falls, if anything is left to fall.
     expected_order : float or None
         The power of the interval with which it should.
@@ -78,7 +78,7 @@ class FormCheck:
     signal: str
     signal_class: Literal["smooth", "ramp", "edge", "jump"]
     trigger: TriggerVariant
-    theory: Literal["order", "order_of_rms", "exact", "exact_but_at_corners"]
+    theory: Literal["order", "exact"]
     expected_order: float | None
     order: float | None
     order_rms: float | None
@@ -148,7 +148,7 @@ class ErrorFit:
 
     Attributes
     ----------
-    trigger : {"crossing_log", "crossing_light", "latch"}
+    trigger : {"crossing", "latch"}
         The trigger.
     over : {"rate", "samples"}
         What is varied.
@@ -405,7 +405,7 @@ def verify_scene(
     *,
     rates_hz: Sequence[float] = (250.0, 500.0, 1000.0, 2000.0, 4000.0),
     samples: Sequence[int] = (1, 4, 16, 64),
-    triggers: Sequence[TriggerVariant] = ("crossing_log", "crossing_light", "latch"),
+    triggers: Sequence[TriggerVariant] = ("crossing", "latch"),
     sensor: Sensor | None = None,
     camera: str | None = None,
     size: tuple[int, int] | None = (160, 120),
@@ -427,7 +427,7 @@ def verify_scene(
         Sampled instants per second.
     samples : sequence of int
         Samples per pixel.
-    triggers : sequence of {"crossing_log", "crossing_light", "latch"}
+    triggers : sequence of {"crossing", "latch"}
         The first is measured with every number of samples, the others with the largest.
     sensor : Sensor, optional
         Thresholds and ``log_eps``.

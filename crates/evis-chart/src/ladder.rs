@@ -1,7 +1,7 @@
 //! Which settings are measured.
 
-use evis_core::{ConfigError, Interpolation, TimeGrid, TriggerRule};
-use evis_render::{Antialias, Carrier, Method, Motion, Quality, RunConfig, SplatConfig};
+use evis_core::{ConfigError, TimeGrid, TriggerRule, Warp};
+use evis_render::{Antialias, Method, Quality, RunConfig};
 use serde::{Deserialize, Serialize};
 
 /// A point of the chart, as data: it may name a method that this version of the engine does not have.
@@ -22,9 +22,6 @@ pub struct Setting {
     pub antialias: Antialias,
     /// Trigger rule.
     pub trigger: TriggerRule,
-    /// How crossings between two samples are found.
-    #[serde(default)]
-    pub interpolation: Interpolation,
     /// Pixels that anything may move between two samples of it; `None` where every pixel is sampled at `rate_hz`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adaptive_px: Option<f64>,
@@ -33,14 +30,13 @@ pub struct Setting {
     pub quality: Option<Quality>,
     /// Settings of `splat` and `evis-paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub splat: Option<SplatConfig>,
+    pub splat: Option<Warp>,
 }
 
 impl Setting {
     /// Every instant is rendered.
     pub fn native(rate_hz: f64, samples: u32, antialias: Antialias, trigger: TriggerRule) -> Self {
         let method = "native".into();
-        let interpolation = Interpolation::Log;
         Self {
             published: None,
             method,
@@ -49,7 +45,6 @@ impl Setting {
             samples,
             antialias,
             trigger,
-            interpolation,
             adaptive_px: None,
             quality: None,
             splat: None,
@@ -80,25 +75,19 @@ impl Setting {
     }
 
     /// Keyframes of `samples` samples, and splatted instants between them.
-    pub fn splat(splat: SplatConfig, samples: u32, trigger: TriggerRule) -> Self {
+    pub fn splat(splat: Warp, samples: u32, trigger: TriggerRule) -> Self {
         Self {
             published: None,
             method: Method::Splat(splat).name().into(),
-            rate_hz: splat.keyframe_hz * f64::from(splat.steps),
-            rendered_hz: splat.keyframe_hz,
+            rate_hz: splat.scene_keyframe_hz() * f64::from(splat.scene_steps()),
+            rendered_hz: splat.scene_keyframe_hz(),
             samples,
             antialias: Antialias::Samples,
             trigger,
-            interpolation: Interpolation::Log,
             adaptive_px: None,
             quality: None,
             splat: Some(splat),
         }
-    }
-
-    /// The same with crossings linear in light.
-    pub fn in_light(self) -> Self {
-        Self { interpolation: Interpolation::Light, ..self }
     }
 
     /// The method, where the engine has it.
@@ -120,7 +109,6 @@ impl Setting {
         config.adaptive_px = self.adaptive_px;
         config.quality = self.quality;
         config.sensor.trigger = self.trigger;
-        config.sensor.interpolation = self.interpolation;
         Some(config)
     }
 
@@ -150,60 +138,20 @@ impl Setting {
         if self.trigger == TriggerRule::Latch {
             label += " latch";
         }
-        if self.interpolation == Interpolation::Light {
-            label += " light";
-        }
         label + &self.splat_words()
     }
 
-    /// How a splat differs from its method's defaults: ` linear`, ` no blend`.
+    /// How a splat differs from its method's defaults: ` margin 16`.
     fn splat_words(&self) -> String {
-        let Some(splat) = self.splat else { return String::new() };
-        let base = self.splat_base(&splat);
-        let mut words = String::new();
-        let mut say = |differs: bool, word: String| {
-            if differs {
-                words += " ";
-                words += &word;
-            }
-        };
-        let motion = match splat.motion {
-            Motion::Linear => "linear",
-            Motion::Exact => "exact",
-        };
-        let carrier = match splat.carrier {
-            Carrier::Colour => "colour",
-            Carrier::Index => "index",
-        };
-        let with = |on: bool, what: &str| if on { what.to_owned() } else { format!("no {what}") };
-        say(splat.motion != base.motion, motion.into());
-        say(splat.carrier != base.carrier, carrier.into());
-        say(splat.nearest != base.nearest, with(splat.nearest, "nearest"));
-        say(splat.blend != base.blend, with(splat.blend, "blend"));
-        say(splat.supersample != base.supersample, format!("{0}×{0}", splat.supersample));
-        say(splat.dilate != base.dilate, format!("dilate {}", splat.dilate));
-        say(splat.margin != base.margin, format!("margin {}", splat.margin));
-        say(splat.sharpness != base.sharpness, format!("sharpness {}", splat.sharpness));
-        say(splat.hole_below != base.hole_below, format!("holes {}", splat.hole_below));
-        say(splat.fill != base.fill, splat.fill.map_or("no fill".into(), |y| format!("fill {y}")));
-        words
-    }
-
-    /// The defaults of its method at its rate.
-    fn splat_base(&self, splat: &SplatConfig) -> SplatConfig {
-        let SplatConfig { keyframe_hz, steps, .. } = *splat;
-        match self.method.as_str() {
-            "evis-paper" => SplatConfig::evis_paper(keyframe_hz, steps),
-            _ => SplatConfig { keyframe_hz, steps, ..SplatConfig::default() },
-        }
+        let margin = self.splat.and_then(|warp| warp.margin);
+        margin.map_or_else(String::new, |margin| format!(" margin {margin}"))
     }
 
     /// What it has in common with the points that a line joins it to: all but the rate.
     pub fn family(&self) -> String {
-        let trigger = match (self.trigger, self.interpolation) {
-            (TriggerRule::Crossing, Interpolation::Log) => "crossing",
-            (TriggerRule::Crossing, Interpolation::Light) => "crossing in light",
-            (TriggerRule::Latch, _) => "latch",
+        let trigger = match self.trigger {
+            TriggerRule::Crossing => "crossing",
+            TriggerRule::Latch => "latch",
         };
         let pixel = match (self.antialias, self.samples) {
             (Antialias::Edges, _) => "edges".to_owned(),
@@ -235,12 +183,14 @@ impl Setting {
                     if self.method == "native" { flags } else { format!("--method {} {flags}", self.method) }
                 }
             },
-            Some(splat) => {
-                let (rate, steps) = (number(splat.keyframe_hz), splat.steps);
+            Some(warp) => {
+                let (rate, steps) = (number(warp.scene_keyframe_hz()), warp.scene_steps());
                 format!("--method {} --keyframe-rate {rate} --steps {steps}", self.method)
             }
         };
-        flags += &self.splat_flags();
+        if let Some(margin) = self.splat.and_then(|warp| warp.margin) {
+            flags += &format!(" --margin {margin}");
+        }
         match self.antialias {
             Antialias::Samples => flags += &format!(" --samples {}", self.samples),
             Antialias::Edges => flags += " --aa edges",
@@ -252,28 +202,7 @@ impl Setting {
             TriggerRule::Crossing if paper => flags += " --trigger crossing",
             TriggerRule::Crossing => {}
         }
-        if self.interpolation == Interpolation::Light {
-            flags += " --interpolation light";
-        }
         flags
-    }
-
-    /// The flags of its splat that differ from the method's defaults.
-    fn splat_flags(&self) -> String {
-        let Some(splat) = &self.splat else { return String::new() };
-        let table = |splat: &SplatConfig| match serde_json::to_value(splat) {
-            Ok(serde_json::Value::Object(table)) => table,
-            _ => serde_json::Map::new(),
-        };
-        let base = table(&self.splat_base(splat));
-        table(splat)
-            .iter()
-            .filter(|(key, value)| base.get(*key) != Some(value))
-            .map(|(key, value)| {
-                let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-                format!(" --{} {value}", key.replace('_', "-"))
-            })
-            .collect()
     }
 
     fn same_run(&self, other: &Self) -> bool {
@@ -300,8 +229,6 @@ pub struct Ladder {
     pub samples: Vec<u32>,
     /// Also one shaded sample with the coverage of four, at each rate.
     pub edges: bool,
-    /// Numbers of samples with which crossings are also linear in light, at each rate.
-    pub light_samples: Vec<u32>,
     /// Rates at which the trigger also latches, with each number of samples.
     pub latch_hz: Vec<f64>,
     /// Combinations of more samples per pixel and simulated second (rate times samples) are left out: the corner where
@@ -315,8 +242,8 @@ pub struct Ladder {
     pub presets: Vec<Quality>,
     /// Keyframes per second and instants per gap of `splat`, with 4 samples.
     pub splat: Vec<(f64, u32)>,
-    /// Also `splat` with each of its options changed, at 125 keyframes per second and 8 instants per gap.
-    pub splat_options: bool,
+    /// Also `splat` with a latch, and `evis-paper` without one, at 125 keyframes per second and 8 instants per gap.
+    pub splat_triggers: bool,
 }
 
 impl Default for Ladder {
@@ -325,14 +252,13 @@ impl Default for Ladder {
             rates_hz: vec![125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0],
             samples: vec![1, 4, 16],
             edges: true,
-            light_samples: vec![4],
             latch_hz: vec![1000.0],
             most_samples_hz: Some(16_000.0),
             published: true,
             adaptive_px: vec![1.0, 0.5, 0.25],
             presets: vec![Quality::Draft, Quality::Standard, Quality::High],
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
-            splat_options: true,
+            splat_triggers: true,
         }
     }
 }
@@ -344,14 +270,13 @@ impl Ladder {
             rates_hz: vec![125.0, 500.0, 2000.0],
             samples: vec![1, 4],
             edges: false,
-            light_samples: vec![],
             latch_hz: vec![1000.0],
             most_samples_hz: Some(16_000.0),
             published: true,
             adaptive_px: vec![0.5],
             presets: vec![Quality::Draft, Quality::Standard, Quality::High],
             splat: vec![(125.0, 8)],
-            splat_options: false,
+            splat_triggers: false,
         }
     }
 
@@ -363,7 +288,7 @@ impl Ladder {
         for &rate in self.rates_hz.iter().chain(&self.latch_hz) {
             TimeGrid::new(rate).map_err(|e| ConfigError { what: "rates".into(), ..e })?;
         }
-        for &samples in self.samples.iter().chain(&self.light_samples) {
+        for &samples in &self.samples {
             let base = RunConfig { samples, ..RunConfig::default() };
             base.check()?;
         }
@@ -389,11 +314,6 @@ impl Ladder {
         for &rate_hz in self.rates_hz.iter().filter(|_| self.edges) {
             add(Setting::native(rate_hz, 4, Antialias::Edges, TriggerRule::Crossing));
         }
-        for &count in &self.light_samples {
-            for &rate_hz in &self.rates_hz {
-                add(Setting::native(rate_hz, count, samples, TriggerRule::Crossing).in_light());
-            }
-        }
         for &count in &self.samples {
             for &rate_hz in &self.latch_hz {
                 add(Setting::native(rate_hz, count, samples, TriggerRule::Latch));
@@ -405,12 +325,13 @@ impl Ladder {
         }
         self.presets.iter().for_each(|quality| add(Setting::quality(*quality)));
         for &(keyframe_hz, steps) in &self.splat {
-            let splat = SplatConfig { keyframe_hz, steps, ..SplatConfig::default() };
-            splat.check()?;
-            add(Setting::splat(splat, 4, TriggerRule::Crossing));
+            let warp = Warp::default().at(keyframe_hz, steps);
+            warp.check_scene()?;
+            add(Setting::splat(warp, 4, TriggerRule::Crossing));
         }
-        if self.splat_options {
-            splat_options().into_iter().for_each(&mut add);
+        if self.splat_triggers {
+            add(Setting::splat(Warp::default(), 4, TriggerRule::Latch));
+            add(Setting::splat(Warp::evis_paper(8), 4, TriggerRule::Crossing));
         }
         if self.published {
             published().into_iter().for_each(&mut add);
@@ -426,31 +347,13 @@ impl Ladder {
     }
 }
 
-/// `splat` at 125 keyframes per second and 8 instants per gap, with each of its options changed.
-fn splat_options() -> Vec<Setting> {
-    let base = SplatConfig::default();
-    let crossing = TriggerRule::Crossing;
-    let with = |splat: SplatConfig| Setting::splat(splat, 4, crossing);
-    vec![
-        with(SplatConfig { motion: Motion::Linear, ..base }),
-        with(SplatConfig { carrier: Carrier::Colour, ..base }),
-        with(SplatConfig { blend: false, ..base }),
-        with(SplatConfig { nearest: false, ..base }),
-        with(SplatConfig { nearest: false, blend: false, ..base }),
-        with(SplatConfig { dilate: 1, ..base }),
-        Setting::splat(SplatConfig { supersample: 2, ..base }, 1, crossing),
-        Setting::splat(base, 4, TriggerRule::Latch),
-        with(SplatConfig::evis_paper(base.keyframe_hz, base.steps)),
-    ]
-}
-
 /// The settings of the EVIS paper's table (its section on speed): every frame rendered, and four ways to warp
 /// fewer of them, all with its latch. How many samples its renderer takes is not stated; 4 stands for it. The threshold
 /// and eps are those of the chart, as for every other point: truth has one pixel.
 pub fn published() -> Vec<Setting> {
     let warp = |rendered_hz: f64, steps: u32| Setting {
         published: Some(format!("EVIS {}×{steps}", number(rendered_hz))),
-        ..Setting::splat(SplatConfig::evis_paper(rendered_hz, steps), 4, TriggerRule::Latch)
+        ..Setting::splat(Warp::evis_paper(steps).at(rendered_hz, steps), 4, TriggerRule::Latch)
     };
     let rendered = Setting {
         published: Some("EVIS 1000 Hz".into()),
@@ -467,7 +370,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 5 - 2 + 3 + 4 + 4 + 9 + 3 + 3);
+        assert_eq!(all.len(), 6 * 4 - 2 + 3 + 4 + 4 + 2 + 3 + 3);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
@@ -497,9 +400,6 @@ mod tests {
         assert_eq!((run.rate_hz, run.antialias, run.size), (250.0, Antialias::Edges, Some((8, 6))));
         assert_eq!(edges.label(), "250 Hz edges");
         assert_eq!(edges.run_flags(), "--rate 250 --aa edges");
-        let light = Setting::native(500.0, 4, Antialias::Samples, TriggerRule::Crossing).in_light();
-        assert_eq!(light.run_config(&base).unwrap().sensor.interpolation, Interpolation::Light);
-        assert_eq!(light.run_flags(), "--rate 500 --samples 4 --interpolation light");
         let warp = &published()[1];
         assert_eq!(warp.label(), "evis-paper 250×4 Hz ×4 latch");
         assert_eq!(
@@ -508,10 +408,10 @@ mod tests {
         );
         let crossing = Setting { trigger: TriggerRule::Crossing, ..warp.clone() };
         assert!(crossing.run_flags().ends_with("--trigger crossing"), "the paper's own is latch");
-        let splat = SplatConfig { motion: Motion::Linear, blend: false, ..SplatConfig::default() };
+        let splat = Warp { margin: Some(16), ..Warp::default() };
         let splat = Setting::splat(splat, 4, TriggerRule::Crossing);
-        assert_eq!(splat.label(), "splat 125×8 Hz ×4 linear no blend");
-        assert!(splat.run_flags().contains("--blend false --motion linear"), "{}", splat.run_flags());
+        assert_eq!(splat.label(), "splat 125×8 Hz ×4 margin 16");
+        assert_eq!(splat.run_flags(), "--method splat --keyframe-rate 125 --steps 8 --margin 16 --samples 4");
         assert_eq!(warp.rate_hz, 1000.0);
         let unknown = Setting { method: "teleport".into(), ..edges };
         assert!(unknown.run_config(&base).is_none());
@@ -523,14 +423,13 @@ mod tests {
             rates_hz: vec![],
             samples: vec![],
             edges: false,
-            light_samples: vec![],
             latch_hz: vec![],
             most_samples_hz: None,
             published: false,
             adaptive_px: vec![],
             targets: vec![],
             splat: vec![],
-            splat_options: false,
+            splat_triggers: false,
         };
         assert!(none.settings().unwrap_err().to_string().contains("at least one setting"));
         for bad in [0.0, -1.0, f64::NAN, 2.0e6] {

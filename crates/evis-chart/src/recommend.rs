@@ -1,7 +1,7 @@
 //! Which setting to use: the most accurate within a budget, or the cheapest that is good enough.
 
 use evis_core::{ConfigError, SensorConfig};
-use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
+use evis_render::config::EVIS_PAPER_LOG_EPS;
 use serde::Serialize;
 
 use crate::error::ChartError;

@@ -7,8 +7,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
-use evis_core::{ConfigError, ExposureShape, Interpolation, LabelKind, Transfer, TriggerRule};
-use evis_render::{Antialias, Between, Carrier, Motion, Quality, Shadows, SplatConfig};
+use evis_core::{ConfigError, LabelKind, Transfer, TriggerRule, Warp, WarpVariant};
+use evis_render::{Antialias, Between, Quality, Shadows};
 use evis_truth::{Lattice, PixelChoice};
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -140,10 +140,6 @@ pub(crate) struct RunArgs {
     #[arg(long, value_enum)]
     pub(crate) trigger: Option<TriggerArg>,
 
-    /// What is straight between two samples when --trigger crossing asks for a time [default: log].
-    #[arg(long, value_enum)]
-    pub(crate) interpolation: Option<InterpolationArg>,
-
     /// Rise of log intensity that fires an ON event [default: 0.2].
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
     pub(crate) threshold_on: Option<f32>,
@@ -172,11 +168,6 @@ pub(crate) struct RunArgs {
     /// [default: 10, or the time between two where that is shorter].
     #[arg(long, value_name = "MS", value_parser = window_ms, allow_hyphen_values = true)]
     pub(crate) exposure_ms: Option<f64>,
-
-    /// How much light counts from the start of those frames' exposures to their end: box, or 2 to 256 weights that are straight
-    /// between each other, such as 0,1,1,0 [default: box].
-    #[arg(long, value_name = "WEIGHTS", value_parser = exposure_shape, allow_hyphen_values = true)]
-    pub(crate) exposure_shape: Option<ExposureShape>,
 
     /// Y_ref in ln(Y / Y_ref + eps) [default: brings the first camera's log-mean at the start to 0.18].
     #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
@@ -239,61 +230,13 @@ pub(crate) struct SplatArgs {
     /// Pixels that keyframes show beyond each border, 0 to 512 [default: 32].
     #[arg(long, value_name = "PX", value_parser = margin_pixels, allow_hyphen_values = true)]
     pub(crate) margin: Option<u32>,
-
-    /// Keyframe pixels per sensor pixel along each axis, 1 to 4 [default: 1].
-    #[arg(long, value_name = "N", value_parser = supersample, allow_hyphen_values = true)]
-    pub(crate) supersample: Option<u32>,
-
-    /// How points move between keyframes [default: exact].
-    #[arg(long, value_enum)]
-    pub(crate) motion: Option<MotionArg>,
-
-    /// What is splatted [default: index].
-    #[arg(long, value_enum)]
-    pub(crate) carrier: Option<CarrierArg>,
-
-    /// Where both keyframes show something, the nearer surface wins, else the newer keyframe [default: true].
-    #[arg(long, value_name = "true|false")]
-    pub(crate) nearest: Option<bool>,
-
-    /// Where both show the same surface, both count by their distance in time, in log light [default: true].
-    #[arg(long, value_name = "true|false")]
-    pub(crate) blend: Option<bool>,
-
-    /// Pixels by which the motion of nearer surfaces reaches over their antialiased fringe, 0 to 8 [default: 0].
-    #[arg(long, value_name = "PX", value_parser = dilate_pixels, allow_hyphen_values = true)]
-    pub(crate) dilate: Option<u32>,
-
-    /// Sharpness of the softmax over inverse depth, 0 to 1000 [default: 12].
-    #[arg(long, value_name = "A", value_parser = sharpness, allow_hyphen_values = true)]
-    pub(crate) sharpness: Option<f32>,
-
-    /// Splatted weight of colours below which a pixel is a hole, up to 1 [default: 0.3; 0.0001 for evis-paper].
-    #[arg(long, value_name = "W", value_parser = hole_weight, allow_hyphen_values = true)]
-    pub(crate) hole_below: Option<f32>,
-
-    /// Luminance where neither keyframe shows anything [default: unknown, the pixel waits; 0 for evis-paper].
-    #[arg(long, value_name = "Y", value_parser = fill, allow_hyphen_values = true)]
-    pub(crate) fill: Option<f32>,
 }
 
 impl SplatArgs {
-    /// `base` with what was given.
-    pub(crate) fn over(&self, base: SplatConfig) -> SplatConfig {
-        SplatConfig {
-            keyframe_hz: self.keyframe_rate.unwrap_or(base.keyframe_hz),
-            steps: self.steps.unwrap_or(base.steps),
-            margin: self.margin.unwrap_or(base.margin),
-            supersample: self.supersample.unwrap_or(base.supersample),
-            motion: self.motion.map_or(base.motion, Into::into),
-            carrier: self.carrier.map_or(base.carrier, Into::into),
-            nearest: self.nearest.unwrap_or(base.nearest),
-            blend: self.blend.unwrap_or(base.blend),
-            dilate: self.dilate.unwrap_or(base.dilate),
-            sharpness: self.sharpness.unwrap_or(base.sharpness),
-            hole_below: self.hole_below.unwrap_or(base.hole_below),
-            fill: self.fill.or(base.fill),
-        }
+    /// `variant` with what was given.
+    pub(crate) fn warp(&self, variant: WarpVariant) -> Warp {
+        let Self { keyframe_rate, steps, margin } = *self;
+        Warp { variant, keyframe_hz: keyframe_rate, steps, margin, ..Warp::default() }
     }
 
     /// The first flag that was given.
@@ -302,15 +245,6 @@ impl SplatArgs {
             (self.keyframe_rate.is_some(), "--keyframe-rate"),
             (self.steps.is_some(), "--steps"),
             (self.margin.is_some(), "--margin"),
-            (self.supersample.is_some(), "--supersample"),
-            (self.motion.is_some(), "--motion"),
-            (self.carrier.is_some(), "--carrier"),
-            (self.nearest.is_some(), "--nearest"),
-            (self.blend.is_some(), "--blend"),
-            (self.dilate.is_some(), "--dilate"),
-            (self.sharpness.is_some(), "--sharpness"),
-            (self.hole_below.is_some(), "--hole-below"),
-            (self.fill.is_some(), "--fill"),
         ]
         .into_iter()
         .find_map(|(given, flag)| given.then_some(flag))
@@ -562,10 +496,6 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_edges: bool,
 
-    /// Leave out crossings that are linear in light.
-    #[arg(long)]
-    pub(crate) no_light: bool,
-
     /// Leave out the settings that the EVIS paper publishes.
     #[arg(long)]
     pub(crate) no_published: bool,
@@ -574,7 +504,7 @@ pub(crate) struct MeasuringArgs {
     #[arg(long)]
     pub(crate) no_adaptive: bool,
 
-    /// Leave out `splat` and its options.
+    /// Leave out `splat`.
     #[arg(long)]
     pub(crate) no_splat: bool,
 
@@ -661,10 +591,6 @@ pub(crate) struct TruthArgs {
     /// With --sampled: when events fire [default: what the scene gives the camera, else crossing].
     #[arg(long, value_enum, requires = "sampled")]
     pub(crate) trigger: Option<TriggerArg>,
-
-    /// With --sampled: what is taken as straight between two instants [default: what the scene gives the camera, else log].
-    #[arg(long, value_enum, requires = "sampled")]
-    pub(crate) interpolation: Option<InterpolationArg>,
 
     /// Which samples; truths of both, scored against each other, tell their own error [default: first].
     #[arg(long, value_enum)]
@@ -965,40 +891,6 @@ impl From<QualityArg> for Quality {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum MotionArg {
-    /// By motion vectors times the elapsed part of the gap.
-    Linear,
-    /// By the matrices of camera and object at the instant.
-    Exact,
-}
-
-impl From<MotionArg> for Motion {
-    fn from(arg: MotionArg) -> Self {
-        match arg {
-            MotionArg::Linear => Self::Linear,
-            MotionArg::Exact => Self::Exact,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum CarrierArg {
-    /// Luminance, with a softmax over depth.
-    Colour,
-    /// The number of the source pixel; its light is then read from the keyframe.
-    Index,
-}
-
-impl From<CarrierArg> for Carrier {
-    fn from(arg: CarrierArg) -> Self {
-        match arg {
-            CarrierArg::Colour => Self::Colour,
-            CarrierArg::Index => Self::Index,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum TriggerArg {
     /// Every threshold crossing, at its own time.
     Crossing,
@@ -1015,30 +907,11 @@ impl From<TriggerArg> for TriggerRule {
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum InterpolationArg {
-    /// Log intensity.
-    Log,
-    /// Light: exact while an edge moves evenly through a pixel.
-    Light,
-}
-
-impl From<InterpolationArg> for Interpolation {
-    fn from(arg: InterpolationArg) -> Self {
-        match arg {
-            InterpolationArg::Log => Self::Log,
-            InterpolationArg::Light => Self::Light,
-        }
-    }
-}
-
 /// Triggers that `verify` knows.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum VariantArg {
-    /// Every crossing, on a straight line of log intensity.
+    /// Every crossing, by linear interpolation of log luminance.
     Crossing,
-    /// Every crossing, on a straight line of light.
-    Light,
     /// At most one event per pixel and sample, at the sample's time.
     Latch,
 }
@@ -1046,8 +919,7 @@ pub(crate) enum VariantArg {
 impl From<VariantArg> for Variant {
     fn from(arg: VariantArg) -> Self {
         match arg {
-            VariantArg::Crossing => Self::CrossingLog,
-            VariantArg::Light => Self::CrossingLight,
+            VariantArg::Crossing => Self::Crossing,
             VariantArg::Latch => Self::Latch,
         }
     }
@@ -1072,7 +944,7 @@ impl From<AntialiasArg> for Antialias {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum BetweenArg {
-    /// Straight, or as --interpolation says.
+    /// Straight.
     Line,
     /// Along a cubic that also goes by the sample before and the one after.
     Curve,
@@ -1246,10 +1118,6 @@ fn positive(text: &str) -> Result<f32, String> {
         .map(|v| v as f32)
 }
 
-fn exposure_shape(text: &str) -> Result<ExposureShape, String> {
-    text.parse().map_err(|error: ConfigError| format!("it must be {}", error.remedy))
-}
-
 fn window_ms(text: &str) -> Result<f64, String> {
     checked(text, "a number of milliseconds from 0.001 to 1000000, such as 20", |v| {
         (1.0e-3..=1.0e6).contains(&v)
@@ -1347,28 +1215,6 @@ fn step_count(text: &str) -> Result<u32, String> {
 
 fn margin_pixels(text: &str) -> Result<u32, String> {
     whole(text, 0, 512, 32)
-}
-
-fn supersample(text: &str) -> Result<u32, String> {
-    whole(text, 1, 4, 2)
-}
-
-fn dilate_pixels(text: &str) -> Result<u32, String> {
-    whole(text, 0, 8, 1)
-}
-
-fn sharpness(text: &str) -> Result<f32, String> {
-    checked(text, "a number from 0 to 1000, such as 12", |v| (0.0..=1000.0).contains(&v)).map(|v| v as f32)
-}
-
-fn hole_weight(text: &str) -> Result<f32, String> {
-    checked(text, "a number above 0 and at most 1, such as 0.2", |v| v as f32 > 0.0 && v <= 1.0)
-        .map(|v| v as f32)
-}
-
-fn fill(text: &str) -> Result<f32, String> {
-    checked(text, "a luminance, 0 or above, such as 0", |v| v >= 0.0 && (v as f32).is_finite())
-        .map(|v| v as f32)
 }
 
 /// Up to `i64::MAX`: the settings are stored as TOML, whose integers are signed.

@@ -159,12 +159,9 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
     if !(args.rates.is_empty() && args.samples.is_empty()) {
         ladder.most_samples_hz = None;
     }
-    if args.no_light {
-        ladder.light_samples.clear();
-    }
     if args.no_splat {
         ladder.splat.clear();
-        ladder.splat_options = false;
+        ladder.splat_triggers = false;
     }
     if args.no_adaptive {
         ladder.adaptive_px.clear();

@@ -1,6 +1,7 @@
 //! Pictures: canvas, colours, tone curve, and a small font for time stamps.
 
 use evis_core::Event;
+use evis_core::luminance::luminance;
 
 use crate::args::{Background, Scale};
 
@@ -199,9 +200,9 @@ pub(crate) fn reference_of(rgb: &[f32]) -> f32 {
     let mut count = 0_u64;
     for pixel in rgb.chunks_exact(3) {
         if let [r, g, b] = *pixel {
-            let luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+            let luminance = luminance([r, g, b].map(f64::from));
             if luminance.is_finite() {
-                sum += f64::from(luminance.max(1.0e-6)).ln();
+                sum += luminance.max(1.0e-6).ln();
                 count += 1;
             }
         }
@@ -214,8 +215,8 @@ mod tests {
     use super::*;
     use evis_core::Polarity;
 
-    fn grey([r, g, b]: Rgb) -> f32 {
-        0.2126 * f32::from(r) + 0.7152 * f32::from(g) + 0.0722 * f32::from(b)
+    fn grey(colour: Rgb) -> f64 {
+        luminance(colour.map(f64::from))
     }
 
     #[test]

@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, LabelKind, SensorConfig, TriggerRule};
+use evis_core::{CameraInfo, LabelKind, SensorConfig, TriggerRule, WarpVariant};
+use evis_render::config::EVIS_PAPER_LOG_EPS;
 use evis_render::settings::SettingsFile;
-use evis_render::splat_config::EVIS_PAPER_LOG_EPS;
 use evis_render::{
     Antialias, DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, SamplingRequest, Shadows,
-    Simulator, SplatConfig, StageTimes, scene_sensors,
+    Simulator, StageTimes, scene_sensors,
 };
 use evis_scene::{Scene, SceneState};
 use serde::Serialize;
@@ -165,9 +165,6 @@ fn adjust(args: &RunArgs, sensor: &mut SensorConfig) {
     if let Some(trigger) = args.trigger {
         sensor.trigger = trigger.into();
     }
-    if let Some(interpolation) = args.interpolation {
-        sensor.interpolation = interpolation.into();
-    }
 }
 
 /// The run's settings, flags over a settings file's or defaults, and what is asked of sampling.
@@ -228,12 +225,6 @@ fn config(
     } else if args.frame_rate.is_some() {
         config.exposure_us = RunConfig::usual_exposure_us(args.frame_rate);
     }
-    if args.exposure_shape.is_some() && args.frame_rate.is_none() {
-        return Err(bad_input("--exposure-shape exposes no frame; add --frame-rate HZ"));
-    }
-    if let Some(shape) = &args.exposure_shape {
-        config.exposure_shape = shape.clone();
-    }
     if args.between.is_some() && args.adaptive.is_none() && args.quality.is_none() && args.settings.is_none()
     {
         return Err(bad_input(
@@ -245,7 +236,7 @@ fn config(
 
 /// The method with its flags, if one is given; flags of another method are refused, they would be ignored.
 fn method(args: &RunArgs) -> anyhow::Result<Option<Method>> {
-    let base = match args.method {
+    let variant = match args.method {
         None | Some(MethodArg::Native) if let Some(flag) = args.splat.given() => {
             return Err(bad_input(format!(
                 "{flag} needs keyframes; add --method splat or --method evis-paper"
@@ -253,18 +244,15 @@ fn method(args: &RunArgs) -> anyhow::Result<Option<Method>> {
         }
         None => return Ok(None),
         Some(MethodArg::Native) => return Ok(Some(Method::Native)),
-        Some(MethodArg::Splat) => SplatConfig::default(),
-        Some(MethodArg::EvisPaper) => {
-            let SplatConfig { keyframe_hz, steps, .. } = SplatConfig::default();
-            SplatConfig::evis_paper(keyframe_hz, steps)
-        }
+        Some(MethodArg::Splat) => WarpVariant::Splat,
+        Some(MethodArg::EvisPaper) => WarpVariant::EvisPaper,
     };
     if let Some(rate) = args.rate {
         return Err(bad_input(format!(
             "--rate {rate}: a method with keyframes has --keyframe-rate times --steps instants per second; give those"
         )));
     }
-    Ok(Some(Method::Splat(args.splat.over(base))))
+    Ok(Some(Method::Splat(args.splat.warp(variant))))
 }
 
 pub(crate) fn to_us(seconds: f64) -> i64 {

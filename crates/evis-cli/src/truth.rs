@@ -95,15 +95,8 @@ fn scene_sensor(scene: &Scene, camera: Option<&str>) -> anyhow::Result<SensorCon
             stages.join(", ")
         ));
     }
-    let SensorConfig { threshold_on, threshold_off, log_eps, trigger, interpolation, .. } = sensor;
-    Ok(SensorConfig {
-        threshold_on,
-        threshold_off,
-        log_eps,
-        trigger,
-        interpolation,
-        ..SensorConfig::default()
-    })
+    let SensorConfig { threshold_on, threshold_off, log_eps, trigger, .. } = sensor;
+    Ok(SensorConfig { threshold_on, threshold_off, log_eps, trigger, ..SensorConfig::default() })
 }
 
 /// Flags over `sensor` and defaults.
@@ -114,7 +107,6 @@ fn settings(args: &TruthArgs, sensor: SensorConfig) -> TruthSettings {
     set(&mut settings.sensor.threshold_off, args.threshold_off);
     set(&mut settings.sensor.log_eps, args.log_eps);
     settings.sensor.trigger = args.trigger.map_or(settings.sensor.trigger, Into::into);
-    settings.sensor.interpolation = args.interpolation.map_or(settings.sensor.interpolation, Into::into);
     settings.sampled_hz = args.sampled;
     settings.camera.clone_from(&args.camera);
     settings.size = args.size;

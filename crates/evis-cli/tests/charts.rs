@@ -7,7 +7,7 @@ mod common;
 use common::{Folder, code, evis, json, no_device, stderr, stdout};
 use evis_core::Truth;
 
-const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --no-light --repetitions 2 \
+const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --repetitions 2 \
                     --truth-pixels 120 --no-floor --cache cache --threshold-on 0.05 --threshold-off 0.05";
 
 fn refused(folder: &Folder, line: &str, told: &[&str]) {
@@ -109,7 +109,7 @@ fn truth_becomes_a_file_that_scores_a_run() {
         ("truth spinner -o t.h5 --crop 1,2,3", ["--crop", "such as 40,30,80,60"]),
         ("truth spinner -o t.h5 --crop 0,0,9,9 --pixels 5", ["--crop", "--pixels"]),
         ("truth spinner -o t.h5 --sampled 0", ["--sampled", "such as 1000"]),
-        ("truth spinner -o t.h5 --interpolation light", ["--interpolation", "--sampled"]),
+        ("truth spinner -o t.h5 --trigger latch", ["--trigger", "--sampled"]),
     ] {
         std::fs::create_dir_all(folder.file("cache")).unwrap();
         refused(&folder, arguments, &told);

@@ -8,6 +8,7 @@ pub(crate) mod frames;
 mod ideal;
 mod keyframe;
 mod links;
+mod motion_check;
 mod noise;
 mod order;
 pub mod parts;
@@ -37,7 +38,8 @@ use readout::Wire;
 
 pub use frames::{FrameData, Frames, Transfer};
 pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
-pub use warp::{Carrier, Filter, WarpConfig, check_carrying};
+pub use motion_check::{MotionCheck, check_motion};
+pub use warp::{Warp, WarpVariant};
 
 /// Pixels per tile, at most: the unit of work of a thread. Its memory stays within a core's second cache.
 const TILE: usize = 1 << 14;

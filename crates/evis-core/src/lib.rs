@@ -8,6 +8,7 @@ pub mod emulator;
 pub mod event;
 pub mod fnv;
 pub mod format;
+pub mod luminance;
 pub mod metric;
 pub mod packet;
 pub mod random;
@@ -19,13 +20,11 @@ pub mod trigger;
 pub mod truth;
 
 pub use emulator::{
-    Carrier, EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes,
-    Transfer, WarpConfig,
+    EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes, MotionCheck,
+    Transfer, Warp, WarpVariant, check_motion,
 };
 pub use event::{Cause, Event, Polarity};
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
-pub use sensor::{
-    ConfigError, Exposure, ExposureShape, Interpolation, Sensor, SensorConfig, Times, TriggerRule,
-};
+pub use sensor::{ConfigError, Exposure, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;
 pub use truth::{Region, RegionSpan, Truth};

@@ -8,7 +8,7 @@ mod stages;
 
 use serde::{Deserialize, Serialize};
 
-pub use exposure::{Exposure, ExposureShape};
+pub use exposure::Exposure;
 pub use noise_law::NoiseLaw;
 pub use preset::{PRESETS, Preset};
 pub use sample::sample;
@@ -47,17 +47,6 @@ pub enum TriggerRule {
     Latch,
 }
 
-/// What is straight between two samples, where the trigger asks when a crossing lies (`crossing` only).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Interpolation {
-    /// Log intensity: exact for exponentials (default).
-    #[default]
-    Log,
-    /// Light: exact while an edge moves evenly through a pixel, but not where it enters or leaves within an interval.
-    Light,
-}
-
 /// When the events of one interval happen (`crossing` only).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -89,8 +78,6 @@ pub struct SensorConfig {
     pub log_eps: f32,
     /// Trigger rule.
     pub trigger: TriggerRule,
-    /// What is straight between samples.
-    pub interpolation: Interpolation,
     /// When events happen.
     #[serde(skip_serializing_if = "is_default")]
     pub times: Times,
@@ -136,7 +123,6 @@ impl Default for SensorConfig {
             threshold_off: 0.2,
             log_eps: 1e-3,
             trigger: TriggerRule::Crossing,
-            interpolation: Interpolation::Log,
             times: Times::Crossing,
             most_events: crate::trigger::MAX_EVENTS_PER_INTERVAL,
             exposure: Exposure::default(),
@@ -179,12 +165,12 @@ impl SensorConfig {
         Self { threshold_on, threshold_off, ..self.clone() } == *other
     }
 
-    /// Whether every stage but thresholds, `eps`, trigger and interpolation is off.
+    /// Whether every stage but thresholds, `eps` and trigger is off.
     pub fn is_ideal(&self) -> bool {
         self.stages().is_empty()
     }
 
-    /// What it has beyond thresholds, `eps`, trigger and interpolation, by the names of a sensor file.
+    /// What it has beyond thresholds, `eps` and trigger, by the names of a sensor file.
     pub fn stages(&self) -> Vec<&'static str> {
         // Field by field, so that a new one is not forgotten.
         let Self {
@@ -192,7 +178,6 @@ impl SensorConfig {
             threshold_off: _,
             log_eps: _,
             trigger: _,
-            interpolation: _,
             times,
             most_events,
             exposure,
@@ -291,14 +276,6 @@ impl Sensor {
         if let Some(diffusion) = &config.diffusion {
             diffusion.check()?;
         }
-        let straight = config.photoreceptor.cutoff_hz == 0.0 && config.noise.leak_hz == 0.0;
-        if config.interpolation == Interpolation::Light && !(straight && config.is_ideal_behind_exposure()) {
-            return Err(ConfigError::new(
-                "interpolation",
-                "light",
-                "log where a stage beyond the thresholds is on",
-            ));
-        }
         Ok(Self { config })
     }
 
@@ -313,7 +290,7 @@ impl Sensor {
         Err(ConfigError::new(
             "sensor",
             "more than thresholds",
-            format!("thresholds, log_eps, trigger and interpolation only: {who} has no other stage yet"),
+            format!("thresholds, log_eps and trigger only: {who} has no other stage yet"),
         ))
     }
 

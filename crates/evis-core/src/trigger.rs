@@ -4,7 +4,7 @@
 //! "does a crossing lie inside this interval".
 
 use crate::event::Polarity;
-use crate::sensor::{Interpolation, SensorConfig, TriggerRule};
+use crate::sensor::{SensorConfig, TriggerRule};
 
 /// What survives an interval in one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,21 +73,27 @@ pub fn fire_time_us(config: &SensorConfig, decision: &Decision, k: u32, interval
         TriggerRule::Crossing => {
             let run = decision.rise_end - decision.rise_start;
             let level = k as f32 * decision.threshold - decision.rise_start;
-            let fraction = match config.interpolation {
-                _ if run.is_nan() || run <= 0.0 => 1.0,
-                Interpolation::Log => (level / run).clamp(0.0, 1.0),
-                Interpolation::Light => light_fraction(level.clamp(0.0, run), run, decision.polarity),
-            };
+            let fraction = if run > 0.0 { (level / run).clamp(0.0, 1.0) } else { 1.0 };
             ((fraction * interval_us as f32).floor() as u32).min(interval_us)
         }
     }
 }
 
-/// Part of the interval at which light that changes evenly has changed its logarithm by `level` of `run`, both
-/// magnitudes: `(e^±level - 1) / (e^±run - 1)`, from differences of logarithms only (`eps` cancels, and so would digits
-/// of the light itself). A rise is written with falling exponentials, which cannot overflow.
+/// Exact crossing time for light that is linear between two samples, as the fraction of the interval in `[0, 1]`.
+///
+/// `level` and `run` are magnitudes in log units: the change of log luminance from the interval's start to the
+/// threshold, and over the whole interval. The luminance is `e^(log) - eps`, so the fraction is
+/// `(e^±level - 1) / (e^±run - 1)` with the sign of `polarity`: `eps` cancels. A rise is written with falling
+/// exponentials, which cannot overflow. 1 where `run` is not above 0.
+///
+/// [`fire_time_us`] interpolates the logarithm instead; this is for a pixel whose light is known to be linear in time,
+/// such as one that a straight edge crosses at constant speed.
 #[inline]
-fn light_fraction(level: f32, run: f32, polarity: Polarity) -> f32 {
+pub fn crossing_in_linear_light(level: f32, run: f32, polarity: Polarity) -> f32 {
+    if run.is_nan() || run <= 0.0 {
+        return 1.0;
+    }
+    let level = level.clamp(0.0, run);
     let fall = (-level).exp_m1() / (-run).exp_m1();
     let fraction = if polarity == Polarity::On { fall * (level - run).exp() } else { fall };
     fraction.clamp(0.0, 1.0)
@@ -98,46 +104,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn light_is_straight_between_samples() {
-        let config = SensorConfig { interpolation: Interpolation::Light, ..Default::default() };
-        let eps = f64::from(config.log_eps);
+    fn crossings_in_linear_light_are_exact() {
+        let eps = 1e-3_f64;
         let log = |y: f64| (y + eps).ln();
-        let mut compared = 0;
+        let mut different = 0;
         for (y0, y1) in [(0.1, 0.5), (0.5, 0.1), (1.0, 1.3), (1e-6, 2e4), (3.0, 0.0), (0.0, 1e30)] {
             let (l0, l1) = (log(y0), log(y1));
-            // The reference starts a little off the signal.
-            let state =
-                PixelState { reference_log: (l0 - 0.03 * (l1 - l0).signum()) as f32, log_luma: l0 as f32 };
-            let decision = decide(&config, state, l1 as f32);
-            let mut last = 0;
-            for k in 1..=decision.count {
-                let level =
-                    f64::from(state.reference_log) + 0.2_f32 as f64 * f64::from(k) * (l1 - l0).signum();
-                let expected = ((level.exp() - eps - y0) / (y1 - y0)).clamp(0.0, 1.0) * 1e5;
-                let got = fire_time_us(&config, &decision, k, 100_000);
-                assert!((f64::from(got) + 0.5 - expected).abs() < 1.5, "{y0} to {y1}: {got} us, {expected}");
+            let (run, sign) = ((l1 - l0).abs(), (l1 - l0).signum());
+            let polarity = if sign > 0.0 { Polarity::On } else { Polarity::Off };
+            let mut last = 0.0;
+            for k in 1..=(run / 0.2) as u32 {
+                let level = 0.2 * f64::from(k);
+                let expected = (((l0 + sign * level).exp() - eps - y0) / (y1 - y0)).clamp(0.0, 1.0);
+                let got = crossing_in_linear_light(level as f32, run as f32, polarity);
+                assert!((f64::from(got) - expected).abs() < 1e-5, "{y0} to {y1}: {got}, {expected}");
                 assert!(got >= last, "in order");
                 last = got;
-                // Canary: the straight logarithm gives another time.
-                let log = fire_time_us(&SensorConfig::default(), &decision, k, 100_000);
-                compared += usize::from(log.abs_diff(got) > 100);
+                // Canary: the crossing of the linear logarithm lies elsewhere.
+                different += usize::from((level / run - expected).abs() > 1e-3);
             }
         }
-        assert!(compared > 100, "{compared}");
-        // A tiny change is straight either way: no digit is lost where e^x is close to 1.
-        let rise = Decision {
-            count: 1,
-            polarity: Polarity::On,
-            rise_start: 0.199_99,
-            rise_end: 0.200_01,
-            threshold: 0.2,
-            reference_log: 0.2,
-        };
-        let log = fire_time_us(&SensorConfig::default(), &rise, 1, 1000);
-        assert!(fire_time_us(&config, &rise, 1, 1000).abs_diff(log) <= 1);
-        // Without a change there is no line: the end of the interval, as with the logarithm.
-        let flat = Decision { rise_start: 0.2, rise_end: 0.2, ..rise };
-        assert_eq!(fire_time_us(&config, &flat, 1, 1000), 1000);
+        assert!(different > 100, "{different}");
+        // A tiny change is linear either way: no digit is lost where e^x is close to 1.
+        assert!((crossing_in_linear_light(1e-5, 2e-5, Polarity::On) - 0.5).abs() < 1e-5);
+        for run in [0.0, -0.1, f32::NAN] {
+            assert_eq!(crossing_in_linear_light(0.0, run, Polarity::On), 1.0, "without a change: at the end");
+        }
     }
 
     #[test]

@@ -8,13 +8,9 @@ use std::f64::consts::TAU;
 use evis_core::event::is_ordered;
 use evis_core::sensor::{Noise, Pattern, Readout, Refractory};
 use evis_core::{
-    EmulatorConfig, Event, EventEmulator, Exposure, ExposureShape, FrameData, Frames, Keyframes, Sensor,
-    SensorConfig, Times, Transfer, TriggerRule, WarpConfig,
+    EmulatorConfig, Event, EventEmulator, Exposure, FrameData, Frames, Keyframes, Sensor, SensorConfig,
+    Times, Transfer, TriggerRule, Warp,
 };
-
-fn shape(weights: &[f64]) -> ExposureShape {
-    ExposureShape::Weights(weights.to_vec())
-}
 
 fn with(exposure: &Exposure, base: SensorConfig) -> SensorConfig {
     SensorConfig { exposure: exposure.clone(), ..base }
@@ -55,20 +51,10 @@ fn apart(a: &[Event], b: &[Event]) -> Option<i64> {
 }
 
 #[test]
-fn of_a_ramp_each_frame_is_the_light_at_the_centre_of_its_shape() {
+fn of_a_ramp_each_frame_is_the_light_at_its_exposures_centre() {
     let ramp = |x: u32, t: f64| 0.05 + 0.01 * f64::from(x) + 7.0 * t;
-    for (time_us, period_us, weights, centre) in [
-        (4_000, 0, None, 0.5),
-        (4_000, 6_500, None, 0.5),
-        (1_111, 1_200, Some([1.0, 1.0]), 0.5),
-        (4_000, 5_000, Some([0.0, 3.0]), 2.0 / 3.0),
-        (9_000, 9_000, Some([1.0, 0.2]), 1.4 / 3.6),
-    ] {
-        let exposure = Exposure {
-            time_us,
-            period_us,
-            shape: weights.map_or(ExposureShape::Box, |weights| shape(&weights)),
-        };
+    for (time_us, period_us) in [(4_000, 0), (4_000, 6_500), (1_111, 1_200), (9_000, 9_000)] {
+        let exposure = Exposure { time_us, period_us };
         let period = i64::from(if period_us == 0 { time_us } else { period_us });
         let middles: Vec<i64> = (0..100)
             .map(|k| k * period)
@@ -76,7 +62,7 @@ fn of_a_ramp_each_frame_is_the_light_at_the_centre_of_its_shape() {
             .map(|start| start + i64::from(time_us / 2))
             .collect();
         // From a frame's sample back to the light that it shows.
-        let lead = (centre * f64::from(time_us) - f64::from(time_us / 2)) * 1e-6;
+        let lead = (0.5 * f64::from(time_us) - f64::from(time_us / 2)) * 1e-6;
         let ideal = SensorConfig::default();
         let expected = run(&ideal, 30, &middles, |x, t| ramp(x, t + lead));
         let sharp = run(&ideal, 30, &middles, |x, t| ramp(x, t + lead + 2e-3));
@@ -90,28 +76,21 @@ fn of_a_ramp_each_frame_is_the_light_at_the_centre_of_its_shape() {
 }
 
 #[test]
-fn flicker_is_weakened_by_the_shapes_transform() {
+fn flicker_is_weakened_by_the_exposures_transform() {
     // Equal thresholds, and a signal that returns, would be decided by rounding.
     let (f, time_us) = (121.7, 4_000_u32);
     let x = std::f64::consts::PI * f * f64::from(time_us) * 1e-6;
-    let triangle = 2.0 * (x / 2.0).sin() / x;
     let ideal = SensorConfig { threshold_on: 0.05, threshold_off: 0.0571, ..Default::default() };
     let light = |part: f64| move |p: u32, t: f64| 0.5 + 0.3 * part * (TAU * f * t + 0.7 * f64::from(p)).sin();
     let fine: Vec<i64> = (0..=20_000).map(|k| 10 * k).collect();
-    for (shape, part) in [(ExposureShape::Box, x.sin() / x), (shape(&[0.0, 1.0, 0.0]), triangle * triangle)] {
-        let exposure = Exposure { time_us, period_us: 0, shape };
-        let got = run(&with(&exposure, ideal.clone()), 9, &fine, light(1.0));
-        let middles: Vec<i64> = (0..50).map(|k| 4_000 * k + 2_000).collect();
-        let expected = run(&ideal, 9, &middles, light(part));
-        assert!(expected.len() > 1_000, "{}", expected.len());
-        let error = apart(&got, &expected);
-        assert!(error.is_some_and(|us| us <= 4), "{exposure:?}: {error:?}");
-        assert_eq!(
-            apart(&expected, &run(&ideal, 9, &middles, light(1.0))),
-            None,
-            "canary: weakened by nothing"
-        );
-    }
+    let exposure = Exposure { time_us, period_us: 0 };
+    let got = run(&with(&exposure, ideal.clone()), 9, &fine, light(1.0));
+    let middles: Vec<i64> = (0..50).map(|k| 4_000 * k + 2_000).collect();
+    let expected = run(&ideal, 9, &middles, light(x.sin() / x));
+    assert!(expected.len() > 1_000, "{}", expected.len());
+    let error = apart(&got, &expected);
+    assert!(error.is_some_and(|us| us <= 4), "{error:?}");
+    assert_eq!(apart(&expected, &run(&ideal, 9, &middles, light(1.0))), None, "canary: weakened by nothing");
 }
 
 #[test]
@@ -120,7 +99,7 @@ fn flicker_of_whole_periods_per_exposure_is_not_seen() {
     let times: Vec<i64> = (0..=1_000).map(|k| 500 * k).collect();
     let ideal = SensorConfig::default();
     let of = |time_us, period_us| {
-        let exposure = Exposure { time_us, period_us, ..Default::default() };
+        let exposure = Exposure { time_us, period_us };
         run(&with(&exposure, ideal.clone()), 5, &times, light).len()
     };
     assert_eq!((of(20_000, 0), of(10_000, 33_333)), (0, 0));
@@ -158,7 +137,7 @@ fn linear(codes: &[u8]) -> Vec<f32> {
 }
 
 fn sensors() -> Vec<SensorConfig> {
-    let exposure = Exposure { time_us: 4_000, period_us: 5_500, shape: shape(&[1.0, 2.0, 0.0]) };
+    let exposure = Exposure { time_us: 4_000, period_us: 5_500 };
     let noisy = SensorConfig {
         noise: Noise { shot_hz: 5.0, leak_hz: 1.0, ..Default::default() },
         pattern: Pattern { sigma: 0.03, ..Default::default() },
@@ -353,7 +332,7 @@ fn keyframes_are_exposed_instant_by_instant() {
                 motion_forward: None,
                 cut: &[],
             };
-            let warp = WarpConfig { steps: Some(1), detect_cuts: false, ..Default::default() };
+            let warp = Warp { steps: Some(1), detect_cuts: Some(false), ..Default::default() };
             let events = warped.push_keyframe(&keyframes, at(k), &warp).unwrap().remove(0);
             let cut = warped.keyframe_reports()[0].cut;
             assert_eq!(
@@ -378,15 +357,12 @@ fn keyframes_are_exposed_instant_by_instant() {
 fn exposures_that_cannot_be_are_named() {
     let refused =
         |exposure: Exposure| Sensor::new(with(&exposure, SensorConfig::default())).unwrap_err().to_string();
-    let of = |time_us, period_us| Exposure { time_us, period_us, ..Default::default() };
+    let of = |time_us, period_us| Exposure { time_us, period_us };
     for (exposure, told) in [
         (of(0, 5), ["exposure.time_us", "0", "above 0"]),
-        (Exposure { shape: shape(&[0.0, 1.0]), ..of(0, 0) }, ["exposure.time_us", "0", "shape"]),
         (of(20_000, 19_999), ["exposure.period_us", "19999", "20000"]),
         (of(10_000_001, 0), ["exposure.time_us", "10000001", "10000000"]),
         (of(5, 10_000_001), ["exposure.period_us", "10000001", "10000000"]),
-        (Exposure { shape: shape(&[1.0, f64::NAN]), ..of(9, 0) }, ["exposure.shape", "NaN", "1e9"]),
-        (Exposure { shape: shape(&[1.0]), ..of(9, 0) }, ["exposure.shape", "single", "256"]),
     ] {
         let error = refused(exposure);
         assert!(told.iter().all(|told| error.contains(told)), "{error}");
@@ -398,17 +374,13 @@ fn exposures_that_cannot_be_are_named() {
 
 #[test]
 fn a_file_has_the_exposure_as_a_table() {
-    let text = "[exposure]\ntime_us = 20000\nperiod_us = 33333\nshape = [0, 1, 1, 0]\n";
+    let text = "[exposure]\ntime_us = 20000\nperiod_us = 33333\n";
     let sensor = SensorConfig::from_toml(text).unwrap();
-    let exposure = Exposure { time_us: 20_000, period_us: 33_333, shape: shape(&[0.0, 1.0, 1.0, 0.0]) };
+    let exposure = Exposure { time_us: 20_000, period_us: 33_333 };
     assert_eq!(sensor.exposure, exposure);
     assert_eq!(SensorConfig::from_toml(&sensor.to_toml()).unwrap(), sensor);
     assert_eq!(sensor.stages(), ["exposure"]);
     assert!(sensor.walks_on_host() && !sensor.is_ideal() && sensor.warnings().is_empty());
-    let boxed = SensorConfig::from_toml("[exposure]\ntime_us = 500\nshape = \"box\"\n").unwrap();
-    assert_eq!(boxed.exposure, Exposure { time_us: 500, ..Default::default() });
-    assert_eq!(SensorConfig::from_toml(&boxed.to_toml()).unwrap(), boxed);
-    assert!(SensorConfig::from_toml("exposure = { time_us = 5, shape = \"bow\" }").is_err());
     let both = format!("{text}[photoreceptor]\ncutoff_hz = 300\n");
     let warnings = SensorConfig::from_toml(&both).unwrap().warnings();
     assert!(warnings.len() == 1 && warnings[0].contains("exposure.time_us"), "{warnings:?}");

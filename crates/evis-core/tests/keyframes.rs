@@ -3,7 +3,7 @@
 
 use evis_core::emulator::Cut;
 use evis_core::{
-    EmulatorConfig, Event, EventEmulator, FrameData, Frames, Keyframes, SensorConfig, Transfer, WarpConfig,
+    EmulatorConfig, Event, EventEmulator, FrameData, Frames, Keyframes, SensorConfig, Transfer, Warp,
 };
 
 const WIDTH: usize = 96;
@@ -59,7 +59,7 @@ fn emulator(threads: usize, batch: usize) -> EventEmulator {
 }
 
 fn push(emulator: &mut EventEmulator, picture: &Picture, t_us: i64) -> Vec<Event> {
-    emulator.push_keyframe(&picture.keyframes(), t_us, &WarpConfig::default()).unwrap().remove(0)
+    emulator.push_keyframe(&picture.keyframes(), t_us, &Warp::default()).unwrap().remove(0)
 }
 
 /// Share of the events of `truth` that have one of the same pixel and polarity in `events` within `tolerance_us`; those of
@@ -108,7 +108,7 @@ fn integers_are_light_under_their_curve() {
             picture.light.iter().map(|light| (light.min(1.0) * 65_535.0) as u16).collect();
         let light =
             integers.iter().map(|code| Transfer::Rec709.light(f64::from(*code) / 65_535.0) as f32).collect();
-        let warp = WarpConfig::default();
+        let warp = Warp::default();
         let t_us = i64::from(k) * GAP_US;
         let push = |emulator: &mut EventEmulator, transfer| {
             let keyframes = Keyframes { light: FrameData::U16(&integers, transfer), ..picture.keyframes() };
@@ -142,12 +142,11 @@ fn a_sliding_wall_fires_as_if_it_were_seen_all_the_time() {
         let (events, report) = run(1.0);
         let share = found(&events, &truth, 300, 8);
         assert!(share > 0.95, "{speed:?}: {share}");
-        assert!(report.steps >= 4 && report.hint.is_none() && report.cut == Cut::None, "{report:?}");
-        // Canary: vectors of the other sign find far fewer, and the report says what is wrong.
-        let (events, report) = run(-1.0);
+        assert!(report.steps >= 4 && report.cut == Cut::None, "{report:?}");
+        // Canary: vectors of the other sign find far fewer.
+        let (events, _) = run(-1.0);
         let share = found(&events, &truth, 300, 8);
         assert!(share < 0.6, "{speed:?}: {share} by wrong vectors");
-        assert!(report.hint.is_some_and(|hint| hint.contains("both signs")), "{report:?}");
     }
 }
 
@@ -173,34 +172,9 @@ fn a_camera_that_turns_right_sees_vectors_that_point_right() {
     let mut events = Vec::new();
     for k in 0..=3 {
         events.extend(push(&mut emulator, &seen(k as f64), k * GAP_US));
-        assert!(emulator.keyframe_reports()[0].hint.is_none());
     }
     let share = found(&events, &truth, 300, 8);
     assert!(share > 0.95, "{share}");
-}
-
-#[test]
-fn other_conventions_are_told_apart() {
-    let speed = [3.0, 2.0];
-    for (scale, said) in [
-        ([-1.0, -1.0], "both signs"),
-        ([1.0, -1.0], "y's sign"),
-        ([-1.0, 1.0], "x's sign"),
-        ([1.0 / WIDTH as f64, 1.0 / HEIGHT as f64], "parts of the picture"),
-        ([2.0 / WIDTH as f64, -2.0 / HEIGHT as f64], "clip space"),
-    ] {
-        let mut emulator = emulator(1, 1);
-        for k in 0..2 {
-            let mut picture = sliding(speed, k as f64);
-            for pair in picture.motion.chunks_exact_mut(2) {
-                pair[0] *= scale[0] as f32;
-                pair[1] *= scale[1] as f32;
-            }
-            push(&mut emulator, &picture, k * GAP_US);
-        }
-        let warnings = emulator.keyframe_reports()[0].warnings();
-        assert!(warnings.iter().any(|warning| warning.contains(said)), "{scale:?}: {warnings:?}");
-    }
 }
 
 #[test]
@@ -234,7 +208,7 @@ fn nothing_depends_on_threads_or_on_the_batch() {
             depth: join(&slow.depth, &fast.depth),
             motion: join(&slow.motion, &fast.motion),
         };
-        let lists = both.push_keyframe(&joined.keyframes(), k * GAP_US, &WarpConfig::default()).unwrap();
+        let lists = both.push_keyframe(&joined.keyframes(), k * GAP_US, &Warp::default()).unwrap();
         assert_eq!(lists[0], expected);
         if k > 0 {
             let reports = both.keyframe_reports();
@@ -261,7 +235,7 @@ fn a_picture_that_stands_still_stays_silent() {
     let mut emulator = emulator(2, 1);
     let still = Picture { motion: vec![0.0; 2 * PIXELS], ..sliding([0.0, 0.0], 0.0) };
     for k in 0..4 {
-        let warp = WarpConfig { steps: Some(5), ..WarpConfig::default() };
+        let warp = Warp { steps: Some(5), ..Warp::default() };
         let events = emulator.push_keyframe(&still.keyframes(), k * GAP_US, &warp).unwrap().remove(0);
         assert!(events.is_empty());
         assert_eq!(emulator.report().unknown, 0);
@@ -323,7 +297,7 @@ fn holes_keep_their_memory_and_the_paper_paints_them_black() {
         let events = push(&mut emulator, &picture(k as f64), k * GAP_US);
         let inside = |event: &&Event| event.t < GAP_US / 2 - 1 && event.x > 66;
         assert_eq!(events.iter().filter(inside).count(), 0);
-        let warp = WarpConfig::evis_paper(4);
+        let warp = Warp::evis_paper(4);
         let events =
             paper.push_keyframe(&picture(k as f64).keyframes(), k * GAP_US, &warp).unwrap().remove(0);
         assert_eq!(events.iter().filter(inside).count() > 0, k == 1, "black must fire");
@@ -348,7 +322,7 @@ fn cuts_do_not_warp() {
     };
     let first = sliding([3.0, 0.0], 0.0);
     let second = sliding([3.0, 0.0], 1.0);
-    let warp = WarpConfig::default();
+    let warp = Warp::default();
     emulator.push_keyframe(&joined(&first, &first).keyframes(), 0, &warp).unwrap();
     let pictures = joined(&second, &other);
     let keyframes = Keyframes { cut: &[false, true], ..pictures.keyframes() };
@@ -396,7 +370,7 @@ fn bad_pushes_are_named_and_change_nothing() {
     let keyframes = good.keyframes();
     let codes = vec![1_u8; PIXELS];
     let negative: Vec<f32> = good.light.iter().map(|light| light - 2.0).collect();
-    let warp = WarpConfig::default();
+    let warp = Warp::default();
     let cases = [
         (keyframes, 10, warp, "t_us"),
         (keyframes, 9, warp, "t_us"),
@@ -423,10 +397,11 @@ fn bad_pushes_are_named_and_change_nothing() {
         ),
         (Keyframes { light: FrameData::U8(&codes, Transfer::Gamma(0.0)), ..keyframes }, 20, warp, "gamma"),
         (Keyframes { cut: &[false, false], ..keyframes }, 20, warp, "number of cuts"),
-        (keyframes, 20, WarpConfig { steps: Some(0), ..warp }, "steps"),
-        (keyframes, 20, WarpConfig { step_px: f32::NAN, ..warp }, "step_px"),
-        (keyframes, 20, WarpConfig { margin: 4, ..warp }, "number of values"),
-        (keyframes, 20, WarpConfig { hole_below: 0.0, ..warp }, "hole_below"),
+        (keyframes, 20, Warp { steps: Some(0), ..warp }, "steps"),
+        (keyframes, 20, Warp { step_px: Some(f32::NAN), ..warp }, "step_px"),
+        (keyframes, 20, Warp { margin: Some(4), ..warp }, "number of values"),
+        (keyframes, 20, Warp { margin: Some(513), ..warp }, "margin"),
+        (keyframes, 20, warp.at(30.0, 8), "keyframe_hz is 30"),
     ];
     for (keyframes, t_us, warp, said) in cases {
         let error = emulator.push_keyframe(&keyframes, t_us, &warp).unwrap_err().to_string();
@@ -443,7 +418,7 @@ fn a_margin_is_seen_before_it_comes_in() {
     let (width, height) = (WIDTH - 2 * MARGIN, HEIGHT - 2 * MARGIN);
     let config = EmulatorConfig { width: width as u32, height: height as u32, ..Default::default() };
     let mut emulator = EventEmulator::new(config).unwrap();
-    let warp = WarpConfig { margin: MARGIN as u32, ..Default::default() };
+    let warp = Warp { margin: Some(MARGIN as u32), ..Default::default() };
     let mut events = Vec::new();
     for k in 0..4 {
         let picture = sliding([6.0, 0.0], k as f64);
@@ -458,7 +433,7 @@ fn a_margin_is_seen_before_it_comes_in() {
     }
     let share = found(&moved, &shifted, 300, MARGIN as u16);
     assert!(share > 0.95, "{share}");
-    let small = WarpConfig { margin: 0, ..warp };
+    let small = Warp { margin: Some(0), ..warp };
     let crop = vec![0.5; width * height];
     let keyframes = Keyframes {
         light: FrameData::Linear(&crop),
@@ -501,7 +476,7 @@ fn push_turned(
     k: i64,
     motion_steps: Option<&[f32]>,
     with_motion: bool,
-    warp: &WarpConfig,
+    warp: &Warp,
 ) -> Vec<Event> {
     let picture = turning(k as f64, k as f64 - 1.0);
     let motion: &[f32] = if with_motion { &picture.motion } else { &[] };
@@ -522,7 +497,7 @@ fn motion_in_fine_steps_bends_paths() {
     let truth = inner(truth(|t| turning(t, t), 4));
     let run = |shape: fn(Vec<f32>) -> Option<Vec<f32>>, with_motion: bool| {
         let mut emulator = emulator(1, 1);
-        let warp = WarpConfig { steps: Some(FIELDS as u32), ..WarpConfig::default() };
+        let warp = Warp { steps: Some(FIELDS as u32), ..Warp::default() };
         let mut events = Vec::new();
         for k in 0..=4 {
             let steps = shape(fields(k, FIELDS));
@@ -542,7 +517,7 @@ fn motion_in_fine_steps_bends_paths() {
 #[test]
 fn one_field_is_the_motion_of_the_gap() {
     for steps in [1, 6] {
-        let warp = WarpConfig { steps: Some(steps), ..WarpConfig::default() };
+        let warp = Warp { steps: Some(steps), ..Warp::default() };
         let [mut plain, mut dense, mut alone, mut two] = [(); 4].map(|()| emulator(1, 1));
         let mut count = 0;
         for k in 0..4 {
@@ -560,7 +535,7 @@ fn one_field_is_the_motion_of_the_gap() {
 
 #[test]
 fn fields_of_motion_depend_on_no_threads_batch_or_state() {
-    let warp = WarpConfig::default();
+    let warp = Warp::default();
     let (mut one, mut many, mut both) = (emulator(1, 1), emulator(2, 1), emulator(2, 2));
     let mut count = 0;
     for k in 0..4 {
@@ -607,7 +582,7 @@ fn bad_fields_of_motion_are_counted_and_told() {
         push(&mut emulator, &first, 0);
         let motion: &[f32] = if with_motion { &second.motion } else { &[] };
         let keyframes = Keyframes { motion, motion_steps: steps, ..second.keyframes() };
-        let warp = WarpConfig { steps: Some(8), ..WarpConfig::default() };
+        let warp = Warp { steps: Some(8), ..Warp::default() };
         let events = emulator.push_keyframe(&keyframes, GAP_US, &warp).unwrap().remove(0);
         (events, emulator.keyframe_reports()[0])
     };

@@ -33,7 +33,7 @@ const TEXT: &str = "chart";
 /// Measures a scene; returns the chart as JSON.
 #[pyfunction]
 #[pyo3(signature = (
-    scene, *, rates_hz, samples, edges, light_samples, latch_rates_hz, most_samples_hz, published, splat, adaptive, quick,
+    scene, *, rates_hz, samples, edges, latch_rates_hz, most_samples_hz, published, splat, adaptive, quick,
     repetitions, threshold_on, threshold_off, log_eps, camera, size, start_us, duration_us, truth_pixels, reference_luminance, floor, cache,
     device
 ))]
@@ -44,7 +44,6 @@ pub(crate) fn chart(
     rates_hz: Vec<f64>,
     samples: Vec<u32>,
     edges: bool,
-    light_samples: Vec<u32>,
     latch_rates_hz: Vec<f64>,
     most_samples_hz: Option<f64>,
     published: bool,
@@ -71,14 +70,13 @@ pub(crate) fn chart(
             rates_hz,
             samples,
             edges,
-            light_samples,
             latch_hz: latch_rates_hz,
             most_samples_hz,
             published,
             adaptive_px: if adaptive { usual.adaptive_px } else { Vec::new() },
             presets: if adaptive { usual.presets } else { Vec::new() },
             splat: if splat { usual.splat } else { Vec::new() },
-            splat_options: splat && usual.splat_options,
+            splat_triggers: splat && usual.splat_triggers,
         },
         repetitions,
         sensor: SensorConfig { threshold_on, threshold_off, log_eps, ..SensorConfig::default() },
@@ -114,8 +112,8 @@ type Shape = (Vec<f64>, Vec<u32>, bool, Vec<u32>, Vec<f64>, Option<f64>);
 #[pyfunction]
 pub(crate) fn chart_ladder(quick: bool) -> Shape {
     let ladder = if quick { Ladder::quick() } else { Ladder::default() };
-    let Ladder { rates_hz, samples, edges, light_samples, latch_hz, most_samples_hz, .. } = ladder;
-    (rates_hz, samples, edges, light_samples, latch_hz, most_samples_hz)
+    let Ladder { rates_hz, samples, edges, latch_hz, most_samples_hz, .. } = ladder;
+    (rates_hz, samples, edges, latch_hz, most_samples_hz)
 }
 
 /// Checks that `json` is a chart that this version reads.

@@ -5,8 +5,8 @@ use std::sync::{Mutex, PoisonError};
 
 use evis_core::sensor::{NoiseLaw, PRESETS, sample};
 use evis_core::{
-    ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, KeyframeReport, Keyframes, Sensor,
-    SensorConfig, Transfer, WarpConfig,
+    ConfigError, EmulatorConfig, EmulatorReport, FrameData, Frames, KeyframeReport, Keyframes, MotionCheck,
+    Sensor, SensorConfig, Transfer, Warp, check_motion as check,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -91,6 +91,33 @@ pub(crate) fn scene_sensors(
         .into_iter()
         .map(|(name, sensor)| Ok((name, to_json(&sensor)?)))
         .collect::<Result<_, Failure>>()?)
+}
+
+/// Which convention motion vectors follow, from the light of two keyframes of `size` (width, height).
+#[pyfunction]
+#[pyo3(signature = (older, newer, motion, *, size, channels, transfer, gamma))]
+#[allow(clippy::too_many_arguments, reason = "two keyframes")]
+pub(crate) fn check_motion<'py>(
+    py: Python<'py>,
+    older: Values<'py>,
+    newer: Values<'py>,
+    motion: PyReadonlyArray1<'py, f32>,
+    size: [usize; 2],
+    channels: [usize; 2],
+    transfer: [String; 2],
+    gamma: f32,
+) -> PyResult<Bound<'py, PyDict>> {
+    let older = Frames { data: older.data(&transfer[0], gamma)?, channels: channels[0] };
+    let newer = Frames { data: newer.data(&transfer[1], gamma)?, channels: channels[1] };
+    let motion = motion.as_slice()?;
+    let MotionCheck { scale, convention, error_given, error } =
+        py.enter_engine(|| check(&older, &newer, motion, size).map_err(Failure::from))?;
+    let dict = PyDict::new(py);
+    dict.set_item("scale", (scale[0], scale[1]))?;
+    dict.set_item("convention", convention)?;
+    dict.set_item("error_given", error_given)?;
+    dict.set_item("error", error)?;
+    Ok(dict)
 }
 
 /// Frames in, events out.
@@ -206,7 +233,7 @@ impl EventEmulator {
         gamma: f32,
         warp: &str,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let warp: WarpConfig = serde_json::from_str(warp)
+        let warp: Warp = serde_json::from_str(warp)
             .map_err(|error| Failure::Config(format!("warp: {}", error.to_string().replace('`', "'"))))?;
         let keyframes = Keyframes {
             light: light.data(transfer, gamma)?,
@@ -298,8 +325,7 @@ fn report_dict<'py>(py: Python<'py>, report: &EmulatorReport) -> PyResult<Bound<
 
 fn keyframe_dict<'py>(py: Python<'py>, report: &KeyframeReport) -> PyResult<Bound<'py, PyDict>> {
     let warnings = report.warnings();
-    let KeyframeReport { steps, motion_px, linked, unknown, bad_depth, bad_motion, strayed, cut, hint: _ } =
-        *report;
+    let KeyframeReport { steps, motion_px, linked, unknown, bad_depth, bad_motion, strayed, cut } = *report;
     let dict = PyDict::new(py);
     dict.set_item("steps", steps)?;
     dict.set_item("motion_px", motion_px)?;

@@ -28,8 +28,8 @@ mod _evis {
     use crate::chart::{chart, chart_cache, chart_ladder, check_chart, draw_chart, recommend_chart};
     #[pymodule_export]
     use crate::emulator::{
-        EventEmulator, scene_sensors, sensor_check, sensor_from_toml, sensor_photoreceptor_noise,
-        sensor_preset, sensor_presets, sensor_sample, sensor_to_toml,
+        EventEmulator, check_motion, scene_sensors, sensor_check, sensor_from_toml,
+        sensor_photoreceptor_noise, sensor_preset, sensor_presets, sensor_sample, sensor_to_toml,
     };
     #[pymodule_export]
     use crate::metrics::{

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
-use evis_core::{CameraInfo, ExposureShape};
+use evis_core::CameraInfo;
 use evis_render::settings::SettingsFile;
 use evis_render::{Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_sensors};
 use pyo3::prelude::*;
@@ -57,7 +57,7 @@ impl Simulator {
     #[pyo3(signature = (
         scene, *, sensor, for_all, sensors, method, splat, quality, settings, rate_hz, adaptive_px, between, samples, antialias, texture_taps,
         shadows, shadow_map, audit, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
-        exposure_shape, reference_luminance, device
+        reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
     fn new(
@@ -87,7 +87,6 @@ impl Simulator {
         label_rate_hz: f64,
         frame_rate_hz: Option<f64>,
         exposure_us: Option<i64>,
-        exposure_shape: Option<Vec<f64>>,
         reference_luminance: Option<f32>,
         device: Option<String>,
     ) -> PyResult<Self> {
@@ -106,7 +105,6 @@ impl Simulator {
             label_rate_hz,
             frame_rate_hz,
             exposure_us: exposure_us.unwrap_or_else(|| RunConfig::usual_exposure_us(frame_rate_hz)),
-            exposure_shape: exposure_shape.map_or(ExposureShape::Box, ExposureShape::Weights),
             labels: engine::labels(&labels)?,
             ..base
         };

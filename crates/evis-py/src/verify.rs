@@ -127,10 +127,7 @@ pub(crate) fn verify_light(
 fn variant(name: &str) -> PyResult<Variant> {
     let known = serde_json::from_value(serde_json::Value::String(name.into()));
     known.map_err(|_| {
-        Failure::Config(format!(
-            "triggers has {name:?}; it must hold \"crossing_log\", \"crossing_light\" or \"latch\""
-        ))
-        .into()
+        Failure::Config(format!("triggers has {name:?}; it must hold \"crossing\" or \"latch\"")).into()
     })
 }
 

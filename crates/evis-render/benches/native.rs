@@ -10,10 +10,10 @@ use std::process::Command;
 use std::sync::Arc;
 
 use bare::Bare;
-use evis_core::SensorConfig;
+use evis_core::{SensorConfig, Warp};
 use evis_render::bench::{Stage, Stages};
 use evis_render::scene::Scene;
-use evis_render::{Gpu, Method, RunConfig, Simulator, SplatConfig};
+use evis_render::{Gpu, Method, RunConfig, Simulator};
 use support::measure::{Series, measure, peak_memory_mib};
 use support::{Failure, scenes};
 
@@ -295,19 +295,14 @@ fn methods(device: &wgpu::Device, queue: &wgpu::Queue, repetitions: u32) -> Resu
     const ADAPTIVE_PX: Option<f64> = Some(0.5);
     let native = RunConfig { samples: 4, ..config() };
     let adaptive = RunConfig { adaptive_px: ADAPTIVE_PX, ..native.clone() };
-    let splat = |splat: SplatConfig| RunConfig {
-        method: Method::Splat(splat),
-        samples: 1,
-        rate_hz: splat.keyframe_hz * f64::from(splat.steps),
-        ..config()
-    };
+    let splat = |warp: Warp| RunConfig { method: Method::Splat(warp), samples: 1, ..config() };
     let all = [
         ("native, 1000 Hz, 1 sample", config()),
         ("native, 1000 Hz, 4 samples", native),
         ("native, 0.5 px, 4 samples", adaptive),
-        ("splat, 125 x 8", splat(SplatConfig::default())),
-        ("evis-paper, 125 x 8", splat(SplatConfig::evis_paper(125.0, 8))),
-        ("evis-paper, 30 x 8", splat(SplatConfig::evis_paper(30.0, 8))),
+        ("splat, 125 x 8", splat(Warp::default())),
+        ("evis-paper, 125 x 8", splat(Warp::evis_paper(8))),
+        ("evis-paper, 30 x 8", splat(Warp::evis_paper(8).at(30.0, 8))),
     ];
     println!(
         "\n## Methods: CPU ns per pixel and millisecond of stream (640x480), pixels drawn for it (each by all its samples)\n"

@@ -9,8 +9,9 @@ mod support;
 use std::sync::Arc;
 
 use bare_splat::BareSplat;
+use evis_core::{Warp, WarpVariant};
 use evis_render::bench::{Stage, Stages};
-use evis_render::{Carrier, Gpu, Method, Motion, RunConfig, SplatConfig};
+use evis_render::{Gpu, Method, RunConfig};
 use support::measure::{Series, measure};
 use support::{Failure, scenes};
 
@@ -38,22 +39,16 @@ fn main() -> Result<(), Failure> {
     let gpu = Gpu::from_device(device.clone(), queue.clone());
     let scene = Arc::new(scenes::build(scenes::DETAILS[0])?);
 
-    let base = SplatConfig { keyframe_hz: KEYFRAME_HZ, steps: STEPS, margin: 0, ..SplatConfig::default() };
-    let paper = SplatConfig { margin: 0, ..SplatConfig::evis_paper(KEYFRAME_HZ, STEPS) };
-    let settings = [
-        ("evis-paper", paper),
-        ("evis-paper, both keyframes everywhere", SplatConfig { nearest: true, ..paper }),
-        ("colour, blend", SplatConfig { carrier: Carrier::Colour, motion: Motion::Linear, ..base }),
-        ("index, linear", SplatConfig { motion: Motion::Linear, ..base }),
-        ("index, exact (default)", base),
-    ];
+    let splat = Warp { margin: Some(0), ..Warp::default().at(KEYFRAME_HZ, STEPS) };
+    let paper = Warp { variant: WarpVariant::EvisPaper, ..splat };
+    let settings = [("evis-paper", paper), ("splat", splat)];
     let mut bare = BareSplat::new(&device, &queue, SIZE);
     let mut engines = Vec::new();
-    for (name, splat) in settings {
+    for (name, warp) in settings {
         let config = RunConfig {
             size: Some(SIZE.into()),
             samples: 1,
-            method: Method::Splat(splat),
+            method: Method::Splat(warp),
             reference_luminance: Some(0.5),
             ..RunConfig::default()
         };

@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use evis_core::{ConfigError, ExposureShape, LabelKind, Sensor, SensorConfig, TimeGrid, TriggerRule};
+use evis_core::{ConfigError, LabelKind, Sensor, SensorConfig, TimeGrid, TriggerRule, Warp};
 use serde::{Deserialize, Serialize};
 
 use crate::chain::OLD_US;
 use crate::grid::SampleGrid;
 use crate::quality::Quality;
 use crate::sizes::MAX_INSTANTS;
-use crate::splat_config::SplatConfig;
+
+/// `eps` of the EVIS paper's code in `ln(Y + eps)`.
+pub const EVIS_PAPER_LOG_EPS: f32 = 1e-5;
 
 /// Seconds of a block of adaptive sampling.
 const BLOCK_S: f64 = 0.016;
@@ -27,7 +29,7 @@ pub enum Method {
     #[default]
     Native,
     /// Keyframes are rendered; the instants between two of them are splatted from both.
-    Splat(SplatConfig),
+    Splat(Warp),
 }
 
 impl Method {
@@ -35,8 +37,7 @@ impl Method {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Native => "native",
-            Self::Splat(splat) if splat.is_evis_paper() => "evis-paper",
-            Self::Splat(_) => "splat",
+            Self::Splat(warp) => warp.variant.name(),
         }
     }
 
@@ -52,7 +53,7 @@ impl Method {
     pub const fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
             Self::Native => None,
-            Self::Splat(splat) => Some((splat.keyframe_hz, splat.steps)),
+            Self::Splat(warp) => Some((warp.scene_keyframe_hz(), warp.scene_steps())),
         }
     }
 }
@@ -73,11 +74,10 @@ pub enum Antialias {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Between {
-    /// As [`SensorConfig::interpolation`] says.
+    /// Along a straight line.
     #[default]
     Line,
-    /// Along a cubic through the samples, its slopes from the sample before and the one after, in pieces that are again as
-    /// [`SensorConfig::interpolation`] says. It rises where three samples in a row rise, and rests next to a sample that does
+    /// Along a cubic through the samples, its slopes from the sample before and the one after, in straight pieces. It rises where three samples in a row rise, and rests next to a sample that does
     /// not change anything. A sensor that is more than its thresholds takes lines, and a latch has no use for either.
     Curve,
 }
@@ -148,9 +148,6 @@ pub struct RunConfig {
     pub frame_rate_hz: Option<f64>,
     /// Exposure of a frame in microseconds; even, so that its middle is a whole microsecond.
     pub exposure_us: i64,
-    /// How much light counts from an exposure's start to its end. Frames are stamped at its middle, whatever the shape.
-    #[serde(skip_serializing_if = "is_box")]
-    pub exposure_shape: ExposureShape,
     /// The share of tiles that are skipped, or sampled less often than at every instant, which are rendered once more and
     /// compared; no event depends on it. 0 audits nothing.
     pub audit: f64,
@@ -181,7 +178,6 @@ impl Default for RunConfig {
             label_rate_hz: 50.0,
             frame_rate_hz: None,
             exposure_us: USUAL_EXPOSURE_US,
-            exposure_shape: ExposureShape::Box,
             audit: USUAL_AUDIT,
             reference_luminance: None,
         }
@@ -191,10 +187,6 @@ impl Default for RunConfig {
 /// The longest exposure of frames, so many a second: the time between two, as an even number of microseconds.
 fn longest_exposure_us(frame_rate_hz: f64) -> i64 {
     (1e6 / frame_rate_hz) as i64 / 2 * 2
-}
-
-fn is_box(shape: &ExposureShape) -> bool {
-    *shape == ExposureShape::Box
 }
 
 fn is_line(between: &Between) -> bool {
@@ -286,10 +278,6 @@ impl RunConfig {
             if self.labels.contains(&LabelKind::Frame) {
                 return Err(ConfigError::new("labels", "frame", "without frame: set a frame rate instead"));
             }
-            if !is_box(&self.exposure_shape) {
-                let remedy = "box where there are no frames: set a frame rate too";
-                return Err(ConfigError::new("exposure_shape", "a list of weights", remedy));
-            }
             return Ok(());
         };
         TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
@@ -305,7 +293,7 @@ impl RunConfig {
                 format!("an even number of microseconds, from 2 to {longest} at {rate_hz} frames per second"),
             ));
         }
-        self.exposure_shape.check("exposure_shape")
+        Ok(())
     }
 
     /// Places along each side of a pixel at which it is shaded with [`Antialias::Edges`]; else 1.
@@ -325,8 +313,8 @@ impl RunConfig {
         for (camera, sensor) in &self.sensors {
             checked(camera, sensor.clone())?;
         }
-        if let Method::Splat(splat) = &self.method {
-            splat.check()?;
+        if let Method::Splat(warp) = &self.method {
+            warp.check_scene()?;
         }
         if let Some(px) = self.adaptive_px {
             if !self.method.has_adaptive_time() {

@@ -7,7 +7,8 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
 use evis_core::event::take_causes;
-use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid};
+use evis_core::luminance::luminance;
+use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid, WarpVariant};
 use evis_scene::{Scene, SceneState};
 
 use crate::adaptive::AdaptiveRoom;
@@ -248,7 +249,8 @@ impl Engine {
             (Method::Splat(_), _) | (_, Some(_)) => (1, LayerUse::Computed),
             (_, None) => (samples, rendered),
         };
-        let may_be_unknown = matches!(&config.method, Method::Splat(splat) if splat.fill.is_none());
+        let may_be_unknown =
+            matches!(&config.method, Method::Splat(warp) if warp.variant == WarpVariant::Splat);
         let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, config)?;
         let constants = SceneConstants {
             lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),
@@ -282,8 +284,7 @@ impl Engine {
             &shadow_maps,
             shadows.as_ref().and_then(|s| s.occluders.as_ref()),
         );
-        let [r, g, b] = scene.background.map(f64::from);
-        let background_luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        let background_luminance = luminance(scene.background.map(f64::from));
         let classes = classes(&views);
         let sensors: Vec<&SensorConfig> = classes.iter().map(|of| &views[of[0]].sensor).collect();
         let mut context = Context {

@@ -1,11 +1,11 @@
-//! Frames of a sensor's other output: the mean of linear light over an exposure, by its shape, stamped at its middle.
+//! Frames of a sensor's other output: the mean of linear light over an exposure, stamped at its middle.
 //!
 //! How often a frame looks is a matter of each of its tiles: where nothing moves while it is exposed, once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evis_core::{ExposureShape, LabelData, LabelFrame, LabelKind, TimeGrid};
+use evis_core::{LabelData, LabelFrame, LabelKind, TimeGrid};
 
 use crate::config::RunConfig;
 use crate::engine::{Context, Upload, read_mean};
@@ -27,7 +27,6 @@ const STEP_PX: f64 = 0.25;
 pub struct ExposureRoom {
     grid: TimeGrid,
     exposure_us: i64,
-    shape: ExposureShape,
     pacer: Pacer,
     /// Looks at a tile, at most; a power of two.
     most: u32,
@@ -52,8 +51,7 @@ impl ExposureRoom {
             }
         }
         let pacer = Pacer::new(&context.scene, &context.gpu_scene, STEP_PX, most);
-        let shape = config.exposure_shape.clone();
-        Ok(Some(Self { grid, exposure_us, shape, pacer, most, made, next: 0, layers }))
+        Ok(Some(Self { grid, exposure_us, pacer, most, made, next: 0, layers }))
     }
 
     /// The next frame of every view, in view order, if its middle lies before `until_us`.
@@ -123,17 +121,16 @@ impl ExposureRoom {
         let (width, height) = (layers.width, layers.height);
         let columns = tiles_along(width);
         let wanted = |x: u32, y: u32| counts[(y * columns + x) as usize] == count;
-        let looks = looks_of(&self.shape, count);
-        let time = |look: &Look| start_us + (look.at * self.exposure_us as f64).round() as i64;
-        let times: Vec<i64> = looks.iter().map(time).collect();
+        // Each for an equal part of the exposure, in its middle: exact where light changes evenly within each part.
+        let share = 1.0 / f64::from(count);
+        let time =
+            |look| start_us + ((f64::from(look) + 0.5) * share * self.exposure_us as f64).round() as i64;
+        let times: Vec<i64> = (0..count).map(time).collect();
         let frames = context.upload_frames_as(view, &times, Upload { trail: true, ..Default::default() });
         let mut shadows = MovingShadows::new(&frames, view, count);
-        for (look, Look { share, .. }) in (0..).zip(looks) {
+        for look in 0..count {
             if stop.load(Ordering::Relaxed) {
                 return Err(EngineError::Stopped);
-            }
-            if share == 0.0 {
-                continue;
             }
             let in_view = InView::new(context, &view[0], look);
             let parts = in_view.parts(wanted, TILE, (width, height), self.made.pixel_price());
@@ -160,25 +157,6 @@ fn most_looks(exposure_us: i64, interval_us: f64) -> u32 {
     if i64::from(most) <= exposure_us { most } else { 1 << exposure_us.ilog2() }
 }
 
-/// A look at light for a part of an exposure.
-struct Look {
-    /// When, from 0 at the exposure's start to 1 at its end.
-    at: f64,
-    /// Of the part in the whole.
-    share: f64,
-}
-
-/// `count` looks, each for an equal part of the time of an exposure and in the middle of its weight: exact where light
-/// changes evenly within each part.
-fn looks_of(shape: &ExposureShape, count: u32) -> Vec<Look> {
-    let look = |k: u32| {
-        let [from, to] = [k, k + 1].map(|k| f64::from(k) / f64::from(count));
-        let [share, moment] = shape.moments(from, to);
-        Look { at: if share > 0.0 { from + moment / share } else { from }, share }
-    };
-    (0..count).map(look).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,23 +174,5 @@ mod tests {
         ] {
             assert_eq!(most_looks(exposure_us, 1e6 / rate_hz), most, "{exposure_us} us, {rate_hz} Hz");
         }
-    }
-
-    #[test]
-    fn looks_of_every_number_make_the_whole() {
-        for shape in [ExposureShape::Box, ExposureShape::Weights(vec![0.0, 1.0, 3.0, 0.5])] {
-            let [_, middle] = shape.moments(0.0, 1.0);
-            for count in [1, 2, 4, 64] {
-                let looks = looks_of(&shape, count);
-                assert_eq!(looks.len(), count as usize);
-                let whole: f64 = looks.iter().map(|look| look.share).sum();
-                let mean: f64 = looks.iter().map(|look| look.share * look.at).sum();
-                assert!((whole - 1.0).abs() < 1e-12 && (mean - middle).abs() < 1e-12, "{shape:?} {count}");
-            }
-        }
-        // Light counts until the middle alone: what falls, evenly.
-        let early = looks_of(&ExposureShape::Weights(vec![2.0, 0.0, 0.0]), 2);
-        assert!((early[0].share - 1.0).abs() < 1e-12 && (early[0].at - 1.0 / 6.0).abs() < 1e-12);
-        assert_eq!(early[1].share, 0.0);
     }
 }

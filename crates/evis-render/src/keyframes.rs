@@ -1,6 +1,8 @@
 //! Keyframes: what the cameras see, with a margin around it, at the ends of a gap; light, depth, and motion to the
 //! neighbouring keyframes. Two are kept at a time: the newer one of a gap is the older one of the next.
 
+use evis_core::{Warp, WarpVariant};
+
 use crate::engine::{Context, Upload};
 use crate::geometry::{GeometryGroups, GeometryPass, GeometryRoom, sky_flow};
 use crate::gpu::Gpu;
@@ -10,7 +12,6 @@ use crate::pass::raster::{DEPTH_FORMAT, UNIFORM_ALIGNMENT};
 use crate::pass::splat::{PREPARE_BINDINGS, SPLAT_WORKGROUP};
 use crate::pass::{self, ComputePass};
 use crate::shadow::MovingShadows;
-use crate::splat_config::{Motion, SplatConfig};
 use crate::targets::{LayerUse, Layers};
 use crate::uniforms::{KeyParams, LabelFrame};
 use crate::view::{PixelLens, View};
@@ -23,14 +24,14 @@ pub const fn slot_of(j: i64) -> u32 {
     (j & 1) as u32
 }
 
-/// A lens that sees `margin` pixels more at each border and `supersample` pixels for each along both axes.
-pub fn canvas_lens(lens: &PixelLens, config: &SplatConfig) -> PixelLens {
-    let (scale, margin) = (f64::from(config.supersample), f64::from(config.margin));
+/// A lens that sees `margin` pixels more at each border.
+pub fn canvas_lens(lens: &PixelLens, config: &Warp) -> PixelLens {
+    let margin = config.scene_margin();
     PixelLens {
-        width: (lens.width + 2 * config.margin) * config.supersample,
-        height: (lens.height + 2 * config.margin) * config.supersample,
-        focal: lens.focal.map(|f| f * scale),
-        center: lens.center.map(|c| (c + margin) * scale),
+        width: lens.width + 2 * margin,
+        height: lens.height + 2 * margin,
+        focal: lens.focal,
+        center: lens.center.map(|c| c + f64::from(margin)),
         near: lens.near,
     }
 }
@@ -69,9 +70,9 @@ impl KeyframeStore {
         views: u32,
         samples: u32,
         made: LayerUse,
-        config: &SplatConfig,
+        config: &Warp,
     ) -> Self {
-        let with_objects = config.motion == Motion::Exact;
+        let with_objects = config.variant == WarpVariant::Splat;
         let entries = u64::from(SLOTS * views) * u64::from(width) * u64::from(height);
         let buffer = |label, size, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {

@@ -116,8 +116,9 @@ impl SamplingRequest {
 
 #[cfg(test)]
 mod tests {
+    use evis_core::Warp;
+
     use super::*;
-    use crate::splat_config::SplatConfig;
 
     #[test]
     fn what_is_given_by_hand_decides_whether_a_preset_is_in_force() {
@@ -137,7 +138,7 @@ mod tests {
 
     #[test]
     fn contradictions_are_named() {
-        let splat = Some(Method::Splat(SplatConfig::default()));
+        let splat = Some(Method::Splat(Warp::default()));
         let refused = |request: SamplingRequest| request.check().unwrap_err().to_string();
         let quality = Some(Quality::High);
         assert!(refused(SamplingRequest { quality, method: splat, ..Default::default() }).contains("high"));

@@ -1,5 +1,6 @@
 //! `splat`: the instants of a gap from the keyframes at its ends, each pixel moved to where it then is.
 
+use evis_core::{Warp, WarpVariant};
 use evis_scene::SceneState;
 use glam::{DMat4, DVec4};
 
@@ -17,7 +18,6 @@ use crate::pass::splat::{
 };
 use crate::pass::{self, ComputePass};
 use crate::sizes::{DeviceLimits, MethodNeeds};
-use crate::splat_config::{Carrier, Motion, SplatConfig};
 use crate::targets::{LayerUse, Targets};
 use crate::uniforms::SplatParams;
 use crate::view::{PixelLens, View};
@@ -31,7 +31,7 @@ const ROWS: usize = 3;
 
 /// Everything that `splat` needs.
 pub struct SplatRoom {
-    config: SplatConfig,
+    config: Warp,
     passes: SplatPasses,
     geometry: GeometryRoom,
     /// Per class of views.
@@ -60,7 +60,7 @@ impl Store {
     /// Allocates for `views` views of `size`.
     pub fn new(
         device: &wgpu::Device,
-        config: &SplatConfig,
+        config: &Warp,
         size: [u32; 2],
         views: u32,
         samples: u32,
@@ -78,9 +78,8 @@ impl Store {
         };
         let canvas_size = canvas_size(config, size[0], size[1]);
         let canvas: u64 = canvas_size.map(u64::from).iter().product();
-        let target: u64 = size.map(|n| u64::from(n * config.supersample)).iter().product();
-        let tiles: u64 =
-            size.map(|n| u64::from((n * config.supersample).div_ceil(HOLE_TILE))).iter().product();
+        let target: u64 = size.map(u64::from).iter().product();
+        let tiles: u64 = size.map(|n| u64::from(n.div_ceil(HOLE_TILE))).iter().product();
         Self {
             keyframes: KeyframeStore::new(device, canvas_size, views, samples, made, config),
             placed: storage("placed", canvas * 2 * PLACED_PLANES),
@@ -103,15 +102,15 @@ struct Step {
 
 impl SplatRoom {
     /// Builds the passes.
-    pub fn new(context: &Context, constants: &SceneConstants, config: &SplatConfig) -> Self {
+    pub fn new(context: &Context, constants: &SceneConstants, config: &Warp) -> Self {
         let device = &context.gpu.device;
-        let exact = config.motion == Motion::Exact;
+        let exact = config.variant == WarpVariant::Splat;
         // A processor waits for each atomic operation; a graphics card has threads to spare instead.
         let processor = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
         let run = if processor { CPU_RUN } else { 1 };
         Self {
             config: *config,
-            passes: SplatPasses::new(device, config, context.offsets.len() as u32, run),
+            passes: SplatPasses::new(device, config.variant, context.offsets.len() as u32, run),
             geometry: GeometryRoom::new(
                 device,
                 &context.layouts,
@@ -128,18 +127,13 @@ impl SplatRoom {
     }
 
     /// What a view of `width` x `height` needs beside luminance, where its keyframes fit the device.
-    pub fn needs(
-        config: &SplatConfig,
-        width: u32,
-        height: u32,
-        limits: &DeviceLimits,
-    ) -> Option<MethodNeeds> {
+    pub fn needs(config: &Warp, width: u32, height: u32, limits: &DeviceLimits) -> Option<MethodNeeds> {
         let [canvas_width, canvas_height] = canvas_size(config, width, height);
         if canvas_width.max(canvas_height) > limits.texture_edge {
             return None;
         }
         let canvas = u64::from(canvas_width) * u64::from(canvas_height);
-        let target = u64::from(width) * u64::from(height) * u64::from(config.supersample).pow(2);
+        let target = u64::from(width) * u64::from(height);
         let bytes = (canvas * 2 * PLACED_PLANES * 4).max(target * 2 * SUM_PLANES * 4);
         (bytes <= limits.storage_binding).then_some(MethodNeeds { bytes, layers: SLOTS, block: 1 })
     }
@@ -183,7 +177,7 @@ impl SplatRoom {
         let keys = [first.gap.max(0), last.gap + 1];
         // Where everything is, at every keyframe and at those beside them.
         let config = self.config;
-        let exact = config.motion == Motion::Exact;
+        let exact = config.variant == WarpVariant::Splat;
         let views: Vec<View> = group
             .views
             .iter()
@@ -254,22 +248,18 @@ impl SplatRoom {
             let step = &steps[k];
             let moved = if side == 0 { step.elapsed } else { 1.0 - step.elapsed };
             let params = SplatParams {
-                width: width * config.supersample,
-                height: height * config.supersample,
+                width: *width,
+                height: *height,
                 canvas_width: keyframes.width,
                 canvas_height: keyframes.height,
-                margin: config.margin * config.supersample,
+                margin: config.scene_margin(),
                 view_count: views.len() as u32,
-                supersample: config.supersample,
                 transform_base: i as u32 * rows,
                 objects,
                 side,
                 slot: slot_of(step.gap + i64::from(side)),
                 moved: moved as f32,
                 elapsed: step.elapsed as f32,
-                sharpness: config.sharpness,
-                hole_below: config.hole_below,
-                fill: config.fill.unwrap_or(-1.0),
                 first_layer: k as u32,
                 layers_per_view: unit.instants,
                 index_bits: u32::BITS - pixels.leading_zeros(),
@@ -303,10 +293,9 @@ pub struct Work<'a> {
     older: [Bound<'a>; 2],
     resolve: Bound<'a>,
     show: Bound<'a>,
-    /// Workgroups: keyframe pixels; what is added up at once; target pixels; sensor pixels.
+    /// Workgroups: keyframe pixels; what is added up at once; sensor pixels.
     canvas: (u32, u32, u32),
     runs: (u32, u32, u32),
-    target: (u32, u32, u32),
     sensor: (u32, u32, u32),
     sums: &'a wgpu::Buffer,
     sums_bytes: u64,
@@ -317,14 +306,13 @@ impl<'a> Work<'a> {
     /// Binds `passes` for `views` views of `store`.
     pub fn new(
         device: &wgpu::Device,
-        config: &SplatConfig,
+        config: &Warp,
         passes: &'a SplatPasses,
         store: &'a Store,
         inputs: &Inputs<'_>,
         views: u32,
     ) -> Self {
         let Store { keyframes, placed, sums, tiles, size } = store;
-        let target = size.map(|n| n * config.supersample);
         let params = || pass::part(inputs.params, 0, size_of::<SplatParams>() as u64);
         let layers = || wgpu::BindingResource::TextureView(inputs.layers);
         let group = |label, pass: &ComputePass, bindings, resources| {
@@ -343,8 +331,8 @@ impl<'a> Work<'a> {
                 sums.as_entire_binding(),
                 tiles.as_entire_binding(),
             ];
-            let (bindings, carry) = match config.carrier {
-                Carrier::Colour => (
+            let (bindings, carry) = match config.variant {
+                WarpVariant::EvisPaper => (
                     ACCUMULATE_BINDINGS,
                     vec![
                         params(),
@@ -354,7 +342,7 @@ impl<'a> Work<'a> {
                         sums.as_entire_binding(),
                     ],
                 ),
-                Carrier::Index => {
+                WarpVariant::Splat => {
                     (INDEX_BINDINGS, vec![params(), placed.as_entire_binding(), sums.as_entire_binding()])
                 }
             };
@@ -363,9 +351,9 @@ impl<'a> Work<'a> {
                 (&passes.carry.pipeline, group("carry", &passes.carry, bindings, carry)),
             ]
         };
-        let carry_width = match config.carrier {
-            Carrier::Colour => keyframes.width.div_ceil(passes.run),
-            Carrier::Index => keyframes.width,
+        let carry_width = match config.variant {
+            WarpVariant::EvisPaper => keyframes.width.div_ceil(passes.run),
+            WarpVariant::Splat => keyframes.width,
         };
         let resolve = vec![
             params(),
@@ -389,10 +377,9 @@ impl<'a> Work<'a> {
             ),
             canvas: (keyframes.width.div_ceil(SPLAT_WORKGROUP), keyframes.height, views),
             runs: (carry_width.div_ceil(SPLAT_WORKGROUP), keyframes.height, views),
-            target: (target[0].div_ceil(SPLAT_WORKGROUP), target[1], views),
             sensor: (size[0].div_ceil(SPLAT_WORKGROUP), size[1], views),
             sums,
-            sums_bytes: u64::from(target[0] * target[1] * views) * 2 * SUM_PLANES * 4,
+            sums_bytes: u64::from(size[0] * size[1] * views) * 2 * SUM_PLANES * 4,
             tiles,
         }
     }
@@ -409,7 +396,7 @@ impl<'a> Work<'a> {
         run(&mut pass, &self.newer[0], newer, self.canvas);
         run(&mut pass, &self.newer[1], newer, self.runs);
         if let Some(holes) = &self.holes {
-            run(&mut pass, holes, newer, self.target);
+            run(&mut pass, holes, newer, self.sensor);
         }
         run(&mut pass, &self.older[0], older, self.canvas);
         run(&mut pass, &self.older[1], older, self.runs);
@@ -434,8 +421,8 @@ fn run(
     pass.dispatch_workgroups(x, y, z);
 }
 
-fn canvas_size(config: &SplatConfig, width: u32, height: u32) -> [u32; 2] {
-    [width, height].map(|n| (n + 2 * config.margin) * config.supersample)
+fn canvas_size(config: &Warp, width: u32, height: u32) -> [u32; 2] {
+    [width, height].map(|n| n + 2 * config.scene_margin())
 }
 
 /// The instants of `unit`, each within the gap that it ends or lies in.
@@ -527,11 +514,11 @@ fn pixels_from_clip(lens: &PixelLens) -> DMat4 {
 }
 
 /// What to say where keyframes do not fit.
-pub fn does_not_fit(config: &SplatConfig, width: u32, height: u32, limits: &DeviceLimits) -> EngineError {
+pub fn does_not_fit(config: &Warp, width: u32, height: u32, limits: &DeviceLimits) -> EngineError {
     let [canvas_width, canvas_height] = canvas_size(config, width, height);
     EngineError::Device(format!(
         "keyframes of {canvas_width}x{canvas_height} pixels do not fit this device (edge {}, binding {} bytes); \
-         choose a smaller --size, --margin or --supersample",
+         choose a smaller --size or --margin",
         limits.texture_edge, limits.storage_binding
     ))
 }

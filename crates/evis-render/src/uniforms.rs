@@ -334,8 +334,6 @@ pub struct SplatParams {
     pub margin: u32,
     /// Views in the group.
     pub view_count: u32,
-    /// Keyframe pixels per sensor pixel, along each axis.
-    pub supersample: u32,
     /// First row of the transforms.
     pub transform_base: u32,
     /// Objects.
@@ -348,12 +346,6 @@ pub struct SplatParams {
     pub moved: f32,
     /// Part of the gap that has passed.
     pub elapsed: f32,
-    /// Of the softmax.
-    pub sharpness: f32,
-    /// Least weight that is no hole.
-    pub hole_below: f32,
-    /// Luminance where neither keyframe shows anything; negative for unknown.
-    pub fill: f32,
     /// Layer of view 0.
     pub first_layer: u32,
     /// Layers from one view to the next.

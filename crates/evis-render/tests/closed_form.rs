@@ -7,9 +7,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
 
 use evis_core::closed_form::{self, Flicker, FlickerShape, Footprint, PixelLight, Signal, Sinusoid};
-use evis_core::{
-    Event, ExposureShape, Interpolation, LabelData, LabelKind, Polarity, SensorConfig, TriggerRule,
-};
+use evis_core::{Event, LabelData, LabelKind, Polarity, SensorConfig, TriggerRule};
 use evis_render::{Between, Gpu, RunConfig, Simulator};
 use evis_scene::builder::{EventCamera, Labels, Placement, Sampling, SceneBuilder};
 use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
@@ -562,7 +560,6 @@ struct Edge {
     light: [f64; 2],
     samples: u32,
     rate_hz: f64,
-    interpolation: Interpolation,
 }
 
 impl Edge {
@@ -572,8 +569,7 @@ impl Edge {
         let end_us = (33.3e6 / self.speed).round().min(300_000.0) as i64;
         let drift = Drift { speed: self.speed, angle: self.degrees.to_radians() };
         let (scene, form) = step_edge(size, drift, self.light, -14.7);
-        let sensor = SensorConfig { interpolation: self.interpolation, ..SensorConfig::default() };
-        let config = RunConfig { rate_hz: self.rate_hz, sensor, ..config(self.samples) };
+        let config = RunConfig { rate_hz: self.rate_hz, ..config(self.samples) };
         let mut events = run(gpu, &scene, config, end_us);
         events.iter_mut().for_each(|e| e.t += late_us);
         let solve = Solve { end_us, band: 4e-3, margin_us: 0.5e6 / self.speed };
@@ -592,12 +588,10 @@ impl Edge {
 
     /// Holds it to `p95_px`, the 95th percentile in pixels of motion; returns all errors in pixels.
     fn check(&self, gpu: &Gpu, p95_px: f64) -> Vec<f64> {
-        let Self { speed, degrees, light, samples, rate_hz, interpolation } = self;
+        let Self { speed, degrees, light, samples, rate_hz } = self;
         let got = self.compare(gpu, 0);
         let px = 1e-6 * speed;
-        let name = format!(
-            "edge {light:?}, {speed} px/s, {degrees} deg, {samples} samples, {rate_hz} Hz, {interpolation:?}"
-        );
+        let name = format!("edge {light:?}, {speed} px/s, {degrees} deg, {samples} samples, {rate_hz} Hz");
         println!("{name}: median {:.3} px, p95 {:.3} px; {got}", got.median_us * px, got.p95_us * px);
         let limits = Limits { median_us: f64::INFINITY, p95_us: p95_px / px, excluded: 0.05 };
         got.check(&limits).unwrap_or_else(|e| panic!("{name}: {e}"));
@@ -620,8 +614,7 @@ fn a_step_edge_fires_where_the_closed_form_does() {
                 // 1:10 edge for what 16 samples see.
                 let rate_hz = if speed > 200.0 && samples == 16 { 2000.0 } else { 1000.0 };
                 for (degrees, limit) in [(0.0, limit), (20.0, oblique_limit)] {
-                    let interpolation = Interpolation::Log;
-                    let edge = Edge { speed, degrees, light, samples, rate_hz, interpolation };
+                    let edge = Edge { speed, degrees, light, samples, rate_hz };
                     all.extend(edge.check(&gpu, limit));
                 }
             }
@@ -632,30 +625,8 @@ fn a_step_edge_fires_where_the_closed_form_does() {
         assert!(p95 < limit, "{samples} samples: {p95} px");
     }
     // What the straight line between instants costs; printed, and no more than coarsely bounded.
-    let log = Interpolation::Log;
-    let fast = Edge {
-        speed: 230.0,
-        degrees: 0.0,
-        light: [0.05, 0.5],
-        samples: 16,
-        rate_hz: 1000.0,
-        interpolation: log,
-    };
+    let fast = Edge { speed: 230.0, degrees: 0.0, light: [0.05, 0.5], samples: 16, rate_hz: 1000.0 };
     fast.check(&gpu, 0.12);
-    // One of light is where the samples see the edge: along an axis, n samples stand in n columns, which tell its place to
-    // half a column, and the rasteriser rounds corners to 1/256 px. That bounds most errors, though not those of edges
-    // that enter or leave a pixel within an interval. The logarithm has no such bound; which of the two comes closer
-    // depends on what else there is, so both are printed.
-    for (speed, samples) in [(230.0, 16), (230.0, 64), (190.0, 64)] {
-        let median = |interpolation| {
-            let edge = Edge { speed, samples, interpolation, ..fast };
-            quantile(&edge.check(&gpu, 0.12), 0.5)
-        };
-        let [log, light] = [log, Interpolation::Light].map(median);
-        println!("{speed} px/s, {samples} samples: median {log:.4} px in logarithms, {light:.4} px in light");
-        let bound = 0.5 / f64::from(samples) + 1.0 / 256.0;
-        assert!(light < bound, "{speed} px/s, {samples} samples: {light} px, at most {bound} is expected");
-    }
     // Canary: 0.06 px late.
     let edge = Edge { speed: 100.0, light: [0.3, 0.1], ..fast };
     let limits = Limits { median_us: f64::INFINITY, p95_us: 700.0, excluded: 0.05 };
@@ -761,24 +732,16 @@ fn flicker_fires_as_its_waveform_says() {
     got.check(&SMOOTH).unwrap();
 }
 
-// -------------------------------------------------------------------------------------------- frames by their shape
+// ---------------------------------------------------------------------------------------------------------- frames
 
-/// Mean of `light` over `[start_s, start_s + length_s]` under `weights`, straight between each other; in 20 000 parts.
-fn weighted(light: &PixelLight, weights: &[f64], start_s: f64, length_s: f64) -> f64 {
-    let (mut sum, mut whole) = (0.0, 0.0);
-    for part in 0..20_000 {
-        let s = (f64::from(part) + 0.5) / 20_000.0;
-        let place = s * (weights.len() - 1) as f64;
-        let i = place as usize;
-        let weight = weights[i] + (weights[i + 1] - weights[i]) * (place - i as f64);
-        whole += weight;
-        sum += weight * light.luminance(start_s + s * length_s);
-    }
-    sum / whole
+/// Mean of `light` over `[start_s, start_s + length_s]`, in 20 000 parts.
+fn mean(light: &PixelLight, start_s: f64, length_s: f64) -> f64 {
+    let at = |part: u32| light.luminance(start_s + (f64::from(part) + 0.5) / 20_000.0 * length_s);
+    (0..20_000).map(at).sum::<f64>() / 20_000.0
 }
 
 #[test]
-fn frames_weigh_light_by_the_shape_of_their_exposure() {
+fn frames_are_the_mean_of_light_over_their_exposure() {
     let Some(gpu) = device() else { return };
     let waveform = Waveform { shape: WaveShape::Sine, frequency_hz: 40.0, phase: 0.1, low: 0.25, high: 1.75 };
     let flicker =
@@ -791,48 +754,30 @@ fn frames_weigh_light_by_the_shape_of_their_exposure() {
     for (scene, form, size, limit) in
         [(flicker_scene(waveform), flickers, (8, 4), 5e-4), (edge, edges, size, 0.02)]
     {
-        let frames = |exposure_shape: ExposureShape| {
-            let config = RunConfig {
-                rate_hz: 6_400.0,
-                frame_rate_hz: Some(50.0),
-                exposure_us: 10_000,
-                exposure_shape,
-                ..config(16)
-            };
-            let mut simulator = Simulator::new(&gpu, scene.clone(), config).unwrap();
-            simulator.step(30_000).unwrap().views.remove(0).labels
-        };
-        // Greatest error of both frames.
-        let error = |exposure_shape: ExposureShape, weights: &[f64]| {
-            let frames = frames(exposure_shape);
-            assert_eq!(
-                frames.iter().map(|f| (f.t_other_us, f.t_us)).collect::<Vec<_>>(),
-                [(0, 5_000), (20_000, 25_000)]
-            );
+        let config =
+            RunConfig { rate_hz: 6_400.0, frame_rate_hz: Some(50.0), exposure_us: 10_000, ..config(16) };
+        let mut simulator = Simulator::new(&gpu, scene.clone(), config).unwrap();
+        let frames = simulator.step(30_000).unwrap().views.remove(0).labels;
+        assert_eq!(
+            frames.iter().map(|f| (f.t_other_us, f.t_us)).collect::<Vec<_>>(),
+            [(0, 5_000), (20_000, 25_000)]
+        );
+        // Greatest error of both frames, if they were exposed for `length_s`.
+        let error = |length_s: f64| {
             let mut most = 0.0_f64;
-            for frame in frames {
+            for frame in &frames {
                 let LabelData::F32(got) = &frame.data else { panic!("{frame:?}") };
                 for (i, got) in (0..).zip(got) {
                     let (x, y) = (from_center(i % size.0, size.0), from_center(i / size.0, size.1));
-                    let expected = weighted(&form(x, y), weights, frame.t_other_us as f64 * 1e-6, 0.01);
+                    let expected = mean(&form(x, y), frame.t_other_us as f64 * 1e-6, length_s);
                     most = most.max((f64::from(*got) - expected).abs());
                 }
             }
             most
         };
-        for weights in [vec![1.0, 1.0], vec![1.0, 0.2], vec![0.0, 1.0, 1.0, 0.0], vec![0.0, 0.0, 5.0]] {
-            let own = error(ExposureShape::Weights(weights.clone()), &weights);
-            println!("frames under {weights:?}: {own:.1e}");
-            assert!(own < limit, "{weights:?}: {own}");
-            let other = error(ExposureShape::Weights(weights.clone()), &[0.3, 1.0]);
-            assert!(other > 3.0 * limit, "canary, {weights:?}: {other}");
-        }
-        let (flat, ones) = (frames(ExposureShape::Box), frames(ExposureShape::Weights(vec![3.0; 5])));
-        assert!(error(ExposureShape::Box, &[1.0, 1.0]) < limit);
-        for (flat, ones) in flat.iter().zip(&ones) {
-            let (LabelData::F32(flat), LabelData::F32(ones)) = (&flat.data, &ones.data) else { panic!() };
-            assert!(flat.iter().zip(ones).all(|(a, b)| (a - b).abs() <= 1e-6 * a), "all alike is the box");
-        }
+        println!("frames: {:.1e}", error(0.01));
+        assert!(error(0.01) < limit, "{}", error(0.01));
+        assert!(error(0.008) > 3.0 * limit, "canary, a shorter exposure: {}", error(0.008));
     }
 }
 

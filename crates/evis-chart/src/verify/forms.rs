@@ -63,33 +63,21 @@ pub enum Theory {
         /// How far the fit may be from it.
         within: f64,
     },
-    /// Most events are exact, and the root mean square falls with this power.
-    OrderOfRms {
-        /// The power.
-        order: f64,
-        /// How far the fit may be from it.
-        within: f64,
-    },
     /// All times are exact to the rounding.
     Exact,
-    /// The median is exact to the rounding, corners within an interval are not.
-    ExactButAtCorners,
 }
 
 impl Theory {
     /// What theory says about `variant` on the signal called `signal`.
     fn of(signal: &str, class: SignalClass, variant: Variant) -> Self {
-        use Variant::{CrossingLight, CrossingLog, Latch};
+        use Variant::{Crossing, Latch};
         match (class, variant, signal) {
             // At the sample's time, so up to an interval late. That late part is not spread evenly where samples and
             // thresholds have a common measure: steps instead of a line, hence the width.
             (_, Latch, _) => Self::Order { order: 1.0, within: 0.35 },
             // Where in the interval a jump was, no sample tells.
             (SignalClass::Jump, ..) => Self::Order { order: 1.0, within: 0.2 },
-            (_, CrossingLight, "linear ramp") | (_, CrossingLog, "exponential ramp") => Self::Exact,
-            (_, CrossingLight, "edge along an axis") => Self::ExactButAtCorners,
-            // Area that an oblique edge uncovers: parabolas beside a straight middle, which has the median.
-            (_, CrossingLight, "edge at 20 degrees") => Self::OrderOfRms { order: 2.0, within: 0.25 },
+            (_, Crossing, "exponential ramp") => Self::Exact,
             // A straight line's distance from a curve.
             _ => Self::Order { order: 2.0, within: 0.25 },
         }
@@ -100,9 +88,7 @@ impl Display for Theory {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Order { order, within } => write!(f, "order {order} ± {within}"),
-            Self::OrderOfRms { order, within } => write!(f, "rms order {order} ± {within}"),
             Self::Exact => write!(f, "exact"),
-            Self::ExactButAtCorners => write!(f, "exact median"),
         }
     }
 }
@@ -134,10 +120,7 @@ impl FormCheck {
 
     /// The fitted order that theory speaks of.
     pub fn order(&self) -> Option<f64> {
-        match self.theory {
-            Theory::OrderOfRms { .. } => self.measured.order_rms,
-            _ => self.measured.order,
-        }
+        self.measured.order
     }
 }
 
@@ -148,15 +131,13 @@ fn fault(theory: Theory, measured: &Convergence) -> Option<String> {
         Some(found) if (found - order).abs() <= within => None,
         Some(found) => Some(format!("order {found:.2}, {order} ± {within} is expected")),
     };
-    let below = |what: &str, of: fn(&Row) -> Option<f64>| {
-        let worst = measured.rows.iter().map(of).find(|e| e.is_none_or(|e| e > FLOOR_US))?;
-        Some(format!("{what} {} us, at most {FLOOR_US} is expected", text(worst)))
+    let below = || {
+        let worst = measured.rows.iter().map(|row| row.rms_us).find(|e| e.is_none_or(|e| e > FLOOR_US))?;
+        Some(format!("rms {} us, at most {FLOOR_US} is expected", text(worst)))
     };
     let times = match theory {
         Theory::Order { order, within } => fitted(order, within, measured.order),
-        Theory::OrderOfRms { order, within } => fitted(order, within, measured.order_rms),
-        Theory::Exact => below("rms", |r| r.rms_us),
-        Theory::ExactButAtCorners => below("median", |r| r.median_us),
+        Theory::Exact => below(),
     };
     times.or_else(|| {
         // A latch fires once per sample, however many thresholds were passed: no count is promised.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use evis_core::closed_form::convergence::{FLOOR_US, Variant, power};
 use evis_core::metric::{self, MatchScore, Score, ScoreSettings};
-use evis_core::{ConfigError, Event, Interpolation, Region, SensorConfig, TimeGrid, TriggerRule, Truth};
+use evis_core::{ConfigError, Event, Region, SensorConfig, TimeGrid, TriggerRule, Truth};
 use evis_render::{Antialias, Gpu};
 use evis_scene::Scene;
 use evis_truth::PixelChoice;
@@ -63,7 +63,7 @@ impl Default for SceneSettings {
         Self {
             rates_hz: vec![250.0, 500.0, 1000.0, 2000.0, 4000.0],
             samples: vec![1, 4, 16, 64],
-            triggers: vec![Variant::CrossingLog, Variant::CrossingLight, Variant::Latch],
+            triggers: vec![Variant::Crossing, Variant::Latch],
             sensor: SensorConfig::default(),
             camera: None,
             size: Some((160, 120)),
@@ -129,20 +129,18 @@ impl SceneSettings {
 }
 
 fn setting(variant: Variant, rate_hz: f64, samples: u32) -> Setting {
-    let native = |trigger| Setting::native(rate_hz, samples, Antialias::Samples, trigger);
-    match variant {
-        Variant::Latch => native(TriggerRule::Latch),
-        Variant::CrossingLog => native(TriggerRule::Crossing),
-        Variant::CrossingLight => native(TriggerRule::Crossing).in_light(),
-    }
+    let trigger = match variant {
+        Variant::Latch => TriggerRule::Latch,
+        Variant::Crossing => TriggerRule::Crossing,
+    };
+    Setting::native(rate_hz, samples, Antialias::Samples, trigger)
 }
 
 /// The trigger of a setting.
 pub(super) fn variant(setting: &Setting) -> Variant {
-    match (setting.trigger, setting.interpolation) {
-        (TriggerRule::Latch, _) => Variant::Latch,
-        (TriggerRule::Crossing, Interpolation::Log) => Variant::CrossingLog,
-        (TriggerRule::Crossing, Interpolation::Light) => Variant::CrossingLight,
+    match setting.trigger {
+        TriggerRule::Latch => Variant::Latch,
+        TriggerRule::Crossing => Variant::Crossing,
     }
 }
 

@@ -33,21 +33,20 @@ fn value(text: &str) -> serde_json::Value {
 fn the_triggers_converge_as_theory_says_and_a_wrong_order_fails() {
     let report = verify_forms().unwrap();
     assert!(report.passed(), "{report}");
-    assert_eq!(report.checks.len(), 27);
+    assert_eq!(report.checks.len(), 18);
     let table = report.to_string();
-    assert!(table.ends_with("27 of 27 rows PASS") && !table.contains("FAIL"), "{table}");
+    assert!(table.ends_with("18 of 18 rows PASS") && !table.contains("FAIL"), "{table}");
 
     // Canaries: every row fails with another theory than its own.
     for check in &report.checks {
         let wrong = match check.theory {
             Theory::Order { order, within } => Theory::Order { order: order + 1.0, within },
-            Theory::OrderOfRms { order, within } => Theory::OrderOfRms { order: order - 1.0, within },
-            Theory::Exact | Theory::ExactButAtCorners => Theory::Order { order: 2.0, within: 0.25 },
+            Theory::Exact => Theory::Order { order: 2.0, within: 0.25 },
         };
         let wrong = FormCheck::new(check.class, wrong, check.measured.clone());
         assert!(!wrong.passed(), "{wrong:?}");
         if check.measured.variant == Variant::Latch {
-            let exact = FormCheck::new(check.class, Theory::ExactButAtCorners, check.measured.clone());
+            let exact = FormCheck::new(check.class, Theory::Exact, check.measured.clone());
             assert!(!exact.passed(), "{exact:?}");
         } else {
             let mut lost = check.measured.clone();
@@ -62,7 +61,7 @@ fn the_triggers_converge_as_theory_says_and_a_wrong_order_fails() {
         FormCheck::new(first.class, Theory::Order { order: 2.0, within: 0.25 }, first.measured);
     assert!(!failing.passed());
     let table = failing.to_string();
-    assert!(table.contains("FAIL: order 1.0") && table.ends_with("26 of 27 rows PASS"), "{table}");
+    assert!(table.contains("FAIL: order 1.0") && table.ends_with("17 of 18 rows PASS"), "{table}");
 
     // JSON.
     let text = report.to_json().unwrap();
@@ -80,8 +79,7 @@ fn the_triggers_converge_as_theory_says_and_a_wrong_order_fails() {
     if let Some(folder) = std::env::var_os("EVIS_LOOK") {
         report.save(&Path::new(&folder).join("verify.png")).unwrap();
     }
-    for said in ["edges", "jumps", "edge at 20 degrees", "crossing, light", "order 2", "rounding", "27 of 27"]
-    {
+    for said in ["edges", "jumps", "edge at 20 degrees", "crossing", "order 2", "rounding", "18 of 18"] {
         assert!(svg.contains(said), "the picture lacks '{said}'");
     }
     let none = FormsReport { checks: vec![], ..report };
@@ -92,9 +90,9 @@ fn the_triggers_converge_as_theory_says_and_a_wrong_order_fails() {
 fn scene_settings_take_all_samples_with_the_first_trigger_only() {
     let settings = scene::SceneSettings { samples: vec![16, 4, 4], ..Default::default() };
     let all = settings.settings().unwrap();
-    assert_eq!(all.len(), 5 * 2 + 2 * 5);
-    let light = all.iter().filter(|s| scene::variant(s) == Variant::CrossingLight);
-    assert!(light.clone().count() == 5 && light.clone().all(|s| s.samples == 16));
+    assert_eq!(all.len(), 5 * 2 + 5);
+    let latch = all.iter().filter(|s| scene::variant(s) == Variant::Latch);
+    assert!(latch.clone().count() == 5 && latch.clone().all(|s| s.samples == 16));
     let told = |s: scene::SceneSettings| s.settings().unwrap_err().to_string();
     assert!(told(scene::SceneSettings { triggers: vec![], ..settings.clone() }).contains("triggers"));
     assert!(told(scene::SceneSettings { rates_hz: vec![0.0], ..settings }).contains("rates is 0"));
@@ -106,8 +104,5 @@ fn scene_settings_take_all_samples_with_the_first_trigger_only() {
         report.save(&Path::new(&folder).join("verify-scene.png")).unwrap();
     }
     let svg = canvas::svg(&draw::scene(&report).unwrap()).unwrap();
-    assert!(
-        svg.contains("crossing, log, 16 samples") && svg.contains("the oracle&apos;s own error"),
-        "{svg}"
-    );
+    assert!(svg.contains("crossing, 16 samples") && svg.contains("the oracle&apos;s own error"), "{svg}");
 }

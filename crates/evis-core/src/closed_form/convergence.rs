@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{Bar, Edge, ExponentialRamp, Flicker, FlickerShape, Footprint, LinearRamp, PixelLight, Signal};
 use super::{Sinusoid, Spokes, solve};
 use crate::event::Polarity;
-use crate::sensor::{ConfigError, Interpolation, SensorConfig, TriggerRule};
+use crate::sensor::{ConfigError, SensorConfig, TriggerRule};
 use crate::time::TimeGrid;
 use crate::trigger::{PixelState, decide, fire_time_us};
 
@@ -24,31 +24,27 @@ pub enum Variant {
     /// At most one event per sample, at its time.
     Latch,
     /// Crossings on a straight line of the logarithm.
-    CrossingLog,
-    /// Crossings on a straight line of the light.
-    CrossingLight,
+    Crossing,
 }
 
 impl Variant {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Latch, Self::CrossingLog, Self::CrossingLight];
+    pub const ALL: [Self; 2] = [Self::Latch, Self::Crossing];
 
     /// Name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Latch => "latch",
-            Self::CrossingLog => "crossing, log",
-            Self::CrossingLight => "crossing, light",
+            Self::Crossing => "crossing",
         }
     }
 
     fn apply(self, sensor: &SensorConfig) -> SensorConfig {
-        let (trigger, interpolation) = match self {
-            Self::Latch => (TriggerRule::Latch, Interpolation::Log),
-            Self::CrossingLog => (TriggerRule::Crossing, Interpolation::Log),
-            Self::CrossingLight => (TriggerRule::Crossing, Interpolation::Light),
+        let trigger = match self {
+            Self::Latch => TriggerRule::Latch,
+            Self::Crossing => TriggerRule::Crossing,
         };
-        SensorConfig { trigger, interpolation, ..sensor.clone() }
+        SensorConfig { trigger, ..sensor.clone() }
     }
 }
 
@@ -335,39 +331,23 @@ mod tests {
                 c.rows.iter().map(|r| r.count_error).collect::<Vec<_>>()
             );
         }
-        use Variant::{CrossingLight, CrossingLog, Latch};
+        use Variant::{Crossing, Latch};
         let order = |signal, variant| find(&report, signal, variant).order;
         for signal in ["sinusoid", "spokes", "sine flicker"] {
-            assert!(is_about(order(signal, CrossingLog), 2.0, 0.2), "{signal}");
-            assert!(is_about(order(signal, CrossingLight), 2.0, 0.2), "{signal}");
+            assert!(is_about(order(signal, Crossing), 2.0, 0.2), "{signal}");
             assert!(is_about(order(signal, Latch), 1.0, 0.15), "{signal}");
         }
         for case in cases() {
             // Whatever the signal, the crossings are counted right once samples are close.
-            for variant in [CrossingLog, CrossingLight] {
-                let c = find(&report, case.name, variant);
-                assert!(c.rows[6].expected > 100 || c.signal == "square flicker", "{c:?}");
-                assert_eq!((c.rows[6].count_error, c.rows[6].matched), (0, c.rows[6].expected), "{c:?}");
-            }
+            let c = find(&report, case.name, Crossing);
+            assert!(c.rows[6].expected > 100 || c.signal == "square flicker", "{c:?}");
+            assert_eq!((c.rows[6].count_error, c.rows[6].matched), (0, c.rows[6].expected), "{c:?}");
         }
-        // What is straight between samples is exact: a ramp of light, and of its logarithm.
+        // What is straight between samples is exact: a ramp of the logarithm.
         let exact = |c: &Convergence| c.rows.iter().all(|r| r.rms_us.is_some_and(|e| e < FLOOR_US));
-        assert!(exact(find(&report, "linear ramp", CrossingLight)));
-        assert!(exact(find(&report, "exponential ramp", CrossingLog)));
-        assert!(is_about(order("linear ramp", CrossingLog), 2.0, 0.2));
-        assert!(is_about(order("exponential ramp", CrossingLight), 2.0, 0.2));
-        // An edge along an axis is a ramp of light between the corners at its ends.
-        let light = find(&report, "edge along an axis", CrossingLight);
-        assert!(light.rows.iter().all(|r| r.median_us.is_some_and(|e| e < FLOOR_US)), "{light:?}");
-        assert!(!exact(light) && light.order.is_none(), "corners are seen: {light:?}");
-        assert!(is_about(order("edge along an axis", CrossingLog), 2.0, 0.25));
-        let log = find(&report, "edge along an axis", CrossingLog);
-        // At 0.09 pixels per sample, what the corners cost is as much as the straight logarithm.
-        let rms = |r: &Row| r.rms_us.unwrap();
-        assert!(
-            light.rows.iter().zip(&log.rows).skip(1).all(|(light, log)| rms(light) <= rms(log).max(FLOOR_US)),
-            "{light:?} {log:?}"
-        );
+        assert!(exact(find(&report, "exponential ramp", Crossing)));
+        assert!(is_about(order("linear ramp", Crossing), 2.0, 0.2));
+        assert!(is_about(order("edge along an axis", Crossing), 2.0, 0.25));
     }
 
     #[test]
@@ -382,7 +362,7 @@ mod tests {
         let lights: Vec<_> = case.pixels.iter().map(|&[x, y]| case.signal.pixel(x, y)).collect();
         let shifted: Vec<_> = lights.iter().map(late).collect();
         let row = |truths: &[PixelLight], rate| {
-            row(&lights, truths, Variant::CrossingLog, &sensor(), rate, case.duration_us).unwrap()
+            row(&lights, truths, Variant::Crossing, &sensor(), rate, case.duration_us).unwrap()
         };
         let fit = |truths| order(RATES_HZ.iter().map(|&rate| (1.0 / rate, row(truths, rate).median_us)));
         assert!(is_about(fit(&lights), 2.0, 0.2));

@@ -85,7 +85,9 @@ impl Environment {
             let (a, b) = (start_us.max(from_us), end_us.min(to_us));
             let time = f64::from(exposure.time_us);
             let place = |t_us: i64| (t_us - start_us) as f64 / time;
-            let [area, lever] = exposure.shape.moments(place(a), place(b));
+            // The integrals over [a, b] of 1 and of the time since a, in exposures.
+            let area = place(b) - place(a);
+            let lever = 0.5 * area * area;
             // How far the light has gone from the last sample to the next one.
             let after = ((a - from_us) as f64 * area + time * lever) / (to_us - from_us) as f64;
             light.add(work.hands, [area - after, after], end_us <= to_us);

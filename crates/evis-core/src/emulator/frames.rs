@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::ideal::margin;
+use crate::luminance::LUMINANCE_WEIGHTS;
 use crate::sensor::{ConfigError, SensorConfig};
 use crate::simd;
 
@@ -109,6 +110,25 @@ impl<'a> Frames<'a> {
         Self { channels: 3, ..self }
     }
 
+    /// Luminance per pixel; `None` of logarithms.
+    pub(crate) fn luminance(&self) -> Option<Vec<f32>> {
+        let of_codes = |codes: &mut dyn Iterator<Item = f64>, transfer: Transfer| -> Vec<f32> {
+            codes.map(|code| transfer.light(code) as f32).collect()
+        };
+        Some(match self.data {
+            FrameData::Linear(values) => linear_luminance(values, self.channels),
+            FrameData::U8(codes, transfer) => {
+                let codes = &mut codes.iter().map(|code| f64::from(*code) / f64::from(u8::MAX));
+                linear_luminance(&of_codes(codes, transfer), self.channels)
+            }
+            FrameData::U16(codes, transfer) => {
+                let codes = &mut codes.iter().map(|code| f64::from(*code) / f64::from(u16::MAX));
+                linear_luminance(&of_codes(codes, transfer), self.channels)
+            }
+            FrameData::Log(_) => return None,
+        })
+    }
+
     /// Checks what does not depend on single pixels.
     pub(crate) fn check(&self, pixels: usize) -> Result<(), ConfigError> {
         if !matches!(self.channels, 1 | 3) {
@@ -132,8 +152,15 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// Weights of R, G and B in luminance: Rec. ITU-R BT.709-6, item 3.2.
-pub(crate) const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
+/// Luminance per pixel of linear light, R, G, B triples where there are three channels.
+pub(crate) fn linear_luminance(values: &[f32], channels: usize) -> Vec<f32> {
+    if channels == 1 {
+        return values.to_vec();
+    }
+    let weights = LUMINANCE_WEIGHTS.map(|weight| weight as f32);
+    let (triples, _) = values.as_chunks::<3>();
+    triples.iter().map(|[r, g, b]| weights[0] * r + weights[1] * g + weights[2] * b).collect()
+}
 
 /// Bins of [`Tables::ranges`].
 const BINS: usize = 4096;
@@ -199,7 +226,7 @@ impl Tables {
         };
         self.light = match frames.channels {
             1 => [table(1.0), Vec::new(), Vec::new()],
-            _ => LUMINANCE.map(table),
+            _ => LUMINANCE_WEIGHTS.map(table),
         };
         self.log = match frames.channels {
             1 => self.light[0].iter().map(|light| simd::ln(light + eps)).collect(),
@@ -272,7 +299,7 @@ impl<'a> Source<'a> {
             FrameData::Log(values) => Self::Log { values: values.get(range)? },
             FrameData::Linear(values) if rgb => Self::LinearRgb {
                 values: values.get(range)?,
-                weights: LUMINANCE.map(|weight| weight as f32 * inverse_reference),
+                weights: LUMINANCE_WEIGHTS.map(|weight| weight as f32 * inverse_reference),
             },
             FrameData::Linear(values) => Self::Linear { values: values.get(range)?, inverse_reference },
             FrameData::U8(values, _) if rgb => Self::U8Rgb {

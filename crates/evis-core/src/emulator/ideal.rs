@@ -9,9 +9,9 @@
 use super::frames::{BLOCK, Codes, Source, copy, copy_plain};
 use super::order::Record;
 use crate::event::Polarity;
-use crate::sensor::{ConfigError, Interpolation, SensorConfig, TriggerRule};
+use crate::sensor::{ConfigError, SensorConfig, TriggerRule};
 use crate::simd::{self, bits_of, dispatched};
-use crate::trigger::{self, MAX_EVENTS_PER_INTERVAL, PixelState};
+use crate::trigger::MAX_EVENTS_PER_INTERVAL;
 
 /// A tile and an interval of time.
 #[derive(Clone, Copy, Debug)]
@@ -595,7 +595,7 @@ impl Row {
     }
 }
 
-/// Treats the gathered pixels: the rules of [`trigger::decide`] and [`trigger::fire_time_us`], many at a time.
+/// Treats the gathered pixels: the rules of [`crate::trigger::decide`] and [`crate::trigger::fire_time_us`], many at a time.
 #[inline(always)]
 fn flush<D: Domain>(
     domain: &D,
@@ -653,7 +653,6 @@ fn flush<D: Domain>(
         (low[i], high[i]) = domain.range(sensor, reference[i]);
     }
     let count = std::mem::take(count).min(BATCH);
-    let in_light = sensor.interpolation == Interpolation::Light && !latch;
     // The first event of each pixel, until one has a second.
     let mut firsts = [Record::new(0, 0, 0, Polarity::Off); BATCH];
     let mut waiting = 0_usize;
@@ -663,30 +662,18 @@ fn flush<D: Domain>(
         let (x, y) = row.place(pixel[i]);
         firsts[waiting % BATCH] = Record::new(offset[i], x, y, polarity);
         // Without a branch: whether a pixel that left its range fires is hard to foretell.
-        waiting = waiting.wrapping_add(usize::from(number != 0 && !in_light));
-        if number <= u32::from(!in_light) {
+        waiting = waiting.wrapping_add(usize::from(number != 0));
+        if number <= 1 {
             continue;
         }
         records.extend_from_slice(&firsts[..waiting.min(BATCH)]);
         waiting = 0;
-        if in_light {
-            let before = PixelState {
-                reference_log: memory.reference[pixel[i] as usize],
-                log_luma: domain.log(before[i]),
-            };
-            let decision = trigger::decide(sensor, before, domain.log(now[i]));
-            for k in 1..=decision.count {
-                let offset = trigger::fire_time_us(sensor, &decision, k, at.us).clamp(1, at.us);
-                records.push(Record::new(offset, x, y, polarity));
-            }
-        } else {
-            let mut k = 1.0_f32;
-            for _ in 1..number {
-                k += 1.0;
-                let part = if run[i] > 0.0 { (k * threshold[i] - level[i]) / run[i] } else { 1.0 };
-                let offset = (part.clamp(0.0, 1.0) * interval) as u32;
-                records.push(Record::new(offset.clamp(1, at.us), x, y, polarity));
-            }
+        let mut k = 1.0_f32;
+        for _ in 1..number {
+            k += 1.0;
+            let part = if run[i] > 0.0 { (k * threshold[i] - level[i]) / run[i] } else { 1.0 };
+            let offset = (part.clamp(0.0, 1.0) * interval) as u32;
+            records.push(Record::new(offset.clamp(1, at.us), x, y, polarity));
         }
         tally.clamped += u64::from(number == MAX_EVENTS_PER_INTERVAL);
     }

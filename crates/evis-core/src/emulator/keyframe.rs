@@ -5,10 +5,10 @@ use std::sync::{Mutex, PoisonError};
 use rayon::prelude::*;
 
 use super::crew::{Crew, Hands};
-use super::frames::{BLOCK, FrameData, Frames, LUMINANCE, Source, Tables};
+use super::frames::{BLOCK, FrameData, Frames, Source, Tables, linear_luminance};
 use super::links::Links;
 use super::paths::{Fields, Paths};
-use super::warp::{Bend, Gap, MOST_PIXELS, Pictures, Scratch, Side, WarpConfig, is_motion};
+use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, Warp, is_motion};
 use super::{EmulatorReport, Environment, EventEmulator, Push};
 use crate::event::Event;
 use crate::sensor::ConfigError;
@@ -112,8 +112,6 @@ pub struct KeyframeReport {
     pub strayed: f32,
     /// Whether the gap was warped.
     pub cut: Cut,
-    /// What would make motion vectors explain the light far better.
-    pub hint: Option<&'static str>,
 }
 
 impl KeyframeReport {
@@ -123,12 +121,9 @@ impl KeyframeReport {
         if self.cut == Cut::Detected {
             out.push(format!(
                 "{:.0} % of the picture is linked to the last keyframe: a cut that was not declared, or motion vectors \
-                 of another convention",
+                 of another convention, which check_motion names",
                 self.linked * 100.0
             ));
-        }
-        if let Some(hint) = self.hint {
-            out.push(format!("light fits motion vectors far better {hint}: check their convention"));
         }
         if self.strayed > WARN_STRAYED {
             out.push(format!(
@@ -194,19 +189,17 @@ impl Keyframe {
         codes: (&Tables, f32),
         index: usize,
         canvas: [usize; 2],
-        config: &WarpConfig,
+        config: &Warp,
         gap_us: i64,
         fields: Option<&Fields<'_>>,
     ) -> (Self, Paths, [u64; 2]) {
         let pixels = canvas[0] * canvas[1];
         let range = index * pixels..(index + 1) * pixels;
         let light = match from.light {
-            FrameData::Linear(values) if from.channels == 3 => {
-                let weights = LUMINANCE.map(|weight| weight as f32);
-                let triples = &values.as_chunks::<3>().0[range.clone()];
-                triples.iter().map(|[r, g, b]| weights[0] * r + weights[1] * g + weights[2] * b).collect()
+            FrameData::Linear(values) => {
+                let channels = from.channels;
+                linear_luminance(&values[range.start * channels..range.end * channels], channels)
             }
-            FrameData::Linear(values) => values[range.clone()].to_vec(),
             _ => from_codes(from, codes, index, pixels),
         };
         let depths = &from.depth[range.clone()];
@@ -220,8 +213,9 @@ impl Keyframe {
         let bad = back.iter().enumerate().filter(|(at, motion)| !is_motion(**motion) || is_broken(*at));
         let bad_motion = bad.count() as u64;
         let mut forward = from.motion_forward.map(pairs).unwrap_or_default();
-        if config.dilate > 0 {
-            let nearest = dilated(&nearness, canvas, config.dilate as usize);
+        let dilation = config.variant.dilation();
+        if dilation > 0 {
+            let nearest = dilated(&nearness, canvas, dilation);
             let pick =
                 |motion: &[[f32; 2]]| nearest.iter().filter_map(|at| motion.get(*at).copied()).collect();
             back = pick(&back);
@@ -229,7 +223,7 @@ impl Keyframe {
             forward = pick(&forward);
             nearness = nearest.iter().map(|at| nearness[*at]).collect();
         }
-        let margin = config.margin;
+        let margin = config.push_margin();
         (Self { margin, gap_us, light, nearness, back, forward }, paths, [bad_depth, bad_motion])
     }
 
@@ -298,9 +292,9 @@ impl EventEmulator {
         &mut self,
         keyframes: &Keyframes<'_>,
         t_us: i64,
-        warp: &WarpConfig,
+        warp: &Warp,
     ) -> Result<Vec<Vec<Event>>, ConfigError> {
-        warp.check()?;
+        warp.check_push()?;
         let interval_us = self.check_time(t_us)?;
         let pictures = self.check_keyframes(keyframes, warp)?;
         let frames = Frames { data: keyframes.light, channels: keyframes.channels };
@@ -349,10 +343,10 @@ impl EventEmulator {
     }
 
     /// Checks sizes and light.
-    fn check_keyframes(&self, keyframes: &Keyframes<'_>, warp: &WarpConfig) -> Result<Pictures, ConfigError> {
+    fn check_keyframes(&self, keyframes: &Keyframes<'_>, warp: &Warp) -> Result<Pictures, ConfigError> {
         let config = &self.config;
         let size = [config.width as usize, config.height as usize];
-        let canvas = size.map(|n| n + 2 * warp.margin as usize);
+        let canvas = size.map(|n| n + 2 * warp.push_margin() as usize);
         let pixels = canvas[0] * canvas[1];
         if pixels >= MOST_PIXELS {
             let value = format!("{} x {}", canvas[0], canvas[1]);
@@ -402,9 +396,11 @@ impl EventEmulator {
         }
         for environment in &self.environments {
             let before = environment.keyframe.as_ref().map(|keyframe| keyframe.margin);
-            if let Some(before) = before.filter(|before| environment.has_light() && *before != warp.margin) {
+            if let Some(before) =
+                before.filter(|before| environment.has_light() && *before != warp.push_margin())
+            {
                 let remedy = format!("{before}, as at the last keyframe; or reset all environments first");
-                return Err(ConfigError::new("margin", warp.margin, remedy));
+                return Err(ConfigError::new("margin", warp.push_margin(), remedy));
             }
         }
         if let Some(tile) = self.environments.iter().find_map(Environment::begun) {
@@ -423,7 +419,7 @@ impl EventEmulator {
 struct Gapped<'a> {
     push: Push<'a>,
     pictures: Pictures,
-    warp: &'a WarpConfig,
+    warp: &'a Warp,
     /// Instants that threads warp side by side.
     at_once: usize,
     benches: &'a Benches,
@@ -463,24 +459,22 @@ impl Gapped<'_> {
             None if declared => Cut::Declared,
             None => Cut::Start,
             Some(before) => {
-                let links = Links::find(before, &now, canvas, self.pictures.log_floor);
-                (report.motion_px, report.linked, report.hint) = (links.motion_px, links.linked, links.hint);
-                if self.warp.detect_cuts && links.is_cut() {
+                let links = Links::find(before, &now, canvas);
+                (report.motion_px, report.linked) = (links.motion_px, links.linked);
+                if self.warp.detects_cuts() && links.is_cut() {
                     // Its motion says nothing of how surfaces go on.
                     now.gap_us = 0;
                     Cut::Detected
                 } else {
                     let forward = super::links::forward_motion(before, &now, canvas);
-                    let (mut parabolas, mut steps) = Default::default();
+                    let mut steps = [Vec::new(), Vec::new()];
                     if let Some(fields) = &fields {
                         let (from, _) = fields.forward(&forward).bends(&forward);
                         let (to, strayed) = paths.bends(&now.back);
                         report.strayed = strayed as f32 / now.back.len() as f32;
                         steps = [from, to];
-                    } else if self.warp.curved {
-                        parabolas = super::links::bends(before, &now, &forward, canvas);
                     }
-                    between = Some((before, forward, parabolas, steps));
+                    between = Some((before, forward, steps));
                     Cut::None
                 }
             }
@@ -489,20 +483,16 @@ impl Gapped<'_> {
             None => 1,
             Some(_) => {
                 let wanted = self.warp.steps.or(fields.map(|fields| fields.count() as u32));
-                let wanted = wanted.unwrap_or_else(|| steps_for(report.motion_px, self.warp.step_px));
+                let wanted = wanted.unwrap_or_else(|| steps_for(report.motion_px, self.warp.push_step_px()));
                 // Instants are whole microseconds.
                 wanted.min(self.push.interval_us)
             }
         };
-        let gap = between.as_ref().map(|(before, forward, parabolas, steps)| {
-            let bend = |side: usize| match &fields {
-                Some(_) => Bend::Steps(&steps[side]),
-                None => Bend::Parabola(&parabolas[side]),
-            };
+        let gap = between.as_ref().map(|(before, forward, [from, to])| {
             let older =
-                Side { light: &before.light, nearness: &before.nearness, motion: forward, bend: bend(0) };
-            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bend: bend(1) };
-            Gap::new(self.warp, &self.pictures, older, newer)
+                Side { light: &before.light, nearness: &before.nearness, motion: forward, bends: from };
+            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bends: to };
+            Gap::new(self.warp.variant, &self.pictures, older, newer)
         });
         let steps = i64::from(report.steps);
         let offset = |k: i64| (k * gap_us + steps / 2) / steps;

@@ -4,7 +4,7 @@
 
 use rayon::prelude::*;
 
-pub use super::warp::{Bend, Gap, Pictures, Scratch, Side};
+pub use super::warp::{Gap, Pictures, Scratch, Side};
 
 use super::TILE;
 pub use super::chain::{Frozen, JITTER_SHIFT};

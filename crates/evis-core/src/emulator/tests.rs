@@ -103,8 +103,7 @@ fn every_kind_of_frame_is_the_trigger_on_every_instruction_set() {
         base.clone(),
         SensorConfig { threshold_on: 0.04, threshold_off: 0.3, ..base.clone() },
         SensorConfig { threshold_on: 3.0, threshold_off: 0.9, log_eps: 0.02, ..base.clone() },
-        SensorConfig { trigger: crate::sensor::TriggerRule::Latch, ..base.clone() },
-        SensorConfig { interpolation: crate::sensor::Interpolation::Light, ..base },
+        SensorConfig { trigger: crate::sensor::TriggerRule::Latch, ..base },
     ];
     let inverse = 1.0 / 0.7_f32;
     for sensor in sensors {

@@ -28,158 +28,184 @@ pub(crate) const MOST_PIXELS: usize = 1 << 24;
 /// Pixels that a keyframe may show beyond each border.
 pub(crate) const MOST_MARGIN: u32 = 512;
 
-/// What is splatted.
+/// Softmax sharpness of `evis-paper`: importance is e^(12 · (1/z) / max(1/z)).
+const SHARPNESS: f32 = 12.0;
+/// A pixel with less splatted weight of colours than this is a hole of `evis-paper`.
+const HOLE_BELOW: f32 = 1e-4;
+/// Pixels by which the motion of nearer surfaces reaches over their antialiased fringe, for `splat` of pushed keyframes: on
+/// `spinner` and `warehouse` F1 rose by 0.01 to 0.02.
+const DILATION: usize = 1;
+
+/// Which warp makes the instants between two keyframes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Carrier {
-    /// Luminance, added up with bilinear weight and a softmax over depth.
-    Colour,
-    /// The number of the source pixel, the nearest surface winning; luminance is then read from the keyframe.
+#[serde(rename_all = "kebab-case")]
+pub enum WarpVariant {
+    /// The nearest surface wins, and its light is read from the keyframe; where both keyframes show the same surface both
+    /// count, in log light and by their distance in time; what neither shows is unknown. On scenes, points move by the exact
+    /// matrices of camera and object.
     #[default]
-    Index,
+    Splat,
+    /// As the EVIS paper publishes it: linear motion, colours splatted with softmax 12 on 1/(z + 1e-3), holes below 1e-4 of a
+    /// pixel, newer keyframe first, older in its holes, black where neither shows anything.
+    EvisPaper,
 }
 
-/// How light is read between a keyframe's pixels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Filter {
-    /// Between the four pixels around: fine texture loses contrast halfway between them, and gets it back.
-    Bilinear,
-    /// Between sixteen, by the spline of Catmull and Rom, within a surface: it keeps contrast.
-    #[default]
-    Cubic,
-}
+impl WarpVariant {
+    /// `splat` or `evis-paper`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Splat => "splat",
+            Self::EvisPaper => "evis-paper",
+        }
+    }
 
-/// How the instants between two pushed keyframes come from both.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct WarpConfig {
-    /// Instants per gap, the keyframe that ends it included; `None` takes as many as `step_px` asks for.
-    pub steps: Option<u32>,
-    /// Where `steps` is not given: pixels that the picture moves from instant to instant, at most. A gap in which it moves by
-    /// no more than a pixel is not divided.
-    pub step_px: f32,
-    /// Pixels that keyframes show beyond each border of the sensor.
-    pub margin: u32,
-    /// Whether paths bend within a gap as motion changed from the gap before it: a turn by θ a gap is then off by r·θ³/16
-    /// instead of r·θ²/8. Else they are straight.
-    pub curved: bool,
-    /// What is splatted.
-    pub carrier: Carrier,
-    /// How an index's light is read.
-    pub filter: Filter,
-    /// Where both keyframes show something, the nearer surface wins; else the newer keyframe.
-    pub nearest: bool,
-    /// Where both show the same surface, both count, in log light and by their distance in time.
-    pub blend: bool,
-    /// Pixels by which the motion of nearer surfaces reaches over their antialiased fringe.
-    pub dilate: u32,
-    /// Sharpness of the softmax: importance is e^(sharpness · (1/z) / max(1/z)).
-    pub sharpness: f32,
-    /// A pixel with less splatted weight of colours than this is a hole.
-    pub hole_below: f32,
-    /// Luminance of what neither keyframe shows; `None` leaves the pixel's memory untouched and counts it as unknown.
-    pub fill: Option<f32>,
-    /// Whether keyframes that nothing links are taken for a cut.
-    pub detect_cuts: bool,
-}
+    /// Pixels by which the motion of nearer surfaces reaches over their fringe.
+    pub(crate) const fn dilation(self) -> usize {
+        match self {
+            Self::Splat => DILATION,
+            Self::EvisPaper => 0,
+        }
+    }
 
-impl Default for WarpConfig {
-    fn default() -> Self {
-        Self {
-            steps: None,
-            step_px: 0.3,
-            margin: 0,
-            curved: false,
-            carrier: Carrier::Index,
-            filter: Filter::Cubic,
-            nearest: true,
-            blend: true,
-            // Antialiased fringes: on `spinner` and `warehouse` F1 rose by 0.01 to 0.02.
-            dilate: 1,
-            sharpness: 12.0,
-            hole_below: 0.3,
-            fill: None,
-            detect_cuts: true,
+    fn is_hole(self, word: u32) -> bool {
+        match self {
+            Self::EvisPaper => (word as f32) < HOLE_BELOW * WEIGHT_STEPS,
+            Self::Splat => word == 0,
         }
     }
 }
 
-/// What a splat may be asked to do, on frames and on scenes alike.
+/// How the instants between two keyframes come from both: those of a scene, and those that are pushed.
 ///
-/// # Errors
-/// Names the first setting that cannot be used, its value, and what would work.
-pub fn check_carrying(
-    margin: u32,
-    dilate: u32,
-    sharpness: f32,
-    hole_below: f32,
-    fill: Option<f32>,
-) -> Result<(), ConfigError> {
-    for (what, value, most) in [("margin", margin, MOST_MARGIN), ("dilate", dilate, 8)] {
-        if value > most {
-            return Err(ConfigError::new(what, value, format!("between 0 and {most} pixels")));
-        }
-    }
-    if !(0.0..=1000.0).contains(&sharpness) {
-        return Err(ConfigError::new("sharpness", sharpness, "between 0 and 1000"));
-    }
-    if !(hole_below > 0.0 && hole_below <= 1.0) {
-        return Err(ConfigError::new("hole_below", hole_below, "above 0 and at most 1"));
-    }
-    if let Some(fill) = fill
-        && !(fill.is_finite() && fill >= 0.0)
-    {
-        return Err(ConfigError::new("fill", fill, "a finite luminance, 0 or above"));
-    }
-    Ok(())
+/// What is not given takes the defaults of where it is used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Warp {
+    /// Which warp.
+    pub variant: WarpVariant,
+    /// Keyframes rendered per second of a scene, on a grid fixed in absolute time; 125 where not given. Keyframes that are
+    /// pushed have times of their own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keyframe_hz: Option<f64>,
+    /// Instants per gap, the keyframe that ends it included, 1 to 1000. Where not given, 8 on scenes, and between pushed
+    /// keyframes as many as `step_px` asks for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub steps: Option<u32>,
+    /// Pixels that keyframes show beyond each border of the sensor, up to 512. Where not given, 32 on scenes, and 0 for pushed
+    /// keyframes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub margin: Option<u32>,
+    /// Pushed keyframes, where `steps` is not given: pixels that the picture moves from instant to instant, at most; 0.3 where
+    /// not given. A gap in which it moves by no more than a pixel is not divided.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step_px: Option<f32>,
+    /// Pushed keyframes: whether keyframes that nothing links are taken for a cut; `true` where not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detect_cuts: Option<bool>,
 }
 
-impl WarpConfig {
-    /// As the EVIS paper publishes it: softmax 12 on 1/(z + 1e-3), holes below 1e-4 of a pixel, newer keyframe first,
-    /// older in its holes, black where neither shows anything.
-    pub const fn evis_paper(steps: u32) -> Self {
-        Self {
-            steps: Some(steps),
-            step_px: 0.3,
-            margin: 0,
-            curved: false,
-            carrier: Carrier::Colour,
-            filter: Filter::Bilinear,
-            nearest: false,
-            blend: false,
-            dilate: 0,
-            sharpness: 12.0,
-            hole_below: 1e-4,
-            fill: Some(0.0),
-            detect_cuts: true,
-        }
+/// Pixels from instant to instant where neither `steps` nor `step_px` is given.
+const USUAL_STEP_PX: f32 = 0.3;
+/// Keyframes per second of a scene where none are given.
+const USUAL_KEYFRAME_HZ: f64 = 125.0;
+/// Instants per gap of a scene where none are given: the EVIS paper's.
+const USUAL_STEPS: u32 = 8;
+/// Pixels beyond each border of a scene's pictures where none are given.
+const USUAL_MARGIN: u32 = 32;
+
+impl Warp {
+    /// As the EVIS paper publishes it, with `steps` instants per gap.
+    pub fn evis_paper(steps: u32) -> Self {
+        Self { variant: WarpVariant::EvisPaper, steps: Some(steps), ..Self::default() }
     }
 
-    /// Checks every value.
+    /// The same with `keyframe_hz` keyframes per second and `steps` instants per gap.
+    pub const fn at(self, keyframe_hz: f64, steps: u32) -> Self {
+        Self { keyframe_hz: Some(keyframe_hz), steps: Some(steps), ..self }
+    }
+
+    /// Checks it for keyframes of a scene.
     ///
     /// # Errors
-    /// Names the first that cannot be used, and what would work.
-    pub fn check(&self) -> Result<(), ConfigError> {
+    /// Names the first value that cannot be used, and what would work.
+    pub fn check_scene(&self) -> Result<(), ConfigError> {
+        for (what, given) in
+            [("step_px", self.step_px.is_some()), ("detect_cuts", self.detect_cuts.is_some())]
+        {
+            if given {
+                return Err(ConfigError::new(what, "set", "not set: it is for keyframes that are pushed"));
+            }
+        }
+        self.check_gap()?;
+        let (keyframe_hz, steps) = (self.scene_keyframe_hz(), self.scene_steps());
+        if !(keyframe_hz.is_finite() && keyframe_hz > 0.0 && keyframe_hz <= 1e6) {
+            return Err(ConfigError::new("keyframe_rate", keyframe_hz, "above 0 and at most 1000000 Hz"));
+        }
+        if keyframe_hz * f64::from(steps) > 1e6 {
+            let remedy = format!(
+                "at most {} at {keyframe_hz} keyframes per second: instants are whole microseconds",
+                (1e6 / keyframe_hz).floor(),
+            );
+            return Err(ConfigError::new("steps", steps, remedy));
+        }
+        Ok(())
+    }
+
+    /// Checks it for keyframes that are pushed.
+    ///
+    /// # Errors
+    /// Names the first value that cannot be used, and what would work.
+    pub fn check_push(&self) -> Result<(), ConfigError> {
+        if let Some(keyframe_hz) = self.keyframe_hz {
+            let remedy = "not set: keyframes that are pushed have times of their own";
+            return Err(ConfigError::new("keyframe_hz", keyframe_hz, remedy));
+        }
+        self.check_gap()?;
+        let step_px = self.push_step_px();
+        if !(0.01..=100.0).contains(&step_px) {
+            return Err(ConfigError::new("step_px", step_px, "between 0.01 and 100 pixels"));
+        }
+        Ok(())
+    }
+
+    /// Keyframes of a scene per second.
+    pub fn scene_keyframe_hz(&self) -> f64 {
+        self.keyframe_hz.unwrap_or(USUAL_KEYFRAME_HZ)
+    }
+
+    /// Instants per gap of a scene.
+    pub fn scene_steps(&self) -> u32 {
+        self.steps.unwrap_or(USUAL_STEPS)
+    }
+
+    /// Pixels beyond each border of a scene's keyframes.
+    pub fn scene_margin(&self) -> u32 {
+        self.margin.unwrap_or(USUAL_MARGIN)
+    }
+
+    /// Pixels beyond each border of pushed keyframes.
+    pub fn push_margin(&self) -> u32 {
+        self.margin.unwrap_or(0)
+    }
+
+    /// Pixels from instant to instant of pushed keyframes.
+    pub(crate) fn push_step_px(&self) -> f32 {
+        self.step_px.unwrap_or(USUAL_STEP_PX)
+    }
+
+    /// Whether pushed keyframes that nothing links are taken for a cut.
+    pub(crate) fn detects_cuts(&self) -> bool {
+        self.detect_cuts.unwrap_or(true)
+    }
+
+    fn check_gap(&self) -> Result<(), ConfigError> {
         if let Some(steps) = self.steps.filter(|steps| !(1..=1000).contains(steps)) {
             return Err(ConfigError::new("steps", steps, "between 1 and 1000, or not given"));
         }
-        if !(0.01..=100.0).contains(&self.step_px) {
-            return Err(ConfigError::new("step_px", self.step_px, "between 0.01 and 100 pixels"));
+        if let Some(margin) = self.margin.filter(|margin| *margin > MOST_MARGIN) {
+            return Err(ConfigError::new("margin", margin, format!("between 0 and {MOST_MARGIN} pixels")));
         }
-        check_carrying(self.margin, self.dilate, self.sharpness, self.hole_below, self.fill)
-    }
-
-    fn is_hole(&self, word: u32) -> bool {
-        match self.carrier {
-            Carrier::Colour => (word as f32) < self.hole_below * WEIGHT_STEPS,
-            Carrier::Index => word == 0,
-        }
-    }
-
-    /// Whether the older keyframe is looked at where the newer one shows something.
-    const fn uses_both(&self) -> bool {
-        self.nearest || self.blend
+        Ok(())
     }
 }
 
@@ -192,17 +218,9 @@ pub struct Side<'a> {
     pub nearness: &'a [f32],
     /// Pixels to where each surface is at the other keyframe; not a number where that is not known.
     pub motion: &'a [[f32; 2]],
-    /// How much the path there bends.
-    pub bend: Bend<'a>,
-}
-
-/// What is added to straight paths, per pixel.
-#[derive(Clone, Copy, Debug)]
-pub enum Bend<'a> {
-    /// At the part s of the way, s (s − 1) times this; nothing where it is empty.
-    Parabola(&'a [[f32; 2]]),
-    /// At 1/K, 2/K, … of the way these K − 1; between two of them, and the ends, what lies between.
-    Steps(&'a [Vec<[f32; 2]>]),
+    /// What is added to straight paths, per pixel: at 1/K, 2/K, … of the way these K − 1; between two of them, and the ends,
+    /// what lies between.
+    pub bends: &'a [Vec<[f32; 2]>],
 }
 
 /// A part of the way that a side's pixels go, and what paths add to it there: up to two pictures by their weights.
@@ -214,19 +232,14 @@ struct Moved<'a> {
 
 impl<'a> Moved<'a> {
     fn new(side: &Side<'a>, part: f32) -> Self {
-        let bends = match side.bend {
-            Bend::Parabola(bends) => [(part * (part - 1.0), bends), Default::default()],
-            Bend::Steps(steps) => {
-                let place = part * (steps.len() + 1) as f32;
-                let before = place.floor();
-                let bends = |step: usize| -> &'a [[f32; 2]] {
-                    // The ends bend nowhere.
-                    step.checked_sub(1).and_then(|step| steps.get(step)).map_or(&[], Vec::as_slice)
-                };
-                let step = before as usize;
-                [(1.0 - (place - before), bends(step)), (place - before, bends(step + 1))]
-            }
+        let place = part * (side.bends.len() + 1) as f32;
+        let before = place.floor();
+        let bends = |step: usize| -> &'a [[f32; 2]] {
+            // The ends bend nowhere.
+            step.checked_sub(1).and_then(|step| side.bends.get(step)).map_or(&[], Vec::as_slice)
         };
+        let step = before as usize;
+        let bends = [(1.0 - (place - before), bends(step)), (place - before, bends(step + 1))];
         Self { part, bends }
     }
 
@@ -273,7 +286,8 @@ struct Prepared<'a> {
 
 /// The gap between two keyframes.
 pub struct Gap<'a> {
-    config: WarpConfig,
+    variant: WarpVariant,
+    margin: i32,
     pictures: Pictures,
     older: Prepared<'a>,
     newer: Prepared<'a>,
@@ -400,10 +414,12 @@ fn for_taps((q, reaches): Place, size: [usize; 2], mut each: impl FnMut(usize, u
 
 impl<'a> Gap<'a> {
     /// A gap between the keyframes `older` and `newer`, all of whose pictures have `pictures.canvas` pixels.
-    pub fn new(config: &WarpConfig, pictures: &Pictures, older: Side<'a>, newer: Side<'a>) -> Self {
+    pub fn new(variant: WarpVariant, pictures: &Pictures, older: Side<'a>, newer: Side<'a>) -> Self {
         let brightest = BRIGHTEST * pictures.reference_luminance;
         Self {
-            config: *config,
+            variant,
+            // The same along both axes.
+            margin: ((pictures.canvas[0] - pictures.size[0]) / 2) as i32,
             pictures: *pictures,
             older: Prepared::new(older, pictures.canvas[0], brightest),
             newer: Prepared::new(newer, pictures.canvas[0], brightest),
@@ -416,7 +432,12 @@ impl<'a> Gap<'a> {
         let Scratch { older, newer, rows } = scratch;
         let moved = [Moved::new(&self.older.side, elapsed), Moved::new(&self.newer.side, 1.0 - elapsed)];
         self.splat(&self.newer, &moved[1], None, newer);
-        self.splat(&self.older, &moved[0], (!self.config.uses_both()).then_some(&*newer), older);
+        self.splat(
+            &self.older,
+            &moved[0],
+            (self.variant == WarpVariant::EvisPaper).then_some(&*newer),
+            older,
+        );
         let [width, height] = self.pictures.size;
         out.clear();
         out.resize(width * height, f32::NAN);
@@ -427,9 +448,9 @@ impl<'a> Gap<'a> {
         for (y, out) in out.chunks_exact_mut(width).enumerate() {
             self.look(y, &moved, (older, newer), (a, b));
             blend_by(self.isa, a, b, elapsed, self.pictures.log_floor, out);
-            if let Some(fill) = self.config.fill {
+            if self.variant == WarpVariant::EvisPaper {
                 for light in out {
-                    *light = if light.is_nan() { fill } else { *light };
+                    *light = if light.is_nan() { 0.0 } else { *light };
                 }
             }
         }
@@ -438,10 +459,10 @@ impl<'a> Gap<'a> {
     /// Splats one side: depths first, then what is nearest, or colours.
     fn splat(&self, from: &Prepared<'_>, moved: &Moved<'_>, holes_of: Option<&Sums>, sums: &mut Sums) {
         let size = self.pictures.size;
-        let config = &self.config;
-        sums.clear(size[0] * size[1], config.carrier == Carrier::Colour);
+        let variant = self.variant;
+        sums.clear(size[0] * size[1], variant == WarpVariant::EvisPaper);
         let Sums { depth, word, light } = sums;
-        let wanted = |p: usize| holes_of.is_none_or(|other| config.is_hole(other.word[p]));
+        let wanted = |p: usize| holes_of.is_none_or(|other| variant.is_hole(other.word[p]));
         self.for_sources(from, moved, |_, key, place| {
             for_taps(place, size, |p, weight| {
                 if weight > 0 && depth[p] < key && wanted(p) {
@@ -449,8 +470,8 @@ impl<'a> Gap<'a> {
                 }
             });
         });
-        match config.carrier {
-            Carrier::Index => {
+        match variant {
+            WarpVariant::Splat => {
                 let bits = index_bits(from.keys.len());
                 let most = (1_u32 << (32 - bits)) - 1;
                 let scale = most as f32 / 1_048_576.0;
@@ -464,9 +485,9 @@ impl<'a> Gap<'a> {
                     });
                 });
             }
-            Carrier::Colour => {
+            WarpVariant::EvisPaper => {
                 let factor = LIGHT_STEPS / from.scale;
-                let sharpness = config.sharpness / from.nearest.max(1e-30);
+                let sharpness = SHARPNESS / from.nearest.max(1e-30);
                 self.for_sources(from, moved, |source, key, place| {
                     let steps = (from.side.light[source] * factor + 0.5).min(LIGHT_STEPS) as u32;
                     let nearness = nearness_of(key);
@@ -488,7 +509,7 @@ impl<'a> Gap<'a> {
     #[inline(always)]
     fn for_sources(&self, from: &Prepared<'_>, moved: &Moved<'_>, mut each: impl FnMut(usize, u32, Place)) {
         let width = self.pictures.canvas[0];
-        let margin = self.config.margin as i32;
+        let margin = self.margin;
         let rows = from.keys.chunks_exact(width).zip(from.side.motion.chunks_exact(width));
         for (y, (keys, motions)) in rows.enumerate() {
             let first = y * width;
@@ -496,7 +517,7 @@ impl<'a> Gap<'a> {
                 if *key != 0 {
                     let at = first.wrapping_add(x);
                     let q = place(x, y, margin, moved.of(at, *motion));
-                    let everywhere = self.config.carrier == Carrier::Colour || from.plain[at];
+                    let everywhere = self.variant == WarpVariant::EvisPaper || from.plain[at];
                     let reaches = if everywhere { [true; 2] } else { self.reaches(from, (x, y), q) };
                     each(at, *key, (q, reaches));
                 }
@@ -521,12 +542,12 @@ impl<'a> Gap<'a> {
 
     /// What the older and the newer side show in row `y`; both the same where one is taken, NaN where nothing is.
     fn look(&self, y: usize, moved: &[Moved<'_>; 2], sums: (&Sums, &Sums), rows: (&mut [f32], &mut [f32])) {
-        let config = &self.config;
+        let splat = self.variant == WarpVariant::Splat;
         let width = self.pictures.size[0];
         for (x, (a, b)) in rows.0.iter_mut().zip(rows.1).enumerate() {
             let p = y * width + x;
             let newer = self.seen(&self.newer, &moved[1], sums.1, (x, y, p));
-            let older = if newer.is_none() || config.uses_both() {
+            let older = if newer.is_none() || splat {
                 self.seen(&self.older, &moved[0], sums.0, (x, y, p))
             } else {
                 None
@@ -535,9 +556,9 @@ impl<'a> Gap<'a> {
                 (None, None) => (f32::NAN, f32::NAN),
                 (Some((only, _)), None) | (None, Some((only, _))) => (only, only),
                 (Some((old, far)), Some((new, near))) => {
-                    if config.nearest && near < far * SAME_SURFACE {
+                    if splat && near < far * SAME_SURFACE {
                         (old, old)
-                    } else if config.nearest && far < near * SAME_SURFACE || !config.blend {
+                    } else if !splat || far < near * SAME_SURFACE {
                         (new, new)
                     } else {
                         (old, new)
@@ -557,15 +578,15 @@ impl<'a> Gap<'a> {
         (x, y, p): (usize, usize, usize),
     ) -> Option<(f32, f32)> {
         let (key, word) = (sums.depth[p], sums.word[p]);
-        if key == 0 || word == 0 || self.config.is_hole(word) {
+        if key == 0 || word == 0 || self.variant.is_hole(word) {
             return None;
         }
-        let light = match self.config.carrier {
-            Carrier::Colour => {
+        let light = match self.variant {
+            WarpVariant::EvisPaper => {
                 let light = sums.light[p] as f32 / word as f32 * (from.scale / LIGHT_STEPS);
                 light.min(from.scale)
             }
-            Carrier::Index => {
+            WarpVariant::Splat => {
                 let source = word & ((1 << index_bits(from.keys.len())) - 1);
                 self.gathered(from, moved, source as usize, (x, y))
             }
@@ -581,7 +602,7 @@ impl<'a> Gap<'a> {
         let Side { light, nearness, motion, .. } = &from.side;
         let own_y = source / width;
         let own_x = source - own_y * width;
-        let q = place(own_x, own_y, self.config.margin as i32, moved.of(source, motion[source]));
+        let q = place(own_x, own_y, self.margin, moved.of(source, motion[source]));
         let offset = |at: usize, q: i32| ((at as i32) << SUBPIXEL_BITS).wrapping_sub(q);
         let (dx, dy) = (offset(x, q[0]), offset(y, q[1]));
         let part = |d: i32| (d & (SUBPIXELS - 1)) as f32 * (1.0 / SUBPIXELS as f32);
@@ -592,16 +613,10 @@ impl<'a> Gap<'a> {
             // Two pixels from any border: nothing wraps.
             let corner = (top as usize).wrapping_mul(width).wrapping_add(left as usize);
             let four = |at: usize| light.get(at..).and_then(|row| row.first_chunk::<4>()).copied();
-            if self.config.filter == Filter::Cubic {
-                let first = corner.wrapping_sub(width).wrapping_sub(1);
-                let row =
-                    |down: usize| four(first.wrapping_add(width.wrapping_mul(down))).unwrap_or_default();
-                return cubic([row(0), row(1), row(2), row(3)], fx, fy);
-            }
-            let two = |at: usize| light.get(at..).and_then(|row| row.first_chunk::<2>()).copied();
-            let row = |down: usize| two(corner.wrapping_add(width.wrapping_mul(down))).unwrap_or_default();
-            let ([a, b], [c, d]) = (row(0), row(1));
-            return (1.0 - fx) * (1.0 - fy) * a + fx * (1.0 - fy) * b + (1.0 - fx) * fy * c + fx * fy * d;
+            // A cubic keeps the contrast of fine texture that lines between four pixels would take and give back.
+            let first = corner.wrapping_sub(width).wrapping_sub(1);
+            let row = |down: usize| four(first.wrapping_add(width.wrapping_mul(down))).unwrap_or_default();
+            return cubic([row(0), row(1), row(2), row(3)], fx, fy);
         }
         let column = |right: i32| (left + right).clamp(0, width as i32 - 1) as usize;
         let row = |down: i32| (top + down).clamp(0, height as i32 - 1) as usize;

@@ -53,7 +53,7 @@ fn weight_at(p: vec2<i32>, bilinear: u32, nearness: f32, sharpness: f32, view: u
     let at = (view * params.height + u32(p.y)) * params.width + u32(p.x);
     if (FILL_HOLES) {
         let there = atomicLoad(&sums[sums_base(1u - params.side) + target_pixels() + at]);
-        if (f32(there) >= params.hole_below * WEIGHT_STEPS) {
+        if (f32(there) >= HOLE_WEIGHT) {
             return 0u;
         }
     }
@@ -67,7 +67,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let canvas = canvas_pixels();
     let layer = key_layer(params.side, id.z);
     let light_factor = LIGHT_STEPS / light_scale(largest[layer * 2u]);
-    let sharpness = params.sharpness / max(bitcast<f32>(largest[layer * 2u + 1u]), 1e-30);
+    let sharpness = SHARPNESS / max(bitcast<f32>(largest[layer * 2u + 1u]), 1e-30);
     let end = min((id.x + 1u) * RUN, params.canvas_width);
     var pending = Column(FAR_AWAY, vec2<u32>(0u), vec2<u32>(0u));
     for (var x = id.x * RUN; x < end; x++) {

@@ -1,9 +1,6 @@
 #import splat/layout.wgsl
 // Flags the tiles in which the newer keyframe leaves holes, so that the older one is asked there only.
 
-// 0 colour, 1 index.
-override CARRIER: u32 = 0;
-
 @group(0) @binding(1) var<storage, read> sums: array<u32>;
 @group(0) @binding(2) var<storage, read_write> hole_tiles: array<u32>;
 
@@ -14,11 +11,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = (id.z * params.height + id.y) * params.width + id.x;
     let word = sums[sums_base(1u) + target_pixels() + at];
-    var hole = word == 0u;
-    if (CARRIER == 0u) {
-        hole = f32(word) < params.hole_below * WEIGHT_STEPS;
-    }
-    if (hole) {
+    if (f32(word) < HOLE_WEIGHT) {
         // A source looks at the first of its four pixels: this one may be any of them. All write the same.
         let p = vec2<i32>(id.xy);
         hole_tiles[hole_tile(p, id.z)] = 1u;

@@ -2,8 +2,6 @@
 // To each pixel the number of the source that is on the nearest surface there and nearest to the pixel's centre: one word,
 // how near before which. Twin: cpu/splat.rs, index.
 
-override FILL_HOLES: bool = false;
-
 @group(0) @binding(1) var<storage, read> placed: array<u32>;
 // Planes of a side: depth keys, index words (0: a hole).
 @group(0) @binding(2) var<storage, read_write> sums: array<atomic<u32>>;
@@ -21,7 +19,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let plane = target_pixels();
     let depths = sums_base(params.side);
-    let other_words = sums_base(1u - params.side) + plane;
     let taps = reached(vec2<u32>(placed[source_at], placed[source_at + canvas]));
     let nearness = nearness_of(key);
     let source = id.y * params.canvas_width + id.x;
@@ -29,8 +26,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var i = 0u; i < 4u; i++) {
         let at = tap_index(taps, i, id.z, plane);
         if (at < plane && taps.weights[i] > 0u) {
-            if ((!FILL_HOLES || atomicLoad(&sums[other_words + at]) == 0u)
-                && nearness >= nearness_of(atomicLoad(&sums[depths + at])) * SAME_SURFACE) {
+            if (nearness >= nearness_of(atomicLoad(&sums[depths + at])) * SAME_SURFACE) {
                 let near = clamp(u32(f32(taps.weights[i]) * (f32(most) / 1048576.0)), 1u, most);
                 atomicMax(&sums[depths + plane + at], (near << params.index_bits) | source);
             }

@@ -12,7 +12,7 @@ const SAME_SURFACE: f32 = 0.95;
 
 // One instant, seen from one of its two keyframes.
 struct SplatParams {
-    // Target: the sensor's pixels, times `supersample`.
+    // Target: the sensor's pixels.
     width: u32,
     height: u32,
     // Keyframe: the target with a margin all around.
@@ -20,8 +20,6 @@ struct SplatParams {
     canvas_height: u32,
     margin: u32,
     view_count: u32,
-    // Keyframe pixels per sensor pixel along each axis.
-    supersample: u32,
     // Row of `transforms` of view 0; each view has `objects` + 1, three rows each.
     transform_base: u32,
     objects: u32,
@@ -33,10 +31,6 @@ struct SplatParams {
     moved: f32,
     // The same from the older keyframe, whatever the side.
     elapsed: f32,
-    sharpness: f32,
-    hole_below: f32,
-    // Luminance of what neither shows; negative: unknown.
-    fill: f32,
     // Layer of view 0 at this instant, and from a view to the next.
     first_layer: u32,
     layers_per_view: u32,
@@ -69,9 +63,17 @@ fn light_scale(bits: u32) -> f32 {
     return bitcast<f32>(((within >> 23u) + 1u) << 23u);
 }
 
-// Light of a pixel from the sum of its `known` parts; none are known in a hole.
-fn mean_or_fill(sum: f32, known: f32) -> f32 {
-    return select(params.fill, sum / max(known, 1.0), known > 0.0);
+// As the EVIS paper publishes it: linear motion, colours, the older keyframe in the newer one's holes, black where neither
+// shows anything. Else the nearest surface of both, by the matrices of objects, and unknown where neither shows anything.
+override EVIS_PAPER: bool = false;
+
+// Of the paper: sharpness of the softmax, and the splatted weight below which a pixel is a hole.
+const SHARPNESS: f32 = 12.0;
+const HOLE_WEIGHT: f32 = 1e-4 * WEIGHT_STEPS;
+
+// Luminance of a pixel; below 0: unknown.
+fn known_or_black(luminance: f32) -> f32 {
+    return select(select(-1.0, 0.0, EVIS_PAPER), luminance, luminance >= 0.0);
 }
 
 // The layer that a view's instant goes to.

@@ -2,12 +2,8 @@
 // Where each pixel of a keyframe is at an instant, and the nearest depth that reaches each pixel there.
 // Twin: cpu/splat.rs, place.
 
-// By the matrices of objects, else by motion vectors.
-override EXACT: bool = false;
 // Only into the holes of the other side: what is seen there already needs no more.
 override FILL_HOLES: bool = false;
-// 0 colour, 1 index: what a hole of the other side is told by.
-override CARRIER: u32 = 0;
 
 // Luminance, 1 / (depth + 1e-3), motion to the other keyframe.
 @group(0) @binding(1) var sources: texture_2d_array<f32>;
@@ -59,17 +55,13 @@ fn exact_place(p: vec2<u32>, view: u32, source: vec4<f32>) -> Place {
 
 // Whether the other side shows nothing at target pixel `at`.
 fn is_hole(at: u32) -> bool {
-    let word = atomicLoad(&sums[sums_base(1u - params.side) + target_pixels() + at]);
-    if (CARRIER == 1u) {
-        return word == 0u;
-    }
-    return f32(word) < params.hole_below * WEIGHT_STEPS;
+    return f32(atomicLoad(&sums[sums_base(1u - params.side) + target_pixels() + at])) < HOLE_WEIGHT;
 }
 
 // Whether an index reaches beyond the pixel that its centre is in: where the keyframe shows its surface on that side too.
 // So no crack opens where pixels move apart, and no outline grows between keyframes. Colours weigh less there anyway.
 fn reaches(p: vec2<u32>, view: u32, nearness: f32, q: vec2<i32>) -> vec2<bool> {
-    if (CARRIER == 0u) {
+    if (EVIS_PAPER) {
         return vec2<bool>(true);
     }
     let beside = vec2<i32>(p) + select(vec2<i32>(1), vec2<i32>(-1), leans(q));
@@ -96,10 +88,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let depths = sums_base(params.side);
     let source = textureLoad(sources, id.xy, key_layer(params.side, id.z), 0);
     var place: Place;
-    if (EXACT) {
-        place = exact_place(id.xy, id.z, source);
-    } else {
+    if (EVIS_PAPER) {
         place = linear_place(source);
+    } else {
+        place = exact_place(id.xy, id.z, source);
     }
     var key = KEY_OF_NOTHING;
     let out = params.side * 3u * canvas + canvas_index(id.xy, id.z);

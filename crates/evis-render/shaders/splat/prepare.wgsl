@@ -1,8 +1,7 @@
-// A keyframe's pictures to what the splat passes read: light averaged over the samples, motion dilated, and nothing in it
-// that is not a number. Twin: cpu/splat.rs, prepare.
+// A keyframe's pictures to what the splat passes read: light averaged over the samples, and nothing in it that is not a
+// number. Twin: cpu/splat.rs, prepare.
 
 override SAMPLES: u32 = 1;
-override DILATE: i32 = 0;
 override WITH_OBJECTS: bool = false;
 
 // One view of one keyframe.
@@ -60,26 +59,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         sum += clamp(y, 0.0, LARGEST_LUMINANCE);
     }
     let luminance = select(-1.0, min(sum * (1.0 / f32(SAMPLES)), LARGEST_LUMINANCE), known);
-    // Light of an antialiased fringe moves with the nearest surface that has a part in it.
-    var nearest = p;
-    var inverse_depth = inverse_depth_at(p);
-    for (var dy = -DILATE; dy <= DILATE; dy++) {
-        for (var dx = -DILATE; dx <= DILATE; dx++) {
-            let q = clamp(p + vec2<i32>(dx, dy), vec2<i32>(0), vec2<i32>(vec2<u32>(key.width, key.height)) - 1);
-            let other = inverse_depth_at(q);
-            if (other > inverse_depth) {
-                nearest = q;
-                inverse_depth = other;
-            }
-        }
-    }
+    let inverse_depth = inverse_depth_at(p);
     let index = (key.view * key.height + id.y) * key.width + id.x;
     let nearness = inverse_depth / (1.0 + 1e-3 * inverse_depth);
-    let motion = textureLoad(flows, nearest, 0);
+    let motion = textureLoad(flows, p, 0);
     textureStore(forward, id.xy, key.view, vec4<f32>(luminance, nearness, motion.xy));
     textureStore(backward, id.xy, key.view, vec4<f32>(luminance, nearness, motion.zw));
     if (WITH_OBJECTS) {
-        objects[index] = textureLoad(ids, nearest, 0).r;
+        objects[index] = textureLoad(ids, p, 0).r;
     }
     if (luminance > 0.0) {
         atomicMax(&largest[key.view * 2u], bitcast<u32>(luminance));

@@ -1,11 +1,6 @@
 #import splat/layout.wgsl
 // What the two keyframes say of each pixel, and one luminance from it. Twin: cpu/splat.rs, resolve.
 
-// 0 colour, 1 index.
-override CARRIER: u32 = 0;
-override NEAREST: bool = false;
-override BLEND: bool = false;
-
 @group(0) @binding(1) var<storage, read> sums: array<u32>;
 @group(0) @binding(2) var forward: texture_2d_array<f32>;
 @group(0) @binding(3) var<storage, read> placed: array<u32>;
@@ -21,7 +16,7 @@ struct Seen {
 const UNSEEN: f32 = -1.0;
 
 fn decoded(weight: u32, low: u32, high: u32, scale: f32) -> f32 {
-    if (f32(weight) < params.hole_below * WEIGHT_STEPS) {
+    if (f32(weight) < HOLE_WEIGHT) {
         return UNSEEN;
     }
     let light = f32(high) * 4294967296.0 + f32(low);
@@ -61,7 +56,7 @@ fn seen(p: vec2<u32>, view: u32, side: u32) -> Seen {
     if (key == KEY_OF_NOTHING || word == 0u) {
         return Seen(UNSEEN, 0.0);
     }
-    if (CARRIER == 1u) {
+    if (!EVIS_PAPER) {
         return Seen(gathered(p, view, side, word), nearness_of(key));
     }
     let scale = light_scale(largest[key_layer(side, view) * 2u]);
@@ -85,42 +80,30 @@ fn combined(older: Seen, newer: Seen) -> f32 {
     if (newer.luminance < 0.0) {
         return older.luminance;
     }
-    if (NEAREST) {
-        if (newer.nearness < older.nearness * SAME_SURFACE) {
-            return older.luminance;
-        }
-        if (older.nearness < newer.nearness * SAME_SURFACE) {
-            return newer.luminance;
-        }
+    if (EVIS_PAPER) {
+        return newer.luminance;
     }
-    if (BLEND) {
-        let a = log(older.luminance + params.log_floor);
-        let b = log(newer.luminance + params.log_floor);
-        return max(exp(a + (b - a) * params.elapsed) - params.log_floor, 0.0);
+    if (newer.nearness < older.nearness * SAME_SURFACE) {
+        return older.luminance;
     }
-    return newer.luminance;
+    if (older.nearness < newer.nearness * SAME_SURFACE) {
+        return newer.luminance;
+    }
+    let a = log(older.luminance + params.log_floor);
+    let b = log(newer.luminance + params.log_floor);
+    return max(exp(a + (b - a) * params.elapsed) - params.log_floor, 0.0);
 }
 
 @compute @workgroup_size(SPLAT_WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let n = params.supersample;
-    if (id.x * n >= params.width) {
+    if (id.x >= params.width) {
         return;
     }
-    var sum = 0.0;
-    var known = 0.0;
-    for (var i = 0u; i < n * n; i++) {
-        let p = id.xy * n + vec2<u32>(i % n, i / n);
-        let newer = seen(p, id.z, 1u);
-        var older = Seen(UNSEEN, 0.0);
-        if (NEAREST || BLEND || newer.luminance < 0.0) {
-            older = seen(p, id.z, 0u);
-        }
-        let luminance = combined(older, newer);
-        if (luminance >= 0.0) {
-            sum += luminance;
-            known += 1.0;
-        }
+    let newer = seen(id.xy, id.z, 1u);
+    var older = Seen(UNSEEN, 0.0);
+    if (!EVIS_PAPER || newer.luminance < 0.0) {
+        older = seen(id.xy, id.z, 0u);
     }
-    textureStore(layers, id.xy, target_layer(id.z), vec4<f32>(mean_or_fill(sum, known), 0.0, 0.0, 0.0));
+    let luminance = known_or_black(combined(older, newer));
+    textureStore(layers, id.xy, target_layer(id.z), vec4<f32>(luminance, 0.0, 0.0, 0.0));
 }

@@ -6,19 +6,9 @@
 
 @compute @workgroup_size(SPLAT_WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let n = params.supersample;
-    if (id.x * n >= params.width) {
+    if (id.x >= params.width) {
         return;
     }
-    var sum = 0.0;
-    var known = 0.0;
-    for (var i = 0u; i < n * n; i++) {
-        let p = id.xy * n + vec2<u32>(i % n, i / n) + params.margin;
-        let luminance = textureLoad(forward, p, key_layer(params.side, id.z), 0).r;
-        if (luminance >= 0.0) {
-            sum += luminance;
-            known += 1.0;
-        }
-    }
-    textureStore(layers, id.xy, target_layer(id.z), vec4<f32>(mean_or_fill(sum, known), 0.0, 0.0, 0.0));
+    let luminance = textureLoad(forward, id.xy + params.margin, key_layer(params.side, id.z), 0).r;
+    textureStore(layers, id.xy, target_layer(id.z), vec4<f32>(known_or_black(luminance), 0.0, 0.0, 0.0));
 }

@@ -3,8 +3,6 @@ const MAX_EVENTS_PER_INTERVAL: f32 = 65535.0;
 
 // 0 crossing, 1 latch.
 override TRIGGER_RULE: u32 = 0;
-// What is straight between samples: 0 log, 1 light.
-override INTERPOLATION: u32 = 0;
 
 struct Decision {
     count: u32,
@@ -41,25 +39,6 @@ fn decide(sensor: ViewSensor, state: PixelMemory, log_luma: f32) -> Decision {
     return decision;
 }
 
-// e^x - 1 for x <= 0, without cancellation: its series to x^9 where 1 - e^x would lose digits.
-fn expm1_of_fall(x: f32) -> f32 {
-    if (x < -0.5) {
-        return exp(x) - 1.0;
-    }
-    var sum = 1.0;
-    for (var n = 9.0; n > 1.0; n -= 1.0) {
-        sum = 1.0 + x / n * sum;
-    }
-    return x * sum;
-}
-
-// Part of the interval at which light that changes evenly has changed its logarithm by `level` of `run`, magnitudes.
-// A rise is written with falling exponentials, which cannot overflow.
-fn light_fraction(level: f32, run: f32, on: bool) -> f32 {
-    let fall = expm1_of_fall(-level) / expm1_of_fall(-run);
-    return clamp(fall * select(1.0, exp(level - run), on), 0.0, 1.0);
-}
-
 // Microseconds after the interval's start at which event `k` (from 1) fires, floored.
 fn fire_time(decision: Decision, k: u32, interval: u32) -> u32 {
     if (TRIGGER_RULE == 1u) {
@@ -67,9 +46,6 @@ fn fire_time(decision: Decision, k: u32, interval: u32) -> u32 {
     }
     let run = decision.rise_end - decision.rise_start;
     let level = f32(k) * decision.threshold - decision.rise_start;
-    var fraction = select(1.0, clamp(level / run, 0.0, 1.0), run > 0.0);
-    if (INTERPOLATION == 1u && run > 0.0) {
-        fraction = light_fraction(clamp(level, 0.0, run), run, decision.polarity == 1u);
-    }
+    let fraction = select(1.0, clamp(level / run, 0.0, 1.0), run > 0.0);
     return min(u32(floor(fraction * f32(interval))), interval);
 }

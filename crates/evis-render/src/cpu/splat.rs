@@ -1,12 +1,14 @@
 //! Twin of `splat/*.wgsl`: the same algorithm in f32 and integers, one pixel after another, one view.
 
-use crate::splat_config::{Carrier, SplatConfig};
+use evis_core::WarpVariant;
 
 /// Parts of a pixel that a position is told in.
 pub const SUBPIXELS: i32 = 1024;
 const WEIGHT_STEPS: f32 = 4096.0;
 const LIGHT_STEPS: f32 = 524_287.0;
 const WEIGHT_UNIT: f32 = 1.0 / 256.0;
+const SHARPNESS: f32 = 12.0;
+const HOLE_WEIGHT: f32 = 1e-4 * WEIGHT_STEPS;
 const SAME_SURFACE: f32 = 0.95;
 /// Bits of 16 384 pixels.
 const MOTION_LIMIT_BITS: u32 = 0x4680_0000;
@@ -41,7 +43,7 @@ pub struct Pictures {
 /// One instant between two keyframes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instant {
-    /// Target pixels: the sensor's, times `supersample`.
+    /// Target pixels: the sensor's.
     pub size: [usize; 2],
     /// Keyframe pixels.
     pub canvas: [usize; 2],
@@ -79,28 +81,14 @@ fn inverse_depth(x: f32) -> f32 {
 }
 
 /// `splat/prepare.wgsl`.
-pub fn prepare(pictures: &Pictures, dilate: i32) -> Vec<Source> {
-    let (width, count) = (pictures.width as i32, pictures.inverse_depth.len());
-    let height = count as i32 / width.max(1);
-    (0..count as i32)
+pub fn prepare(pictures: &Pictures) -> Vec<Source> {
+    (0..pictures.inverse_depth.len())
         .map(|i| {
-            let (x, y) = (i % width, i / width);
-            let light = || pictures.samples.iter().map(|s| s[i as usize]);
+            let light = || pictures.samples.iter().map(|s| s[i]);
             let known = light().all(|y| y.to_bits() & NOT_A_NUMBER != NOT_A_NUMBER);
             let sum: f32 = light().map(|y| y.clamp(0.0, 1e30)).fold(0.0, |a, b| a + b);
-            let mut nearest = i as usize;
-            let mut depth = inverse_depth(pictures.inverse_depth[nearest]);
-            for dy in -dilate..=dilate {
-                for dx in -dilate..=dilate {
-                    let (x, y) = ((x + dx).clamp(0, width - 1), (y + dy).clamp(0, height - 1));
-                    let at = (y * width + x) as usize;
-                    let other = inverse_depth(pictures.inverse_depth[at]);
-                    if other > depth {
-                        (nearest, depth) = (at, other);
-                    }
-                }
-            }
-            let [fx, fy, bx, by] = pictures.flow[nearest];
+            let depth = inverse_depth(pictures.inverse_depth[i]);
+            let [fx, fy, bx, by] = pictures.flow[i];
             Source {
                 luminance: if known { (sum * (1.0 / pictures.samples.len() as f32)).min(1e30) } else { -1.0 },
                 nearness: depth / (1.0 + 1e-3 * depth),
@@ -157,10 +145,10 @@ fn reaches(sources: &[Source], i: usize, q: [i32; 2], canvas: [usize; 2]) -> [bo
     })
 }
 
-fn is_hole(config: &SplatConfig, word: u32) -> bool {
-    match config.carrier {
-        Carrier::Colour => (word as f32) < config.hole_below * WEIGHT_STEPS,
-        Carrier::Index => word == 0,
+fn is_hole(variant: WarpVariant, word: u32) -> bool {
+    match variant {
+        WarpVariant::EvisPaper => (word as f32) < HOLE_WEIGHT,
+        WarpVariant::Splat => word == 0,
     }
 }
 
@@ -173,7 +161,7 @@ pub fn place(
     sources: &[Source],
     side: usize,
     at: &Instant,
-    config: &SplatConfig,
+    variant: WarpVariant,
     other: Option<&Sums>,
     sums: &mut Sums,
 ) -> Vec<Placed> {
@@ -194,15 +182,15 @@ pub fn place(
                 let d = (motion[axis] * moved * SUBPIXELS as f32 + 0.5).floor() as i32;
                 (pixel[axis] - at.margin) * SUBPIXELS + d
             });
-            let reaches = match config.carrier {
-                Carrier::Colour => [true; 2],
-                Carrier::Index => reaches(sources, i, q, at.canvas),
+            let reaches = match variant {
+                WarpVariant::EvisPaper => [true; 2],
+                WarpVariant::Splat => reaches(sources, i, q, at.canvas),
             };
             let place = std::array::from_fn(|axis| q[axis] * 2 + i32::from(reaches[axis]));
             let key = source.nearness.max(0.0).to_bits() + 1;
             let mut seen = false;
             for (p, _) in reached(place, at.size).into_iter().flatten() {
-                if other.is_none_or(|o| is_hole(config, o.words[p])) {
+                if other.is_none_or(|o| is_hole(variant, o.words[p])) {
                     sums.keys[p] = sums.keys[p].max(key);
                     seen = true;
                 }
@@ -228,17 +216,16 @@ pub fn accumulate(
     sources: &[Source],
     placed: &[Placed],
     at: &Instant,
-    config: &SplatConfig,
     other: Option<&Sums>,
     sums: &mut Sums,
 ) {
     let factor = LIGHT_STEPS / light_scale(sources, at);
-    let sharpness = config.sharpness / largest(sources, |s| s.nearness).max(1e-30);
+    let sharpness = SHARPNESS / largest(sources, |s| s.nearness).max(1e-30);
     for (source, placed) in sources.iter().zip(placed) {
         let Some((place, key)) = *placed else { continue };
         let light = (source.luminance * factor + 0.5).min(LIGHT_STEPS) as u32;
         for (p, bilinear) in taps(position(place), at.size).into_iter().flatten() {
-            if bilinear == 0 || other.is_some_and(|o| !is_hole(config, o.words[p])) {
+            if bilinear == 0 || other.is_some_and(|o| !is_hole(WarpVariant::EvisPaper, o.words[p])) {
                 continue;
             }
             let front = nearness_of(sums.keys[p]);
@@ -251,20 +238,13 @@ pub fn accumulate(
 }
 
 /// `splat/index.wgsl`; returns the bits that an index takes.
-pub fn index(
-    placed: &[Placed],
-    at: &Instant,
-    config: &SplatConfig,
-    other: Option<&Sums>,
-    sums: &mut Sums,
-) -> u32 {
+pub fn index(placed: &[Placed], at: &Instant, sums: &mut Sums) -> u32 {
     let bits = u32::BITS - (placed.len() as u32).leading_zeros();
     let most = (1u32 << (32 - bits)) - 1;
     for (source, placed) in placed.iter().enumerate() {
         let Some((place, key)) = *placed else { continue };
         for (p, weight) in reached(place, at.size).into_iter().flatten() {
-            let wanted = other.is_none_or(|o| is_hole(config, o.words[p]));
-            if wanted && nearness_of(key) >= nearness_of(sums.keys[p]) * SAME_SURFACE {
+            if nearness_of(key) >= nearness_of(sums.keys[p]) * SAME_SURFACE {
                 let near = ((weight as f32 * (most as f32 / 1_048_576.0)) as u32).clamp(1, most);
                 sums.words[p] = sums.words[p].max(near << bits | source as u32);
             }
@@ -308,20 +288,20 @@ pub struct Side<'a> {
 }
 
 /// `splat/resolve.wgsl` for sensor pixels of one target pixel each: luminance, negative where unknown.
-pub fn resolve(sides: &[Side<'_>; 2], at: &Instant, config: &SplatConfig) -> Vec<f32> {
+pub fn resolve(sides: &[Side<'_>; 2], at: &Instant, variant: WarpVariant) -> Vec<f32> {
     let seen = |side: &Side<'_>, p: usize| -> Option<(f32, f32)> {
         let (key, word) = (side.sums.keys[p], side.sums.words[p]);
-        if key == 0 || word == 0 || is_hole(config, word) {
+        if key == 0 || word == 0 || is_hole(variant, word) {
             return None;
         }
-        let luminance = match config.carrier {
-            Carrier::Colour => {
+        let luminance = match variant {
+            WarpVariant::EvisPaper => {
                 let scale = light_scale(side.sources, at);
                 let light =
                     (side.sums.light[p] >> 32) as f32 * 4_294_967_296.0 + side.sums.light[p] as u32 as f32;
                 (light / word as f32 * (scale / LIGHT_STEPS)).min(scale)
             }
-            Carrier::Index => {
+            WarpVariant::Splat => {
                 let bits = u32::BITS - (side.placed.len() as u32).leading_zeros();
                 let number = (word & ((1 << bits) - 1)) as usize;
                 gathered(side.sources, &side.placed, at, p, number)
@@ -329,14 +309,16 @@ pub fn resolve(sides: &[Side<'_>; 2], at: &Instant, config: &SplatConfig) -> Vec
         };
         Some((luminance, nearness_of(key)))
     };
+    let splat = variant == WarpVariant::Splat;
     (0..at.size[0] * at.size[1])
         .map(|p| match (seen(&sides[0], p), seen(&sides[1], p)) {
-            (None, None) => config.fill.unwrap_or(-1.0),
+            (None, None) if splat => -1.0,
+            (None, None) => 0.0,
             (Some((only, _)), None) | (None, Some((only, _))) => only,
             (Some(older), Some(newer)) => {
-                if config.nearest && newer.1 < older.1 * SAME_SURFACE {
+                if splat && newer.1 < older.1 * SAME_SURFACE {
                     older.0
-                } else if config.nearest && older.1 < newer.1 * SAME_SURFACE || !config.blend {
+                } else if !splat || older.1 < newer.1 * SAME_SURFACE {
                     newer.0
                 } else {
                     let [a, b] = [older.0, newer.0].map(|l| (l + at.log_floor).ln());
@@ -348,21 +330,20 @@ pub fn resolve(sides: &[Side<'_>; 2], at: &Instant, config: &SplatConfig) -> Vec
 }
 
 /// An instant from the sources of its older and newer keyframe, moved linearly.
-pub fn instant<'a>(sources: [&'a [Source]; 2], at: &Instant, config: &SplatConfig) -> [Side<'a>; 2] {
+pub fn instant<'a>(sources: [&'a [Source]; 2], at: &Instant, variant: WarpVariant) -> [Side<'a>; 2] {
     let carry = |side: usize, other: Option<&Sums>| {
         let sources = sources[side];
         let mut sums = Sums::default();
-        let placed = place(sources, side, at, config, other, &mut sums);
-        match config.carrier {
-            Carrier::Colour => accumulate(sources, &placed, at, config, other, &mut sums),
-            Carrier::Index => {
-                index(&placed, at, config, other, &mut sums);
+        let placed = place(sources, side, at, variant, other, &mut sums);
+        match variant {
+            WarpVariant::EvisPaper => accumulate(sources, &placed, at, other, &mut sums),
+            WarpVariant::Splat => {
+                index(&placed, at, &mut sums);
             }
         }
         Side { sources, placed, sums }
     };
     let newer = carry(1, None);
-    let both = config.nearest || config.blend;
-    let older = carry(0, (!both).then_some(&newer.sums));
+    let older = carry(0, (variant == WarpVariant::EvisPaper).then_some(&newer.sums));
     [older, newer]
 }

@@ -1,7 +1,8 @@
 //! `splat/*.wgsl`: from a keyframe's pictures to the light of an instant. Twin: `cpu/splat.rs`.
 
+use evis_core::WarpVariant;
+
 use super::{Access, Binding, ComputePass, bind};
-use crate::splat_config::{Carrier, Motion, SplatConfig};
 
 /// Invocations per workgroup along a row; `splat/layout.wgsl` has the same constant.
 pub const SPLAT_WORKGROUP: u32 = 64;
@@ -97,40 +98,33 @@ pub struct SplatPasses {
 }
 
 impl SplatPasses {
-    /// Builds them for `config`, keyframes of `samples` samples, and `run` sources added up by one invocation.
-    pub fn new(device: &wgpu::Device, config: &SplatConfig, samples: u32, run: u32) -> Self {
+    /// Builds them for `variant`, keyframes of `samples` samples, and `run` sources added up by one invocation.
+    pub fn new(device: &wgpu::Device, variant: WarpVariant, samples: u32, run: u32) -> Self {
         let flag = |b: bool| f64::from(u8::from(b));
-        let exact = flag(config.motion == Motion::Exact);
-        let carrier = flag(config.carrier == Carrier::Index);
+        let is_paper = variant == WarpVariant::EvisPaper;
+        let paper = ("EVIS_PAPER", flag(is_paper));
         let side = |fill_holes: bool| {
             let fill = ("FILL_HOLES", flag(fill_holes));
-            let place = [("EXACT", exact), ("CARRIER", carrier), fill];
             SidePasses {
-                place: ComputePass::new(device, "splat/place.wgsl", PLACE_BINDINGS, &place),
-                carry: match config.carrier {
-                    Carrier::Colour => {
+                place: ComputePass::new(device, "splat/place.wgsl", PLACE_BINDINGS, &[paper, fill]),
+                carry: match variant {
+                    WarpVariant::EvisPaper => {
                         let add = [fill, ("RUN", f64::from(run))];
                         ComputePass::new(device, "splat/accumulate.wgsl", ACCUMULATE_BINDINGS, &add)
                     }
-                    Carrier::Index => ComputePass::new(device, "splat/index.wgsl", INDEX_BINDINGS, &[fill]),
+                    WarpVariant::Splat => ComputePass::new(device, "splat/index.wgsl", INDEX_BINDINGS, &[]),
                 },
             }
         };
-        let prepare =
-            [("SAMPLES", f64::from(samples)), ("DILATE", f64::from(config.dilate)), ("WITH_OBJECTS", exact)];
-        let resolve =
-            [("CARRIER", carrier), ("NEAREST", flag(config.nearest)), ("BLEND", flag(config.blend))];
-        let fill_holes = !config.nearest && !config.blend;
+        let prepare = [("SAMPLES", f64::from(samples)), ("WITH_OBJECTS", flag(!is_paper))];
         Self {
             run,
             prepare: ComputePass::new(device, "splat/prepare.wgsl", PREPARE_BINDINGS, &prepare),
             newer: side(false),
-            holes: fill_holes.then(|| {
-                ComputePass::new(device, "splat/holes.wgsl", HOLES_BINDINGS, &[("CARRIER", carrier)])
-            }),
-            older: side(fill_holes),
-            resolve: ComputePass::new(device, "splat/resolve.wgsl", RESOLVE_BINDINGS, &resolve),
-            show: ComputePass::new(device, "splat/show.wgsl", SHOW_BINDINGS, &[]),
+            holes: is_paper.then(|| ComputePass::new(device, "splat/holes.wgsl", HOLES_BINDINGS, &[])),
+            older: side(is_paper),
+            resolve: ComputePass::new(device, "splat/resolve.wgsl", RESOLVE_BINDINGS, &[paper]),
+            show: ComputePass::new(device, "splat/show.wgsl", SHOW_BINDINGS, &[paper]),
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use evis_core::{Interpolation, SensorConfig, TriggerRule};
+use evis_core::{SensorConfig, TriggerRule};
 
 use super::{Access, Binding, ComputePass, bind};
 use crate::chain::{ChainPasses, ChainPlan};
@@ -193,20 +193,15 @@ impl TriggerPasses {
     }
 }
 
-fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'static str, f64); 5] {
+fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'static str, f64); 4] {
     let rule = match sensor.trigger {
         TriggerRule::Crossing => 0.0,
         TriggerRule::Latch => 1.0,
     };
     // A latch knows light at samples alone.
     let curve = blocks.between == Between::Curve && sensor.trigger == TriggerRule::Crossing;
-    let interpolation = match sensor.interpolation {
-        Interpolation::Log => 0.0,
-        Interpolation::Light => 1.0,
-    };
     [
         ("TRIGGER_RULE", rule),
-        ("INTERPOLATION", interpolation),
         ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
         ("BLOCK_INSTANTS", f64::from(blocks.instants)),
         ("CURVE", f64::from(u8::from(curve))),

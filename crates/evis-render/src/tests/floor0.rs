@@ -354,16 +354,12 @@ fn host_and_shader_structs_have_one_layout() {
             canvas_height,
             margin,
             view_count,
-            supersample,
             transform_base,
             objects,
             side,
             slot,
             moved,
             elapsed,
-            sharpness,
-            hole_below,
-            fill,
             first_layer,
             layers_per_view,
             index_bits,
@@ -425,17 +421,30 @@ fn canary_a_swapped_field_is_seen() {
 
 /// A scalar constant of `file`.
 fn constant(file: &str, name: &str) -> f64 {
+    let values = constants(file, name);
+    assert_eq!(values.len(), 1, "{name} is a vector");
+    values[0]
+}
+
+/// The components of a constant of `file`.
+fn constants(file: &str, name: &str) -> Vec<f64> {
     let module = parse(file, &every_feature(), interface(file));
     let (_, constant) = module
         .constants
         .iter()
         .find(|(_, c)| c.name.as_deref() == Some(name))
         .unwrap_or_else(|| panic!("{file} has no constant {name}"));
-    match module.global_expressions[constant.init] {
+    let value = |expression: &naga::Expression| match *expression {
         naga::Expression::Literal(naga::Literal::U32(v)) => f64::from(v),
         naga::Expression::Literal(naga::Literal::I32(v)) => f64::from(v),
         naga::Expression::Literal(naga::Literal::F32(v)) => f64::from(v),
         ref other => panic!("{name}: {other:?}"),
+    };
+    match &module.global_expressions[constant.init] {
+        naga::Expression::Compose { components, .. } => {
+            components.iter().map(|c| value(&module.global_expressions[*c])).collect()
+        }
+        scalar => vec![value(scalar)],
     }
 }
 
@@ -449,6 +458,8 @@ fn constants_agree() {
     assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::tiles::TILE));
     assert_eq!(constant("adaptive/audit.wgsl", "SCALE"), f64::from(crate::cpu::audit::SCALE));
     assert_eq!(constant("adaptive/audit.wgsl", "PIXEL_BITS"), f64::from(crate::cpu::audit::PIXEL_BITS));
+    let weights = evis_core::luminance::LUMINANCE_WEIGHTS.map(|weight| f64::from(weight as f32));
+    assert_eq!(constants("raster/luminance.wgsl", "LUMINANCE_WEIGHTS"), weights);
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
     let cells = f64::from(crate::shadow_cells::CELLS);
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDER_CELLS"), cells);

@@ -3,27 +3,14 @@
 
 use std::sync::Arc;
 
-use evis_core::{Interpolation, LabelKind, TriggerRule};
+use evis_core::{LabelKind, TriggerRule, Warp};
 
 use crate::config::{Antialias, Method, RunConfig};
 use crate::gpu::Gpu;
-use crate::splat_config::{Carrier, Motion, SplatConfig};
 use crate::view;
 
-fn methods() -> [Method; 4] {
-    let splat = SplatConfig::default();
-    [
-        Method::Native,
-        Method::Splat(splat),
-        Method::Splat(SplatConfig::evis_paper(30.0, 8)),
-        Method::Splat(SplatConfig {
-            motion: Motion::Linear,
-            carrier: Carrier::Index,
-            blend: false,
-            nearest: false,
-            ..splat
-        }),
-    ]
+fn methods() -> [Method; 3] {
+    [Method::Native, Method::Splat(Warp::default()), Method::Splat(Warp::evis_paper(8))]
 }
 
 #[test]
@@ -32,11 +19,7 @@ fn every_pipeline_builds_without_a_driver() {
     for (name, _) in evis_scene::builtin::names() {
         let scene = Arc::new(evis_scene::builtin::load(name, 0).unwrap());
         for antialias in [Antialias::Samples, Antialias::Edges] {
-            for (trigger, interpolation) in [
-                (TriggerRule::Crossing, Interpolation::Log),
-                (TriggerRule::Crossing, Interpolation::Light),
-                (TriggerRule::Latch, Interpolation::Log),
-            ] {
+            for trigger in [TriggerRule::Crossing, TriggerRule::Latch] {
                 for method in methods() {
                     let mut config = RunConfig {
                         method,
@@ -48,7 +31,6 @@ fn every_pipeline_builds_without_a_driver() {
                         ..Default::default()
                     };
                     config.sensor.trigger = trigger;
-                    config.sensor.interpolation = interpolation;
                     let (views, _) = view::views(&scene, &config).unwrap();
                     let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
                     crate::engine::Engine::new(&gpu, scene.clone(), views, &mut config).unwrap();

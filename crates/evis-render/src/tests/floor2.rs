@@ -1,7 +1,7 @@
 //! Floor 2: each pass equals its CPU twin, with planted boundary cases and a canary.
 
 use evis_core::trigger::PixelState;
-use evis_core::{Interpolation, SensorConfig, TriggerRule};
+use evis_core::{SensorConfig, TriggerRule};
 
 use crate::config::Between;
 use crate::cpu::trigger::{PIECES, curve, log_luma, walk, walk_curves};
@@ -22,12 +22,6 @@ const SAMPLES: u32 = 3;
 const INSTANTS: u32 = 5;
 /// Instants of a block, where tiles have paces.
 const BLOCK: u32 = 8;
-
-/// A rule and what it takes as straight between samples.
-type Rule = (TriggerRule, Interpolation);
-const CROSSING: Rule = (TriggerRule::Crossing, Interpolation::Log);
-const CROSSING_LIGHT: Rule = (TriggerRule::Crossing, Interpolation::Light);
-const LATCH: Rule = (TriggerRule::Latch, Interpolation::Log);
 
 /// A small hash to (0, 1): test inputs only.
 fn noise(i: u32) -> f32 {
@@ -72,7 +66,7 @@ struct Ran {
 
 fn run(
     gpu: &Gpu,
-    rule: Rule,
+    rule: TriggerRule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
     grid: &SampleGrid,
@@ -87,7 +81,7 @@ fn run(
 #[expect(clippy::too_many_arguments, reason = "what the passes depend on")]
 fn run_unit(
     gpu: &Gpu,
-    ((trigger, interpolation), samples, unknown, blocks): (Rule, u32, bool, Blocks),
+    (trigger, samples, unknown, blocks): (TriggerRule, u32, bool, Blocks),
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
     grid: &SampleGrid,
@@ -131,7 +125,7 @@ fn run_unit(
     }
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors, None);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
-    let rules = SensorConfig { trigger, interpolation, ..Default::default() };
+    let rules = SensorConfig { trigger, ..Default::default() };
     let passes = TriggerPasses::new(&gpu.device, &[&rules], samples, unknown, blocks, 1);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, unit, &slot);
@@ -198,13 +192,12 @@ fn sensors() -> Vec<ViewSensor> {
 }
 
 /// The same sensor for the twin.
-fn config_of(sensor: &ViewSensor, (trigger, interpolation): Rule) -> SensorConfig {
+fn config_of(sensor: &ViewSensor, trigger: TriggerRule) -> SensorConfig {
     SensorConfig {
         threshold_on: sensor.threshold_on,
         threshold_off: sensor.threshold_off,
         log_eps: sensor.log_eps,
         trigger,
-        interpolation,
         ..SensorConfig::default()
     }
 }
@@ -245,7 +238,7 @@ struct Comparison {
 
 fn compare(
     ran: &Ran,
-    rule: Rule,
+    rule: TriggerRule,
     layers: &[Vec<f32>],
     sensors: &[ViewSensor],
     grid: &SampleGrid,
@@ -311,12 +304,12 @@ fn trigger_passes_equal_their_twin() {
     let layers = layers();
     let sensors = sensors();
     let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
-    for rule in [CROSSING, CROSSING_LIGHT, LATCH] {
+    for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
         let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 16, false);
         assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
         let got = compare(&ran, rule, &layers, &sensors, &grid);
         assert!(got.wrong.is_empty(), "{rule:?}: {} wrong, first {}", got.wrong.len(), got.wrong[0]);
-        assert!(got.events > 5000 || rule == LATCH && got.events > 1000, "{}", got.events);
+        assert!(got.events > 5000 || rule == TriggerRule::Latch && got.events > 1000, "{}", got.events);
         assert_eq!(got.compared as u32, WIDTH * HEIGHT * VIEWS);
         // The band is there, it is small, and times have no bias to one side.
         assert!(got.near > 0 && got.near < got.compared / 20, "{} near of {}", got.near, got.compared);
@@ -331,17 +324,14 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
     let layers = layers();
     let sensors = sensors();
     let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
-    let mut ran = run(&gpu, CROSSING, &layers, &sensors, &grid, 1 << 16, false);
+    let mut ran = run(&gpu, TriggerRule::Crossing, &layers, &sensors, &grid, 1 << 16, false);
     let mut wrong = sensors.clone();
     wrong[1].threshold_off *= 1.01;
-    assert!(!compare(&ran, CROSSING, &layers, &wrong, &grid).wrong.is_empty());
-    // What is straight between samples shows in the times alone.
-    let mixed = compare(&ran, CROSSING_LIGHT, &layers, &sensors, &grid);
-    assert!(mixed.wrong.len() > 1000 && mixed.flipped <= mixed.near, "{}", mixed.wrong.len());
+    assert!(!compare(&ran, TriggerRule::Crossing, &layers, &wrong, &grid).wrong.is_empty());
     for record in &mut ran.records {
         record[0] += 2;
     }
-    assert!(!compare(&ran, CROSSING, &layers, &sensors, &grid).wrong.is_empty());
+    assert!(!compare(&ran, TriggerRule::Crossing, &layers, &sensors, &grid).wrong.is_empty());
 }
 
 /// What the twin says of a pixel that is sampled at its tile's paces, block by block.
@@ -381,7 +371,7 @@ fn curves_between_samples_equal_their_twin() {
         (-1..i64::from(unit.instants)).map(|k| (grid.instant_us(unit.first + k) - base) as u32).collect();
     let tiles = tiles_along(WIDTH) * tiles_along(HEIGHT);
     let paces: Vec<u8> = (0..VIEWS * 2 * tiles).map(|tile| (tile % 4) as u8).collect();
-    for rule in [CROSSING, CROSSING_LIGHT, LATCH] {
+    for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
         let ran = run_unit(&gpu, (rule, 1, false, blocks), &layers, &sensors, &grid, 1 << 18, &unit, &paces);
         assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
         let (mut events, mut bent, mut other, mut pixels) = (0, 0, 0, 0);
@@ -407,7 +397,7 @@ fn curves_between_samples_equal_their_twin() {
                 let ways = [Between::Curve, Between::Line];
                 let mut twins =
                     ways.map(|between| twin_of_blocks(&config, &lumas, &of_tile, &times, between));
-                if rule == LATCH {
+                if rule == TriggerRule::Latch {
                     twins.reverse();
                 }
                 let [expected, unlike] = twins;
@@ -420,7 +410,7 @@ fn curves_between_samples_equal_their_twin() {
                 bent += usize::from(!alike(&got, &unlike));
             }
         }
-        assert!(events > if rule == LATCH { 4_000 } else { 20_000 }, "{rule:?}: {events}");
+        assert!(events > if rule == TriggerRule::Latch { 4_000 } else { 20_000 }, "{rule:?}: {events}");
         // Within rounding of a threshold or a microsecond host and device may differ.
         assert!(other * 50 < pixels, "{rule:?}: {other} of {pixels} pixels");
         assert!(bent * 3 > pixels, "{rule:?}, canary: {bent} pixels are unlike the other way");
@@ -471,7 +461,7 @@ fn an_unknown_instant_leaves_the_pixel_as_it_was() {
             }
         }
     }
-    for rule in [CROSSING, LATCH] {
+    for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
         let ran = run(&gpu, rule, &layers, &sensors, &grid, 1 << 18, true);
         assert_eq!((ran.status.mismatched, ran.status.unknown), (0, planted), "{rule:?}");
         let got = compare(&ran, rule, &layers, &sensors, &grid);
@@ -489,7 +479,7 @@ fn an_unknown_instant_leaves_the_pixel_as_it_was() {
 fn a_full_buffer_stalls_and_writes_nothing() {
     let Some(gpu) = super::device() else { return };
     let grid = SampleGrid::new(1000.0, 1).unwrap();
-    let ran = run(&gpu, CROSSING, &layers(), &sensors(), &grid, 64, false);
+    let ran = run(&gpu, TriggerRule::Crossing, &layers(), &sensors(), &grid, 64, false);
     assert_eq!(ran.status.stalled, 1);
     assert!(ran.status.event_count > 64, "the host learns how many events there are");
     assert!(ran.records.iter().all(|r| *r == [0, 0]), "nothing was emitted");

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use evis_core::Event;
 use evis_core::sensor::{Noise, Readout, SensorConfig};
+use evis_core::{Event, Warp};
 use evis_scene::Scene;
 
 use super::floor3::{batch, events, gather};
@@ -11,7 +11,6 @@ use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
-use crate::splat_config::SplatConfig;
 use crate::view;
 
 /// Two sensors that have everything between them.
@@ -48,8 +47,8 @@ fn packets_and_steps_change_no_byte() {
     for sensor in sensors() {
         let methods = [
             Method::Native,
-            Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 7, ..SplatConfig::default() }),
-            Method::Splat(SplatConfig::evis_paper(100.0, 7)),
+            Method::Splat(Warp::default().at(100.0, 7)),
+            Method::Splat(Warp::evis_paper(7).at(100.0, 7)),
         ];
         for method in methods {
             let mut config = RunConfig { method, ..config(&sensor) };

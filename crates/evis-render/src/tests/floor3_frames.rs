@@ -3,14 +3,13 @@
 
 use std::sync::Arc;
 
-use evis_core::{LabelData, LabelFrame, LabelKind};
+use evis_core::{LabelData, LabelFrame, LabelKind, Warp};
 use evis_scene::Motion;
 
 use super::floor3::{batch, gather};
 use crate::config::{Method, RunConfig};
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
-use crate::splat_config::SplatConfig;
 
 fn config() -> RunConfig {
     RunConfig {
@@ -146,7 +145,7 @@ fn frames_change_nothing_else_and_nothing_changes_them() {
         assert_eq!(labels.len() + 4, with_labels.len());
     }
     // Whatever makes the events, frames are rendered.
-    let splat = Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 7, ..SplatConfig::default() });
+    let splat = Method::Splat(Warp::default().at(100.0, 7));
     let splatted = stream(&gpu, &RunConfig { method: splat, ..config.clone() }, 10_000);
     assert!(frames(&splatted[1].1) == frames(&expected[1].1) && splatted[1].0 != expected[1].0);
     let longer = stream(&gpu, &RunConfig { exposure_us: 12_000, ..config }, 10_000);

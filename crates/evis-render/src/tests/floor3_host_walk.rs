@@ -3,15 +3,14 @@
 use std::sync::Arc;
 
 use evis_core::emulator::parts::{Cause, emulator};
-use evis_core::sensor::{Exposure, ExposureShape, Noise, Photoreceptor, Readout, SensorConfig};
-use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind};
+use evis_core::sensor::{Exposure, Noise, Photoreceptor, Readout, SensorConfig};
+use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind, Warp};
 use evis_scene::Scene;
 
 use super::floor3::{batch, events, gather};
 use crate::config::{Antialias, Method, RunConfig};
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
-use crate::splat_config::SplatConfig;
 use crate::view;
 
 fn config() -> RunConfig {
@@ -113,8 +112,8 @@ fn packets_and_steps_change_no_byte() {
     let scene = batch(&[0.0]);
     let methods = [
         Method::Native,
-        Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 5, ..SplatConfig::default() }),
-        Method::Splat(SplatConfig::evis_paper(100.0, 5)),
+        Method::Splat(Warp::default().at(100.0, 5)),
+        Method::Splat(Warp::evis_paper(5).at(100.0, 5)),
     ];
     for method in methods {
         let mut config = RunConfig { method, ..config() };
@@ -164,8 +163,7 @@ fn coverage_samples_reach_the_host_too() {
 
 /// Pixels that see frames, of thresholds, of a chain with noise and a wire, and of a diffusion.
 fn exposed() -> [RunConfig; 3] {
-    let exposure =
-        Exposure { time_us: 5_000, period_us: 7_001, shape: ExposureShape::Weights(vec![1.0, 1.0, 0.0]) };
+    let exposure = Exposure { time_us: 5_000, period_us: 7_001 };
     let mut noisy = SensorConfig::preset("v2e-noisy").unwrap();
     noisy.readout = Readout { latency_us: 2_500.0, jitter_us: 400.0, ..Readout::default() };
     [SensorConfig::default(), noisy, config().sensor]
@@ -208,7 +206,7 @@ fn packets_steps_and_neighbours_change_no_byte_of_exposed_pixels() {
     let scene = batch(&[0.3, 0.0]);
     let methods = [
         (Method::Native, None),
-        (Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 5, ..SplatConfig::default() }), None),
+        (Method::Splat(Warp::default().at(100.0, 5)), None),
         (Method::Native, Some(0.4)),
     ];
     for ((method, adaptive_px), base) in methods.into_iter().zip(exposed().into_iter().cycle()) {

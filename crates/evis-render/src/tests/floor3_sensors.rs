@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use evis_core::sensor::{Readout, SensorConfig};
-use evis_core::{Event, LabelKind, TriggerRule};
+use evis_core::{Event, LabelKind, TriggerRule, Warp};
 use evis_scene::{Scene, Variant};
 
 use super::floor3::{events, gather};
@@ -13,7 +13,6 @@ use crate::engine::{Engine, classes};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
-use crate::splat_config::SplatConfig;
 use crate::view;
 
 /// The spinner with a camera each for thresholds, a chain with a wire, a diffusion, a latch in another size, and again
@@ -69,7 +68,7 @@ fn methods() -> Vec<(Method, Option<f64>)> {
     vec![
         (Method::Native, None),
         (Method::Native, Some(0.4)),
-        (Method::Splat(SplatConfig { keyframe_hz: 100.0, steps: 7, ..SplatConfig::default() }), None),
+        (Method::Splat(Warp::default().at(100.0, 7)), None),
     ]
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use evis_core::LabelKind;
+use evis_core::{LabelKind, Warp, WarpVariant};
 use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder, ShapeSettings};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
@@ -14,7 +14,6 @@ use crate::config::{Antialias, Method, RunConfig};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::simulator::Simulator;
-use crate::splat_config::{Carrier, Motion, SplatConfig};
 
 use super::adaptive_streams::engine;
 use super::floor3::{batch, gather};
@@ -25,11 +24,15 @@ const SIZE: [u32; 2] = [64, 48];
 const KEYFRAME_HZ: f64 = 100.0;
 const STEPS: u32 = 4;
 
-fn splat() -> SplatConfig {
-    SplatConfig { keyframe_hz: KEYFRAME_HZ, steps: STEPS, margin: 16, ..SplatConfig::default() }
+fn splat() -> Warp {
+    Warp { margin: Some(16), ..Warp::default().at(KEYFRAME_HZ, STEPS) }
 }
 
-fn config(splat: SplatConfig) -> RunConfig {
+fn paper() -> Warp {
+    Warp { variant: WarpVariant::EvisPaper, ..splat() }
+}
+
+fn config(splat: Warp) -> RunConfig {
     RunConfig {
         method: Method::Splat(splat),
         samples: 1,
@@ -84,15 +87,7 @@ fn a_plane_at_constant_velocity_is_warped_exactly() {
     let native =
         RunConfig { method: Method::Native, rate_hz: KEYFRAME_HZ * f64::from(STEPS), ..config(splat()) };
     let expected = engine(&gpu, &scene, &native).instants(0, 9).unwrap();
-    let paper = SplatConfig { margin: 16, ..SplatConfig::evis_paper(KEYFRAME_HZ, STEPS) };
-    for settings in [
-        splat(),
-        paper,
-        SplatConfig { motion: Motion::Linear, ..splat() },
-        SplatConfig { carrier: Carrier::Colour, ..splat() },
-        SplatConfig { blend: false, ..splat() },
-        SplatConfig { dilate: 1, ..splat() },
-    ] {
+    for settings in [splat(), paper()] {
         let got = engine(&gpu, &scene, &config(settings)).instants(0, 9).unwrap();
         for (k, (got, expected)) in got.iter().zip(&expected).enumerate() {
             let worst = worst(got, expected);
@@ -100,13 +95,6 @@ fn a_plane_at_constant_velocity_is_warped_exactly() {
         }
         assert!(worst(&got[1], &expected[2]) > 0.1, "canary: one instant is not another");
     }
-    // Twice as many pixels of the keyframe give the box filter's average of four samples.
-    let fine = SplatConfig { supersample: 2, ..splat() };
-    let got = engine(&gpu, &scene, &config(fine)).instants(0, 9).unwrap();
-    assert!(worst(&got[1], &got[1 + 1]) > 0.05 && got[1].iter().all(|y| *y > 0.0));
-    let shifted = |p: usize| (!p.is_multiple_of(64)).then(|| (got[2][p], got[1][p - 1]));
-    let pairs: Vec<_> = (0..got[1].len()).filter_map(shifted).collect();
-    assert!(pairs.iter().all(|(a, b)| (a - b).abs() < 2e-3 * b.max(0.01)), "one pixel on at each instant");
 }
 
 /// Displacements of the older side in pixels from the keyframe, at its last instant, by keyframe pixel.
@@ -129,9 +117,9 @@ fn rotation_bends_linear_motion_by_its_sagitta_and_leaves_exact_motion_alone() {
     let Some(gpu) = super::device() else { return };
     for angle in [0.1f64, 0.2, 0.4] {
         let scene = turning(angle);
-        for motion in [Motion::Linear, Motion::Exact] {
+        for variant in [WarpVariant::EvisPaper, WarpVariant::Splat] {
             // One instant, in the middle of the first gap.
-            let settings = SplatConfig { steps: 2, motion, ..splat() };
+            let settings = Warp { steps: Some(2), variant, ..splat() };
             let mut engine = engine(&gpu, &scene, &config(settings));
             engine.instants(1, 1).unwrap();
             let (mut compared, mut largest) = (0, 0.0f64);
@@ -143,17 +131,20 @@ fn rotation_bends_linear_motion_by_its_sagitta_and_leaves_exact_motion_alone() {
                 let error = (moved[0] - exact[0]).hypot(moved[1] - exact[1]);
                 let radius = r[0].hypot(r[1]);
                 let sagitta = radius * (1.0 - (angle / 2.0).cos());
-                let expected = if motion == Motion::Linear { sagitta } else { 0.0 };
+                let expected = if variant == WarpVariant::EvisPaper { sagitta } else { 0.0 };
                 assert!(
                     (error - expected).abs() < 4e-3,
-                    "{motion:?} {angle}, r {radius}: {error}, {expected}"
+                    "{variant:?} {angle}, r {radius}: {error}, {expected}"
                 );
                 assert!((sagitta - radius * angle * angle / 8.0).abs() < 2e-3 * radius * angle * angle);
                 compared += 1;
                 largest = largest.max(error);
             }
             assert!(compared > 2000, "{compared}");
-            assert!((largest > 0.02) == (motion == Motion::Linear), "canary: the two differ, {largest}");
+            assert!(
+                (largest > 0.02) == (variant == WarpVariant::EvisPaper),
+                "canary: the two differ, {largest}"
+            );
         }
     }
 }
@@ -162,8 +153,7 @@ fn rotation_bends_linear_motion_by_its_sagitta_and_leaves_exact_motion_alone() {
 fn what_stands_still_never_fires() {
     let Some(gpu) = super::device() else { return };
     let scene = board(Path::ConstantVelocity { start: start(), velocity: DVec3::ZERO });
-    let paper = SplatConfig { margin: 16, ..SplatConfig::evis_paper(KEYFRAME_HZ, STEPS) };
-    for settings in [splat(), paper, SplatConfig { supersample: 2, carrier: Carrier::Colour, ..splat() }] {
+    for settings in [splat(), paper()] {
         let mut config = config(settings);
         config.sensor.threshold_on = 1e-3;
         config.sensor.threshold_off = 1e-3;
@@ -181,39 +171,29 @@ fn what_no_keyframe_shows_is_black_for_the_paper_and_unknown_else() {
     let Some(gpu) = super::device() else { return };
     // Without a margin, a column enters from the left at every gap's first instants.
     let scene = sliding(12.0);
-    let steps = |splat: SplatConfig| engine(&gpu, &scene, &config(splat)).instants(1, 1).unwrap().remove(0);
-    let bare = SplatConfig { margin: 0, steps: 2, ..splat() };
+    let steps = |splat: Warp| engine(&gpu, &scene, &config(splat)).instants(1, 1).unwrap().remove(0);
+    let bare = Warp { margin: Some(0), steps: Some(2), ..splat() };
     // Half way, either keyframe has six columns that the other lacks: together they see all.
     assert!(steps(bare).iter().all(|y| *y > 0.0));
-    let paper = SplatConfig { margin: 0, ..SplatConfig::evis_paper(KEYFRAME_HZ, 2) };
-    assert!(steps(paper).iter().all(|y| *y > 0.0));
+    let bare_paper = Warp { variant: WarpVariant::EvisPaper, ..bare };
+    assert!(steps(bare_paper).iter().all(|y| *y > 0.0));
     // What turns fast about a corner leaves places that neither shows.
     let start = Trs { translation: DVec3::new(0.2, 0.2, -1.1), ..Trs::default() };
     let swinging = board(Path::Spin { start, axis: DVec3::Y, rate: 1.2 * KEYFRAME_HZ });
-    let steps = |splat: SplatConfig| engine(&gpu, &swinging, &config(splat)).instants(1, 3).unwrap();
-    let unknown = steps(SplatConfig { margin: 0, ..splat() });
-    let black = steps(SplatConfig { fill: Some(0.0), margin: 0, ..splat() });
-    let constant = steps(SplatConfig { fill: Some(7.5), margin: 0, ..splat() });
-    let mut holes = 0;
-    for ((u, b), c) in unknown.iter().flatten().zip(black.iter().flatten()).zip(constant.iter().flatten()) {
-        if *u < 0.0 {
-            holes += 1;
-            assert_eq!((*b, *c), (0.0, 7.5));
-        } else {
-            assert!(u == b && u == c);
-        }
-    }
+    let steps = |splat: Warp| engine(&gpu, &swinging, &config(splat)).instants(1, 3).unwrap();
+    let unknown = steps(Warp { margin: Some(0), ..splat() });
+    let holes = unknown.iter().flatten().filter(|y| **y < 0.0).count();
+    let black = steps(Warp { margin: Some(0), ..paper() });
+    assert!(black.iter().flatten().all(|y| *y >= 0.0) && black.iter().flatten().any(|y| *y == 0.0));
     assert!(holes > 0, "there are holes");
-    let mut simulator = Simulator::new(&gpu, swinging, config(SplatConfig { margin: 0, ..splat() })).unwrap();
+    let mut simulator = Simulator::new(&gpu, swinging, config(Warp { margin: Some(0), ..splat() })).unwrap();
     assert!(simulator.step(30_000).unwrap().report.unknown > 0, "the report counts them");
 }
 
 #[test]
 fn packets_steps_reruns_and_neighbours_change_no_byte() {
     let Some(gpu) = super::device() else { return };
-    let colour = SplatConfig { carrier: Carrier::Colour, motion: Motion::Linear, supersample: 2, ..splat() };
-    let paper = SplatConfig { margin: 16, ..SplatConfig::evis_paper(KEYFRAME_HZ, 7) };
-    for settings in [splat(), paper, colour] {
+    for settings in [splat(), Warp { steps: Some(7), ..paper() }] {
         let config = RunConfig {
             size: Some((60, 45)),
             labels: vec![LabelKind::Depth, LabelKind::FlowForward, LabelKind::Instance],
@@ -247,16 +227,16 @@ fn pictures_of_coverage_samples_that_no_texture_holds_are_refused_by_name() {
     let Some(gpu) = super::device() else { return };
     let scene = sliding(0.0);
     let texture_edge = gpu.device.limits().max_texture_dimension_2d;
-    let refused = |method: Method, share: u32| {
+    let refused = |method: Method| {
         // 64 samples are drawn as pictures of four times the width.
-        let size = Some((texture_edge / share, 16));
+        let size = Some((texture_edge / 3, 16));
         let edges = RunConfig { method, antialias: Antialias::Edges, samples: 64, size, ..config(splat()) };
         let error = Simulator::new(&gpu, Arc::clone(&scene), edges).err().map(|error| error.to_string());
         error.unwrap_or_default()
     };
-    let supersampled = Method::Splat(SplatConfig { supersample: 2, margin: 0, ..splat() });
-    for (method, share) in [(Method::Native, 3), (supersampled, 6)] {
-        let error = refused(method, share);
+    let bare = Method::Splat(Warp { margin: Some(0), ..splat() });
+    for method in [Method::Native, bare] {
+        let error = refused(method);
         assert!(error.contains("do not fit this device") && error.contains("--size"), "{error:?}");
     }
 }

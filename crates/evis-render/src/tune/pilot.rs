@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use evis_core::metric::{self, ScoreSettings};
 use evis_core::truth::Truth;
-use evis_core::{CameraInfo, Event, ExposureShape, LabelData, LabelKind, SensorConfig};
+use evis_core::{CameraInfo, Event, LabelData, LabelKind, SensorConfig};
 use evis_scene::{Scene, SceneState};
 use serde::{Deserialize, Serialize};
 
@@ -257,7 +257,6 @@ impl<'a> Pilot<'a> {
             sensors: config.sensors.iter().map(|(name, sensor)| (name.clone(), plain(sensor))).collect(),
             labels: Vec::new(),
             frame_rate_hz: None,
-            exposure_shape: ExposureShape::Box,
             ..config.clone()
         }
     }

@@ -13,7 +13,7 @@ use super::split_sum::{self, SplitSum};
 use super::texture::{TextureFilter, Textures};
 
 /// Rec. ITU-R BT.709-6, item 3.2.
-pub const LUMA_WEIGHTS: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
+pub const LUMINANCE_WEIGHTS: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
 
 /// What is computed beyond the plain picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,7 +106,7 @@ impl<'a> RayCaster<'a> {
 
     /// Mean luminance per pixel; the mean is taken in linear light.
     pub fn luminance(&self, camera: &Pinhole, offsets: &[[f64; 2]]) -> Vec<f64> {
-        self.color(camera, offsets).into_iter().map(|c| c.dot(LUMA_WEIGHTS)).collect()
+        self.color(camera, offsets).into_iter().map(|c| c.dot(LUMINANCE_WEIGHTS)).collect()
     }
 
     /// Linear RGB at one image point.
@@ -129,9 +129,9 @@ impl<'a> RayCaster<'a> {
             Some(hit) => {
                 let shadows = self.shadows_of(&hit, &ray, beam);
                 let color = self.shade(&hit, &ray, shadows, beam);
-                (color.dot(LUMA_WEIGHTS), self.kind_of(&hit, shadows))
+                (color.dot(LUMINANCE_WEIGHTS), self.kind_of(&hit, shadows))
             }
-            None => (self.background(&ray).dot(LUMA_WEIGHTS), Kind::default()),
+            None => (self.background(&ray).dot(LUMINANCE_WEIGHTS), Kind::default()),
         }
     }
 

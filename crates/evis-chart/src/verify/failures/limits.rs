@@ -191,7 +191,6 @@ use Bound::{Any, AtLeast, AtMost, Between, Holds};
 
 const NATIVE: &str = "native";
 const SPLAT: &str = "splat";
-const LINEAR: &str = "splat-linear";
 
 /// An interval of confidence that holds 1.
 const EVEN: Bound = Holds { value: 1.0, factor: 1.3 };
@@ -322,16 +321,6 @@ const LIMITS: &[Row] = &[
     today("low-threshold", SPLAT, AtLeast(0.92), 0.92, "bilinear reading between keyframe pixels"),
     today("high-threshold", SPLAT, AtLeast(0.4), 0.4, "edges move in steps"),
     stray("refractory", SPLAT, AtMost(0.0), 0.2, "a pixel rests in continuous time, whatever the instants"),
-    // Motion vectors, as other renderers give them.
-    claim(
-        "rotation",
-        LINEAR,
-        AtMost(0.27),
-        0.6,
-        "a chord's sagitta: r θ² / 8 is 0.4 pixels at 20 pixels, two thirds of it over a gap",
-    ),
-    claim("cracks", LINEAR, AtMost(0.0), 0.0, "the newer keyframe shrinks where the older one cracks"),
-    claim("near", LINEAR, Between(0.95, 1.05), 0.6, "nearest depths are kept by integers; nothing overflows"),
     // The project's own targets.
     near_native("keyframe-burst", "high", EVEN),
     near_native("keyframe-burst-30", "high", EVEN),

@@ -1,7 +1,7 @@
 //! The methods that the suite asks: a table of named settings.
 
-use evis_core::{ConfigError, TriggerRule};
-use evis_render::{Antialias, Motion, Quality, SplatConfig};
+use evis_core::{ConfigError, TriggerRule, Warp};
+use evis_render::{Antialias, Quality};
 use serde::{Deserialize, Serialize};
 
 use crate::ladder::Setting;
@@ -40,7 +40,7 @@ impl NamedMethod {
     pub(super) fn with_keyframes(&self, keyframe_hz: f64) -> Self {
         let Some(splat) = self.setting.splat else { return self.clone() };
         let steps = (self.setting.rate_hz / keyframe_hz).round().max(1.0) as u32;
-        let splat = SplatConfig { keyframe_hz, steps, ..splat };
+        let splat = splat.at(keyframe_hz, steps);
         let setting = Setting {
             splat: Some(splat),
             rate_hz: keyframe_hz * f64::from(steps),
@@ -52,7 +52,7 @@ impl NamedMethod {
 
     /// Keyframes per second; those of the others where it has none, so that the same windows are looked at.
     pub(super) fn keyframe_hz(&self) -> f64 {
-        self.setting.splat.map_or(KEYFRAME_HZ, |splat| splat.keyframe_hz)
+        self.setting.splat.map_or(KEYFRAME_HZ, |splat| splat.scene_keyframe_hz())
     }
 }
 
@@ -63,14 +63,12 @@ const KEYFRAME_HZ: f64 = 125.0;
 pub fn methods() -> Vec<NamedMethod> {
     let crossing = TriggerRule::Crossing;
     let native = |samples| Setting::native(1000.0, samples, Antialias::Samples, crossing);
-    let splat = SplatConfig { keyframe_hz: KEYFRAME_HZ, steps: 8, ..SplatConfig::default() };
-    let linear = SplatConfig { motion: Motion::Linear, ..splat };
-    let paper = SplatConfig::evis_paper(KEYFRAME_HZ, 8);
+    let splat = Warp::default().at(KEYFRAME_HZ, 8);
+    let paper = Warp::evis_paper(8).at(KEYFRAME_HZ, 8);
     vec![
         NamedMethod::new("native", native(SAMPLES)),
         NamedMethod::new("high", Setting::quality(Quality::High)),
         NamedMethod::new("splat", Setting::splat(splat, SAMPLES, crossing)),
-        NamedMethod::new("splat-linear", Setting::splat(linear, SAMPLES, crossing)),
         NamedMethod::new("no-aa", native(1)),
         NamedMethod::new("evis-paper", Setting::splat(paper, 4, TriggerRule::Latch)),
     ]
@@ -96,7 +94,7 @@ mod tests {
     fn other_keyframes_keep_the_rate_of_instants() {
         let splat = NamedMethod::named("splat").unwrap().with_keyframes(30.0);
         let inner = splat.setting.splat.unwrap();
-        assert_eq!((inner.keyframe_hz, inner.steps, splat.keyframe_hz()), (30.0, 33, 30.0));
+        assert_eq!((inner.scene_keyframe_hz(), inner.scene_steps(), splat.keyframe_hz()), (30.0, 33, 30.0));
         assert_eq!((splat.setting.rate_hz, splat.setting.rendered_hz), (990.0, 30.0));
         let native = NamedMethod::named("native").unwrap();
         assert_eq!(native.with_keyframes(30.0), native);

@@ -124,11 +124,13 @@ fn draw_scale<DB: DrawingBackend>(canvas: &Canvas<DB>, y: f64) -> Result<(), Cha
 
 #[cfg(test)]
 mod tests {
+    use evis_core::luminance::luminance;
+
     use super::*;
 
     #[test]
     fn colours_darken_with_the_size_and_tell_the_sign() {
-        let grey = |c: Colour| 0.2126 * f64::from(c.0) + 0.7152 * f64::from(c.1) + 0.0722 * f64::from(c.2);
+        let grey = |c: Colour| luminance([c.0, c.1, c.2].map(f64::from));
         assert_eq!((step(0.0), step(0.2), step(-9.0)), (0, STEPS, -STEPS));
         assert!(step(0.01) > 0 && step(-0.01) < 0);
         for k in 0..STEPS {
