@@ -427,7 +427,7 @@ mod tests {
             most_samples_hz: None,
             published: false,
             adaptive_px: vec![],
-            targets: vec![],
+            presets: vec![],
             splat: vec![],
             splat_triggers: false,
         };

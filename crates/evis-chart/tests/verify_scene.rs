@@ -20,7 +20,7 @@ fn tiny() -> SceneSettings {
     SceneSettings {
         rates_hz: vec![250.0, 500.0, 1000.0, 2000.0],
         samples: vec![4, 64],
-        triggers: vec![Variant::CrossingLog, Variant::Latch],
+        triggers: vec![Variant::Crossing, Variant::Latch],
         // So small a picture moves little: only a keen sensor sees it.
         sensor: SensorConfig { threshold_on: 0.05, threshold_off: 0.05, ..SensorConfig::default() },
         size: Some((32, 24)),
@@ -62,10 +62,10 @@ fn the_engine_converges_on_a_scene() {
         let fit = find(trigger, Swept::Rate { samples: 64 }, Reference::Finest);
         fit.median_us.iter().map(|(_, us)| us.unwrap()).collect::<Vec<_>>()
     };
-    let (log, latch) = (own(Variant::CrossingLog), own(Variant::Latch));
+    let (log, latch) = (own(Variant::Crossing), own(Variant::Latch));
     assert!(log.len() == 3 && log[0] > 4.0 * log[2] && latch[0] > 5.0 * log[0], "{log:?} {latch:?}");
     let by_samples = Swept::Samples { rate_hz: 2000.0 };
-    let errors = &find(Variant::CrossingLog, by_samples, Reference::Truth).median_us;
+    let errors = &find(Variant::Crossing, by_samples, Reference::Truth).median_us;
     assert_eq!(errors.iter().map(|e| e.0).collect::<Vec<_>>(), [4.0, 64.0]);
 
     let text = report.to_json().unwrap();

@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use evis_core::closed_form::convergence::Variant;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
-use evis_core::{ConfigError, LabelKind, Transfer, TriggerRule, Warp, WarpVariant};
+use evis_core::{LabelKind, Transfer, TriggerRule, Warp, WarpVariant};
 use evis_render::{Antialias, Between, Quality, Shadows};
 use evis_truth::{Lattice, PixelChoice};
 

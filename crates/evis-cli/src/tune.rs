@@ -70,6 +70,6 @@ pub(crate) fn tune(args: &TuneArgs) -> anyhow::Result<i32> {
         tuned.reference,
         tuned.tiles,
         args.output.display()
-    ))?;
+    ));
     Ok(0)
 }

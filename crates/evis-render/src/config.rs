@@ -50,7 +50,7 @@ impl Method {
     }
 
     /// Keyframes per second and instants per gap, where it has keyframes.
-    pub const fn keyframes(&self) -> Option<(f64, u32)> {
+    pub fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
             Self::Native => None,
             Self::Splat(warp) => Some((warp.scene_keyframe_hz(), warp.scene_steps())),

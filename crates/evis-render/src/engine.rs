@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
 use evis_core::event::take_causes;
-use evis_core::luminance::luminance;
+use evis_core::luminance;
 use evis_core::{Event, LabelFrame, LabelKind, PoseSample, SensorConfig, TimeGrid, WarpVariant};
 use evis_scene::{Scene, SceneState};
 
@@ -262,7 +262,7 @@ impl Engine {
             texture_taps: config.taps(),
         };
         let sample_count = if edges { 4 } else { 1 };
-        let luminance = raster::luminance_pipelines(
+        let pipelines = raster::luminance_pipelines(
             device,
             &layouts,
             gpu_scene.variants().into_iter(),
@@ -284,7 +284,7 @@ impl Engine {
             &shadow_maps,
             shadows.as_ref().and_then(|s| s.occluders.as_ref()),
         );
-        let background_luminance = luminance(scene.background.map(f64::from));
+        let background_luminance = luminance::luminance(scene.background.map(f64::from));
         let classes = classes(&views);
         let sensors: Vec<&SensorConfig> = classes.iter().map(|of| &views[of[0]].sensor).collect();
         let mut context = Context {
@@ -296,7 +296,7 @@ impl Engine {
             grid,
             start_us: config.start_us,
             offsets,
-            luminance,
+            luminance: pipelines,
             sky,
             background: sky::background(device, background_luminance, sample_count),
             surroundings,

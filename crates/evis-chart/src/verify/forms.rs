@@ -4,7 +4,7 @@ use std::fmt::{Display, Formatter};
 use std::path::Path;
 
 use evis_core::ConfigError;
-use evis_core::closed_form::convergence::{self, Convergence, FLOOR_US, Row, Variant};
+use evis_core::closed_form::convergence::{self, Convergence, FLOOR_US, Variant};
 use serde::{Deserialize, Serialize};
 
 use super::{VERSION, draw};
