@@ -2,6 +2,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
+/// Times of events lie within this many microseconds of 0: 142 years. Differences and sums of a few times cannot overflow,
+/// and are exact as `f64`.
+pub const MOST_T_US: i64 = 1 << 52;
+
 /// Sign of a brightness change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Polarity {

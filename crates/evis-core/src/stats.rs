@@ -36,6 +36,9 @@ pub(crate) const STEP_US: i64 = 1_000;
 /// Distances of [`Stats::spatial_correlation`], pixels.
 const LAGS: [usize; 8] = [1, 2, 3, 4, 6, 8, 16, 32];
 
+/// Pixels of the largest sensor.
+const MOST_PIXELS: i64 = 1 << 32;
+
 /// Intervals up to this count as within a burst, where they are more frequent than those up to twice this.
 pub(crate) const BURST_US: i64 = 5_000;
 
@@ -307,6 +310,10 @@ fn fano_by_window(
         let windows = length_us / window_us;
         if windows < 4 {
             break;
+        }
+        // A number for each window of each pixel.
+        if windows.checked_mul(MOST_PIXELS).is_none() {
+            continue;
         }
         keys.clear();
         keys.extend(events.iter().filter(|event| cold(event)).filter_map(|event| {

@@ -38,7 +38,7 @@ mod _evis {
     #[pymodule_export]
     use crate::packet::{Label, Packet, View};
     #[pymodule_export]
-    use crate::recording::{Recording, Writer};
+    use crate::recording::{Recording, Writer, read_events};
     #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]
@@ -55,6 +55,7 @@ mod _evis {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("MOST_T_US", evis_core::event::MOST_T_US)?;
         crate::errors::register(module)
     }
 

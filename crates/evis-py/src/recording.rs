@@ -17,6 +17,13 @@ use crate::events::{self, EventCd};
 use crate::packet;
 use crate::simulator::lock;
 
+/// Events of a file, with pixels per row and rows.
+#[pyfunction]
+pub(crate) fn read_events(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAny>, u32, u32)> {
+    let file = py.enter_engine(|| evis_core::format::read_events(&path, None))?;
+    Ok((events::into_numpy(py, file.events).into_any(), file.size.0, file.size.1))
+}
+
 /// An HDF5 file that is being written.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Writer {

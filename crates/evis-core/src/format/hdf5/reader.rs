@@ -11,7 +11,7 @@ use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
 use super::{LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
-use crate::format::FormatError;
+use crate::format::{FormatError, check_events};
 use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 
 /// Events that are decoded at once: bounds what a read needs beside its result.
@@ -56,8 +56,8 @@ impl Recording {
     /// # Errors
     /// No such camera, or a file that can no longer be read.
     pub fn event_count(&self, camera: usize) -> Result<u64, FormatError> {
-        let name = &self.camera(camera)?.name;
-        with_file(&self.path, |source| source.events(name).map(|e| e.count))
+        let camera = self.camera(camera)?;
+        with_file(&self.path, |source| source.events(camera).map(|e| e.count))
     }
 
     /// All events of camera `camera`.
@@ -65,8 +65,8 @@ impl Recording {
     /// # Errors
     /// As [`Recording::event_count`].
     pub fn events(&self, camera: usize) -> Result<Vec<Event>, FormatError> {
-        let name = &self.camera(camera)?.name;
-        with_file(&self.path, |source| source.all_events(name))
+        let camera = self.camera(camera)?;
+        with_file(&self.path, |source| source.all_events(camera))
     }
 
     /// Why each event of camera `camera` fired, as numbers of [`crate::Cause`], of those with `start_us <= t < end_us`
@@ -103,9 +103,10 @@ impl Recording {
         end_us: i64,
         marked: bool,
     ) -> Result<Vec<Event>, FormatError> {
-        let name = &self.camera(camera)?.name;
+        let camera = self.camera(camera)?;
+        let name = &camera.name;
         with_file(&self.path, |source| {
-            let mut columns = source.events(name)?;
+            let mut columns = source.events(camera)?;
             if marked {
                 let cause = source.dataset(&format!("{name}/events/cause"))?;
                 columns.count = columns.count.min(source.rows(&cause, "events/cause")?);
@@ -317,6 +318,8 @@ pub(super) struct Source<'a> {
 
 /// The event columns of a camera.
 struct EventColumns {
+    /// Pixels per row, and rows.
+    size: (u32, u32),
     x: H5Dataset,
     y: H5Dataset,
     t: H5Dataset,
@@ -483,16 +486,19 @@ impl Source<'_> {
         })
     }
 
-    pub fn all_events(&self, camera: &str) -> Result<Vec<Event>, FormatError> {
+    pub fn all_events(&self, camera: &CameraInfo) -> Result<Vec<Event>, FormatError> {
         let columns = self.events(camera)?;
         let mut events = Vec::new();
         columns.read(self, 0, columns.count, |block| events.extend_from_slice(block))?;
         Ok(events)
     }
 
-    fn events(&self, camera: &str) -> Result<EventColumns, FormatError> {
+    fn events(&self, camera: &CameraInfo) -> Result<EventColumns, FormatError> {
+        let size = (camera.width, camera.height);
+        let camera = &camera.name;
         let column = |name: &str| self.dataset(&format!("{camera}/events/{name}"));
         let mut columns = EventColumns {
+            size,
             x: column("x")?,
             y: column("y")?,
             t: column("t")?,
@@ -526,7 +532,7 @@ impl EventColumns {
         to: u64,
         mut visit: impl FnMut(&[Event]),
     ) -> Result<(), FormatError> {
-        let mut at = from;
+        let (mut at, mut earlier_us) = (from, i64::MIN);
         while at < to {
             let count = EVENTS_AT_ONCE.min(to - at);
             let x: Vec<u16> = source.slice(&self.x, at, count)?;
@@ -542,9 +548,13 @@ impl EventColumns {
                 .zip(&y)
                 .zip(&p)
                 .map(|(((&t, &x), &y), &p)| {
-                    Event::new(t, x, y, if p == 0 { Polarity::Off } else { Polarity::On })
+                    let mut event = Event::new(t, x, y, Polarity::Off);
+                    event.p = i16::from(p);
+                    event
                 })
                 .collect();
+            check_events(&block, self.size, at, earlier_us).map_err(|what| source.out_of_step(what))?;
+            earlier_us = block.last().map_or(earlier_us, |e| e.t);
             if let Some(cause) = &self.cause {
                 let causes: Vec<u8> = source.slice(cause, at, count)?;
                 for (event, cause) in block.iter_mut().zip(causes) {

@@ -238,7 +238,7 @@ fn read(source: &Source<'_>, header: &RecordingHeader) -> Result<Truth, FormatEr
         reference_luminance: source.scalar("truth/reference_luminance")?,
         duration_us: source.scalar("truth/duration_us")?,
         pixels: pixels.as_chunks().0.to_vec(),
-        events: source.all_events(&camera.name)?,
+        events: source.all_events(camera)?,
         speed: values(source, "speed", 1, present("speed"))?,
         event_region: regions(source, "event_region", present("event_region"))?,
         span_start: values(source, "span_start", 1, present("span_start"))?,

@@ -746,3 +746,50 @@ fn rows<T: H5Type>(
         .create(name)?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Recording;
+    use super::*;
+    use crate::event::Polarity;
+
+    #[test]
+    fn a_recording_with_events_that_cannot_be_is_refused() {
+        let path = std::env::temp_dir().join(format!("evis-writer-{}.h5", std::process::id()));
+        let camera =
+            CameraInfo { name: "c".into(), width: 40, height: 30, fx: 40.0, fy: 40.0, cx: 20.0, cy: 15.0 };
+        let header = RecordingHeader {
+            cameras: vec![camera],
+            seed: 3,
+            method: "native".into(),
+            environment: 0,
+            config_toml: String::new(),
+            duration_us: Some(1_000_000),
+            t_offset_us: 0,
+            labels: Vec::new(),
+        };
+        let good: Vec<Event> = (0..600).map(|i| Event::new(i * 37, (i % 40) as u16, 3, Polarity::On)).collect();
+        let read = |events: &[Event]| {
+            let mut writer = RecordingWriter::create(&path, &header, true).unwrap();
+            // Past the checks of `write_events`, as another program may write them.
+            writer.cameras[0].push_events(events, &[]);
+            writer.finish("{}").unwrap();
+            let recording = Recording::open(&path).unwrap();
+            let between = recording.events_between(0, 0, 1 << 40);
+            recording.events(0).and_then(|all| between.map(|part| (all, part)))
+        };
+        assert_eq!(read(&good).unwrap(), (good.clone(), good.clone()));
+        let wrong: [(&str, fn(&mut Event)); 3] = [
+            ("event 300 has the polarity 7", |e| e.p = 7),
+            ("event 300 (x 40, y 3, at 11100 us) lies outside of 40x30", |e| e.x = 40),
+            ("event 300 is earlier than the one before it", |e| e.t = 3),
+        ];
+        for (message, change) in wrong {
+            let mut events = good.clone();
+            change(&mut events[300]);
+            let error = read(&events).unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+        }
+        fs::remove_file(&path).unwrap();
+    }
+}
