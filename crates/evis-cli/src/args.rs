@@ -31,6 +31,26 @@ const MAX_SIZE: u32 = 8192;
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
+
+    /// Memory that a file may take, such as 8G or 500M; unless given 4G, or half of the machine's memory where that is less
+    #[arg(long, global = true, value_name = "SIZE", value_parser = memory_size)]
+    pub(crate) memory_limit: Option<u64>,
+}
+
+/// Bytes of `8G`, `500M` or `1000000`.
+fn memory_size(text: &str) -> Result<u64, String> {
+    let (number, unit) = text.split_at(text.trim_end_matches(char::is_alphabetic).len());
+    let shift = match unit.to_ascii_lowercase().trim_end_matches('b').trim_end_matches('i') {
+        "" => 0,
+        "k" => 10,
+        "m" => 20,
+        "g" => 30,
+        "t" => 40,
+        _ => return Err(format!("'{unit}' is no unit; K, M, G and T work")),
+    };
+    let bytes = number.parse::<u64>().ok().and_then(|number| number.checked_mul(1 << shift));
+    let least = evis_core::limits::LEAST_MEMORY_LIMIT;
+    bytes.filter(|bytes| *bytes >= least).ok_or_else(|| format!("give a size of 1M or more, such as 8G or {least}"))
 }
 
 /// What to do.

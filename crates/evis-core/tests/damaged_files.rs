@@ -4,14 +4,69 @@
 
 mod common;
 
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use common::damage::{Damage, Folder};
 use evis_core::event::MOST_T_US;
+use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
 use evis_core::format::{EventFile, read_events};
 use evis_core::stats::stats;
-use evis_core::{Event, Polarity};
+use evis_core::{CameraInfo, Event, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
+
+/// The system's allocator, and the largest block that was asked of it.
+struct Watched;
+
+static LARGEST: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: the system's allocator does everything.
+unsafe impl GlobalAlloc for Watched {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        // SAFETY: as the caller promises.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        // SAFETY: as the caller promises.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        LARGEST.fetch_max(size, Ordering::Relaxed);
+        // SAFETY: as the caller promises.
+        unsafe { System.realloc(block, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        // SAFETY: as the caller promises.
+        unsafe { System.dealloc(block, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Watched = Watched;
+
+/// Memory that a file may take in these tests.
+const LIMIT: u64 = 64 << 20;
+
+/// One test at a time: they share the limit and the largest block.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// Runs `test` alone, and checks that it asked for no block beyond the limit.
+fn within_the_limit(test: impl FnOnce()) {
+    let _alone = ALONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    evis_core::limits::set_memory_limit(LIMIT);
+    LARGEST.store(0, Ordering::Relaxed);
+    test();
+    let largest = LARGEST.load(Ordering::Relaxed);
+    assert!(largest as u64 <= LIMIT, "a block of {largest} bytes was asked for");
+}
 
 fn events(count: i64) -> Vec<Event> {
     let polarity = |i: i64| if i % 3 == 0 { Polarity::Off } else { Polarity::On };
@@ -84,6 +139,10 @@ fn check(file: &EventFile) {
 
 #[test]
 fn mutated_numpy_files_give_an_error_or_events_that_can_be_counted() {
+    within_the_limit(mutated_numpy_files);
+}
+
+fn mutated_numpy_files() {
     let folder = Folder::new("numpy");
     let whole = events(60);
     let (mut read, mut refused) = (0, 0);
@@ -102,10 +161,7 @@ fn mutated_numpy_files_give_an_error_or_events_that_can_be_counted() {
             let outcome = catch_unwind(AssertUnwindSafe(|| {
                 let Ok(file) = read_events(&path, None) else { return false };
                 check(&file);
-                // Large pictures take long, not too much memory.
-                if file.size.0 * file.size.1 < 1 << 16 {
-                    let _ = stats(&file.events, file.size, file.range);
-                }
+                let _ = stats(&file.events, file.size, file.range);
                 true
             }));
             match outcome {
@@ -121,6 +177,10 @@ fn mutated_numpy_files_give_an_error_or_events_that_can_be_counted() {
 
 #[test]
 fn numpy_headers_that_no_memory_holds_are_refused() {
+    within_the_limit(numpy_headers);
+}
+
+fn numpy_headers() {
     let folder = Folder::new("headers");
     let fields = |v: &str| format!("[('x', '<u2'), ('y', '<u2'), ('p', '<i2'), ('', '{v}'), ('t', '<i8')]");
     for (descr, shape) in [
@@ -145,4 +205,83 @@ fn numpy_headers_that_no_memory_holds_are_refused() {
         let error = read_events(&path, None).unwrap_err().to_string();
         assert!(error.contains(message), "{error}");
     }
+}
+
+fn recording(path: &std::path::Path) {
+    let camera =
+        CameraInfo { name: "camera".into(), width: 40, height: 30, fx: 40.0, fy: 40.0, cx: 20.0, cy: 15.0 };
+    let header = RecordingHeader {
+        cameras: vec![camera],
+        seed: 3,
+        method: "native".into(),
+        environment: 0,
+        config_toml: "[run]\nrate_hz = 1000.0\n".into(),
+        duration_us: Some(1_000_000),
+        t_offset_us: 0,
+        labels: vec![LabelKind::Depth, LabelKind::Cause],
+    };
+    let mut writer = RecordingWriter::create(path, &header, true).unwrap();
+    let all = events(600);
+    writer.write_caused_events(0, &all, &vec![0; all.len()]).unwrap();
+    for t_us in [0, 10_000] {
+        let data = LabelData::F32((0..1200).map(|i| i as f32).collect());
+        writer.write_label(0, &LabelFrame { kind: LabelKind::Depth, t_us, t_other_us: t_us, data }).unwrap();
+        let pose = PoseSample { t_us, position: [0.0, 1.0, 2.0], rotation: [0.0, 0.0, 0.0, 1.0] };
+        writer.write_pose(0, &pose).unwrap();
+    }
+    writer.finish("{\"stream_s\": 1.0}").unwrap();
+}
+
+/// Reads all that a recording holds.
+fn read_recording(path: &std::path::Path) -> Result<(), evis_core::format::FormatError> {
+    let recording = Recording::open(path)?;
+    recording.is_complete()?;
+    recording.report()?;
+    for (index, camera) in recording.header().cameras.iter().enumerate() {
+        let events = recording.events(index)?;
+        check(&EventFile { events, size: (camera.width, camera.height), range: (0, 0) });
+        recording.events_between(index, 5_000, 9_000)?;
+        recording.causes(index, None)?;
+        recording.poses(index)?;
+        for kind in recording.label_kinds(index)? {
+            for k in 0..recording.label_times(index, *kind)?.len() {
+                recording.label(index, *kind, k)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn mutated_recordings_give_an_error_or_events_within_the_limit_of_memory() {
+    within_the_limit(|| {
+        let folder = Folder::new("recordings");
+        let path = folder.file("out.h5");
+        recording(&path);
+        read_recording(&path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let mut damage = Damage::new(11, &bytes, &[]);
+        let (mut read, mut refused) = (0, 0);
+        let mut try_it = |mutant: &[u8], what: &dyn Fn() -> String| {
+            std::fs::write(&path, mutant).unwrap();
+            LARGEST.store(0, Ordering::Relaxed);
+            match read_recording(&path) {
+                Ok(()) => read += 1,
+                Err(_) => refused += 1,
+            }
+            let largest = LARGEST.load(Ordering::Relaxed);
+            assert!(largest as u64 <= LIMIT, "{} asks for a block of {largest} bytes", what());
+        };
+        for number in 0..1500 {
+            let mutant = damage.next();
+            try_it(&mutant, &|| format!("mutant {number}"));
+        }
+        // Every byte of the headers, which are not packed, as the largest and as another number.
+        for at in (0..bytes.len()).step_by(3) {
+            let mut mutant = bytes.clone();
+            mutant[at] = if at % 2 == 0 { 0xff } else { mutant[at] ^ 0x40 };
+            try_it(&mutant, &|| format!("the file with byte {at} changed"));
+        }
+        assert!(read > 300 && refused > 800, "{read} read, {refused} refused");
+    });
 }

@@ -90,6 +90,16 @@ mod _evis {
         devices.iter().map(|device| crate::engine::device_dict(py, device)).collect()
     }
 
+    /// Memory that a file may take, in bytes; sets it first where it is given.
+    #[pyfunction]
+    #[pyo3(signature = (memory=None))]
+    fn limits(memory: Option<u64>) -> u64 {
+        if let Some(bytes) = memory {
+            evis_core::limits::set_memory_limit(bytes);
+        }
+        evis_core::limits::memory_limit()
+    }
+
     /// Runs the command line; returns its exit code.
     #[pyfunction]
     fn run_cli(py: Python<'_>, args: Vec<String>) -> PyResult<i32> {

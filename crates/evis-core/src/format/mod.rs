@@ -88,6 +88,8 @@ fn io_remedy(source: &io::Error) -> &'static str {
         io::ErrorKind::ReadOnlyFilesystem => "choose a folder on a disk that can be written to",
         io::ErrorKind::NotFound => "check the path: the folder must exist",
         io::ErrorKind::IsADirectory => "name a file, not a folder",
+        io::ErrorKind::InvalidInput => "name a regular file",
+        io::ErrorKind::OutOfMemory => "raise the limit, or name a smaller file",
         _ => "check the path and the disk",
     }
 }

@@ -1,9 +1,9 @@
 //! NumPy's files: the header of `.npy`, and events in `.npy` (EventCD) and `.npz` (columns t, x, y, p).
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use evis_limits::Budget;
 use flate2::read::DeflateDecoder;
 
 use super::{EventFile, FormatError};
@@ -14,6 +14,9 @@ const MOST_HEADER: usize = 1 << 16;
 
 /// Most events that are read: 64 GiB of them.
 const MOST_EVENTS: u64 = 1 << 32;
+
+/// Deflate expands at most 1032 times.
+const MOST_EXPANSION: u64 = 1100;
 
 /// Rows that are decoded at once.
 const ROWS_AT_ONCE: usize = 1 << 12;
@@ -126,11 +129,14 @@ const FORM: &str =
 
 /// Events of `.npy` or `.npz`.
 pub(super) fn read_events(path: &Path) -> Result<EventFile, FormatError> {
-    let file = File::open(path).map_err(|error| FormatError::io(path, "read", error))?;
+    let file = evis_limits::open_regular(path).map_err(|error| FormatError::io(path, "read", error))?;
+    let length = file.metadata().map_err(|error| FormatError::io(path, "read", error))?.len();
     let mut file = BufReader::with_capacity(1 << 20, file);
+    let budget = Budget::default();
     let corrupt = |what: String| FormatError::corrupt(path, what, FORM);
     let zipped = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"));
-    let (events, size) = if zipped { columns(&mut file) } else { structure(&mut file) }.map_err(corrupt)?;
+    let read = if zipped { columns(&mut file, length, &budget) } else { structure(&mut file, length, &budget) };
+    let (events, size) = read.map_err(corrupt)?;
     let size = size.unwrap_or_else(|| {
         let most = |of: fn(&Event) -> u16| events.iter().map(of).max().map_or(1, |most| u32::from(most) + 1);
         (most(|e| e.x), most(|e| e.y))
@@ -168,7 +174,7 @@ fn event(
 }
 
 /// A structure with fields t, x, y and p.
-fn structure(file: &mut impl Read) -> Result<Columns, String> {
+fn structure(file: &mut impl Read, length: u64, budget: &Budget) -> Result<Columns, String> {
     let header = NpyHeader::read(file)?;
     let wrong = || format!("its elements are of dtype '{}'", header.descr);
     let [count] = header.shape.as_slice() else {
@@ -196,8 +202,8 @@ fn structure(file: &mut impl Read) -> Result<Columns, String> {
         found.push((*offset, *integer));
     }
     let [t, x, y, p] = found.as_slice() else { return Err(wrong()) };
-    if *count > MOST_EVENTS {
-        return Err(format!("it would hold {count} events"));
+    if *count > MOST_EVENTS || count.saturating_mul(width as u64) > length {
+        return Err(format!("it is cut off: {count} events of {width} bytes do not fit in its {length} bytes"));
     }
     let is_event_cd = cfg!(target_endian = "little")
         && width == size_of::<Event>()
@@ -208,7 +214,7 @@ fn structure(file: &mut impl Read) -> Result<Columns, String> {
             },
         );
     let count = *count as usize;
-    let mut events: Vec<Event> = Vec::new();
+    let mut events: Vec<Event> = budget.list(count, "its list of events")?;
     let mut block = vec![0; width * ROWS_AT_ONCE.min(count)];
     while events.len() < count {
         let first = events.len();
@@ -236,7 +242,7 @@ fn structure(file: &mut impl Read) -> Result<Columns, String> {
 }
 
 /// Columns in an archive.
-fn columns(file: &mut (impl Read + Seek)) -> Result<Columns, String> {
+fn columns(file: &mut (impl Read + Seek), length: u64, budget: &Budget) -> Result<Columns, String> {
     let entries = entries(file).ok_or("its archive has no readable list of contents")?;
     let mut column = |name: &str| -> Result<Option<(Integer, Vec<u8>, u64)>, String> {
         let Some(entry) = entries.iter().find(|entry| entry.name == format!("{name}.npy")) else {
@@ -252,8 +258,13 @@ fn columns(file: &mut (impl Read + Seek)) -> Result<Columns, String> {
             [count] if count <= MOST_EVENTS => count,
             _ => return Err(format!("its column {name} has shape {:?}", header.shape)),
         };
-        let mut bytes = Vec::new();
         let size = count * integer.bytes as u64;
+        // Both: what is packed in this file, and what it becomes.
+        if size / MOST_EXPANSION > entry.packed.min(length) || !entry.deflated && size > length {
+            return Err(format!("its column {name} of {count} values does not fit in its {length} bytes"));
+        }
+        let what = format!("its column {name}");
+        let mut bytes = budget.list(usize::try_from(size).unwrap_or(usize::MAX), &what)?;
         data.take(size).read_to_end(&mut bytes).map_err(|error| format!("column {name}: {error}"))?;
         if bytes.len() as u64 != size {
             return Err(format!("its column {name} is cut off"));
@@ -269,14 +280,16 @@ fn columns(file: &mut (impl Read + Seek)) -> Result<Columns, String> {
         return Err("its columns differ in length".into());
     }
     let value = |(integer, bytes, _): &(Integer, Vec<u8>, u64), index| integer.at(bytes, index);
-    let events: Result<Vec<_>, _> =
-        (0..t.2 as usize).map(|i| event(value(t, i), value(x, i), value(y, i), value(p, i), i)).collect();
+    let mut events = budget.list(t.2 as usize, "its list of events")?;
+    for i in 0..t.2 as usize {
+        events.push(event(value(t, i), value(x, i), value(y, i), value(p, i), i)?);
+    }
     let mut side = |name| -> Result<Option<u32>, String> {
         let side = column(name)?.and_then(|(integer, bytes, _)| integer.at(&bytes, 0));
         Ok(side.and_then(|side| u32::try_from(side).ok()))
     };
     let size = side("width")?.zip(side("height")?);
-    Ok((events?, size))
+    Ok((events, size))
 }
 
 /// A file of an archive (PKWARE's APPNOTE).

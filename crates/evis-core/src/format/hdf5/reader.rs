@@ -1,11 +1,11 @@
 //! Reading a recording, complete or not.
 
 use std::collections::BTreeSet;
-use std::fs::File;
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
+use evis_limits::Budget;
 use rust_hdf5::format::superblock::SuperblockV2V3;
 use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
@@ -137,7 +137,7 @@ impl Recording {
             } else {
                 columns.count
             };
-            let mut events = Vec::new();
+            let mut events = source.event_list(to.min(columns.count).saturating_sub(from))?;
             columns.read(source, from.min(columns.count), to.min(columns.count), |block| {
                 events.extend_from_slice(slice_time(block, start_us, end_us));
             })?;
@@ -193,6 +193,8 @@ impl Recording {
             if frames.shape().get(1..) != counts.get(1..) {
                 return Err(source.damaged(format!("{name} does not have the size of its camera")));
             }
+            let values = counts.iter().try_fold(4_usize, |n, &d| n.checked_mul(d)).unwrap_or(usize::MAX);
+            source.fits(values as u64, "a label")?;
             let mut starts = vec![0; counts.len()];
             if let Some(first) = starts.first_mut() {
                 *first = index;
@@ -231,6 +233,7 @@ impl Recording {
                 count = count.min(source.rows(dataset, name)?);
             }
             let rows = usize::try_from(count).unwrap_or(usize::MAX);
+            source.fits(count.saturating_mul(2 * size_of::<PoseSample>() as u64), "its list of poses")?;
             let times: Vec<i64> = source.slice(&times, 0, count)?;
             let position: Vec<f64> = source.check(name, position.read_slice(&[0, 0], &[rows, 3]))?;
             let rotation: Vec<f64> = source.check(name, rotation.read_slice(&[0, 0], &[rows, 4]))?;
@@ -312,6 +315,8 @@ pub(super) struct Source<'a> {
     pub path: &'a Path,
     pub file: H5File,
     bytes: u64,
+    /// What the result of a read may take.
+    budget: Budget,
     /// Nobody was writing it when it was opened, and no writer was killed.
     closed: bool,
 }
@@ -346,14 +351,15 @@ pub(super) fn with_file<T>(
     }
     let attempt = catch_unwind(AssertUnwindSafe(|| {
         let file = H5File::options().no_locking().open(path).map_err(|e| damaged(path, e.to_string()))?;
-        read(&Source { path, file, bytes, closed: superblock.file_consistency_flags == 0 })
+        let closed = superblock.file_consistency_flags == 0;
+        read(&Source { path, file, bytes, budget: Budget::default(), closed })
     }));
     attempt.unwrap_or_else(|_| Err(damaged(path, "the decoder gave up on it")))
 }
 
 fn superblock(path: &Path) -> Result<SuperblockV2V3, FormatError> {
     let mut head = Vec::new();
-    File::open(path)
+    evis_limits::open_regular(path)
         .and_then(|file| file.take(256).read_to_end(&mut head))
         .map_err(|e| FormatError::io(path, "open", e))?;
     SuperblockV2V3::decode(&head).map_err(|e| {
@@ -395,10 +401,21 @@ impl Source<'_> {
         self.check(name, self.file.dataset(name))
     }
 
+    /// Refuses what would take more memory than is left.
+    pub fn fits(&self, bytes: u64, what: &str) -> Result<(), FormatError> {
+        self.budget.take(bytes, what).map_err(|e| self.damaged(e.to_string()))?;
+        self.budget.give_back(bytes);
+        Ok(())
+    }
+
     /// Length of the first axis; refused where the file is too small to hold it.
     pub fn rows(&self, dataset: &H5Dataset, name: &str) -> Result<u64, FormatError> {
         let shape = dataset.shape();
         let size = shape.iter().try_fold(dataset.element_size(), |n, &d| n.checked_mul(d));
+        // A chunk is decoded as a whole, whatever is read of it.
+        let chunk = dataset.chunk_dims().unwrap_or_default();
+        let chunk = chunk.iter().try_fold(dataset.element_size(), |n, &d| n.checked_mul(d));
+        self.fits(chunk.map_or(u64::MAX, |chunk| chunk as u64), &format!("a chunk of {name}"))?;
         match size {
             Some(size) if (size as u64) / LARGEST_EXPANSION <= self.bytes => {
                 Ok(shape.first().copied().unwrap_or(0) as u64)
@@ -414,6 +431,7 @@ impl Source<'_> {
         if count == 0 {
             return Ok(Vec::new());
         }
+        self.fits((count as u64).saturating_mul(size_of::<T>() as u64), "a data set")?;
         self.check("a column", dataset.read_slice(&[from], &[count]))
     }
 
@@ -486,9 +504,15 @@ impl Source<'_> {
         })
     }
 
+    /// An empty list with room for `count` events.
+    fn event_list(&self, count: u64) -> Result<Vec<Event>, FormatError> {
+        let list = self.budget.list(usize::try_from(count).unwrap_or(usize::MAX), "its list of events");
+        list.map_err(|e| self.damaged(e.to_string()))
+    }
+
     pub fn all_events(&self, camera: &CameraInfo) -> Result<Vec<Event>, FormatError> {
         let columns = self.events(camera)?;
-        let mut events = Vec::new();
+        let mut events = self.event_list(columns.count)?;
         columns.read(self, 0, columns.count, |block| events.extend_from_slice(block))?;
         Ok(events)
     }

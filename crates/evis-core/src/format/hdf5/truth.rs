@@ -264,6 +264,7 @@ fn values<T: H5Type>(
     if dataset.shape() != shape || dataset.element_size() != size_of::<T>() {
         return Err(source.damaged(format!("{name} has shape {:?} or another type", dataset.shape())));
     }
+    source.fits((rows as u64).saturating_mul((width * size_of::<T>()) as u64), &name)?;
     source.check(&name, dataset.read_slice(&vec![0; shape.len()], &shape))
 }
 

@@ -1,0 +1,249 @@
+//! How much memory a file may take, and which files are read.
+//!
+//! Every reader makes a [`Budget`] when it is called and takes from it before it allocates what a file asks for, so that
+//! a file of a few bytes cannot fill the memory. The limit belongs to the process, as a limit of the operating system
+//! does: it changes no result, it refuses files.
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// The limit where nothing is set, bytes: 4 GiB, or half of the machine's memory where that is less.
+const DEFAULT_LIMIT: u64 = 4 << 30;
+
+/// The least limit that can be set, bytes.
+pub const LEAST_MEMORY_LIMIT: u64 = 1 << 20;
+
+/// 0 until it is set or read.
+static LIMIT: AtomicU64 = AtomicU64::new(0);
+
+/// How much memory one use of a file may take, bytes.
+pub fn memory_limit() -> u64 {
+    match LIMIT.load(Ordering::Relaxed) {
+        0 => {
+            let limit = machine_bytes().map_or(DEFAULT_LIMIT, |bytes| DEFAULT_LIMIT.min(bytes / 2));
+            let limit = limit.max(LEAST_MEMORY_LIMIT);
+            // Another thread may have set it in between.
+            LIMIT.compare_exchange(0, limit, Ordering::Relaxed, Ordering::Relaxed).err().unwrap_or(limit)
+        }
+        limit => limit,
+    }
+}
+
+/// Sets how much memory one use of a file may take, for all threads of the process; at least [`LEAST_MEMORY_LIMIT`].
+pub fn set_memory_limit(bytes: u64) {
+    LIMIT.store(bytes.max(LEAST_MEMORY_LIMIT), Ordering::Relaxed);
+}
+
+/// Memory of the machine, or of the group of processes that this one belongs to, where the system says it.
+fn machine_bytes() -> Option<u64> {
+    let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
+        let line = text.lines().find(|line| line.starts_with("MemTotal:"))?;
+        line.split_whitespace().nth(1)?.parse::<u64>().ok()?.checked_mul(1024)
+    });
+    let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
+    let group = group.and_then(|text| text.trim().parse::<u64>().ok());
+    machine.into_iter().chain(group).min()
+}
+
+/// A size in the unit that suits it.
+fn size(bytes: u64) -> String {
+    match bytes {
+        0..=9_999 => format!("{bytes} bytes"),
+        10_000..=999_999 => format!("{:.1} kB", bytes as f64 / 1e3),
+        1_000_000..=999_999_999 => format!("{:.1} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+    }
+}
+
+/// A file asks for more memory than it may take.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OverLimit {
+    what: String,
+    bytes: u64,
+    taken: u64,
+    limit: u64,
+}
+
+impl fmt::Display for OverLimit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} would take {} of memory", self.what, size(self.bytes))?;
+        if self.taken > 0 {
+            write!(f, " beside the {} that it takes already", size(self.taken))?;
+        }
+        write!(f, ", and a file may take {}; a larger --memory-limit allows more", size(self.limit))
+    }
+}
+
+impl std::error::Error for OverLimit {}
+
+impl From<OverLimit> for String {
+    fn from(error: OverLimit) -> Self {
+        error.to_string()
+    }
+}
+
+impl From<OverLimit> for io::Error {
+    fn from(error: OverLimit) -> Self {
+        Self::new(io::ErrorKind::OutOfMemory, error)
+    }
+}
+
+/// What one use of a file may still allocate.
+#[derive(Debug)]
+pub struct Budget {
+    limit: u64,
+    taken: AtomicU64,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self::of(memory_limit())
+    }
+}
+
+impl Budget {
+    /// A budget of so many bytes.
+    pub const fn of(bytes: u64) -> Self {
+        Self { limit: bytes, taken: AtomicU64::new(0) }
+    }
+
+    /// Bytes that are left.
+    pub fn left(&self) -> u64 {
+        self.limit.saturating_sub(self.taken.load(Ordering::Relaxed))
+    }
+
+    /// Counts `bytes` that `what` is about to allocate.
+    ///
+    /// # Errors
+    /// More than what is left; nothing is counted then.
+    pub fn take(&self, bytes: u64, what: &(impl fmt::Display + ?Sized)) -> Result<(), OverLimit> {
+        let add = |taken: u64| taken.checked_add(bytes).filter(|sum| *sum <= self.limit);
+        match self.taken.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add) {
+            Ok(_) => Ok(()),
+            Err(taken) => Err(self.refusal(bytes, taken, what)),
+        }
+    }
+
+    /// Gives back what [`Budget::take`] counted, once it is freed.
+    pub fn give_back(&self, bytes: u64) {
+        let less = |taken: u64| Some(taken.saturating_sub(bytes));
+        // The closure never refuses.
+        let _ = self.taken.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
+    }
+
+    /// As [`Budget::take`], for `count` values of `T`.
+    ///
+    /// # Errors
+    /// As [`Budget::take`].
+    pub fn take_values<T>(&self, count: u64, what: &(impl fmt::Display + ?Sized)) -> Result<(), OverLimit> {
+        self.take(count.saturating_mul(size_of::<T>() as u64), what)
+    }
+
+    /// An empty list with room for `count` values, counted.
+    ///
+    /// # Errors
+    /// As [`Budget::take`], and memory that the system does not give.
+    pub fn list<T>(&self, count: usize, what: &(impl fmt::Display + ?Sized)) -> Result<Vec<T>, OverLimit> {
+        let bytes = (count as u64).saturating_mul(size_of::<T>() as u64);
+        self.take(bytes, what)?;
+        let mut list = Vec::new();
+        list.try_reserve_exact(count).map_err(|_| self.refusal(bytes, 0, what))?;
+        Ok(list)
+    }
+
+    fn refusal(&self, bytes: u64, taken: u64, what: &(impl fmt::Display + ?Sized)) -> OverLimit {
+        OverLimit { what: what.to_string(), bytes, taken, limit: self.limit }
+    }
+}
+
+/// Opens a file for reading: a regular one. A device may have no end, and a pipe may never begin.
+///
+/// # Errors
+/// What the system says, and [`io::ErrorKind::InvalidInput`] for a device, a pipe or a socket.
+pub fn open_regular(path: &Path) -> io::Result<File> {
+    // Before it is opened: opening a pipe waits for its writer. A folder is left to the error that reading it gives.
+    check_regular(&std::fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    check_regular(&file.metadata()?)?;
+    Ok(file)
+}
+
+fn check_regular(metadata: &std::fs::Metadata) -> io::Result<()> {
+    if metadata.is_file() || metadata.is_dir() {
+        return Ok(());
+    }
+    let what = "it is a device, a pipe or a socket, and only regular files are read";
+    Err(io::Error::new(io::ErrorKind::InvalidInput, what))
+}
+
+/// Reads a regular file, which takes from `budget`.
+///
+/// # Errors
+/// As [`open_regular`], and a file that is larger than what is left.
+pub fn read_file(path: &Path, budget: &Budget) -> io::Result<Vec<u8>> {
+    let file = open_regular(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = budget.list(usize::try_from(length).unwrap_or(usize::MAX), "the file")?;
+    // What grows while it is read is cut off, and its reader then finds it incomplete.
+    file.take(length).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// Reads a regular file of text, which takes from `budget`.
+///
+/// # Errors
+/// As [`read_file`], and [`io::ErrorKind::InvalidData`] for bytes that are no UTF-8 text.
+pub fn read_text(path: &Path, budget: &Budget) -> io::Result<String> {
+    String::from_utf8(read_file(path, budget)?)
+        .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "stream did not contain valid UTF-8"))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_budget_counts_what_is_taken() {
+        let budget = Budget::of(100);
+        assert_eq!(budget.take(60, "a picture"), Ok(()));
+        let error = budget.take(41, "a mesh").unwrap_err().to_string();
+        let want = "a mesh would take 41 bytes of memory beside the 60 bytes that it takes already, and a file may take 100 \
+                    bytes; a larger --memory-limit allows more";
+        assert_eq!(error, want);
+        assert_eq!(budget.left(), 40, "what is refused is not counted");
+        budget.give_back(60);
+        assert!(budget.take_values::<u64>(12, "numbers").is_ok() && budget.left() == 4);
+        assert!(budget.take_values::<u64>(u64::MAX, "numbers").is_err());
+        assert!(Budget::of(u64::MAX).list::<u64>(usize::MAX / 8, "numbers").is_err(), "more than there is");
+    }
+
+    #[test]
+    fn the_limit_is_at_most_4_gib_until_it_is_set() {
+        assert!((LEAST_MEMORY_LIMIT..=DEFAULT_LIMIT).contains(&memory_limit()));
+        set_memory_limit(5 << 30);
+        assert_eq!(Budget::default().left(), 5 << 30);
+        set_memory_limit(0);
+        assert_eq!(memory_limit(), LEAST_MEMORY_LIMIT);
+    }
+
+    #[test]
+    fn only_regular_files_of_a_size_that_fits_are_read() {
+        let path = std::env::temp_dir().join(format!("evis-limits-{}", std::process::id()));
+        std::fs::write(&path, b"twelve bytes").unwrap();
+        assert_eq!(read_text(&path, &Budget::of(12)).unwrap(), "twelve bytes");
+        let error = read_file(&path, &Budget::of(11)).unwrap_err();
+        assert!(error.to_string().contains("12 bytes"), "{error}");
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(read_file(&path, &Budget::default()).unwrap_err().kind(), io::ErrorKind::NotFound);
+        #[cfg(unix)]
+        {
+            let error = read_file(Path::new("/dev/zero"), &Budget::default()).unwrap_err();
+            assert!(error.to_string().contains("only regular files"), "{error}");
+            assert!(read_file(&std::env::temp_dir(), &Budget::default()).is_err());
+        }
+    }
+}
