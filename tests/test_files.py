@@ -155,8 +155,9 @@ def test_mutated_numpy_files_raise_what_is_promised_or_hold_events(tmp_path: Pat
         read += 1
         assert bool((np.diff(events.t) >= 0).all())
         assert set(events.p.tolist()) <= {0, 1}
-        assert events.x.max(initial=0) < events.width and events.y.max(initial=0) < events.height
-    assert read > 10 and refused > 200, f"{read} read, {refused} refused: nothing was tested"
+        assert events.x.max(initial=0) < events.width
+        assert events.y.max(initial=0) < events.height
+    assert min(10 * read, refused) > 100, f"{read} read, {refused} refused: nothing was tested"
 
 
 @pytest.mark.parametrize("mapped", [False, True])
@@ -173,7 +174,7 @@ def test_events_that_cannot_be_are_refused(tmp_path: Path, mapped: bool):
         with pytest.raises(evis.FormatError, match=message):
             evis.load(path, mapped=mapped)
     np.save(path, some_events(500).to_numpy())
-    with pytest.raises(evis.ConfigError, match="width is 10; .* works"):
+    with pytest.raises(evis.ConfigError, match=r"width is 10; .* works"):
         evis.load(path, width=10, mapped=mapped)
 
 

@@ -221,8 +221,9 @@ class Recording(Mapping[str, RecordedView]):
         Counts and times that the writer left at the end.
     """
 
-    def __init__(self, source: _Source) -> None:
+    def __init__(self, source: _Source, reload: tuple[Any, ...] | None = None) -> None:
         self._source = source
+        self._reload = reload
         self.cameras = tuple(CameraInfo(**camera) for camera in source.cameras)
         self.labels_present = tuple(source.labels)
         self.seed = source.seed
@@ -233,6 +234,12 @@ class Recording(Mapping[str, RecordedView]):
         self.complete = source.is_complete()
         self.report: Mapping[str, Any] | None = _report(source.report_json())
         self._views = {camera.name: RecordedView(source, index) for index, camera in enumerate(self.cameras)}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by path: the file is opened again."""
+        if self._reload is None:
+            raise TypeError("this recording has no file of its own; save it, and pickle what evis.load gives")
+        return _load, self._reload
 
     def __getitem__(self, camera: str) -> RecordedView:
         """Return the part of ``camera``."""
@@ -338,11 +345,16 @@ def load(
     path = Path(path)
     match path.suffix.lower():
         case ".h5" | ".hdf5":
-            return Recording(_evis.Recording(path))
+            return Recording(_evis.Recording(path), (path.absolute(), width, height, mapped))
         case ".npz" | ".npy":
-            return Recording(_ArraySource(_load_arrays(path, width, height, mapped)))
+            events = _load_arrays(path, width, height, mapped)
+            return Recording(_ArraySource(events), (path.absolute(), width, height, mapped))
         case ending:
             raise ConfigError(f"path ends with '{ending}'; it must end with .h5, .hdf5, .npz or .npy")
+
+
+def _load(path: Path, width: int | None, height: int | None, mapped: bool) -> Recording:
+    return load(path, width=width, height=height, mapped=mapped)
 
 
 def _load_arrays(path: Path, width: int | None, height: int | None, mapped: bool) -> EventArray:

@@ -23,8 +23,8 @@ pub use emulator::{
     EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes, MotionCheck,
     Transfer, Warp, WarpVariant, check_motion,
 };
-pub use evis_limits as limits;
 pub use event::{Cause, Event, Polarity};
+pub use evis_limits as limits;
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 pub use sensor::{ConfigError, Exposure, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;

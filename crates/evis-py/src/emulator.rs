@@ -12,7 +12,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::door::EnterEngine;
+use crate::door::{EnterEngine, Owned};
 use crate::errors::Failure;
 use crate::events;
 
@@ -122,7 +122,7 @@ pub(crate) fn check_motion<'py>(
 
 /// Frames in, events out.
 #[pyclass(frozen, module = "evis._evis")]
-pub(crate) struct EventEmulator(Mutex<evis_core::EventEmulator>);
+pub(crate) struct EventEmulator(Owned<Mutex<evis_core::EventEmulator>>);
 
 /// One-dimensional, contiguous.
 #[derive(FromPyObject)]
@@ -190,7 +190,9 @@ impl EventEmulator {
             threads,
             causes,
         };
-        py.enter_engine(|| Ok::<_, Failure>(Self(Mutex::new(evis_core::EventEmulator::new(config)?))))
+        py.enter_engine(|| {
+            Ok::<_, Failure>(Self(Owned::new(Mutex::new(evis_core::EventEmulator::new(config)?))))
+        })
     }
 
     /// Takes frames; gives an array of events per environment.

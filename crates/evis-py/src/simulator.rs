@@ -12,7 +12,7 @@ use evis_render::{Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::door::{EnterEngine, SIGNAL_PERIOD};
+use crate::door::{EnterEngine, Owned, SIGNAL_PERIOD};
 use crate::emulator;
 use crate::engine;
 use crate::errors::Failure;
@@ -23,7 +23,7 @@ use crate::scene::Scene;
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Simulator {
     /// `None` while a stream has it.
-    engine: Mutex<Option<evis_render::Simulator>>,
+    engine: Owned<Mutex<Option<evis_render::Simulator>>>,
     cameras: Vec<CameraInfo>,
     environments: usize,
     config: RunConfig,
@@ -38,7 +38,7 @@ pub(crate) struct Simulator {
 /// Packets in order, rendered ahead.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Stream {
-    engine: Mutex<Option<PacketStream>>,
+    engine: Owned<Mutex<Option<PacketStream>>>,
     sizes: Vec<(u32, u32)>,
 }
 
@@ -149,7 +149,7 @@ impl Simulator {
                 device: gpu.summary().clone(),
                 now_us: AtomicI64::new(simulator.now_us()),
                 stop: Arc::clone(simulator.stop()),
-                engine: Mutex::new(Some(simulator)),
+                engine: Owned::new(Mutex::new(Some(simulator))),
             })
         };
         py.enter_engine_for_long(&stopped, prepare)
@@ -252,7 +252,7 @@ impl Simulator {
             let simulator = lock(&self.engine).take().ok_or_else(taken)?;
             Ok::<_, Failure>(simulator.stream(duration_us, packet_us)?)
         })?;
-        Ok(Stream { engine: Mutex::new(Some(stream)), sizes: sizes(&self.cameras) })
+        Ok(Stream { engine: Owned::new(Mutex::new(Some(stream))), sizes: sizes(&self.cameras) })
     }
 }
 

@@ -47,12 +47,7 @@ pub fn decode(name: &str, bytes: &[u8], transfer: Transfer) -> Result<Image, Str
 ///
 /// # Errors
 /// As [`decode`], and an image that is larger than what is left.
-pub fn decode_within(
-    name: &str,
-    bytes: &[u8],
-    transfer: Transfer,
-    budget: &Budget,
-) -> Result<Image, String> {
+pub fn decode_within(name: &str, bytes: &[u8], transfer: Transfer, budget: &Budget) -> Result<Image, String> {
     let mut reader = ::image::ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
         .map_err(|e| format!("image '{name}': {e}"))?;

@@ -135,7 +135,8 @@ pub(super) fn read_events(path: &Path) -> Result<EventFile, FormatError> {
     let budget = Budget::default();
     let corrupt = |what: String| FormatError::corrupt(path, what, FORM);
     let zipped = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"));
-    let read = if zipped { columns(&mut file, length, &budget) } else { structure(&mut file, length, &budget) };
+    let read =
+        if zipped { columns(&mut file, length, &budget) } else { structure(&mut file, length, &budget) };
     let (events, size) = read.map_err(corrupt)?;
     let size = size.unwrap_or_else(|| {
         let most = |of: fn(&Event) -> u16| events.iter().map(of).max().map_or(1, |most| u32::from(most) + 1);
@@ -187,9 +188,10 @@ fn structure(file: &mut impl Read, length: u64, budget: &Budget) -> Result<Colum
         let &[name, descr] = pair else { continue };
         let bytes: usize = descr.get(2..).and_then(|bytes| bytes.parse().ok()).ok_or_else(wrong)?;
         fields.push((name, width, Integer::of(descr)));
-        width = width.checked_add(bytes).filter(|width| *width <= MOST_ROW).ok_or_else(|| {
-            format!("{}; its elements have more than {MOST_ROW} bytes", wrong())
-        })?;
+        width = width
+            .checked_add(bytes)
+            .filter(|width| *width <= MOST_ROW)
+            .ok_or_else(|| format!("{}; its elements have more than {MOST_ROW} bytes", wrong()))?;
     }
     // A field of several values has a third entry, its shape.
     if header.descr.split("), (").any(|field| field.contains(", (")) {
@@ -203,7 +205,9 @@ fn structure(file: &mut impl Read, length: u64, budget: &Budget) -> Result<Colum
     }
     let [t, x, y, p] = found.as_slice() else { return Err(wrong()) };
     if *count > MOST_EVENTS || count.saturating_mul(width as u64) > length {
-        return Err(format!("it is cut off: {count} events of {width} bytes do not fit in its {length} bytes"));
+        return Err(format!(
+            "it is cut off: {count} events of {width} bytes do not fit in its {length} bytes"
+        ));
     }
     let is_event_cd = cfg!(target_endian = "little")
         && width == size_of::<Event>()
@@ -220,7 +224,8 @@ fn structure(file: &mut impl Read, length: u64, budget: &Budget) -> Result<Colum
         let first = events.len();
         let rows = ROWS_AT_ONCE.min(count - first);
         let block = &mut block[..rows * width];
-        file.read_exact(block).map_err(|_| format!("it ends within events {first} to {} of {count}", first + rows))?;
+        file.read_exact(block)
+            .map_err(|_| format!("it ends within events {first} to {} of {count}", first + rows))?;
         if is_event_cd {
             for row in block.chunks_exact(width) {
                 // What pads the row is not kept, and -1 is OFF.

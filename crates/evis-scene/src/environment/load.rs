@@ -35,12 +35,7 @@ fn decode_guarded(
         .unwrap_or_else(|_| Err("is damaged: its decoder gave up; export it again".into()))
 }
 
-fn decode(
-    path: &Path,
-    bytes: &[u8],
-    budget: &Budget,
-    warnings: &mut Vec<String>,
-) -> Result<Picture, String> {
+fn decode(path: &Path, bytes: &[u8], budget: &Budget, warnings: &mut Vec<String>) -> Result<Picture, String> {
     let damaged = |error: image::ImageError| {
         format!("is truncated, damaged or of an unsupported kind ({error}); export it again as plain RGB")
     };

@@ -41,7 +41,9 @@ fn read_image(document: &Document, folder: &Path, index: usize, transfer: Transf
     let name = [&source.name, &source.uri].into_iter().flatten().find(|n| !n.starts_with("data:"));
     let name = name.cloned().unwrap_or_else(|| what.clone());
     match (&source.uri, source.buffer_view) {
-        (_, Some(view)) => decode_within(&name, document.view(view.value(), &what)?, transfer, &document.budget),
+        (_, Some(view)) => {
+            decode_within(&name, document.view(view.value(), &what)?, transfer, &document.budget)
+        }
         (Some(uri), None) => {
             let bytes = file::fetch(uri, folder, &what, &document.budget)?;
             let image = decode_within(&name, &bytes, transfer, &document.budget);
