@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
@@ -305,9 +306,13 @@ def _report(text: str | None) -> Mapping[str, Any] | None:
     try:
         report = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"the report in the file is no JSON ({error}); record or copy the file again") from error
+        raise FormatError(
+            f"the report in the file is no JSON ({error}); record or copy the file again"
+        ) from error
     if not isinstance(report, dict):
-        raise FormatError(f"the report in the file is {_check.shown(report)}, and no mapping; record it again")
+        raise FormatError(
+            f"the report in the file is {_check.shown(report)}, and no mapping; record it again"
+        )
     return report
 
 
@@ -370,7 +375,9 @@ def _load_arrays(path: Path, width: int | None, height: int | None, mapped: bool
     for name, axis, given, held in zip(("width", "height"), "xy", (width, height), sides, strict=True):
         least = int(events[axis].max(initial=0)) + 1 if given is not None else 0
         if given is not None and given < least:
-            raise ConfigError(f"{name} is {given}; {path} has events up to {axis} = {least - 1}: {least} works")
+            raise ConfigError(
+                f"{name} is {given}; {path} has events up to {axis} = {least - 1}: {least} works"
+            )
         wanted.append(held if given is None else given)
     return EventArray._trusted(events, *wanted)
 
@@ -682,7 +689,8 @@ def _single(source: Stream | EventArray | Mapping[str, EventArray] | Recording) 
 
 def _save_arrays(path: Path, events: EventArray) -> None:
     # Under another name first: a failure leaves no half-written file.
-    draft = path.with_name(f".{path.name}.draft")
+    path = Path(os.path.realpath(path))
+    draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.draft")
     try:
         with draft.open("wb") as file:
             if path.suffix.lower() == ".npy":

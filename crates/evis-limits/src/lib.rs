@@ -1,4 +1,4 @@
-//! How much memory a file may take, and which files are read.
+//! How much memory a file may take, which files are read, and how one is replaced.
 //!
 //! Every reader makes a [`Budget`] when it is called and takes from it before it allocates what a file asks for, so that
 //! a file of a few bytes cannot fill the memory. The limit belongs to the process, as a limit of the operating system
@@ -7,7 +7,7 @@
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The limit where nothing is set, bytes: 4 GiB, or half of the machine's memory where that is less.
@@ -201,6 +201,51 @@ pub fn read_text(path: &Path, budget: &Budget) -> io::Result<String> {
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "stream did not contain valid UTF-8"))
 }
 
+/// Where a file that is written to `path` ends up: behind a link, what it leads to.
+///
+/// # Errors
+/// What the system says about a link that cannot be followed.
+pub fn behind_links(path: &Path) -> io::Result<PathBuf> {
+    let mut path = path.to_path_buf();
+    // As many as Linux follows.
+    for _ in 0..40 {
+        match std::fs::read_link(&path) {
+            Ok(target) => path = path.parent().unwrap_or(Path::new("")).join(target),
+            Err(_) => return Ok(path),
+        }
+    }
+    Err(io::Error::other("too many links lead from one to the next"))
+}
+
+/// A hidden name beside `path` that no other process and thread uses.
+pub fn draft_path(path: &Path) -> PathBuf {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let mut name = std::ffi::OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}.{}.draft", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
+    path.with_file_name(name)
+}
+
+/// Writes a file as a whole: beside it first, then in its place, so that whoever reads it meanwhile, and whatever ends this
+/// process, leaves the old one or the new one. Links are followed.
+///
+/// # Errors
+/// What the system says; the old file is then as it was.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let place = behind_links(path)?;
+    // Such as /dev/stdout, which nothing can replace.
+    if std::fs::metadata(&place).is_ok_and(|metadata| !metadata.is_file()) {
+        return std::fs::write(&place, bytes);
+    }
+    let draft = draft_path(&place);
+    let written = std::fs::write(&draft, bytes).and_then(|()| std::fs::rename(&draft, &place));
+    if written.is_err() {
+        // The first error is the one to report; the draft may not even exist.
+        let _ = std::fs::remove_file(&draft);
+    }
+    written
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
@@ -228,6 +273,26 @@ mod tests {
         assert_eq!(Budget::default().left(), 5 << 30);
         set_memory_limit(0);
         assert_eq!(memory_limit(), LEAST_MEMORY_LIMIT);
+    }
+
+    #[test]
+    fn a_file_is_replaced_as_a_whole_behind_links() {
+        let folder = std::env::temp_dir().join(format!("evis-limits-whole-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (file, link) = (folder.join("file"), folder.join("link"));
+        write_whole(&file, b"old").unwrap();
+        #[cfg(unix)]
+        std::os::unix::fs::symlink("file", &link).unwrap();
+        #[cfg(not(unix))]
+        std::fs::copy(&file, &link).unwrap();
+        write_whole(&link, b"new").unwrap();
+        #[cfg(unix)]
+        assert!(link.is_symlink() && std::fs::read(&file).unwrap() == b"new");
+        assert_eq!(std::fs::read(&link).unwrap(), b"new");
+        assert!(write_whole(&folder.join("none/file"), b"").is_err());
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2, "no draft is left");
+        assert_ne!(draft_path(&file), draft_path(&file));
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

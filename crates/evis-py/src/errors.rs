@@ -48,6 +48,7 @@ impl From<FormatError> for Failure {
         let path = Some(error.path().display().to_string());
         match error {
             FormatError::Io { source, .. } => Self::Io { path, source },
+            FormatError::Lost { source, .. } => Self::Io { path, source },
             FormatError::Exists { .. } => Self::Exists(error.to_string()),
             _ => Self::Format(error.to_string()),
         }

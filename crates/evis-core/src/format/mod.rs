@@ -22,6 +22,14 @@ pub enum FormatError {
         /// The reason that the system gave.
         source: io::Error,
     },
+    /// What was written cannot be found any more: the file was removed or replaced meanwhile.
+    #[error("{}: {source}; leave the file alone while it is written, and run again", .path.display())]
+    Lost {
+        /// The file.
+        path: PathBuf,
+        /// What happened to it.
+        source: io::Error,
+    },
     /// The output exists already.
     #[error("{} exists already; choose another name, or allow overwriting (--force)", .path.display())]
     Exists {
@@ -70,6 +78,7 @@ impl FormatError {
     pub fn path(&self) -> &Path {
         match self {
             Self::Io { path, .. }
+            | Self::Lost { path, .. }
             | Self::Exists { path }
             | Self::Corrupt { path, .. }
             | Self::Invalid { path, .. } => path,
@@ -120,8 +129,9 @@ pub fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, Forma
             Err(FormatError::invalid(path, "this kind of file is not read", remedy))
         }
     }?;
-    check_events(&file.events, file.size, 0, i64::MIN)
-        .map_err(|what| FormatError::corrupt(path, what, "record it again, or copy it again from its source"))?;
+    check_events(&file.events, file.size, 0, i64::MIN).map_err(|what| {
+        FormatError::corrupt(path, what, "record it again, or copy it again from its source")
+    })?;
     Ok(file)
 }
 

@@ -64,7 +64,10 @@ pub(super) enum FileState {
 /// A file that is being appended to.
 pub(super) struct Store {
     file: File,
+    /// As its user calls it.
     path: PathBuf,
+    /// Where it is, if that is to be checked.
+    place: Option<PathBuf>,
     context: FormatContext,
     superblock: SuperblockV2V3,
     /// First address that is not in use.
@@ -104,6 +107,7 @@ impl Store {
         Ok(Self {
             file,
             path: path.into(),
+            place: None,
             context: FormatContext::default_v3(),
             superblock,
             end,
@@ -137,6 +141,36 @@ impl Store {
 
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Names the file by `path` from now on.
+    pub fn is_called(&mut self, path: &Path) {
+        self.path = path.into();
+    }
+
+    /// The file was moved to `place`; see [`Store::check_place`].
+    pub fn moved_to(&mut self, place: &Path) {
+        // A process may change its folder.
+        self.place = std::path::absolute(place).ok();
+    }
+
+    /// Fails where another file has taken this one's place, or none is there any more: nobody will find what is written.
+    pub fn check_place(&self) -> Result<(), FormatError> {
+        #[cfg(unix)]
+        if let Some(place) = &self.place {
+            use std::os::unix::fs::MetadataExt;
+            let own = self.file.metadata().map_err(|e| self.io("write", e))?;
+            let is_own = |there: &std::fs::Metadata| (there.dev(), there.ino()) == (own.dev(), own.ino());
+            let what = match std::fs::metadata(place) {
+                Ok(there) if is_own(&there) => return Ok(()),
+                Ok(_) => "another file took its place while it was written",
+                Err(_) => "it was removed while it was written",
+            };
+            let source =
+                io::Error::new(io::ErrorKind::NotFound, format!("{what}, and what was written is lost"));
+            return Err(FormatError::Lost { path: self.path.clone(), source });
+        }
+        Ok(())
     }
 
     /// Whether the file was closed properly.
