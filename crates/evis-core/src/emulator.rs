@@ -21,7 +21,7 @@ mod warp;
 
 use rayon::prelude::*;
 
-use crate::event::{Cause, Event, take_causes};
+use crate::event::{Cause, Event, MOST_T_US, take_causes};
 use crate::random::Key;
 use crate::sensor::{ConfigError, Sensor, SensorConfig};
 use crate::simd::Isa;
@@ -449,6 +449,9 @@ impl EventEmulator {
 
     /// Microseconds since the last frame; 0 for the first one.
     fn check_time(&self, t_us: i64) -> Result<u32, ConfigError> {
+        if !(-MOST_T_US..=MOST_T_US).contains(&t_us) {
+            return Err(ConfigError::new("t_us", t_us, format!("at most {MOST_T_US} microseconds from 0")));
+        }
         let Some(now_us) = self.now_us else { return Ok(0) };
         if t_us <= now_us {
             return Err(ConfigError::new(

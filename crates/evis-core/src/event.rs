@@ -85,6 +85,11 @@ impl Event {
         Self { mark: cause as u16, ..self }
     }
 
+    /// Whether its mark is the number of a cause.
+    pub(crate) const fn has_cause(&self) -> bool {
+        (self.mark as usize) < Cause::ALL.len()
+    }
+
     /// The canonical order within a stream: time, then row, then column. Events of one pixel at one
     /// microsecond keep their firing order (sort stably).
     pub const fn order(&self) -> (i64, u16, u16) {

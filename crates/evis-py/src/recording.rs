@@ -15,7 +15,7 @@ use crate::engine;
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
 use crate::packet;
-use crate::simulator::lock;
+use crate::simulator::{lock, usable};
 
 /// Events of a file, with pixels per row and rows.
 #[pyfunction]
@@ -42,7 +42,7 @@ impl Writer {
         work: impl FnOnce(&mut RecordingWriter) -> Result<T, evis_core::format::FormatError> + Send,
     ) -> PyResult<T> {
         py.enter_engine(|| {
-            let mut writer = lock(&self.writer);
+            let mut writer = usable(&self.writer)?;
             Ok::<_, Failure>(work(writer.as_mut().ok_or_else(finished)?)?)
         })
     }

@@ -51,6 +51,15 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
+/// Locks what a call works on. After an internal error half of it may have changed, and no call may go on with it.
+pub(crate) fn usable<T>(mutex: &Mutex<T>) -> Result<std::sync::MutexGuard<'_, T>, Failure> {
+    mutex.lock().map_err(|_| {
+        Failure::Engine(
+            "this object is unusable since an internal error ended an earlier call; make a new one".into(),
+        )
+    })
+}
+
 #[pymethods]
 impl Simulator {
     #[new]
@@ -232,7 +241,7 @@ impl Simulator {
     /// Runs to `until_us` and returns everything from now on.
     fn step(&self, py: Python<'_>, until_us: i64) -> PyResult<Packet> {
         let packet = py.enter_engine_for_long(&self.stop, || {
-            let mut engine = lock(&self.engine);
+            let mut engine = usable(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(taken)?;
             let packet = simulator.step(until_us)?;
             self.now_us.store(simulator.now_us(), Ordering::Release);
@@ -249,7 +258,7 @@ impl Simulator {
                     return Err(evis_core::ConfigError::new(what, value, "above 0 microseconds").into());
                 }
             }
-            let simulator = lock(&self.engine).take().ok_or_else(taken)?;
+            let simulator = usable(&self.engine)?.take().ok_or_else(taken)?;
             Ok::<_, Failure>(simulator.stream(duration_us, packet_us)?)
         })?;
         Ok(Stream { engine: Owned::new(Mutex::new(Some(stream))), sizes: sizes(&self.cameras) })
