@@ -116,7 +116,8 @@ fn archive(events: &[Event], deflated: bool) -> Vec<u8> {
         out.extend(local);
         out.extend(name.as_bytes());
         out.extend(&packed);
-        let entry = [&b"PK\x01\x02\x14\0\x14\0\0\0"[..], &method, &[0; 8], &sizes, &length, &[0; 12]].concat();
+        let entry =
+            [&b"PK\x01\x02\x14\0\x14\0\0\0"[..], &method, &[0; 8], &sizes, &length, &[0; 12]].concat();
         list.extend(entry);
         list.extend(at.to_le_bytes());
         list.extend(name.as_bytes());
@@ -155,7 +156,7 @@ fn mutated_numpy_files() {
         std::fs::write(&path, &bytes).unwrap();
         assert_eq!(read_events(&path, None).unwrap().events, whole, "the file as it should be: {name}");
         let mut damage = Damage::new(7, &bytes, marks);
-        for number in 0..2500 {
+        for number in 0..1500 {
             let mutant = damage.next();
             std::fs::write(&path, &mutant).unwrap();
             let outcome = catch_unwind(AssertUnwindSafe(|| {
@@ -172,7 +173,7 @@ fn mutated_numpy_files() {
         }
     }
     // A campaign that reads nothing, or refuses nothing, has tried nothing.
-    assert!(read > 300 && refused > 3000, "{read} read, {refused} refused");
+    assert!(read > 200 && refused > 2000, "{read} read, {refused} refused");
 }
 
 #[test]
@@ -198,7 +199,9 @@ fn numpy_headers() {
     let path = folder.file("late.npy");
     std::fs::write(&path, rows(&[Event::new(MOST_T_US, 1, 1, Polarity::On)])).unwrap();
     assert_eq!(read_events(&path, None).unwrap().events.len(), 1, "the latest time that is read");
-    for (t, p, message) in [(MOST_T_US + 1, 1, "up to 4503599627370496 us"), (i64::MIN, 1, "up to"), (0, 7, "polarity 7")] {
+    for (t, p, message) in
+        [(MOST_T_US + 1, 1, "up to 4503599627370496 us"), (i64::MIN, 1, "up to"), (0, 7, "polarity 7")]
+    {
         let mut event = Event::new(t, 1, 1, Polarity::On);
         event.p = p;
         std::fs::write(&path, rows(&[event])).unwrap();
@@ -253,6 +256,29 @@ fn read_recording(path: &std::path::Path) -> Result<(), evis_core::format::Forma
 }
 
 #[test]
+fn a_flipped_bit_changes_nothing_that_a_recording_says_of_itself() {
+    let folder = Folder::new("header");
+    let path = folder.file("out.h5");
+    recording(&path);
+    let header = Recording::open(&path).unwrap().header().clone();
+    let bytes = std::fs::read(&path).unwrap();
+    let (mut opened, mut refused) = (0, 0);
+    for at in (0..bytes.len()).step_by(2) {
+        let mut mutant = bytes.clone();
+        mutant[at] ^= 1 << (at / 2 % 8);
+        std::fs::write(&path, &mutant).unwrap();
+        match Recording::open(&path) {
+            Ok(recording) => {
+                opened += 1;
+                assert_eq!(recording.header(), &header, "byte {at}");
+            }
+            Err(_) => refused += 1,
+        }
+    }
+    assert!(opened > 300 && refused > 300, "{opened} opened, {refused} refused");
+}
+
+#[test]
 fn mutated_recordings_give_an_error_or_events_within_the_limit_of_memory() {
     within_the_limit(|| {
         let folder = Folder::new("recordings");
@@ -272,16 +298,16 @@ fn mutated_recordings_give_an_error_or_events_within_the_limit_of_memory() {
             let largest = LARGEST.load(Ordering::Relaxed);
             assert!(largest as u64 <= LIMIT, "{} asks for a block of {largest} bytes", what());
         };
-        for number in 0..1500 {
+        for number in 0..600 {
             let mutant = damage.next();
             try_it(&mutant, &|| format!("mutant {number}"));
         }
         // Every byte of the headers, which are not packed, as the largest and as another number.
-        for at in (0..bytes.len()).step_by(3) {
+        for at in (0..bytes.len()).step_by(9) {
             let mut mutant = bytes.clone();
             mutant[at] = if at % 2 == 0 { 0xff } else { mutant[at] ^ 0x40 };
             try_it(&mutant, &|| format!("the file with byte {at} changed"));
         }
-        assert!(read > 300 && refused > 800, "{read} read, {refused} refused");
+        assert!(read > 100 && refused > 300, "{read} read, {refused} refused");
     });
 }

@@ -171,7 +171,11 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-fn check_regular(metadata: &std::fs::Metadata) -> io::Result<()> {
+/// Whether this is a file that is read; a folder is left to the error that reading it gives.
+///
+/// # Errors
+/// As [`open_regular`].
+pub fn check_regular(metadata: &std::fs::Metadata) -> io::Result<()> {
     if metadata.is_file() || metadata.is_dir() {
         return Ok(());
     }

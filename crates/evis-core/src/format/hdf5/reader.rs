@@ -9,15 +9,13 @@ use evis_limits::Budget;
 use rust_hdf5::format::superblock::SuperblockV2V3;
 use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
-use super::{LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
+use super::{LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
 use crate::format::{FormatError, check_events};
 use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 
 /// Events that are decoded at once: bounds what a read needs beside its result.
 const EVENTS_AT_ONCE: u64 = 1 << 20;
-/// Deflate expands at most 1032 times; a data set that promises more than this cannot be in the file.
-const LARGEST_EXPANSION: u64 = 1100;
 
 /// A recording on disk. It holds no file open: every read sees what the writer has flushed by then.
 #[derive(Clone, Debug)]
@@ -249,6 +247,44 @@ impl Recording {
     pub fn report(&self) -> Result<Option<String>, FormatError> {
         let text = with_file(&self.path, |source| source.text("evis/report_json"))?;
         Ok(if text.is_empty() { None } else { Some(text) })
+    }
+
+    /// Reads everything that it holds, and keeps nothing of it.
+    ///
+    /// # Errors
+    /// The first part that cannot be read, or that does not fit the others.
+    pub fn verify(&self) -> Result<(), FormatError> {
+        for (index, camera) in self.header.cameras.iter().enumerate() {
+            let name = &camera.name;
+            with_file(&self.path, |source| {
+                let mut columns = source.events(camera)?;
+                if self.header.labels.contains(&LabelKind::Cause) {
+                    columns.cause = Some(source.dataset(&format!("{name}/events/cause"))?);
+                }
+                columns.read(source, 0, columns.count, |_| {})?;
+                let table = source.dataset(&format!("{name}/ms_to_idx"))?;
+                let (entries, mut at, mut before) = (source.rows(&table, "ms_to_idx")?, 0, 0);
+                while at < entries {
+                    let count = EVENTS_AT_ONCE.min(entries - at);
+                    for row in source.slice::<u64>(&table, at, count)? {
+                        if row < before || row > columns.count {
+                            let what = format!("{name}/ms_to_idx leads to event {row} of {}", columns.count);
+                            return Err(source.out_of_step(what));
+                        }
+                        before = row;
+                    }
+                    at += count;
+                }
+                Ok(())
+            })?;
+            for kind in self.label_kinds(index)? {
+                for frame in 0..self.label_times(index, *kind)?.len() {
+                    self.label(index, *kind, frame)?;
+                }
+            }
+            self.poses(index)?;
+        }
+        self.report().map(|_| ())
     }
 
     /// Where the recording is.
@@ -490,7 +526,7 @@ impl Source<'_> {
         if cameras.is_empty() {
             return Err(self.damaged("it has no camera"));
         }
-        Ok(RecordingHeader {
+        let header = RecordingHeader {
             cameras,
             seed: self.scalar("evis/seed")?,
             method: self.check("evis", evis.attr_string("method"))?,
@@ -501,7 +537,18 @@ impl Source<'_> {
             duration_us: None,
             t_offset_us,
             labels: labels.into_iter().collect(),
-        })
+        };
+        // Files from before there was one have none.
+        let members = self.check("evis", evis.dataset_names())?;
+        if members.iter().any(|name| name == "header_hash") {
+            let hash: u64 = self.scalar("evis/header_hash")?;
+            if hash != header.hash() {
+                return Err(self.damaged(
+                    "its seed, settings, intrinsics or names are not those that were written (evis/header_hash)",
+                ));
+            }
+        }
+        Ok(header)
     }
 
     /// An empty list with room for `count` events.

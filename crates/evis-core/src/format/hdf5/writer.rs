@@ -690,6 +690,7 @@ fn fill(file: &H5File, header: &RecordingHeader) -> Result<(), Hdf5Error> {
     scalar(&evis, "seed", header.seed)?;
     scalar(&evis, "environment", header.environment)?;
     scalar(&evis, "complete", 0_u8)?;
+    scalar(&evis, "header_hash", header.hash())?;
     let names: Vec<&str> = header.cameras.iter().map(|c| c.name.as_str()).collect();
     evis.write_vlen_strings("cameras", &names)?;
     evis.write_vlen_strings("config_toml", &[&header.config_toml])?;
