@@ -14,6 +14,7 @@ __all__ = [
     "FormatError",
     "FrameReader",
     "Label",
+    "MOST_T_US",
     "Packet",
     "Recording",
     "Scene",
@@ -40,9 +41,11 @@ __all__ = [
     "endpoint_error",
     "event_dtype",
     "label_kinds",
+    "limits",
     "list_devices",
     "mse",
     "psnr",
+    "read_events",
     "recommend_chart",
     "run_cli",
     "scene_sensors",
@@ -114,7 +117,7 @@ def draw_compare(json: str, path: str | PathLike[str]) -> None: ...
 def static_scene(
     sensor: str, size: tuple[int, int], duration_us: int, light: float, seed: int
 ) -> npt.NDArray[np.void]: ...
-def limits(memory: int | None = None) -> int: ...
+def limits(memory: int | None = None, allow_outside: bool | None = None) -> tuple[int, bool]: ...
 def run_cli(args: list[str]) -> int: ...
 def chart(
     scene: Scene,

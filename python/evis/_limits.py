@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from . import _check, _evis
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Limits:
     """Limits of this process.
 
@@ -15,9 +15,12 @@ class Limits:
     ----------
     memory : int
         Memory in bytes that one use of a file may take: what is decoded at once, or stays after it was read.
+    allow_outside : bool
+        Whether glTF files may refer to files outside of their folder.
     """
 
     memory: int
+    allow_outside: bool
 
 
 def limits() -> Limits:
@@ -29,10 +32,10 @@ def limits() -> Limits:
     >>> evis.limits().memory <= 4 * 2**30
     True
     """
-    return Limits(memory=_evis.limits())
+    return Limits(*_evis.limits())
 
 
-def set_limits(*, memory: int | None = None) -> Limits:
+def set_limits(*, memory: int | None = None, allow_outside: bool | None = None) -> Limits:
     """Set limits of this process; those that are not given stay.
 
     A file that would take more is refused, with what it would take. No limit changes a result.
@@ -42,6 +45,8 @@ def set_limits(*, memory: int | None = None) -> Limits:
     memory : int, optional
         Memory in bytes that one use of a file may take, at least 2**20; 4 GiB until it is set, or half of the
         machine's memory where that is less.
+    allow_outside : bool, optional
+        Whether glTF files may refer to files outside of their folder; False until it is set.
 
     Returns
     -------
@@ -55,4 +60,4 @@ def set_limits(*, memory: int | None = None) -> Limits:
     """
     if memory is not None:
         memory = _check.whole("memory", memory, 2**20, 2**63 - 1, " bytes")
-    return Limits(memory=_evis.limits(memory))
+    return Limits(*_evis.limits(memory, allow_outside))

@@ -35,6 +35,10 @@ pub(crate) struct Cli {
     /// Memory that a file may take, such as 8G or 500M; unless given 4G, or half of the machine's memory where that is less
     #[arg(long, global = true, value_name = "SIZE", value_parser = memory_size)]
     pub(crate) memory_limit: Option<u64>,
+
+    /// Let glTF files refer to files outside of their folder
+    #[arg(long, global = true)]
+    pub(crate) allow_outside: bool,
 }
 
 /// Bytes of `8G`, `500M` or `1000000`.
@@ -50,7 +54,9 @@ fn memory_size(text: &str) -> Result<u64, String> {
     };
     let bytes = number.parse::<u64>().ok().and_then(|number| number.checked_mul(1 << shift));
     let least = evis_core::limits::LEAST_MEMORY_LIMIT;
-    bytes.filter(|bytes| *bytes >= least).ok_or_else(|| format!("give a size of 1M or more, such as 8G or {least}"))
+    bytes
+        .filter(|bytes| *bytes >= least)
+        .ok_or_else(|| format!("give a size of 1M or more, such as 8G or {least}"))
 }
 
 /// What to do.
@@ -771,6 +777,9 @@ pub(crate) struct InfoArgs {
     /// Make a file that was cut off readable for every reader, keeping what it holds.
     #[arg(long)]
     pub(crate) repair: bool,
+    /// Read everything that the file holds, and name what is damaged.
+    #[arg(long, conflicts_with = "repair")]
+    pub(crate) check: bool,
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,

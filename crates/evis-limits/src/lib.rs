@@ -4,11 +4,12 @@
 //! a file of a few bytes cannot fill the memory. The limit belongs to the process, as a limit of the operating system
 //! does: it changes no result, it refuses files.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::path::{Component, Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// The limit where nothing is set, bytes: 4 GiB, or half of the machine's memory where that is less.
 const DEFAULT_LIMIT: u64 = 4 << 30;
@@ -19,11 +20,56 @@ pub const LEAST_MEMORY_LIMIT: u64 = 1 << 20;
 /// 0 until it is set or read.
 static LIMIT: AtomicU64 = AtomicU64::new(0);
 
+/// Whether scenes may refer to files outside of their folder.
+static ALLOW_OUTSIDE: AtomicBool = AtomicBool::new(false);
+
+/// Whether glTF files may refer to files outside of their folder; not unless it is set.
+pub fn allow_outside() -> bool {
+    ALLOW_OUTSIDE.load(Ordering::Relaxed)
+}
+
+/// Sets [`allow_outside`] for all threads of the process.
+pub fn set_allow_outside(allowed: bool) {
+    ALLOW_OUTSIDE.store(allowed, Ordering::Relaxed);
+}
+
+/// Whether `relative`, looked up in a folder, stays in it; links are not followed.
+pub fn stays_inside(relative: &Path) -> bool {
+    let mut depth = 0_usize;
+    for component in relative.components() {
+        match component {
+            Component::Normal(_) => depth += 1,
+            Component::CurDir => {}
+            Component::ParentDir if depth > 0 => depth -= 1,
+            Component::ParentDir | Component::RootDir | Component::Prefix(_) => return false,
+        }
+    }
+    true
+}
+
+/// `text` as it may be shown on a terminal: control characters, which names in files may hold and terminals obey, are
+/// written as `\\u001b`; line breaks and tabs stay.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    let obeyed = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if !text.contains(obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if obeyed(c) {
+            shown.push_str(&format!("\\u{:04x}", u32::from(c)));
+        } else {
+            shown.push(c);
+        }
+    }
+    Cow::Owned(shown)
+}
+
 /// How much memory one use of a file may take, bytes.
 pub fn memory_limit() -> u64 {
     match LIMIT.load(Ordering::Relaxed) {
         0 => {
-            let limit = machine_bytes().map_or(DEFAULT_LIMIT, |bytes| DEFAULT_LIMIT.min(bytes / 2));
+            let limit = machine_memory().map_or(DEFAULT_LIMIT, |bytes| DEFAULT_LIMIT.min(bytes / 2));
             let limit = limit.max(LEAST_MEMORY_LIMIT);
             // Another thread may have set it in between.
             LIMIT.compare_exchange(0, limit, Ordering::Relaxed, Ordering::Relaxed).err().unwrap_or(limit)
@@ -37,8 +83,8 @@ pub fn set_memory_limit(bytes: u64) {
     LIMIT.store(bytes.max(LEAST_MEMORY_LIMIT), Ordering::Relaxed);
 }
 
-/// Memory of the machine, or of the group of processes that this one belongs to, where the system says it.
-fn machine_bytes() -> Option<u64> {
+/// Memory of the machine, or of the group of processes that this one belongs to, in bytes, where the system says it.
+pub fn machine_memory() -> Option<u64> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
         let line = text.lines().find(|line| line.starts_with("MemTotal:"))?;
         line.split_whitespace().nth(1)?.parse::<u64>().ok()?.checked_mul(1024)
@@ -277,6 +323,22 @@ mod tests {
         assert_eq!(Budget::default().left(), 5 << 30);
         set_memory_limit(0);
         assert_eq!(memory_limit(), LEAST_MEMORY_LIMIT);
+    }
+
+    #[test]
+    fn a_terminal_is_sent_no_controls() {
+        assert_eq!(printable("two\n\tlines, grün"), "two\n\tlines, grün");
+        assert_eq!(printable("a\u{1b}[31mb\u{9b}c\r\u{7}"), "a\\u001b[31mb\\u009bc\\u000d\\u0007");
+    }
+
+    #[test]
+    fn paths_that_leave_a_folder_are_known() {
+        for inside in ["a.bin", "./a", "sub/../a", "a/b/../../c", ""] {
+            assert!(stays_inside(Path::new(inside)), "{inside}");
+        }
+        for outside in ["../a", "a/../../b", "/etc/passwd", ".."] {
+            assert!(!stays_inside(Path::new(outside)), "{outside}");
+        }
     }
 
     #[test]

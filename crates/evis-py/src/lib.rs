@@ -90,14 +90,18 @@ mod _evis {
         devices.iter().map(|device| crate::engine::device_dict(py, device)).collect()
     }
 
-    /// Memory that a file may take, in bytes; sets it first where it is given.
+    /// Memory that a file may take, in bytes, and whether scenes may refer to files outside of their folder; sets them first
+    /// where they are given.
     #[pyfunction]
-    #[pyo3(signature = (memory=None))]
-    fn limits(memory: Option<u64>) -> u64 {
+    #[pyo3(signature = (memory=None, allow_outside=None))]
+    fn limits(memory: Option<u64>, allow_outside: Option<bool>) -> (u64, bool) {
+        if let Some(allowed) = allow_outside {
+            evis_core::limits::set_allow_outside(allowed);
+        }
         if let Some(bytes) = memory {
             evis_core::limits::set_memory_limit(bytes);
         }
-        evis_core::limits::memory_limit()
+        (evis_core::limits::memory_limit(), evis_core::limits::allow_outside())
     }
 
     /// Runs the command line; returns its exit code.

@@ -109,6 +109,12 @@ pub(super) fn fetch(uri: &str, folder: &Path, what: &str, budget: &Budget) -> Re
     let decoded = percent_decoded(uri);
     let relative =
         std::str::from_utf8(&decoded).map_err(|_| format!("{what} has the URI '{uri}', no valid text"))?;
+    let inside = [relative, uri].into_iter().all(|name| evis_limits::stays_inside(Path::new(name)));
+    if !inside && !evis_limits::allow_outside() {
+        return Err(format!(
+            "{what} has the URI '{uri}', which leaves the scene's folder; --allow-outside lets scenes that you trust do so"
+        ));
+    }
     // Some exporters write names as they are, percent signs included.
     let candidates = [folder.join(relative), folder.join(uri)];
     let path = candidates.iter().find(|p| p.exists()).unwrap_or(&candidates[0]);
