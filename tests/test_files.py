@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -117,6 +118,75 @@ def test_unusable_files_are_refused(tmp_path: Path):
     (tmp_path / "cut.h5").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(evis.FormatError):
         evis.load(tmp_path / "cut.h5")
+
+
+def mutants(whole: bytes, count: int, seed: int) -> Iterator[bytes]:
+    """Yield files with some bytes replaced, doubled or cut out."""
+    random = np.random.default_rng(seed)
+    for _ in range(count):
+        mutant = bytearray(whole)
+        for _ in range(int(random.integers(1, 5))):
+            at = int(random.integers(len(mutant)))
+            match int(random.integers(5)):
+                case 0:
+                    del mutant[at : at + int(random.integers(1, 16))]
+                case 1:
+                    mutant[at:at] = mutant[at : at + 8]
+                case 2:
+                    mutant[at] = ord(random.choice(list("'\"(){}[],:<>|0289")))
+                case _:
+                    mutant[at] ^= 1 << int(random.integers(8))
+        yield bytes(mutant)
+
+
+@pytest.mark.parametrize("name", ["a.npy", "mapped.npy", "a.npz"])
+def test_mutated_numpy_files_raise_what_is_promised_or_hold_events(tmp_path: Path, name: str):
+    path = tmp_path / name
+    evis.save(path, some_events(40))
+    whole = path.read_bytes()
+    read = refused = 0
+    for mutant in mutants(whole, 800, seed=3):
+        path.write_bytes(mutant)
+        try:
+            events = evis.load(path, mapped=name.startswith("mapped")).events
+        except (OSError, evis.FormatError, evis.ConfigError):
+            refused += 1
+            continue
+        read += 1
+        assert bool((np.diff(events.t) >= 0).all())
+        assert set(events.p.tolist()) <= {0, 1}
+        assert events.x.max(initial=0) < events.width
+        assert events.y.max(initial=0) < events.height
+    assert min(10 * read, refused) > 100, f"{read} read, {refused} refused: nothing was tested"
+
+
+@pytest.mark.parametrize("mapped", [False, True])
+def test_events_that_cannot_be_are_refused(tmp_path: Path, mapped: bool):
+    path = tmp_path / "a.npy"
+    for field, value, message in (
+        ("p", 7, "polarit"),
+        ("t", -5, "sorted|earlier"),
+        ("t", 2**60, r"4503599627370496"),
+    ):
+        events = some_events(50).to_numpy().copy()
+        events[field][-1] = value
+        np.save(path, events)
+        with pytest.raises(evis.FormatError, match=message):
+            evis.load(path, mapped=mapped)
+    np.save(path, some_events(500).to_numpy())
+    with pytest.raises(evis.ConfigError, match=r"width is 10; .* works"):
+        evis.load(path, width=10, mapped=mapped)
+
+
+def test_a_report_that_is_no_json_is_a_format_error(tmp_path: Path):
+    path = tmp_path / "a.h5"
+    evis.save(path, some_events(10))
+    for text in (b"{", b"[1]", b"[" * 100_000):
+        with h5py.File(path, "r+") as file:
+            file["evis/report_json"].resize((len(text),))
+            file["evis/report_json"][:] = np.frombuffer(text, np.uint8)
+        with pytest.raises(evis.FormatError, match="report"):
+            evis.load(path)
 
 
 def test_a_stream_is_saved_while_it_runs(tmp_path: Path, spinner: evis.Scene):

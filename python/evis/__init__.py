@@ -18,6 +18,7 @@ from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, MotionChec
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
+from ._limits import limits, set_limits
 from ._method import Warp
 from ._packets import CAUSES, CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
 from ._scene import EventCamera, Scene, scenes
@@ -126,12 +127,14 @@ __all__ = [
     "compare",
     "devices",
     "frames",
+    "limits",
     "load",
     "load_truth",
     "metrics",
     "motion",
     "save",
     "scenes",
+    "set_limits",
     "static_scene",
     "statistics",
     "verify",

@@ -419,7 +419,7 @@ class SceneBuilder:
         OSError
             If a file cannot be read.
         """
-        return Scene(_evis.Scene.from_toml(self.toml(), base, list(self._pictures.items())))
+        return Scene._of_text(self.toml(), base, list(self._pictures.items()))
 
 
 def linear_rgba(name: str, pixels: npt.ArrayLike, color_space: ColorSpace | None) -> npt.NDArray[np.float32]:

@@ -14,6 +14,7 @@ __all__ = [
     "FormatError",
     "FrameReader",
     "Label",
+    "MOST_T_US",
     "Packet",
     "Recording",
     "Scene",
@@ -40,9 +41,11 @@ __all__ = [
     "endpoint_error",
     "event_dtype",
     "label_kinds",
+    "limits",
     "list_devices",
     "mse",
     "psnr",
+    "read_events",
     "recommend_chart",
     "run_cli",
     "scene_sensors",
@@ -69,6 +72,7 @@ __all__ = [
 ]
 
 __version__: str
+MOST_T_US: int
 
 class EvisError(Exception): ...
 class ConfigError(EvisError, ValueError): ...
@@ -76,6 +80,7 @@ class FormatError(EvisError, ValueError): ...
 class DeviceError(EvisError, RuntimeError): ...
 
 def event_dtype() -> np.dtype[np.void]: ...
+def read_events(path: str | PathLike[str]) -> tuple[npt.NDArray[np.void], int, int]: ...
 def label_kinds() -> list[tuple[str, str, int]]: ...
 def builtin_scenes() -> list[tuple[str, str]]: ...
 def srgb_table() -> list[float]: ...
@@ -112,6 +117,7 @@ def draw_compare(json: str, path: str | PathLike[str]) -> None: ...
 def static_scene(
     sensor: str, size: tuple[int, int], duration_us: int, light: float, seed: int
 ) -> npt.NDArray[np.void]: ...
+def limits(memory: int | None = None, allow_outside: bool | None = None) -> tuple[int, bool]: ...
 def run_cli(args: list[str]) -> int: ...
 def chart(
     scene: Scene,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
@@ -221,8 +222,9 @@ class Recording(Mapping[str, RecordedView]):
         Counts and times that the writer left at the end.
     """
 
-    def __init__(self, source: _Source) -> None:
+    def __init__(self, source: _Source, reload: tuple[Any, ...] | None = None) -> None:
         self._source = source
+        self._reload = reload
         self.cameras = tuple(CameraInfo(**camera) for camera in source.cameras)
         self.labels_present = tuple(source.labels)
         self.seed = source.seed
@@ -231,9 +233,14 @@ class Recording(Mapping[str, RecordedView]):
         self.config_toml = source.config_toml
         self.t_offset_us = source.t_offset_us
         self.complete = source.is_complete()
-        report = source.report_json()
-        self.report: Mapping[str, Any] | None = None if not report else json.loads(report)
+        self.report: Mapping[str, Any] | None = _report(source.report_json())
         self._views = {camera.name: RecordedView(source, index) for index, camera in enumerate(self.cameras)}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by path: the file is opened again."""
+        if self._reload is None:
+            raise TypeError("this recording has no file of its own; save it, and pickle what evis.load gives")
+        return _load, self._reload
 
     def __getitem__(self, camera: str) -> RecordedView:
         """Return the part of ``camera``."""
@@ -293,6 +300,22 @@ class Recording(Mapping[str, RecordedView]):
         return f"Recording({counts}{'' if self.complete else ', incomplete'})"
 
 
+def _report(text: str | None) -> Mapping[str, Any] | None:
+    if not text:
+        return None
+    try:
+        report = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FormatError(
+            f"the report in the file is no JSON ({error}); record or copy the file again"
+        ) from error
+    if not isinstance(report, dict):
+        raise FormatError(
+            f"the report in the file is {_check.shown(report)}, and no mapping; record it again"
+        )
+    return report
+
+
 def load(
     path: str | PathLike[str], *, width: int | None = None, height: int | None = None, mapped: bool = False
 ) -> Recording:
@@ -319,41 +342,64 @@ def load(
     OSError
         If the file cannot be read.
     FormatError
-        If it holds no events, or is damaged.
+        If it holds no events, is damaged, or holds events that cannot be: outside of the sensor, out of
+        order, of another polarity than 0 and 1 (-1 counts as 0 in NumPy files that are not mapped).
     ConfigError
-        If its ending is another.
+        If its ending is another, or ``width`` or ``height`` is less than its events need.
     """
     path = Path(path)
     match path.suffix.lower():
         case ".h5" | ".hdf5":
-            return Recording(_evis.Recording(path))
+            return Recording(_evis.Recording(path), (path.absolute(), width, height, mapped))
         case ".npz" | ".npy":
-            return Recording(_ArraySource(_load_arrays(path, width, height, mapped)))
+            events = _load_arrays(path, width, height, mapped)
+            return Recording(_ArraySource(events), (path.absolute(), width, height, mapped))
         case ending:
             raise ConfigError(f"path ends with '{ending}'; it must end with .h5, .hdf5, .npz or .npy")
 
 
+def _load(path: Path, width: int | None, height: int | None, mapped: bool) -> Recording:
+    return load(path, width=width, height=height, mapped=mapped)
+
+
 def _load_arrays(path: Path, width: int | None, height: int | None, mapped: bool) -> EventArray:
+    for name, side in (("width", width), ("height", height)):
+        if side is not None:
+            _check.whole(name, side, 1, 65536, " pixels")
+    if mapped and path.suffix.lower() == ".npy":
+        events = _mapped(path)
+        sides = [int(events[axis].max(initial=0)) + 1 for axis in ("x", "y")]
+    else:
+        events, *sides = _evis.read_events(path)
+    wanted = []
+    for name, axis, given, held in zip(("width", "height"), "xy", (width, height), sides, strict=True):
+        least = int(events[axis].max(initial=0)) + 1 if given is not None else 0
+        if given is not None and given < least:
+            raise ConfigError(
+                f"{name} is {given}; {path} has events up to {axis} = {least - 1}: {least} works"
+            )
+        wanted.append(held if given is None else given)
+    return EventArray._trusted(events, *wanted)
+
+
+def _mapped(path: Path) -> npt.NDArray[np.void]:
+    if not path.is_file() and path.exists():
+        raise FormatError(f"{path} is no regular file; give a file of events")
     try:
-        held = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
-        if isinstance(held, np.lib.npyio.NpzFile):
-            with held:
-                columns = {name: held[name] for name in ("t", "x", "y", "p")}
-                width = int(held["width"]) if width is None and "width" in held else width
-                height = int(held["height"]) if height is None and "height" in held else height
-            width = int(columns["x"].max(initial=0)) + 1 if width is None else width
-            height = int(columns["y"].max(initial=0)) + 1 if height is None else height
-            return EventArray.from_columns(**columns, width=width, height=height)
-        events = as_event_cd(held)
-        width = int(events["x"].max(initial=0)) + 1 if width is None else width
-        height = int(events["y"].max(initial=0)) + 1 if height is None else height
-        return EventArray(events, width=width, height=height)
+        events = as_event_cd(np.load(path, mmap_mode="r", allow_pickle=False))
     except OSError:
         raise
-    except KeyError as error:
-        raise FormatError(f"{path}: {error.args[0]}; it must hold the columns t, x, y and p") from error
-    except (ValueError, EOFError) as error:
-        raise FormatError(f"{path}: {error}") from error
+    except Exception as error:
+        # NumPy's reader of headers raises whatever Python's parser does.
+        raise FormatError(f"{path} cannot be read: {error}; it must hold events (evis.EventCD)") from error
+    late = max(abs(int(limit)) for limit in (events["t"].min(initial=0), events["t"].max(initial=0)))
+    if bool((np.diff(events["t"]) < 0).any()):
+        raise FormatError(f"{path} cannot be read: its events are not sorted by t")
+    if not 0 <= int(events["p"].min(initial=0)) <= int(events["p"].max(initial=0)) <= 1:
+        raise FormatError(f"{path} cannot be read: it has polarities other than 0 (OFF) and 1 (ON)")
+    if late > _evis.MOST_T_US:
+        raise FormatError(f"{path} cannot be read: it has events at {late} us; {_evis.MOST_T_US} us work")
+    return events
 
 
 class Writer:
@@ -643,7 +689,8 @@ def _single(source: Stream | EventArray | Mapping[str, EventArray] | Recording) 
 
 def _save_arrays(path: Path, events: EventArray) -> None:
     # Under another name first: a failure leaves no half-written file.
-    draft = path.with_name(f".{path.name}.draft")
+    path = Path(os.path.realpath(path))
+    draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.draft")
     try:
         with draft.open("wb") as file:
             if path.suffix.lower() == ".npy":

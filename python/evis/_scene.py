@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
 
 from . import _check, _evis, _toml
 from ._evis import ConfigError
@@ -67,17 +71,26 @@ class EventCamera:
         return {**table_of(self.name, table.pop("pose", None)), **table}
 
 
+Source: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...]]
+"""What makes a scene: a function, and its arguments."""
+
+
 class Scene:
     """What the world holds and where everything is at any time; immutable, shared by simulators.
 
     Right-handed, metres, +Y up; colours are linear (Rec. 709 primaries). Made by `builtin`, `load`,
-    `from_toml` or a `SceneBuilder`.
+    `from_toml` or a `SceneBuilder`. Pickles hold what made it, and make it again.
     """
 
-    __slots__ = ("_raw",)
+    __slots__ = ("_raw", "_source")
 
-    def __init__(self, raw: _evis.Scene) -> None:
+    def __init__(self, raw: _evis.Scene, source: Source) -> None:
         self._raw = raw
+        self._source = source
+
+    def __reduce__(self) -> Source:
+        """Pickle by what made it, which is made again: files must be where they were."""
+        return self._source
 
     @classmethod
     def builtin(cls, name: str, *, seed: int = 0) -> Scene:
@@ -95,7 +108,8 @@ class Scene:
         ConfigError
             If there is no such scene; lists those that exist.
         """
-        return cls(_evis.Scene.builtin(str(name), _check.whole("seed", seed, 0, 2**64 - 1)))
+        seed = _check.whole("seed", seed, 0, 2**64 - 1)
+        return cls(_evis.Scene.builtin(str(name), seed), (_builtin, (str(name), seed)))
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Scene:
@@ -110,7 +124,7 @@ class Scene:
         ConfigError
             If the file's ending is another, or the scene breaks a rule.
         """
-        return cls(_evis.Scene.load(path))
+        return cls(_evis.Scene.load(path), (Scene.load, (Path(path).absolute(),)))
 
     @classmethod
     def from_toml(cls, text: str, *, base: str | PathLike[str] = ".") -> Scene:
@@ -132,7 +146,18 @@ class Scene:
         ConfigError
             If the scene breaks a rule.
         """
-        return cls(_evis.Scene.from_toml(text, base, []))
+        return Scene._of_text(text, base, [])
+
+    @classmethod
+    def _of_text(
+        cls,
+        text: str,
+        base: str | PathLike[str],
+        pictures: list[tuple[str, npt.NDArray[np.float32]]],
+    ) -> Scene:
+        """Make the scene of a text, and of pictures for its textures of these names."""
+        source = (Scene._of_text, (text, Path(base).absolute(), pictures))
+        return cls(_evis.Scene.from_toml(text, base, pictures), source)
 
     def with_cameras(self, cameras: Sequence[EventCamera]) -> Scene:
         """Return this scene with more cameras; this one stays as it is.
@@ -156,7 +181,7 @@ class Scene:
         # The parents are nodes of this scene, which the text of the cameras does not know.
         parents = [table.pop("parent", None) for table in tables]
         text = _toml.document({"cameras": tables})
-        return Scene(self._raw.with_cameras(text, parents))
+        return Scene(self._raw.with_cameras(text, parents), (Scene.with_cameras, (self, tuple(cameras))))
 
     def at_speed(self, speed: float) -> Scene:
         """Return this scene with everything that moves, deforms or changes its light so many times as fast.
@@ -171,7 +196,8 @@ class Scene:
         ConfigError
             If it is not a number above 0.
         """
-        return Scene(self._raw.at_speed(_check.number("speed", speed)))
+        speed = _check.number("speed", speed)
+        return Scene(self._raw.at_speed(speed), (Scene.at_speed, (self, speed)))
 
     @property
     def name(self) -> str:
@@ -206,6 +232,10 @@ class Scene:
     def __repr__(self) -> str:
         """Say what it holds."""
         return f"Scene({self.name!r}, {len(self.nodes)} nodes, cameras {', '.join(self.cameras) or 'none'})"
+
+
+def _builtin(name: str, seed: int) -> Scene:
+    return Scene.builtin(name, seed=seed)
 
 
 def raw_of(scene: Any) -> _evis.Scene:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from types import TracebackType
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 from . import _check, _evis, _method
 from ._evis import ConfigError
@@ -150,6 +150,18 @@ class Simulator:
     DeviceError
         If there is no such device.
     """
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Simulator:
+        """Keep the arguments, for pickles."""
+        made = super().__new__(cls)
+        made._made_with = (args, kwargs)
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the settings: what is unpickled is a new simulator, which begins at its start."""
+        return _simulator, (type(self), *self._made_with)
+
+    _made_with: tuple[tuple[Any, ...], dict[str, Any]]
 
     def __init__(
         self,
@@ -412,6 +424,10 @@ class Stream(Iterator[Packet]):
     ) -> None:
         """Stop the engine."""
         self.close()
+
+
+def _simulator(cls: type[Simulator], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Simulator:
+    return cls(*args, **kwargs)
 
 
 def _by_camera(sensors: Mapping[str, Sensor | str]) -> dict[str, str]:

@@ -71,7 +71,8 @@ pub fn save(chart: &ChartResult, look: &Look, path: &Path) -> Result<(), ChartEr
         PictureKind::Png => png(chart, look)?,
         PictureKind::Svg => svg(chart, look)?.into_bytes(),
     };
-    std::fs::write(path, bytes).map_err(|source| ChartError::Io { path: path.into(), source })
+    evis_core::limits::write_whole(path, &bytes)
+        .map_err(|source| ChartError::Io { path: path.into(), source })
 }
 
 /// `chart` as SVG.

@@ -112,7 +112,8 @@ pub(crate) fn save(figure: &impl Drawing, path: &Path) -> Result<(), ChartError>
         PictureKind::Png => canvas::png(figure)?,
         PictureKind::Svg => canvas::svg(figure)?.into_bytes(),
     };
-    std::fs::write(path, bytes).map_err(|source| ChartError::Io { path: path.into(), source })
+    evis_core::limits::write_whole(path, &bytes)
+        .map_err(|source| ChartError::Io { path: path.into(), source })
 }
 
 #[cfg(test)]

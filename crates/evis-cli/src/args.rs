@@ -31,6 +31,32 @@ const MAX_SIZE: u32 = 8192;
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
+
+    /// Memory that a file may take, such as 8G or 500M; unless given 4G, or half of the machine's memory where that is less
+    #[arg(long, global = true, value_name = "SIZE", value_parser = memory_size)]
+    pub(crate) memory_limit: Option<u64>,
+
+    /// Let glTF files refer to files outside of their folder
+    #[arg(long, global = true)]
+    pub(crate) allow_outside: bool,
+}
+
+/// Bytes of `8G`, `500M` or `1000000`.
+fn memory_size(text: &str) -> Result<u64, String> {
+    let (number, unit) = text.split_at(text.trim_end_matches(char::is_alphabetic).len());
+    let shift = match unit.to_ascii_lowercase().trim_end_matches('b').trim_end_matches('i') {
+        "" => 0,
+        "k" => 10,
+        "m" => 20,
+        "g" => 30,
+        "t" => 40,
+        _ => return Err(format!("'{unit}' is no unit; K, M, G and T work")),
+    };
+    let bytes = number.parse::<u64>().ok().and_then(|number| number.checked_mul(1 << shift));
+    let least = evis_core::limits::LEAST_MEMORY_LIMIT;
+    bytes
+        .filter(|bytes| *bytes >= least)
+        .ok_or_else(|| format!("give a size of 1M or more, such as 8G or {least}"))
 }
 
 /// What to do.
@@ -751,6 +777,9 @@ pub(crate) struct InfoArgs {
     /// Make a file that was cut off readable for every reader, keeping what it holds.
     #[arg(long)]
     pub(crate) repair: bool,
+    /// Read everything that the file holds, and name what is damaged.
+    #[arg(long, conflicts_with = "repair")]
+    pub(crate) check: bool,
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,

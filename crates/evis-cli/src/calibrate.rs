@@ -67,7 +67,8 @@ fn tell(
         let lines = table.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n");
         let head = format!("# evis calibrate {}\n", names.join(" ").replace(char::is_control, " "));
         let file = head + &lines.collect::<String>() + "\n" + &sensor.to_toml();
-        std::fs::write(output, file).with_context(|| format!("cannot write {}", output.display()))?;
+        evis_core::limits::write_whole(output, file.as_bytes())
+            .with_context(|| format!("cannot write {}", output.display()))?;
     }
     if args.json {
         text::say_json(made)?;

@@ -40,7 +40,8 @@ pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
     // What was measured is kept first: whatever fails later can be done again from it.
     if let Some(path) = &args.json {
         let json = chart.to_json()? + "\n";
-        std::fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
+        evis_core::limits::write_whole(path, json.as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
         text::say(&format!("{}", path.display()));
     }
     for output in &args.output {

@@ -84,6 +84,8 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
                     | ErrorKind::StorageFull
                     | ErrorKind::QuotaExceeded
                     | ErrorKind::FileTooLarge
+                    | ErrorKind::OutOfMemory
+                    | ErrorKind::InvalidInput
             )
         })
 }

@@ -1,5 +1,7 @@
 //! `info`: what a recording holds; `--repair` makes one that was cut off readable for every reader.
 
+use std::path::Path;
+
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::{self, Recording, RepairReport, stored_sensor};
 use evis_core::sensor::PRESETS;
@@ -45,6 +47,8 @@ struct Repaired {
     rows_dropped: u64,
     millis_rebuilt: u64,
     report_dropped: bool,
+    /// Rows in the middle that are gone.
+    holes: Vec<String>,
     nothing_to_do: bool,
 }
 
@@ -59,6 +63,7 @@ impl Repaired {
             rows_dropped: report.rows_dropped,
             millis_rebuilt: report.millis_rebuilt,
             report_dropped: report.report_dropped,
+            holes: report.holes.iter().map(ToString::to_string).collect(),
             nothing_to_do: report.nothing_to_do(),
         }
     }
@@ -80,6 +85,9 @@ impl Repaired {
         }
         if self.report_dropped {
             text += "; the run's report is lost";
+        }
+        for hole in &self.holes {
+            text += &format!("; {hole} are gone");
         }
         text + "; every reader opens it, and it does not count as complete"
     }
@@ -116,6 +124,9 @@ struct LabelLine {
 
 /// Describes a recording.
 pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
+    if args.check {
+        check(&args.input)?;
+    }
     let repaired = if args.repair { Some(Repaired::of(&hdf5::repair(&args.input)?)) } else { None };
     let recording = Recording::open(&args.input)?;
     let header = recording.header();
@@ -146,6 +157,33 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
         text::say(&describe(&info))
     }
     Ok(0)
+}
+
+/// Reads everything, and names what is damaged.
+fn check(path: &Path) -> anyhow::Result<()> {
+    let report = hdf5::check(path)?;
+    let mut damage: Vec<String> = report.holes.iter().map(|hole| format!("{hole} cannot be read")).collect();
+    if report.cut_short {
+        damage.push("it ends before its content does".into());
+    }
+    if report.reopened {
+        damage.push("it is being written, or its writer was killed".into());
+    }
+    if report.rows_dropped > 0 {
+        let (events, rows) = (text::grouped(report.events_dropped), text::grouped(report.rows_dropped));
+        damage.push(format!("{rows} rows are missing, {events} of them events"));
+    }
+    if report.millis_rebuilt > 0 {
+        damage.push(format!("{} entries of ms_to_idx do not fit", text::grouped(report.millis_rebuilt)));
+    }
+    if report.report_dropped {
+        damage.push("the run's report is missing".into());
+    }
+    if damage.is_empty() {
+        return Ok(());
+    }
+    let remedy = "keep the rest with info --repair, or copy it again from its source";
+    Err(FormatError::corrupt(path, damage.join("; "), remedy).into())
 }
 
 /// Whether the writer's report says so.

@@ -41,6 +41,12 @@ pub fn run(args: Vec<String>) -> i32 {
             return error.exit_code();
         }
     };
+    if let Some(bytes) = cli.memory_limit {
+        evis_core::limits::set_memory_limit(bytes);
+    }
+    if cli.allow_outside {
+        evis_core::limits::set_allow_outside(true);
+    }
     let done = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Tune(args) => tune::tune(&args),

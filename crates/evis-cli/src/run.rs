@@ -29,9 +29,9 @@ const PACKET_US: i64 = 10_000;
 /// Seconds simulated where neither the user nor the scene says how many.
 const DEFAULT_DURATION_S: f64 = 1.0;
 
-/// A killed process loses at most what came since the last flush, measured on the clock and in the stream.
-const FLUSH_WALL: Duration = Duration::from_millis(400);
-const FLUSH_STREAM_US: i64 = 500_000;
+/// A killed process loses at most what came since the last flush. By the clock: each one stores unfinished chunks anew, so
+/// that flushing a fast run for each part of its stream would fill the disk.
+const FLUSH_EVERY: Duration = Duration::from_millis(400);
 
 /// Simulates and writes.
 pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
@@ -98,7 +98,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         outputs,
         overwrite: args.force,
         writers: Vec::new(),
-        flushed: (Instant::now(), 0),
+        flushed: Instant::now(),
     };
     let setup = started.elapsed();
 
@@ -126,7 +126,8 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
 
     if let Some(path) = &args.report {
         let json = serde_json::to_string_pretty(&report)?;
-        std::fs::write(path, json + "\n").with_context(|| format!("cannot write {}", path.display()))?;
+        evis_core::limits::write_whole(path, (json + "\n").as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     if args.json {
         text::say_json(&report)?
@@ -439,7 +440,7 @@ struct Job {
     overwrite: bool,
     /// Made when the first packet is there: a run that fails at the start leaves no file.
     writers: Vec<RecordingWriter>,
-    flushed: (Instant, i64),
+    flushed: Instant,
 }
 
 impl Job {
@@ -494,12 +495,11 @@ impl Job {
                 writer.write_pose(view.camera, pose)?;
             }
         }
-        let (at, until_us) = self.flushed;
-        if at.elapsed() >= FLUSH_WALL || packet.end_us - until_us >= FLUSH_STREAM_US {
+        if self.flushed.elapsed() >= FLUSH_EVERY {
             for writer in &mut self.writers {
                 writer.flush()?;
             }
-            self.flushed = (Instant::now(), packet.end_us);
+            self.flushed = Instant::now();
         }
         Ok(())
     }

@@ -2,17 +2,18 @@
 
 use std::io::Write;
 
+use evis_core::limits::printable;
 use serde::Serialize;
 
 /// Writes `text` and a line break to standard output.
 pub(crate) fn say(text: &str) {
     // The reader may have gone (`| head`): nobody is left to tell.
-    let _ = writeln!(std::io::stdout().lock(), "{text}");
+    let _ = writeln!(std::io::stdout().lock(), "{}", printable(text));
 }
 
 /// Writes `text` and a line break to standard error.
 pub(crate) fn complain(text: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{text}");
+    let _ = writeln!(std::io::stderr().lock(), "{}", printable(text));
 }
 
 /// Writes `value` as indented JSON to standard output.

@@ -59,7 +59,8 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
     }
     if let Some(path) = &args.report {
         let json = serde_json::to_string_pretty(&report)?;
-        std::fs::write(path, json + "\n").with_context(|| format!("cannot write {}", path.display()))?;
+        evis_core::limits::write_whole(path, (json + "\n").as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     if args.json {
         text::say_json(&report)?;

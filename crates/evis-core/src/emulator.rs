@@ -21,7 +21,7 @@ mod warp;
 
 use rayon::prelude::*;
 
-use crate::event::{Cause, Event, take_causes};
+use crate::event::{Cause, Event, MOST_T_US, take_causes};
 use crate::random::Key;
 use crate::sensor::{ConfigError, Sensor, SensorConfig};
 use crate::simd::Isa;
@@ -43,6 +43,15 @@ pub use warp::{Warp, WarpVariant};
 
 /// Pixels per tile, at most: the unit of work of a thread. Its memory stays within a core's second cache.
 const TILE: usize = 1 << 14;
+
+/// Most environments of an emulator.
+const MOST_ENVIRONMENTS: usize = 1 << 16;
+
+/// Most threads of an emulator.
+const MOST_THREADS: usize = 1024;
+
+/// What an ideal pixel remembers: its reference, the last value, and the range in which nothing fires.
+const LEAST_PIXEL_BYTES: u64 = 12;
 
 /// Pixels per tile of an image: alike, and of a number that two or four threads share evenly where they share it.
 fn tile_pixels(pixels: usize) -> usize {
@@ -215,8 +224,21 @@ impl EventEmulator {
                 return Err(ConfigError::new(what, value, "between 1 and 65536 pixels"));
             }
         }
-        if config.batch == 0 {
-            return Err(ConfigError::new("batch", 0, "at least 1"));
+        if !(1..=MOST_ENVIRONMENTS).contains(&config.batch) {
+            let remedy = format!("between 1 and {MOST_ENVIRONMENTS}");
+            return Err(ConfigError::new("batch", config.batch, remedy));
+        }
+        if config.threads > MOST_THREADS {
+            let remedy = format!("at most {MOST_THREADS}; 0 takes as many as there are cores");
+            return Err(ConfigError::new("threads", config.threads, remedy));
+        }
+        // The least that a pixel remembers; what does not fit into the machine would end the process.
+        let pixels = u64::from(config.width) * u64::from(config.height) * config.batch as u64;
+        if let Some(bytes) = evis_limits::machine_memory().filter(|bytes| pixels > bytes / LEAST_PIXEL_BYTES)
+        {
+            let value = format!("{}x{} pixels, {} times", config.width, config.height, config.batch);
+            let remedy = format!("smaller: this machine's {bytes} bytes of memory do not hold them");
+            return Err(ConfigError::new("size", value, remedy));
         }
         let y_ref = config.reference_luminance;
         // Their reciprocal must be a number as well.
@@ -449,6 +471,9 @@ impl EventEmulator {
 
     /// Microseconds since the last frame; 0 for the first one.
     fn check_time(&self, t_us: i64) -> Result<u32, ConfigError> {
+        if !(-MOST_T_US..=MOST_T_US).contains(&t_us) {
+            return Err(ConfigError::new("t_us", t_us, format!("at most {MOST_T_US} microseconds from 0")));
+        }
         let Some(now_us) = self.now_us else { return Ok(0) };
         if t_us <= now_us {
             return Err(ConfigError::new(

@@ -2,6 +2,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
+/// Times of events lie within this many microseconds of 0: 142 years. Differences and sums of a few times cannot overflow,
+/// and are exact as `f64`.
+pub const MOST_T_US: i64 = 1 << 52;
+
 /// Sign of a brightness change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Polarity {
@@ -79,6 +83,11 @@ impl Event {
     #[must_use]
     pub const fn with_cause(self, cause: Cause) -> Self {
         Self { mark: cause as u16, ..self }
+    }
+
+    /// Whether its mark is the number of a cause.
+    pub(crate) const fn has_cause(&self) -> bool {
+        (self.mark as usize) < Cause::ALL.len()
     }
 
     /// The canonical order within a stream: time, then row, then column. Events of one pixel at one

@@ -24,6 +24,7 @@ pub use emulator::{
     Transfer, Warp, WarpVariant, check_motion,
 };
 pub use event::{Cause, Event, Polarity};
+pub use evis_limits as limits;
 pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 pub use sensor::{ConfigError, Exposure, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;

@@ -36,6 +36,9 @@ pub(crate) const STEP_US: i64 = 1_000;
 /// Distances of [`Stats::spatial_correlation`], pixels.
 const LAGS: [usize; 8] = [1, 2, 3, 4, 6, 8, 16, 32];
 
+/// Pixels of the largest sensor.
+const MOST_PIXELS: i64 = 1 << 32;
+
 /// Intervals up to this count as within a burst, where they are more frequent than those up to twice this.
 pub(crate) const BURST_US: i64 = 5_000;
 
@@ -176,12 +179,20 @@ pub fn stats(
         return Err(ConfigError::new("an event", format!("{event:?}"), remedy));
     }
     let pixels = width as usize * height as usize;
+    // What follows keeps per pixel, per event and per step.
+    let budget = evis_limits::Budget::default();
+    let steps = usize::try_from(length_us / STEP_US).unwrap_or(usize::MAX).min(1 << 26);
+    let per_pixel = (2 * size_of::<u32>() + size_of::<Pixel>() + size_of::<f64>()) as u64;
+    let bytes = (pixels as u64 * per_pixel).saturating_add((steps + 2 * events.len()) as u64 * 8);
+    if let Err(error) = budget.take(bytes, "counting") {
+        let value = format!("{width}x{height} pixels and {} events", events.len());
+        return Err(ConfigError::new("the recording's size", value, format!("smaller: {error}")));
+    }
     let duration_s = length_us as f64 * 1e-6;
     let place = |e: &Event| usize::from(e.y) * width as usize + usize::from(e.x);
 
     let mut counts = vec![0_u32; pixels];
-    let steps = usize::try_from(length_us / STEP_US).unwrap_or(usize::MAX);
-    let mut population = vec![0.0_f64; steps.min(1 << 26)];
+    let mut population = vec![0.0_f64; steps];
     for event in events {
         counts[place(event)] += 1;
         let step = usize::try_from((event.t - start_us) / STEP_US).unwrap_or(usize::MAX);
@@ -307,6 +318,10 @@ fn fano_by_window(
         let windows = length_us / window_us;
         if windows < 4 {
             break;
+        }
+        // A number for each window of each pixel.
+        if windows.checked_mul(MOST_PIXELS).is_none() {
+            continue;
         }
         keys.clear();
         keys.extend(events.iter().filter(|event| cold(event)).filter_map(|event| {

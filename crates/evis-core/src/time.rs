@@ -12,12 +12,13 @@ impl TimeGrid {
     /// A grid of `rate_hz` instants per second.
     ///
     /// # Errors
-    /// `rate_hz` must be finite, above 0 and at most 1 MHz (instants are whole microseconds).
+    /// `rate_hz` must be at least 1 mHz (an interval's microseconds are 32 bits) and at most 1 MHz (instants are whole
+    /// microseconds).
     pub fn new(rate_hz: f64) -> Result<Self, ConfigError> {
-        if rate_hz.is_finite() && rate_hz > 0.0 && rate_hz <= 1.0e6 {
+        if (1.0e-3..=1.0e6).contains(&rate_hz) {
             Ok(Self { rate_hz })
         } else {
-            Err(ConfigError::new("rate", rate_hz, "above 0 and at most 1000000 Hz"))
+            Err(ConfigError::new("rate", rate_hz, "between 0.001 and 1000000 Hz"))
         }
     }
 
@@ -44,6 +45,15 @@ impl TimeGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rates_whose_intervals_overflow_are_refused() {
+        for rate in [0.0, -1.0, 1e-9, 1.0 / 4295.0, 1.1e6, f64::NAN, f64::INFINITY] {
+            let error = TimeGrid::new(rate).unwrap_err().to_string();
+            assert!(error.contains("between 0.001 and 1000000 Hz"), "{error}");
+        }
+        assert!(TimeGrid::new(1e-3).is_ok() && TimeGrid::new(1e6).is_ok());
+    }
 
     #[test]
     fn instants_do_not_drift() {

@@ -8,7 +8,9 @@ use evis_core::sensor::{
     Bandwidth, Curve, FilterRule, LeakLaw, Noise, NoiseReference, PRESETS, Pattern, Photoreceptor, Readout,
     Refractory, RefractoryRule, Start,
 };
-use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, SensorConfig, Times, Transfer, TriggerRule};
+use evis_core::{
+    EmulatorConfig, Event, EventEmulator, FrameData, Frames, SensorConfig, Times, Transfer, TriggerRule,
+};
 
 fn emulator(width: u32, height: u32, sensor: &SensorConfig) -> EventEmulator {
     EventEmulator::new(EmulatorConfig {
@@ -837,4 +839,22 @@ fn an_unknown_logarithm_is_unknown_to_every_sensor() {
         assert_eq!(push([-1.3, f32::NAN], 3_000), 1, "canary: a logarithm that is known");
         assert_eq!(emulator.total_report().unknown, 2);
     }
+}
+
+#[test]
+fn sizes_that_no_machine_holds_are_refused_with_the_limit() {
+    let refused = |config: EmulatorConfig| EventEmulator::new(config).map(|_| ()).unwrap_err().to_string();
+    let small = EmulatorConfig { width: 8, height: 8, ..EmulatorConfig::default() };
+    let error = refused(EmulatorConfig { batch: 1 << 31, ..small.clone() });
+    assert!(error.contains("2147483648") && error.contains("between 1 and 65536"), "{error}");
+    let error = refused(EmulatorConfig { threads: 5000, ..small.clone() });
+    assert!(error.contains("5000") && error.contains("at most 1024"), "{error}");
+    let error = refused(EmulatorConfig { width: 65_536, height: 65_536, batch: 60_000, ..small.clone() });
+    assert!(error.contains("memory"), "{error}");
+    let mut emulator = EventEmulator::new(small).unwrap();
+    let light = [1.0; 64];
+    let frames = Frames { data: FrameData::Linear(&light), channels: 1 };
+    let error = emulator.push(&frames, 9_000_000_000_000_000).unwrap_err().to_string();
+    assert!(error.contains("at most 4503599627370496 microseconds from 0"), "{error}");
+    emulator.push(&frames, 4_503_599_627_370_496).unwrap();
 }

@@ -498,3 +498,65 @@ fn flipped_bits_give_an_error_or_data_and_no_panic() {
     }
     assert!(noticed > 75, "only {noticed} of 300 damaged files were noticed");
 }
+
+#[cfg(unix)]
+#[test]
+fn a_recording_that_is_removed_or_replaced_while_it_is_written_is_an_error() {
+    let folder = Folder::new("lost");
+    let path = folder.file("out.h5");
+    let header = header(vec![camera("cam", 16, 8)]);
+    for (change, message) in [
+        ((|path| fs::remove_file(path).unwrap()) as fn(&Path), "removed"),
+        (
+            |path| {
+                fs::remove_file(path).unwrap();
+                fs::write(path, b"another").unwrap();
+            },
+            "another file took its place",
+        ),
+    ] {
+        let mut writer = RecordingWriter::create(&path, &header, true).unwrap();
+        writer.write_events(0, &events(100, 16, 8, 1)).unwrap();
+        change(&path);
+        let error = writer.finish("{}").unwrap_err();
+        assert!(matches!(error, FormatError::Lost { .. }), "{error}");
+        assert!(error.to_string().contains(message), "{error}");
+        let _ = fs::remove_file(&path);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_recording_that_is_being_written_is_not_replaced() {
+    let folder = Folder::new("busy");
+    let path = folder.file("out.h5");
+    let header = header(vec![camera("cam", 16, 8)]);
+    let mut first = RecordingWriter::create(&path, &header, false).unwrap();
+    first.write_events(0, &events(100, 16, 8, 1)).unwrap();
+    let error = RecordingWriter::create(&path, &header, true).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("another process is writing or reading it"), "{error}");
+    assert_eq!(folder.names(), ["out.h5"], "no draft is left");
+    first.finish("{}").unwrap();
+    assert_eq!(Recording::open(&path).unwrap().events(0).unwrap(), events(100, 16, 8, 1));
+    // Once it is finished, it may be replaced.
+    RecordingWriter::create(&path, &header, true).unwrap().finish("{}").unwrap();
+    assert!(Recording::open(&path).unwrap().events(0).unwrap().is_empty());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_recording_is_written_behind_a_link() {
+    let folder = Folder::new("link");
+    let header = header(vec![camera("cam", 16, 8)]);
+    fs::create_dir(folder.file("disk")).unwrap();
+    // Once to a file that is not there yet, once to one that is.
+    std::os::unix::fs::symlink("disk/real.h5", folder.file("out.h5")).unwrap();
+    for count in [10, 20] {
+        let mut writer = RecordingWriter::create(&folder.file("out.h5"), &header, true).unwrap();
+        writer.write_events(0, &events(count, 16, 8, 1)).unwrap();
+        writer.finish("{}").unwrap();
+        assert!(folder.file("out.h5").is_symlink());
+        let real = Recording::open(&folder.file("disk/real.h5")).unwrap();
+        assert_eq!(real.event_count(0).unwrap(), count as u64);
+    }
+}

@@ -1,8 +1,10 @@
 //! The one door through which Python enters the engine.
 
 use std::any::Any;
+use std::mem::ManuallyDrop;
+use std::ops::Deref;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
@@ -13,6 +15,14 @@ use crate::errors::Failure;
 /// Enters the engine: releases the GIL, turns panics and errors into Python exceptions, and looks for
 /// Ctrl-C before coming back.
 pub(crate) trait EnterEngine {
+    /// Runs `work`, which uses no thread, no device and nothing that another call changes, without the GIL: what a forked
+    /// process may do too.
+    fn enter_alone<T, E, F>(self, work: F) -> PyResult<T>
+    where
+        T: Send,
+        E: Into<Failure>,
+        F: FnOnce() -> Result<T, E> + Send;
+
     /// Runs `work` without the GIL. `work` must take every lock that it needs itself: a lock taken
     /// with the GIL held could wait for a thread that waits for the GIL.
     fn enter_engine<T, E, F>(self, work: F) -> PyResult<T>
@@ -29,16 +39,75 @@ pub(crate) trait EnterEngine {
         F: FnOnce() -> Result<T, E> + Send;
 }
 
+/// The process that has used threads or a device; 0 as long as none has.
+static USED_IN: AtomicU32 = AtomicU32::new(0);
+
+/// Refuses to use threads and devices of the process that this one was forked from: a fork copies one thread alone, so what
+/// waits for another one waits for ever.
+fn check_process() -> Result<(), Failure> {
+    let process = std::process::id();
+    match USED_IN.compare_exchange(0, process, Ordering::Relaxed, Ordering::Relaxed) {
+        Ok(_) => Ok(()),
+        Err(user) if user == process => Ok(()),
+        Err(user) => Err(Failure::Engine(format!(
+            "this process ({process}) was forked from one ({user}) that had used EVIS, whose threads and device it does not \
+             have; start processes with multiprocessing's spawn or forkserver, or fork before the first call of EVIS"
+        ))),
+    }
+}
+
+/// What only the process that made it may end: threads that it waits for, a device, a file that is being written. In a forked
+/// process it is left alone.
+pub(crate) struct Owned<T> {
+    value: ManuallyDrop<T>,
+    process: u32,
+}
+
+impl<T> Owned<T> {
+    pub(crate) fn new(value: T) -> Self {
+        Self { value: ManuallyDrop::new(value), process: std::process::id() }
+    }
+}
+
+impl<T> Deref for Owned<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.value
+    }
+}
+
+impl<T> Drop for Owned<T> {
+    fn drop(&mut self) {
+        if std::process::id() == self.process {
+            // SAFETY: it is dropped here alone, and never used again.
+            unsafe { ManuallyDrop::drop(&mut self.value) }
+        }
+    }
+}
+
 /// How long the door waits before it looks for Ctrl-C.
 pub(crate) const SIGNAL_PERIOD: Duration = Duration::from_millis(50);
 
 impl EnterEngine for Python<'_> {
+    fn enter_alone<T, E, F>(self, work: F) -> PyResult<T>
+    where
+        T: Send,
+        E: Into<Failure>,
+        F: FnOnce() -> Result<T, E> + Send,
+    {
+        let outcome = self.detach(|| caught(work));
+        self.check_signals()?;
+        Ok(outcome?)
+    }
+
     fn enter_engine<T, E, F>(self, work: F) -> PyResult<T>
     where
         T: Send,
         E: Into<Failure>,
         F: FnOnce() -> Result<T, E> + Send,
     {
+        check_process()?;
         let outcome = self.detach(|| caught(work));
         self.check_signals()?;
         Ok(outcome?)
@@ -50,6 +119,7 @@ impl EnterEngine for Python<'_> {
         E: Into<Failure>,
         F: FnOnce() -> Result<T, E> + Send,
     {
+        check_process()?;
         stop.store(false, Ordering::Relaxed);
         // Python delivers signals to its main thread, so the work goes to another one.
         let (outcome, interruption) = self.detach(|| {

@@ -1,7 +1,7 @@
 //! The sensor on frames from elsewhere, and sensors as values.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use evis_core::sensor::{NoiseLaw, PRESETS, sample};
 use evis_core::{
@@ -12,9 +12,10 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::door::EnterEngine;
+use crate::door::{EnterEngine, Owned};
 use crate::errors::Failure;
 use crate::events;
+use crate::simulator::usable;
 
 /// A sensor as JSON, every value spelled out.
 pub(crate) fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
@@ -122,7 +123,7 @@ pub(crate) fn check_motion<'py>(
 
 /// Frames in, events out.
 #[pyclass(frozen, module = "evis._evis")]
-pub(crate) struct EventEmulator(Mutex<evis_core::EventEmulator>);
+pub(crate) struct EventEmulator(Owned<Mutex<evis_core::EventEmulator>>);
 
 /// One-dimensional, contiguous.
 #[derive(FromPyObject)]
@@ -190,7 +191,9 @@ impl EventEmulator {
             threads,
             causes,
         };
-        py.enter_engine(|| Ok::<_, Failure>(Self(Mutex::new(evis_core::EventEmulator::new(config)?))))
+        py.enter_engine(|| {
+            Ok::<_, Failure>(Self(Owned::new(Mutex::new(evis_core::EventEmulator::new(config)?))))
+        })
     }
 
     /// Takes frames; gives an array of events per environment.
@@ -207,7 +210,7 @@ impl EventEmulator {
         let data = frames.data(transfer, gamma)?;
         let frames = Frames { data, channels };
         let lists = py.enter_engine(|| {
-            let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut emulator = usable(&self.0)?;
             emulator.push(&frames, t_us).map_err(Failure::from)
         })?;
         Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
@@ -245,7 +248,7 @@ impl EventEmulator {
             cut: &cut,
         };
         let lists = py.enter_engine(|| {
-            let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut emulator = usable(&self.0)?;
             emulator.push_keyframe(&keyframes, t_us, &warp).map_err(Failure::from)
         })?;
         Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
@@ -254,7 +257,7 @@ impl EventEmulator {
     /// Why the events of the last push fired, an array per environment; none where that was not asked for.
     fn causes<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray1<u8>>>> {
         let lists = py.enter_engine(|| {
-            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let emulator = usable(&self.0)?;
             Ok::<_, Failure>(emulator.causes().to_vec())
         })?;
         Ok(lists.into_iter().map(|list| PyArray1::from_vec(py, list)).collect())
@@ -263,7 +266,7 @@ impl EventEmulator {
     /// What became of the last keyframes, per environment.
     fn keyframe_reports<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
         let reports = py.enter_engine(|| {
-            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let emulator = usable(&self.0)?;
             Ok::<_, Failure>(emulator.keyframe_reports().to_vec())
         })?;
         reports.iter().map(|report| keyframe_dict(py, report)).collect()
@@ -272,7 +275,7 @@ impl EventEmulator {
     /// Lets environments begin anew.
     fn reset(&self, py: Python<'_>, environments: Option<Vec<usize>>) -> PyResult<()> {
         py.enter_engine(|| {
-            let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut emulator = usable(&self.0)?;
             emulator.reset(environments.as_deref()).map_err(Failure::from)
         })
     }
@@ -280,7 +283,7 @@ impl EventEmulator {
     /// What happened: in the last push, and in all of them.
     fn reports<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
         let (last, total) = py.enter_engine(|| {
-            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let emulator = usable(&self.0)?;
             Ok::<_, Failure>((*emulator.report(), *emulator.total_report()))
         })?;
         Ok((report_dict(py, &last)?, report_dict(py, &total)?))
@@ -289,7 +292,7 @@ impl EventEmulator {
     /// Time of the last frame.
     fn now_us(&self, py: Python<'_>) -> PyResult<Option<i64>> {
         py.enter_engine(|| {
-            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let emulator = usable(&self.0)?;
             Ok::<_, Failure>(emulator.now_us())
         })
     }
@@ -297,7 +300,7 @@ impl EventEmulator {
     /// Everything that the next events depend on, apart from the settings.
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = py.enter_engine(|| {
-            let emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let emulator = usable(&self.0)?;
             Ok::<_, Failure>(emulator.state())
         })?;
         Ok(PyBytes::new(py, &bytes))
@@ -306,7 +309,7 @@ impl EventEmulator {
     /// Takes up where `state` was given.
     fn restore(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
         py.enter_engine(|| {
-            let mut emulator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut emulator = usable(&self.0)?;
             emulator.restore(state).map_err(Failure::from)
         })
     }

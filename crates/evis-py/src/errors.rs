@@ -48,6 +48,7 @@ impl From<FormatError> for Failure {
         let path = Some(error.path().display().to_string());
         match error {
             FormatError::Io { source, .. } => Self::Io { path, source },
+            FormatError::Lost { source, .. } => Self::Io { path, source },
             FormatError::Exists { .. } => Self::Exists(error.to_string()),
             _ => Self::Format(error.to_string()),
         }
@@ -100,6 +101,8 @@ static FORMAT_ERROR: PyOnceLock<Py<PyType>> = PyOnceLock::new();
 static DEVICE_ERROR: PyOnceLock<Py<PyType>> = PyOnceLock::new();
 
 fn raise(py: Python<'_>, class: &PyOnceLock<Py<PyType>>, message: String) -> PyErr {
+    // Python shows messages as they are, and names in files may hold what a terminal obeys.
+    let message = evis_core::limits::printable(&message).into_owned();
     match class.get(py) {
         Some(class) => PyErr::from_type(class.bind(py).clone(), (message,)),
         // Only before the module is initialised.

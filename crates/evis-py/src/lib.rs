@@ -38,7 +38,7 @@ mod _evis {
     #[pymodule_export]
     use crate::packet::{Label, Packet, View};
     #[pymodule_export]
-    use crate::recording::{Recording, Writer};
+    use crate::recording::{Recording, Writer, read_events};
     #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]
@@ -55,6 +55,7 @@ mod _evis {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("MOST_T_US", evis_core::event::MOST_T_US)?;
         crate::errors::register(module)
     }
 
@@ -87,6 +88,20 @@ mod _evis {
     fn list_devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         let devices = py.enter_engine(|| Ok::<_, Failure>(evis_render::list_devices()))?;
         devices.iter().map(|device| crate::engine::device_dict(py, device)).collect()
+    }
+
+    /// Memory that a file may take, in bytes, and whether scenes may refer to files outside of their folder; sets them first
+    /// where they are given.
+    #[pyfunction]
+    #[pyo3(signature = (memory=None, allow_outside=None))]
+    fn limits(memory: Option<u64>, allow_outside: Option<bool>) -> (u64, bool) {
+        if let Some(allowed) = allow_outside {
+            evis_core::limits::set_allow_outside(allowed);
+        }
+        if let Some(bytes) = memory {
+            evis_core::limits::set_memory_limit(bytes);
+        }
+        (evis_core::limits::memory_limit(), evis_core::limits::allow_outside())
     }
 
     /// Runs the command line; returns its exit code.

@@ -10,18 +10,25 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::door::EnterEngine;
+use crate::door::{EnterEngine, Owned};
 use crate::engine;
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
 use crate::packet;
-use crate::simulator::lock;
+use crate::simulator::{lock, usable};
+
+/// Events of a file, with pixels per row and rows.
+#[pyfunction]
+pub(crate) fn read_events(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAny>, u32, u32)> {
+    let file = py.enter_alone(|| evis_core::format::read_events(&path, None))?;
+    Ok((events::into_numpy(py, file.events).into_any(), file.size.0, file.size.1))
+}
 
 /// An HDF5 file that is being written.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Writer {
     /// `None` once it is finished or abandoned.
-    writer: Mutex<Option<RecordingWriter>>,
+    writer: Owned<Mutex<Option<RecordingWriter>>>,
 }
 
 fn finished() -> Failure {
@@ -35,7 +42,7 @@ impl Writer {
         work: impl FnOnce(&mut RecordingWriter) -> Result<T, evis_core::format::FormatError> + Send,
     ) -> PyResult<T> {
         py.enter_engine(|| {
-            let mut writer = lock(&self.writer);
+            let mut writer = usable(&self.writer)?;
             Ok::<_, Failure>(work(writer.as_mut().ok_or_else(finished)?)?)
         })
     }
@@ -72,7 +79,7 @@ impl Writer {
             labels: engine::labels(&labels)?,
         };
         let writer = py.enter_engine(|| RecordingWriter::create(&path, &header, overwrite))?;
-        Ok(Self { writer: Mutex::new(Some(writer)) })
+        Ok(Self { writer: Owned::new(Mutex::new(Some(writer))) })
     }
 
     /// Appends EventCD events of camera `camera`, with their causes where the file has them.
@@ -152,7 +159,7 @@ pub(crate) struct Recording(hdf5::Recording);
 impl Recording {
     #[new]
     fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        Ok(Self(py.enter_engine(|| hdf5::Recording::open(&path))?))
+        Ok(Self(py.enter_alone(|| hdf5::Recording::open(&path))?))
     }
 
     /// Cameras as dictionaries: name, width, height, fx, fy, cx, cy.
@@ -192,15 +199,15 @@ impl Recording {
     }
 
     fn is_complete(&self, py: Python<'_>) -> PyResult<bool> {
-        py.enter_engine(|| self.0.is_complete())
+        py.enter_alone(|| self.0.is_complete())
     }
 
     fn report_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
-        py.enter_engine(|| self.0.report())
+        py.enter_alone(|| self.0.report())
     }
 
     fn event_count(&self, py: Python<'_>, camera: usize) -> PyResult<u64> {
-        py.enter_engine(|| self.0.event_count(camera))
+        py.enter_alone(|| self.0.event_count(camera))
     }
 
     /// Events of camera `camera` in `[start_us, end_us)`; all of them where there are no limits.
@@ -210,7 +217,7 @@ impl Recording {
         camera: usize,
         limits: Option<(i64, i64)>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let events = py.enter_engine(|| match limits {
+        let events = py.enter_alone(|| match limits {
             Some((start_us, end_us)) => self.0.events_between(camera, start_us, end_us),
             None => self.0.events(camera),
         })?;
@@ -224,7 +231,7 @@ impl Recording {
         camera: usize,
         limits: Option<(i64, i64)>,
     ) -> PyResult<Option<Bound<'py, PyArray1<u8>>>> {
-        let causes = py.enter_engine(|| self.0.causes(camera, limits))?;
+        let causes = py.enter_alone(|| self.0.causes(camera, limits))?;
         Ok(causes.map(|causes| PyArray1::from_vec(py, causes)))
     }
 
@@ -235,18 +242,18 @@ impl Recording {
         kind: &str,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let kind = engine::label(kind)?;
-        Ok(PyArray1::from_vec(py, py.enter_engine(|| self.0.label_times(camera, kind))?))
+        Ok(PyArray1::from_vec(py, py.enter_alone(|| self.0.label_times(camera, kind))?))
     }
 
     fn label(&self, py: Python<'_>, camera: usize, kind: &str, index: usize) -> PyResult<packet::Label> {
         let kind = engine::label(kind)?;
-        let frame = py.enter_engine(|| self.0.label(camera, kind, index))?;
+        let frame = py.enter_alone(|| self.0.label(camera, kind, index))?;
         let size = self.0.header().cameras.get(camera).map_or((0, 0), |info| (info.width, info.height));
         packet::label(py, frame, size)
     }
 
     fn poses(&self, py: Python<'_>, camera: usize) -> PyResult<Py<PyAny>> {
-        packet::poses(py, &py.enter_engine(|| self.0.poses(camera))?)
+        packet::poses(py, &py.enter_alone(|| self.0.poses(camera))?)
     }
 }
 

@@ -12,7 +12,7 @@ use evis_render::{Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::door::{EnterEngine, SIGNAL_PERIOD};
+use crate::door::{EnterEngine, Owned, SIGNAL_PERIOD};
 use crate::emulator;
 use crate::engine;
 use crate::errors::Failure;
@@ -23,7 +23,7 @@ use crate::scene::Scene;
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Simulator {
     /// `None` while a stream has it.
-    engine: Mutex<Option<evis_render::Simulator>>,
+    engine: Owned<Mutex<Option<evis_render::Simulator>>>,
     cameras: Vec<CameraInfo>,
     environments: usize,
     config: RunConfig,
@@ -38,7 +38,7 @@ pub(crate) struct Simulator {
 /// Packets in order, rendered ahead.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Stream {
-    engine: Mutex<Option<PacketStream>>,
+    engine: Owned<Mutex<Option<PacketStream>>>,
     sizes: Vec<(u32, u32)>,
 }
 
@@ -49,6 +49,15 @@ fn sizes(cameras: &[CameraInfo]) -> Vec<(u32, u32)> {
 /// A lock that a panic has poisoned still holds a usable `Option`: the panic was already reported.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// Locks what a call works on. After an internal error half of it may have changed, and no call may go on with it.
+pub(crate) fn usable<T>(mutex: &Mutex<T>) -> Result<std::sync::MutexGuard<'_, T>, Failure> {
+    mutex.lock().map_err(|_| {
+        Failure::Engine(
+            "this object is unusable since an internal error ended an earlier call; make a new one".into(),
+        )
+    })
 }
 
 #[pymethods]
@@ -149,7 +158,7 @@ impl Simulator {
                 device: gpu.summary().clone(),
                 now_us: AtomicI64::new(simulator.now_us()),
                 stop: Arc::clone(simulator.stop()),
-                engine: Mutex::new(Some(simulator)),
+                engine: Owned::new(Mutex::new(Some(simulator))),
             })
         };
         py.enter_engine_for_long(&stopped, prepare)
@@ -232,7 +241,7 @@ impl Simulator {
     /// Runs to `until_us` and returns everything from now on.
     fn step(&self, py: Python<'_>, until_us: i64) -> PyResult<Packet> {
         let packet = py.enter_engine_for_long(&self.stop, || {
-            let mut engine = lock(&self.engine);
+            let mut engine = usable(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(taken)?;
             let packet = simulator.step(until_us)?;
             self.now_us.store(simulator.now_us(), Ordering::Release);
@@ -249,10 +258,10 @@ impl Simulator {
                     return Err(evis_core::ConfigError::new(what, value, "above 0 microseconds").into());
                 }
             }
-            let simulator = lock(&self.engine).take().ok_or_else(taken)?;
+            let simulator = usable(&self.engine)?.take().ok_or_else(taken)?;
             Ok::<_, Failure>(simulator.stream(duration_us, packet_us)?)
         })?;
-        Ok(Stream { engine: Mutex::new(Some(stream)), sizes: sizes(&self.cameras) })
+        Ok(Stream { engine: Owned::new(Mutex::new(Some(stream))), sizes: sizes(&self.cameras) })
     }
 }
 

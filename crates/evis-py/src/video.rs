@@ -11,7 +11,7 @@ use evis_video::{
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-use crate::door::EnterEngine;
+use crate::door::{EnterEngine, Owned};
 use crate::emulator::from_json;
 use crate::errors::Failure;
 
@@ -86,7 +86,7 @@ pub(crate) fn convert_video(
 
 /// Frames, one after the other.
 #[pyclass(frozen, module = "evis._evis")]
-pub(crate) struct FrameReader(Mutex<FrameSource>);
+pub(crate) struct FrameReader(Owned<Mutex<FrameSource>>);
 
 /// Time, numbers, height, width, channels.
 type Read<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
@@ -95,7 +95,7 @@ type Read<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
 impl FrameReader {
     #[new]
     fn new(py: Python<'_>, source: Wanted) -> PyResult<Self> {
-        py.enter_engine(|| Ok::<_, Failure>(Self(Mutex::new(source.open()?))))
+        py.enter_engine(|| Ok::<_, Failure>(Self(Owned::new(Mutex::new(source.open()?)))))
     }
 
     /// The next frame as a flat array; None after the last one.

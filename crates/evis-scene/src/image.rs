@@ -3,6 +3,8 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use ::image::ImageDecoder as _;
+use evis_limits::Budget;
 use half::f16;
 
 use crate::error::SceneError;
@@ -38,6 +40,14 @@ fn table(max: u32, transfer: Transfer) -> Vec<f16> {
 /// # Errors
 /// Says why the bytes are no usable image.
 pub fn decode(name: &str, bytes: &[u8], transfer: Transfer) -> Result<Image, String> {
+    decode_within(name, bytes, transfer, &Budget::default())
+}
+
+/// As [`decode`]; its memory comes out of `budget`.
+///
+/// # Errors
+/// As [`decode`], and an image that is larger than what is left.
+pub fn decode_within(name: &str, bytes: &[u8], transfer: Transfer, budget: &Budget) -> Result<Image, String> {
     let mut reader = ::image::ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
         .map_err(|e| format!("image '{name}': {e}"))?;
@@ -49,13 +59,24 @@ pub fn decode(name: &str, bytes: &[u8], transfer: Transfer) -> Result<Image, Str
     let mut limits = ::image::Limits::default();
     limits.max_image_width = Some(MAX_EDGE);
     limits.max_image_height = Some(MAX_EDGE);
-    limits.max_alloc = Some(2 << 30);
+    limits.max_alloc = Some(budget.left().min(2 << 30));
     reader.limits(limits);
-    let decoded = reader.decode().map_err(|e| format!("image '{name}' cannot be decoded: {e}"))?;
-    let (width, height) = (decoded.width(), decoded.height());
+    let unusable = |e| format!("image '{name}' cannot be decoded: {e}");
+    let decoder = reader.into_decoder().map_err(unusable)?;
+    let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
         return Err(format!("image '{name}' has no pixels"));
     }
+    // What is decoded, the same with four channels, and the texels that stay.
+    let what = format!("image '{name}' of {width}x{height}");
+    let texels = u64::from(width) * u64::from(height);
+    let colour = decoder.color_type();
+    let four = texels * 4 * u64::from(colour.bytes_per_pixel() / colour.channel_count().max(1));
+    let passing = decoder.total_bytes().saturating_add(four);
+    budget.take_values::<[f16; 4]>(texels, &what)?;
+    budget.take(passing, &what)?;
+    let decoded = ::image::DynamicImage::from_decoder(decoder).map_err(unusable)?;
+    budget.give_back(passing);
     use ::image::DynamicImage as D;
     let texels = match decoded {
         D::ImageRgb32F(_) | D::ImageRgba32F(_) => decoded
@@ -86,9 +107,11 @@ pub fn decode(name: &str, bytes: &[u8], transfer: Transfer) -> Result<Image, Str
 /// # Errors
 /// A file that cannot be read, or is no usable image.
 pub fn load(path: &Path, transfer: Transfer) -> Result<Image, SceneError> {
-    let bytes = std::fs::read(path).map_err(|source| SceneError::Io { path: path.to_owned(), source })?;
+    let budget = Budget::default();
+    let bytes = evis_limits::read_file(path, &budget)
+        .map_err(|source| SceneError::Io { path: path.to_owned(), source })?;
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    decode(&name, &bytes, transfer).map_err(|reason| SceneError::invalid(path, reason))
+    decode_within(&name, &bytes, transfer, &budget).map_err(|reason| SceneError::invalid(path, reason))
 }
 
 #[cfg(test)]

@@ -373,6 +373,16 @@ impl Motion {
     }
 }
 
+/// Fastest turn, radians per second: a million degrees. Far beyond it nothing says where something is at a microsecond.
+const MOST_RATE: f64 = 17_453.3;
+
+fn check_rate(rate: f64) -> Result<(), String> {
+    if rate.abs() <= MOST_RATE {
+        return Ok(());
+    }
+    Err(format!("it turns by {} degrees per second; up to 1000000 work", rate.to_degrees()))
+}
+
 fn check_trs(trs: &Trs) -> Result<(), String> {
     if !trs.matrix().is_finite() {
         return Err("its translation, rotation or scale is not finite".into());
@@ -491,7 +501,8 @@ impl Path {
             }
             Self::Spin { start, axis, rate } => {
                 check_trs(start)?;
-                axis_ok(axis, *rate)
+                axis_ok(axis, *rate)?;
+                check_rate(*rate)
             }
             Self::FigureEight { start, size, period_s, look_at } => {
                 check_trs(start)?;
@@ -508,7 +519,8 @@ impl Path {
                 finite("velocity", velocity)?;
                 finite("gravity", gravity)?;
                 finite("launch time", &DVec3::splat(*launch_s))?;
-                axis_ok(spin_axis, *spin_rate)
+                axis_ok(spin_axis, *spin_rate)?;
+                check_rate(*spin_rate)
             }
             Self::Keys { times, positions, rotations, velocities, interpolation } => {
                 let n = times.len();

@@ -1,10 +1,12 @@
 //! A folder of pictures, in the order of their names.
 
 use std::cmp::Ordering;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use evis_core::format::FormatError;
-use image::{DynamicImage, ImageReader, Limits};
+use evis_core::limits::{Budget, open_regular};
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use crate::error::VideoError;
 use crate::picture::{Picture, Values};
@@ -15,9 +17,6 @@ const ENDINGS: [&str; 6] = ["png", "exr", "tif", "tiff", "jpg", "jpeg"];
 
 /// The name under which a folder has the times of its pictures.
 pub(crate) const TIMES_NAME: &str = "timestamps.txt";
-
-/// Largest picture in memory.
-const MOST_BYTES: u64 = 4 << 30;
 
 /// The pictures of a folder.
 #[derive(Debug)]
@@ -136,15 +135,19 @@ fn decode(path: &Path, index: usize) -> Result<Picture, VideoError> {
         let what = format!("frame {index}: {what}");
         FormatError::corrupt(path, what, "store it again as PNG, TIFF or OpenEXR (R, G and B channels)")
     };
-    let mut reader = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
+    let mut reader = open_regular(path)
+        .and_then(|file| ImageReader::new(BufReader::new(file)).with_guessed_format())
         .map_err(|error| FormatError::io(path, "read", error))?;
     let mut limits = Limits::default();
     limits.max_image_width = Some(65_536);
     limits.max_image_height = Some(65_536);
-    limits.max_alloc = Some(MOST_BYTES);
+    // Beside what is decoded there is what its pixels become.
+    let budget = Budget::default();
+    limits.max_alloc = Some(budget.left() / 2);
     reader.limits(limits);
-    let image = reader.decode().map_err(|error| corrupt(&error))?;
+    let decoder = reader.into_decoder().map_err(|error| corrupt(&error))?;
+    budget.take(decoder.total_bytes().saturating_mul(2), "its picture").map_err(|error| corrupt(&error))?;
+    let image = DynamicImage::from_decoder(decoder).map_err(|error| corrupt(&error))?;
     let (width, height) = (image.width(), image.height());
     let (channels, values) = match image {
         DynamicImage::ImageLuma8(image) => (1, Values::U8(image.into_raw())),

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use evis_core::format::FormatError;
 use evis_core::format::numpy::NpyHeader;
+use evis_core::limits::{Budget, open_regular};
 
 use crate::error::VideoError;
 use crate::picture::{Picture, Values};
@@ -20,6 +21,16 @@ enum Kind {
     U8,
     U16,
     F32,
+}
+
+impl Kind {
+    const fn bytes(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::U16 => 2,
+            Self::F32 => 4,
+        }
+    }
 }
 
 /// A stack of frames in a `.npy` file.
@@ -40,7 +51,8 @@ pub(crate) struct Stack {
 impl Stack {
     /// Opens the file and understands its header.
     pub fn open(path: &Path) -> Result<Self, VideoError> {
-        let file = File::open(path).map_err(|error| FormatError::io(path, "read", error))?;
+        let file = open_regular(path).map_err(|error| FormatError::io(path, "read", error))?;
+        let length = file.metadata().map_err(|error| FormatError::io(path, "read", error))?.len();
         let mut file = BufReader::with_capacity(1 << 20, file);
         let corrupt = |what: String| VideoError::from(FormatError::corrupt(path, what, FORM));
         let header = NpyHeader::read(&mut file).map_err(corrupt)?;
@@ -64,6 +76,13 @@ impl Stack {
         let (Some(height), Some(width)) = (side(height), side(width)) else {
             return Err(corrupt(format!("its shape is {shape:?}")));
         };
+        // A frame, and beside it the bytes that it is read from.
+        let frame = u64::from(width) * u64::from(height) * channels as u64 * kind.bytes() as u64;
+        if frame.saturating_mul(frames) > length {
+            let what = format!("its array of shape {shape:?} does not fit in its {length} bytes");
+            return Err(corrupt(what));
+        }
+        Budget::default().take(frame.saturating_mul(2), "a frame").map_err(|e| corrupt(e.to_string()))?;
         let big_endian = order == ">";
         Ok(Self { path: path.into(), file, kind, big_endian, frames, read: 0, height, width, channels })
     }
@@ -74,12 +93,7 @@ impl Stack {
             return Ok(None);
         }
         let count = self.width as usize * self.height as usize * self.channels;
-        let size = match self.kind {
-            Kind::U8 => 1,
-            Kind::U16 => 2,
-            Kind::F32 => 4,
-        };
-        let mut bytes = vec![0; count * size];
+        let mut bytes = vec![0; count * self.kind.bytes()];
         self.file.read_exact(&mut bytes).map_err(|error| {
             if error.kind() != std::io::ErrorKind::UnexpectedEof {
                 return FormatError::io(&self.path, "read", error);

@@ -111,7 +111,8 @@ fn seconds(text: &str) -> Option<i64> {
 /// # Errors
 /// A file that cannot be read, a line that is no time, whole numbers without a unit.
 pub fn read_times(path: &Path) -> Result<Times, VideoError> {
-    let text = std::fs::read_to_string(path).map_err(|error| FormatError::io(path, "read", error))?;
+    let text = evis_core::limits::read_text(path, &evis_core::limits::Budget::default())
+        .map_err(|error| FormatError::io(path, "read", error))?;
     let refuse = |line: usize, what: String, remedy: &str| {
         VideoError::from(FormatError::corrupt(path, format!("line {}: {what}", line + 1), remedy))
     };

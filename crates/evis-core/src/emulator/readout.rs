@@ -6,6 +6,10 @@ use crate::event::Event;
 use crate::random::{Key, StreamId, normals};
 use crate::sensor::Readout;
 
+/// Events that wait for a bus at most: what comes while so many wait is dropped, as a pixel whose request is not answered fires
+/// no second time. A bus that is never free again would otherwise fill the memory.
+pub(crate) const MOST_WAITING: usize = 1 << 18;
+
 /// Events on their way, of one environment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Wire {
@@ -43,8 +47,9 @@ impl Wire {
         // The last tick that has come.
         let end_us = end_us.div_euclid(tick) * tick;
         let base = out.len();
+        let mut dropped = 0;
         if readout.row_ns > 0 || readout.event_ns > 0 {
-            self.arbitrate(readout, end_us, out);
+            dropped = self.arbitrate(readout, end_us, MOST_WAITING, out);
         } else {
             let left = self.waiting.partition_point(|event| event.t <= end_us);
             out.extend(self.waiting.drain(..left));
@@ -53,17 +58,34 @@ impl Wire {
             event.t = (event.t + tick - 1).div_euclid(tick) * tick;
         }
         out[base..].sort_by_key(Event::order);
-        self.limit(readout, base, out)
+        dropped + self.limit(readout, base, out)
     }
 
-    /// Rows one after the other, the one that has waited longest first; a row's events carry the time of its turn.
-    fn arbitrate(&mut self, readout: &Readout, end_us: i64, out: &mut Vec<Event>) {
+    /// Rows one after the other, the one that has waited longest first; a row's events carry the time of its turn. Of those
+    /// that come while `most` wait, none is kept; gives how many these are.
+    fn arbitrate(&mut self, readout: &Readout, end_us: i64, most: usize, out: &mut Vec<Event>) -> u64 {
         let rows = self.waiting.iter().map(|event| usize::from(event.y) + 1).max().unwrap_or(0);
         let mut queues: Vec<VecDeque<usize>> = vec![VecDeque::new(); rows];
-        for (i, event) in self.waiting.iter().enumerate() {
-            queues[usize::from(event.y)].push_back(i);
-        }
+        // Sent or dropped.
         let mut left = vec![false; self.waiting.len()];
+        let (mut asked, mut waiting, mut dropped) = (0, 0_usize, 0);
+        // Requests until a time join the queues, as long as there is room: whether there is follows from the turns before it,
+        // and not from when this is called.
+        let mut ask = |until_ns: i64,
+                       waiting: &mut usize,
+                       queues: &mut [VecDeque<usize>],
+                       left: &mut [bool]| {
+            while let Some(event) = self.waiting.get(asked).filter(|e| e.t.saturating_mul(1000) <= until_ns) {
+                if *waiting < most {
+                    queues[usize::from(event.y)].push_back(asked);
+                    *waiting += 1;
+                } else {
+                    left[asked] = true;
+                    dropped += 1;
+                }
+                asked += 1;
+            }
+        };
         for i in 0..self.waiting.len() {
             if left[i] {
                 continue;
@@ -74,6 +96,7 @@ impl Wire {
             if turn_us > end_us {
                 break;
             }
+            ask(turn_ns, &mut waiting, &mut queues, &mut left);
             let queue = &mut queues[usize::from(oldest.y)];
             let mut count = 0;
             while let Some(next) = queue.front().copied() {
@@ -82,6 +105,7 @@ impl Wire {
                     break;
                 }
                 queue.pop_front();
+                waiting -= 1;
                 left[next] = true;
                 let mut sent = event;
                 sent.t = turn_us;
@@ -90,8 +114,11 @@ impl Wire {
             }
             self.free_ns = turn_ns + i64::from(readout.row_ns) + count * i64::from(readout.event_ns);
         }
+        // Those that the next turn finds before it begins.
+        ask(end_us.saturating_mul(1000), &mut waiting, &mut queues, &mut left);
         let mut stays = left.into_iter();
         self.waiting.retain(|_| !stays.next().unwrap_or(false));
+        dropped
     }
 
     fn limit(&mut self, readout: &Readout, base: usize, out: &mut Vec<Event>) -> u64 {
@@ -137,6 +164,31 @@ mod tests {
         assert_eq!(wire.pass(&readout, &mut fired, 100, &mut out), 0);
         assert_eq!(out, [at(10, 0, 0), at(10, 1, 0), at(13, 7, 0), at(16, 5, 1)]);
         assert!(wire.waiting.is_empty());
+    }
+
+    #[test]
+    fn what_finds_a_full_bus_is_dropped_whatever_the_chunks() {
+        // A row takes 10 us, and a pixel of each of 50 rows fires every 2 us.
+        let readout = Readout { row_ns: 10_000, ..Readout::default() };
+        let events: Vec<Event> = (0..5000).map(|i| at(i64::from(i) * 2, 0, (i * 7 % 50) as u16)).collect();
+        let run = |cuts: &[i64]| {
+            let (mut wire, mut out, mut start, mut dropped) = (Wire::default(), Vec::new(), -1, 0);
+            for end in cuts {
+                wire.waiting.extend(events.iter().filter(|event| event.t > start && event.t <= *end));
+                dropped += wire.arbitrate(&readout, *end, 40, &mut out);
+                assert!(wire.waiting.len() <= 40, "{} wait", wire.waiting.len());
+                start = *end;
+            }
+            (out, dropped)
+        };
+        let (out, dropped) = run(&[20_000]);
+        assert!(
+            dropped > 1000 && out.len() as u64 + dropped == 5000,
+            "{} left, {dropped} dropped",
+            out.len()
+        );
+        assert_eq!(run(&[1000, 1004, 2222, 9000, 20_000]), (out.clone(), dropped));
+        assert_eq!(run(&(0..=20_000).collect::<Vec<_>>()), (out, dropped));
     }
 
     #[test]

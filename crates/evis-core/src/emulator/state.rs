@@ -8,12 +8,39 @@ use super::ideal::{Memory as IdealMemory, Pixels};
 use super::keyframe::Keyframe;
 use super::warp::MOST_MARGIN;
 use super::{Chain, Diffuse, EmulatorReport, Environment, EventEmulator, Kernel, Memory, Tile};
-use crate::event::Event;
+use crate::event::{Event, MOST_T_US};
 use crate::fnv::Fnv;
 use crate::sensor::ConfigError;
 
 /// Begins every state; the last digit is the layout's version.
-const MAGIC: &[u8; 8] = b"EVISEMU4";
+const MAGIC: &[u8; 8] = b"EVISEMU5";
+
+/// Bytes of the hash that ends every state.
+const HASH_BYTES: usize = 8;
+
+/// Larger logarithms of light mean nothing: those of all numbers that light can have are below 200.
+const MOST_LOG: f32 = 1e6;
+
+/// FNV-1a with words of eight bytes in the place of bytes: states have millions. The last word is filled up with zeros.
+fn hash(bytes: &[u8]) -> u64 {
+    let (words, rest) = bytes.as_chunks::<8>();
+    let mut last = [0; 8];
+    last[..rest.len()].copy_from_slice(rest);
+    words.iter().chain([&last]).fold(0xcbf2_9ce4_8422_2325, |hash: u64, word| {
+        // Upper bits of a word reach the lower ones of the product only when they are turned.
+        (hash ^ u64::from_le_bytes(*word)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(29)
+    })
+}
+
+/// Refuses what cannot be.
+fn require(possible: bool) -> Result<(), Broken> {
+    if possible { Ok(()) } else { Err(Broken) }
+}
+
+/// Whether all values are within `least` and `most`, or NaN: not known.
+fn known_within(values: &[f32], least: f32, most: f32) -> bool {
+    values.iter().all(|value| value.is_nan() || (least..=most).contains(value))
+}
 
 /// Writes or reads the same things in the same order.
 enum Pass<'a> {
@@ -69,23 +96,33 @@ impl EventEmulator {
         let mut pass = Pass::Write(&mut out);
         // Writing cannot fail.
         let _ = self.walk(&mut pass, &mut now, &mut total, &mut environments);
+        let hash = hash(&out);
+        out.extend_from_slice(&hash.to_le_bytes());
         out
     }
 
     /// Takes up where [`Self::state`] was called, on an emulator of the same settings; the number of threads may differ.
     ///
     /// # Errors
-    /// Bytes that are no state, or one of other settings. Nothing has changed then.
+    /// Bytes that are no state, a damaged one, or one of other settings. Nothing has changed then.
     pub fn restore(&mut self, state: &[u8]) -> Result<(), ConfigError> {
         let mut now = (0, 0);
         let mut total = EmulatorReport::default();
         let mut environments = self.environments.clone();
-        let mut pass = Pass::Read(state);
+        let refused = |what: &str| {
+            let value = format!("{} bytes {what}", state.len());
+            Err(ConfigError::new("state", value, "what an emulator of the same settings gave"))
+        };
+        let content = match state.split_last_chunk::<HASH_BYTES>() {
+            Some((content, stored)) if u64::from_le_bytes(*stored) == hash(content) => content,
+            _ if state.starts_with(MAGIC) => return refused("that are damaged"),
+            _ => return refused("that cannot be read"),
+        };
+        let mut pass = Pass::Read(content);
         let read = self.walk(&mut pass, &mut now, &mut total, &mut environments);
         let whole = matches!(pass, Pass::Read([]));
         if read.is_err() || !whole {
-            let value = format!("{} bytes that cannot be read", state.len());
-            return Err(ConfigError::new("state", value, "what an emulator of the same settings gave"));
+            return refused("that cannot be read");
         }
         self.now_us = (now.0 != 0).then_some(now.1);
         self.total = total;
@@ -128,6 +165,8 @@ impl EventEmulator {
         }
         pass.one(&mut now.0)?;
         pass.one(&mut now.1)?;
+        require(now.0 <= 1 && (-MOST_T_US..=MOST_T_US).contains(&now.1))?;
+        let now_us = now.1;
         let EmulatorReport { events, unknown, clamped, suppressed, dropped } = total;
         for count in [events, unknown, clamped, suppressed, dropped] {
             pass.one(count)?;
@@ -135,22 +174,37 @@ impl EventEmulator {
         for environment in environments {
             let mut started = u64::from(environment.started);
             pass.one(&mut started)?;
+            require(started <= 1)?;
             environment.started = started != 0;
             pass.list(&mut environment.wire.waiting)?;
             pass.one(&mut environment.wire.free_ns)?;
             pass.one(&mut environment.wire.window)?;
             pass.one(&mut environment.wire.used)?;
-            if pass.reads() && environment.wire.waiting.iter().any(|event: &Event| event.p as u16 > 1) {
-                return Err(Broken);
+            if pass.reads() {
+                let wire = &environment.wire;
+                let fits = |event: &Event| {
+                    u32::from(event.x) < self.config.width
+                        && u32::from(event.y) < self.config.height
+                        && (0..=1).contains(&event.p)
+                        && event.has_cause()
+                        && (-MOST_T_US..=MOST_T_US).contains(&event.t)
+                };
+                require(wire.waiting.iter().all(fits) && wire.waiting.is_sorted_by_key(Event::order))?;
+                let times = -MOST_T_US..=MOST_T_US;
+                require(times.contains(&(wire.free_ns / 1000)) && times.contains(&wire.window))?;
+                require(wire.used <= u64::from(u32::MAX))?;
             }
             if let Some(light) = &mut environment.exposing {
                 let mut since = (u64::from(light.since_us.is_some()), light.since_us.unwrap_or_default());
                 pass.one(&mut since.0)?;
                 pass.one(&mut since.1)?;
+                require(since.0 <= 1 && (-MOST_T_US..=now_us.max(0)).contains(&since.1))?;
                 light.since_us = (since.0 != 0).then_some(since.1);
                 if light.since_us.is_some() {
                     pass.all(&mut light.last)?;
                     pass.all(&mut light.sum)?;
+                    require(known_within(&light.last, 0.0, f32::MAX))?;
+                    require(light.sum.iter().all(|sum| sum.is_nan() || (0.0..=f64::MAX).contains(sum)))?;
                 }
             }
             if !environment.has_light() {
@@ -162,7 +216,7 @@ impl EventEmulator {
             }
             let key = environment.key;
             for tile in &mut environment.tiles {
-                self.walk_tile(pass, key, tile)?;
+                self.walk_tile(pass, key, tile, now_us)?;
             }
         }
         Ok(())
@@ -196,7 +250,13 @@ impl EventEmulator {
         Ok(())
     }
 
-    fn walk_tile(&self, pass: &mut Pass<'_>, key: crate::random::Key, tile: &mut Tile) -> Result<(), Broken> {
+    fn walk_tile(
+        &self,
+        pass: &mut Pass<'_>,
+        key: crate::random::Key,
+        tile: &mut Tile,
+        now_us: i64,
+    ) -> Result<(), Broken> {
         let pixels = tile.end - tile.first;
         let mut kind: u64 = match &tile.memory {
             Memory::None => 0,
@@ -237,12 +297,27 @@ impl EventEmulator {
                 }
                 pass.all(&mut chain.moved)?;
                 pass.all(&mut chain.fired)?;
-                pass.all(&mut chain.polarity)
+                pass.all(&mut chain.polarity)?;
+                if !pass.reads() {
+                    return Ok(());
+                }
+                // A tile's clock starts at a frame that it has seen.
+                require((-MOST_T_US..=now_us).contains(&chain.base_us))?;
+                require(chain.polarity.iter().all(|polarity| *polarity <= 2))?;
+                require(known_within(&chain.now.light, 0.0, f32::MAX))?;
+                let held = |value: &f32| value.is_infinite() || known_within(&[*value], -MOST_LOG, MOST_LOG);
+                require(chain.reference.iter().all(held))?;
+                let signals = [&chain.now.input, &chain.now.first, &chain.now.second, &chain.slope];
+                require(signals.into_iter().all(|values| known_within(values, -MOST_LOG, MOST_LOG)))
             }
             Memory::Diffusion(diffuse) => {
                 pass.all(&mut diffuse.level)?;
                 pass.all(&mut diffuse.light)?;
-                pass.all(&mut diffuse.fired)
+                pass.all(&mut diffuse.fired)?;
+                require(!pass.reads() || diffuse.fired.iter().all(|fired| *fired <= now_us))?;
+                require(
+                    known_within(&diffuse.level, -1.0, 1.0) && known_within(&diffuse.light, 0.0, f32::MAX),
+                )
             }
         }
     }
@@ -252,5 +327,106 @@ fn walk_ideal<T: Pod>(pass: &mut Pass<'_>, memory: &mut IdealMemory<T>) -> Resul
     pass.all(&mut memory.reference)?;
     pass.all(&mut memory.last)?;
     pass.all(&mut memory.low)?;
-    pass.all(&mut memory.high)
+    pass.all(&mut memory.high)?;
+    require(!pass.reads() || known_within(&memory.reference, -MOST_LOG, MOST_LOG))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::emulator::{EmulatorConfig, FrameData, Frames};
+    use crate::sensor::{Readout, SensorConfig};
+
+    const WIDTH: u32 = 24;
+    const HEIGHT: u32 = 16;
+
+    fn emulator(sensor: &SensorConfig) -> EventEmulator {
+        EventEmulator::new(EmulatorConfig {
+            width: WIDTH,
+            height: HEIGHT,
+            sensor: sensor.clone(),
+            threads: 1,
+            ..EmulatorConfig::default()
+        })
+        .unwrap()
+    }
+
+    fn push(emulator: &mut EventEmulator, k: i64, t_us: i64) -> Result<Vec<Vec<Event>>, ConfigError> {
+        let light: Vec<f32> =
+            (0..WIDTH * HEIGHT).map(|i| 0.2 + ((i64::from(i) * 7 + k * 13) % 11) as f32).collect();
+        emulator.push(&Frames { data: FrameData::Linear(&light), channels: 1 }, t_us)
+    }
+
+    fn sensors() -> Vec<SensorConfig> {
+        let bus = Readout { row_ns: 30_000, event_ns: 700, ..Readout::default() };
+        let ideal = SensorConfig::default();
+        let with = |name: &str| SensorConfig::preset(name).unwrap();
+        vec![ideal.clone(), with("v2e-noisy"), with("davis346"), SensorConfig { readout: bus, ..ideal }]
+    }
+
+    #[test]
+    fn every_flipped_bit_of_a_state_is_noticed() {
+        for sensor in sensors() {
+            let mut one = emulator(&sensor);
+            for k in 0..3 {
+                push(&mut one, k, k * 1000).unwrap();
+            }
+            let state = one.state();
+            emulator(&sensor).restore(&state).unwrap();
+            for at in (0..state.len()).step_by(7) {
+                let mut damaged = state.clone();
+                damaged[at] ^= 1 << (at % 8);
+                assert!(one.restore(&damaged).is_err(), "byte {at} of {}", state.len());
+            }
+            assert_eq!(one.state(), state, "what is refused changes nothing");
+        }
+    }
+
+    #[test]
+    fn states_made_to_harm_are_refused_or_do_none() {
+        let (mut taken, mut refused) = (0, 0);
+        let mut word = 9_u64;
+        let mut random = |below: usize| {
+            word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (word >> 33) as usize % below
+        };
+        for sensor in sensors() {
+            let mut one = emulator(&sensor);
+            for k in 0..3 {
+                push(&mut one, k, k * 1000).unwrap();
+            }
+            let state = one.state();
+            for _ in 0..400 {
+                let mut damaged = state[..state.len() - HASH_BYTES].to_vec();
+                // Not what it belongs to.
+                let at = 16 + random(damaged.len() - 16);
+                match random(4) {
+                    0 => damaged[at] = [0, 0x7f, 0x80, 0xff][random(4)],
+                    1 => {
+                        let end = damaged.len().min(at + 8);
+                        damaged[at..end].fill([0, 0x7e, 0xff][random(3)]);
+                    }
+                    _ => damaged[at] ^= 1 << random(8),
+                }
+                let sum = hash(&damaged);
+                damaged.extend(sum.to_le_bytes());
+                let mut other = emulator(&sensor);
+                if other.restore(&damaged).is_err() {
+                    refused += 1;
+                    continue;
+                }
+                taken += 1;
+                for k in 3..6 {
+                    let now_us = other.now_us().unwrap_or(0);
+                    // A time that is too far away is refused as any other one would be.
+                    let Ok(lists) = push(&mut other, k, now_us.max(2000) + 1000) else { break };
+                    for event in lists.iter().flatten() {
+                        assert!(u32::from(event.x) < WIDTH && u32::from(event.y) < HEIGHT, "{event:?}");
+                        assert!((0..=1).contains(&event.p), "{event:?}");
+                    }
+                }
+            }
+        }
+        assert!(taken > 200 && refused > 200, "{taken} taken, {refused} refused");
+    }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 pub mod hdf5;
 pub mod numpy;
 
-use crate::event::Event;
+use crate::event::{Event, MOST_T_US};
 
 /// Why a file could not be written or read: which one, what is wrong, and what would work.
 #[derive(Debug, thiserror::Error)]
@@ -20,6 +20,14 @@ pub enum FormatError {
         /// What was tried, as a verb: "create", "write", "read".
         action: &'static str,
         /// The reason that the system gave.
+        source: io::Error,
+    },
+    /// What was written cannot be found any more: the file was removed or replaced meanwhile.
+    #[error("{}: {source}; leave the file alone while it is written, and run again", .path.display())]
+    Lost {
+        /// The file.
+        path: PathBuf,
+        /// What happened to it.
         source: io::Error,
     },
     /// The output exists already.
@@ -70,6 +78,7 @@ impl FormatError {
     pub fn path(&self) -> &Path {
         match self {
             Self::Io { path, .. }
+            | Self::Lost { path, .. }
             | Self::Exists { path }
             | Self::Corrupt { path, .. }
             | Self::Invalid { path, .. } => path,
@@ -88,6 +97,8 @@ fn io_remedy(source: &io::Error) -> &'static str {
         io::ErrorKind::ReadOnlyFilesystem => "choose a folder on a disk that can be written to",
         io::ErrorKind::NotFound => "check the path: the folder must exist",
         io::ErrorKind::IsADirectory => "name a file, not a folder",
+        io::ErrorKind::InvalidInput => "name a regular file",
+        io::ErrorKind::OutOfMemory => "raise the limit, or name a smaller file",
         _ => "check the path and the disk",
     }
 }
@@ -118,12 +129,51 @@ pub fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, Forma
             Err(FormatError::invalid(path, "this kind of file is not read", remedy))
         }
     }?;
-    let (width, height) = file.size;
-    let outside = |e: &Event| u32::from(e.x) >= width || u32::from(e.y) >= height;
-    if let Some((index, e)) = file.events.iter().enumerate().find(|(_, e)| outside(e)) {
-        let what =
-            format!("event {index} (x {}, y {}, at {} us) lies outside of {width}x{height}", e.x, e.y, e.t);
-        return Err(FormatError::corrupt(path, what, "record it again, or copy it again from its source"));
-    }
+    check_events(&file.events, file.size, 0, i64::MIN).map_err(|what| {
+        FormatError::corrupt(path, what, "record it again, or copy it again from its source")
+    })?;
     Ok(file)
+}
+
+/// Checks what no reader hands out: events that lie outside of `(width, height)` pixels, go back in time, have a
+/// polarity that is neither 0 nor 1, or times that no computation has room for. `events` begin with number `first` of
+/// the file, and the one before it was at `earlier_us`.
+///
+/// # Errors
+/// The first such event, as the end of a sentence that begins with the file's name.
+fn check_events(
+    events: &[Event],
+    (width, height): (u32, u32),
+    first: u64,
+    mut earlier_us: i64,
+) -> Result<(), String> {
+    let fits = |e: &Event| {
+        u32::from(e.x) < width
+            && u32::from(e.y) < height
+            && (0..=1).contains(&e.p)
+            && (-MOST_T_US..=MOST_T_US).contains(&e.t)
+    };
+    // Whole blocks first, without a branch per event: most files have nothing to find.
+    let block_fits = |block: &[Event]| block.iter().fold(true, |all, e| all & fits(e));
+    let in_order = events.first().is_none_or(|e| earlier_us <= e.t) && events.is_sorted_by_key(|e| e.t);
+    if in_order && events.chunks(1 << 12).all(block_fits) {
+        return Ok(());
+    }
+    for (index, e) in (first..).zip(events) {
+        let Event { x, y, p, t, .. } = *e;
+        if u32::from(x) >= width || u32::from(y) >= height {
+            return Err(format!("event {index} (x {x}, y {y}, at {t} us) lies outside of {width}x{height}"));
+        }
+        if !(0..=1).contains(&p) {
+            return Err(format!("event {index} has the polarity {p}; 0 (OFF) and 1 (ON) exist"));
+        }
+        if !(-MOST_T_US..=MOST_T_US).contains(&t) {
+            return Err(format!("event {index} is at {t} us; times up to {MOST_T_US} us are read"));
+        }
+        if earlier_us > t {
+            return Err(format!("event {index} is earlier than the one before it"));
+        }
+        earlier_us = t;
+    }
+    Ok(())
 }

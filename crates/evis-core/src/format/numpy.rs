@@ -1,9 +1,9 @@
 //! NumPy's files: the header of `.npy`, and events in `.npy` (EventCD) and `.npz` (columns t, x, y, p).
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use evis_limits::Budget;
 use flate2::read::DeflateDecoder;
 
 use super::{EventFile, FormatError};
@@ -14,6 +14,15 @@ const MOST_HEADER: usize = 1 << 16;
 
 /// Most events that are read: 64 GiB of them.
 const MOST_EVENTS: u64 = 1 << 32;
+
+/// Deflate expands at most 1032 times.
+const MOST_EXPANSION: u64 = 1100;
+
+/// Rows that are decoded at once.
+const ROWS_AT_ONCE: usize = 1 << 12;
+
+/// Most bytes of an element with fields.
+const MOST_ROW: usize = 1 << 12;
 
 /// What a `.npy` file says about its array (NEP 1).
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -97,7 +106,7 @@ impl Integer {
     /// Element `index` of `data`.
     fn at(self, data: &[u8], index: usize) -> Option<i64> {
         let start = index.checked_mul(self.bytes)?;
-        self.read(data.get(start..start + self.bytes)?)
+        self.read(data.get(start..start.checked_add(self.bytes)?)?)
     }
 
     fn read(self, bytes: &[u8]) -> Option<i64> {
@@ -120,14 +129,15 @@ const FORM: &str =
 
 /// Events of `.npy` or `.npz`.
 pub(super) fn read_events(path: &Path) -> Result<EventFile, FormatError> {
-    let file = File::open(path).map_err(|error| FormatError::io(path, "read", error))?;
+    let file = evis_limits::open_regular(path).map_err(|error| FormatError::io(path, "read", error))?;
+    let length = file.metadata().map_err(|error| FormatError::io(path, "read", error))?.len();
     let mut file = BufReader::with_capacity(1 << 20, file);
+    let budget = Budget::default();
     let corrupt = |what: String| FormatError::corrupt(path, what, FORM);
     let zipped = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"));
-    let (events, size) = if zipped { columns(&mut file) } else { structure(&mut file) }.map_err(corrupt)?;
-    if let Some(pair) = events.windows(2).position(|pair| pair[1].t < pair[0].t) {
-        return Err(corrupt(format!("event {} is earlier than the one before it", pair + 1)));
-    }
+    let read =
+        if zipped { columns(&mut file, length, &budget) } else { structure(&mut file, length, &budget) };
+    let (events, size) = read.map_err(corrupt)?;
     let size = size.unwrap_or_else(|| {
         let most = |of: fn(&Event) -> u16| events.iter().map(of).max().map_or(1, |most| u32::from(most) + 1);
         (most(|e| e.x), most(|e| e.y))
@@ -165,7 +175,7 @@ fn event(
 }
 
 /// A structure with fields t, x, y and p.
-fn structure(file: &mut impl Read) -> Result<Columns, String> {
+fn structure(file: &mut impl Read, length: u64, budget: &Budget) -> Result<Columns, String> {
     let header = NpyHeader::read(file)?;
     let wrong = || format!("its elements are of dtype '{}'", header.descr);
     let [count] = header.shape.as_slice() else {
@@ -173,12 +183,19 @@ fn structure(file: &mut impl Read) -> Result<Columns, String> {
     };
     // ('x', '<u2'), ('y', '<u2'), ... and bytes that carry nothing: ('', '|V2').
     let words: Vec<&str> = header.descr.split('\'').skip(1).step_by(2).collect();
-    let (mut width, mut fields) = (0, Vec::new());
+    let (mut width, mut fields) = (0_usize, Vec::new());
     for pair in words.chunks_exact(2) {
         let &[name, descr] = pair else { continue };
         let bytes: usize = descr.get(2..).and_then(|bytes| bytes.parse().ok()).ok_or_else(wrong)?;
         fields.push((name, width, Integer::of(descr)));
-        width += bytes;
+        width = width
+            .checked_add(bytes)
+            .filter(|width| *width <= MOST_ROW)
+            .ok_or_else(|| format!("{}; its elements have more than {MOST_ROW} bytes", wrong()))?;
+    }
+    // A field of several values has a third entry, its shape.
+    if header.descr.split("), (").any(|field| field.contains(", (")) {
+        return Err(wrong());
     }
     let mut found = Vec::new();
     for wanted in ["t", "x", "y", "p"] {
@@ -187,23 +204,50 @@ fn structure(file: &mut impl Read) -> Result<Columns, String> {
         found.push((*offset, *integer));
     }
     let [t, x, y, p] = found.as_slice() else { return Err(wrong()) };
-    if *count > MOST_EVENTS {
-        return Err(format!("it would hold {count} events"));
+    if *count > MOST_EVENTS || count.saturating_mul(width as u64) > length {
+        return Err(format!(
+            "it is cut off: {count} events of {width} bytes do not fit in its {length} bytes"
+        ));
     }
-    let mut row = vec![0; width];
-    let mut events = Vec::new();
-    for index in 0..*count as usize {
-        file.read_exact(&mut row).map_err(|_| format!("it ends at event {index} of {count}"))?;
-        let value = |(offset, integer): &(usize, Integer)| {
-            row.get(*offset..offset + integer.bytes).and_then(|bytes| integer.read(bytes))
-        };
-        events.push(event(value(t), value(x), value(y), value(p), index)?);
+    let is_event_cd = cfg!(target_endian = "little")
+        && width == size_of::<Event>()
+        && [(t, 8, 8, true), (x, 0, 2, false), (y, 2, 2, false), (p, 4, 2, true)].iter().all(
+            |((offset, integer), at, bytes, signed)| {
+                offset == at
+                    && (integer.bytes, integer.signed, integer.big_endian) == (*bytes, *signed, false)
+            },
+        );
+    let count = *count as usize;
+    let mut events: Vec<Event> = budget.list(count, "its list of events")?;
+    let mut block = vec![0; width * ROWS_AT_ONCE.min(count)];
+    while events.len() < count {
+        let first = events.len();
+        let rows = ROWS_AT_ONCE.min(count - first);
+        let block = &mut block[..rows * width];
+        file.read_exact(block)
+            .map_err(|_| format!("it ends within events {first} to {} of {count}", first + rows))?;
+        if is_event_cd {
+            for row in block.chunks_exact(width) {
+                // What pads the row is not kept, and -1 is OFF.
+                let Event { x, y, p, t, .. } = bytemuck::pod_read_unaligned(row);
+                let mut event = Event::new(t, x, y, Polarity::Off);
+                event.p = if p == -1 { 0 } else { p };
+                events.push(event);
+            }
+            continue;
+        }
+        for (row, index) in block.chunks_exact(width).zip(first..) {
+            let value = |(offset, integer): &(usize, Integer)| {
+                row.get(*offset..offset + integer.bytes).and_then(|bytes| integer.read(bytes))
+            };
+            events.push(event(value(t), value(x), value(y), value(p), index)?);
+        }
     }
     Ok((events, None))
 }
 
 /// Columns in an archive.
-fn columns(file: &mut (impl Read + Seek)) -> Result<Columns, String> {
+fn columns(file: &mut (impl Read + Seek), length: u64, budget: &Budget) -> Result<Columns, String> {
     let entries = entries(file).ok_or("its archive has no readable list of contents")?;
     let mut column = |name: &str| -> Result<Option<(Integer, Vec<u8>, u64)>, String> {
         let Some(entry) = entries.iter().find(|entry| entry.name == format!("{name}.npy")) else {
@@ -214,12 +258,18 @@ fn columns(file: &mut (impl Read + Seek)) -> Result<Columns, String> {
         let integer = Integer::of(&header.descr).ok_or_else(|| {
             format!("its column {name} is of dtype '{}', not of whole numbers", header.descr)
         })?;
-        let count = header.shape.iter().product::<u64>();
-        if header.shape.len() > 1 || count > MOST_EVENTS {
-            return Err(format!("its column {name} has shape {:?}", header.shape));
-        }
-        let mut bytes = Vec::new();
+        let count = match *header.shape.as_slice() {
+            [] => 1,
+            [count] if count <= MOST_EVENTS => count,
+            _ => return Err(format!("its column {name} has shape {:?}", header.shape)),
+        };
         let size = count * integer.bytes as u64;
+        // Both: what is packed in this file, and what it becomes.
+        if size / MOST_EXPANSION > entry.packed.min(length) || !entry.deflated && size > length {
+            return Err(format!("its column {name} of {count} values does not fit in its {length} bytes"));
+        }
+        let what = format!("its column {name}");
+        let mut bytes = budget.list(usize::try_from(size).unwrap_or(usize::MAX), &what)?;
         data.take(size).read_to_end(&mut bytes).map_err(|error| format!("column {name}: {error}"))?;
         if bytes.len() as u64 != size {
             return Err(format!("its column {name} is cut off"));
@@ -235,14 +285,16 @@ fn columns(file: &mut (impl Read + Seek)) -> Result<Columns, String> {
         return Err("its columns differ in length".into());
     }
     let value = |(integer, bytes, _): &(Integer, Vec<u8>, u64), index| integer.at(bytes, index);
-    let events: Result<Vec<_>, _> =
-        (0..t.2 as usize).map(|i| event(value(t, i), value(x, i), value(y, i), value(p, i), i)).collect();
+    let mut events = budget.list(t.2 as usize, "its list of events")?;
+    for i in 0..t.2 as usize {
+        events.push(event(value(t, i), value(x, i), value(y, i), value(p, i), i)?);
+    }
     let mut side = |name| -> Result<Option<u32>, String> {
         let side = column(name)?.and_then(|(integer, bytes, _)| integer.at(&bytes, 0));
         Ok(side.and_then(|side| u32::try_from(side).ok()))
     };
     let size = side("width")?.zip(side("height")?);
-    Ok((events?, size))
+    Ok((events, size))
 }
 
 /// A file of an archive (PKWARE's APPNOTE).
@@ -384,7 +436,7 @@ mod tests {
     fn read(name: &str, bytes: &[u8]) -> Result<EventFile, String> {
         let path = std::env::temp_dir().join(format!("evis-numpy-{}-{name}", std::process::id()));
         std::fs::write(&path, bytes).unwrap();
-        let read = read_events(&path).map_err(|error| error.to_string());
+        let read = crate::format::read_events(&path, None).map_err(|error| error.to_string());
         std::fs::remove_file(&path).unwrap();
         read
     }

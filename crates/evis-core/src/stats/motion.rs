@@ -9,6 +9,10 @@ const LONGEST_WINDOW_US: i64 = 50_000;
 /// Windows that a short recording is cut into at least.
 const FEWEST_WINDOWS: i64 = 8;
 
+/// Windows that a long recording is cut into at most: 58 hours of the longest ones. Beyond that they become longer, so that
+/// their number cannot fill the memory.
+const MOST_WINDOWS: i64 = 1 << 22;
+
 /// Fewer pairs of neighbours say nothing: those of a quiet sensor have correlations that are seldom and large.
 const FEWEST_PAIRS: u64 = 100;
 
@@ -49,7 +53,7 @@ pub(super) fn likeness(
     (width, height): (usize, usize),
     (start_us, length_us): (i64, i64),
 ) -> Option<Likeness> {
-    let window_us = (length_us / FEWEST_WINDOWS).clamp(1, LONGEST_WINDOW_US);
+    let window_us = (length_us / FEWEST_WINDOWS).clamp(1, LONGEST_WINDOW_US).max(length_us / MOST_WINDOWS);
     let windows = length_us / window_us;
     let cells = window_sums(events, width, (start_us, window_us, windows));
     let pixels: Vec<Series> = {

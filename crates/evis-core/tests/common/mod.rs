@@ -1,4 +1,7 @@
-//! What tests of the emulator share.
+//! What tests share.
+#![allow(dead_code, clippy::unwrap_used, reason = "each test file uses its part of these helpers")]
+
+pub mod damage;
 
 /// Times from 0 to `end_us`, by steps in no order: 1 to 128 times 1 to `most + 1` times `unit_us`; `most` is a power of two
 /// less one.

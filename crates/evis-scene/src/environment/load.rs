@@ -4,6 +4,7 @@ use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+use evis_limits::Budget;
 use image::codecs::hdr::HdrDecoder;
 use image::codecs::openexr::OpenExrDecoder;
 use image::{DynamicImage, ImageDecoder};
@@ -16,18 +17,25 @@ type Picture = (usize, usize, Vec<[f32; 3]>);
 
 /// Reads a `.hdr` or `.exr` file.
 pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Picture, SceneError> {
-    let bytes = std::fs::read(path).map_err(|source| SceneError::Io { path: path.to_path_buf(), source })?;
-    decode_guarded(path, &bytes, warnings).map_err(|reason| SceneError::invalid(path, reason))
+    let budget = Budget::default();
+    let bytes = evis_limits::read_file(path, &budget)
+        .map_err(|source| SceneError::Io { path: path.to_path_buf(), source })?;
+    decode_guarded(path, &bytes, &budget, warnings).map_err(|reason| SceneError::invalid(path, reason))
 }
 
 /// The decoders are outside code and this build checks for overflow: what they take for impossible must not take
 /// a program down that only opened a file.
-fn decode_guarded(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Picture, String> {
-    catch_unwind(AssertUnwindSafe(|| decode(path, bytes, warnings)))
+fn decode_guarded(
+    path: &Path,
+    bytes: &[u8],
+    budget: &Budget,
+    warnings: &mut Vec<String>,
+) -> Result<Picture, String> {
+    catch_unwind(AssertUnwindSafe(|| decode(path, bytes, budget, warnings)))
         .unwrap_or_else(|_| Err("is damaged: its decoder gave up; export it again".into()))
 }
 
-fn decode(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Picture, String> {
+fn decode(path: &Path, bytes: &[u8], budget: &Budget, warnings: &mut Vec<String>) -> Result<Picture, String> {
     let damaged = |error: image::ImageError| {
         format!("is truncated, damaged or of an unsupported kind ({error}); export it again as plain RGB")
     };
@@ -42,11 +50,11 @@ fn decode(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Pictu
                 exposure.recip()
             ));
         }
-        read_rgb(decoder)?.map_err(damaged)
+        read_rgb(decoder, budget)?.map_err(damaged)
     } else if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
         // OpenEXR colours are premultiplied, so they are the radiance whatever alpha says.
-        read_rgb(OpenExrDecoder::with_alpha_preference(Cursor::new(bytes), Some(false)).map_err(damaged)?)?
-            .map_err(damaged)
+        let decoder = OpenExrDecoder::with_alpha_preference(Cursor::new(bytes), Some(false));
+        read_rgb(decoder.map_err(damaged)?, budget)?.map_err(damaged)
     } else if bytes.is_empty() {
         Err("is empty; a Radiance .hdr or an OpenEXR .exr map is needed".into())
     } else {
@@ -55,10 +63,17 @@ fn decode(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Pictu
 }
 
 /// Outer error: a size that is refused before memory is taken (a header can announce anything).
-fn read_rgb(decoder: impl ImageDecoder) -> Result<Result<Picture, image::ImageError>, String> {
+fn read_rgb(
+    decoder: impl ImageDecoder,
+    budget: &Budget,
+) -> Result<Result<Picture, image::ImageError>, String> {
     let (width, height) = decoder.dimensions();
     let (width, height) = (width as usize, height as usize);
     check_size(width, height)?;
+    // What is decoded, its texels, and the cubes that are made of them.
+    let texels = (width as u64).saturating_mul(height as u64);
+    budget.take(decoder.total_bytes(), "the map")?;
+    budget.take_values::<[[f32; 3]; 2]>(texels, "the map")?;
     Ok(DynamicImage::from_decoder(decoder).map(|image| {
         let raw = image.into_rgb32f().into_raw();
         (width, height, raw.as_chunks::<3>().0.to_vec())
@@ -94,7 +109,7 @@ mod tests {
                         if random(2) == 0 { random(damaged.len().min(400)) } else { random(damaged.len()) };
                     damaged[at] = random(256) as u8;
                 }
-                match decode_guarded(Path::new("damaged"), &damaged, &mut Vec::new()) {
+                match decode_guarded(Path::new("damaged"), &damaged, &Budget::default(), &mut Vec::new()) {
                     Ok((width, height, texels)) => {
                         assert_eq!(texels.len(), width * height);
                         good += 1;

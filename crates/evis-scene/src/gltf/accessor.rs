@@ -35,6 +35,9 @@ impl Document {
         let size = kind.size() * width;
         let count = usize::try_from(accessor.count.0)
             .map_err(|_| format!("{label} has {} elements", accessor.count.0))?;
+        // Packed, and as the numbers that they become; each time that it is used.
+        let most = count.saturating_mul(size + width * size_of::<f32>());
+        self.budget.take(most as u64, &label)?;
         let offset = accessor.byte_offset.map_or(0, |o| o.0);
         let mut bytes = match accessor.buffer_view {
             Some(view) => self.gather(view.value(), offset, count, size, &label)?,

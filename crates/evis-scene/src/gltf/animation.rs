@@ -110,6 +110,7 @@ fn read_curve(
     // Integers are always normalised here: glTF 2.0, 3.11 allows no others.
     let always_normalized = matches!(property, Property::Rotation | Property::MorphTargetWeights);
     let values = document.elements(sampler.output.value(), &[type_], user)?.floats(always_normalized);
+    document.budget.take_values::<f64>((times.len() + values.len()) as u64, user)?;
     let mut curve = Curve {
         times: times.into_iter().map(f64::from).collect(),
         values: values.into_iter().map(f64::from).collect(),

@@ -3,6 +3,8 @@
 use std::borrow::Cow;
 use std::path::Path;
 
+use evis_limits::Budget;
+
 /// JSON and binary chunk of a file; a `.gltf` is JSON only.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     let Some(content) = bytes.strip_prefix(b"glTF") else {
@@ -70,11 +72,15 @@ pub(super) fn buffer(
     byte_length: u64,
     folder: &Path,
     binary: Option<&[u8]>,
+    budget: &Budget,
 ) -> Result<Vec<u8>, String> {
     let what = format!("buffer {index}");
     let mut content = match (uri, binary) {
-        (Some(uri), _) => fetch(uri, folder, &what)?,
-        (None, Some(binary)) if index == 0 => binary.to_vec(),
+        (Some(uri), _) => fetch(uri, folder, &what, budget)?,
+        (None, Some(binary)) if index == 0 => {
+            budget.take(binary.len() as u64, &what)?;
+            binary.to_vec()
+        }
         _ => return Err(format!("{what} has no content: neither a URI nor the binary chunk of a GLB")),
     };
     // Chunks are padded; a buffer ends where it says.
@@ -86,10 +92,11 @@ pub(super) fn buffer(
 }
 
 /// Content behind a URI: inline data, or a file relative to `folder`.
-pub(super) fn fetch(uri: &str, folder: &Path, what: &str) -> Result<Vec<u8>, String> {
+pub(super) fn fetch(uri: &str, folder: &Path, what: &str, budget: &Budget) -> Result<Vec<u8>, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (kind, data) =
             data.split_once(',').ok_or_else(|| format!("{what} has a data URI without data"))?;
+        budget.take(data.len() as u64, what)?;
         return if kind.ends_with(";base64") {
             base64(data.as_bytes()).ok_or_else(|| format!("{what} has a data URI that is not valid base64"))
         } else {
@@ -102,10 +109,16 @@ pub(super) fn fetch(uri: &str, folder: &Path, what: &str) -> Result<Vec<u8>, Str
     let decoded = percent_decoded(uri);
     let relative =
         std::str::from_utf8(&decoded).map_err(|_| format!("{what} has the URI '{uri}', no valid text"))?;
+    let inside = [relative, uri].into_iter().all(|name| evis_limits::stays_inside(Path::new(name)));
+    if !inside && !evis_limits::allow_outside() {
+        return Err(format!(
+            "{what} has the URI '{uri}', which leaves the scene's folder; --allow-outside lets scenes that you trust do so"
+        ));
+    }
     // Some exporters write names as they are, percent signs included.
     let candidates = [folder.join(relative), folder.join(uri)];
     let path = candidates.iter().find(|p| p.exists()).unwrap_or(&candidates[0]);
-    std::fs::read(path)
+    evis_limits::read_file(path, budget)
         .map_err(|e| format!("{what} needs the file {}, which cannot be read: {e}", path.display()))
 }
 

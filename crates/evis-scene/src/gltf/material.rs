@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::{Document, element, file, label};
-use crate::image::{Transfer, decode};
+use crate::image::{Transfer, decode_within};
 use crate::model::{AlphaMode, Image, Material, Scene, ShadingModel, Texture, TextureRef, Wrap};
 
 /// Where a texture was already put, by its index and use.
@@ -41,8 +41,15 @@ fn read_image(document: &Document, folder: &Path, index: usize, transfer: Transf
     let name = [&source.name, &source.uri].into_iter().flatten().find(|n| !n.starts_with("data:"));
     let name = name.cloned().unwrap_or_else(|| what.clone());
     match (&source.uri, source.buffer_view) {
-        (_, Some(view)) => decode(&name, document.view(view.value(), &what)?, transfer),
-        (Some(uri), None) => decode(&name, &file::fetch(uri, folder, &what)?, transfer),
+        (_, Some(view)) => {
+            decode_within(&name, document.view(view.value(), &what)?, transfer, &document.budget)
+        }
+        (Some(uri), None) => {
+            let bytes = file::fetch(uri, folder, &what, &document.budget)?;
+            let image = decode_within(&name, &bytes, transfer, &document.budget);
+            document.budget.give_back(bytes.len() as u64);
+            image
+        }
         (None, None) => Err(format!("{what} has neither a URI nor a buffer view")),
     }
 }

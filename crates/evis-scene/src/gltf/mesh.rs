@@ -96,8 +96,14 @@ fn primitive(
                 None => order,
             }
         }
+        None if document.budget.take_values::<u32>(count as u64, what).is_err() => {
+            return Err(format!("{what} has {count} vertices, too many for the limit of memory"));
+        }
         None => (0..u32::try_from(count).map_err(|_| format!("{what} has {count} vertices"))?).collect(),
     };
+    if mode != Mode::Triangles {
+        document.budget.take_values::<[u32; 3]>(order.len() as u64, what)?;
+    }
     Ok(Some(Primitive {
         // Without a material: the default one, which follows the file's own.
         material: source.material.map_or(document.root.materials.len(), |m| m.value()),
@@ -127,7 +133,10 @@ fn morph_target(
     what: &str,
 ) -> Result<MorphTarget, String> {
     let read = |accessor: Option<json::Index<json::Accessor>>, part: &str| {
-        let Some(accessor) = accessor else { return Ok(vec![[0.0; 3]; count]) };
+        let Some(accessor) = accessor else {
+            document.budget.take_values::<[f32; 3]>(count as u64, what)?;
+            return Ok(vec![[0.0; 3]; count]);
+        };
         let user = format!("{part} of {what}");
         let elements = document.elements(accessor.value(), &[Type::Vec3], &user)?;
         if elements.count == count {

@@ -14,6 +14,7 @@ mod node;
 use std::path::Path;
 
 use ::gltf::json::Root;
+use evis_limits::Budget;
 use serde_json::Value;
 
 use crate::error::SceneError;
@@ -44,12 +45,17 @@ impl Default for Options {
     }
 }
 
+/// Memory of a value of JSON, untyped and typed, bytes.
+const BYTES_PER_NODE: u64 = 128;
+
 /// A parsed file with its buffers.
 struct Document {
     root: Root,
     /// The same structure untyped, for what the types leave out.
     value: Value,
     buffers: Vec<Vec<u8>>,
+    /// What reading it may still allocate.
+    budget: Budget,
 }
 
 /// Reads a `.gltf` or `.glb` file, told apart by content.
@@ -61,9 +67,11 @@ struct Document {
 /// A file that cannot be read; one that breaks a rule of glTF 2.0 or of [`Scene::validate`]; a required extension
 /// that is not supported (named); an animation that does not exist (the existing ones are listed).
 pub fn load(path: &Path, options: &Options) -> Result<Scene, SceneError> {
-    let bytes = std::fs::read(path).map_err(|source| SceneError::Io { path: path.to_owned(), source })?;
+    let budget = Budget::default();
+    let bytes = evis_limits::read_file(path, &budget)
+        .map_err(|source| SceneError::Io { path: path.to_owned(), source })?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let mut scene = read(&bytes, folder, options).map_err(|e| match e {
+    let mut scene = read_within(&bytes, folder, options, budget).map_err(|e| match e {
         SceneError::Rule(reason) => SceneError::invalid(path, reason),
         other => other,
     })?;
@@ -76,8 +84,12 @@ pub fn load(path: &Path, options: &Options) -> Result<Scene, SceneError> {
 /// # Errors
 /// As [`load`], with [`SceneError::Rule`] for content.
 pub fn read(bytes: &[u8], folder: &Path, options: &Options) -> Result<Scene, SceneError> {
+    read_within(bytes, folder, options, Budget::default())
+}
+
+fn read_within(bytes: &[u8], folder: &Path, options: &Options, budget: Budget) -> Result<Scene, SceneError> {
     let mut scene = Scene::default();
-    let document = parse(bytes, folder, &mut scene.warnings).map_err(SceneError::Rule)?;
+    let document = parse(bytes, folder, budget, &mut scene.warnings).map_err(SceneError::Rule)?;
     let animation = animation::choose(&document, options.animation.as_deref())?;
     fill(&document, folder, animation, &mut scene).map_err(SceneError::Rule)?;
     if options.standalone {
@@ -101,8 +113,16 @@ fn fill(
     node::read(document, tracks, scene)
 }
 
-fn parse(bytes: &[u8], folder: &Path, warnings: &mut Vec<String>) -> Result<Document, String> {
+fn parse(
+    bytes: &[u8],
+    folder: &Path,
+    budget: Budget,
+    warnings: &mut Vec<String>,
+) -> Result<Document, String> {
     let (json, binary) = file::split(bytes)?;
+    // A value of a few characters takes two nodes of a tree.
+    let nodes = json.iter().filter(|b| matches!(b, b',' | b':' | b'[' | b'{')).count() as u64;
+    budget.take(nodes.saturating_mul(BYTES_PER_NODE).saturating_add(2 * json.len() as u64), "its JSON")?;
     let mut value: Value =
         serde_json::from_slice(json).map_err(|e| format!("its JSON cannot be read: {e}"))?;
     let version = value.pointer("/asset/version").and_then(Value::as_str).unwrap_or("none");
@@ -114,8 +134,9 @@ fn parse(bytes: &[u8], folder: &Path, warnings: &mut Vec<String>) -> Result<Docu
     let root: Root =
         serde_json::from_value(value.clone()).map_err(|e| format!("it is no valid glTF: {e}"))?;
     let buffers = root.buffers.iter().enumerate();
-    let buffers = buffers.map(|(i, b)| file::buffer(i, b.uri.as_deref(), b.byte_length.0, folder, binary));
-    Ok(Document { buffers: buffers.collect::<Result<_, _>>()?, root, value })
+    let buffers =
+        buffers.map(|(i, b)| file::buffer(i, b.uri.as_deref(), b.byte_length.0, folder, binary, &budget));
+    Ok(Document { buffers: buffers.collect::<Result<_, _>>()?, root, value, budget })
 }
 
 fn check_extensions(value: &Value, warnings: &mut Vec<String>) -> Result<(), String> {

@@ -12,6 +12,7 @@
 //! /<camera>/intrinsics/{fx, fy, cx, cy f64, width, height i64}
 //! /evis/{seed u64, environment u32, complete u8}        attributes version, method
 //! /evis/{cameras, config_toml}                          strings
+//! /evis/header_hash u64                                 FNV-1a of what the writer said about the recording
 //! /evis/report_json                                     u8, UTF-8 text, written at the end
 //! ```
 //! With exactly one camera `/events`, `/ms_to_idx` and `/t_offset` are hard links to that camera's, so
@@ -31,13 +32,15 @@ mod store;
 mod truth;
 mod writer;
 
+use std::hash::Hasher as _;
 use std::path::Path;
 
+use crate::fnv::Fnv;
 use crate::format::{EventFile, FormatError};
 use crate::packet::{CameraInfo, LabelData, LabelKind};
 
 pub use reader::Recording;
-pub use repair::{RepairReport, repair};
+pub use repair::{Hole, RepairReport, check, repair};
 pub use truth::stored_sensor;
 pub use writer::RecordingWriter;
 
@@ -48,6 +51,8 @@ pub const LAYOUT_VERSION: &str = "1";
 const EVENTS_PER_CHUNK: usize = 65_536;
 /// gzip level of every data set.
 const GZIP_LEVEL: u32 = 2;
+/// Deflate expands at most 1032 times; a data set that promises more than this cannot be in the file.
+const LARGEST_EXPANSION: u64 = 1100;
 /// Names that a camera may not have, since the root group uses them.
 const RESERVED_NAMES: [&str; 5] = ["events", "ms_to_idx", "t_offset", "evis", "truth"];
 
@@ -71,6 +76,30 @@ pub struct RecordingHeader {
     pub t_offset_us: i64,
     /// The label kinds that will be written, for every camera.
     pub labels: Vec<LabelKind>,
+}
+
+impl RecordingHeader {
+    /// What a file keeps to know its scalars and texts by: FNV-1a over all of them, numbers as their bytes.
+    fn hash(&self) -> u64 {
+        let mut fnv = Fnv::default();
+        let mut text = |text: &str| {
+            fnv.write(&(text.len() as u64).to_le_bytes());
+            fnv.write(text.as_bytes());
+        };
+        text(&self.method);
+        text(&self.config_toml);
+        for camera in &self.cameras {
+            text(&camera.name);
+        }
+        for camera in &self.cameras {
+            fnv.write(&[camera.width, camera.height].map(u32::to_le_bytes).concat());
+            fnv.write(&[camera.fx, camera.fy, camera.cx, camera.cy].map(f64::to_le_bytes).concat());
+        }
+        fnv.write(&self.seed.to_le_bytes());
+        fnv.write(&self.environment.to_le_bytes());
+        fnv.write(&self.t_offset_us.to_le_bytes());
+        fnv.finish()
+    }
 }
 
 /// The events of a camera, with its size and the length that the file tells.

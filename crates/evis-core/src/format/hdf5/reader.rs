@@ -1,23 +1,21 @@
 //! Reading a recording, complete or not.
 
 use std::collections::BTreeSet;
-use std::fs::File;
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
+use evis_limits::Budget;
 use rust_hdf5::format::superblock::SuperblockV2V3;
 use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
-use super::{LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
+use super::{LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
-use crate::format::FormatError;
+use crate::format::{FormatError, check_events};
 use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
 
 /// Events that are decoded at once: bounds what a read needs beside its result.
 const EVENTS_AT_ONCE: u64 = 1 << 20;
-/// Deflate expands at most 1032 times; a data set that promises more than this cannot be in the file.
-const LARGEST_EXPANSION: u64 = 1100;
 
 /// A recording on disk. It holds no file open: every read sees what the writer has flushed by then.
 #[derive(Clone, Debug)]
@@ -56,8 +54,8 @@ impl Recording {
     /// # Errors
     /// No such camera, or a file that can no longer be read.
     pub fn event_count(&self, camera: usize) -> Result<u64, FormatError> {
-        let name = &self.camera(camera)?.name;
-        with_file(&self.path, |source| source.events(name).map(|e| e.count))
+        let camera = self.camera(camera)?;
+        with_file(&self.path, |source| source.events(camera).map(|e| e.count))
     }
 
     /// All events of camera `camera`.
@@ -65,8 +63,8 @@ impl Recording {
     /// # Errors
     /// As [`Recording::event_count`].
     pub fn events(&self, camera: usize) -> Result<Vec<Event>, FormatError> {
-        let name = &self.camera(camera)?.name;
-        with_file(&self.path, |source| source.all_events(name))
+        let camera = self.camera(camera)?;
+        with_file(&self.path, |source| source.all_events(camera))
     }
 
     /// Why each event of camera `camera` fired, as numbers of [`crate::Cause`], of those with `start_us <= t < end_us`
@@ -103,9 +101,10 @@ impl Recording {
         end_us: i64,
         marked: bool,
     ) -> Result<Vec<Event>, FormatError> {
-        let name = &self.camera(camera)?.name;
+        let camera = self.camera(camera)?;
+        let name = &camera.name;
         with_file(&self.path, |source| {
-            let mut columns = source.events(name)?;
+            let mut columns = source.events(camera)?;
             if marked {
                 let cause = source.dataset(&format!("{name}/events/cause"))?;
                 columns.count = columns.count.min(source.rows(&cause, "events/cause")?);
@@ -136,7 +135,7 @@ impl Recording {
             } else {
                 columns.count
             };
-            let mut events = Vec::new();
+            let mut events = source.event_list(to.min(columns.count).saturating_sub(from))?;
             columns.read(source, from.min(columns.count), to.min(columns.count), |block| {
                 events.extend_from_slice(slice_time(block, start_us, end_us));
             })?;
@@ -192,6 +191,8 @@ impl Recording {
             if frames.shape().get(1..) != counts.get(1..) {
                 return Err(source.damaged(format!("{name} does not have the size of its camera")));
             }
+            let values = counts.iter().try_fold(4_usize, |n, &d| n.checked_mul(d)).unwrap_or(usize::MAX);
+            source.fits(values as u64, "a label")?;
             let mut starts = vec![0; counts.len()];
             if let Some(first) = starts.first_mut() {
                 *first = index;
@@ -230,6 +231,7 @@ impl Recording {
                 count = count.min(source.rows(dataset, name)?);
             }
             let rows = usize::try_from(count).unwrap_or(usize::MAX);
+            source.fits(count.saturating_mul(2 * size_of::<PoseSample>() as u64), "its list of poses")?;
             let times: Vec<i64> = source.slice(&times, 0, count)?;
             let position: Vec<f64> = source.check(name, position.read_slice(&[0, 0], &[rows, 3]))?;
             let rotation: Vec<f64> = source.check(name, rotation.read_slice(&[0, 0], &[rows, 4]))?;
@@ -245,6 +247,44 @@ impl Recording {
     pub fn report(&self) -> Result<Option<String>, FormatError> {
         let text = with_file(&self.path, |source| source.text("evis/report_json"))?;
         Ok(if text.is_empty() { None } else { Some(text) })
+    }
+
+    /// Reads everything that it holds, and keeps nothing of it.
+    ///
+    /// # Errors
+    /// The first part that cannot be read, or that does not fit the others.
+    pub fn verify(&self) -> Result<(), FormatError> {
+        for (index, camera) in self.header.cameras.iter().enumerate() {
+            let name = &camera.name;
+            with_file(&self.path, |source| {
+                let mut columns = source.events(camera)?;
+                if self.header.labels.contains(&LabelKind::Cause) {
+                    columns.cause = Some(source.dataset(&format!("{name}/events/cause"))?);
+                }
+                columns.read(source, 0, columns.count, |_| {})?;
+                let table = source.dataset(&format!("{name}/ms_to_idx"))?;
+                let (entries, mut at, mut before) = (source.rows(&table, "ms_to_idx")?, 0, 0);
+                while at < entries {
+                    let count = EVENTS_AT_ONCE.min(entries - at);
+                    for row in source.slice::<u64>(&table, at, count)? {
+                        if row < before || row > columns.count {
+                            let what = format!("{name}/ms_to_idx leads to event {row} of {}", columns.count);
+                            return Err(source.out_of_step(what));
+                        }
+                        before = row;
+                    }
+                    at += count;
+                }
+                Ok(())
+            })?;
+            for kind in self.label_kinds(index)? {
+                for frame in 0..self.label_times(index, *kind)?.len() {
+                    self.label(index, *kind, frame)?;
+                }
+            }
+            self.poses(index)?;
+        }
+        self.report().map(|_| ())
     }
 
     /// Where the recording is.
@@ -311,12 +351,16 @@ pub(super) struct Source<'a> {
     pub path: &'a Path,
     pub file: H5File,
     bytes: u64,
+    /// What the result of a read may take.
+    budget: Budget,
     /// Nobody was writing it when it was opened, and no writer was killed.
     closed: bool,
 }
 
 /// The event columns of a camera.
 struct EventColumns {
+    /// Pixels per row, and rows.
+    size: (u32, u32),
     x: H5Dataset,
     y: H5Dataset,
     t: H5Dataset,
@@ -343,14 +387,15 @@ pub(super) fn with_file<T>(
     }
     let attempt = catch_unwind(AssertUnwindSafe(|| {
         let file = H5File::options().no_locking().open(path).map_err(|e| damaged(path, e.to_string()))?;
-        read(&Source { path, file, bytes, closed: superblock.file_consistency_flags == 0 })
+        let closed = superblock.file_consistency_flags == 0;
+        read(&Source { path, file, bytes, budget: Budget::default(), closed })
     }));
     attempt.unwrap_or_else(|_| Err(damaged(path, "the decoder gave up on it")))
 }
 
 fn superblock(path: &Path) -> Result<SuperblockV2V3, FormatError> {
     let mut head = Vec::new();
-    File::open(path)
+    evis_limits::open_regular(path)
         .and_then(|file| file.take(256).read_to_end(&mut head))
         .map_err(|e| FormatError::io(path, "open", e))?;
     SuperblockV2V3::decode(&head).map_err(|e| {
@@ -392,10 +437,21 @@ impl Source<'_> {
         self.check(name, self.file.dataset(name))
     }
 
+    /// Refuses what would take more memory than is left.
+    pub fn fits(&self, bytes: u64, what: &str) -> Result<(), FormatError> {
+        self.budget.take(bytes, what).map_err(|e| self.damaged(e.to_string()))?;
+        self.budget.give_back(bytes);
+        Ok(())
+    }
+
     /// Length of the first axis; refused where the file is too small to hold it.
     pub fn rows(&self, dataset: &H5Dataset, name: &str) -> Result<u64, FormatError> {
         let shape = dataset.shape();
         let size = shape.iter().try_fold(dataset.element_size(), |n, &d| n.checked_mul(d));
+        // A chunk is decoded as a whole, whatever is read of it.
+        let chunk = dataset.chunk_dims().unwrap_or_default();
+        let chunk = chunk.iter().try_fold(dataset.element_size(), |n, &d| n.checked_mul(d));
+        self.fits(chunk.map_or(u64::MAX, |chunk| chunk as u64), &format!("a chunk of {name}"))?;
         match size {
             Some(size) if (size as u64) / LARGEST_EXPANSION <= self.bytes => {
                 Ok(shape.first().copied().unwrap_or(0) as u64)
@@ -411,6 +467,7 @@ impl Source<'_> {
         if count == 0 {
             return Ok(Vec::new());
         }
+        self.fits((count as u64).saturating_mul(size_of::<T>() as u64), "a data set")?;
         self.check("a column", dataset.read_slice(&[from], &[count]))
     }
 
@@ -469,7 +526,7 @@ impl Source<'_> {
         if cameras.is_empty() {
             return Err(self.damaged("it has no camera"));
         }
-        Ok(RecordingHeader {
+        let header = RecordingHeader {
             cameras,
             seed: self.scalar("evis/seed")?,
             method: self.check("evis", evis.attr_string("method"))?,
@@ -480,19 +537,39 @@ impl Source<'_> {
             duration_us: None,
             t_offset_us,
             labels: labels.into_iter().collect(),
-        })
+        };
+        // Files from before there was one have none.
+        let members = self.check("evis", evis.dataset_names())?;
+        if members.iter().any(|name| name == "header_hash") {
+            let hash: u64 = self.scalar("evis/header_hash")?;
+            if hash != header.hash() {
+                return Err(self.damaged(
+                    "its seed, settings, intrinsics or names are not those that were written (evis/header_hash)",
+                ));
+            }
+        }
+        Ok(header)
     }
 
-    pub fn all_events(&self, camera: &str) -> Result<Vec<Event>, FormatError> {
+    /// An empty list with room for `count` events.
+    fn event_list(&self, count: u64) -> Result<Vec<Event>, FormatError> {
+        let list = self.budget.list(usize::try_from(count).unwrap_or(usize::MAX), "its list of events");
+        list.map_err(|e| self.damaged(e.to_string()))
+    }
+
+    pub fn all_events(&self, camera: &CameraInfo) -> Result<Vec<Event>, FormatError> {
         let columns = self.events(camera)?;
-        let mut events = Vec::new();
+        let mut events = self.event_list(columns.count)?;
         columns.read(self, 0, columns.count, |block| events.extend_from_slice(block))?;
         Ok(events)
     }
 
-    fn events(&self, camera: &str) -> Result<EventColumns, FormatError> {
+    fn events(&self, camera: &CameraInfo) -> Result<EventColumns, FormatError> {
+        let size = (camera.width, camera.height);
+        let camera = &camera.name;
         let column = |name: &str| self.dataset(&format!("{camera}/events/{name}"));
         let mut columns = EventColumns {
+            size,
             x: column("x")?,
             y: column("y")?,
             t: column("t")?,
@@ -526,7 +603,7 @@ impl EventColumns {
         to: u64,
         mut visit: impl FnMut(&[Event]),
     ) -> Result<(), FormatError> {
-        let mut at = from;
+        let (mut at, mut earlier_us) = (from, i64::MIN);
         while at < to {
             let count = EVENTS_AT_ONCE.min(to - at);
             let x: Vec<u16> = source.slice(&self.x, at, count)?;
@@ -542,9 +619,13 @@ impl EventColumns {
                 .zip(&y)
                 .zip(&p)
                 .map(|(((&t, &x), &y), &p)| {
-                    Event::new(t, x, y, if p == 0 { Polarity::Off } else { Polarity::On })
+                    let mut event = Event::new(t, x, y, Polarity::Off);
+                    event.p = i16::from(p);
+                    event
                 })
                 .collect();
+            check_events(&block, self.size, at, earlier_us).map_err(|what| source.out_of_step(what))?;
+            earlier_us = block.last().map_or(earlier_us, |e| e.t);
             if let Some(cause) = &self.cause {
                 let causes: Vec<u8> = source.slice(cause, at, count)?;
                 for (event, cause) in block.iter_mut().zip(causes) {

@@ -1,8 +1,9 @@
 //! Making a recording whose writer was killed readable for everyone.
 
+use std::ops::Range;
 use std::path::Path;
 
-use super::store::{Column, FileState, Store, compress};
+use super::store::{Column, FileState, Store};
 use super::writer::LATEST_US;
 use super::{RESERVED_NAMES, Recording};
 use crate::format::FormatError;
@@ -24,6 +25,32 @@ pub struct RepairReport {
     pub rows_dropped: u64,
     /// The writer's report was there and could not be saved.
     pub report_dropped: bool,
+    /// What is missing between rows that were saved, numbered as they were before.
+    pub holes: Vec<Hole>,
+}
+
+/// Rows in the middle of a table that cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Hole {
+    /// The table: `left/events`, `left/poses`, `left/labels/depth`.
+    pub part: String,
+    /// First row.
+    pub first: u64,
+    /// The row after the last one.
+    pub end: u64,
+    /// Of events: the time of the one before it and of the one after it, where there are such, microseconds.
+    pub between_us: Option<(i64, i64)>,
+}
+
+impl std::fmt::Display for Hole {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { part, first, end, between_us } = self;
+        write!(f, "rows {first} to {} of {part}", end - 1)?;
+        match between_us {
+            Some((from, to)) => write!(f, " (between {from} and {to} us)"),
+            None => Ok(()),
+        }
+    }
 }
 
 impl RepairReport {
@@ -38,25 +65,45 @@ impl RepairReport {
 }
 
 /// Clears the mark that a killed writer leaves, so that every HDF5 reader opens the file, and brings the
-/// columns into step: rows of which a part is missing go, `ms_to_idx` is completed. The file then no longer counts
-/// as complete. A file that needs nothing is not touched, and one that cannot be repaired stays what it was.
+/// columns into step: rows of which a part is missing or damaged go, those after them stay, `ms_to_idx` is completed. The
+/// file then no longer counts as complete, and everything in it can be read. A file that needs nothing is not touched, and
+/// one that cannot be repaired stays what it was.
 ///
 /// # Errors
 /// A file that is no recording, is being written or read by another process, cannot be written to, is
 /// damaged beyond its rows, or of whose events and label images none can be saved.
 pub fn repair(path: &Path) -> Result<RepairReport, FormatError> {
+    // Where the chunk index itself is damaged, what comes after the damage has no place to go to.
+    match attempt(path, false) {
+        Err(FormatError::Corrupt { .. }) => attempt(path, true),
+        done => done,
+    }
+}
+
+fn attempt(path: &Path, starts_only: bool) -> Result<RepairReport, FormatError> {
     let mut store = Store::open(path)?;
     store.lock_alone()?;
     store.remember();
-    let repaired = save(&mut store);
+    let repaired = save(&mut store, starts_only);
     if repaired.is_err() {
         store.take_back()?;
     }
     repaired
 }
 
-fn save(store: &mut Store) -> Result<RepairReport, FormatError> {
-    let path = store.path().to_path_buf();
+/// What [`repair`] would do; nothing is written. Everything that the file holds is read.
+///
+/// # Errors
+/// A file that is no recording, that no repair can save, or that cannot be read although it needs no repair.
+pub fn check(path: &Path) -> Result<RepairReport, FormatError> {
+    let (report, ..) = survey(&mut Store::open_to_read(path)?, false)?;
+    if report.nothing_to_do() {
+        Recording::open(path)?.verify()?;
+    }
+    Ok(report)
+}
+
+fn survey(store: &mut Store, starts_only: bool) -> Result<(RepairReport, Vec<Camera>, Rows), FormatError> {
     let mut report = RepairReport {
         reopened: store.state() == FileState::Open,
         cut_short: store.missing().is_some(),
@@ -65,9 +112,10 @@ fn save(store: &mut Store) -> Result<RepairReport, FormatError> {
     // What there is, before anything is written.
     let mut cameras = Vec::new();
     for name in camera_names(store)? {
-        cameras.push(Camera::survey(store, name)?);
+        cameras.push(Camera::survey(store, name, starts_only)?);
     }
-    let mut text = Rows::survey(store, &["evis/report_json".into()])?;
+    // Half a text is none.
+    let text = Rows::survey(store, "evis", &["evis/report_json".into()], true)?;
     refuse_if_nothing_is_left(store, &cameras)?;
 
     for camera in &mut cameras {
@@ -75,11 +123,19 @@ fn save(store: &mut Store) -> Result<RepairReport, FormatError> {
         report.events_dropped += camera.events.dropped();
         for rows in std::iter::once(&camera.events).chain(&camera.others) {
             report.rows_dropped += rows.dropped();
+            report.holes.extend(rows.holes.iter().cloned());
         }
         report.millis_rebuilt += camera.index.survey(store, &mut camera.events)?;
     }
     report.report_dropped = text.dropped() > 0;
+    Ok((report, cameras, text))
+}
+
+fn save(store: &mut Store, starts_only: bool) -> Result<RepairReport, FormatError> {
+    let path = store.path().to_path_buf();
+    let (report, mut cameras, mut text) = survey(store, starts_only)?;
     if report.nothing_to_do() {
+        Recording::open(&path)?.verify()?;
         return Ok(report);
     }
 
@@ -87,14 +143,14 @@ fn save(store: &mut Store) -> Result<RepairReport, FormatError> {
     store.write_contiguous("evis/complete", &[0])?;
     for camera in &mut cameras {
         for rows in std::iter::once(&mut camera.events).chain(&mut camera.others) {
-            rows.shorten(store)?;
+            rows.keep(store)?;
         }
         camera.index.complete(store, &mut camera.events)?;
     }
-    text.shorten(store)?;
+    text.keep(store)?;
     store.publish(FileState::Closed)?;
     // Groups, names and texts cannot be rebuilt; whether they are there, the reader knows.
-    Recording::open(&path)?;
+    Recording::open(&path)?.verify()?;
     Ok(report)
 }
 
@@ -144,18 +200,19 @@ struct Camera {
 }
 
 impl Camera {
-    fn survey(store: &mut Store, name: String) -> Result<Self, FormatError> {
+    fn survey(store: &mut Store, name: String, starts_only: bool) -> Result<Self, FormatError> {
         let present = store.names(&format!("{name}/events"))?;
         let all = ["x", "y", "t", "p", "cause"].into_iter();
         let columns: Vec<String> = all
             .filter(|c| *c != "cause" || present.iter().any(|name| name == c))
             .map(|c| format!("{name}/events/{c}"))
             .collect();
-        let events = Rows::survey(store, &columns)?;
+        let mut events = Rows::survey(store, &format!("{name}/events"), &columns, starts_only)?;
+        events.find_times(store)?;
         let index = Index { column: Column::open(store, &format!("{name}/ms_to_idx"))?, kept: 0, wanted: 0 };
 
         let poses = ["t_us", "position", "rotation_xyzw"].map(|c| format!("{name}/poses/{c}"));
-        let mut others = vec![Rows::survey(store, &poses)?];
+        let mut others = vec![Rows::survey(store, &format!("{name}/poses"), &poses, starts_only)?];
         let labels = store.names(&format!("{name}/labels"))?;
         for kind in labels.iter().filter(|name| !name.ends_with("_us")) {
             let times = ["_t_us", "_t_other_us", "_t_end_us"].map(|ending| format!("{kind}{ending}"));
@@ -164,7 +221,7 @@ impl Camera {
                 .filter(|part| labels.contains(part))
                 .map(|part| format!("{name}/labels/{part}"))
                 .collect();
-            others.push(Rows::survey(store, &parts)?);
+            others.push(Rows::survey(store, &format!("{name}/labels/{kind}"), &parts, starts_only)?);
         }
         Ok(Self { name, events, index, others })
     }
@@ -173,27 +230,75 @@ impl Camera {
 /// Columns that belong together.
 struct Rows {
     columns: Vec<Column>,
-    /// Rows that all of them have.
+    /// Number of rows that stay.
     kept: u64,
+    /// Those that stay: all columns have them.
+    ranges: Vec<Range<u64>>,
+    /// What lies between them.
+    holes: Vec<Hole>,
     /// Rows that the longest of them promises.
     promised: u64,
 }
 
 impl Rows {
-    fn survey(store: &mut Store, names: &[String]) -> Result<Self, FormatError> {
+    /// `part` names the table; with `starts_only`, nothing after a hole stays.
+    fn survey(
+        store: &mut Store,
+        part: &str,
+        names: &[String],
+        starts_only: bool,
+    ) -> Result<Self, FormatError> {
         let mut columns = names.iter().map(|n| Column::open(store, n)).collect::<Result<Vec<_>, _>>()?;
-        let kept = columns.iter_mut().map(|c| c.readable_rows(store)).min().unwrap_or(0);
+        let mut damaged: Vec<_> = columns.iter_mut().flat_map(|c| c.damaged_rows(store)).collect();
+        damaged.sort_unstable_by_key(|rows| rows.start);
         let promised = columns.iter().map(Column::rows_published).max().unwrap_or(0);
-        Ok(Self { columns, kept, promised })
+        // Where a column ends, so do the others.
+        let end = columns.iter().map(Column::rows_published).min().unwrap_or(0);
+        let (mut ranges, mut at) = (Vec::new(), 0);
+        for rows in damaged {
+            if at < rows.start.min(end) {
+                ranges.push(at..rows.start.min(end));
+            }
+            at = at.max(rows.end);
+        }
+        if at < end {
+            ranges.push(at..end);
+        }
+        if starts_only {
+            ranges.retain(|rows| rows.start == 0);
+        }
+        let mut holes = Vec::new();
+        let mut before = 0;
+        for rows in &ranges {
+            if before < rows.start {
+                holes.push(Hole { part: part.into(), first: before, end: rows.start, between_us: None });
+            }
+            before = rows.end;
+        }
+        let kept = ranges.iter().map(|rows| rows.end - rows.start).sum();
+        Ok(Self { columns, kept, ranges, holes, promised })
+    }
+
+    /// Tells when the holes in a table of events are.
+    fn find_times(&mut self, store: &mut Store) -> Result<(), FormatError> {
+        let mut holes = std::mem::take(&mut self.holes);
+        if let Some(times) = self.times() {
+            for hole in holes.iter_mut().filter(|hole| hole.first > 0) {
+                let (from, to) = (value(times, store, hole.first - 1)?, value(times, store, hole.end)?);
+                hole.between_us = Some((from as i64, to as i64));
+            }
+        }
+        self.holes = holes;
+        Ok(())
     }
 
     const fn dropped(&self) -> u64 {
         self.promised.saturating_sub(self.kept)
     }
 
-    fn shorten(&mut self, store: &mut Store) -> Result<(), FormatError> {
+    fn keep(&mut self, store: &mut Store) -> Result<(), FormatError> {
         for column in &mut self.columns {
-            column.resume(store, self.kept)?;
+            column.keep(store, &self.ranges)?;
         }
         Ok(())
     }
@@ -218,7 +323,8 @@ impl Index {
     fn survey(&mut self, store: &mut Store, events: &mut Rows) -> Result<u64, FormatError> {
         let had = self.column.rows_published();
         let readable = self.column.readable_rows(store);
-        let last = events.kept.checked_sub(1);
+        let last = events.ranges.last().map(|rows| rows.end - 1);
+        let has_holes = !events.holes.is_empty();
         if let (Some(last), Some(t)) = (last, events.times()) {
             let last = value(t, store, last)?;
             if last > LATEST_US.unsigned_abs() {
@@ -239,7 +345,8 @@ impl Index {
                 before = entry;
             }
         })?;
-        if !fine {
+        // Behind a hole all events have other numbers.
+        if !fine || has_holes {
             self.kept = 0;
         }
         Ok(had.abs_diff(self.kept) + (self.wanted - self.kept))
@@ -269,22 +376,8 @@ impl Index {
             }
         })?;
         index.push_each(entries.iter().map(|e| e.to_le_bytes()));
-        store_all(store, index)
+        index.commit(store)
     }
-}
-
-/// Commits one column.
-fn store_all(store: &mut Store, column: &mut Column) -> Result<(), FormatError> {
-    let path = store.path().to_path_buf();
-    let full = column.take_full();
-    let full = full.iter().map(|c| compress(column.pipeline(), c, &path)).collect::<Result<Vec<_>, _>>()?;
-    column.append_compressed(store, &full)?;
-    if let Some(tail) = column.pending_tail() {
-        let tail = compress(column.pipeline(), &tail, &path)?;
-        column.store_tail(store, &tail)?;
-    }
-    column.write_index(store)?;
-    column.write_extent(store)
 }
 
 fn little_endian(bytes: &[u8]) -> u64 {
@@ -343,7 +436,7 @@ mod tests {
         let mut index = Column::open(&mut store, "cam/ms_to_idx").unwrap();
         index.resume(&mut store, 0).unwrap();
         index.push_each(whole.iter().map(|_| 1_000_000_000_000_u64.to_le_bytes()));
-        store_all(&mut store, &mut index).unwrap();
+        index.commit(&mut store).unwrap();
         store.publish(FileState::Closed).unwrap();
         drop(store);
         let recording = Recording::open(&path).unwrap();
@@ -399,6 +492,114 @@ mod tests {
         let report = repair(&path).unwrap();
         assert!(!report.reopened && report.rows_dropped == 0 && report.millis_rebuilt > 0);
         assert_eq!(stored_index(&path), whole[..=13]);
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    /// Where chunk `chunk` of a column lies in the file.
+    fn place(path: &Path, name: &str, chunk: u64) -> Range<usize> {
+        let mut store = Store::open_to_read(path).unwrap();
+        let (at, bytes) = Column::open(&mut store, name).unwrap().place(&mut store, chunk).unwrap();
+        at as usize..(at + bytes) as usize
+    }
+
+    #[test]
+    fn a_hole_in_the_middle_costs_its_own_rows_alone() {
+        let path = std::env::temp_dir().join(format!("evis_hole_{}.h5", std::process::id()));
+        let events = record(&path);
+        let whole = std::fs::read(&path).unwrap();
+        assert!(check(&path).unwrap().nothing_to_do());
+        let mut damaged = whole.clone();
+        damaged[place(&path, "cam/events/x", 1)].fill(0);
+        std::fs::write(&path, &damaged).unwrap();
+        assert!(Recording::open(&path).unwrap().events(0).is_err(), "canary: it is damaged");
+
+        let report = check(&path).unwrap();
+        let hole = Hole {
+            part: "cam/events".into(),
+            first: 65_536,
+            end: 131_072,
+            between_us: Some((65_535 * 137, 131_072 * 137)),
+        };
+        assert_eq!((report.holes.as_slice(), report.events_dropped), ([hole.clone()].as_slice(), 65_536));
+        assert_eq!(hole.to_string(), "rows 65536 to 131071 of cam/events (between 8978295 and 17956864 us)");
+        assert!(std::fs::read(&path).unwrap() == damaged, "a check writes nothing");
+
+        assert_eq!(repair(&path).unwrap().events, [("cam".to_string(), 150_000 - 65_536)]);
+        let kept = [&events[..65_536], &events[131_072..]].concat();
+        let recording = Recording::open(&path).unwrap();
+        assert!(recording.events(0).unwrap() == kept);
+        let index: Vec<u64> = (0..=kept.last().unwrap().t / 1000)
+            .map(|ms| kept.partition_point(|e| e.t < ms * 1000) as u64)
+            .collect();
+        assert_eq!(stored_index(&path), index);
+        assert!(!recording.is_complete().unwrap());
+        assert!(repair(&path).unwrap().nothing_to_do(), "once is enough");
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn whatever_is_damaged_a_repair_leaves_a_file_that_reads_or_the_file_as_it_was() {
+        let path = std::env::temp_dir().join(format!("evis_zeros_{}.h5", std::process::id()));
+        record(&path);
+        let whole = std::fs::read(&path).unwrap();
+        let mut state = 5_u64;
+        let mut random = |below: usize| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize % below
+        };
+        let (mut repaired, mut refused) = (0, 0);
+        for round in 0..120 {
+            let mut damaged = whole.clone();
+            let at = random(damaged.len());
+            match round % 3 {
+                // A page that never reached the disk.
+                0 => {
+                    let page = at / 4096 * 4096;
+                    let end = (page + 4096).min(damaged.len());
+                    damaged[page..end].fill(0);
+                }
+                1 => damaged[at] ^= 1 << random(8),
+                _ => damaged.truncate(at),
+            }
+            std::fs::write(&path, &damaged).unwrap();
+            match repair(&path) {
+                Ok(_) => {
+                    repaired += 1;
+                    Recording::open(&path).unwrap().verify().unwrap();
+                }
+                Err(_) => {
+                    refused += 1;
+                    assert!(
+                        std::fs::read(&path).unwrap() == damaged,
+                        "round {round} changed a file it refused"
+                    );
+                }
+            }
+        }
+        assert!(repaired > 40 && refused > 10, "{repaired} repaired, {refused} refused");
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn changed_scalars_are_noticed() {
+        let path = std::env::temp_dir().join(format!("evis_scalars_{}.h5", std::process::id()));
+        record(&path);
+        let whole = std::fs::read(&path).unwrap();
+        let intrinsic = whole.windows(8).position(|w| w == 9_i64.to_le_bytes()).unwrap();
+        for (at, bit) in [(intrinsic, 1), (intrinsic + 1, 4)] {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 1 << bit;
+            std::fs::write(&path, &damaged).unwrap();
+            // Sizes stand in two places; one of them is for DSEC's readers and is not read.
+            if let Ok(recording) = Recording::open(&path) {
+                assert_eq!(recording.header().cameras[0].width, 9);
+            }
+        }
+        let seed = whole.windows(6).position(|w| w == b"native").unwrap();
+        let mut damaged = whole.clone();
+        damaged[seed] ^= 1;
+        std::fs::write(&path, &damaged).unwrap();
+        assert!(Recording::open(&path).is_err());
         std::fs::remove_file(&path).unwrap();
     }
 }

@@ -41,6 +41,7 @@ use rust_hdf5::format::superblock::{
 };
 use rust_hdf5::format::{BlockReader, FormatContext, FormatError as CodecError, FormatResult};
 
+use super::LARGEST_EXPANSION;
 use crate::format::FormatError;
 
 /// How long a block that an index no longer names stays untouched.
@@ -64,7 +65,10 @@ pub(super) enum FileState {
 /// A file that is being appended to.
 pub(super) struct Store {
     file: File,
+    /// As its user calls it.
     path: PathBuf,
+    /// Where it is, if that is to be checked.
+    place: Option<PathBuf>,
     context: FormatContext,
     superblock: SuperblockV2V3,
     /// First address that is not in use.
@@ -80,11 +84,18 @@ pub(super) struct Store {
 impl Store {
     /// Opens `path` for appending. Nothing is written yet.
     pub fn open(path: &Path) -> Result<Self, FormatError> {
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .open(path)
-            .map_err(|source| FormatError::io(path, "open", source))?;
+        Self::open_as(path, OpenOptions::new().read(true).write(true))
+    }
+
+    /// Opens `path` to look at it.
+    pub fn open_to_read(path: &Path) -> Result<Self, FormatError> {
+        Self::open_as(path, OpenOptions::new().read(true))
+    }
+
+    fn open_as(path: &Path, options: &OpenOptions) -> Result<Self, FormatError> {
+        let io = |source| FormatError::io(path, "open", source);
+        evis_limits::check_regular(&std::fs::metadata(path).map_err(io)?).map_err(io)?;
+        let mut file = options.open(path).map_err(io)?;
         let on_disk = file.metadata().map_err(|source| FormatError::io(path, "open", source))?.len();
         let mut head = [0; SUPERBLOCK_BYTES];
         let read =
@@ -104,6 +115,7 @@ impl Store {
         Ok(Self {
             file,
             path: path.into(),
+            place: None,
             context: FormatContext::default_v3(),
             superblock,
             end,
@@ -137,6 +149,35 @@ impl Store {
 
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Names the file by `path` from now on.
+    pub fn is_called(&mut self, path: &Path) {
+        self.path = path.into();
+    }
+
+    /// The file was moved to `place`; see [`Store::check_place`].
+    pub fn moved_to(&mut self, place: &Path) {
+        // A process may change its folder.
+        self.place = std::path::absolute(place).ok();
+    }
+
+    /// Fails where another file has taken this one's place, or none is there any more: nobody will find what is written.
+    pub fn check_place(&self) -> Result<(), FormatError> {
+        #[cfg(unix)]
+        if let Some(place) = &self.place {
+            use std::os::unix::fs::MetadataExt;
+            let own = self.file.metadata().map_err(|e| self.io("write", e))?;
+            let is_own = |there: &std::fs::Metadata| (there.dev(), there.ino()) == (own.dev(), own.ino());
+            let what = match std::fs::metadata(place) {
+                Ok(there) if is_own(&there) => return Ok(()),
+                Ok(_) => "another file took its place while it was written",
+                Err(_) => "it was removed while it was written",
+            };
+            let source = io::Error::other(format!("{what}, and what was written is lost"));
+            return Err(FormatError::Lost { path: self.path.clone(), source });
+        }
+        Ok(())
     }
 
     /// Whether the file was closed properly.
@@ -476,6 +517,12 @@ impl Column {
             return Err(wrong(store));
         };
 
+        // What no file of this length holds, and what no reader decodes.
+        let rows_there = store.end.saturating_mul(LARGEST_EXPANSION) / row_bytes as u64;
+        if rows > rows_there || chunk_bytes as u64 > evis_limits::memory_limit() / 4 {
+            return Err(store.damaged(format!("{name} promises more than the file holds")));
+        }
+
         // The extent is the first value of the dataspace message: version 2 has it after 4 bytes.
         let at = position(&image, &space.data).ok_or_else(|| wrong(store))?;
         let extent_at = at + 4;
@@ -738,6 +785,15 @@ impl Column {
     /// The content of one chunk, decompressed.
     pub fn read_chunk(&mut self, store: &mut Store, chunk: u64) -> Result<Vec<u8>, FormatError> {
         let entry = self.entry(store, chunk)?;
+        self.read_entry(store, chunk, entry)
+    }
+
+    fn read_entry(
+        &self,
+        store: &mut Store,
+        chunk: u64,
+        entry: FilteredChunkEntry,
+    ) -> Result<Vec<u8>, FormatError> {
         let bytes = self.chunk_bytes();
         if entry.is_undef() {
             return Err(store.damaged(format!("{} lacks its chunk {chunk}", self.name)));
@@ -753,28 +809,76 @@ impl Column {
         }
     }
 
-    /// The longest start of the data set, in rows, whose chunks all lie within the file, and the last of which can be
-    /// decompressed. An unfinished chunk may lie before older ones, so each is looked up.
-    pub fn readable_rows(&mut self, store: &mut Store) -> u64 {
+    /// Rows whose chunks cannot be read, in order and as far as the extent goes. Every chunk is decompressed.
+    pub fn damaged_rows(&mut self, store: &mut Store) -> Vec<Range<u64>> {
         let per_chunk = self.rows_per_chunk as u64;
-        let chunks = self.rows_published.div_ceil(per_chunk);
-        let found = store.found;
-        let is_there = |entry: FilteredChunkEntry| {
-            !entry.is_undef() && entry.addr.checked_add(entry.nbytes).is_some_and(|end| end <= found)
-        };
-        let mut there = 0;
-        while there < chunks && self.entry(store, there).is_ok_and(is_there) {
-            there += 1;
-        }
-        let mut rows = self.rows_published.min(there * per_chunk);
-        while rows > 0 {
-            let last = (rows - 1) / per_chunk;
-            if self.read_chunk(store, last).is_ok() {
-                return rows;
+        let mut damaged: Vec<Range<u64>> = Vec::new();
+        for chunk in 0..self.rows_published.div_ceil(per_chunk) {
+            if self.read_chunk(store, chunk).is_ok() {
+                continue;
             }
-            rows = last * per_chunk;
+            let rows = chunk * per_chunk..self.rows_published.min((chunk + 1) * per_chunk);
+            match damaged.last_mut() {
+                Some(last) if last.end == rows.start => last.end = rows.end,
+                _ => damaged.push(rows),
+            }
         }
-        0
+        damaged
+    }
+
+    /// Address and length of a chunk.
+    #[cfg(test)]
+    pub fn place(&mut self, store: &mut Store, chunk: u64) -> Result<(u64, u64), FormatError> {
+        self.entry(store, chunk).map(|entry| (entry.addr, entry.nbytes))
+    }
+
+    /// The rows before the first one that cannot be read.
+    pub fn readable_rows(&mut self, store: &mut Store) -> u64 {
+        self.damaged_rows(store).first().map_or(self.rows_published, |rows| rows.start)
+    }
+
+    /// Makes the data set consist of `kept` (in order, apart, within the extent), and commits it. What comes after the first
+    /// of them is compressed again, into fresh space.
+    pub fn keep(&mut self, store: &mut Store, kept: &[Range<u64>]) -> Result<(), FormatError> {
+        let (first, rest) = match kept.split_first() {
+            Some((first, rest)) if first.start == 0 => (first.end, rest),
+            _ => (0, kept),
+        };
+        // Before any entry is written, for new ones take the places of old ones.
+        let per_chunk = self.rows_per_chunk as u64;
+        let mut chunks = Vec::new();
+        for rows in rest {
+            for chunk in rows.start / per_chunk..rows.end.div_ceil(per_chunk) {
+                let start = rows.start.max(chunk * per_chunk) - chunk * per_chunk;
+                let end = rows.end.min((chunk + 1) * per_chunk) - chunk * per_chunk;
+                chunks.push((chunk, self.entry(store, chunk)?, start as usize..end as usize));
+            }
+        }
+        self.resume(store, first)?;
+        for (chunk, entry, rows) in chunks {
+            let bytes = self.read_entry(store, chunk, entry)?;
+            self.push(bytes.get(rows.start * self.row_bytes..rows.end * self.row_bytes).unwrap_or_default());
+            self.store_full(store)?;
+        }
+        self.commit(store)
+    }
+
+    fn store_full(&mut self, store: &mut Store) -> Result<(), FormatError> {
+        let path = store.path().to_path_buf();
+        let full = self.take_full();
+        let full = full.iter().map(|c| compress(&self.pipeline, c, &path)).collect::<Result<Vec<_>, _>>()?;
+        self.append_compressed(store, &full)
+    }
+
+    /// Stores everything pushed so far, for a column that is written alone.
+    pub fn commit(&mut self, store: &mut Store) -> Result<(), FormatError> {
+        self.store_full(store)?;
+        if let Some(tail) = self.pending_tail() {
+            let tail = compress(&self.pipeline, &tail, store.path())?;
+            self.store_tail(store, &tail)?;
+        }
+        self.write_index(store)?;
+        self.write_extent(store)
     }
 
     fn locate(&self, chunk: u64) -> Result<EaLoc, String> {

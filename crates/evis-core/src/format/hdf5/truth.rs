@@ -238,7 +238,7 @@ fn read(source: &Source<'_>, header: &RecordingHeader) -> Result<Truth, FormatEr
         reference_luminance: source.scalar("truth/reference_luminance")?,
         duration_us: source.scalar("truth/duration_us")?,
         pixels: pixels.as_chunks().0.to_vec(),
-        events: source.all_events(&camera.name)?,
+        events: source.all_events(camera)?,
         speed: values(source, "speed", 1, present("speed"))?,
         event_region: regions(source, "event_region", present("event_region"))?,
         span_start: values(source, "span_start", 1, present("span_start"))?,
@@ -264,6 +264,7 @@ fn values<T: H5Type>(
     if dataset.shape() != shape || dataset.element_size() != size_of::<T>() {
         return Err(source.damaged(format!("{name} has shape {:?} or another type", dataset.shape())));
     }
+    source.fits((rows as u64).saturating_mul((width * size_of::<T>()) as u64), &name)?;
     source.check(&name, dataset.read_slice(&vec![0; shape.len()], &shape))
 }
 

@@ -3,9 +3,10 @@
 use std::fs;
 use std::io;
 use std::mem::size_of;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
+use evis_limits::{behind_links, draft_path};
 use rayon::prelude::*;
 use rust_hdf5::{FilterPipeline, H5File, H5Group, H5Type, Hdf5Error};
 
@@ -114,23 +115,29 @@ impl RecordingWriter {
         }
         // Laid out under another name and then moved, so that a failure leaves no half-written file and
         // an old file lives until its successor stands.
-        let draft = draft_path(path);
+        let io = |e| FormatError::io(path, "create", e);
+        let place = behind_links(path).map_err(io)?;
+        let draft = draft_path(&place);
         let result = fs::File::create(&draft)
-            .map_err(|e| FormatError::io(path, "create", e))
+            .map_err(io)
             .and_then(|_| lay_out(&draft, header, extra).map_err(|e| creation_error(path, &e)))
-            .and_then(|()| fs::rename(&draft, path).map_err(|e| FormatError::io(path, "create", e)));
-        if let Err(error) = result {
+            .and_then(|()| Self::attach(path, &draft, header))
+            .and_then(|writer| take_place(path, &draft, &place, overwrite).map(|()| writer));
+        if result.is_err() {
             // The first error is the one to report; the draft may not even exist.
             let _ = fs::remove_file(&draft);
-            return Err(error);
         }
-        Self::attach(path, header)
+        let mut writer = result?;
+        writer.store.moved_to(&place);
+        Ok(writer)
     }
 
-    /// Opens the laid-out file for appending.
-    fn attach(path: &Path, header: &RecordingHeader) -> Result<Self, FormatError> {
-        let mut store = Store::open(path)?;
+    /// Opens the laid-out file `draft`, which is to become `path`, for appending.
+    fn attach(path: &Path, draft: &Path, header: &RecordingHeader) -> Result<Self, FormatError> {
+        let mut store = Store::open(draft)?;
+        // Before anybody can find it under its name.
         store.lock_shared();
+        store.is_called(path);
         let narrow = is_narrow(header.duration_us);
         let cameras = header
             .cameras
@@ -286,20 +293,25 @@ impl RecordingWriter {
     /// A failed write (disk full).
     pub fn flush(&mut self) -> Result<(), FormatError> {
         self.check_usable()?;
-        self.guarded(Self::commit)
+        self.guarded(|writer| {
+            writer.commit()?;
+            writer.store.check_place()
+        })
     }
 
     /// Writes the report and closes the file.
     ///
     /// # Errors
-    /// A failed write (disk full); the file is then closed as the last flush left it.
+    /// A failed write (disk full); the file is then closed as the last flush left it. A file that was removed or replaced
+    /// meanwhile: what was written is lost.
     pub fn finish(mut self, report_json: &str) -> Result<(), FormatError> {
         self.check_usable()?;
         self.report.push(report_json.as_bytes());
         self.guarded(|writer| {
             writer.commit()?;
             writer.store.write_contiguous("evis/complete", &[1])?;
-            writer.store.publish(FileState::Closed)
+            writer.store.publish(FileState::Closed)?;
+            writer.store.check_place()
         })?;
         self.state = WriterState::Finished;
         Ok(())
@@ -603,12 +615,28 @@ fn check_header(path: &Path, header: &RecordingHeader) -> Result<(), FormatError
     }
 }
 
-/// A name next to `path` that no other process uses.
-fn draft_path(path: &Path) -> PathBuf {
-    let mut name = std::ffi::OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}.draft", std::process::id()));
-    path.with_file_name(name)
+/// Moves `draft` to `place`, unless what is there is being written or read by another process.
+fn take_place(path: &Path, draft: &Path, place: &Path, overwrite: bool) -> Result<(), FormatError> {
+    // Between the look at what is there and the move, nobody else may do the same. A folder that cannot be locked is no reason
+    // not to write.
+    #[cfg(unix)]
+    let _folder = {
+        let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        fs::File::open(folder).and_then(|folder| folder.lock().map(|()| folder))
+    };
+    match fs::File::open(place) {
+        Ok(_) if !overwrite => return Err(FormatError::Exists { path: path.into() }),
+        #[cfg(unix)]
+        Ok(existing) if matches!(existing.try_lock(), Err(fs::TryLockError::WouldBlock)) => {
+            return Err(FormatError::invalid(
+                path,
+                "another process is writing or reading it",
+                "choose another name, or wait until that process is done",
+            ));
+        }
+        _ => {}
+    }
+    fs::rename(draft, place).map_err(|e| FormatError::io(path, "create", e))
 }
 
 fn creation_error(path: &Path, error: &Hdf5Error) -> FormatError {
@@ -662,6 +690,7 @@ fn fill(file: &H5File, header: &RecordingHeader) -> Result<(), Hdf5Error> {
     scalar(&evis, "seed", header.seed)?;
     scalar(&evis, "environment", header.environment)?;
     scalar(&evis, "complete", 0_u8)?;
+    scalar(&evis, "header_hash", header.hash())?;
     let names: Vec<&str> = header.cameras.iter().map(|c| c.name.as_str()).collect();
     evis.write_vlen_strings("cameras", &names)?;
     evis.write_vlen_strings("config_toml", &[&header.config_toml])?;
@@ -745,4 +774,52 @@ fn rows<T: H5Type>(
         .filter_pipeline(FilterPipeline::shuffle_deflate(size_of::<T>() as u32, GZIP_LEVEL))
         .create(name)?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Recording;
+    use super::*;
+    use crate::event::Polarity;
+
+    #[test]
+    fn a_recording_with_events_that_cannot_be_is_refused() {
+        let path = std::env::temp_dir().join(format!("evis-writer-{}.h5", std::process::id()));
+        let camera =
+            CameraInfo { name: "c".into(), width: 40, height: 30, fx: 40.0, fy: 40.0, cx: 20.0, cy: 15.0 };
+        let header = RecordingHeader {
+            cameras: vec![camera],
+            seed: 3,
+            method: "native".into(),
+            environment: 0,
+            config_toml: String::new(),
+            duration_us: Some(1_000_000),
+            t_offset_us: 0,
+            labels: Vec::new(),
+        };
+        let good: Vec<Event> =
+            (0..600).map(|i| Event::new(i * 37, (i % 40) as u16, 3, Polarity::On)).collect();
+        let read = |events: &[Event]| {
+            let mut writer = RecordingWriter::create(&path, &header, true).unwrap();
+            // Past the checks of `write_events`, as another program may write them.
+            writer.cameras[0].push_events(events, &[]);
+            writer.finish("{}").unwrap();
+            let recording = Recording::open(&path).unwrap();
+            let between = recording.events_between(0, 0, 1 << 40);
+            recording.events(0).and_then(|all| between.map(|part| (all, part)))
+        };
+        assert_eq!(read(&good).unwrap(), (good.clone(), good.clone()));
+        let wrong: [(&str, fn(&mut Event)); 3] = [
+            ("event 300 has the polarity 7", |e| e.p = 7),
+            ("event 300 (x 40, y 3, at 11100 us) lies outside of 40x30", |e| e.x = 40),
+            ("event 300 is earlier than the one before it", |e| e.t = 3),
+        ];
+        for (message, change) in wrong {
+            let mut events = good.clone();
+            change(&mut events[300]);
+            let error = read(&events).unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+        }
+        fs::remove_file(&path).unwrap();
+    }
 }
