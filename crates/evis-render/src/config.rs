@@ -77,8 +77,8 @@ pub enum Between {
     /// Along a straight line.
     #[default]
     Line,
-    /// Along a cubic through the samples, its slopes from the sample before and the one after, in straight pieces. It rises where three samples in a row rise, and rests next to a sample that does
-    /// not change anything. A sensor that is more than its thresholds takes lines, and a latch has no use for either.
+    /// Along a cubic through the samples, its slopes from the sample before and the one after, in straight pieces. It rises
+    /// where three samples in a row rise, and rests next to a sample that does not change anything. A sensor that is more than its thresholds takes lines, and a latch has no use for either.
     Curve,
 }
 

@@ -124,7 +124,7 @@ impl ExposureRoom {
         // Each for an equal part of the exposure, in its middle: exact where light changes evenly within each part.
         let share = 1.0 / f64::from(count);
         let time =
-            |look| start_us + ((f64::from(look) + 0.5) * share * self.exposure_us as f64).round() as i64;
+            |look: u32| start_us + ((f64::from(look) + 0.5) * share * self.exposure_us as f64).round() as i64;
         let times: Vec<i64> = (0..count).map(time).collect();
         let frames = context.upload_frames_as(view, &times, Upload { trail: true, ..Default::default() });
         let mut shadows = MovingShadows::new(&frames, view, count);

@@ -97,14 +97,15 @@ fn a_plane_at_constant_velocity_is_warped_exactly() {
     }
 }
 
-/// Displacements of the older side in pixels from the keyframe, at its last instant, by keyframe pixel.
+/// Displacements of the newer side in pixels from the keyframe, at its last instant, by keyframe pixel. The older side of
+/// `evis-paper` is placed in holes alone.
 fn displacements(gpu: &Gpu, engine: &Engine) -> Vec<Option<([f64; 2], [f64; 2])>> {
     let store = engine.splat_store().unwrap();
     let (width, height) = (store.keyframes.width as usize, store.keyframes.height as usize);
     let words: Vec<u32> = super::read(gpu, &store.placed);
     (0..width * height)
         .map(|i| {
-            let [x, y, key] = [0, 1, 2].map(|plane| words[plane * width * height + i]);
+            let [x, y, key] = [3, 4, 5].map(|plane| words[plane * width * height + i]);
             let here = [(i % width) as f64 - 16.0, (i / width) as f64 - 16.0];
             let there = crate::cpu::splat::position([x as i32, y as i32]).map(|q| f64::from(q) / 1024.0);
             (key != 0).then_some((here, [there[0] - here[0], there[1] - here[1]]))
@@ -124,9 +125,9 @@ fn rotation_bends_linear_motion_by_its_sagitta_and_leaves_exact_motion_alone() {
             engine.instants(1, 1).unwrap();
             let (mut compared, mut largest) = (0, 0.0f64);
             for (here, moved) in displacements(&gpu, &engine).into_iter().flatten() {
-                // From the axis, x right and y down: a turn to the left on the screen.
+                // From the axis, x right and y down: back by half of a turn to the left on the screen.
                 let r = [here[0] + 0.5 - 32.0, here[1] + 0.5 - 24.0];
-                let (s, c) = (angle / 2.0).sin_cos();
+                let (s, c) = (-angle / 2.0).sin_cos();
                 let exact = [r[0] * c + r[1] * s - r[0], r[1] * c - r[0] * s - r[1]];
                 let error = (moved[0] - exact[0]).hypot(moved[1] - exact[1]);
                 let radius = r[0].hypot(r[1]);
