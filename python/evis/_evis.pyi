@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 __all__ = [
+    "MOST_T_US",
     "ConfigError",
     "DeviceError",
     "EventEmulator",
@@ -14,7 +15,6 @@ __all__ = [
     "FormatError",
     "FrameReader",
     "Label",
-    "MOST_T_US",
     "Packet",
     "Recording",
     "Scene",

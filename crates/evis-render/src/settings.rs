@@ -100,7 +100,8 @@ impl SettingsFile {
         let lines: String = comment.lines().map(|line| format!("# {line}\n")).collect();
         let text = toml::to_string_pretty(&written)
             .map_err(|e| EngineError::Device(format!("settings cannot be written as TOML: {e}")))?;
-        std::fs::write(path, lines + &text).map_err(|source| EngineError::Write { path: path.into(), source })
+        evis_core::limits::write_whole(path, (lines + &text).as_bytes())
+            .map_err(|source| EngineError::Write { path: path.into(), source })
     }
 }
 

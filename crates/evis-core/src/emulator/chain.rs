@@ -20,10 +20,10 @@ use crate::sensor::{
 use crate::simd::{self, Isa, bits_of, dispatched};
 
 /// A time long before any other, on a tile's clock.
-const LONG_AGO: i32 = i32::MIN / 2;
+pub(super) const LONG_AGO: i32 = i32::MIN / 2;
 
 /// On a tile's clock, beyond this its origin moves on.
-const REBASE_US: i64 = 1 << 29;
+pub(super) const REBASE_US: i64 = 1 << 29;
 
 /// The stages that are on, in the numbers that the passes need; made once.
 #[derive(Clone, Debug)]

@@ -4,8 +4,10 @@ use std::hash::Hasher as _;
 
 use bytemuck::Pod;
 
+use super::chain::{LONG_AGO, REBASE_US};
 use super::ideal::{Memory as IdealMemory, Pixels};
 use super::keyframe::Keyframe;
+use super::order::MAX_INTERVAL_US;
 use super::warp::MOST_MARGIN;
 use super::{Chain, Diffuse, EmulatorReport, Environment, EventEmulator, Kernel, Memory, Tile};
 use crate::event::{Event, MOST_T_US};
@@ -301,8 +303,11 @@ impl EventEmulator {
                 if !pass.reads() {
                     return Ok(());
                 }
-                // A tile's clock starts at a frame that it has seen.
-                require((-MOST_T_US..=now_us).contains(&chain.base_us))?;
+                // A tile's clock starts at a frame that it has seen, and is moved on before the next one where that is long ago.
+                let age_us = now_us - chain.base_us;
+                require((0..=REBASE_US + MAX_INTERVAL_US).contains(&age_us))?;
+                let ages = chain.moved.iter().chain(&chain.fired);
+                require(ages.into_iter().all(|us| *us >= LONG_AGO && i64::from(*us) <= age_us))?;
                 require(chain.polarity.iter().all(|polarity| *polarity <= 2))?;
                 require(known_within(&chain.now.light, 0.0, f32::MAX))?;
                 let held = |value: &f32| value.is_infinite() || known_within(&[*value], -MOST_LOG, MOST_LOG);
@@ -314,7 +319,10 @@ impl EventEmulator {
                 pass.all(&mut diffuse.level)?;
                 pass.all(&mut diffuse.light)?;
                 pass.all(&mut diffuse.fired)?;
-                require(!pass.reads() || diffuse.fired.iter().all(|fired| *fired <= now_us))?;
+                require(
+                    !pass.reads()
+                        || diffuse.fired.iter().all(|fired| (i64::MIN / 2..=now_us).contains(fired)),
+                )?;
                 require(
                     known_within(&diffuse.level, -1.0, 1.0) && known_within(&diffuse.light, 0.0, f32::MAX),
                 )
