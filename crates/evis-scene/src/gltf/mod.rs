@@ -82,9 +82,7 @@ pub fn read(bytes: &[u8], folder: &Path, options: &Options) -> Result<Scene, Sce
     fill(&document, folder, animation, &mut scene).map_err(SceneError::Rule)?;
     if options.standalone {
         scene.validate()?;
-        if scene.cameras.is_empty() {
-            scene.add_framing_camera();
-        }
+        scene.frame_if_unseen();
     }
     Ok(scene)
 }
