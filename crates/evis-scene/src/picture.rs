@@ -26,7 +26,7 @@ const HALF_DIAGONAL_TANGENT: f64 = 0.45;
 
 /// Reads a picture: PNG, JPEG and TIFF as sRGB (IEC 61966-2-1), which is decoded to linear light; Radiance, OpenEXR and TIFF of
 /// floats as linear light. The scene is a plane, 1 metre high, in z = 0 about the origin, that shows it unlit, and a
-/// camera before it with the picture's aspect that sees all but a margin ([`Scene::fit_picture`]).
+/// camera before it with the picture's aspect that sees all but a margin; [`Scene::move_cameras`] fits it to another size.
 ///
 /// # Errors
 /// A file that cannot be read, or is no usable picture.

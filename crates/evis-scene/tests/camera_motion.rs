@@ -1,5 +1,7 @@
 //! Camera motion for scenes that bring none: image speeds, what stays in view, what is never touched.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::f64::consts::TAU;
 use std::path::{Path as FilePath, PathBuf};
 
@@ -239,7 +241,8 @@ fn a_dolly_in_a_chamber_touches_no_wall() {
     scene.camera(EventCamera::new("own"), Placement::at([0.0, 0.0, 0.5])).unwrap();
     let scene = moved(scene.build().unwrap(), &ask(CameraMotion::Dolly, 100.0));
     let z: Vec<f64> = (0..2000).map(|k| pose(&scene, f64::from(k) * 0.003).w_axis.z).collect();
-    assert!(z.iter().all(|z| z.abs() < 0.9), "{z:?}");
+    let farthest = z.iter().fold(0.0_f64, |far, z| far.max(z.abs()));
+    assert!(farthest < 0.9, "{farthest}");
     assert!(z.iter().any(|z| *z > 0.6) && z.iter().any(|z| *z < 0.4));
 }
 

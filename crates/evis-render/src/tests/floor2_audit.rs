@@ -17,8 +17,9 @@ fn audits_equal_their_twin() {
     let (device, queue) = (&gpu.device, &gpu.queue);
     let mut dice = Dice(7);
     let count = (SIZE[0] * SIZE[1]) as usize;
-    let mut luminance: Vec<Vec<f32>> =
-        (0..3).map(|_| (0..count).map(|_| dice.between(-6.0, 3.0).exp() as f32).collect()).collect();
+    let mut luminance: Vec<Vec<f32>> = (0..3)
+        .map(|_| (0..count).map(|_| dice.between(-6.0, 3.0).exp() as f32).collect())
+        .collect();
     // A tile that is the same at all three, one that lies between both samples, one that is dark and below 0.
     for (x, y) in (0..TILE).flat_map(|y| (0..TILE).map(move |x| (x, y))) {
         let i = (y * SIZE[0] + x) as usize;
