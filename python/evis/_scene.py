@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from os import PathLike
+from os import PathLike, fspath
+from os.path import abspath
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -113,7 +114,10 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Scene:
-        """Load a ``.toml``, ``.gltf`` or ``.glb`` file.
+        """Load a ``.toml``, ``.gltf`` or ``.glb`` file, or a picture: ``.png``, ``.jpg``, ``.hdr``, ``.exr``.
+
+        A picture is a flat scene: sRGB, which is decoded to linear light, or linear light where it holds
+        floats. What has neither a camera nor any motion gets a camera that moves: see `with_camera_motion`.
 
         Raises
         ------
@@ -199,6 +203,56 @@ class Scene:
         speed = _check.number("speed", speed)
         return Scene(self._raw.at_speed(speed), (Scene.at_speed, (self, speed)))
 
+    def with_camera_motion(
+        self,
+        motion: str | PathLike[str] | None = None,
+        *,
+        speed: float | None = None,
+        camera: str | None = None,
+        size: tuple[int, int] | None = None,
+    ) -> Scene:
+        """Return this scene with its cameras moved, all together, where the scene leaves them at rest.
+
+        A `Simulator`, `chart` and `verify_scene` do the same for their cameras and sizes.
+
+        Parameters
+        ----------
+        motion : {"none", "orbit", "dolly", "shake"} or path, optional
+            ``orbit``: around the model's centre; ``dolly``: to and fro along the view axis, without touching
+            the model; ``shake``: small, smooth turns and shifts, like a hand's or an eye's, the same in every
+            run; or a file of poses of the camera in the world, rows of ``t x y z qx qy qz qw`` in seconds and
+            metres. Where not given, a scene that brings neither a camera nor any motion gets ``orbit``, a
+            picture ``shake``, and `warnings` says so; any other scene stays as it is.
+        speed : float, optional
+            Mean speed, in pixels per second, of what the camera shows in the central half of its picture; 100
+            where not given. The physical speed follows from it.
+        camera : str, optional
+            The camera by which the motion is made; the first where not given.
+        size : (int, int), optional
+            Its width and height in pixels; its own where not given.
+
+        Raises
+        ------
+        OSError, FormatError
+            If a file of poses cannot be read; says line and column.
+        ConfigError
+            If a value cannot be used, a camera moves by itself, or a motion has no way to go.
+        """
+        return Scene(
+            self._raw.with_camera_motion(
+                motion_text(motion),
+                _check.number_or_none("camera_speed", speed, " pixels per second"),
+                None if camera is None else str(camera),
+                None if size is None else _check.size(size),
+            )
+        )
+
+    @property
+    def camera_motion(self) -> str | None:
+        """What moves the cameras where `with_camera_motion` did, and how fast; None where the scene does."""
+        applied = self._raw.camera_motion
+        return None if applied is None else f"{applied[0]}: {applied[3]}"
+
     @property
     def name(self) -> str:
         """Name for reports."""
@@ -236,6 +290,13 @@ class Scene:
 
 def _builtin(name: str, seed: int) -> Scene:
     return Scene.builtin(name, seed=seed)
+
+
+def motion_text(motion: str | PathLike[str] | None) -> str | None:
+    """Return a camera motion's word, or its file, which is told from a word by its folder."""
+    if isinstance(motion, PathLike):
+        return abspath(fspath(motion))
+    return None if motion is None else str(motion)
 
 
 def raw_of(scene: Any) -> _evis.Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
@@ -12,7 +13,7 @@ from . import _check, _evis, _method
 from ._evis import ConfigError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
-from ._scene import EventCamera, Scene, raw_of
+from ._scene import EventCamera, Scene, motion_text, raw_of
 from ._sensor import Sensor, sensor_of
 
 LabelName: TypeAlias = Literal[
@@ -134,6 +135,11 @@ class Simulator:
     exposure_us : int, optional
         Exposure of those frames: even, and at most the time between two. 10000 where not given, or all of
         that time, rounded down to even, where it is shorter. Only with ``frame_rate_hz``.
+    camera_motion : {"none", "orbit", "dolly", "shake"} or path, optional
+        How cameras move that the scene leaves at rest: see `Scene.with_camera_motion`. Where not given, only
+        the camera of a scene that brings neither a camera nor any motion moves, and a warning says so.
+    camera_speed : float, optional
+        Mean image speed of that motion in pixels per second; 100 where not given.
     start : float
         Scene time in seconds at which the stream starts; the stream's own time starts at 0.
     seed : int
@@ -186,6 +192,8 @@ class Simulator:
         label_rate_hz: float = 50.0,
         frame_rate_hz: float | None = None,
         exposure_us: int | None = None,
+        camera_motion: str | PathLike[str] | None = None,
+        camera_speed: float | None = None,
         start: float | None = None,
         seed: int | None = None,
         reference_luminance: float | None = None,
@@ -211,7 +219,6 @@ class Simulator:
         else:
             own = sensor_of(sensor)
             own.check()
-        self._scene = scene
         self._engine = _evis.Simulator(
             scene._raw,
             sensor=None if own is None else own._json(),
@@ -238,16 +245,21 @@ class Simulator:
             label_rate_hz=_check.number("label_rate_hz", label_rate_hz),
             frame_rate_hz=_check.number_or_none("frame_rate_hz", frame_rate_hz),
             exposure_us=_exposure(exposure_us, frame_rate_hz),
+            camera_motion=motion_text(camera_motion),
+            camera_speed=_check.number_or_none("camera_speed", camera_speed, " pixels per second"),
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             device=_selector(device),
         )
+        self._scene = Scene(self._engine.scene)
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
         each = (Sensor._of_json(json) for json in self._engine.sensors)
         self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}
         self._labels = tuple(self._engine.labels)
+        _announce(scene, self._scene, [camera.name for camera in self._cameras])
+
     @property
     def scene(self) -> Scene:
-        """The scene, with the cameras that were added."""
+        """The scene, with the cameras that were added, moved as `camera_motion` says."""
         return self._scene
 
     @property
@@ -395,6 +407,8 @@ class Stream(Iterator[Packet]):
         self._simulator = simulator
         self._end_us = end_us
         self._engine = engine
+        self._last_us = -1
+        self._events: int | None = 0
 
     @property
     def simulator(self) -> Simulator:
@@ -407,9 +421,19 @@ class Stream(Iterator[Packet]):
         return self._end_us
 
     def __next__(self) -> Packet:
-        """Wait for the next packet; the GIL is released meanwhile."""
-        raw = next(self._engine)
-        return packet_from(raw, self._simulator.cameras, self._simulator.labels)
+        """Wait for the next packet; the GIL is released meanwhile. A stream without any event warns."""
+        try:
+            raw = next(self._engine)
+        except StopIteration:
+            if self._last_us == self._end_us and self._events == 0:
+                warnings.warn(NO_EVENT, stacklevel=2)
+                self._events = None
+            raise
+        packet = packet_from(raw, self._simulator.cameras, self._simulator.labels)
+        if self._events is not None:
+            self._events += packet.report.events
+        self._last_us = packet.end_us
+        return packet
 
     def close(self) -> None:
         """Stop the engine after the interval in work; closing twice does nothing."""
@@ -428,6 +452,25 @@ class Stream(Iterator[Packet]):
 
 def _simulator(cls: type[Simulator], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Simulator:
     return cls(*args, **kwargs)
+
+
+NO_EVENT = (
+    "no event was fired: nowhere did light change by a threshold; see with frame_rate_hz=10 what the cameras "
+    "see, lower the sensor's thresholds, or raise camera_speed"
+)
+
+
+def _announce(given: Scene, moved: Scene, cameras: list[str]) -> None:
+    """Warn of a motion that nobody asked for, and of a scene that rests."""
+    applied = moved._raw.camera_motion
+    if given._raw.camera_motion is None and applied is not None and applied[2]:
+        warnings.warn(moved.warnings[-1], stacklevel=3)
+    elif moved._raw.rests(cameras):
+        warnings.warn(
+            "nothing moves and no light changes, so nothing but noise can fire: camera_motion='orbit', "
+            "'dolly' or 'shake' moves the camera",
+            stacklevel=3,
+        )
 
 
 def _by_camera(sensors: Mapping[str, Sensor | str]) -> dict[str, str]:

@@ -11,6 +11,8 @@ use evis_core::{LabelKind, Transfer, TriggerRule, Warp, WarpVariant};
 use evis_render::{Antialias, Between, Quality, Shadows};
 use evis_truth::{Lattice, PixelChoice};
 
+use crate::camera_args::CameraArgs;
+
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
 const MAX_SECONDS: f64 = 2_678_400.0;
 
@@ -93,8 +95,11 @@ pub(crate) enum Command {
 /// `run`.
 #[derive(Debug, Args)]
 pub(crate) struct RunArgs {
-    /// A built-in scene (see `scenes`), or a .toml, .gltf or .glb file.
+    /// A built-in scene (see `scenes`), a .toml, .gltf or .glb file, or a still picture (.png, .jpg, .hdr, .exr, .tif).
     pub(crate) scene: String,
+
+    #[command(flatten)]
+    pub(crate) camera_motion: CameraArgs,
 
     /// The HDF5 file to write. Several environments give one file each: OUT_0000.h5, OUT_0001.h5, …
     #[arg(short, long, value_name = "OUT.h5")]
@@ -280,8 +285,11 @@ impl SplatArgs {
 /// `tune`.
 #[derive(Debug, Args)]
 pub(crate) struct TuneArgs {
-    /// A built-in scene (see `scenes`), or a .toml, .gltf or .glb file.
+    /// A built-in scene (see `scenes`), a .toml, .gltf or .glb file, or a still picture (.png, .jpg, .hdr, .exr, .tif).
     pub(crate) scene: String,
+
+    #[command(flatten)]
+    pub(crate) camera_motion: CameraArgs,
 
     /// The settings file to write.
     #[arg(short, long, value_name = "SETTINGS.toml")]
@@ -454,7 +462,7 @@ pub(crate) struct ChartArgs {
     pub(crate) json: Option<PathBuf>,
 
     /// Draw what was measured before, instead of measuring; repeat for several.
-    #[arg(long, value_name = "R.json", conflicts_with_all = ["scenes", "measuring"])]
+    #[arg(long, value_name = "R.json", conflicts_with_all = ["scenes", "measuring", "CameraArgs"])]
     pub(crate) from: Vec<PathBuf>,
 
     /// Recommend the most accurate setting within this many milliseconds of work per simulated second
@@ -473,6 +481,9 @@ pub(crate) struct ChartArgs {
     /// Charge each rendered frame so many milliseconds on top, as a heavier renderer would cost [default: 0].
     #[arg(long, value_name = "MS", value_parser = render_ms, allow_hyphen_values = true)]
     pub(crate) render_ms: Option<f64>,
+
+    #[command(flatten)]
+    pub(crate) camera_motion: CameraArgs,
 
     #[command(flatten)]
     pub(crate) measuring: MeasuringArgs,
@@ -574,8 +585,11 @@ pub(crate) struct MeasuringArgs {
 /// `truth`.
 #[derive(Debug, Args)]
 pub(crate) struct TruthArgs {
-    /// A built-in scene (see `scenes`), or a .toml, .gltf or .glb file.
+    /// A built-in scene (see `scenes`), a .toml, .gltf or .glb file, or a still picture (.png, .jpg, .hdr, .exr, .tif).
     pub(crate) scene: String,
+
+    #[command(flatten)]
+    pub(crate) camera_motion: CameraArgs,
 
     /// The HDF5 file to write; `score` reads it, and it opens as a recording.
     #[arg(short, long, value_name = "TRUTH.h5")]
@@ -680,6 +694,9 @@ pub(crate) struct VerifyArgs {
     /// Picture to write, .png or .svg; repeat for several. An existing one is replaced.
     #[arg(short, long, value_name = "X.{png,svg}")]
     pub(crate) output: Vec<PathBuf>,
+
+    #[command(flatten)]
+    pub(crate) camera_motion: CameraArgs,
 
     #[command(flatten)]
     pub(crate) common: VerifyCommonArgs,

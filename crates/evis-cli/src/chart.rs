@@ -105,11 +105,13 @@ fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
     let seed = args.measuring.seed.unwrap_or(0);
     let mut scenes = Vec::new();
     for name in &args.scenes {
-        let scene = scene_source::load(name, seed, args.measuring.speed)?;
+        let camera_motion = args.camera_motion.settings(settings.size, settings.camera.as_ref());
+        let scene = scene_source::open(name, seed, args.measuring.speed, camera_motion)?;
         if let Some(camera) = &settings.camera {
             scene.camera(camera)?;
         }
-        for warning in &scene.warnings {
+        for warning in scene.warnings.iter().chain(&scene_source::at_rest(&scene, settings.camera.as_slice()))
+        {
             text::complain(&format!("warning: {warning}"));
         }
         // What a chart is called says what was changed.

@@ -2,6 +2,7 @@
 
 mod args;
 mod calibrate;
+mod camera_args;
 mod chart;
 mod compare;
 mod extent;

@@ -14,7 +14,7 @@ use evis_render::{
     Antialias, DeviceSummary, Gpu, Method, Packet, PacketReport, RunConfig, SamplingRequest, Shadows,
     Simulator, StageTimes, scene_sensors,
 };
-use evis_scene::{Scene, SceneState};
+use evis_scene::{AppliedMotion, Scene, SceneState};
 use serde::Serialize;
 
 use crate::args::{self, MethodArg, RunArgs};
@@ -52,7 +52,8 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let (mut config, sampling) = config(args, settings, asked)?;
     config.check()?;
     sampling.check()?;
-    let scene = scene_source::load(&args.scene, config.seed, args.speed)?;
+    let camera_motion = args.camera_motion.settings(config.size, config.cameras.first());
+    let scene = scene_source::open(&args.scene, config.seed, args.speed, camera_motion)?;
     for name in config.cameras.iter().chain(config.sensors.keys()) {
         scene.camera(name)?;
     }
@@ -71,9 +72,10 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     for sensor in config.sensors.values().chain([&config.sensor]) {
         sensor.warnings().into_iter().for_each(|warning| warnings.add(warning));
     }
-    for warning in &scene.warnings {
+    for warning in scene.warnings.iter().chain(&scene_source::at_rest(&scene, &config.cameras)) {
         warnings.add(warning.clone());
     }
+    let moved = scene.camera_motion.clone();
     let duration_us = duration_us(args, &scene, &mut warnings);
 
     let gpu = Gpu::open(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
@@ -90,6 +92,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         environments,
         duration_s: duration_us as f64 / 1.0e6,
         packet_us: PACKET_US,
+        camera_motion: moved,
         run: simulator.config().clone(),
     };
     let mut job = Job {
@@ -104,6 +107,13 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
 
     let streaming = Instant::now();
     let streamed = job.stream(simulator, duration_us);
+    if matches!(streamed, Ok(false)) && job.tally.report.events == 0 {
+        warnings.add(format!(
+            "no event was fired in {}: nowhere did light change by a threshold; see with --frame-rate 10 what the cameras see, \
+             lower --threshold-on and --threshold-off, or raise --camera-speed",
+            text::seconds(job.tally.end_us)
+        ));
+    }
     let clamped = job.tally.report.clamped;
     if clamped > 0 {
         warnings.add(format!(
@@ -398,6 +408,9 @@ struct Settings {
     environments: usize,
     duration_s: f64,
     packet_us: i64,
+    /// How cameras were moved that the scene leaves at rest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    camera_motion: Option<AppliedMotion>,
     run: RunConfig,
 }
 
@@ -829,6 +842,7 @@ mod tests {
             environments: 1,
             duration_s: 0.5,
             packet_us: PACKET_US,
+            camera_motion: None,
             run: config.clone(),
         };
         let stored: toml::Table = headers(&settings, &[]).unwrap()[0].config_toml.parse().unwrap();

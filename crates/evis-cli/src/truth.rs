@@ -18,8 +18,10 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
     check_free(&args.output, args.force)?;
     // What is wrong with the flags is said before a scene is read.
     settings(args, SensorConfig::default()).check()?;
-    let scene = scene_source::load(&args.scene, args.seed.unwrap_or(0), args.speed)?;
-    for warning in &scene.warnings {
+    let camera_motion = args.camera_motion.settings(args.size, args.camera.as_ref());
+    let scene = scene_source::open(&args.scene, args.seed.unwrap_or(0), args.speed, camera_motion)?;
+    let rest = scene_source::at_rest(&scene, args.camera.as_slice());
+    for warning in scene.warnings.iter().chain(&rest) {
         text::complain(&format!("warning: {warning}"));
     }
     let settings = settings(args, scene_sensor(&scene, args.camera.as_deref())?);

@@ -32,7 +32,11 @@ pub(crate) fn tune(args: &TuneArgs) -> anyhow::Result<i32> {
         start_us: to_us(args.start.unwrap_or(0.0)),
         ..RunConfig::default()
     };
-    let scene = scene_source::load(&args.scene, config.seed, args.speed)?;
+    let camera_motion = args.camera_motion.settings(config.size, config.cameras.first());
+    let scene = scene_source::open(&args.scene, config.seed, args.speed, camera_motion)?;
+    for warning in scene.warnings.iter().chain(&scene_source::at_rest(&scene, &config.cameras)) {
+        text::complain(&format!("warning: {warning}"));
+    }
     for name in config.cameras.iter().chain(config.sensors.keys()) {
         scene.camera(name)?;
     }

@@ -28,6 +28,11 @@ pub(crate) fn verify(args: &VerifyArgs) -> anyhow::Result<i32> {
         PictureKind::of(output)?;
         check_parent(output, "--output")?;
     }
+    if let (Some(flag), None, None) = (args.camera_motion.given(), &args.what.scene, &args.what.light) {
+        return Err(bad_input(format!(
+            "{flag} moves the camera of a scene; add --scene SCENE or --light SCENE"
+        )));
+    }
     if args.what.failures {
         let Some(report) = survive(args)? else { return interrupted() };
         tell(args, &report, |r| r.to_json(), |r, path| r.save(path))?;
@@ -115,7 +120,8 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
         shadows: args.shadows.map_or(default.shadows, Into::into),
         worst: default.worst,
     };
-    let scene = scene_source::load(name, common.seed.unwrap_or(0), None)?;
+    let camera_motion = args.camera_motion.settings(settings.size, settings.camera.as_ref());
+    let scene = scene_source::open(name, common.seed.unwrap_or(0), None, camera_motion)?;
     if let Some(camera) = &settings.camera {
         scene.camera(camera)?;
     }
@@ -140,7 +146,8 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
 fn measure(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<SceneReport>> {
     let settings = settings(args);
     settings.settings()?;
-    let scene = scene_source::load(name, args.common.seed.unwrap_or(0), None)?;
+    let camera_motion = args.camera_motion.settings(settings.size, settings.camera.as_ref());
+    let scene = scene_source::open(name, args.common.seed.unwrap_or(0), None, camera_motion)?;
     if let Some(camera) = &settings.camera {
         scene.camera(camera)?;
     }

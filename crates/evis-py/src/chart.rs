@@ -89,7 +89,7 @@ pub(crate) fn chart(
         floor,
         cache,
     };
-    let scene = scene.shared();
+    let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
     py.enter_engine_for_long(&stop, || {
         let gpu = Gpu::open(device.as_deref())?;

@@ -7,7 +7,7 @@ use evis_core::format::hdf5::Recording;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity};
 use evis_render::settings::SettingsFile;
 use evis_render::{Antialias, Between, DeviceSummary, EngineError, Method, Quality, RunConfig, Shadows};
-use evis_scene::{Image, SceneError};
+use evis_scene::{AppliedMotion, Image, SceneError};
 use half::f16;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -128,13 +128,22 @@ pub(crate) fn load_scene(path: &Path) -> Result<evis_scene::Scene, Failure> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
         Some("toml" | "gltf" | "glb") => Ok(evis_scene::source::load(&path.to_string_lossy(), 0)?),
+        Some(ending) if evis_scene::picture::ENDINGS.contains(&ending) => {
+            Ok(evis_scene::picture::load(path)?)
+        }
         _ => Err(ConfigError::new(
             "path",
             format!("'{}'", path.display()),
-            "a .toml, .gltf or .glb file (built-in scenes: Scene.builtin)",
+            "a .toml, .gltf or .glb file, or a .png, .jpg, .hdr, .exr or .tif picture (built-in scenes: \
+             Scene.builtin)",
         )
         .into()),
     }
+}
+
+/// A camera motion by its word, or a file of poses.
+pub(crate) fn camera_motion(text: &str) -> Result<evis_scene::CameraMotion, Failure> {
+    text.parse().map_err(|reason| Failure::Config(format!("camera_motion is '{text}'; {reason}")))
 }
 
 /// The scene of a TOML text, in which textures of these names take these pixels.
@@ -253,13 +262,21 @@ pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
 }
 
 /// Everything that makes a stream what it is, as event files store it.
-pub(crate) fn config_toml(scene: &str, environments: usize, config: &RunConfig) -> Result<String, Failure> {
+pub(crate) fn config_toml(
+    scene: &str,
+    environments: usize,
+    camera_motion: Option<&AppliedMotion>,
+    config: &RunConfig,
+) -> Result<String, Failure> {
     let unstorable =
         |error: toml::ser::Error| Failure::Config(format!("the settings cannot be stored: {error}"));
     let mut table = toml::Table::new();
     table.insert("evis".into(), env!("CARGO_PKG_VERSION").into());
     table.insert("scene".into(), scene.into());
     table.insert("environments".into(), toml::Value::try_from(environments).map_err(unstorable)?);
+    if let Some(moved) = camera_motion {
+        table.insert("camera_motion".into(), toml::Value::try_from(moved).map_err(unstorable)?);
+    }
     table.insert("run".into(), toml::Value::try_from(config).map_err(unstorable)?);
     toml::to_string(&table).map_err(unstorable)
 }

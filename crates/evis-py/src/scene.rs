@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use evis_core::ConfigError;
+use evis_scene::camera_motion::{self, CameraMotionSettings};
 use evis_scene::image::MAX_EDGE;
 use half::f16;
 use numpy::PyReadonlyArray3;
@@ -20,6 +21,22 @@ pub(crate) struct Scene(Arc<evis_scene::Scene>);
 impl Scene {
     pub(crate) fn shared(&self) -> Arc<evis_scene::Scene> {
         Arc::clone(&self.0)
+    }
+
+    pub(crate) const fn of(scene: Arc<evis_scene::Scene>) -> Self {
+        Self(scene)
+    }
+
+    /// The scene; one that brings neither a camera nor any motion has a moving camera for views of this size.
+    pub(crate) fn moved_by_default(
+        &self,
+        py: Python<'_>,
+        camera: Option<&String>,
+        size: Option<(u32, u32)>,
+    ) -> PyResult<Arc<evis_scene::Scene>> {
+        let settings =
+            CameraMotionSettings { camera: camera.cloned(), size, ..CameraMotionSettings::default() };
+        py.enter_engine(|| camera_motion::moved(&self.0, &settings))
     }
 }
 
@@ -59,6 +76,35 @@ impl Scene {
     /// Everything `speed` times as fast.
     fn at_speed(&self, speed: f64) -> PyResult<Self> {
         Ok(Self::new(evis_scene::Scene::clone(&self.0).at_speed(speed).map_err(Failure::from)?))
+    }
+
+    /// Cameras that rest, moved: a motion by its word or file, pixels per second, the view's camera and size. A scene that
+    /// this leaves as it is comes back itself.
+    #[pyo3(signature = (motion, speed, camera, size))]
+    fn with_camera_motion(
+        &self,
+        py: Python<'_>,
+        motion: Option<&str>,
+        speed: Option<f64>,
+        camera: Option<String>,
+        size: Option<(u32, u32)>,
+    ) -> PyResult<Self> {
+        let motion = motion.map(engine::camera_motion).transpose()?;
+        let settings = CameraMotionSettings { motion, speed_px_per_s: speed, camera, size };
+        py.enter_engine(|| camera_motion::moved(&self.0, &settings)).map(Self)
+    }
+
+    /// Motion, pixels per second, whether nobody asked for it, and a description; None where cameras move as the scene
+    /// says.
+    #[getter]
+    fn camera_motion(&self) -> Option<(String, Option<f64>, bool, String)> {
+        let applied = self.0.camera_motion.clone()?;
+        Some((applied.motion, applied.speed_px_per_s, applied.by_default, applied.description))
+    }
+
+    /// Whether nothing ever changes that these cameras (all, if none is named) see.
+    fn rests(&self, cameras: Vec<String>) -> bool {
+        self.0.rests(&cameras)
     }
 
     #[getter]

@@ -9,6 +9,7 @@ use std::task::Poll;
 use evis_core::CameraInfo;
 use evis_render::settings::SettingsFile;
 use evis_render::{Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_sensors};
+use evis_scene::camera_motion::{self, CameraMotionSettings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -29,6 +30,8 @@ pub(crate) struct Simulator {
     config: RunConfig,
     scene: String,
     notes: Vec<String>,
+    /// The scene that is rendered.
+    moved: Arc<evis_scene::Scene>,
     device: evis_render::DeviceSummary,
     now_us: AtomicI64,
     /// The engine's own: ends a step.
@@ -66,7 +69,7 @@ impl Simulator {
     #[pyo3(signature = (
         scene, *, sensor, for_all, sensors, method, splat, quality, settings, rate_hz, adaptive_px, between, samples, antialias, texture_taps,
         shadows, shadow_map, audit, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
-        reference_luminance, device
+        camera_motion, camera_speed, reference_luminance, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
     fn new(
@@ -96,6 +99,8 @@ impl Simulator {
         label_rate_hz: f64,
         frame_rate_hz: Option<f64>,
         exposure_us: Option<i64>,
+        camera_motion: Option<&str>,
+        camera_speed: Option<f64>,
         reference_luminance: Option<f32>,
         device: Option<String>,
     ) -> PyResult<Self> {
@@ -136,7 +141,15 @@ impl Simulator {
             shadows: shadows.map(engine::shadows).transpose()?,
         };
         sampling.check().map_err(Failure::from)?;
-        let scene = scene.shared();
+        // The view's size and first camera decide how a motion looks, and settings may hold both.
+        let camera_motion = CameraMotionSettings {
+            motion: camera_motion.map(engine::camera_motion).transpose()?,
+            speed_px_per_s: camera_speed,
+            camera: config.cameras.first().cloned(),
+            size: config.size,
+        };
+        let own = scene.shared();
+        let scene = py.enter_engine(|| camera_motion::moved(&own, &camera_motion))?;
         if !for_all {
             for (camera, sensor) in scene_sensors(&scene, &config.cameras).map_err(Failure::from)? {
                 config.sensors.entry(camera).or_insert(sensor);
@@ -144,6 +157,7 @@ impl Simulator {
         }
         config.check().map_err(Failure::from)?;
         let name = scene.name.clone();
+        let moved = Arc::clone(&scene);
         let stopped = AtomicBool::new(false);
         let prepare = || {
             let gpu = Gpu::open(device.as_deref())?;
@@ -155,6 +169,7 @@ impl Simulator {
                 config: simulator.config().clone(),
                 scene: name,
                 notes,
+                moved,
                 device: gpu.summary().clone(),
                 now_us: AtomicI64::new(simulator.now_us()),
                 stop: Arc::clone(simulator.stop()),
@@ -177,6 +192,12 @@ impl Simulator {
         Ok(self.cameras.iter().map(of).collect::<Result<_, _>>()?)
     }
 
+    /// The scene that is rendered: the one given, or one with its cameras moved.
+    #[getter]
+    fn scene(&self) -> Scene {
+        Scene::of(Arc::clone(&self.moved))
+    }
+
     #[getter]
     fn environments(&self) -> usize {
         self.environments
@@ -190,7 +211,8 @@ impl Simulator {
     /// The settings in force as TOML, with `reference_luminance` filled in; what event files store.
     #[getter]
     fn config_toml(&self) -> PyResult<String> {
-        engine::config_toml(&self.scene, self.environments, &self.config).map_err(Into::into)
+        engine::config_toml(&self.scene, self.environments, self.moved.camera_motion.as_ref(), &self.config)
+            .map_err(Into::into)
     }
 
     /// What the preset could not have on this scene and device.

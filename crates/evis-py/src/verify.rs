@@ -60,7 +60,7 @@ pub(crate) fn verify_scene(
         pixels: truth_pixels.map_or(PixelChoice::All, PixelChoice::Count),
         cache,
     };
-    let scene = scene.shared();
+    let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
     py.enter_engine_for_long(&stop, || {
         let gpu = Gpu::open(device.as_deref())?;
@@ -114,7 +114,7 @@ pub(crate) fn verify_light(
     let shadows = serde_json::from_value(serde_json::Value::String(shadows.into()))
         .map_err(|_| Failure::Config(format!("shadows is {shadows:?}; it must be \"maps\" or \"rays\"")))?;
     let settings = LightSettings { camera, size, at_us, samples, shadows, worst };
-    let scene = scene.shared();
+    let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
     py.enter_engine_for_long(&stop, || {
         let gpu = Gpu::open(device.as_deref())?;

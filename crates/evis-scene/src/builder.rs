@@ -825,9 +825,7 @@ impl SceneBuilder {
             return rule(format!("two cameras are named '{name}'; each needs its own name"));
         }
         scene.validate()?;
-        if scene.cameras.is_empty() {
-            scene.add_framing_camera();
-        }
+        scene.frame_if_unseen();
         Ok(scene)
     }
 
@@ -1139,6 +1137,15 @@ fn checked_path(path: &Path) -> Result<Path, SceneError> {
                 ));
             }
             velocities.iter().try_for_each(|v| finite_vector("velocity", *v))?;
+        }
+        Path::Harmonic { start, terms } => {
+            check_trs(start)?;
+            for term in terms {
+                finite("frequency_hz", term.frequency_hz)?;
+                finite("phase", term.phase)?;
+                finite_vector("amplitude of translation", term.translation)?;
+                finite_vector("amplitude of rotation", term.rotation)?;
+            }
         }
         Path::Chain(links) => {
             if links.is_empty() {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DMat4, DQuat, DVec3, Vec3};
 
-use crate::model::{Camera, Lens, Light, LightKind, Node, Primitive, Scene, ShadingModel, Trs};
+use crate::model::{Camera, Framing, Lens, Light, LightKind, Node, Primitive, Scene, ShadingModel, Trs};
 use crate::motion::{Motion, looking_along};
 use crate::pose::SceneState;
 
@@ -41,13 +41,23 @@ impl Scene {
         corners
     }
 
-    /// The box around everything drawn at some time of the scene's motion.
-    fn bounds_over_time(&self) -> Option<(DVec3, DVec3)> {
+    /// Times, in seconds, at which a camera's frame takes the scene's motion into account.
+    pub(crate) fn framing_times(&self) -> impl Iterator<Item = f64> + use<> {
         let duration = self.duration_s.unwrap_or(0.0);
         let instants = if duration > 0.0 { FRAMING_INSTANTS } else { 1 };
-        (0..instants)
-            .filter_map(|k| self.bounds(duration * f64::from(k) / f64::from(FRAMING_INSTANTS - 1)))
-            .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+        (0..instants).map(move |k| duration * f64::from(k) / f64::from(FRAMING_INSTANTS - 1))
+    }
+
+    /// The box around everything drawn at some time of the scene's motion.
+    pub(crate) fn bounds_over_time(&self) -> Option<(DVec3, DVec3)> {
+        self.framing_times().filter_map(|t_s| self.bounds(t_s)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+
+    /// Gives a scene without cameras one that frames it.
+    pub(crate) fn frame_if_unseen(&mut self) {
+        if self.cameras.is_empty() && self.add_framing_camera().is_some() {
+            self.framing = Some(Framing::Model);
+        }
     }
 
     /// Adds the camera `default`, 45 degrees high, that sees the whole scene over its whole motion from a
@@ -57,14 +67,9 @@ impl Scene {
         let centre = 0.5 * (low + high);
         let fov_y = 45_f64.to_radians();
         let rotation = looking_along(-DVec3::new(0.55, 0.45, 0.9))?;
-        // The smallest distance at which every corner lies inside the picture, at 4:3 and with a margin.
-        let (tan_y, tan_x) = (0.92 * (0.5 * fov_y).tan(), 0.92 * (0.5 * fov_y).tan() * 4.0 / 3.0);
-        let distance = (0..8)
-            .map(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low) - centre)
-            .map(|corner| rotation.inverse() * corner)
-            .map(|c| c.z + (c.x.abs() / tan_x).max(c.y.abs() / tan_y))
-            .fold(0.0, f64::max);
-        let distance = if distance > 0.0 && distance.is_finite() { distance } else { 1.0 };
+        let corners = (0..8)
+            .map(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low) - centre);
+        let distance = framing_distance(rotation, 0.5 * fov_y, 4.0 / 3.0, corners);
         let pose = Trs { translation: centre + rotation * DVec3::Z * distance, rotation, scale: DVec3::ONE };
         let node = self.add_node(Node {
             name: "default camera".into(),
@@ -125,6 +130,24 @@ impl Scene {
     }
 }
 
+/// The smallest distance from the origin at which a camera of this rotation sees every one of `points`, with a margin;
+/// 1 where there is no such distance above 0.
+pub(crate) fn framing_distance(
+    world_from_camera: DQuat,
+    half_fov_y: f64,
+    aspect: f64,
+    points: impl Iterator<Item = DVec3>,
+) -> f64 {
+    let tan_y = 0.92 * half_fov_y.tan();
+    let tan_x = tan_y * aspect;
+    let camera_from_world = world_from_camera.inverse();
+    let distance = points
+        .map(|point| camera_from_world * point)
+        .map(|c| c.z + (c.x.abs() / tan_x).max(c.y.abs() / tan_y))
+        .fold(0.0, f64::max);
+    if distance > 0.0 && distance.is_finite() { distance } else { 1.0 }
+}
+
 /// `world_from_node` without scale, shear and mirroring: a camera or light keeps its -Z (where it looks or shines)
 /// and, as far as that allows, its +Y. `None` where one of these axes vanishes.
 pub fn rigid(world_from_node: &DMat4) -> Option<DMat4> {
@@ -136,7 +159,7 @@ pub fn rigid(world_from_node: &DMat4) -> Option<DMat4> {
 }
 
 /// World position of vertex `i`, morphed and skinned; `None` where it does not exist.
-fn deformed(
+pub(crate) fn deformed(
     primitive: &Primitive,
     i: usize,
     world: &DMat4,

@@ -5,6 +5,7 @@
 
 pub mod builder;
 pub mod builtin;
+pub mod camera_motion;
 mod digest;
 pub mod environment;
 pub mod error;
@@ -14,6 +15,7 @@ pub mod gltf;
 pub mod image;
 pub mod model;
 pub mod motion;
+pub mod picture;
 pub mod pose;
 pub mod primitive;
 pub mod procedural;
@@ -21,7 +23,9 @@ pub mod source;
 pub mod texture;
 pub mod toml_scene;
 mod validate;
+mod visible;
 
+pub use camera_motion::{AppliedMotion, CameraMotion, CameraMotionSettings};
 pub use digest::digest;
 pub use error::SceneError;
 pub use framing::rigid;

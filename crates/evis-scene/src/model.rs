@@ -39,8 +39,24 @@ pub struct Scene {
     pub speed: Option<f64>,
     /// Variants of the scene, rendered side by side; empty means one, unchanged.
     pub variants: Vec<Variant>,
+    /// What the only camera frames, where the scene brings none; `None` for cameras of the scene's own.
+    pub framing: Option<Framing>,
+    /// How [`Scene::move_cameras`] moved the cameras; `None` where they move as the scene says.
+    pub camera_motion: Option<crate::camera_motion::AppliedMotion>,
     /// What the loader had to say: once each, for the user.
     pub warnings: Vec<String>,
+}
+
+/// What a camera frames that the loader has added.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Framing {
+    /// All of a model, over its whole motion.
+    Model,
+    /// A flat picture in the plane z = 0 about the origin, facing +Z.
+    Picture {
+        /// Half its width and height in metres.
+        half_size: [f64; 2],
+    },
 }
 
 /// A node: a pose over time, and what hangs on it.

@@ -127,8 +127,36 @@ pub enum Path {
         /// Rule between keys.
         interpolation: PathInterpolation,
     },
+    /// Swings about `start`: a sum of sines in translation and rotation. At no time farther from it than the sum of
+    /// the amplitudes.
+    Harmonic {
+        /// The middle of the motion.
+        start: Trs,
+        /// The sines that are summed.
+        terms: Vec<Harmonic>,
+    },
     /// `first * second * …`, each evaluated at the same time.
     Chain(Vec<Path>),
+}
+
+/// One sine of a [`Path::Harmonic`], `sin(2 pi (frequency_hz t + phase))` times its amplitudes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Harmonic {
+    /// Cycles per second.
+    pub frequency_hz: f64,
+    /// Part of a cycle by which it is ahead.
+    pub phase: f64,
+    /// Amplitude of the translation in metres, along the axes of the path's start.
+    pub translation: DVec3,
+    /// Amplitude of the rotation vector (axis times angle) in radians, in the axes of the path's start.
+    pub rotation: DVec3,
+}
+
+impl Harmonic {
+    /// Value of the sine at `t_s` seconds.
+    fn sine(&self, t_s: f64) -> f64 {
+        (std::f64::consts::TAU * (self.frequency_hz * t_s + self.phase).rem_euclid(1.0)).sin()
+    }
 }
 
 /// Periodic factor on light or emission, never negative.
@@ -289,6 +317,24 @@ impl Curve {
         }
     }
 
+    /// Whether the value is the same at all times.
+    pub fn rests(&self) -> bool {
+        if self.width == 0 {
+            return true;
+        }
+        let rows: Vec<&[f64]> = self.values.chunks(self.width).collect();
+        if self.interpolation == Interpolation::CubicSpline {
+            // Rows are (in-tangent, value, out-tangent); one key alone holds whatever its tangents are.
+            let level = |key: &&[&[f64]]| {
+                [key.first(), key.get(2)].into_iter().flatten().all(|t| t.iter().all(|v| *v == 0.0))
+            };
+            let keys: Vec<&[&[f64]]> = rows.chunks(3).collect();
+            return keys.len() < 2
+                || keys.iter().all(level) && keys.windows(2).all(|w| w[0].get(1) == w[1].get(1));
+        }
+        rows.windows(2).all(|w| w[0] == w[1])
+    }
+
     fn vector(&self, t_s: f64, rest: DVec3) -> DVec3 {
         let mut out = rest.to_array();
         self.sample(t_s, &mut out);
@@ -331,6 +377,17 @@ impl Motion {
                 [translation, rotation, scale].into_iter().flatten().all(|c| c.times.len() < 2)
             }
             Self::Path(path) => matches!(path.as_ref(), Path::Keys { times, .. } if times.len() < 2),
+        }
+    }
+
+    /// Whether the matrix is the same at all times, by the values of what could move it.
+    pub fn rests(&self) -> bool {
+        match self {
+            Self::Fixed(_) => true,
+            Self::Animated { translation, rotation, scale, .. } => {
+                [translation, rotation, scale].into_iter().flatten().all(Curve::rests)
+            }
+            Self::Path(path) => path.rests(),
         }
     }
 
@@ -462,6 +519,13 @@ impl Path {
                         .unwrap_or_default();
                 DMat4::from_rotation_translation(rotation, position)
             }
+            Self::Harmonic { start, terms } => {
+                let sum = |amplitude: fn(&Harmonic) -> DVec3| {
+                    terms.iter().map(|term| amplitude(term) * term.sine(t_s)).sum::<DVec3>()
+                };
+                let rotation = start.rotation * DQuat::from_scaled_axis(sum(|term| term.rotation));
+                rigid(start, rotation, start.translation + start.rotation * sum(|term| term.translation))
+            }
             Self::Chain(paths) => {
                 paths.iter().fold(DMat4::IDENTITY, |product, path| product * path.matrix(t_s))
             }
@@ -544,7 +608,35 @@ impl Path {
                     None => Ok(()),
                 }
             }
+            Self::Harmonic { start, terms } => {
+                check_trs(start)?;
+                terms.iter().try_for_each(|term| {
+                    finite("frequency and phase", &DVec3::new(term.frequency_hz, term.phase, 0.0))?;
+                    finite("amplitude of translation", &term.translation)?;
+                    finite("amplitude of rotation", &term.rotation)
+                })
+            }
             Self::Chain(paths) => paths.iter().try_for_each(Self::check),
+        }
+    }
+
+    /// Whether the matrix is the same at all times, whatever kind of path it is.
+    pub fn rests(&self) -> bool {
+        let zero = |v: &DVec3| *v == DVec3::ZERO;
+        match self {
+            Self::ConstantVelocity { velocity, .. } => zero(velocity),
+            Self::Spin { rate, .. } => *rate == 0.0,
+            Self::FigureEight { size, .. } => *size == [0.0; 2],
+            Self::Ballistic { velocity, gravity, spin_rate, .. } => {
+                zero(velocity) && zero(gravity) && *spin_rate == 0.0
+            }
+            Self::Keys { positions, rotations, velocities, .. } => {
+                positions.windows(2).all(|w| w[0] == w[1])
+                    && rotations.windows(2).all(|w| w[0] == w[1])
+                    && velocities.iter().all(zero)
+            }
+            Self::Harmonic { terms, .. } => terms.iter().all(|t| zero(&t.translation) && zero(&t.rotation)),
+            Self::Chain(paths) => paths.iter().all(Self::rests),
         }
     }
 }
@@ -579,6 +671,11 @@ fn keyed_pose(
 }
 
 impl Waveform {
+    /// Whether the factor is the same at all times.
+    pub fn rests(&self) -> bool {
+        self.low == self.high || self.frequency_hz == 0.0
+    }
+
     /// The factor at `t_s` seconds, never negative.
     pub fn factor(&self, t_s: f64) -> f64 {
         let cycle = (self.frequency_hz * t_s + self.phase).rem_euclid(1.0);

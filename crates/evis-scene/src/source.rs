@@ -5,9 +5,32 @@ use std::path::Path;
 use evis_limits::Budget;
 
 use crate::environment::Environment;
-use crate::{Scene, SceneError, builtin, gltf, toml_scene};
+use crate::{CameraMotionSettings, Scene, SceneError, builtin, gltf, picture, toml_scene};
 
-/// Loads `source`: a built-in name, or a `.toml`, `.gltf` or `.glb` file. `seed` varies built-in scenes.
+/// How a scene is opened.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Opening {
+    /// Varies built-in scenes.
+    pub seed: u64,
+    /// See [`Scene::at_speed`]; `None` for 1.
+    pub speed: Option<f64>,
+    /// See [`Scene::move_cameras`].
+    pub camera_motion: CameraMotionSettings,
+}
+
+/// Loads `source` as [`load`] does, and moves its cameras as [`Scene::move_cameras`] does: a file that has neither a
+/// camera nor any motion gets both.
+///
+/// # Errors
+/// As [`load`], [`Scene::move_cameras`] and [`Scene::at_speed`].
+pub fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError> {
+    let mut scene = load(source, opening.seed)?;
+    scene.move_cameras(&opening.camera_motion)?;
+    scene.at_speed(opening.speed.unwrap_or(1.0))
+}
+
+/// Loads `source`: a built-in name, a `.toml`, `.gltf` or `.glb` file, or a picture ([`picture::load`]). `seed` varies
+/// built-in scenes. Nothing is moved that the file does not move: [`open`] does that.
 ///
 /// A glTF file needs nothing else: where it has no camera, one that frames it is added; where nothing lights
 /// surfaces that answer light, the studio does ([`Environment::studio`]), and a warning says so.
@@ -30,8 +53,9 @@ pub fn load(source: &str, seed: u64) -> Result<Scene, SceneError> {
             }
             Ok(scene)
         }
+        Some(ending) if picture::ENDINGS.contains(&ending) => picture::load(path),
         _ => Err(SceneError::Unknown {
-            what: "scene (a built-in name, or a .toml, .gltf or .glb file)",
+            what: "scene (a built-in name, a .toml, .gltf or .glb file, or a .png, .jpg, .hdr, .exr or .tif picture)",
             name: source.into(),
             known: builtin::names().iter().map(|(name, _)| (*name).to_owned()).collect(),
         }),

@@ -94,9 +94,7 @@ fn read_within(bytes: &[u8], folder: &Path, options: &Options, budget: Budget) -
     fill(&document, folder, animation, &mut scene).map_err(SceneError::Rule)?;
     if options.standalone {
         scene.validate()?;
-        if scene.cameras.is_empty() {
-            scene.add_framing_camera();
-        }
+        scene.frame_if_unseen();
     }
     Ok(scene)
 }

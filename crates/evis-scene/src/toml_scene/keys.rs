@@ -255,7 +255,7 @@ pub(super) fn locate(source: &Source<'_>, at: &str, error: SceneError) -> SceneE
 }
 
 /// The most similar word, where one is similar at all.
-fn nearest<'w>(word: &str, known: impl Iterator<Item = &'w str>) -> Option<&'w str> {
+pub(crate) fn nearest<'w>(word: &str, known: impl Iterator<Item = &'w str>) -> Option<&'w str> {
     // Long strangers are not worth the quadratic comparison.
     if word.len() > 64 {
         return None;

@@ -27,39 +27,114 @@ pub(super) fn load(path: &FilePath, format: Format) -> Result<Path, SceneError> 
     parse(&text, format).map_err(|reason| SceneError::invalid(path, reason))
 }
 
+/// The poses of a file that nothing else describes: times in seconds, or in the unit that a line `# unit: ns` (s, ms, us,
+/// ns) names, the first pose at time 0, cameras that look along -Z.
+pub(crate) fn load_plain(path: &FilePath, interpolation: PathInterpolation) -> Result<Path, SceneError> {
+    let text =
+        std::fs::read_to_string(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
+    let parsed = unit_of(&text).and_then(|unit_s| {
+        let format = Format {
+            unit_s: unit_s.unwrap_or(1.0),
+            from_zero: true,
+            offset_s: 0.0,
+            opencv_axes: false,
+            interpolation,
+        };
+        let path = parse(&text, format)?;
+        match &path {
+            Path::Keys { times, .. } if unit_s.is_none() => check_pace(times)?,
+            _ => {}
+        }
+        Ok(path)
+    });
+    parsed.map_err(|reason| SceneError::invalid(path, reason))
+}
+
+/// Seconds per unit of time, where a comment names one.
+fn unit_of(text: &str) -> Result<Option<f64>, String> {
+    for (number, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+        let Some(unit) = line.trim().strip_prefix('#').and_then(|rest| rest.trim().strip_prefix("unit:"))
+        else {
+            continue;
+        };
+        let unit = unit.trim();
+        return match UNITS.iter().find(|(name, _)| *name == unit) {
+            Some((_, seconds)) => Ok(Some(*seconds)),
+            None => Err(format!(
+                "line {}, column {}: the unit of time is '{}'; it must be s, ms, us or ns",
+                number + 1,
+                column(line, unit),
+                short(unit)
+            )),
+        };
+    }
+    Ok(None)
+}
+
+/// Refuses times that can hardly be seconds.
+fn check_pace(times: &[f64]) -> Result<(), String> {
+    let [first, .., last] = times else { return Ok(()) };
+    let mean_s = (last - first) / (times.len() - 1) as f64;
+    if mean_s > LONGEST_MEAN_STEP_S {
+        return Err(format!(
+            "its poses are {mean_s} s apart on average; times are seconds: a line '# unit: ns' (or us, ms) names another \
+             unit, '# unit: s' confirms this one"
+        ));
+    }
+    Ok(())
+}
+
+/// Names of units of time, in seconds.
+pub(super) const UNITS: [(&str, f64); 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
+
+/// Poses that are farther apart on average are taken to be in another unit than seconds.
+const LONGEST_MEAN_STEP_S: f64 = 1000.0;
+
+/// Column, from 1, at which `part`, a piece of `line`, starts.
+fn column(line: &str, part: &str) -> usize {
+    let offset = (part.as_ptr() as usize).saturating_sub(line.as_ptr() as usize);
+    line.get(..offset).map_or(1, |before| before.chars().count() + 1)
+}
+
 fn parse(text: &str, format: Format) -> Result<Path, String> {
     let hermite = format.interpolation == PathInterpolation::Hermite;
     let columns = if hermite { 11 } else { 8 };
     let (mut times, mut positions, mut rotations, mut velocities) = (vec![], vec![], vec![], vec![]);
     let mut first: Option<Stamp> = None;
     let mut seen_numbers = false;
-    for (number, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        let number = number + 1;
-        let line = line.trim();
+    for (number, whole) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+        let line = whole.trim();
         if line.is_empty() || line.starts_with(['#', '%']) {
             continue;
         }
         let fields: Vec<&str> = line.split([',', ';', ' ', '\t']).filter(|f| !f.is_empty()).collect();
-        let values: Option<Vec<f64>> = fields.iter().map(|f| f.parse().ok()).collect();
-        let Some(values) = values else {
-            if !seen_numbers {
-                continue; // A header of words.
-            }
-            return Err(format!("line {number}: '{}' is not a row of numbers", short(line)));
+        let at = |field: usize| {
+            let field = fields.get(field).or(fields.last()).copied().unwrap_or(line);
+            format!("line {}, column {}", number + 1, column(whole, field))
         };
+        let mut values: Vec<f64> = Vec::with_capacity(fields.len());
+        values.extend(fields.iter().map_while(|f| f.parse::<f64>().ok()));
+        if let Some(bad) = fields.get(values.len()) {
+            // A header is words, from the first one on.
+            if !seen_numbers && values.is_empty() {
+                continue;
+            }
+            return Err(format!("{}: '{}' is not a number", at(values.len()), short(bad)));
+        }
         seen_numbers = true;
         let (&[t, x, y, z, qx, qy, qz, qw], more) =
-            values.split_first_chunk::<8>().ok_or_else(|| too_few(number, values.len(), columns))?;
+            values.split_first_chunk::<8>().ok_or_else(|| too_few(&at(0), values.len(), columns))?;
         if values.len() < columns {
-            return Err(too_few(number, values.len(), columns));
+            return Err(too_few(&at(0), values.len(), columns));
         }
-        if !values.iter().all(|v| v.is_finite()) {
-            return Err(format!("line {number}: '{}' holds a number that is not finite", short(line)));
+        if let Some(field) = values.iter().position(|v| !v.is_finite()) {
+            return Err(format!("{}: '{}' is not finite", at(field), short(fields[field])));
         }
         let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
         if (rotation.length() - 1.0).abs() > 1e-2 {
             return Err(format!(
-                "line {number}: the rotation ({qx}, {qy}, {qz}, {qw}) has length {:.4}; it takes a unit quaternion x y z w",
+                "{}: the rotation ({qx}, {qy}, {qz}, {qw}) has length {:.4}; it takes a unit quaternion x y z w",
+                at(4),
                 rotation.length()
             ));
         }
@@ -70,7 +145,8 @@ fn parse(text: &str, format: Format) -> Result<Path, String> {
             && time <= *last
         {
             return Err(format!(
-                "line {number}: time {t} does not come after the row before; times must increase"
+                "{}: time {t} does not come after the row before; times must increase",
+                at(0)
             ));
         }
         times.push(time);
@@ -102,9 +178,9 @@ impl Stamp {
     }
 }
 
-fn too_few(line: usize, found: usize, columns: usize) -> String {
+fn too_few(at: &str, found: usize, columns: usize) -> String {
     let takes = if columns == 11 { "t x y z qx qy qz qw vx vy vz (hermite)" } else { "t x y z qx qy qz qw" };
-    format!("line {line}: {found} columns; it takes {columns}: {takes}")
+    format!("{at}: {found} columns; it takes {columns}: {takes}")
 }
 
 fn short(line: &str) -> String {
@@ -152,12 +228,12 @@ mod tests {
     fn bad_rows_are_named_by_their_line() {
         let hermite = Format { interpolation: PathInterpolation::Hermite, ..TUM };
         for (text, format, expected) in [
-            ("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1", TUM, "line 2: time 0"),
-            ("0 0 0 0 0 0 1", TUM, "line 1: 7 columns; it takes 8"),
-            ("0 0 0 0 0 0 0 1", hermite, "line 1: 8 columns; it takes 11"),
-            ("0 0 0 0 0 0 0 2", TUM, "length 2.0000"),
-            ("0 0 0 0 0 0 0 1\n1 0 0 x 0 0 0 1", TUM, "line 2: '1 0 0 x"),
-            ("0 0 nan 0 0 0 0 1", TUM, "not finite"),
+            ("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1", TUM, "line 2, column 1: time 0"),
+            ("0 0 0 0 0 0 1", TUM, "line 1, column 1: 7 columns; it takes 8"),
+            ("0 0 0 0 0 0 0 1", hermite, "line 1, column 1: 8 columns; it takes 11"),
+            ("0 0 0 0 0 0 0 2", TUM, "line 1, column 9: the rotation (0, 0, 0, 2) has length 2.0000"),
+            ("0 0 0 0 0 0 0 1\n1 0 0 x 0 0 0 1", TUM, "line 2, column 7: 'x' is not a number"),
+            ("0 0 nan 0 0 0 0 1", TUM, "line 1, column 5: 'nan' is not finite"),
             ("# only a header", TUM, "no pose"),
         ] {
             let reason = parse(text, format).err().unwrap_or_default();

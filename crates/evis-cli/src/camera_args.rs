@@ -1,0 +1,46 @@
+//! `--camera-motion` and `--camera-speed`, of every command that opens a scene.
+
+use clap::Args;
+use evis_scene::camera_motion::check_speed;
+use evis_scene::{CameraMotion, CameraMotionSettings};
+
+/// How cameras move that the scene leaves at rest.
+#[derive(Debug, Default, Args)]
+pub(crate) struct CameraArgs {
+    /// Move cameras that rest: none, orbit (around the model), dolly (to and fro), shake (a hand or an eye), or a file of
+    /// poses, rows of t x y z qx qy qz qw [default: none; for a file with neither a camera nor any motion orbit, for a
+    /// picture shake].
+    #[arg(long, value_name = "none|orbit|dolly|shake|FILE.csv", allow_hyphen_values = true)]
+    pub(crate) camera_motion: Option<CameraMotion>,
+
+    /// Mean speed, at the centre of the picture, of what the camera shows while it orbits, dollies or shakes
+    /// [default: 100].
+    #[arg(long, value_name = "PX_PER_S", value_parser = speed, allow_hyphen_values = true)]
+    pub(crate) camera_speed: Option<f64>,
+}
+
+impl CameraArgs {
+    /// The settings for views of `size` pixels, by the camera `camera`.
+    pub(crate) fn settings(&self, size: Option<(u32, u32)>, camera: Option<&String>) -> CameraMotionSettings {
+        CameraMotionSettings {
+            motion: self.camera_motion.clone(),
+            speed_px_per_s: self.camera_speed,
+            camera: camera.cloned(),
+            size,
+        }
+    }
+
+    /// The first flag that was given.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        let motion = self.camera_motion.as_ref().map(|_| "--camera-motion");
+        motion.or(self.camera_speed.map(|_| "--camera-speed"))
+    }
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text
+        .trim()
+        .parse()
+        .map_err(|_| "it must be a number of pixels per second, such as 100".to_owned())?;
+    check_speed(speed)
+}

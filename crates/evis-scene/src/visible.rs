@@ -1,0 +1,314 @@
+//! What a camera sees of a scene, on a coarse grid: surface points, their speed in pixels, and the clearance around it.
+
+use glam::{DMat4, DVec2, DVec3};
+
+use crate::framing::deformed;
+use crate::model::{Camera, Lens, Scene};
+use crate::pose::SceneState;
+
+/// Rays of the coarse grid along each axis.
+const COLUMNS: usize = 64;
+const ROWS: usize = 48;
+
+/// Half of the step, in seconds, over which image speeds are taken.
+const HALF_STEP_S: f64 = 1e-5;
+
+impl Camera {
+    /// Width and height in pixels: `size` where it is given, else the camera's own, else its aspect at 480 lines.
+    pub fn pixels(&self, size: Option<(u32, u32)>) -> (u32, u32) {
+        size.or_else(|| self.width.zip(self.height)).unwrap_or_else(|| {
+            let aspect = self.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
+            (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
+        })
+    }
+}
+
+/// A pinhole in pixels; cameras look along -Z.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pinhole {
+    /// Width and height in pixels.
+    pub size: DVec2,
+    /// Focal lengths in pixels.
+    pub focal: DVec2,
+    /// Principal point in pixels from the top-left corner.
+    pub center: DVec2,
+    /// Near plane in metres.
+    pub near: f64,
+}
+
+impl Pinhole {
+    pub fn new(camera: &Camera, size: Option<(u32, u32)>) -> Self {
+        let (width, height) = camera.pixels(size);
+        let size = DVec2::new(width.into(), height.into());
+        let (focal, center) = match camera.lens {
+            Lens::FieldOfView { fov_y } => (DVec2::splat(0.5 * size.y / (0.5 * fov_y).tan()), 0.5 * size),
+            Lens::Intrinsics { fx, fy, cx, cy } => {
+                let own =
+                    DVec2::new(camera.width.unwrap_or(width).into(), camera.height.unwrap_or(height).into());
+                let scale = size / own;
+                (DVec2::new(fx, fy) * scale, DVec2::new(cx, cy) * scale)
+            }
+        };
+        Self { size, focal, center, near: camera.near }
+    }
+
+    /// Where the camera shows a point of its own frame; `None` behind its near plane.
+    pub fn project(&self, p: DVec3) -> Option<DVec2> {
+        (-p.z >= self.near).then(|| self.center + self.focal * DVec2::new(p.x, -p.y) / -p.z)
+    }
+
+    /// Direction, with z = -1, in which the camera sees `pixel`.
+    pub fn ray(&self, pixel: DVec2) -> DVec3 {
+        let slope = (pixel - self.center) / self.focal;
+        DVec3::new(slope.x, -slope.y, -1.0)
+    }
+
+    /// Whether `pixel` lies in the picture.
+    pub fn shows(&self, pixel: DVec2) -> bool {
+        pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(self.size).all()
+    }
+
+    /// Whether `pixel` lies in the central half of the picture, along each axis.
+    pub fn is_central(&self, pixel: DVec2) -> bool {
+        (pixel - 0.5 * self.size).abs().cmple(0.25 * self.size).all()
+    }
+
+    /// Distance to the farthest point of the near plane that the picture shows.
+    pub fn near_reach(&self) -> f64 {
+        let corners = [DVec2::ZERO, self.size, DVec2::new(self.size.x, 0.0), DVec2::new(0.0, self.size.y)];
+        corners.map(|corner| self.ray(corner).length()).into_iter().fold(0.0, f64::max) * self.near
+    }
+
+    fn grid(&self) -> impl Iterator<Item = (usize, DVec3)> + use<> {
+        let (pinhole, cell) = (*self, self.size / DVec2::new(COLUMNS as f64, ROWS as f64));
+        (0..COLUMNS * ROWS).map(move |i| {
+            let at = DVec2::new((i % COLUMNS) as f64 + 0.5, (i / COLUMNS) as f64 + 0.5);
+            (i, pinhole.ray(at * cell))
+        })
+    }
+
+    /// Points at `depth` metres before the camera, all over the picture.
+    pub fn plane(&self, depth: f64) -> Vec<DVec3> {
+        self.grid().map(|(_, ray)| ray * depth).collect()
+    }
+}
+
+impl Scene {
+    /// Calls `visit` with the corners of every triangle drawn at `t_s`, in the world and counter-clockwise from its
+    /// front, and whether its back is drawn too.
+    fn visit_triangles(&self, t_s: f64, mut visit: impl FnMut([DVec3; 3], bool)) {
+        let mut state = SceneState::default();
+        self.evaluate(t_s, &mut state);
+        let (mut joints, mut corners) = (Vec::new(), Vec::new());
+        for (index, node) in self.nodes.iter().enumerate() {
+            let Some(mesh) = node.mesh.and_then(|m| self.meshes.get(m)) else { continue };
+            joints.clear();
+            if let Some(skin) = node.skin {
+                self.joint_matrices(skin, &state, &mut joints);
+            }
+            let (world, weights) = (&state.world_from_node[index], &state.morph_weights[index]);
+            let mirrored = joints.is_empty() && world.determinant() < 0.0;
+            for primitive in &mesh.primitives {
+                let both = self.materials.get(primitive.material).is_none_or(|m| m.double_sided);
+                let count = primitive.positions.len();
+                corners.clear();
+                corners.extend((0..count).map(|i| deformed(primitive, i, world, weights, &joints)));
+                for indices in primitive.indices.as_chunks::<3>().0 {
+                    let [a, b, c] =
+                        indices.map(|i| corners.get(i as usize).copied().flatten().filter(|p| p.is_finite()));
+                    if let (Some(a), Some(b), Some(c)) = (a, b, c) {
+                        visit(if mirrored { [a, c, b] } else { [a, b, c] }, both);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Calls `visit` with every point drawn at `t_s`, in the world.
+    pub(crate) fn visit_points(&self, t_s: f64, mut visit: impl FnMut(DVec3)) {
+        self.visit_triangles(t_s, |corners, _| corners.into_iter().for_each(&mut visit));
+    }
+
+    /// Points of surfaces that the camera shows at `t_s`, in its own frame, spread evenly over the picture.
+    pub(crate) fn visible_points(
+        &self,
+        pinhole: &Pinhole,
+        world_from_camera: &DMat4,
+        t_s: f64,
+    ) -> Vec<DVec3> {
+        let camera_from_world = world_from_camera.inverse();
+        let rays: Vec<DVec3> = pinhole.grid().map(|(_, ray)| ray).collect();
+        let mut depths = vec![f64::INFINITY; rays.len()];
+        let per_cell = DVec2::new(COLUMNS as f64, ROWS as f64) / pinhole.size;
+        self.visit_triangles(t_s, |corners, both| {
+            let corners = corners.map(|p| camera_from_world.transform_point3(p));
+            if corners.iter().all(|p| -p.z < pinhole.near) {
+                return;
+            }
+            let [first, last] = cells(pinhole, per_cell, &corners);
+            for row in first[1]..last[1] {
+                for column in first[0]..last[0] {
+                    let i = row * COLUMNS + column;
+                    let depth = hit(rays[i], &corners, both).filter(|d| *d >= pinhole.near);
+                    depths[i] = depths[i].min(depth.unwrap_or(f64::INFINITY));
+                }
+            }
+        });
+        rays.iter()
+            .zip(depths)
+            .filter(|(_, depth)| depth.is_finite())
+            .map(|(ray, depth)| *ray * depth)
+            .collect()
+    }
+
+    /// Distance from the nearest surface, at any of the scene's framing times, to the nearest of `eyes`; infinite
+    /// where nothing is drawn.
+    pub(crate) fn clearance(&self, eyes: &[DVec3]) -> f64 {
+        let mut squared = f64::INFINITY;
+        for t_s in self.framing_times() {
+            self.visit_triangles(t_s, |corners, _| {
+                for eye in eyes {
+                    squared = squared.min(eye.distance_squared(nearest_point(*eye, &corners)));
+                }
+            });
+        }
+        squared.sqrt()
+    }
+}
+
+/// First and past-the-last column and row of the coarse grid's rays that may hit the triangle.
+fn cells(pinhole: &Pinhole, per_cell: DVec2, corners: &[DVec3; 3]) -> [[usize; 2]; 2] {
+    let pixels = corners.map(|p| pinhole.project(p));
+    let [Some(a), Some(b), Some(c)] = pixels else {
+        // It reaches behind the camera: it may show anywhere.
+        return [[0, 0], [COLUMNS, ROWS]];
+    };
+    let (low, high) = (a.min(b).min(c) * per_cell, a.max(b).max(c) * per_cell);
+    let range = |low: f64, high: f64, count: usize| {
+        // The ray of cell i passes at i + 0.5; casts saturate.
+        let first = ((low - 0.5).floor().max(0.0) as usize).min(count);
+        (first, ((high + 0.5).ceil().max(0.0) as usize).clamp(first, count))
+    };
+    let (x, y) = (range(low.x, high.x, COLUMNS), range(low.y, high.y, ROWS));
+    [[x.0, y.0], [x.1, y.1]]
+}
+
+/// Depth at which `ray`, from the origin and with z = -1, hits the triangle (Möller and Trumbore 1997).
+fn hit(ray: DVec3, [a, b, c]: &[DVec3; 3], both: bool) -> Option<f64> {
+    let (ab, ac) = (*b - *a, *c - *a);
+    let p = ray.cross(ac);
+    // Above 0 where the ray meets the front.
+    let determinant = ab.dot(p);
+    if determinant == 0.0 || (determinant < 0.0 && !both) {
+        return None;
+    }
+    let u = -a.dot(p) / determinant;
+    let q = -a.cross(ab);
+    let v = ray.dot(q) / determinant;
+    let depth = ac.dot(q) / determinant;
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth.is_finite()).then_some(depth)
+}
+
+/// The point of the triangle that is nearest to `p` (Ericson, Real-Time Collision Detection, 5.1.5).
+fn nearest_point(p: DVec3, [a, b, c]: &[DVec3; 3]) -> DVec3 {
+    let (ab, ac, ap) = (*b - *a, *c - *a, p - *a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return *a;
+    }
+    let bp = p - *b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return *b;
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return *a + ab * (d1 / (d1 - d3));
+    }
+    let cp = p - *c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return *c;
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return *a + ac * (d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        return *b + (*c - *b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    }
+    let scale = 1.0 / (va + vb + vc);
+    *a + ab * (vb * scale) + ac * (vc * scale)
+}
+
+/// Mean image speed, in pixels per second, of resting `points` (in the camera's frame where `start_from_camera` is the
+/// identity) over `times_s`, of those that show in the central half of the picture, else in all of it; `None` where none
+/// does.
+pub(crate) fn image_speed(
+    pinhole: &Pinhole,
+    points: &[DVec3],
+    start_from_camera: impl Fn(f64) -> DMat4,
+    times_s: impl Iterator<Item = f64>,
+) -> Option<f64> {
+    let (mut central, mut anywhere) = ((0.0, 0_u32), (0.0, 0_u32));
+    for t_s in times_s {
+        let [before, now, after] =
+            [t_s - HALF_STEP_S, t_s, t_s + HALF_STEP_S].map(|t| start_from_camera(t).inverse());
+        for point in points {
+            let at = |m: &DMat4| pinhole.project(m.transform_point3(*point));
+            let (Some(p0), Some(p), Some(p1)) = (at(&before), at(&now), at(&after)) else { continue };
+            let speed = (p1 - p0).length() / (2.0 * HALF_STEP_S);
+            if !speed.is_finite() {
+                continue;
+            }
+            if pinhole.is_central(p) {
+                central = (central.0 + speed, central.1 + 1);
+            }
+            if pinhole.shows(p) {
+                anywhere = (anywhere.0 + speed, anywhere.1 + 1);
+            }
+        }
+    }
+    let (sum, count) = if central.1 > 0 { central } else { anywhere };
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TRIANGLE: [DVec3; 3] =
+        [DVec3::new(0.0, 0.0, -2.0), DVec3::new(3.0, 0.0, -2.0), DVec3::new(0.0, 3.0, -2.0)];
+
+    #[test]
+    fn the_nearest_point_is_no_farther_than_any_other() {
+        let mut state = 5_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 * 4.0 - 2.0
+        };
+        for _ in 0..2000 {
+            let mut point = || DVec3::new(random(), random(), random());
+            let (eye, [a, b, c]) = (point(), [point(), point(), point()]);
+            let nearest = nearest_point(eye, &[a, b, c]);
+            let best = (0..=60)
+                .flat_map(|i| (0..=60 - i).map(move |k| (f64::from(i) / 60.0, f64::from(k) / 60.0)))
+                .map(|(u, v)| eye.distance(a + (b - a) * u + (c - a) * v))
+                .fold(f64::INFINITY, f64::min);
+            let distance = eye.distance(nearest);
+            assert!(distance <= best + 1e-9, "{distance} > {best}");
+            assert!(distance >= best - 0.15, "{distance} is not on the triangle: {best}");
+        }
+    }
+
+    #[test]
+    fn rays_hit_fronts_and_backs_of_what_is_drawn_from_both_sides() {
+        let [a, b, c] = TRIANGLE;
+        let ray = DVec3::new(0.3, 0.3, -1.0);
+        assert_eq!(hit(ray, &TRIANGLE, false), Some(2.0));
+        assert_eq!(hit(ray, &[a, c, b], false), None, "a back");
+        assert_eq!(hit(ray, &[a, c, b], true), Some(2.0));
+        assert_eq!(hit(DVec3::new(1.0, 1.0, -1.0), &TRIANGLE, true), None, "beside it");
+    }
+}
