@@ -131,8 +131,8 @@ impl EmulatorReport {
 
 /// Turns frames of `batch` environments into events.
 ///
-/// Between two frames the signal is what the sensor's interpolation says; events lie in `(t0, t1]`, sorted by
-/// (t, y, x, firing order). With an exposure, light is straight between pushes, and events come with the push that ends
+/// Between two frames log luminance is straight, and a latched sensor sees only its ends; events lie in `(t0, t1]`,
+/// sorted by (t, y, x, firing order). With an exposure, light is straight between pushes, and events come with the push that ends
 /// the exposure of the frame that they lie before: late, but no later push brings earlier ones. Memory does not grow with
 /// the stream's length, and no event depends on the number of threads, or on which other environments are in the batch.
 #[derive(Debug)]
