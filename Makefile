@@ -32,7 +32,10 @@ CHART_ARGS ?=
 DEMO_SCENE ?= warehouse
 DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 
-.PHONY: help setup demo test test-rust test-python check format bench chart accuracy wheel smoke docs bless clean
+# Seeds of the random scenes that `make check-long` tries.
+LONG_SCENES ?= 24..324
+
+.PHONY: help setup demo test test-rust test-python check check-long format bench chart accuracy wheel smoke docs bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -73,6 +76,9 @@ check: setup ## Formatting, lints, types, stubs, and the tests that need no devi
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest evis._evis --mypy-config-file pyproject.toml
+
+check-long: setup ## What takes long: hundreds of random scenes.
+	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture
 
 format: ## Format Rust and Python in place.
 	cargo fmt --all

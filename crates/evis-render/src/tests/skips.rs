@@ -1,9 +1,10 @@
 //! No tile is skipped wrongly: on random scenes, sampling only the tiles that change gives the bytes of rendering every instant
 //! everywhere.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
-use evis_core::{Event, SensorConfig};
+use evis_core::{Event, Polarity, SensorConfig};
 use evis_scene::Scene;
 
 use crate::config::RunConfig;
@@ -11,16 +12,20 @@ use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::method::Sampling;
 use crate::pace::Overlook;
+use crate::quality::Quality;
+use crate::simulator::Simulator;
 use crate::view;
 
 use super::random_scenes::{self, LENGTH_MS, RATE_HZ};
 
-/// Scenes that every run tries; `EVIS_SCENES=FIRST..LAST` tries others.
+/// Scenes that every run tries; `EVIS_SCENES=FIRST..LAST` (`make check-long`) tries others.
 const SEEDS: std::ops::Range<u64> = 0..24;
+/// Scenes on which every run tries the presets.
+const PRESET_SEEDS: std::ops::Range<u64> = 0..4;
 
-fn seeds() -> std::ops::Range<u64> {
+fn seeds(usual: std::ops::Range<u64>) -> std::ops::Range<u64> {
     let asked = std::env::var("EVIS_SCENES").ok();
-    asked.map_or(SEEDS, |range| {
+    asked.map_or(usual, |range| {
         let (first, last) = range.split_once("..").expect("EVIS_SCENES=FIRST..LAST");
         first.parse().expect("a number")..last.parse().expect("a number")
     })
@@ -112,7 +117,7 @@ fn random_scenes_fire_the_same_bytes_whatever_is_skipped() {
     let (mut fired, mut all_pixels, mut drawn_pixels) = (0, 0, 0);
     let mut found = [0; 4];
     let canaries = [Overlook::Paused, Overlook::Vibrating, Overlook::Shadows, Overlook::Deformation];
-    for seed in seeds() {
+    for seed in seeds(SEEDS) {
         let scene = Arc::new(random_scenes::scene(seed));
         let (expected, all) = run(&gpu, &scene, Rendering::Plain);
         for rendering in [Rendering::Changes, Rendering::Tiles(None)] {
@@ -137,4 +142,57 @@ fn random_scenes_fire_the_same_bytes_whatever_is_skipped() {
     assert!(fired > 10_000, "{fired} events");
     assert!(drawn_pixels < all_pixels, "{drawn_pixels} of {all_pixels} pixels were drawn");
     assert!(found.iter().all(|found| *found > 0), "canaries were found {found:?} times");
+}
+
+/// F1 of two lists of events: one to one in order, per pixel and polarity, within 1 ms.
+fn matched(a: &[Event], b: &[Event]) -> usize {
+    let by_pixel = |events: &[Event]| {
+        let mut of: HashMap<(u16, u16, Polarity), Vec<i64>> = HashMap::new();
+        for e in events {
+            of.entry((e.x, e.y, e.p)).or_default().push(e.t);
+        }
+        of
+    };
+    let (a, b) = (by_pixel(a), by_pixel(b));
+    let mut count = 0;
+    for (key, times) in &a {
+        let (mut i, mut j) = (0, 0);
+        let others = b.get(key).map_or(&[][..], Vec::as_slice);
+        while i < times.len() && j < others.len() {
+            match times[i] - others[j] {
+                -1000..=1000 => (count, i, j) = (count + 1, i + 1, j + 1),
+                ..-1000 => i += 1,
+                _ => j += 1,
+            }
+        }
+    }
+    count
+}
+
+#[test]
+fn presets_agree_with_every_instant_rendered_everywhere_on_random_scenes() {
+    let Some(gpu) = super::device() else { return };
+    for (quality, least) in [(Quality::Draft, 0.80), (Quality::Standard, 0.92)] {
+        let (mut both, mut all) = (0, 0);
+        for seed in seeds(PRESET_SEEDS) {
+            let scene = Arc::new(random_scenes::scene(seed));
+            let mut config =
+                RunConfig { quality: Some(quality), reference_luminance: Some(0.5), ..RunConfig::default() };
+            crate::quality::settle(&gpu, &scene, &mut config).unwrap();
+            let fired = |every_instant: bool| {
+                let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
+                simulator.restart(0, Vec::new(), every_instant).unwrap();
+                let packet = simulator.step(i64::from(LENGTH_MS) * 1000).unwrap();
+                packet.views.into_iter().map(|view| view.events).collect::<Vec<_>>()
+            };
+            let (own, every) = (fired(false), fired(true));
+            for (own, every) in own.iter().zip(&every) {
+                both += 2 * matched(own, every);
+                all += own.len() + every.len();
+            }
+        }
+        let f1 = both as f64 / all.max(1) as f64;
+        eprintln!("{}: F1 (1 ms) {f1:.4} of {} events", quality.name(), all / 2);
+        assert!(all > 2_000 && f1 >= least, "{}: F1 {f1} of {} events", quality.name(), all / 2);
+    }
 }
