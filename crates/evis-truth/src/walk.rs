@@ -318,11 +318,12 @@ impl<'a, 's> Walker<'a, 's> {
     fn crossing(&mut self, a: Look, b: Look, level: f64, sign: f64) -> Option<(Fired, Look)> {
         // Coarse: until the bracket is as narrow as the coarse signal is sure.
         let rough = Bracket::new(a, b, level, sign).narrow(|t| self.coarse(t), |look| DECIDED * look.error);
-        let guess = rough.zero().clamp(a.t_us, b.t_us);
+        // The last event may lie just after the step's end, where the fine signal crossed.
+        let guess = rough.zero().clamp(a.t_us.min(b.t_us), a.t_us.max(b.t_us));
         let Probe { speed, region } = self.probe(guess);
         let tolerance = (0.01 / speed.max(1e-9) * 1e6).clamp(100.0, 1000.0);
         // The mean slope over the step; that of the coarse bracket may be one of the lattice's own stairs.
-        let slope = ((b.log - a.log).abs() / (b.t_us - a.t_us).max(1e-3)).max(1e-12);
+        let slope = ((b.log - a.log).abs() / (b.t_us - a.t_us).abs().max(1e-3)).max(1e-12);
         let wanted = self.rules.time_error_us.unwrap_or(TIME_SHARE * tolerance) * slope;
         let sure = DECIDED * rough.high.error.max(rough.low.error).max(wanted / DECIDED);
         // The fine signal may cross outside of the piece where the coarse one did (its lattice has stairs that some
