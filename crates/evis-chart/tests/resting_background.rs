@@ -31,7 +31,8 @@ fn scene(card: bool, velocity: DVec3, turn: f64) -> Scene {
     let wall_node =
         s.shape_with("wall", Shape::Card { size }, bricks, repeat, Placement::at(wall.translation)).unwrap();
     if card {
-        let spin = Path::Spin { start: Trs::default(), axis: DVec3::new(0.2, 0.1, 1.0).normalize(), rate: 3.0 };
+        let spin =
+            Path::Spin { start: Trs::default(), axis: DVec3::new(0.2, 0.1, 1.0).normalize(), rate: 3.0 };
         let mesh = s.scene().meshes.len();
         s.shape("card", Shape::Card { size: [0.9, 0.7] }, checks, Placement::along(spin)).unwrap();
         assert!(s.scene().meshes.len() > mesh && Labels::default().semantic_id == 0);
@@ -51,8 +52,7 @@ fn scene(card: bool, velocity: DVec3, turn: f64) -> Scene {
         width: 3,
         interpolation: Interpolation::Linear,
     });
-    scene.nodes[wall_node].motion =
-        Motion::Animated { rest: wall, translation, rotation: None, scale: None };
+    scene.nodes[wall_node].motion = Motion::Animated { rest: wall, translation, rotation: None, scale: None };
     scene.validate().unwrap();
     scene
 }

@@ -105,8 +105,8 @@ pub(crate) fn chart_cache() -> Option<PathBuf> {
     evis_chart::user_cache()
 }
 
-/// Rates, samples, edges, light samples, latch rates, most samples per second.
-type Shape = (Vec<f64>, Vec<u32>, bool, Vec<u32>, Vec<f64>, Option<f64>);
+/// Rates, samples, edges, latch rates, most samples per second.
+type Shape = (Vec<f64>, Vec<u32>, bool, Vec<f64>, Option<f64>);
 
 /// Default shape of the ladder.
 #[pyfunction]
