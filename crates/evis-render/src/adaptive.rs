@@ -16,10 +16,11 @@ use crate::interval::{Group, Unit, borrowed, copy_layers, encode_luminance, enco
 use crate::pace::{Pacer, Paces, Passing, STILL, TILE, rects, tiles_along};
 use crate::parts::InView;
 use crate::pass::adaptive::{AUDIT_BINDINGS, MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
+use crate::pass::raster::LUMINANCE_FORMAT;
 use crate::pass::{self, ComputePass};
 use crate::shadow::MovingShadows;
 use crate::sizes;
-use crate::targets::{LayerUse, Layers, Targets};
+use crate::targets::{LayerUse, Layers, Targets, array, whole};
 use crate::uniforms::{AuditJob, MeanJob};
 use crate::view::View;
 
@@ -42,7 +43,7 @@ pub struct AdaptiveRoom {
     audit_share: f64,
     audit: ComputePass,
     audit_jobs: GrowingBuffer,
-    /// Per class of views: a tile at an instant, before it and after it.
+    /// Per class of views: where an audited tile is averaged.
     audit_layers: Vec<Layers>,
     /// By the first view of a group: the instant that comes next, and the layers of the last one, view by view.
     kept: HashMap<usize, (i64, wgpu::Texture)>,
@@ -184,7 +185,7 @@ impl AdaptiveRoom {
         let device = &context.gpu.device;
         self.scratch.push(Layers::new(device, width, height, samples, self.made));
         let [width, height] = if self.audit_share > 0.0 { [width, height] } else { [1; 2] };
-        self.audit_layers.push(Layers::new(device, width, height, 3, LayerUse::Computed));
+        self.audit_layers.push(Layers::new(device, width, height, 1, LayerUse::Computed));
     }
 
     /// Forgets what was shown, and renders the tiles `only` of each view from now on, all where there is nothing; with
@@ -248,13 +249,11 @@ impl AdaptiveRoom {
         self.drawn_pixels += looks.iter().map(Look::pixels).sum::<u64>();
         let audits = self.audits(context, &work, &looks, &mut tiles);
         let means = self.upload(context, &work, &looks, &audits, &tiles);
-        self.draw(context, encoder, &work, &means, &looks);
+        let atlas = (!audits.is_empty()).then(|| AuditAtlas::new(&context.gpu.device, audits.len() as u32));
+        self.draw(context, encoder, &work, &means, &looks, (&audits, atlas.as_ref()));
         let before = kept.as_ref().filter(|_| follows);
         work.carry(encoder, before);
-        let run = (!audits.is_empty()).then(|| {
-            let first_job = looks.len() as u32;
-            self.encode_audits(context, encoder, &work, &means, (audits, first_job), before)
-        });
+        let run = atlas.map(|atlas| self.compare(context, encoder, &work, audits, &atlas, before));
         self.keep(context, encoder, &work, kept);
         run
     }
@@ -266,6 +265,7 @@ impl AdaptiveRoom {
             return audits;
         }
         let price = self.made.pixel_price();
+        let redrawn = context.shadows.as_ref().is_some_and(|shadows| shadows.plan.is_redrawn());
         for (v, view) in (0..).zip(&work.views) {
             let (width, height) = (view.lens.width, view.lens.height);
             for block in 0..work.blocks {
@@ -281,19 +281,22 @@ impl AdaptiveRoom {
                     let [x, y] = audit::corner(tile, of.columns);
                     Rect { low: [x, y], high: [(x + TILE).min(width), (y + TILE).min(height)] }
                 };
-                let cost = |tile: usize, number: u32| {
-                    InView::new(context, view, frame_of(number)).cost(&rect_of(tile), price)
+                // Shadow maps that are drawn at each instant cost more than a tile: then only instants that are rendered anyway.
+                let rendered: Vec<u32> = if redrawn {
+                    looks.iter().filter(within).map(|look| look.k - block * work.length).collect()
+                } else {
+                    (1..work.length).collect()
+                };
+                let pick = |tile: usize, word: u64| {
+                    let rate = of.tiles[tile];
+                    let between =
+                        || rendered.iter().filter(|n| **n < work.length && !work.is_due(rate, u32::MAX, **n));
+                    let count = between().count() as u64;
+                    let number = *between().nth((word % count.max(1)) as usize)?;
+                    Some((number, InView::new(context, view, frame_of(number)).cost(&rect_of(tile), price)))
                 };
                 let identity = (view.environment, view.camera);
-                let chosen = audit::choose(
-                    self.audit_share,
-                    identity,
-                    absolute,
-                    work.length,
-                    &audited,
-                    own_work,
-                    cost,
-                );
+                let chosen = audit::choose(self.audit_share, identity, absolute, &audited, own_work, pick);
                 for (tile, number) in chosen {
                     let (rect, rate) = (rect_of(tile), of.tiles[tile]);
                     let in_view = InView::new(context, view, frame_of(number));
@@ -322,22 +325,24 @@ impl AdaptiveRoom {
                 }
             }
         }
+        audits.truncate(audit::MOST_AUDITS);
+        audits.sort_by_key(|audit| (audit.look.k, audit.look.view));
         audits
     }
 
-    /// Records `audits`: each tile at its instant, beside the samples before and after it.
-    fn encode_audits(
+    /// Records the comparison of what `atlas` holds with the samples before and after it.
+    fn compare(
         &mut self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
         work: &Work<'_>,
-        means: &MeanGroups,
-        (audits, first_job): (Vec<Audit>, u32),
+        audits: Vec<Audit>,
+        atlas: &AuditAtlas,
         kept: Option<&wgpu::Texture>,
     ) -> AuditRun {
         let (device, queue) = (&context.gpu.device, &context.gpu.queue);
         let job = |(slot, audit): (u32, &Audit)| AuditJob {
-            corner: audit.rect.low,
+            size: audit.rect.size(),
             slot,
             offset: work.views[audit.look.view as usize].sensor.log_eps * context.reference_luminance,
         };
@@ -354,43 +359,27 @@ impl AdaptiveRoom {
         };
         let changes = buffer("audit changes", wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC);
         let staging = buffer("audit staging", wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
-        let own = &self.audit_layers[work.group.targets];
+        let resources = vec![
+            pass::part(self.audit_jobs.get(), 0, size_of::<AuditJob>() as u64),
+            wgpu::BindingResource::TextureView(&atlas.array),
+            changes.as_entire_binding(),
+        ];
+        let group = pass::group(device, "audit", &self.audit.layout, AUDIT_BINDINGS, resources);
         let layers = &work.targets.layers;
-        let group = pass::group(
-            device,
-            "audit",
-            &self.audit.layout,
-            AUDIT_BINDINGS,
-            vec![
-                pass::part(self.audit_jobs.get(), 0, size_of::<AuditJob>() as u64),
-                wgpu::BindingResource::TextureView(&own.array),
-                changes.as_entire_binding(),
-            ],
-        );
-        let mut shadows = work.shadows();
         for (slot, audit) in (0..).zip(&audits) {
-            shadows.show(context, encoder, audit.look.view, audit.look.k);
-            self.draw_one(
-                context,
-                encoder,
-                work,
-                (&means.audit, &means.audit_resolve),
-                &audit.look,
-                first_job + slot,
-            );
             let before = match (audit.before, kept) {
                 (None, Some(kept)) => (kept, audit.look.view),
                 (before, _) => (&layers.texture, before.unwrap_or(audit.after)),
             };
-            copy_layers(encoder, before, (&own.texture, 1), 1, audit.rect);
-            copy_layers(encoder, (&layers.texture, audit.after), (&own.texture, 2), 1, audit.rect);
+            atlas.take(encoder, before, audit.rect, 3 * slot + 1);
+            atlas.take(encoder, (&layers.texture, audit.after), audit.rect, 3 * slot + 2);
             self.audit.encode_tiles(encoder, &group, slot, 1);
         }
         encoder.copy_buffer_to_buffer(&changes, 0, &staging, 0, bytes);
         AuditRun { entries: audits.into_iter().map(|audit| audit.entry).collect(), staging }
     }
 
-    /// Records `looks`: their samples, and their means.
+    /// Records `looks`: their samples, and their means; and audited tiles where they come in order of time, into `atlas`.
     fn draw(
         &self,
         context: &Context,
@@ -398,12 +387,31 @@ impl AdaptiveRoom {
         work: &Work<'_>,
         means: &MeanGroups,
         looks: &[Look],
+        (audits, atlas): (&[Audit], Option<&AuditAtlas>),
     ) {
         let mut shadows = work.shadows();
+        let mut slots = (0..).zip(audits).peekable();
+        let mut audit = |shadows: &mut MovingShadows<'_>, encoder: &mut _, until: (u32, u32)| {
+            while let Some((slot, audit)) =
+                slots.next_if(|(_, audit)| (audit.look.k, audit.look.view) <= until)
+            {
+                let Some(atlas) = atlas else { continue };
+                shadows.show(context, encoder, audit.look.view, audit.look.k);
+                let (into, job) = ((&means.audit, &means.audit_resolve), looks.len() as u32 + slot);
+                self.draw_one(context, encoder, work, into, &audit.look, job);
+                let own = &self.audit_layers[work.group.targets];
+                atlas.take(encoder, (&own.texture, 0), audit.rect, 3 * slot);
+            }
+        };
         for (job, look) in (0..).zip(looks) {
+            if let Some(before) = look.k.checked_sub(1) {
+                audit(&mut shadows, encoder, (before, u32::MAX));
+            }
             shadows.show(context, encoder, look.view, look.k);
             self.draw_one(context, encoder, work, (&means.mean, &means.resolve), look, job);
+            audit(&mut shadows, encoder, (look.k, look.view));
         }
+        audit(&mut shadows, encoder, (u32::MAX, u32::MAX));
     }
 
     /// Records the samples of `look`, and their means into the layers of the groups `into`: of samples, and of coverage samples.
@@ -570,6 +578,43 @@ impl AdaptiveRoom {
             );
         }
         self.kept.insert(group.views[0], (unit.first + i64::from(unit.instants), texture));
+    }
+}
+
+/// Audited tiles of a submission: each at its instant, before it and after it.
+struct AuditAtlas {
+    texture: wgpu::Texture,
+    array: wgpu::TextureView,
+}
+
+impl AuditAtlas {
+    fn new(device: &wgpu::Device, tiles: u32) -> Self {
+        let usage = wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::STORAGE_BINDING;
+        let texture = array(device, "audited tiles", [TILE, TILE, 3 * tiles], LUMINANCE_FORMAT, usage);
+        Self { array: whole(&texture), texture }
+    }
+
+    /// Copies `rect` of a layer to layer `to`.
+    fn take(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        (texture, layer): (&wgpu::Texture, u32),
+        rect: Rect,
+        to: u32,
+    ) {
+        let place = |texture, [x, y]: [u32; 2], z| wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d { x, y, z },
+            aspect: wgpu::TextureAspect::All,
+        };
+        let [width, height] = rect.size();
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        encoder.copy_texture_to_texture(
+            place(texture, rect.low, layer),
+            place(&self.texture, [0, 0], to),
+            size,
+        );
     }
 }
 

@@ -11,6 +11,8 @@ use crate::tiles::TILE;
 
 /// The largest share of a block's own work that its audits may take.
 const MOST_WORK: f64 = 0.02;
+/// Audits of a submission, at most: each takes three layers of a texture, of which every device has 256.
+pub const MOST_AUDITS: usize = 64;
 
 /// An audited tile.
 #[derive(Clone, Debug)]
@@ -88,21 +90,17 @@ fn hash(numbers: [u64; 4]) -> u64 {
     })
 }
 
-/// The tiles of a view that are audited in absolute block `block`, each with the number of an instant within the block, from 1
-/// on, that no rate but the finest samples: the `share` of those that are skipped or sampled less often. `own_work` is what the
-/// block takes without them, `work` what a tile takes at an instant.
+/// The tiles of a view that are audited in absolute block `block`, each with an instant: the `share` of the `audited` ones.
+/// `own_work` is what the block takes without them. `pick` tells for a tile and a hashed number the instant, if there is one, and
+/// what the tile takes there.
 pub fn choose(
     share: f64,
     (environment, camera): (usize, usize),
     block: i64,
-    length: u32,
     audited: &[bool],
     own_work: f64,
-    mut work: impl FnMut(usize, u32) -> f64,
+    mut pick: impl FnMut(usize, u64) -> Option<(u32, f64)>,
 ) -> Vec<(usize, u32)> {
-    if length < 2 {
-        return Vec::new();
-    }
     let identity = (environment as u64) << 32 | camera as u64;
     let most = share.clamp(0.0, 1.0) * 2f64.powi(64);
     let mut spent = 0.0;
@@ -112,8 +110,9 @@ pub fn choose(
         if word as f64 >= most {
             continue;
         }
-        let number = 2 * (hash([identity, block as u64, tile as u64, 1]) % u64::from(length / 2)) as u32 + 1;
-        let own = work(tile, number);
+        let Some((number, own)) = pick(tile, hash([identity, block as u64, tile as u64, 1])) else {
+            continue;
+        };
         if spent + own <= MOST_WORK * own_work {
             spent += own;
             chosen.push((tile, number));
@@ -142,17 +141,18 @@ mod tests {
     #[test]
     fn audits_are_a_share_of_the_tiles_and_of_the_work() {
         let all = vec![true; 10_000];
-        let free = |share| choose(share, (0, 0), 3, 16, &all, f64::INFINITY, |_, _| 1.0);
+        let one = |_: usize, word: u64| Some(((word % 16) as u32, 1.0));
+        let free = |share| choose(share, (0, 0), 3, &all, f64::INFINITY, one);
         let count = free(0.05).len();
         assert!((400..600).contains(&count), "{count}");
         assert_eq!((free(0.0).len(), free(1.0).len()), (0, 10_000));
-        assert!(free(1.0).iter().all(|(_, number)| number % 2 == 1 && (1..16).contains(number)));
-        assert_eq!(choose(1.0, (0, 0), 3, 16, &all, 1000.0, |_, _| 1.0).len(), 20, "2 % of the work");
-        assert!(choose(1.0, (0, 0), 3, 1, &all, 1000.0, |_, _| 1.0).is_empty(), "no instant between two");
-        assert_ne!(free(0.05), choose(0.05, (0, 0), 4, 16, &all, f64::INFINITY, |_, _| 1.0));
-        assert_ne!(free(0.05), choose(0.05, (1, 0), 3, 16, &all, f64::INFINITY, |_, _| 1.0));
+        assert!((0..16).all(|number| free(1.0).iter().any(|(_, n)| *n == number)));
+        assert_eq!(choose(1.0, (0, 0), 3, &all, 1000.0, one).len(), 20, "2 % of the work");
+        assert!(choose(1.0, (0, 0), 3, &all, 1000.0, |_, _| None).is_empty(), "no instant between two");
+        assert_ne!(free(0.05), choose(0.05, (0, 0), 4, &all, f64::INFINITY, one));
+        assert_ne!(free(0.05), choose(0.05, (1, 0), 3, &all, f64::INFINITY, one));
         let half: Vec<bool> = (0..10_000).map(|tile| tile % 2 == 0).collect();
-        assert!(choose(0.5, (0, 0), 3, 16, &half, f64::INFINITY, |_, _| 1.0).iter().all(|(t, _)| t % 2 == 0));
+        assert!(choose(0.5, (0, 0), 3, &half, f64::INFINITY, one).iter().all(|(t, _)| t % 2 == 0));
     }
 
     #[test]

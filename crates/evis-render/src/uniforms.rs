@@ -230,8 +230,8 @@ pub struct MeanJob {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct AuditJob {
-    /// Upper left pixel of the tile.
-    pub corner: [u32; 2],
+    /// Pixels of the tile within the picture.
+    pub size: [u32; 2],
     /// Where its change goes.
     pub slot: u32,
     /// Added to the luminance before the logarithm.

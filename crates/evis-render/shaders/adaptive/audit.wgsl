@@ -4,9 +4,9 @@
 
 // Twin: uniforms.rs, AuditJob.
 struct AuditJob {
-    // Upper left pixel of the tile.
-    corner: vec2<u32>,
-    // Of `changes`.
+    // Pixels of the tile within the picture.
+    size: vec2<u32>,
+    // Of `changes`; three layers each.
     slot: u32,
     // Added to the luminance before the logarithm.
     offset: f32,
@@ -18,19 +18,19 @@ const MOST: f32 = 16777215.0;
 const PIXEL_BITS: u32 = 8u;
 
 @group(0) @binding(0) var<uniform> job: AuditJob;
-// The tile as it is at the instant, before it and after it.
+// Three per tile: as it is at the instant, before it and after it.
 @group(0) @binding(1) var layers: texture_storage_2d_array<r32float, read>;
 // Per audited tile: the excursion, then the pixel within the tile.
 @group(0) @binding(2) var<storage, read_write> changes: array<atomic<u32>>;
 
 fn log_luminance(pixel: vec2<u32>, layer: u32) -> f32 {
-    return log(max(textureLoad(layers, pixel, layer).r, 0.0) + job.offset);
+    return log(max(textureLoad(layers, pixel, 3u * job.slot + layer).r, 0.0) + job.offset);
 }
 
 @compute @workgroup_size(TILE, TILE)
 fn main(@builtin(local_invocation_id) id: vec3<u32>) {
-    let pixel = job.corner + id.xy;
-    if (any(pixel >= textureDimensions(layers))) {
+    let pixel = id.xy;
+    if (any(pixel >= job.size)) {
         return;
     }
     let now = log_luminance(pixel, 0u);

@@ -10,12 +10,12 @@ pub const PIXEL_BITS: u32 = 8;
 const MOST: f32 = 16_777_215.0;
 
 /// The largest excursion of a tile's log luminance beyond the interval between the samples before and after it, and the pixel:
-/// as the shader packs them. `luminance(layer, x, y)`: at the instant, before, after; `None` outside of the picture.
-pub fn change(corner: [u32; 2], offset: f32, luminance: impl Fn(usize, u32, u32) -> Option<f32>) -> u32 {
+/// as the shader packs them. `luminance(layer, x, y)`: at the instant, before, after, within the tile of `size` pixels.
+pub fn change(size: [u32; 2], offset: f32, luminance: impl Fn(usize, u32, u32) -> f32) -> u32 {
     let mut most = 0;
-    for (x, y) in (0..TILE).flat_map(|y| (0..TILE).map(move |x| (x, y))) {
-        let at = |layer| Some((luminance(layer, corner[0] + x, corner[1] + y)?.max(0.0) + offset).ln());
-        let (Some(now), Some(before), Some(after)) = (at(0), at(1), at(2)) else { continue };
+    for (x, y) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y))) {
+        let at = |layer| (luminance(layer, x, y).max(0.0) + offset).ln();
+        let (now, before, after) = (at(0), at(1), at(2));
         let beyond = (now - before.max(after)).max(before.min(after) - now);
         let fixed = (beyond * SCALE).clamp(0.0, MOST) as u32;
         most = most.max(fixed << PIXEL_BITS | (y * TILE + x));

@@ -371,7 +371,7 @@ fn host_and_shader_structs_have_one_layout() {
         }
     );
     same_layout!("adaptive/mean.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
-    same_layout!("adaptive/audit.wgsl", "AuditJob", uniforms::AuditJob { corner, slot, offset });
+    same_layout!("adaptive/audit.wgsl", "AuditJob", uniforms::AuditJob { size, slot, offset });
     same_layout!("adaptive/resolve.wgsl", "MeanJob", uniforms::MeanJob { first, count, row, layer });
     same_layout!("chain/walk.wgsl", "ChainStep", uniforms::ChainStep { mode, instant, pad });
     same_layout!(

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use evis_core::{Event, Polarity, SensorConfig};
+use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
 use crate::config::RunConfig;
@@ -147,7 +147,7 @@ fn random_scenes_fire_the_same_bytes_whatever_is_skipped() {
 /// F1 of two lists of events: one to one in order, per pixel and polarity, within 1 ms.
 fn matched(a: &[Event], b: &[Event]) -> usize {
     let by_pixel = |events: &[Event]| {
-        let mut of: HashMap<(u16, u16, Polarity), Vec<i64>> = HashMap::new();
+        let mut of: HashMap<(u16, u16, i16), Vec<i64>> = HashMap::new();
         for e in events {
             of.entry((e.x, e.y, e.p)).or_default().push(e.t);
         }
