@@ -53,9 +53,9 @@ def child(work):
     return os.read(ends[0], 10000).decode()
 
 def push():
-    emulator = evis.EventEmulator(64, 48, sensor="v2e-noisy", threads=2)
-    emulator.push(np.ones((48, 64), np.float32), 0)
-    return len(emulator.push(np.full((48, 64), 3, np.float32), 1000))
+    emulator = evis.EventEmulator(256, 192, sensor="v2e-noisy", threads=2)
+    emulator.push(np.ones((192, 256), np.float32), 0)
+    return len(emulator.push(np.full((192, 256), 3, np.float32), 1000))
 """
 
 
@@ -69,12 +69,12 @@ def test_a_process_that_was_forked_after_a_call_says_what_to_do(tmp_path: Path):
     evis.save(tmp_path / "a.h5", evis.EventArray(np.zeros(3, evis.EventCD), width=4, height=4))
     script = """
 count = push()
-mine = evis.EventEmulator(64, 48, threads=2)
-mine.push(np.ones((48, 64), np.float32), 0)
+mine = evis.EventEmulator(256, 192, threads=2)
+mine.push(np.ones((192, 256), np.float32), 0)
 recording = evis.load("a.h5")
 begin = time.monotonic()
 print(child(push))
-print(child(lambda: mine.push(np.ones((48, 64), np.float32), 9)))
+print(child(lambda: mine.push(np.ones((192, 256), np.float32), 9)))
 print(child(lambda: evis.Scene.builtin("spinner")))
 print("took", time.monotonic() - begin < 3)
 def drop():
@@ -84,7 +84,7 @@ def drop():
 print(child(drop))
 # What uses no threads goes on.
 print(child(lambda: len(recording.events)))
-print(len(mine.push(np.full((48, 64), 3, np.float32), 9)) > 0)
+print(len(mine.push(np.full((192, 256), 3, np.float32), 9)) > 0)
 """
     lines = run(FORK + script, tmp_path).splitlines()
     assert all(line.startswith("EvisError: ") and "spawn or forkserver" in line for line in lines[:3]), lines

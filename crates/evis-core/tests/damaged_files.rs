@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use common::damage::{Damage, Folder};
+use common::damage::{Damage, Folder, replace};
 use evis_core::event::MOST_T_US;
 use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
 use evis_core::format::{EventFile, read_events};
@@ -158,7 +158,7 @@ fn mutated_numpy_files() {
         let mut damage = Damage::new(7, &bytes, marks);
         for number in 0..1500 {
             let mutant = damage.next();
-            std::fs::write(&path, &mutant).unwrap();
+            replace(&path, &mutant);
             let outcome = catch_unwind(AssertUnwindSafe(|| {
                 let Ok(file) = read_events(&path, None) else { return false };
                 check(&file);
@@ -266,7 +266,7 @@ fn a_flipped_bit_changes_nothing_that_a_recording_says_of_itself() {
     for at in (0..bytes.len()).step_by(2) {
         let mut mutant = bytes.clone();
         mutant[at] ^= 1 << (at / 2 % 8);
-        std::fs::write(&path, &mutant).unwrap();
+        replace(&path, &mutant);
         match Recording::open(&path) {
             Ok(recording) => {
                 opened += 1;
@@ -289,7 +289,7 @@ fn mutated_recordings_give_an_error_or_events_within_the_limit_of_memory() {
         let mut damage = Damage::new(11, &bytes, &[]);
         let (mut read, mut refused) = (0, 0);
         let mut try_it = |mutant: &[u8], what: &dyn Fn() -> String| {
-            std::fs::write(&path, mutant).unwrap();
+            replace(&path, mutant);
             LARGEST.store(0, Ordering::Relaxed);
             match read_recording(&path) {
                 Ok(()) => read += 1,

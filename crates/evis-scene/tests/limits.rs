@@ -93,9 +93,8 @@ fn uris_that_leave_the_folder_of_the_scene_are_refused_until_they_are_allowed() 
 #[test]
 fn turns_that_say_nothing_are_refused() {
     let scene = |rate: &str| {
-        let text = format!(
-            "[[objects]]\nname = \"a\"\nshape = \"cube\"\nmotion = {{ kind = \"spin\", degrees_per_s = {rate} }}\n"
-        );
+        let text =
+            format!("[[nodes]]\nname = \"a\"\nmotion = {{ kind = \"spin\", degrees_per_s = {rate} }}\n");
         evis_scene::toml_scene::parse(&text, ".").map_err(|error| error.to_string())
     };
     // Whatever else a scene lacks, the rate is not what is wrong with this one.

@@ -1,6 +1,6 @@
 //! Mutants of a file, the same ones in every run.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A folder that goes away with the test.
 pub struct Folder(PathBuf);
@@ -22,6 +22,12 @@ impl Drop for Folder {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
     }
+}
+
+/// Puts a new file in the place of `path`. Writing over the old one would wait for the disk each time.
+pub fn replace(path: &Path, bytes: &[u8]) {
+    let _ = std::fs::remove_file(path);
+    std::fs::write(path, bytes).unwrap();
 }
 
 /// Numbers and types that readers trip over, put in place of what a file holds.

@@ -96,10 +96,10 @@ fn primitive(
                 None => order,
             }
         }
-        None if document.budget.take_values::<u32>(count as u64, what).is_err() => {
-            return Err(format!("{what} has {count} vertices, too many for the limit of memory"));
+        None => {
+            document.budget.take_values::<u32>(count as u64, what)?;
+            (0..u32::try_from(count).map_err(|_| format!("{what} has {count} vertices"))?).collect()
         }
-        None => (0..u32::try_from(count).map_err(|_| format!("{what} has {count} vertices"))?).collect(),
     };
     if mode != Mode::Triangles {
         document.budget.take_values::<[u32; 3]>(order.len() as u64, what)?;

@@ -561,6 +561,8 @@ mod tests {
                 1 => damaged[at] ^= 1 << random(8),
                 _ => damaged.truncate(at),
             }
+            // Writing over the old file would wait for the disk each time.
+            std::fs::remove_file(&path).unwrap();
             std::fs::write(&path, &damaged).unwrap();
             match repair(&path) {
                 Ok(_) => {
