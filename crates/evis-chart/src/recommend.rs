@@ -224,7 +224,7 @@ mod tests {
         let poor = told(Goal::Budget(0.001));
         assert!(poor.contains("0.001 ms") && poor.contains("the cheapest is 125 Hz ×1"), "{poor}");
         let high = told(Goal::TargetF1(1.0));
-        assert!(high.contains("reaches F1 1 within 1 ms") && high.contains("4000 Hz ×16"), "{high}");
+        assert!(high.contains("reaches F1 1 within 1 ms") && high.contains("4000 Hz ×4"), "{high}");
         assert!(told(Goal::Budget(-1.0)).contains("budget is -1"));
         assert!(told(Goal::TargetF1(f64::NAN)).contains("target_f1 is NaN"));
         let lens = Lens { tolerance_us: 5, ..Lens::default() };

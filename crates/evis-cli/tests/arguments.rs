@@ -50,7 +50,7 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--method splat --steps 0", ["--steps", "'0'", "from 1 to 1000"]),
         ("--method splat --margin -1", ["--margin", "'-1'", "from 0 to 512"]),
         ("--method splat --keyframe-rate 200000", ["steps", "8", "at most 5"]),
-        ("--method splat --rate 500", ["rate", "500", "keyframe rate"]),
+        ("--method splat --rate 500", ["--rate", "500", "--keyframe-rate"]),
         ("--keyframe-rate 30", ["--keyframe-rate", "--method splat", "keyframes"]),
         ("--trigger lazy", ["--trigger", "'lazy'", "crossing, latch"]),
         ("--quality high --method splat", ["quality", "high", "splat"]),
