@@ -85,7 +85,7 @@ format: ## Format Rust and Python in place.
 	$(BIN)/ruff format .
 
 bench: setup ## Speed, as ratios on this machine.
-	cargo bench --profile release --workspace --locked --bench native --bench splat --bench emulator
+	cargo bench --profile release --workspace --locked --bench native --bench splat --bench emulator --bench codecs
 	if [ -f benches/bench.py ]; then \
 	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py; fi
 
