@@ -35,7 +35,7 @@ DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
 
-.PHONY: help setup demo test test-rust test-python check check-long format bench chart accuracy wheel smoke docs bless clean
+.PHONY: help setup demo test test-rust test-python test-readers check check-long format bench chart accuracy wheel smoke docs bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -65,6 +65,10 @@ test-python: wheel
 	tools/install "$(BIN)" test
 	$(BIN)/python -m pytest
 
+test-readers: wheel ## Hold the files of all formats against the readers of other programs.
+	tools/install "$(BIN)" test readers
+	EVIS_READERS=1 $(BIN)/python -m pytest tests/test_readers.py tests/test_formats.py
+
 # Rust first, the wheel after it: maturin configures pyo3 in its own way, and each change of hands builds it again.
 check: setup ## Formatting, lints, types, stubs, and the tests that need no device.
 	cargo fmt --all --check
@@ -85,7 +89,7 @@ format: ## Format Rust and Python in place.
 	$(BIN)/ruff format .
 
 bench: setup ## Speed, as ratios on this machine.
-	cargo bench --profile release --workspace --locked --bench native --bench splat --bench emulator
+	cargo bench --profile release --workspace --locked --bench native --bench splat --bench emulator --bench codecs
 	if [ -f benches/bench.py ]; then \
 	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py; fi
 

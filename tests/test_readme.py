@@ -71,7 +71,7 @@ def test_h5py_code_runs(device: evis.Device, tmp_path: Path) -> None:
         assert int(done.stdout.split()[0]) > 0
 
 
-@pytest.mark.parametrize("name", ["video", "calibration"])
+@pytest.mark.parametrize("name", ["video", "calibration", "formats"])
 def test_code_for_frames_and_recordings_runs(name: str, tmp_path: Path) -> None:
     found = blocks(ROOT / f"docs/{name}.md", "python")
     assert found

@@ -18,6 +18,17 @@ from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, MotionChec
 from ._events import EventArray, EventCD, Events, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
+from ._io import (
+    EventExtTrigger,
+    EventFile,
+    EventFileWriter,
+    EventsIterator,
+    FileFrame,
+    FilePacket,
+    ImuDtype,
+    formats,
+    open,
+)
 from ._limits import limits, set_limits
 from ._method import Warp
 from ._packets import CAUSES, CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
@@ -76,15 +87,22 @@ __all__ = [
     "EventCD",
     "EventCamera",
     "EventEmulator",
+    "EventExtTrigger",
+    "EventFile",
+    "EventFileWriter",
     "Events",
+    "EventsIterator",
     "EvisError",
     "Exposure",
     "FailureCell",
     "FailureVerification",
+    "FileFrame",
+    "FilePacket",
     "FlickerEstimate",
     "FormCheck",
     "FormatError",
     "Frames",
+    "ImuDtype",
     "KeyframeReport",
     "Labels",
     "LightError",
@@ -126,12 +144,14 @@ __all__ = [
     "check_motion",
     "compare",
     "devices",
+    "formats",
     "frames",
     "limits",
     "load",
     "load_truth",
     "metrics",
     "motion",
+    "open",
     "save",
     "scenes",
     "set_limits",

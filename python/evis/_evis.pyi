@@ -11,6 +11,8 @@ __all__ = [
     "ConfigError",
     "DeviceError",
     "EventEmulator",
+    "EventFileReader",
+    "EventFileWriter",
     "EvisError",
     "FormatError",
     "FrameReader",
@@ -40,12 +42,15 @@ __all__ = [
     "draw_verify",
     "endpoint_error",
     "event_dtype",
+    "file_formats",
+    "format_of_ending",
     "label_kinds",
     "limits",
     "list_devices",
     "mse",
     "psnr",
     "read_events",
+    "recognise_format",
     "recommend_chart",
     "run_cli",
     "scene_sensors",
@@ -420,6 +425,50 @@ class Recording:
     def poses(
         self, camera: int
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...
+
+def recognise_format(path: str | PathLike[str]) -> str | None: ...
+def format_of_ending(path: str | PathLike[str]) -> str | None: ...
+def file_formats() -> list[tuple[str, str]]: ...
+
+@final
+class EventFileReader:
+    def __new__(
+        cls, path: str | PathLike[str], *, camera: str | None = None, size: tuple[int, int] | None = None
+    ) -> EventFileReader: ...
+    @property
+    def format(self) -> str: ...
+    @property
+    def size(self) -> tuple[int, int] | None: ...
+    @property
+    def cameras(self) -> list[str]: ...
+    @property
+    def camera(self) -> str | None: ...
+    @property
+    def t_offset_us(self) -> int: ...
+    @property
+    def properties(self) -> list[tuple[str, str]]: ...
+    def read(
+        self,
+    ) -> (
+        tuple[
+            npt.NDArray[np.void],
+            bytes,
+            list[tuple[int, int, int, int, int, bytes]],
+            list[tuple[int, list[float]]],
+        ]
+        | None
+    ): ...
+    def read_events(self) -> npt.NDArray[np.void]: ...
+    def seek(self, t_us: int) -> None: ...
+
+@final
+class EventFileWriter:
+    def __new__(
+        cls, path: str | PathLike[str], *, format: str, size: tuple[int, int], overwrite: bool
+    ) -> EventFileWriter: ...
+    def write(self, events: npt.NDArray[np.void], triggers: list[tuple[int, int, bool]] = ...) -> None: ...
+    def finish(self) -> None: ...
+    def abandon(self) -> None: ...
 
 @final
 class Truth:

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from . import _check, _evis
+from . import _check, _evis, _io
 from ._events import EventArray, EventCD, as_event_cd
 from ._evis import ConfigError, EvisError, FormatError
 from ._packets import CAUSE, LABEL_KINDS, CameraInfo, Packet, Poses
@@ -55,7 +55,7 @@ class _Source(Protocol):
 
 
 class _ArraySource:
-    """Events of one camera that a NumPy file held."""
+    """Events of one camera that a file of another program held."""
 
     labels: list[str] = []  # noqa: RUF012 - never changed, and the protocol wants a list
     seed = 0
@@ -64,9 +64,9 @@ class _ArraySource:
     config_toml = ""
     t_offset_us = 0
 
-    def __init__(self, events: EventArray) -> None:
+    def __init__(self, events: EventArray, name: str = "camera") -> None:
         self._events = events
-        self.cameras = [camera_of(events, "camera")]
+        self.cameras = [camera_of(events, name)]
 
     def is_complete(self) -> bool:
         return True
@@ -317,20 +317,30 @@ def _report(text: str | None) -> Mapping[str, Any] | None:
 
 
 def load(
-    path: str | PathLike[str], *, width: int | None = None, height: int | None = None, mapped: bool = False
+    path: str | PathLike[str],
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    mapped: bool = False,
+    camera: str | None = None,
 ) -> Recording:
-    """Open a file of events.
+    """Open a file of events; its content tells the format.
+
+    A recording of EVIS is read piece by piece, whatever state it is in: also while it is being written, and
+    after its writer was killed. Of every other format all events are read at once, sorted by time; `open`
+    reads those piece by piece.
 
     Parameters
     ----------
     path : path
-        ``.h5`` or ``.hdf5`` (also while it is being written, and after its writer was killed), ``.npz``
-        (columns t, x, y, p, and width and height), or ``.npy`` (an `EventCD` array).
+        A file of one of `formats`, or a folder in DSEC's layout.
     width, height : int, optional
-        Size of the sensor for NumPy files that do not hold it; if not given, the smallest that holds all
+        Size of the sensor for files that do not hold it; if not given, the smallest that holds all
         events.
     mapped : bool
         Map an ``.npy`` file into memory instead of reading it.
+    camera : str, optional
+        The camera, of a file of another program that has several.
 
     Returns
     -------
@@ -345,21 +355,38 @@ def load(
         If it holds no events, is damaged, or holds events that cannot be: outside of the sensor, out of
         order, of another polarity than 0 and 1 (-1 counts as 0 in NumPy files that are not mapped).
     ConfigError
-        If its ending is another, or ``width`` or ``height`` is less than its events need.
+        If its content tells no format and its ending none either, or ``width`` or ``height`` is less than its
+        events need.
     """
     path = Path(path)
-    match path.suffix.lower():
-        case ".h5" | ".hdf5":
-            return Recording(_evis.Recording(path), (path.absolute(), width, height, mapped))
-        case ".npz" | ".npy":
-            events = _load_arrays(path, width, height, mapped)
-            return Recording(_ArraySource(events), (path.absolute(), width, height, mapped))
-        case ending:
-            raise ConfigError(f"path ends with '{ending}'; it must end with .h5, .hdf5, .npz or .npy")
+    ending = path.suffix.lower()
+    format = _evis.recognise_format(path)
+    reload = (path.absolute(), width, height, mapped, camera)
+    if format == "hdf5" or (format is None and ending in HDF5_ENDINGS):
+        try:
+            return Recording(_evis.Recording(path), reload)
+        except FormatError as error:
+            # HDF5 of another program; where it is none of those either, the first error says more.
+            try:
+                return Recording(_ArraySource(*_io.read_all(path, camera, width, height)), reload)
+            except FormatError as other:
+                if "none of the known layouts" in str(other) or format is None:
+                    raise error from None
+                raise
+    if ending in (".npz", ".npy") and format in (ending[1:], None):
+        return Recording(_ArraySource(_load_arrays(path, width, height, mapped)), reload)
+    if format is None:
+        raise ConfigError(
+            f"path ends with '{ending}' and its content tells no format; it must be one of "
+            f"{', '.join(_io.formats())}"
+        )
+    return Recording(_ArraySource(*_io.read_all(path, camera, width, height)), reload)
 
 
-def _load(path: Path, width: int | None, height: int | None, mapped: bool) -> Recording:
-    return load(path, width=width, height=height, mapped=mapped)
+def _load(
+    path: Path, width: int | None, height: int | None, mapped: bool, camera: str | None = None
+) -> Recording:
+    return load(path, width=width, height=height, mapped=mapped, camera=camera)
 
 
 def _load_arrays(path: Path, width: int | None, height: int | None, mapped: bool) -> EventArray:
@@ -403,7 +430,10 @@ def _mapped(path: Path) -> npt.NDArray[np.void]:
 
 
 class Writer:
-    """Writes packets to HDF5 as they come; what is flushed each second survives a kill.
+    """Writes packets to a file as they come. In HDF5, what is flushed each second survives a kill.
+
+    Other formats (see `save`) hold the events of one camera, without labels and poses; their file has its
+    name once it is closed, also where an exception ended it.
 
     Several environments give one file each: ``out.h5`` becomes ``out_0000.h5``, ``out_0001.h5`` and so on.
     Left by an exception, Ctrl-C included, the files keep what was written and stay readable, marked as
@@ -412,7 +442,7 @@ class Writer:
     Parameters
     ----------
     path : path
-        Ends with ``.h5`` or ``.hdf5``.
+        Ends with ``.h5`` or ``.hdf5``, or with the ending of another format.
     simulator : Simulator
         Where the packets come from.
     duration_us : int, optional
@@ -426,7 +456,7 @@ class Writer:
     FileExistsError
         If a file exists, unless ``overwrite``.
     ConfigError
-        If the path has another ending.
+        If the path's ending tells no format, or the format does not hold the simulator's cameras or labels.
 
     Examples
     --------
@@ -449,11 +479,15 @@ class Writer:
         overwrite: bool = False,
     ) -> None:
         path = Path(path)
-        if path.suffix.lower() not in HDF5_ENDINGS:
-            raise ConfigError(f"path ends with '{path.suffix}'; a stream is written to .h5 or .hdf5")
+        self._format = _io.format_for(path)
         if not isinstance(simulator, Simulator):
             raise ConfigError(
                 f"simulator is {_check.shown(simulator)}; it must be the evis.Simulator of the packets"
+            )
+        if self._format != "hdf5" and (len(simulator.cameras) > 1 or simulator.labels):
+            raise ConfigError(
+                f"{path.suffix} holds the events of one camera; the simulator has {len(simulator.cameras)} "
+                f"cameras and the labels {tuple(simulator.labels)}: write to .h5"
             )
         count = simulator.environments
         self._simulator = simulator
@@ -468,6 +502,7 @@ class Writer:
             _check_free(each, overwrite)
         self._camera_index = {camera.name: index for index, camera in enumerate(simulator.cameras)}
         self._writers: list[_evis.Writer] = []
+        self._event_writers: list[_evis.EventFileWriter] = []
         self._totals: dict[str, float] = {}
 
     @property
@@ -495,6 +530,16 @@ class Writer:
             )
         return self._writers
 
+    def _open_events(self) -> list[_evis.EventFileWriter]:
+        camera = self._simulator.cameras[0]
+        while len(self._event_writers) < len(self._paths):
+            path = self._paths[len(self._event_writers)]
+            size = (camera.width, camera.height)
+            self._event_writers.append(
+                _evis.EventFileWriter(path, format=self._format, size=size, overwrite=self._overwrite)
+            )
+        return self._event_writers
+
     def write(self, packet: Packet) -> None:
         """Append a packet; packets are written in order.
 
@@ -505,6 +550,11 @@ class Writer:
         FormatError
             If the packet does not continue what was written.
         """
+        if self._format != "hdf5":
+            event_writers = self._open_events()
+            for view in packet.views:
+                event_writers[view.environment].write(np.ascontiguousarray(view.events))
+            return
         writers = self._open()
         for view in packet.views:
             writer = writers[view.environment]
@@ -521,6 +571,12 @@ class Writer:
 
     def close(self) -> None:
         """Finish the files; closing twice does nothing."""
+        if self._format != "hdf5":
+            event_writers = self._open_events()
+            self._event_writers, self._paths = [], ()
+            for event_writer in event_writers:
+                event_writer.finish()
+            return
         writers = self._open()
         report = json.dumps(self._totals)
         self._writers, self._paths = [], ()
@@ -538,6 +594,9 @@ class Writer:
         if kind is None:
             self.close()
             return
+        event_writers, self._event_writers = self._event_writers, []
+        for event_writer in event_writers:
+            event_writer.finish()
         writers, self._writers, self._paths = self._writers, [], ()
         for writer in writers:
             writer.abandon()
@@ -548,18 +607,23 @@ def save(
     source: Stream | EventArray | Mapping[str, EventArray] | Recording,
     *,
     overwrite: bool = False,
+    format: str | None = None,
 ) -> tuple[Path, ...]:
     """Write events to a file.
 
     Parameters
     ----------
     path : path
-        ``.h5`` or ``.hdf5`` for everything; ``.npz`` or ``.npy`` for the events of one camera.
+        ``.h5`` or ``.hdf5`` for everything; an ending of another format for the events of one camera:
+        ``.raw`` (EVT 3.0), ``.dat``, ``.aedat4``, ``.aedat``, ``.txt``, ``.zip``, ``.npz``, ``.npy``,
+        ``.mcap``, ``.es``.
     source : Stream, EventArray, mapping of str to EventArray, or Recording
         A stream is simulated while it is written; each second what is there is flushed, and Ctrl-C keeps it.
         A mapping goes from camera names to events.
     overwrite : bool
         Replace a file that exists.
+    format : str, optional
+        A key of `formats`, where the ending does not tell it: ``"evt2"``.
 
     Returns
     -------
@@ -576,7 +640,6 @@ def save(
         If the ending is another, or the format cannot hold the source.
     """
     path = Path(path)
-    ending = path.suffix.lower()
     if not isinstance(source, (Stream, Recording)):
         arrays = list(source.values()) if isinstance(source, Mapping) else [source]
         if not all(isinstance(events, EventArray) for events in arrays):
@@ -584,7 +647,8 @@ def save(
                 f"source is {_check.shown(source)}; it must be a Stream, as Simulator.stream makes, an "
                 "evis.EventArray, a mapping of them by camera, or an evis.Recording"
             )
-    if ending in HDF5_ENDINGS:
+    name = format if format is not None else _evis.format_of_ending(path)
+    if name == "hdf5":
         if isinstance(source, Stream):
             return _save_stream(path, source, overwrite)
         _check_free(path, overwrite)
@@ -593,11 +657,13 @@ def save(
         else:
             cameras = {"camera": source} if isinstance(source, EventArray) else source
             _save_cameras(path, cameras, overwrite)
-    elif ending in (".npz", ".npy"):
+    elif name in ("npz", "npy"):
         _check_free(path, overwrite)
-        _save_arrays(path, _single(source))
+        _save_arrays(path, _single(source), name)
     else:
-        raise ConfigError(f"path ends with '{path.suffix}'; it must end with .h5, .hdf5, .npz or .npy")
+        name = _io.format_for(path, format)
+        _check_free(path, overwrite)
+        _io.write_all(path, _single(source), name, overwrite)
     return (path,)
 
 
@@ -674,26 +740,26 @@ def _single(source: Stream | EventArray | Mapping[str, EventArray] | Recording) 
             cameras, environments = source.simulator.cameras, source.simulator.environments
             if len(cameras) * environments != 1:
                 raise ConfigError(
-                    f"the stream has {len(cameras)} cameras in {environments} environments; NumPy files hold "
-                    "one camera: write to .h5"
+                    f"the stream has {len(cameras)} cameras in {environments} environments; this format "
+                    "holds one camera: write to .h5"
                 )
             parts = [packet.events for packet in source]
             events = np.concatenate(parts) if parts else np.empty(0, EventCD)
             return EventArray._trusted(events, cameras[0].width, cameras[0].height)
     if len(source) != 1:
-        raise ConfigError(f"source holds {len(source)} cameras; NumPy files hold one: write to .h5")
+        raise ConfigError(f"source holds {len(source)} cameras; this format holds one: write to .h5")
     if isinstance(source, Recording):
         return source.events
     return next(iter(source.values()))
 
 
-def _save_arrays(path: Path, events: EventArray) -> None:
+def _save_arrays(path: Path, events: EventArray, format: str) -> None:
     # Under another name first: a failure leaves no half-written file.
     path = Path(os.path.realpath(path))
     draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.draft")
     try:
         with draft.open("wb") as file:
-            if path.suffix.lower() == ".npy":
+            if format == "npy":
                 np.save(file, events.to_numpy(), allow_pickle=False)
             else:
                 t, x, y, p = events.columns

@@ -78,7 +78,9 @@ pub(crate) enum Command {
     Truth(Box<TruthArgs>),
     /// Check that events converge to truth as theory says: on closed forms, or on a scene.
     Verify(Box<VerifyArgs>),
-    /// Tell what a recording holds; repair one that was cut off.
+    /// Write a file of events in another format: Prophesee RAW and DAT, AEDAT, text, NumPy, HDF5, ROS 2 bags, DSEC.
+    Convert(Box<crate::convert::ConvertArgs>),
+    /// Tell what a recording or a file of events holds; repair a recording that was cut off.
     Info(InfoArgs),
     /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
     Score(ScoreArgs),
@@ -789,8 +791,11 @@ pub(crate) struct VerifySceneArgs {
 /// `info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
-    /// The recording.
+    /// A recording, or a file of events of any format that is read.
     pub(crate) input: PathBuf,
+    /// The camera, of a file of another program that has several.
+    #[arg(long, value_name = "NAME", conflicts_with = "repair")]
+    pub(crate) camera: Option<String>,
     /// Make a file that was cut off readable for every reader, keeping what it holds.
     #[arg(long)]
     pub(crate) repair: bool,

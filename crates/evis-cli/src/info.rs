@@ -9,7 +9,7 @@ use evis_core::{CameraInfo, SensorConfig};
 use serde::Serialize;
 
 use crate::args::InfoArgs;
-use crate::{extent, text};
+use crate::{convert, extent, text};
 
 #[derive(Serialize)]
 struct Info {
@@ -124,6 +124,17 @@ struct LabelLine {
 
 /// Describes a recording.
 pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
+    // Recordings of EVIS have more to tell; a damaged one is explained by their own reader.
+    let other = match evis_format::recognise(&args.input)? {
+        Some(evis_format::Format::Hdf5) | None => false,
+        Some(_) => true,
+    };
+    if !args.repair
+        && !args.check
+        && (other || (Recording::open(&args.input).is_err() && convert::reads(&args.input)))
+    {
+        return convert::info(&args.input, args.camera.as_deref(), args.json);
+    }
     if args.check {
         check(&args.input)?;
     }

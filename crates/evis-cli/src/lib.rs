@@ -5,6 +5,7 @@ mod calibrate;
 mod camera_args;
 mod chart;
 mod compare;
+mod convert;
 mod extent;
 mod failure;
 mod info;
@@ -56,6 +57,7 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Chart(args) => chart::chart(&args, program),
         Command::Truth(args) => truth::truth(&args),
         Command::Verify(args) => verify::verify(&args),
+        Command::Convert(args) => convert::convert(&args),
         Command::Info(args) => info::info(&args),
         Command::Score(args) => score::run(&args),
         Command::Calibrate(args) => calibrate::calibrate(&args),

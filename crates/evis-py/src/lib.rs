@@ -6,6 +6,7 @@ mod emulator;
 mod engine;
 mod errors;
 mod events;
+mod format;
 mod metrics;
 mod packet;
 mod recording;
@@ -31,6 +32,8 @@ mod _evis {
         EventEmulator, check_motion, scene_sensors, sensor_check, sensor_from_toml,
         sensor_photoreceptor_noise, sensor_preset, sensor_presets, sensor_sample, sensor_to_toml,
     };
+    #[pymodule_export]
+    use crate::format::{EventFileReader, EventFileWriter, file_formats, format_of_ending, recognise_format};
     #[pymodule_export]
     use crate::metrics::{
         Truth, endpoint_error, mse, psnr, score, score_table, sensor_of_settings, ssim, voxel_l1,

@@ -1,0 +1,311 @@
+"""Files of other programs in Python: open, load, save, Writer, EventsIterator, DSEC, HDF5."""
+
+import os
+import struct
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+
+import evis
+from evis import _evis
+
+FORMATS = ["evt3", "evt2", "dat", "aedat4", "text", "text-zip", "npz", "npy", "hdf5", "mcap", "es"]
+
+
+def some_events(count=5000, width=1280, height=720, latest_us=20_000_000) -> evis.EventArray:
+    rng = np.random.default_rng(3)
+    t = np.sort(rng.integers(0, latest_us, count))
+    x, y, p = rng.integers(0, width, count), rng.integers(0, height, count), rng.integers(0, 2, count)
+    order = np.lexsort((x, y, t))
+    return evis.EventArray.from_columns(*(c[order] for c in (t, x, y, p)), width=width, height=height)
+
+
+def run(*args) -> int:
+    return _evis.run_cli(["evis", *map(str, args)])
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_what_is_saved_is_loaded_and_opened(tmp_path, format):
+    events = some_events()
+    # The name tells nothing: the content does.
+    path = tmp_path / "events.bin"
+    assert evis.save(path, events, format=format) == (path,)
+    size = {} if format != "npy" else {"width": 1280, "height": 720}
+    loaded = evis.load(path, **size)
+    assert loaded.events == events
+    assert loaded.slice_time(5_000_000, 6_000_000) == events.slice_time(5_000_000, 6_000_000)
+    file = evis.open(path)
+    assert file.format == format
+    assert file.size == (None if format == "npy" else (1280, 720))
+    packets = list(file)
+    assert np.array_equal(np.concatenate([packet.events for packet in packets]), events.to_numpy())
+    assert np.array_equal(
+        evis.open(path).events(7_000_000, 8_000_000), events.slice_time(7_000_000, 8_000_000).to_numpy()
+    )
+    wrong = events.to_numpy().copy()
+    wrong["x"][100] ^= 1
+    assert not np.array_equal(file.events(0), wrong), "canary: one bit must be seen"
+    with pytest.raises(FileExistsError):
+        evis.save(path, events, format=format)
+
+
+def test_formats_come_by_ending_and_errors_say_what_works(tmp_path):
+    events = some_events(100)
+    for ending, format in [("raw", "evt3"), ("aedat4", "aedat4"), ("mcap", "mcap"), ("txt", "text")]:
+        evis.save(tmp_path / f"a.{ending}", events)
+        assert evis.open(tmp_path / f"a.{ending}").format == format
+    with pytest.raises(evis.ConfigError, match=r"ends with '\.xyz'.*evt3"):
+        evis.save(tmp_path / "a.xyz", events)
+    with pytest.raises(evis.ConfigError, match="format is 'zz'"):
+        evis.save(tmp_path / "a.raw", events, format="zz")
+    (tmp_path / "noise.raw").write_bytes(bytes(range(1, 200)))
+    with pytest.raises(evis.FormatError, match="no known event format"):
+        evis.open(tmp_path / "noise.raw")
+    with pytest.raises(OSError, match="No such file"):
+        evis.open(tmp_path / "missing.raw")
+    cut = tmp_path / "cut.raw"
+    cut.write_bytes((tmp_path / "a.raw").read_bytes()[:-1])
+    packets = iter(evis.open(cut))
+    good = next(packets).events
+    with pytest.raises(evis.FormatError, match="at byte"):
+        next(packets)
+    assert 0 < len(good) < 100
+    assert np.array_equal(good, events.to_numpy()[: len(good)])
+
+
+def test_triggers_frames_and_imu_come_with_the_packets(tmp_path):
+    events = some_events(1000, latest_us=1000)
+    triggers = np.zeros(3, evis.EventExtTrigger)
+    triggers["t"], triggers["id"], triggers["p"] = (1, 500, 999), (0, 3, 0), (1, 0, 1)
+    with evis.EventFileWriter(tmp_path / "a.raw", size=(1280, 720)) as writer:
+        writer.write(events, triggers)
+    packet = next(iter(evis.open(tmp_path / "a.raw")))
+    assert np.array_equal(packet.triggers, triggers)
+    assert packet.frames == ()
+    assert packet.imu.dtype == evis.ImuDtype
+    path = tmp_path / "b.raw"
+    with pytest.raises(evis.FormatError, match="earlier"), evis.EventFileWriter(path, size=(1280, 720)) as w:
+        w.write(events.to_numpy()[::-1])
+    assert not path.exists()
+    assert not list(tmp_path.glob(".b*"))
+
+
+def test_slices_of_the_iterator_are_half_open_and_tile_time(tmp_path):
+    events = some_events(3000, latest_us=1_000_000)
+    path = tmp_path / "a.raw"
+    evis.save(path, events)
+    t = events.t
+    iterator = evis.EventsIterator(path, delta_t=7000)
+    assert iterator.get_size() == (720, 1280)
+    slices = list(iterator)
+    assert len(slices) == int(t[-1]) // 7000 + 1
+    for k, part in enumerate(slices):
+        assert np.array_equal(part, events.slice_time(k * 7000, (k + 1) * 7000).to_numpy())
+    # A second pass is the same.
+    assert sum(len(part) for part in iterator) == 3000
+    # Empty slices are yielded too.
+    sparse = list(evis.EventsIterator(path, delta_t=20))
+    assert any(len(part) == 0 for part in sparse)
+    assert sum(map(len, sparse)) == 3000
+
+    part = list(evis.EventsIterator(path, 100_000, "delta_t", 10_000, max_duration=95_000))
+    assert len(part) == 10
+    want = events.slice_time(100_000, 195_000)
+    assert np.array_equal(np.concatenate(part), want.to_numpy())
+    relative = evis.EventsIterator(
+        path, 100_000, delta_t=10_000, max_duration=95_000, relative_timestamps=True
+    )
+    assert np.array_equal(np.concatenate(list(relative))["t"], want.t - 100_000)
+
+    counts = [len(part) for part in evis.EventsIterator(path, mode="n_events", n_events=700)]
+    assert counts == [700, 700, 700, 700, 200]
+    mixed = list(evis.EventsIterator(path, mode="mixed", n_events=50, delta_t=20_000))
+    assert np.array_equal(np.concatenate(mixed), events.to_numpy())
+    assert max(map(len, mixed)) == 50
+    assert any(0 < len(part) < 50 for part in mixed)
+    for wrong in [{"mode": "all"}, {"delta_t": 0}, {"n_events": -1}, {"max_duration": 0}]:
+        with pytest.raises(evis.ConfigError, match=next(iter(wrong))):
+            evis.EventsIterator(path, **wrong)
+
+
+def test_a_stream_is_written_to_other_formats_as_it_comes(tmp_path):
+    sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48), seed=3)
+    evis.save(tmp_path / "a.h5", sim.stream(duration=0.05))
+    with evis.Writer(tmp_path / "a.raw", sim) as writer, sim.stream(duration=0.05) as stream:
+        for packet in stream:
+            writer.write(packet)
+    want = evis.load(tmp_path / "a.h5").events
+    assert len(want)
+    assert evis.load(tmp_path / "a.raw").events == want
+    labelled = evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48), labels=("depth",))
+    with pytest.raises(evis.ConfigError, match="depth"):
+        evis.Writer(tmp_path / "b.raw", labelled)
+
+
+def test_the_command_converts_and_describes(tmp_path, capfd):
+    events = some_events()
+    evis.save(tmp_path / "a.npy", events)
+    assert run("convert", tmp_path / "a.npy", tmp_path / "a.raw", "--size", "1280x720") == 0
+    assert evis.load(tmp_path / "a.raw").events == events
+    arguments = ("--start", "2", "--end", "10", "--crop", "100,50,640,480", "--flip", "y", "--rebase")
+    assert run("convert", tmp_path / "a.raw", tmp_path / "b.aedat4", *arguments) == 0
+    part = events.slice_time(2_000_000, 10_000_000).to_numpy()
+    part = part[(part["x"] >= 100) & (part["x"] < 740) & (part["y"] >= 50) & (part["y"] < 530)]
+    got = evis.load(tmp_path / "b.aedat4")
+    assert (got.cameras[0].width, got.cameras[0].height) == (640, 480)
+    assert np.array_equal(got.events.t, part["t"] - 2_000_000)
+    assert np.array_equal(got.events.x, part["x"] - 100)
+    assert np.array_equal(got.events.y, 479 - (part["y"] - 50))
+    capfd.readouterr()
+    assert run("info", tmp_path / "a.raw") == 0
+    told = capfd.readouterr().out
+    assert "EVT 3.0" in told
+    assert "1280x720" in told
+    for arguments, said in [
+        (("a.raw", "a.raw"), "the output is the input"),
+        (("a.raw", "c.xyz"), "tells no format"),
+        (("a.raw", "b.aedat4"), "exists already"),
+        (("a.raw", "c.dat", "--crop", "1000,0,640,480"), "does not lie within 1280x720"),
+    ]:
+        names = [tmp_path / name if "." in name else name for name in arguments[:2]]
+        assert run("convert", *names, *arguments[2:]) == 2
+        assert said in capfd.readouterr().err
+
+
+def test_hdf5_of_others_is_read(tmp_path):
+    events = some_events(3000, 640, 480, 2_000_000)
+    t, x, y, p = events.columns
+
+    def columns(group, names="txyp", times=t):
+        for name, column in zip(names, (times, x, y, p), strict=True):
+            group.create_dataset(name, data=column, chunks=(512,), compression="gzip", shuffle=True)
+
+    # libver earliest: superblock 0, and B-trees of version 1.
+    with h5py.File(tmp_path / "dsec.h5", "w", libver=("earliest", "v108")) as file:
+        columns(file.create_group("events"), times=t.astype(np.uint32))
+        file["t_offset"] = 77
+        file["events/height"], file["events/width"] = 480, 640
+    with h5py.File(tmp_path / "v2e.h5", "w", libver=("earliest", "v108")) as file:
+        rows = np.stack([t, x, y, p], 1).astype(np.uint32)
+        file.create_dataset("events", data=rows, chunks=(512, 4), compression="gzip")
+    with h5py.File(tmp_path / "m3ed.h5", "w") as file:
+        columns(file.create_group("prophesee/left"))
+    with h5py.File(tmp_path / "utils.h5", "w") as file:
+        columns(file.create_group("events"), ("ts", "xs", "ys", "ps"), times=t / 1e6)
+    for name in ("dsec", "v2e", "m3ed", "utils"):
+        file = evis.open(tmp_path / f"{name}.h5")
+        assert np.array_equal(file.events(), events.to_numpy()), name
+        assert np.array_equal(
+            file.events(500_000, 600_000), events.slice_time(500_000, 600_000).to_numpy()
+        ), name
+        assert np.array_equal(evis.load(tmp_path / f"{name}.h5").events.to_numpy(), events.to_numpy()), name
+    assert evis.open(tmp_path / "dsec.h5").t_offset_us == 77
+    assert evis.open(tmp_path / "dsec.h5").size == (640, 480)
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["pictures"] = np.zeros(3)
+    with pytest.raises(evis.FormatError, match="layouts"):
+        evis.open(tmp_path / "other.h5")
+
+
+@pytest.mark.skipif(not os.environ.get("EVIS_READERS"), reason="run by make test-readers")
+def test_hdf5_with_plugins_is_read(tmp_path):
+    import hdf5plugin
+
+    events = some_events(3000, 640, 480, 2_000_000)
+    for name, filters in {
+        "blosc-zstd": hdf5plugin.Blosc(cname="zstd", clevel=1, shuffle=hdf5plugin.Blosc.SHUFFLE),
+        "blosc-lz4": hdf5plugin.Blosc(cname="lz4"),
+        "zstd": hdf5plugin.Zstd(),
+        "lz4": hdf5plugin.LZ4(),
+    }.items():
+        path = tmp_path / f"{name}.h5"
+        with h5py.File(path, "w", libver=("earliest", "v108")) as file:
+            for column, values in zip("txyp", events.columns, strict=True):
+                file.create_dataset(f"events/{column}", data=values, chunks=(1000,), **filters)
+        assert np.array_equal(evis.open(path).events(), events.to_numpy()), name
+
+
+def png16(path):
+    """Decode a 16-bit PNG without filters of an encoder's choice being assumed: all five are undone."""
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    at, packed = 8, b""
+    while at < len(data):
+        length, kind = struct.unpack(">I4s", data[at : at + 8])
+        body = data[at + 8 : at + 8 + length]
+        if kind == b"IHDR":
+            width, height, depth, color = struct.unpack(">IIBB", body[:10])
+        if kind == b"IDAT":
+            packed += body
+        at += 12 + length
+    assert depth == 16
+    channels = {0: 1, 2: 3}[color]
+    step = 2 * channels
+    raw, out = zlib.decompress(packed), np.zeros((height, width * step), np.uint8)
+    for row in range(height):
+        line = raw[row * (width * step + 1) : (row + 1) * (width * step + 1)]
+        above = out[row - 1].tolist() if row else [0] * (width * step)
+        now = list(line[1:])
+        for k in range(len(now)):
+            left = now[k - step] if k >= step else 0
+            corner = above[k - step] if k >= step else 0
+            guess = left + above[k] - corner
+            near = min((abs(guess - v), i, v) for i, v in enumerate((left, above[k], corner)))[2]
+            now[k] = (now[k] + (0, left, above[k], (left + above[k]) // 2, near)[line[0]]) & 255
+        out[row] = now
+    return out.reshape(height, width, channels, 2).astype(np.uint16) @ np.array([256, 1], np.uint16)
+
+
+def test_a_recording_becomes_a_folder_of_dsec(tmp_path):
+    sim = evis.Simulator(
+        evis.Scene.builtin("spinner"), size=(96, 72), labels=("depth", "flow"), label_rate=20, seed=1
+    )
+    evis.save(tmp_path / "a.h5", sim.stream(duration=0.2))
+    folder = tmp_path / "sequence"
+    assert run("convert", tmp_path / "a.h5", folder, "--format", "dsec") == 0
+    recording = evis.load(tmp_path / "a.h5")
+    want = recording.events
+    # The rules of DSEC's EventSlicer.
+    with h5py.File(folder / "events/left/events.h5") as file:
+        t, ms_to_idx, offset = file["events/t"][:], file["ms_to_idx"][:], int(file["t_offset"][()])
+        assert t.dtype == np.uint32
+        assert offset == 0
+        assert ms_to_idx[0] == 0
+        for ms in range(1, len(ms_to_idx)):
+            index = int(ms_to_idx[ms])
+            assert index == len(t) or t[index] >= 1000 * ms
+            assert t[index - 1] < 1000 * ms or index == 0
+        assert np.array_equal(t, want.t)
+        for name, dtype in (("x", np.uint16), ("y", np.uint16), ("p", np.uint8)):
+            assert file["events"][name].dtype == dtype
+            assert np.array_equal(file["events"][name][:], getattr(want, name))
+    with h5py.File(folder / "events/left/rectify_map.h5") as file:
+        rectify = file["rectify_map"][()]
+    assert rectify.shape == (72, 96, 2)
+    assert rectify.dtype == np.float32
+    assert np.array_equal(rectify[want.y, want.x], np.stack([want.x, want.y], 1).astype(np.float32))
+    # Flow: (value - 2^15) / 128, and a validity.
+    times = np.loadtxt(folder / "flow/forward_timestamps.txt", delimiter=",", dtype=np.int64)
+    flow, valid = recording.labels["flow_forward"], recording.labels["flow_forward_valid"]
+    names = sorted((folder / "flow/forward").iterdir())
+    assert len(names) == len(times) >= 2
+    for k, name in enumerate(names):
+        index = flow.t_us.tolist().index(times[k, 0])
+        assert flow.interval_us(index) == tuple(times[k])
+        image = png16(name)
+        mask = image[..., 2] == 1
+        assert np.array_equal(mask, valid[index] == 1)
+        assert mask.any()
+        decoded = (image[..., :2].astype(np.float64) - 2**15) / 128
+        assert np.abs(decoded - flow[index])[mask].max() <= 0.5 / 128 + 1e-6
+    assert (folder / "calibration/cam_to_cam.yaml").read_text().startswith("intrinsics:\n  cam0:")
+    assert not (folder / "disparity").exists()
+    # And EVIS reads it.
+    file = evis.open(folder)
+    assert (file.format, file.cameras, file.size) == ("dsec", ("left",), (96, 72))
+    assert np.array_equal(file.events(), want.to_numpy())
+    assert run("convert", folder, tmp_path / "a.raw") == 0
+    assert evis.load(tmp_path / "a.raw").events == want
+    assert run("convert", tmp_path / "a.h5", folder, "--format", "dsec") == 2
