@@ -14,11 +14,12 @@ pub mod mask;
 pub mod material;
 pub mod path;
 pub mod pixel;
+pub mod shadow;
 mod simulate;
 pub mod texture;
 pub mod world;
 
-pub use simulate::{Outcome, Report, Settings, simulate};
+pub use simulate::{Outcome, Report, Settings, luminance, simulate};
 
 /// Why there are no events.
 #[derive(Debug, thiserror::Error)]

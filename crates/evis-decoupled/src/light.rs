@@ -10,13 +10,14 @@ use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Mutex;
 
 use evis_scene::{ShadingModel, TextureRef};
-use glam::DVec3;
+use glam::{DMat4, DVec3};
 
 use crate::Error;
 use crate::blocks::{Block, Clock};
-use crate::coverage::{Fragment, Moments, Polygon, Region};
-use crate::lists::{Entry, Lists, TILE};
+use crate::coverage::{Fragment, Line, Moments, Polygon, Region};
+use crate::lists::{Entry, Record, TILE};
 use crate::material::{self, Lamp, Point, Response, respond};
+use crate::shadow::{Beam, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::Textures;
 use crate::world::{Frame, World, wide};
 
@@ -112,6 +113,15 @@ pub struct Lighting<'a> {
     /// Nodes shaded so far.
     pub shaded: std::sync::atomic::AtomicU64,
     shadow_lamps: usize,
+    /// Lamps that throw shadows, on the screen.
+    screen_lamps: Vec<ScreenLamp>,
+    /// Facets of still surfaces.
+    still: Tree,
+    /// Per moving surface: facets within spheres that hold them throughout the block.
+    moving: Vec<(DVec3, f64, Vec<(DVec3, f64, u32)>)>,
+    /// Screen from world at the start, middle and end of the block, and of moving surfaces from their vertices.
+    screen: [DMat4; 3],
+    middle: Vec<Corners>,
     background: f64,
 }
 
@@ -120,10 +130,31 @@ pub struct Lighting<'a> {
 pub struct TileLight {
     slots: Vec<Slot>,
     nodes: Vec<[f32; 4]>,
+    /// Of all slots and lamps.
+    occluders: Vec<Occluder>,
+    centre: [f64; 2],
+    found: Vec<u32>,
+    lit: Lit,
 }
+
+/// Occluders of a slot and a lamp, as a range; or nothing of it is lit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Shade {
+    from: usize,
+    to: usize,
+    dark: bool,
+}
+
+/// Side of the square in which shadows are looked for, in tiles.
+const MARGIN: f64 = 1.5;
+
+/// Most lamps that throw shadows; further ones shine through everything.
+pub const MOST_SHADOWS: usize = 4;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Slot {
+    /// The rest is filled in.
+    ready: bool,
     /// Of the facet's grid: intervals along s and t, and the first node that is kept.
     intervals: [f64; 2],
     first: [f64; 2],
@@ -133,6 +164,7 @@ struct Slot {
     at: [usize; 2],
     /// Response of unlit surfaces at both ends.
     unlit: [f64; 2],
+    shades: [Shade; MOST_SHADOWS],
 }
 
 impl<'a> Lighting<'a> {
@@ -168,6 +200,11 @@ impl<'a> Lighting<'a> {
             shards: (0..SHARDS).map(|_| Shard::default()).collect(),
             shaded: Default::default(),
             shadow_lamps: 0,
+            screen_lamps: Vec::new(),
+            still: Tree::default(),
+            moving: Vec::new(),
+            screen: [DMat4::IDENTITY; 3],
+            middle: Vec::new(),
             background: material::LUMINANCE.dot(wide(scene.background)),
         }
     }
@@ -190,6 +227,9 @@ impl<'a> Lighting<'a> {
                 self.corners[index] = both();
             }
         }
+        if self.shadow_lamps > 0 {
+            self.prepare_shadows(clock, first)?;
+        }
         self.frames = Some(frames);
         // At a jump, what held before the border does not hold after it.
         let key = |t: f64, after: bool| ((t * 16.0) as u64) << 1 | u64::from(after) | 1 << 63;
@@ -201,94 +241,263 @@ impl<'a> Lighting<'a> {
         Ok(())
     }
 
-    /// Gathers the light of a tile's entries.
-    pub fn enter_tile(
+    /// What may throw shadows during the block of `clock`; `first` of all blocks also what never moves.
+    fn prepare_shadows(&mut self, clock: &mut Clock, first: bool) -> Result<(), Error> {
+        let world = self.world;
+        let frames = clock.thirds()?;
+        self.screen = frames.each_ref().map(|f| f.screen_from_world);
+        let lamps: [Vec<Lamp>; 3] =
+            frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
+        self.screen_lamps.clear();
+        for (index, lamp) in lamps[0].iter().enumerate().filter(|(_, l)| l.casts_shadow) {
+            let (_, weight) = lamp.place();
+            let h = [0, 1, 2].map(|k| {
+                let place = lamps[k][index].place().0;
+                if weight == 0.0 {
+                    self.screen[k].transform_vector3(place)
+                } else {
+                    self.screen[k].transform_point3(place)
+                }
+            });
+            self.screen_lamps.push(ScreenLamp::new(h, weight));
+        }
+        if first {
+            let still = world.facets.iter().enumerate().filter_map(|(index, f)| {
+                let surface = f.surface as usize;
+                (!world.surfaces[surface].moves).then(|| {
+                    let p = f.corners.map(|c| self.corners[surface][0][c as usize].0);
+                    let low = p.into_iter().fold(DVec3::INFINITY, DVec3::min);
+                    let high = p.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max);
+                    (low, high, index as u32)
+                })
+            });
+            self.still = Tree::new(still);
+            self.middle = vec![Corners::new(); world.surfaces.len()];
+        }
+        self.moving.clear();
+        for (index, surface) in world.surfaces.iter().enumerate().filter(|(_, s)| s.moves) {
+            self.middle[index] = world.vertices(index as u32, &frames[1]);
+            let places = [&self.corners[index][0], &self.middle[index], &self.corners[index][1]];
+            let mut facets = Vec::new();
+            for cluster in &world.clusters[surface.clusters.clone()] {
+                for facet in cluster.facets.clone() {
+                    let points = world.facets[facet].corners.map(|c| places.map(|p| p[c as usize].0));
+                    let all = || points.iter().flatten();
+                    let low = all().fold(DVec3::INFINITY, |a, p| a.min(*p));
+                    let high = all().fold(DVec3::NEG_INFINITY, |a, p| a.max(*p));
+                    // An arc between the three places bulges by less than a quarter of its chord.
+                    let travel = points.iter().map(|p| p[0].distance(p[2])).fold(0.0, f64::max);
+                    facets.push((
+                        0.5 * (low + high),
+                        0.5 * (high - low).length() + 0.25 * travel,
+                        facet as u32,
+                    ));
+                }
+            }
+            let count = facets.len().max(1) as f64;
+            let centre = facets.iter().map(|f| f.0).sum::<DVec3>() / count;
+            let radius = facets.iter().map(|f| f.0.distance(centre) + f.1).fold(0.0, f64::max);
+            self.moving.push((centre, radius, facets));
+        }
+        Ok(())
+    }
+
+    /// Finds what may throw a shadow of each lamp into the part of a facet that a tile sees.
+    fn find_occluders(
         &self,
         tile: &mut TileLight,
-        lists: &Lists,
-        entries: &[Entry],
-        [column, row]: [usize; 2],
-        _block: Block,
+        slot: &mut Slot,
+        receivers: &[Option<Fragment>; 3],
+        record: &Record,
+        [low, high]: [[f64; 2]; 2],
     ) {
-        tile.slots.clear();
-        tile.nodes.clear();
-        let size = TILE as f64;
-        let centre = [column, row].map(|v| v as f64 * size + 0.5 * size);
-        for entry in entries {
-            let record = &lists.records[entry.record as usize];
-            let facet = &self.world.facets[record.facet as usize];
-            let surface = facet.surface as usize;
-            let mut slot = Slot::default();
-            if self.answers[surface].model == ShadingModel::Unlit {
-                let material = self.world.surfaces[surface].material;
-                slot.unlit = [0, 1].map(|k| {
-                    let factors = self.frames.as_ref().map(|f| &f[k].state.emission_factor);
-                    f64::from(factors.and_then(|f| f.get(material)).copied().unwrap_or(1.0))
-                });
-                tile.slots.push(slot);
+        let facet = record.facet;
+        let f = &self.world.facets[facet as usize];
+        let surface = f.surface as usize;
+        let lamps = 1 + self.shadow_lamps;
+        let nodes = slot.count[0] * slot.count[1];
+        let casting = |end: usize| self.lamps[end].iter().filter(|l| l.casts_shadow);
+        for (number, (a, b)) in casting(0).zip(casting(1)).enumerate().take(MOST_SHADOWS) {
+            let lit = |start: usize| {
+                (0..nodes).any(|n| tile.nodes[start + n * lamps + 1 + number].iter().any(|v| *v != 0.0))
+            };
+            slot.shades[number] = Shade { from: 0, to: 0, dark: false };
+            if !lit(slot.at[0]) && !lit(slot.at[1]) {
                 continue;
             }
-            // Where the tile sees the facet, in (s, t).
-            let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-            let mut front = true;
-            for v in [0.0, 0.5, 1.0] {
-                let near = self.world.lens.near;
-                let Some(fragment) = Fragment::of_area(record, entry.record, centre, size, v, near) else {
+            // A sphere about the part of the facet, at both ends.
+            let mut points = [DVec3::ZERO; 8];
+            for end in 0..2 {
+                let corners = &self.corners[surface][end];
+                let [p, q, _, r] = f.corners.map(|c| corners[c as usize].0);
+                for k in 0..4 {
+                    let s = if k & 1 == 0 { low[0] } else { high[0] };
+                    let t = if k & 2 == 0 { low[1] } else { high[1] };
+                    points[4 * end + k] = p + (q - p) * s + (r - p) * t;
+                }
+            }
+            let middle = points.iter().sum::<DVec3>() / 8.0;
+            let (from, weight) = a.place();
+            let moved = from.distance(b.place().0);
+            let radius = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max) * 1.01 + moved + 1e-6;
+            tile.found.clear();
+            let mut add = |id: u32| tile.found.push(id);
+            match Beam::new(from, weight, middle, radius) {
+                Some(beam) => {
+                    self.still.within(&beam, &mut add);
+                    for (centre, radius, facets) in &self.moving {
+                        if beam.meets(*centre, *radius) {
+                            facets.iter().filter(|f| beam.meets(f.0, f.1)).for_each(|f| add(f.2));
+                        }
+                    }
+                }
+                None => {
+                    self.still.all(&mut add);
+                    self.moving.iter().flat_map(|m| &m.2).for_each(|f| add(f.2));
+                }
+            }
+            tile.found.sort_unstable();
+            let start = tile.occluders.len();
+            for k in 0..tile.found.len() {
+                let id = tile.found[k];
+                if id == facet {
                     continue;
-                };
-                front = fragment.front;
-                let mut polygon = Polygon::PIXEL;
-                for edge in fragment.crossing() {
-                    polygon = polygon.split(edge).0;
                 }
-                for corner in polygon.corners() {
-                    let (place, _) = fragment.parameters(*corner);
-                    for k in 0..2 {
-                        let p = place[k].clamp(0.0, 1.0);
-                        low[k] = low[k].min(p);
-                        high[k] = high[k].max(p);
+                let occluder = self.occluder(id);
+                // Half planes at three times, with a margin for what lies between them.
+                let lamp = &self.screen_lamps[number];
+                let (mut touches, mut dark) = (receivers.iter().all(Option::is_none), true);
+                for (k, receiver) in receivers.iter().enumerate() {
+                    let Some(receiver) = receiver else {
+                        dark = false;
+                        continue;
+                    };
+                    let depth = &receiver.inverse_depth;
+                    let wide = Line { a: depth.a * MARGIN, b: depth.b * MARGIN, c: depth.c };
+                    let size = TILE as f64 * MARGIN;
+                    let u = record.u[0] + 0.5 * k as f64 * (record.u[1] - record.u[0]);
+                    match occluder.shadow(lamp, &wide, tile.centre, size, u) {
+                        Some(shadow) => {
+                            touches = true;
+                            dark &= shadow.lines().is_empty();
+                        }
+                        None => dark = false,
                     }
                 }
-            }
-            if low[0] > high[0] {
-                (low, high) = ([0.0; 2], [1.0; 2]);
-            }
-            let level = [0, 1].map(|k| {
-                let wanted = (1.0 / (high[k] - low[k]).max(1e-6)).log2().floor();
-                (wanted.max(0.0) as u32).min(MOST_LEVEL)
-            });
-            slot.intervals = level.map(|l| f64::from(1_u32 << l));
-            let first = [0, 1].map(|k| (low[k] * slot.intervals[k]).floor().max(0.0));
-            let last = [0, 1].map(|k| (high[k] * slot.intervals[k]).ceil().min(slot.intervals[k]));
-            slot.first = first;
-            slot.count = [0, 1].map(|k| ((last[k] - first[k]) as usize + 1).max(2));
-            for k in 0..2 {
-                // A grid of one interval has both its ends.
-                if slot.first[k] + slot.count[k] as f64 - 1.0 > slot.intervals[k] {
-                    slot.first[k] = slot.intervals[k] + 1.0 - slot.count[k] as f64;
+                slot.shades[number].dark |= dark;
+                if touches {
+                    tile.occluders.push(occluder);
                 }
             }
-            let changes = self.changes(surface);
-            for end in 0..if changes { 2 } else { 1 } {
-                slot.at[end] = tile.nodes.len();
-                for j in 0..slot.count[1] {
-                    for i in 0..slot.count[0] {
-                        let index = [slot.first[0] as usize + i, slot.first[1] as usize + j];
-                        let key = Key {
-                            facet: record.facet,
-                            level: [level[0] as u8, level[1] as u8, u8::from(front)],
-                            index: index.map(|v| v as u16),
-                            border: if changes { self.borders[end] } else { 0 },
-                        };
-                        self.node(key, end, slot.intervals, &mut tile.nodes);
-                    }
-                }
+            slot.shades[number].from = start;
+            slot.shades[number].to = tile.occluders.len();
+            if slot.shades[number].dark {
+                tile.occluders.truncate(start);
+                slot.shades[number].to = start;
             }
-            if !changes {
-                slot.at[1] = slot.at[0];
-            }
-            tile.slots.push(slot);
         }
+    }
+
+    fn occluder(&self, facet: u32) -> Occluder {
+        let f = &self.world.facets[facet as usize];
+        let surface = f.surface as usize;
+        let moves = self.world.surfaces[surface].moves;
+        let ends = &self.corners[surface];
+        let places = [&ends[0], if moves { &self.middle[surface] } else { &ends[0] }, &ends[1]];
+        let h = f.corners.map(|c| {
+            [0, 1, 2].map(|k| {
+                let place = if moves { places[k] } else { places[0] };
+                self.screen[k].transform_point3(place[c as usize].0)
+            })
+        });
+        Occluder::new(facet, h)
+    }
+
+    /// Prepares `tile` for the tile at (column, row); an entry's light is gathered when a pixel first sees it.
+    pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], [column, row]: [usize; 2]) {
+        tile.slots.clear();
+        tile.slots.resize(entries.len(), Slot::default());
+        tile.nodes.clear();
+        tile.occluders.clear();
+        tile.centre = [column, row].map(|v| (v * TILE) as f64 + 0.5 * TILE as f64);
+    }
+
+    /// Gathers the light of an entry: `record`, number `index` of the block.
+    fn gather(&self, tile: &mut TileLight, record: &Record, index: u32) -> Slot {
+        let size = TILE as f64;
+        let surface = self.world.facets[record.facet as usize].surface as usize;
+        let mut slot = Slot { ready: true, ..Slot::default() };
+        if self.answers[surface].model == ShadingModel::Unlit {
+            let material = self.world.surfaces[surface].material;
+            slot.unlit = [0, 1].map(|k| {
+                let factors = self.frames.as_ref().map(|f| &f[k].state.emission_factor);
+                f64::from(factors.and_then(|f| f.get(material)).copied().unwrap_or(1.0))
+            });
+            return slot;
+        }
+        // Where the tile sees the facet, in (s, t).
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let mut front = true;
+        let mut receivers: [Option<Fragment>; 3] = [None; 3];
+        for (k, receiver) in receivers.iter_mut().enumerate() {
+            let (v, near) = (0.5 * k as f64, self.world.lens.near);
+            *receiver = Fragment::of_area(record, index, tile.centre, size, v, near);
+            let Some(fragment) = receiver else { continue };
+            front = fragment.front;
+            let mut polygon = Polygon::PIXEL;
+            for edge in fragment.crossing() {
+                polygon = polygon.split(edge).0;
+            }
+            for corner in polygon.corners() {
+                let (place, _) = fragment.parameters(*corner);
+                for k in 0..2 {
+                    let p = place[k].clamp(0.0, 1.0);
+                    low[k] = low[k].min(p);
+                    high[k] = high[k].max(p);
+                }
+            }
+        }
+        if low[0] > high[0] {
+            (low, high) = ([0.0; 2], [1.0; 2]);
+        }
+        let level = [0, 1].map(|k| {
+            let wanted = (1.0 / (high[k] - low[k]).max(1e-6)).log2().floor();
+            (wanted.max(0.0) as u32).min(MOST_LEVEL)
+        });
+        slot.intervals = level.map(|l| f64::from(1_u32 << l));
+        let first = [0, 1].map(|k| (low[k] * slot.intervals[k]).floor().max(0.0));
+        let last = [0, 1].map(|k| (high[k] * slot.intervals[k]).ceil().min(slot.intervals[k]));
+        slot.first = first;
+        slot.count = [0, 1].map(|k| ((last[k] - first[k]) as usize + 1).max(2));
+        for k in 0..2 {
+            // A grid of one interval has both its ends.
+            if slot.first[k] + slot.count[k] as f64 - 1.0 > slot.intervals[k] {
+                slot.first[k] = slot.intervals[k] + 1.0 - slot.count[k] as f64;
+            }
+        }
+        let changes = self.changes(surface);
+        for end in 0..if changes { 2 } else { 1 } {
+            slot.at[end] = tile.nodes.len();
+            for j in 0..slot.count[1] {
+                for i in 0..slot.count[0] {
+                    let index = [slot.first[0] as usize + i, slot.first[1] as usize + j];
+                    let key = Key {
+                        facet: record.facet,
+                        level: [level[0] as u8, level[1] as u8, u8::from(front)],
+                        index: index.map(|v| v as u16),
+                        border: if changes { self.borders[end] } else { 0 },
+                    };
+                    self.node(key, end, slot.intervals, &mut tile.nodes);
+                }
+            }
+        }
+        if !changes {
+            slot.at[1] = slot.at[0];
+        }
+        if self.shadow_lamps > 0 {
+            self.find_occluders(tile, &mut slot, &receivers, record, [low, high]);
+        }
+        slot
     }
 
     fn changes(&self, surface: usize) -> bool {
@@ -356,13 +565,16 @@ impl<'a> Lighting<'a> {
 
     /// Luminance that `fragment`, entry `slot` of its tile, adds to a pixel by the part with `moments`, at `u` of the
     /// block.
+    #[expect(clippy::too_many_arguments, reason = "a part of a pixel is three of them")]
     pub fn of_fragment(
         &self,
-        tile: &TileLight,
+        tile: &mut TileLight,
+        record: &Record,
         slot: usize,
         fragment: &Fragment,
         moments: &Moments,
-        _regions: Option<(&[Region], usize)>,
+        regions: Option<(&[Region], usize)>,
+        pixel: [f64; 2],
         u: f64,
     ) -> f64 {
         let (centre, axes) = moments.footprint();
@@ -378,7 +590,10 @@ impl<'a> Lighting<'a> {
             let texel = self.textures.mean(texture, at, axes.map(along));
             base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
         }
-        let slot = &tile.slots[slot];
+        if !tile.slots[slot].ready {
+            tile.slots[slot] = self.gather(tile, record, fragment.record);
+        }
+        let slot = &tile.slots[slot].clone();
         if slot.count[0] == 0 {
             let factor = slot.unlit[0] + (slot.unlit[1] - slot.unlit[0]) * u;
             return moments.area * factor * material::LUMINANCE.dot(base);
@@ -386,7 +601,22 @@ impl<'a> Lighting<'a> {
         let lamps = 1 + self.shadow_lamps;
         let mut sum = 0.0;
         for lamp in 0..lamps {
-            let r = self.interpolate(tile, slot, place, u, lamp, lamps);
+            let mut part = 1.0;
+            if lamp > 0 && lamp <= MOST_SHADOWS {
+                let shade = slot.shades[lamp - 1];
+                if shade.dark {
+                    continue;
+                }
+                if shade.from < shade.to {
+                    let occluders = &tile.occluders[shade.from..shade.to];
+                    let screen = &self.screen_lamps[lamp - 1];
+                    part = tile.lit.part(fragment, regions, occluders, screen, pixel, u);
+                }
+                if part == 0.0 {
+                    continue;
+                }
+            }
+            let r = self.interpolate(tile, slot, place, u, lamp, lamps).map(|v| v * part);
             sum += base.x * r[0] + base.y * r[1] + base.z * r[2] + r[3];
         }
         moments.area * sum
@@ -484,4 +714,64 @@ fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4]) -> 
     look.origin = p;
     look.along = [[q[0] - p[0], q[1] - p[1]], [r[0] - p[0], r[1] - p[1]]];
     look
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lists::Lists;
+
+    #[test]
+    fn no_facet_that_darkens_a_pixel_is_left_out() {
+        let scene = evis_scene::builtin::load("warehouse", 0).unwrap();
+        let world = World::new(&scene, 0, Some((96, 72))).unwrap();
+        let block = Block { start_us: 630_784.0, end_us: 638_976.0, jump: false };
+        let mut clock = Clock::new(&world, block);
+        let lists = Lists::new(&world, &mut clock).unwrap();
+        let mut lighting = Lighting::new(&world);
+        lighting.prepare(&mut clock, &block).unwrap();
+        let (mut compared, mut darkened, mut canary) = (0, 0, 0);
+        let mut tile = TileLight::default();
+        for (row, column) in (0..lists.row_count()).flat_map(|r| (0..lists.columns).map(move |c| (r, c))) {
+            let entries = &lists.row(row)[column];
+            lighting.enter_tile(&mut tile, entries, [column, row]);
+            for entry in entries {
+                let record = &lists.records[entry.record as usize];
+                let slot = lighting.gather(&mut tile, record, entry.record);
+                let pixel = (entry.touches.trailing_zeros() as usize * 5 + 3 * row) % 64;
+                let lit = (0..slot.count[0] * slot.count[1])
+                    .any(|n| tile.nodes[slot.at[0] + 2 * n + 1].iter().any(|v| *v != 0.0));
+                if entry.touches >> pixel & 1 == 0 || !lit || (row + column) % 3 > 0 {
+                    continue;
+                }
+                let centre = [column * TILE + pixel % 8, row * TILE + pixel / 8].map(|v| v as f64 + 0.5);
+                for u in [0.1, 0.8] {
+                    let Some(fragment) = Fragment::new(record, entry.record, centre, u, world.lens.near)
+                    else {
+                        continue;
+                    };
+                    let shade = slot.shades[0];
+                    let lamp = &lighting.screen_lamps[0];
+                    let kept = tile.occluders[shade.from..shade.to].to_vec();
+                    let found =
+                        if shade.dark { 0.0 } else { tile.lit.part(&fragment, None, &kept, lamp, centre, u) };
+                    let all: Vec<Occluder> = (0..world.facets.len() as u32)
+                        .filter(|f| *f != record.facet)
+                        .map(|f| lighting.occluder(f))
+                        .collect();
+                    let brute = tile.lit.part(&fragment, None, &all, lamp, centre, u);
+                    assert!(
+                        (found - brute).abs() < 1e-6,
+                        "({column}, {row}) {centre:?}: {found} for {brute}"
+                    );
+                    compared += 1;
+                    darkened += usize::from(brute < 1.0);
+                    let fewer = tile.lit.part(&fragment, None, &kept[..kept.len() / 2], lamp, centre, u);
+                    canary += usize::from(!shade.dark && (fewer - brute).abs() > 1e-6);
+                }
+            }
+        }
+        println!("{compared} compared, {darkened} darkened, {canary} notice");
+        assert!(compared > 100 && darkened > 20 && canary > 3);
+    }
 }

@@ -153,7 +153,7 @@ fn tile_of(pixel: f64, count: usize) -> usize {
 }
 
 /// Quadratic through three values at 0, 1/2 and 1, by power.
-fn powers<T>([a, b, c]: [T; 3]) -> [T; 3]
+pub fn powers<T>([a, b, c]: [T; 3]) -> [T; 3]
 where
     T: Copy + std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T>,
 {

@@ -63,6 +63,7 @@ fn direction(index: usize) -> [f64; 2] {
 pub fn of_line(line: &Line) -> u64 {
     let size = line.a.abs() + line.b.abs();
     let c = line.c;
+    // Also where there is no edge at all.
     if c >= 0.5 * size {
         return u64::MAX;
     }
@@ -119,4 +120,18 @@ pub fn resolve(fragments: &[Fragment]) -> Vec<u64> {
 /// Per fragment, whether it is seen at any sample.
 pub fn seen(fragments: &[Fragment]) -> Vec<bool> {
     resolve(fragments).into_iter().map(|m| m != 0).collect()
+}
+
+/// Samples in a convex polygon, clockwise on the screen.
+pub fn of_polygon(corners: &[[f64; 2]]) -> u64 {
+    let Some(&last) = corners.last() else { return 0 };
+    let mut mask = u64::MAX;
+    let mut p = last;
+    for &q in corners {
+        // The inside lies to the right of an edge where y points down.
+        let (a, b) = (p[1] - q[1], q[0] - p[0]);
+        mask &= of_line(&Line { a, b, c: -(a * p[0] + b * p[1]) });
+        p = q;
+    }
+    mask
 }

@@ -72,7 +72,7 @@ impl Evaluator<'_> {
 
     /// Prepares `work` for a tile.
     pub fn enter_tile(&self, work: &mut Work, entries: &[Entry], tile: [usize; 2]) {
-        self.lighting.enter_tile(&mut work.light, self.lists, entries, tile, self.block);
+        self.lighting.enter_tile(&mut work.light, entries, tile);
     }
 
     /// Prepares `work` for pixel `at`, number `pixel` of its tile.
@@ -122,11 +122,13 @@ impl Evaluator<'_> {
         let mut sum = 0.0;
         if whole {
             sum = self.lighting.of_fragment(
-                &work.light,
+                &mut work.light,
+                &self.lists.records[work.fragments[0].record as usize],
                 work.slots[0],
                 &work.fragments[0],
                 &Moments::PIXEL,
                 None,
+                work.centre,
                 u,
             );
         } else {
@@ -134,7 +136,10 @@ impl Evaluator<'_> {
                 let moments = &work.moments[k];
                 if moments.area > 1e-9 {
                     let own = Some((&work.regions.regions[..], k));
-                    sum += self.lighting.of_fragment(&work.light, work.slots[k], fragment, moments, own, u);
+                    let (light, slot) = (&mut work.light, work.slots[k]);
+                    let record = &self.lists.records[fragment.record as usize];
+                    let at = work.centre;
+                    sum += self.lighting.of_fragment(light, record, slot, fragment, moments, own, at, u);
                 }
             }
             let rest = &work.moments[work.fragments.len()];

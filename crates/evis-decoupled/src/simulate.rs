@@ -48,6 +48,23 @@ impl Default for Settings {
     }
 }
 
+impl Settings {
+    fn check(&self) -> Result<(), Error> {
+        Sensor::new(self.sensor.clone())?.thresholds_only("decoupled sampling")?;
+        if !(64..=1 << 20).contains(&self.block_us) || self.block_us.count_ones() != 1 {
+            let remedy = "a power of two between 64 and 1048576 microseconds";
+            return Err(ConfigError::new("block_us", self.block_us, remedy).into());
+        }
+        if !(1..=86_400_000_000).contains(&self.duration_us) {
+            return Err(ConfigError::new("duration_us", self.duration_us, "above 0 and at most a day").into());
+        }
+        if !(0..=86_400_000_000).contains(&self.start_us) {
+            return Err(ConfigError::new("start_us", self.start_us, "between 0 and a day").into());
+        }
+        Ok(())
+    }
+}
+
 /// What a run took. Seconds are of wall time, summed over threads.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Report {
@@ -96,11 +113,7 @@ struct Row {
 /// # Errors
 /// A setting or a camera that cannot be used.
 pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
-    Sensor::new(settings.sensor.clone())?.thresholds_only("decoupled sampling")?;
-    if !(64..=1 << 20).contains(&settings.block_us) || settings.block_us.count_ones() != 1 {
-        let remedy = "a power of two between 64 and 1048576 microseconds";
-        return Err(ConfigError::new("block_us", settings.block_us, remedy).into());
-    }
+    settings.check()?;
     let world = World::new(scene, settings.camera, settings.size)?;
     let mut lighting = Lighting::new(&world);
     let start = settings.start_us as f64;
@@ -201,34 +214,52 @@ impl Row {
     }
 }
 
-/// `Y_ref` that brings the log-mean of what is lit at the start of `block` to 0.18.
-fn reference_luminance(world: &World, lighting: &mut Lighting, block: Block) -> Result<f64, Error> {
+/// Mean luminance of every pixel at `t_us` of scene time, row by row: what [`simulate`] crosses thresholds with.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn luminance(scene: &Scene, settings: &Settings, t_us: f64) -> Result<Vec<f64>, Error> {
+    settings.check()?;
+    let world = World::new(scene, settings.camera, settings.size)?;
+    let mut lighting = Lighting::new(&world);
+    let length = settings.block_us as f64;
+    let from = (t_us / length).floor() * length;
+    let around = blocks(scene, from, from + length, settings.block_us);
+    let inside = around.into_iter().find(|b| (b.start_us..b.end_us).contains(&t_us));
+    let block = inside.unwrap_or(Block { start_us: from, end_us: from + length, jump: false });
+    picture(&world, &mut lighting, block, t_us)
+}
+
+fn picture(world: &World, lighting: &mut Lighting, block: Block, t_us: f64) -> Result<Vec<f64>, Error> {
     let mut clock = Clock::new(world, block);
     let lists = Lists::new(world, &mut clock)?;
     lighting.prepare(&mut clock, &block)?;
     let evaluator = Evaluator { world, lists: &lists, lighting, block };
-    let logs: Vec<(f64, u64)> = (0..lists.row_count())
-        .into_par_iter()
-        .map(|row| {
-            let mut work = Work::default();
-            let mut sum = (0.0, 0);
-            for (column, tile) in lists.row(row).iter().enumerate() {
-                evaluator.enter_tile(&mut work, tile, [column, row]);
-                for pixel in 0..TILE * TILE {
-                    let at = [column * TILE + pixel % TILE, row * TILE + pixel / TILE];
-                    if at[0] < world.lens.width as usize && at[1] < world.lens.height as usize {
-                        evaluator.enter_pixel(&mut work, tile, at, pixel);
-                        let light = evaluator.luminance(&mut work, block.start_us);
-                        if light > 0.0 && light.is_finite() {
-                            sum = (sum.0 + light.ln(), sum.1 + 1);
-                        }
-                    }
+    let width = world.lens.width as usize;
+    let mut out = vec![0.0; width * world.lens.height as usize];
+    out.par_chunks_mut(width * TILE).enumerate().for_each(|(row, out)| {
+        let mut work = Work::default();
+        for (column, tile) in lists.row(row).iter().enumerate() {
+            evaluator.enter_tile(&mut work, tile, [column, row]);
+            for pixel in 0..TILE * TILE {
+                let (x, y) = (column * TILE + pixel % TILE, pixel / TILE);
+                if x < width && (y + 1) * width <= out.len() {
+                    evaluator.enter_pixel(&mut work, tile, [x, row * TILE + y], pixel);
+                    out[y * width + x] = evaluator.luminance(&mut work, t_us);
                 }
             }
-            sum
-        })
-        .collect();
-    let (sum, count) = logs.into_iter().fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        }
+    });
+    Ok(out)
+}
+
+/// `Y_ref` that brings the log-mean of what is lit at the start of `block` to 0.18.
+fn reference_luminance(world: &World, lighting: &mut Lighting, block: Block) -> Result<f64, Error> {
+    let picture = picture(world, lighting, block, block.start_us)?;
+    let (sum, count) = picture
+        .into_iter()
+        .filter(|y| *y > 0.0 && y.is_finite())
+        .fold((0.0, 0_u64), |(sum, count), y| (sum + y.ln(), count + 1));
     let reference = (sum / count.max(1) as f64).exp() / 0.18;
     Ok(if count > 0 && reference.is_finite() && reference > 0.0 { reference } else { 1.0 })
 }

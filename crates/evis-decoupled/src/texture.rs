@@ -8,8 +8,8 @@
 use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
 
-/// Places per texel along either axis.
-const DENSITY: f64 = 2.5;
+/// Places per texel along either axis, beyond one.
+const DENSITY: f64 = 1.5;
 /// Places along either axis, at most.
 const MOST: f64 = 16.0;
 
@@ -76,8 +76,8 @@ impl Textures {
         let steps = [p, q].map(|axis| {
             let squared = axis[0] * axis[0] + axis[1] * axis[1];
             let length = squared.sqrt();
-            let wanted = DENSITY * length / texel;
-            let count = if wanted < 0.75 { 1.0 } else { wanted.ceil().clamp(2.0, MOST) };
+            let texels = length / texel;
+            let count = if texels < 0.3 { 1.0 } else { (1.0 + DENSITY * texels).ceil().clamp(2.0, MOST) };
             if count == 1.0 {
                 return (1, [0.0; 2]);
             }
@@ -123,7 +123,7 @@ fn level_of(shorter: f64, levels: usize) -> usize {
 }
 
 /// Part of the footprint's variance that a level's own blur may be.
-const BLUR: f64 = 0.3;
+const BLUR: f64 = 0.25;
 
 impl Level {
     #[inline(always)]
