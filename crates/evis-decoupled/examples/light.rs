@@ -8,6 +8,14 @@ use evis_scene::{SceneState, source};
 use evis_truth::Lattice;
 use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
 
+struct Sample {
+    found: f64,
+    exact: f64,
+    /// 0 inside surfaces, 1 at edges, 2 at shadows' edges.
+    class: usize,
+    what: String,
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let usage = "usage: light SCENE WIDTHxHEIGHT PIXELS [SECONDS]";
@@ -29,6 +37,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let options =
             Options { filter: TextureFilter::BaseLevel, shadows: true, split_sum: SplitSum::Tabulated };
         let caster = RayCaster::new(&scene, &state, &textures, options);
+        let open = Options { shadows: false, ..options };
+        let open = RayCaster::new(&scene, &state, &textures, open);
         let world = evis_decoupled::world::World::new(&scene, 0, settings.size)?;
         let lens = world.lens;
         let pinhole = Pinhole {
@@ -59,19 +69,32 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 kinds.iter().any(|k| kinds.iter().any(|o| o.object == k.object && o.shadows != k.shadows));
             let objects = kinds.iter().any(|k| k.object != kinds[0].object || k.face != kinds[0].face);
             let class = if shadowed { 2 } else { usize::from(objects) };
-            all.push((picture[y * width as usize + x], sum / offsets.len() as f64, class, t_s, x, y));
+            let middle = [x as f64 + 0.5, y as f64 + 0.5];
+            let hit = caster.hit_at(&pinhole, middle);
+            let node =
+                hit.map_or("sky", |h| &scene.nodes[caster.geometry().matter().objects[h.object].node].name);
+            let unshadowed = offsets
+                .iter()
+                .map(|o| open.look(&pinhole, [middle[0] + o[0], middle[1] + o[1]]).0)
+                .sum::<f64>()
+                / offsets.len() as f64;
+            all.push(Sample {
+                found: picture[y * width as usize + x],
+                exact: sum / offsets.len() as f64,
+                class,
+                what: format!("({x}, {y}) at {t_s:.4} s: {node}, unshadowed {unshadowed:.3}"),
+            });
         }
     }
-    let y_ref = all.iter().map(|a| a.1).sum::<f64>() / all.len() as f64 / 0.3;
-    let error =
-        |a: &(f64, f64, usize, f64, usize, usize)| (a.0 / y_ref + 1e-3).ln() - (a.1 / y_ref + 1e-3).ln();
+    let y_ref = all.iter().map(|a| a.exact).sum::<f64>() / all.len() as f64 / 0.3;
+    let error = |a: &Sample| (a.found / y_ref + 1e-3).ln() - (a.exact / y_ref + 1e-3).ln();
     for (class, what) in ["inside surfaces", "edges", "shadow edges"].into_iter().enumerate() {
-        let mut errors: Vec<f64> = all.iter().filter(|a| a.2 == class).map(|a| error(a).abs()).collect();
+        let mut errors: Vec<f64> = all.iter().filter(|a| a.class == class).map(|a| error(a).abs()).collect();
         errors.sort_by(f64::total_cmp);
         let n = errors.len().max(1);
         let at = |p: f64| errors.get(((n - 1) as f64 * p) as usize).copied().unwrap_or(0.0);
         let rms = (errors.iter().map(|e| e * e).sum::<f64>() / n as f64).sqrt();
-        let bias = all.iter().filter(|a| a.2 == class).map(error).sum::<f64>() / n as f64;
+        let bias = all.iter().filter(|a| a.class == class).map(error).sum::<f64>() / n as f64;
         println!(
             "{what:>16}: {:5} pixels, RMS {rms:.4}, median {:.4}, p90 {:.4}, p99 {:.4}, worst {:.3}, mean {bias:+.4}",
             errors.len(),
@@ -83,16 +106,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     all.sort_by(|a, b| error(b).abs().total_cmp(&error(a).abs()));
     for a in all.iter().take(24) {
-        println!(
-            "  ({:3}, {:3}) at {:.4} s: {:9.4} for {:9.4} ({:+.3}), class {}",
-            a.4,
-            a.5,
-            a.3,
-            a.0,
-            a.1,
-            error(a),
-            a.2
-        );
+        println!("  {:9.4} for {:9.4} ({:+.3}), class {}, {}", a.found, a.exact, error(a), a.class, a.what);
     }
     Ok(())
 }
