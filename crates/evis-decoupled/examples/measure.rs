@@ -1,0 +1,84 @@
+//! Events of a scene against the oracle's, and what they cost.
+//!
+//! `cargo run --release -p evis-decoupled --example measure -- SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD]`
+//!
+//! Truth is made of PIXELS pixels and kept in the folder that `EVIS_TRUTH_CACHE` names. Cost is the CPU time of the
+//! process while it simulates, all pixels, from /proc/self/stat.
+
+use std::path::PathBuf;
+
+use evis_core::SensorConfig;
+use evis_core::metric::{ScoreSettings, score};
+use evis_decoupled::{Settings, simulate};
+use evis_truth::{PixelChoice, TruthSettings, cached, truth};
+
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or("").split_whitespace().collect();
+    // Fields 14 and 15, counted from the one after the name as 3: user and system time in ticks of 10 ms.
+    let ticks: f64 = fields.iter().skip(11).take(2).filter_map(|f| f.parse::<f64>().ok()).sum();
+    ticks * 0.01
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut args = std::env::args().skip(1);
+    let usage = "usage: measure SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD]";
+    let name = args.next().ok_or(usage)?;
+    let size = args.next().ok_or(usage)?;
+    let (w, h) = size.split_once('x').ok_or(usage)?;
+    let size = Some((w.parse()?, h.parse()?));
+    let duration_us = (args.next().ok_or(usage)?.parse::<f64>()? * 1e6).round() as i64;
+    let pixels: usize = args.next().map_or(Ok(1000), |v| v.parse())?;
+    let threshold: f32 = args.next().map_or(Ok(0.2), |v| v.parse())?;
+    let sensor = SensorConfig { threshold_on: threshold, threshold_off: threshold, ..Default::default() };
+    let scene = evis_scene::source::load(&name, 0)?;
+
+    let truth_settings = TruthSettings {
+        sensor: sensor.clone(),
+        size,
+        duration_us,
+        pixels: PixelChoice::Count(pixels),
+        ..Default::default()
+    };
+    let truth = match std::env::var_os("EVIS_TRUTH_CACHE").map(PathBuf::from) {
+        Some(folder) => cached(&folder, &scene, &truth_settings, &|_| true)?,
+        None => truth(&scene, &truth_settings, &|_| true)?,
+    };
+
+    let settings = Settings { sensor, size, duration_us, ..Default::default() };
+    let before = cpu_seconds();
+    let out = simulate(&scene, &settings)?;
+    let cpu = cpu_seconds() - before;
+    let seconds = duration_us as f64 * 1e-6;
+    let r = &out.report;
+    let wall = r.lists_s + r.light_s + r.pixels_s;
+    let share = |s: f64| cpu / seconds * s / wall;
+    println!("{name} {w}x{h}, {seconds} s: {} events", out.events.len());
+    println!(
+        "Y_ref {:.5} here, {:.5} in the truth ({:+.2} %)",
+        out.reference_luminance,
+        truth.reference_luminance,
+        100.0 * (out.reference_luminance / truth.reference_luminance - 1.0)
+    );
+    println!(
+        "core-seconds per simulated second: {:.2} = lists {:.2} + light {:.2} + pixels {:.2} (coverage {:.2}, shading {:.2}, rest {:.2})",
+        cpu / seconds,
+        share(r.lists_s),
+        share(r.light_s),
+        share(r.pixels_s),
+        share(r.coverage_s),
+        share(r.shading_s),
+        share(r.pixels_s - r.coverage_s - r.shading_s),
+    );
+    println!(
+        "{:.1} evaluations per event, {:.0} per pixel and second, {:.0} ns each; {:.2} facets per pixel; {:.1} % of evaluations see one",
+        r.evaluations as f64 / out.events.len().max(1) as f64,
+        r.evaluations as f64 / f64::from(size.map_or(1, |(w, h): (u32, u32)| w * h)) / seconds,
+        1e9 * cpu * r.pixels_s / wall / r.evaluations.max(1) as f64,
+        r.entries as f64 / r.pixel_blocks.max(1) as f64,
+        100.0 * r.plain as f64 / r.evaluations.max(1) as f64,
+    );
+    println!("cells shaded per second: {:.0}", r.cells as f64 / seconds);
+    println!("{}", score(&out.events, &truth, &ScoreSettings::default())?);
+    Ok(())
+}

@@ -1,0 +1,363 @@
+//! Blocks of time, and screen-space motion within one as quadratics.
+//!
+//! Borders lie on an absolute dyadic grid, joined by the times at which a scene's motion or light bends or jumps.
+//! Within a block a vertex's homogeneous image point h = (x z, y z, z) is a quadratic in time through its exact places
+//! at the start, middle and end. What that leaves out is measured at the quarters, near where the remainder of a smooth
+//! motion is largest; where it exceeds [`MAX_ERROR_PX`], the surface's part of the block is halved, for itself alone.
+
+use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
+use evis_scene::{Motion, Scene};
+use glam::{DMat4, DVec3};
+
+use crate::Error;
+use crate::world::{Frame, World};
+
+/// Largest error of a surface's box within a block, in pixels, at the quarters of a span.
+pub const MAX_ERROR_PX: f64 = 2e-3;
+/// Largest error of any vertex in front of the near plane, at any time. One that is nearer to the camera than its
+/// surface's box has corners in view may be off by more than these; this is what tests hold.
+pub const BOUND_PX: f64 = 1e-2;
+/// Depth in metres at which errors of what lies nearer are measured.
+const LEAST_DEPTH: f64 = 0.1;
+/// A surface's part of a block is halved this often at most.
+const MAX_HALVINGS: u32 = 6;
+/// How long before a border its left-hand limit is taken, in microseconds.
+const BEFORE_US: f64 = 1e-3;
+
+/// A half-open interval of scene time within which nothing jumps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Block {
+    /// Start in microseconds.
+    pub start_us: f64,
+    /// End in microseconds.
+    pub end_us: f64,
+    /// Light may jump at its start.
+    pub jump: bool,
+}
+
+impl Block {
+    /// Time at `u` in [0, 1]; 1 is the limit from before the end.
+    pub fn at(&self, u: f64) -> f64 {
+        (self.start_us + u * (self.end_us - self.start_us)).min(self.end_us - BEFORE_US)
+    }
+
+    /// Length in microseconds.
+    pub fn length_us(&self) -> f64 {
+        self.end_us - self.start_us
+    }
+}
+
+/// The blocks that cover [start, end): borders are multiples of `length_us`, and what [`breaks`] finds.
+pub fn blocks(scene: &Scene, start_us: f64, end_us: f64, length_us: i64) -> Vec<Block> {
+    let length = length_us as f64;
+    let mut borders = vec![start_us, end_us];
+    let mut k = (start_us / length).floor() + 1.0;
+    while k * length < end_us {
+        borders.push(k * length);
+        k += 1.0;
+    }
+    let jumps = breaks(scene, start_us, end_us);
+    borders.extend_from_slice(&jumps);
+    borders.sort_by(f64::total_cmp);
+    // Nearer than two left-hand limits, two borders are one.
+    borders.dedup_by(|b, a| *b - *a < 2.0 * BEFORE_US);
+    borders
+        .windows(2)
+        .map(|w| Block {
+            start_us: w[0],
+            end_us: w[1],
+            jump: jumps.iter().any(|j| (j - w[0]).abs() < 2.0 * BEFORE_US),
+        })
+        .collect()
+}
+
+/// Times in (start, end), in microseconds and ascending, at which a motion or a light bends or jumps.
+pub fn breaks(scene: &Scene, start_us: f64, end_us: f64) -> Vec<f64> {
+    let speed = scene.speed.unwrap_or(1.0);
+    let range_s = [start_us * 1e-6 * speed, end_us * 1e-6 * speed];
+    let mut times = Vec::new();
+    for node in &scene.nodes {
+        match &node.motion {
+            Motion::Fixed(_) => {}
+            Motion::Animated { translation, rotation, scale, .. } => {
+                for curve in [translation, rotation, scale].into_iter().flatten() {
+                    of_curve(curve, &mut times);
+                }
+            }
+            Motion::Path(path) => of_path(path, &mut times),
+        }
+        node.morph.iter().for_each(|curve| of_curve(curve, &mut times));
+    }
+    let waves = scene.lights.iter().filter_map(|l| l.waveform);
+    for wave in waves.chain(scene.materials.iter().filter_map(|m| m.emission_waveform)) {
+        of_wave(&wave, range_s, &mut times);
+    }
+    times.retain(|t| *t > range_s[0] && *t < range_s[1]);
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    times.into_iter().map(|t| t / speed * 1e6).collect()
+}
+
+fn of_curve(curve: &Curve, times: &mut Vec<f64>) {
+    times.extend_from_slice(&curve.times);
+}
+
+fn of_path(path: &Path, times: &mut Vec<f64>) {
+    match path {
+        Path::Ballistic { launch_s, .. } => times.push(*launch_s),
+        Path::Keys { times: keys, .. } => times.extend_from_slice(keys),
+        Path::Chain(paths) => paths.iter().for_each(|p| of_path(p, times)),
+        Path::ConstantVelocity { .. } | Path::Spin { .. } | Path::FigureEight { .. } => {}
+    }
+}
+
+fn of_wave(wave: &Waveform, [from, to]: [f64; 2], times: &mut Vec<f64>) {
+    let duty = match wave.shape {
+        WaveShape::Sine => return,
+        WaveShape::Square => 0.5,
+        WaveShape::Pwm { duty } => duty,
+    };
+    if wave.frequency_hz <= 0.0 {
+        return;
+    }
+    let first = (from * wave.frequency_hz + wave.phase).floor();
+    let last = (to * wave.frequency_hz + wave.phase).ceil();
+    let mut cycle = first;
+    while cycle <= last {
+        times.extend([cycle, cycle + duty].map(|c| (c - wave.phase) / wave.frequency_hz));
+        cycle += 1.0;
+    }
+}
+
+/// Where one surface's vertices go during a part of a block.
+#[derive(Clone, Debug)]
+pub struct Span {
+    /// Part of the block, in its u.
+    pub u: [f64; 2],
+    /// Where vertices are at the start, middle and end of the span.
+    pub places: Places,
+    /// Error at the quarters, in pixels; above [`MAX_ERROR_PX`] where halving did not suffice.
+    pub error_px: f64,
+}
+
+/// Homogeneous image points at three times.
+#[derive(Clone, Debug)]
+pub enum Places {
+    /// Of a rigid surface: screen from its own space.
+    Rigid(Box<[DMat4; 3]>),
+    /// Of a deforming one: per vertex.
+    Vertices(Vec<[DVec3; 3]>),
+}
+
+impl Places {
+    /// Image points of vertex `vertex`, at `position` in the surface's own space, at the three times.
+    pub fn of(&self, vertex: u32, position: DVec3) -> [DVec3; 3] {
+        match self {
+            Self::Rigid(matrices) => matrices.each_ref().map(|m| m.transform_point3(position)),
+            Self::Vertices(vertices) => vertices[vertex as usize],
+        }
+    }
+}
+
+/// A scene at the times that a block needs, each evaluated once.
+pub struct Clock<'w, 'a> {
+    world: &'w World<'a>,
+    block: Block,
+    /// By u in units of 1 / 2^(MAX_HALVINGS + 2).
+    frames: std::collections::BTreeMap<u32, Frame>,
+}
+
+const UNITS: u32 = 1 << (MAX_HALVINGS + 2);
+
+impl<'w, 'a> Clock<'w, 'a> {
+    /// The scene during `block`.
+    pub fn new(world: &'w World<'a>, block: Block) -> Self {
+        Self { world, block, frames: Default::default() }
+    }
+
+    /// The scene at `unit` of [`UNITS`] of the block.
+    fn frame(&mut self, unit: u32) -> Result<&Frame, Error> {
+        use std::collections::btree_map::Entry;
+        let t_us = self.block.at(f64::from(unit) / f64::from(UNITS));
+        Ok(match self.frames.entry(unit) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(slot) => slot.insert(self.world.frame(t_us)?),
+        })
+    }
+
+    /// The scene at the start and at the end of the block.
+    ///
+    /// # Errors
+    /// A camera without a pose.
+    pub fn ends(&mut self) -> Result<[Frame; 2], Error> {
+        Ok([self.frame(0)?.clone(), self.frame(UNITS)?.clone()])
+    }
+
+    /// The scene at the start, middle and end of the block.
+    ///
+    /// # Errors
+    /// A camera without a pose.
+    pub fn thirds(&mut self) -> Result<[Frame; 3], Error> {
+        Ok([self.frame(0)?.clone(), self.frame(UNITS / 2)?.clone(), self.frame(UNITS)?.clone()])
+    }
+
+    /// Motion of surface `surface` during the block.
+    ///
+    /// # Errors
+    /// A camera without a pose.
+    pub fn spans(&mut self, surface: u32) -> Result<Vec<Span>, Error> {
+        let mut out = Vec::with_capacity(1);
+        self.split(surface, [0, UNITS], &mut out)?;
+        Ok(out)
+    }
+
+    fn split(&mut self, surface: u32, [from, to]: [u32; 2], out: &mut Vec<Span>) -> Result<(), Error> {
+        let quarter = (to - from) / 4;
+        let units = [0, 1, 2, 3, 4].map(|k| from + k * quarter);
+        let s = &self.world.surfaces[surface as usize];
+        let (places, error_px) = if s.deforms {
+            let mut at = Vec::with_capacity(5);
+            for unit in units {
+                let world = self.world;
+                let frame = self.frame(unit)?;
+                let vertices = world.vertices(surface, frame);
+                let screen = frame.screen_from_world;
+                at.push(vertices.into_iter().map(|(p, _)| screen.transform_point3(p)).collect::<Vec<_>>());
+            }
+            let near = self.world.lens.near;
+            let error = (0..at[0].len())
+                .map(|v| [0, 1, 2, 3, 4].map(|k| at[k][v]))
+                .map(|h| left_out(h, near))
+                .fold(0.0, f64::max);
+            (Places::Vertices((0..at[0].len()).map(|v| [at[0][v], at[2][v], at[4][v]]).collect()), error)
+        } else {
+            let node = s.node;
+            let [low, high] = s.bounds;
+            let mut at = [DMat4::IDENTITY; 5];
+            for (slot, unit) in at.iter_mut().zip(units) {
+                let frame = self.frame(unit)?;
+                *slot = frame.screen_from_world * frame.world_from_node(node);
+            }
+            let near = self.world.lens.near;
+            let error = corners(low, high)
+                .map(|p| left_out(at.map(|m| m.transform_point3(p)), near))
+                .into_iter()
+                .fold(0.0, f64::max);
+            (Places::Rigid(Box::new([at[0], at[2], at[4]])), error)
+        };
+        if error_px > MAX_ERROR_PX && quarter > 1 {
+            let middle = (from + to) / 2;
+            self.split(surface, [from, middle], out)?;
+            return self.split(surface, [middle, to], out);
+        }
+        let u = [from, to].map(|v| f64::from(v) / f64::from(UNITS));
+        out.push(Span { u, places, error_px });
+        Ok(())
+    }
+}
+
+/// The eight corners of a box.
+pub fn corners(low: DVec3, high: DVec3) -> [DVec3; 8] {
+    std::array::from_fn(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low))
+}
+
+/// How far, in pixels, the quadratic through `h` at 0, 1/2 and 1 is from `h` at 1/4 and 3/4.
+fn left_out(h: [DVec3; 5], near: f64) -> f64 {
+    let miss = |exact: DVec3, guess: DVec3| {
+        let d = exact - guess;
+        // Corners behind the camera stand for what of their box is in view: at least this far away.
+        let z = exact.z.max(near).max(LEAST_DEPTH);
+        let (x, y) = (exact.x / z, exact.y / z);
+        ((d.x - x * d.z).hypot(d.y - y * d.z)) / z
+    };
+    // Lagrange's polynomials at 1/4 and 3/4.
+    let first = h[0] * 0.375 + h[2] * 0.75 - h[4] * 0.125;
+    let second = h[0] * -0.125 + h[2] * 0.75 + h[4] * 0.375;
+    miss(h[1], first).max(miss(h[3], second))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn warehouse() -> Scene {
+        evis_scene::builtin::load("warehouse", 0).unwrap()
+    }
+
+    #[test]
+    fn borders_are_absolute_and_joined_by_jumps() {
+        let scene = warehouse();
+        let all = blocks(&scene, 0.0, 1e6, 8192);
+        let later = blocks(&scene, 300_000.0, 700_000.0, 8192);
+        // What begins later has the same borders inside.
+        for b in &later[1..] {
+            assert!(all.iter().any(|a| a.start_us == b.start_us), "{b:?}");
+        }
+        assert!(all.windows(2).all(|w| w[0].end_us == w[1].start_us));
+        // The beacon: 4 Hz, 0.3 of a cycle lit.
+        for jump in [75_000.0, 250_000.0] {
+            let found = all.iter().find(|b| (b.start_us - jump).abs() < 0.01).map(|b| b.jump);
+            assert_eq!(found, Some(true), "{jump}");
+        }
+        assert!(!all[1].jump);
+        let fast = scene.at_speed(4.0).unwrap();
+        assert!(breaks(&fast, 0.0, 1e6).iter().any(|t| (t - 18_750.0).abs() < 0.01));
+    }
+
+    /// Largest error in pixels of the quadratics over all vertices that are in front of the camera.
+    fn worst(world: &World, block: Block) -> (f64, usize) {
+        let mut clock = Clock::new(world, block);
+        let (mut worst, mut spans) = (0.0_f64, 0);
+        for surface in 0..world.surfaces.len() as u32 {
+            for span in clock.spans(surface).unwrap() {
+                spans += 1;
+                for k in 0..23 {
+                    let v = (f64::from(k) + 0.5) / 23.0;
+                    let t_us = block.at(span.u[0] + v * (span.u[1] - span.u[0]));
+                    let frame = world.frame(t_us).unwrap();
+                    let vertices = world.vertices(surface, &frame);
+                    let primitive = world.primitive(surface);
+                    for (i, (p, _)) in vertices.iter().enumerate().step_by(7) {
+                        let h = frame.screen_from_world.transform_point3(*p);
+                        if h.z < world.lens.near {
+                            continue;
+                        }
+                        let [a, b, c] = span.places.of(i as u32, crate::world::wide(primitive.positions[i]));
+                        let (l0, l1, l2) =
+                            ((1.0 - v) * (1.0 - 2.0 * v), 4.0 * v * (1.0 - v), v * (2.0 * v - 1.0));
+                        let q = a * l0 + b * l1 + c * l2;
+                        worst = worst.max((q.x / q.z - h.x / h.z).hypot(q.y / q.z - h.y / h.z));
+                    }
+                }
+            }
+        }
+        (worst, spans)
+    }
+
+    #[test]
+    fn quadratics_stay_within_their_bound() {
+        for name in ["warehouse", "spinner", "street"] {
+            let scene = evis_scene::builtin::load(name, 0).unwrap();
+            // Twenty times as fast, so that records split.
+            for speed in [1.0, 20.0] {
+                let scene = scene.clone().at_speed(speed).unwrap();
+                let world = World::new(&scene, 0, Some((320, 240))).unwrap();
+                let block = Block { start_us: 40_960.0, end_us: 49_152.0, jump: false };
+                let (error, spans) = worst(&world, block);
+                assert!(error < BOUND_PX, "{name} at {speed}: {error} px");
+                if speed > 1.0 {
+                    assert!(spans > world.surfaces.len(), "{name}: something splits");
+                }
+            }
+        }
+        // Canary: without splitting the bound does not hold.
+        let scene = evis_scene::builtin::load("spinner", 0).unwrap().at_speed(100.0).unwrap();
+        let world = World::new(&scene, 0, Some((320, 240))).unwrap();
+        let frames = [0.0, 0.25, 0.5, 0.75, 1.0].map(|u| world.frame(40_960.0 + 8192.0 * u).unwrap());
+        let node = world.surfaces[1].node;
+        let h = frames.map(|f| {
+            (f.screen_from_world * f.world_from_node(node)).transform_point3(world.surfaces[1].bounds[0])
+        });
+        assert!(left_out(h, 0.01) > BOUND_PX);
+    }
+}

@@ -1,0 +1,405 @@
+//! What each facet covers of a pixel at a time.
+//!
+//! Coordinates are pixels from the pixel's centre. A facet is where its edge functions e = h_k x h_(k+1) are not
+//! negative, and its inverse depth is linear there. Shared edges are exact negatives of each other, so facets neither
+//! overlap nor leave gaps. Among few facets the pixel's square is cut into convex regions, of exact area; among many,
+//! [`crate::mask`] first decides which are seen.
+
+use glam::DVec3;
+
+use crate::lists::Record;
+use crate::mask;
+
+/// A linear function a x + b y + c on the pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Line {
+    /// Change to the right.
+    pub a: f64,
+    /// Change down.
+    pub b: f64,
+    /// Value at the centre.
+    pub c: f64,
+}
+
+impl Line {
+    fn new(v: DVec3) -> Self {
+        Self { a: v.x, b: v.y, c: v.z }
+    }
+
+    /// Value at (x, y).
+    #[inline(always)]
+    pub fn at(&self, [x, y]: [f64; 2]) -> f64 {
+        self.a * x + self.b * y + self.c
+    }
+
+    /// Greatest distance of its values on the pixel from that at the centre.
+    #[inline(always)]
+    pub fn reach(&self) -> f64 {
+        0.5 * (self.a.abs() + self.b.abs())
+    }
+
+    /// The difference.
+    #[inline(always)]
+    pub fn minus(self, o: Self) -> Self {
+        Self { a: self.a - o.a, b: self.b - o.b, c: self.c - o.c }
+    }
+}
+
+/// A facet at a time, as a pixel sees it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Fragment {
+    /// Index into [`crate::lists::Lists::records`].
+    pub record: u32,
+    /// Its facet: of equal depths the lowest is seen.
+    pub facet: u32,
+    /// Edges that cross the pixel, inside not negative.
+    pub edges: [Line; 5],
+    /// How many of them.
+    pub edge_count: usize,
+    /// 1/depth.
+    pub inverse_depth: Line,
+    /// Numerators of s and t over [`Fragment::inverse_depth`].
+    pub place: [Line; 2],
+    /// The camera sees its outside.
+    pub front: bool,
+}
+
+impl Fragment {
+    /// `record` as the pixel centred at (`x`, `y`) sees it at `v` of its span; `None` where it does not touch it.
+    #[inline(always)]
+    pub fn new(record: &Record, index: u32, centre: [f64; 2], v: f64, near: f64) -> Option<Self> {
+        Self::of_area(record, index, centre, 1.0, v, near)
+    }
+
+    /// As [`Fragment::new`], for a square with sides of `size` pixels; everything is in units of that.
+    #[inline(always)]
+    pub fn of_area(
+        record: &Record,
+        index: u32,
+        [x, y]: [f64; 2],
+        size: f64,
+        v: f64,
+        near: f64,
+    ) -> Option<Self> {
+        let inverse_size = 1.0 / size;
+        let [p, q, r] = &record.points;
+        let mut h = [[0.0; 4]; 3];
+        for axis in 0..3 {
+            for corner in 0..4 {
+                h[axis][corner] = p[axis][corner] + v * (q[axis][corner] + v * r[axis][corner]);
+            }
+        }
+        for corner in 0..4 {
+            h[0][corner] = (h[0][corner] - x * h[2][corner]) * inverse_size;
+            h[1][corner] = (h[1][corner] - y * h[2][corner]) * inverse_size;
+        }
+        let point = |k: usize| DVec3::new(h[0][k], h[1][k], h[2][k]);
+        let [h0, h1, h2, h3] = [point(0), point(1), point(2), point(3)];
+        // Of the triangle of corners 0, 1 and 3, which all but degenerate facets have.
+        let (e0, e3, across) = (h0.cross(h1), h3.cross(h0), h1.cross(h3));
+        let volume = h0.dot(across);
+        let front = (volume < 0.0) != record.mirrored;
+        if volume == 0.0 || (!front && !record.double_sided) {
+            return None;
+        }
+        let sign = volume.signum();
+        let mut fragment = Self { record: index, facet: record.facet, front, ..Self::default() };
+        for e in [e0, h1.cross(h2), h2.cross(h3), e3] {
+            let line = Line::new(e * sign);
+            let reach = line.reach();
+            if line.c < -reach {
+                return None;
+            }
+            if line.c < reach {
+                fragment.edges[fragment.edge_count] = line;
+                fragment.edge_count += 1;
+            }
+        }
+        let inverse = 1.0 / volume;
+        fragment.inverse_depth = Line::new((e0 + e3 + across) * inverse);
+        fragment.place = [Line::new(e3 * inverse), Line::new(e0 * inverse)];
+        if record.crosses_near {
+            let depth = fragment.inverse_depth;
+            let line = Line { a: -depth.a, b: -depth.b, c: 1.0 / near - depth.c };
+            let reach = line.reach();
+            if line.c < -reach {
+                return None;
+            }
+            if line.c < reach {
+                fragment.edges[fragment.edge_count] = line;
+                fragment.edge_count += 1;
+            }
+        }
+        Some(fragment)
+    }
+
+    /// Edges that cross the pixel.
+    #[inline(always)]
+    pub fn crossing(&self) -> &[Line] {
+        &self.edges[..self.edge_count]
+    }
+
+    /// Where this is before `other`: a function that is not negative there, and 1 or -1 where that is all of the pixel
+    /// or nothing of it, else 0.
+    #[inline(always)]
+    pub fn before(&self, other: &Self) -> (Line, i32) {
+        let d = self.inverse_depth.minus(other.inverse_depth);
+        let reach = d.reach();
+        // What is left of a difference between equal planes is rounding.
+        let noise = 1e-10 * (self.inverse_depth.c.abs() + self.inverse_depth.reach());
+        if d.c.abs() + reach < noise {
+            return (d, if self.facet < other.facet { 1 } else { -1 });
+        }
+        let side = if d.c >= reach {
+            1
+        } else if d.c <= -reach {
+            -1
+        } else {
+            0
+        };
+        (d, side)
+    }
+
+    /// (s, t) of the facet at a point of the pixel, and their change to the right and down.
+    #[inline(always)]
+    pub fn parameters(&self, at: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
+        let w = &self.inverse_depth;
+        let depth = 1.0 / w.at(at);
+        let value = self.place.map(|n| n.at(at) * depth);
+        let right = [0, 1].map(|k| (self.place[k].a - value[k] * w.a) * depth);
+        let down = [0, 1].map(|k| (self.place[k].b - value[k] * w.b) * depth);
+        (value, [right, down])
+    }
+}
+
+/// Most corners of a region.
+const MAX_CORNERS: usize = 16;
+
+/// A convex polygon in the pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Polygon {
+    corners: [[f64; 2]; MAX_CORNERS],
+    count: usize,
+}
+
+impl Polygon {
+    /// The whole pixel.
+    pub const PIXEL: Self = {
+        let mut corners = [[0.0; 2]; MAX_CORNERS];
+        corners[0] = [-0.5, -0.5];
+        corners[1] = [0.5, -0.5];
+        corners[2] = [0.5, 0.5];
+        corners[3] = [-0.5, 0.5];
+        Self { corners, count: 4 }
+    };
+
+    /// Its corners, clockwise on the screen.
+    pub fn corners(&self) -> &[[f64; 2]] {
+        &self.corners[..self.count]
+    }
+
+    fn empty() -> Self {
+        Self { corners: [[0.0; 2]; MAX_CORNERS], count: 0 }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, p: [f64; 2]) {
+        // A pixel cut by more lines than this keeps its area but for the last corner.
+        if self.count < MAX_CORNERS {
+            self.corners[self.count] = p;
+            self.count += 1;
+        }
+    }
+
+    /// The parts where `line` is not negative and where it is.
+    #[inline(always)]
+    pub fn split(&self, line: &Line) -> (Self, Self) {
+        let (mut inside, mut outside) = (Self::empty(), Self::empty());
+        let Some(&last) = self.corners().last() else { return (inside, outside) };
+        let (mut a, mut va) = (last, line.at(last));
+        for &b in self.corners() {
+            let vb = line.at(b);
+            if (va >= 0.0) != (vb >= 0.0) {
+                let w = va / (va - vb);
+                let p = [a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1])];
+                inside.push(p);
+                outside.push(p);
+            }
+            if vb >= 0.0 {
+                inside.push(b);
+            } else {
+                outside.push(b);
+            }
+            (a, va) = (b, vb);
+        }
+        (inside, outside)
+    }
+
+    /// Whether it has an area.
+    pub fn is_empty(&self) -> bool {
+        self.count < 3
+    }
+
+    /// Area and moments.
+    #[inline(always)]
+    pub fn moments(&self) -> Moments {
+        let mut m = Moments::default();
+        let Some(&last) = self.corners().last() else { return m };
+        let mut a = last;
+        for &b in self.corners() {
+            let cross = a[0] * b[1] - b[0] * a[1];
+            m.area += 0.5 * cross;
+            m.first[0] += cross * (a[0] + b[0]) / 6.0;
+            m.first[1] += cross * (a[1] + b[1]) / 6.0;
+            m.second[0] += cross * (a[0] * a[0] + a[0] * b[0] + b[0] * b[0]) / 12.0;
+            m.second[1] += cross * (a[0] * b[1] + 2.0 * (a[0] * a[1] + b[0] * b[1]) + b[0] * a[1]) / 24.0;
+            m.second[2] += cross * (a[1] * a[1] + a[1] * b[1] + b[1] * b[1]) / 12.0;
+            a = b;
+        }
+        m
+    }
+}
+
+/// Integrals over a part of a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moments {
+    /// Of 1.
+    pub area: f64,
+    /// Of x and y.
+    pub first: [f64; 2],
+    /// Of x x, x y and y y.
+    pub second: [f64; 3],
+}
+
+impl Moments {
+    /// Of the whole pixel.
+    pub const PIXEL: Self = Self { area: 1.0, first: [0.0; 2], second: [1.0 / 12.0, 0.0, 1.0 / 12.0] };
+
+    /// Both together.
+    pub fn add(&mut self, o: &Self) {
+        self.area += o.area;
+        for k in 0..2 {
+            self.first[k] += o.first[k];
+        }
+        for k in 0..3 {
+            self.second[k] += o.second[k];
+        }
+    }
+
+    /// Centroid, and the axes of the parallelogram about it that has these moments.
+    #[inline(always)]
+    pub fn footprint(&self) -> ([f64; 2], [[f64; 2]; 2]) {
+        let inverse = 1.0 / self.area;
+        let [x, y] = self.first.map(|v| v * inverse);
+        let xx = (self.second[0] * inverse - x * x).max(1e-12);
+        let xy = self.second[1] * inverse - x * y;
+        let yy = (self.second[2] * inverse - y * y).max(1e-12);
+        // Cholesky: a unit square has the variance 1/12 along each side.
+        let l = xx.sqrt();
+        let m = xy / l;
+        let n = (yy - m * m).max(0.0).sqrt();
+        let side = 12.0_f64.sqrt();
+        ([x, y], [[side * l, side * m], [0.0, side * n]])
+    }
+}
+
+/// What of a pixel one fragment covers, or the background where `fragment` is `None`.
+#[derive(Clone, Copy, Debug)]
+pub struct Region {
+    /// Index into the fragments.
+    pub fragment: Option<usize>,
+    /// Where.
+    pub polygon: Polygon,
+}
+
+/// Fragments above which masks first decide which are seen.
+pub const FEW: usize = 6;
+
+/// Room for the work on one pixel, kept between pixels.
+#[derive(Default)]
+pub struct Regions {
+    /// Regions; they tile the pixel.
+    pub regions: Vec<Region>,
+    order: Vec<usize>,
+    before: Vec<Region>,
+    uncovered: Vec<Polygon>,
+    rest: Vec<Polygon>,
+}
+
+impl Regions {
+    /// Cuts the pixel into what each of `fragments` covers.
+    pub fn cut(&mut self, fragments: &[Fragment]) {
+        self.order.clear();
+        if fragments.len() > FEW {
+            let seen = mask::seen(fragments);
+            self.order.extend((0..fragments.len()).filter(|i| seen[*i]));
+        } else {
+            self.order.extend(0..fragments.len());
+        }
+        self.order.sort_by(|a, b| {
+            let (a, b) = (&fragments[*a], &fragments[*b]);
+            b.inverse_depth.c.total_cmp(&a.inverse_depth.c).then(a.facet.cmp(&b.facet))
+        });
+        self.regions.clear();
+        self.uncovered.clear();
+        self.uncovered.push(Polygon::PIXEL);
+        for k in 0..self.order.len() {
+            self.insert(fragments, self.order[k], k);
+        }
+        for polygon in self.uncovered.drain(..) {
+            self.regions.push(Region { fragment: None, polygon });
+        }
+    }
+
+    fn insert(&mut self, fragments: &[Fragment], index: usize, earlier: usize) {
+        let fragment = &fragments[index];
+        // What is already covered, but perhaps by something behind this.
+        let behind = |other: &usize| fragment.before(&fragments[*other]).1 >= 0;
+        if self.order[..earlier].iter().any(behind) {
+            self.before.clear();
+            self.before.append(&mut self.regions);
+            for k in 0..self.before.len() {
+                let region = self.before[k];
+                let Some(owner) = region.fragment else { continue };
+                let (line, side) = fragment.before(&fragments[owner]);
+                if side < 0 {
+                    self.regions.push(region);
+                    continue;
+                }
+                let mut inside = region.polygon;
+                for edge in fragment.crossing() {
+                    let (kept, cut) = inside.split(edge);
+                    if !cut.is_empty() {
+                        self.regions.push(Region { polygon: cut, ..region });
+                    }
+                    inside = kept;
+                }
+                if side == 0 {
+                    let (kept, cut) = inside.split(&line);
+                    if !cut.is_empty() {
+                        self.regions.push(Region { polygon: cut, ..region });
+                    }
+                    inside = kept;
+                }
+                if !inside.is_empty() {
+                    self.regions.push(Region { fragment: Some(index), polygon: inside });
+                }
+            }
+        }
+        self.rest.clear();
+        for k in 0..self.uncovered.len() {
+            let mut inside = self.uncovered[k];
+            for edge in fragment.crossing() {
+                let (kept, cut) = inside.split(edge);
+                if !cut.is_empty() {
+                    self.rest.push(cut);
+                }
+                inside = kept;
+            }
+            if !inside.is_empty() {
+                self.regions.push(Region { fragment: Some(index), polygon: inside });
+            }
+        }
+        std::mem::swap(&mut self.uncovered, &mut self.rest);
+    }
+}

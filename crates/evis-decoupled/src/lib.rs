@@ -1,0 +1,34 @@
+//! Decoupled sampling: which surfaces a pixel sees is found from geometry in continuous time, how bright they are from
+//! light that lives on the surfaces, and each pixel is evaluated at its own times. Pure Rust, no GPU.
+//!
+//! Modules read earlier ones only: [`world`] flattens a scene; [`blocks`] cuts time and bounds motion; [`lists`] says
+//! what tiles and pixels may see; [`coverage`] how much of a pixel each facet covers at a time; [`texture`], [`light`]
+//! and [`shadow`] what it sends; [`path`] follows a pixel's light; [`events`] crosses thresholds.
+
+pub mod blocks;
+pub mod coverage;
+pub mod events;
+pub mod light;
+pub mod lists;
+pub mod mask;
+pub mod material;
+pub mod path;
+pub mod pixel;
+pub mod shadow;
+mod simulate;
+pub mod texture;
+pub mod world;
+
+pub use simulate::{Outcome, Report, Settings, luminance, simulate};
+
+/// Why there are no events.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A camera that cannot be used.
+    #[error("{0}")]
+    Camera(String),
+    /// A setting.
+    #[error(transparent)]
+    Config(#[from] evis_core::ConfigError),
+}

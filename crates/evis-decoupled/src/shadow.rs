@@ -1,0 +1,356 @@
+//! Cast shadows as polygons, at any time.
+//!
+//! The shadow of a convex facet on a plane is where the planes through the lamp and the facet's edges, and the facet's
+//! own plane, have the plane's points inside. On the screen each is a half plane: with the homogeneous point
+//! h = d / q(d) that a receiver of inverse depth q shows at d = (x, y, 1), n . h - n . a >= 0 is
+//! n . d - (n . a) q(d) >= 0. So shadows are cut like facets, exactly and in continuous time.
+
+use glam::DVec3;
+
+use crate::coverage::{Fragment, Line, Polygon, Region};
+use crate::lists::powers;
+use crate::mask;
+
+/// What lies beyond a facet by less than this part of the lamp's distance from it is the facet itself, or touches it.
+const CONTACT: f64 = 1e-6;
+/// Shadows above which masks count what is lit.
+const FEW: usize = 4;
+
+/// A facet that may throw a shadow into a tile.
+#[derive(Clone, Debug)]
+pub struct Occluder {
+    /// Homogeneous image points as quadratics of the block's time: `[power][x z, y z, z][corner]`.
+    points: [[[f64; 4]; 3]; 3],
+    /// Its triangle in the tree, for tests.
+    pub facet: u32,
+}
+
+impl Occluder {
+    /// From corners' homogeneous image points at the start, middle and end of a block.
+    pub fn new(facet: u32, h: [[DVec3; 3]; 4]) -> Self {
+        let p = h.map(powers);
+        let points = std::array::from_fn(|power| {
+            std::array::from_fn(|axis| std::array::from_fn(|corner| p[corner][power][axis]))
+        });
+        Self { points, facet }
+    }
+
+    /// Its shadow on the plane of `receiver` in the square of `size` pixels about `centre`: half planes that cross the
+    /// square. `None` where it throws none there.
+    #[inline(always)]
+    pub fn shadow(
+        &self,
+        lamp: &ScreenLamp,
+        receiver: &Line,
+        centre: [f64; 2],
+        size: f64,
+        u: f64,
+    ) -> Option<Shadow> {
+        let [p, q, r] = &self.points;
+        let inverse = 1.0 / size;
+        let point = |k: usize| {
+            let at = |axis: usize| p[axis][k] + u * (q[axis][k] + u * r[axis][k]);
+            let z = at(2);
+            DVec3::new((at(0) - centre[0] * z) * inverse, (at(1) - centre[1] * z) * inverse, z)
+        };
+        let corners = [point(0), point(1), point(2), point(3)];
+        let (place, w) = lamp.at(centre, size, u);
+        let on_plane = |normal: DVec3, through: f64| Line {
+            a: normal.x - through * receiver.a,
+            b: normal.y - through * receiver.b,
+            c: normal.z - through * receiver.c,
+        };
+        let mut shadow = Shadow::default();
+        // Beyond the facet's own plane, seen from the lamp.
+        let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]);
+        let height = normal.dot(place) - w * normal.dot(corners[0]);
+        if height == 0.0 {
+            return None;
+        }
+        let side = -height.signum();
+        let mut beyond = on_plane(normal * side, normal.dot(corners[0]) * side);
+        let contact = CONTACT * height.abs();
+        beyond.a -= contact * receiver.a;
+        beyond.b -= contact * receiver.b;
+        beyond.c -= contact * receiver.c;
+        if !shadow.add(beyond) {
+            return None;
+        }
+        let mut sign = 0.0;
+        for k in 0..4 {
+            let (a, b) = (corners[k], corners[(k + 1) % 4]);
+            let normal = a.cross(b) * w + place.cross(a - b);
+            let through = normal.dot(a);
+            if sign == 0.0 {
+                sign = (normal.dot(corners[3]) - through).signum();
+            }
+            if !shadow.add(on_plane(normal * sign, through * sign)) {
+                return None;
+            }
+        }
+        Some(shadow)
+    }
+}
+
+/// Half planes of a shadow that cross a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Shadow {
+    lines: [Line; 5],
+    count: usize,
+}
+
+impl Shadow {
+    /// Adds a half plane; false where it keeps the shadow out.
+    #[inline(always)]
+    fn add(&mut self, line: Line) -> bool {
+        let reach = line.reach();
+        // A degenerate edge, of a triangle's repeated corner.
+        if line.c == 0.0 && reach == 0.0 {
+            return true;
+        }
+        if line.c < -reach {
+            return false;
+        }
+        if line.c < reach {
+            self.lines[self.count] = line;
+            self.count += 1;
+        }
+        true
+    }
+
+    /// Half planes.
+    pub fn lines(&self) -> &[Line] {
+        &self.lines[..self.count]
+    }
+}
+
+/// A lamp as the screen has it.
+#[derive(Clone, Copy, Debug)]
+pub struct ScreenLamp {
+    powers: [DVec3; 3],
+    /// 1 for a place, 0 for a direction.
+    weight: f64,
+}
+
+impl ScreenLamp {
+    /// From homogeneous image points (of directions: the linear part only) at the start, middle and end of a block.
+    pub fn new(h: [DVec3; 3], weight: f64) -> Self {
+        Self { powers: powers(h), weight }
+    }
+
+    #[inline(always)]
+    fn at(&self, centre: [f64; 2], size: f64, u: f64) -> (DVec3, f64) {
+        let [p, q, r] = &self.powers;
+        let h = *p + (*q + *r * u) * u;
+        let inverse = 1.0 / size;
+        (DVec3::new((h.x - centre[0] * h.z) * inverse, (h.y - centre[1] * h.z) * inverse, h.z), self.weight)
+    }
+}
+
+/// Room for the work on one pixel.
+#[derive(Default)]
+pub struct Lit {
+    shadows: Vec<Shadow>,
+    lit: Vec<Polygon>,
+    rest: Vec<Polygon>,
+}
+
+impl Lit {
+    /// Part of what `fragment` covers of a pixel (all of it where `regions` is `None`) that `lamp` reaches.
+    pub fn part(
+        &mut self,
+        fragment: &Fragment,
+        regions: Option<(&[Region], usize)>,
+        occluders: &[Occluder],
+        lamp: &ScreenLamp,
+        centre: [f64; 2],
+        u: f64,
+    ) -> f64 {
+        self.shadows.clear();
+        for occluder in occluders {
+            if let Some(shadow) = occluder.shadow(lamp, &fragment.inverse_depth, centre, 1.0, u) {
+                if shadow.count == 0 {
+                    return 0.0;
+                }
+                self.shadows.push(shadow);
+            }
+        }
+        if self.shadows.is_empty() {
+            return 1.0;
+        }
+        if self.shadows.len() > FEW {
+            return self.counted(regions);
+        }
+        self.lit.clear();
+        match regions {
+            None => self.lit.push(Polygon::PIXEL),
+            Some((regions, own)) => {
+                self.lit.extend(regions.iter().filter(|r| r.fragment == Some(own)).map(|r| r.polygon));
+            }
+        }
+        let area = |polygons: &[Polygon]| polygons.iter().map(|p| p.moments().area).sum::<f64>();
+        let whole = area(&self.lit);
+        for shadow in &self.shadows {
+            self.rest.clear();
+            for polygon in &self.lit {
+                let mut inside = *polygon;
+                for line in shadow.lines() {
+                    let (kept, cut) = inside.split(line);
+                    if !cut.is_empty() {
+                        self.rest.push(cut);
+                    }
+                    inside = kept;
+                }
+            }
+            std::mem::swap(&mut self.lit, &mut self.rest);
+        }
+        (area(&self.lit) / whole.max(1e-12)).clamp(0.0, 1.0)
+    }
+
+    /// The same by samples.
+    fn counted(&self, regions: Option<(&[Region], usize)>) -> f64 {
+        let own = regions.map_or(u64::MAX, |(regions, own)| {
+            let of = |r: &Region| mask::of_polygon(r.polygon.corners());
+            regions.iter().filter(|r| r.fragment == Some(own)).fold(0, |m, r| m | of(r))
+        });
+        let dark = |shadow: &Shadow| shadow.lines().iter().fold(u64::MAX, |m, line| m & mask::of_line(line));
+        let lit = self.shadows.iter().fold(own, |m, shadow| m & !dark(shadow));
+        if own == 0 {
+            // A sliver between samples: as its pixel.
+            let lit = self.shadows.iter().fold(u64::MAX, |m, shadow| m & !dark(shadow));
+            return f64::from(lit.count_ones()) / mask::SAMPLES as f64;
+        }
+        f64::from(lit.count_ones()) / f64::from(own.count_ones())
+    }
+}
+
+/// A cone from a lamp about a sphere, or the cylinder of a directional lamp: what reaches into it may throw a shadow on
+/// what is in the sphere.
+#[derive(Clone, Copy, Debug)]
+pub struct Beam {
+    apex: DVec3,
+    axis: DVec3,
+    sin: f64,
+    cos: f64,
+    /// Of a cylinder.
+    radius: f64,
+    /// Distance from the apex beyond which nothing matters.
+    end: f64,
+}
+
+impl Beam {
+    /// From a lamp at `place` (a direction to it where `weight` is 0) about the sphere; `None` from within.
+    pub fn new(place: DVec3, weight: f64, centre: DVec3, radius: f64) -> Option<Self> {
+        if weight == 0.0 {
+            let axis = -place.normalize_or(DVec3::Y);
+            return Some(Self { apex: centre, axis, sin: 0.0, cos: 1.0, radius, end: radius });
+        }
+        let offset = centre - place;
+        let distance = offset.length();
+        let sin = radius / distance;
+        let axis = offset / distance;
+        (sin < 0.99).then(|| Self {
+            apex: place,
+            axis,
+            sin,
+            cos: (1.0 - sin * sin).sqrt(),
+            radius: 0.0,
+            end: distance + radius,
+        })
+    }
+
+    /// Whether a sphere reaches into it.
+    pub fn meets(&self, centre: DVec3, radius: f64) -> bool {
+        let v = centre - self.apex;
+        let along = v.dot(self.axis);
+        let across = (v - self.axis * along).length();
+        along - radius <= self.end
+            && (self.sin == 0.0 || along >= -radius)
+            && across * self.cos - along * self.sin <= radius + self.radius
+    }
+}
+
+/// A tree over spheres.
+#[derive(Default)]
+pub struct Tree {
+    /// Box centre and radius; of leaves, the items.
+    nodes: Vec<Node>,
+    items: Vec<(DVec3, f64, u32)>,
+}
+
+struct Node {
+    centre: DVec3,
+    radius: f64,
+    start: u32,
+    /// Items of a leaf; 0 for an inner node, whose left child is next and whose right one is `start`.
+    count: u32,
+}
+
+impl Tree {
+    /// Over items of (low, high, id).
+    pub fn new(items: impl Iterator<Item = (DVec3, DVec3, u32)>) -> Self {
+        let mut items: Vec<(DVec3, f64, u32)> = items
+            .map(|(low, high, id)| (0.5 * (low + high), 0.5 * (high - low).length(), id))
+            .filter(|(c, r, _)| c.is_finite() && r.is_finite())
+            .collect();
+        let mut tree = Self::default();
+        if !items.is_empty() {
+            let count = items.len();
+            tree.build(&mut items, 0, count);
+        }
+        tree.items = items;
+        tree
+    }
+
+    fn build(&mut self, items: &mut [(DVec3, f64, u32)], from: usize, to: usize) {
+        let own = &mut items[from..to];
+        let mut low = DVec3::INFINITY;
+        let mut high = DVec3::NEG_INFINITY;
+        for (c, r, _) in own.iter() {
+            low = low.min(*c - *r);
+            high = high.max(*c + *r);
+        }
+        let centre = 0.5 * (low + high);
+        let radius = own.iter().map(|(c, r, _)| c.distance(centre) + r).fold(0.0, f64::max);
+        let index = self.nodes.len();
+        self.nodes.push(Node { centre, radius, start: from as u32, count: own.len() as u32 });
+        if own.len() <= 4 {
+            return;
+        }
+        let size = high - low;
+        let axis = if size.x >= size.y && size.x >= size.z { 0 } else { 1 + usize::from(size.z > size.y) };
+        let middle = own.len() / 2;
+        own.select_nth_unstable_by(middle, |a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.2.cmp(&b.2)));
+        self.nodes[index].count = 0;
+        self.build(items, from, from + middle);
+        self.nodes[index].start = self.nodes.len() as u32;
+        self.build(items, from + middle, to);
+    }
+
+    /// Calls `visit` with every item.
+    pub fn all(&self, mut visit: impl FnMut(u32)) {
+        self.items.iter().for_each(|(.., id)| visit(*id));
+    }
+
+    /// Calls `visit` with each item that reaches into `beam`.
+    pub fn within(&self, beam: &Beam, mut visit: impl FnMut(u32)) {
+        let mut stack = vec![0_u32];
+        while let Some(index) = stack.pop() {
+            let Some(node) = self.nodes.get(index as usize) else { return };
+            if !beam.meets(node.centre, node.radius) {
+                continue;
+            }
+            if node.count > 0 {
+                let from = node.start as usize;
+                for (centre, radius, id) in &self.items[from..from + node.count as usize] {
+                    if beam.meets(*centre, *radius) {
+                        visit(*id);
+                    }
+                }
+            } else {
+                stack.push(node.start);
+                stack.push(index + 1);
+            }
+        }
+    }
+}

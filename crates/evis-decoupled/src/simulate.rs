@@ -1,0 +1,265 @@
+//! Events of an ideal sensor from a scene.
+
+use std::time::Instant;
+
+use evis_core::{ConfigError, Event, Sensor, SensorConfig};
+use evis_scene::Scene;
+use rayon::prelude::*;
+
+use crate::Error;
+use crate::blocks::{Block, Clock, blocks};
+use crate::events::Thresholds;
+use crate::light::Lighting;
+use crate::lists::{Entry, Lists, TILE};
+use crate::path::{PixelPath, Walk};
+use crate::pixel::{Evaluator, Work};
+use crate::world::World;
+
+/// What is asked for.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Thresholds and `eps`.
+    pub sensor: SensorConfig,
+    /// Index of the camera.
+    pub camera: usize,
+    /// Width and height in pixels; `None` takes the camera's own.
+    pub size: Option<(u32, u32)>,
+    /// Scene time at which the stream starts, in microseconds.
+    pub start_us: i64,
+    /// Length in microseconds.
+    pub duration_us: i64,
+    /// Length of a block in microseconds, a power of two.
+    pub block_us: i64,
+    /// `Y_ref`; `None` takes the luminance that brings the picture's log-mean at the start to 0.18.
+    pub reference_luminance: Option<f64>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            sensor: SensorConfig::default(),
+            camera: 0,
+            size: None,
+            start_us: 0,
+            duration_us: 250_000,
+            block_us: 8192,
+            reference_luminance: None,
+        }
+    }
+}
+
+impl Settings {
+    fn check(&self) -> Result<(), Error> {
+        Sensor::new(self.sensor.clone())?.thresholds_only("decoupled sampling")?;
+        if !(64..=1 << 20).contains(&self.block_us) || self.block_us.count_ones() != 1 {
+            let remedy = "a power of two between 64 and 1048576 microseconds";
+            return Err(ConfigError::new("block_us", self.block_us, remedy).into());
+        }
+        if !(1..=86_400_000_000).contains(&self.duration_us) {
+            return Err(ConfigError::new("duration_us", self.duration_us, "above 0 and at most a day").into());
+        }
+        if !(0..=86_400_000_000).contains(&self.start_us) {
+            return Err(ConfigError::new("start_us", self.start_us, "between 0 and a day").into());
+        }
+        Ok(())
+    }
+}
+
+/// What a run took. Seconds are of wall time, summed over threads.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Report {
+    /// Records and tile lists.
+    pub lists_s: f64,
+    /// Light that is prepared per block.
+    pub light_s: f64,
+    /// All work on pixels.
+    pub pixels_s: f64,
+    /// Of that, coverage, extrapolated from every 64th evaluation.
+    pub coverage_s: f64,
+    /// Of that, shading, extrapolated likewise.
+    pub shading_s: f64,
+    /// Evaluations of a pixel.
+    pub evaluations: u64,
+    /// Entries of all pixels' lists, over all blocks.
+    pub entries: u64,
+    /// Pixels times blocks.
+    pub pixel_blocks: u64,
+    /// Evaluations of a pixel that one facet covers.
+    pub plain: u64,
+    /// Cells shaded.
+    pub cells: u64,
+}
+
+/// Events, and what they took.
+pub struct Outcome {
+    /// In canonical order.
+    pub events: Vec<Event>,
+    /// The `Y_ref` that they were made with.
+    pub reference_luminance: f64,
+    /// What it took.
+    pub report: Report,
+}
+
+/// A row of tiles: its pixels' paths, and what they fired.
+struct Row {
+    paths: Vec<Option<PixelPath>>,
+    events: Vec<Event>,
+    work: Work,
+    report: Report,
+}
+
+/// What `scene` makes an ideal sensor fire in [0, duration).
+///
+/// # Errors
+/// A setting or a camera that cannot be used.
+pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
+    settings.check()?;
+    let world = World::new(scene, settings.camera, settings.size)?;
+    let mut lighting = Lighting::new(&world);
+    let start = settings.start_us as f64;
+    let all = blocks(scene, start, start + settings.duration_us as f64, settings.block_us);
+    let reference = match settings.reference_luminance {
+        Some(y) => y,
+        None => reference_luminance(&world, &mut lighting, all[0])?,
+    };
+    let thresholds = Thresholds::new(&settings.sensor, reference);
+    let rows = (world.lens.height as usize).div_ceil(TILE);
+    let columns = (world.lens.width as usize).div_ceil(TILE);
+    let new_row = || Row {
+        paths: vec![None; columns * TILE * TILE],
+        events: Vec::new(),
+        work: Work::default(),
+        report: Report::default(),
+    };
+    let mut rows: Vec<Row> = (0..rows).map(|_| new_row()).collect();
+    let mut report = Report::default();
+    for block in all {
+        let started = Instant::now();
+        let mut clock = Clock::new(&world, block);
+        let lists = Lists::new(&world, &mut clock)?;
+        report.lists_s += started.elapsed().as_secs_f64();
+        let started = Instant::now();
+        lighting.prepare(&mut clock, &block)?;
+        report.light_s += started.elapsed().as_secs_f64();
+        rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
+            let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block };
+            row.follow(&evaluator, &thresholds, index, settings.start_us);
+        });
+    }
+    let mut events = Vec::new();
+    for row in rows {
+        events.extend(row.events);
+        let r = row.report;
+        report.lists_s += r.lists_s;
+        report.pixels_s += r.pixels_s;
+        report.evaluations += r.evaluations;
+        report.entries += r.entries;
+        report.pixel_blocks += r.pixel_blocks;
+        report.plain += row.work.plain;
+        report.coverage_s += row.work.coverage_s;
+        report.shading_s += row.work.shading_s;
+    }
+    report.cells = lighting.shaded.load(std::sync::atomic::Ordering::Relaxed);
+    events.retain(|e| (0..settings.duration_us).contains(&e.t));
+    // Stable: events of one pixel at one microsecond keep their firing order.
+    events.sort_by_key(Event::order);
+    Ok(Outcome { events, reference_luminance: reference, report })
+}
+
+impl Row {
+    fn follow(&mut self, evaluator: &Evaluator, thresholds: &Thresholds, row: usize, start_us: i64) {
+        let started = Instant::now();
+        let tiles = evaluator.lists.row(row);
+        self.report.lists_s += started.elapsed().as_secs_f64();
+        let started = Instant::now();
+        for (column, tile) in tiles.iter().enumerate() {
+            self.tile(evaluator, thresholds, tile, [column, row], start_us);
+        }
+        self.report.pixels_s += started.elapsed().as_secs_f64();
+    }
+
+    fn tile(
+        &mut self,
+        evaluator: &Evaluator,
+        thresholds: &Thresholds,
+        entries: &[Entry],
+        [column, row]: [usize; 2],
+        start_us: i64,
+    ) {
+        let block = evaluator.block;
+        let lens = &evaluator.world.lens;
+        let speed = evaluator.speed(entries, [column, row]);
+        let mut ahead = Vec::new();
+        evaluator.enter_tile(&mut self.work, entries, [column, row]);
+        for pixel in 0..TILE * TILE {
+            let (x, y) = (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
+            if x >= lens.width as usize || y >= lens.height as usize {
+                continue;
+            }
+            evaluator.enter_pixel(&mut self.work, entries, [x, y], pixel);
+            self.report.entries += self.work.entry_count() as u64;
+            self.report.pixel_blocks += 1;
+            let slot = column * TILE * TILE + pixel;
+            let work = &mut self.work;
+            let mut light = |t_us: f64| evaluator.luminance(work, t_us);
+            let path = self.paths[slot]
+                .get_or_insert_with(|| PixelPath::new(block.start_us, light(block.start_us), thresholds));
+            let events = &mut self.events;
+            let mut walk = Walk { thresholds, block, speed, ahead: &mut ahead };
+            self.report.evaluations += path.walk(&mut walk, light, |t_us, polarity| {
+                let t = t_us.floor() as i64 - start_us;
+                events.push(Event::new(t, x as u16, y as u16, polarity));
+            });
+        }
+    }
+}
+
+/// Mean luminance of every pixel at `t_us` of scene time, row by row: what [`simulate`] crosses thresholds with.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn luminance(scene: &Scene, settings: &Settings, t_us: f64) -> Result<Vec<f64>, Error> {
+    settings.check()?;
+    let world = World::new(scene, settings.camera, settings.size)?;
+    let mut lighting = Lighting::new(&world);
+    let length = settings.block_us as f64;
+    let from = (t_us / length).floor() * length;
+    let around = blocks(scene, from, from + length, settings.block_us);
+    let inside = around.into_iter().find(|b| (b.start_us..b.end_us).contains(&t_us));
+    let block = inside.unwrap_or(Block { start_us: from, end_us: from + length, jump: false });
+    picture(&world, &mut lighting, block, t_us)
+}
+
+fn picture(world: &World, lighting: &mut Lighting, block: Block, t_us: f64) -> Result<Vec<f64>, Error> {
+    let mut clock = Clock::new(world, block);
+    let lists = Lists::new(world, &mut clock)?;
+    lighting.prepare(&mut clock, &block)?;
+    let evaluator = Evaluator { world, lists: &lists, lighting, block };
+    let width = world.lens.width as usize;
+    let mut out = vec![0.0; width * world.lens.height as usize];
+    out.par_chunks_mut(width * TILE).enumerate().for_each(|(row, out)| {
+        let mut work = Work::default();
+        for (column, tile) in lists.row(row).iter().enumerate() {
+            evaluator.enter_tile(&mut work, tile, [column, row]);
+            for pixel in 0..TILE * TILE {
+                let (x, y) = (column * TILE + pixel % TILE, pixel / TILE);
+                if x < width && (y + 1) * width <= out.len() {
+                    evaluator.enter_pixel(&mut work, tile, [x, row * TILE + y], pixel);
+                    out[y * width + x] = evaluator.luminance(&mut work, t_us);
+                }
+            }
+        }
+    });
+    Ok(out)
+}
+
+/// `Y_ref` that brings the log-mean of what is lit at the start of `block` to 0.18.
+fn reference_luminance(world: &World, lighting: &mut Lighting, block: Block) -> Result<f64, Error> {
+    let picture = picture(world, lighting, block, block.start_us)?;
+    let (sum, count) = picture
+        .into_iter()
+        .filter(|y| *y > 0.0 && y.is_finite())
+        .fold((0.0, 0_u64), |(sum, count), y| (sum + y.ln(), count + 1));
+    let reference = (sum / count.max(1) as f64).exp() / 0.18;
+    Ok(if count > 0 && reference.is_finite() && reference > 0.0 { reference } else { 1.0 })
+}

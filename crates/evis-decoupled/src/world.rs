@@ -1,0 +1,412 @@
+//! A scene, flattened: convex planar facets on surfaces, and where nodes are at a time.
+
+use std::collections::HashMap;
+
+use evis_scene::{AlphaMode, Lens, Primitive, Scene, SceneState, rigid};
+use glam::{DMat4, DVec3};
+
+use crate::Error;
+
+/// Facets that are culled together.
+const CLUSTER: usize = 64;
+/// Vertices of a facet; a triangle repeats its last one.
+pub const CORNERS: usize = 4;
+
+/// A pinhole lens in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelLens {
+    /// Focal lengths in pixels.
+    pub focal: [f64; 2],
+    /// Principal point in pixels from the top left corner.
+    pub center: [f64; 2],
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Planar distance in metres below which nothing is seen.
+    pub near: f64,
+}
+
+/// A convex planar polygon on which positions and vertex attributes are affine.
+///
+/// Its parametrisation (s, t) is 0 at corner 0, (1, 0) at corner 1 and (0, 1) at corner 3.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Facet {
+    /// Indices into the primitive's vertices, counter-clockwise from the front; a triangle repeats its last one.
+    pub corners: [u32; CORNERS],
+    /// Index into [`World::surfaces`].
+    pub surface: u32,
+}
+
+/// A primitive of a node.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Index into [`Scene::nodes`].
+    pub node: usize,
+    /// Index into [`Scene::meshes`].
+    pub mesh: usize,
+    /// Index into the mesh's primitives.
+    pub primitive: usize,
+    /// Index into [`Scene::materials`].
+    pub material: usize,
+    /// Skin or morph targets move its vertices.
+    pub deforms: bool,
+    /// It may be elsewhere, or shaped otherwise, at another time.
+    pub moves: bool,
+    /// Both sides are drawn.
+    pub double_sided: bool,
+    /// Holes are cut by alpha.
+    pub masked: bool,
+    /// Its clusters in [`World::clusters`].
+    pub clusters: std::ops::Range<usize>,
+    /// Box around its vertices in its own space; of deforming ones, as modelled.
+    pub bounds: [DVec3; 2],
+}
+
+/// Neighbouring facets of one surface.
+#[derive(Clone, Debug)]
+pub struct Cluster {
+    /// Its facets in [`World::facets`].
+    pub facets: std::ops::Range<usize>,
+    /// Box around them in the surface's space.
+    pub bounds: [DVec3; 2],
+}
+
+/// A scene as one camera sees it.
+pub struct World<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Index into [`Scene::cameras`].
+    pub camera: usize,
+    /// Its lens.
+    pub lens: PixelLens,
+    /// Primitives of nodes, in node order.
+    pub surfaces: Vec<Surface>,
+    /// Groups of facets, in surface order.
+    pub clusters: Vec<Cluster>,
+    /// Convex polygons, in surface order, then in that of their first triangle.
+    pub facets: Vec<Facet>,
+    /// Per node: whether it may be elsewhere, or shaped otherwise, at another time.
+    pub moving_nodes: Vec<bool>,
+}
+
+/// A scene at a time.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Poses, weights and factors.
+    pub state: SceneState,
+    /// Maps a world point to (x z, y z, z): its image point (x, y) in pixels, and its planar depth z.
+    pub screen_from_world: DMat4,
+    /// The camera's world position.
+    pub eye: DVec3,
+}
+
+impl<'a> World<'a> {
+    /// Flattens `scene` as camera `camera` sees it, at `size` pixels or the camera's own size.
+    ///
+    /// # Errors
+    /// A camera that does not exist, or whose lens, size or pose cannot be used.
+    pub fn new(scene: &'a Scene, camera: usize, size: Option<(u32, u32)>) -> Result<Self, Error> {
+        let lens = lens(scene, camera, size)?;
+        let moving_nodes = moving_nodes(scene);
+        let mut world = Self {
+            scene,
+            camera,
+            lens,
+            surfaces: Vec::new(),
+            clusters: Vec::new(),
+            facets: Vec::new(),
+            moving_nodes,
+        };
+        for (index, node) in scene.nodes.iter().enumerate() {
+            let Some((mesh_index, mesh)) = node.mesh.and_then(|m| Some((m, scene.meshes.get(m)?))) else {
+                continue;
+            };
+            for (primitive_index, primitive) in mesh.primitives.iter().enumerate() {
+                world.add(index, mesh_index, primitive_index, primitive);
+            }
+        }
+        world.frame(0.0)?;
+        Ok(world)
+    }
+
+    fn add(&mut self, node: usize, mesh: usize, index: usize, primitive: &Primitive) {
+        let Some(material) = self.scene.materials.get(primitive.material) else { return };
+        let skinned = self.scene.nodes[node].skin.is_some() && primitive.joints.is_some();
+        let deforms = skinned || !primitive.morph_targets.is_empty();
+        let surface = self.surfaces.len() as u32;
+        let first_cluster = self.clusters.len();
+        let facets = facets(primitive, surface, !deforms);
+        for group in facets.chunks(CLUSTER) {
+            let start = self.facets.len();
+            let bounds =
+                bounds(group.iter().flat_map(|f| f.corners).map(|c| wide(primitive.positions[c as usize])));
+            self.facets.extend_from_slice(group);
+            self.clusters.push(Cluster { facets: start..self.facets.len(), bounds });
+        }
+        self.surfaces.push(Surface {
+            node,
+            mesh,
+            primitive: index,
+            material: primitive.material,
+            deforms,
+            moves: self.moving_nodes[node],
+            double_sided: material.double_sided,
+            masked: matches!(material.alpha, AlphaMode::Mask(_)),
+            clusters: first_cluster..self.clusters.len(),
+            bounds: bounds(primitive.positions.iter().map(|p| wide(*p))),
+        });
+    }
+
+    /// The primitive of surface `surface`.
+    pub fn primitive(&self, surface: u32) -> &'a Primitive {
+        let s = &self.surfaces[surface as usize];
+        &self.scene.meshes[s.mesh].primitives[s.primitive]
+    }
+
+    /// The scene at `t_us` microseconds of its own time.
+    ///
+    /// # Errors
+    /// A camera without a pose at that time.
+    pub fn frame(&self, t_us: f64) -> Result<Frame, Error> {
+        let mut state = SceneState::default();
+        self.scene.evaluate(t_us * 1e-6, &mut state);
+        let pose = state.world_from_node.get(self.scene.cameras[self.camera].node).and_then(rigid);
+        let Some(world_from_camera) = pose else {
+            let name = &self.scene.cameras[self.camera].name;
+            return Err(Error::Camera(format!("camera '{name}' has no rigid pose at {t_us} us")));
+        };
+        let [fx, fy] = self.lens.focal;
+        let [cx, cy] = self.lens.center;
+        let screen_from_camera = DMat4::from_cols_array(&[
+            fx, 0.0, 0.0, 0.0, 0.0, -fy, 0.0, 0.0, -cx, -cy, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        ]);
+        Ok(Frame {
+            screen_from_world: screen_from_camera * world_from_camera.inverse(),
+            eye: world_from_camera.w_axis.truncate(),
+            state,
+        })
+    }
+
+    /// World positions and unit normals of all vertices of surface `surface`, and whether its pose mirrors.
+    pub fn vertices(&self, surface: u32, frame: &Frame) -> Vec<(DVec3, DVec3)> {
+        let primitive = self.primitive(surface);
+        let s = &self.surfaces[surface as usize];
+        let node = &self.scene.nodes[s.node];
+        let skin = node.skin.filter(|_| primitive.joints.is_some());
+        let mut joints = Vec::new();
+        if let Some(skin) = skin {
+            self.scene.joint_matrices(skin, &frame.state, &mut joints);
+        }
+        let world = frame.world_from_node(s.node);
+        let weights = frame.state.morph_weights.get(s.node).map_or(&[][..], Vec::as_slice);
+        (0..primitive.positions.len())
+            .map(|v| {
+                let mut position = wide(primitive.positions[v]);
+                let mut normal = primitive.normals.get(v).map_or(DVec3::Z, |n| wide(*n));
+                // glTF 2.0, 3.7.2.2: base + sum of weight * displacement.
+                for (target, weight) in primitive.morph_targets.iter().zip(weights) {
+                    let weight = f64::from(*weight);
+                    position += target.positions.get(v).map_or(DVec3::ZERO, |d| wide(*d)) * weight;
+                    normal += target.normals.get(v).map_or(DVec3::ZERO, |d| wide(*d)) * weight;
+                }
+                let matrix = match skin {
+                    None => world,
+                    Some(_) => {
+                        let of = |i: u16| joints.get(usize::from(i)).copied().unwrap_or(DMat4::IDENTITY);
+                        let indices = primitive.joints.as_ref().and_then(|j| j.get(v)).copied();
+                        let weights = primitive.joint_weights.as_ref().and_then(|w| w.get(v)).copied();
+                        let pairs = indices.unwrap_or_default().into_iter().zip(weights.unwrap_or_default());
+                        pairs.fold(DMat4::ZERO, |sum, (i, w)| sum + of(i) * f64::from(w))
+                    }
+                };
+                (matrix.transform_point3(position), normal_under(&matrix, normal))
+            })
+            .collect()
+    }
+}
+
+impl Frame {
+    /// Pose of node `node`.
+    pub fn world_from_node(&self, node: usize) -> DMat4 {
+        self.state.world_from_node.get(node).copied().unwrap_or(DMat4::IDENTITY)
+    }
+}
+
+/// A normal carried by `matrix`: the cofactor matrix keeps it at right angles to the surface, whatever the scale, and
+/// its sign keeps the outside outside (glTF 2.0, 3.7.4).
+pub fn normal_under(matrix: &DMat4, normal: DVec3) -> DVec3 {
+    let [x, y, z] = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|c| c.truncate());
+    let carried = y.cross(z) * normal.x + z.cross(x) * normal.y + x.cross(y) * normal.z;
+    let sign = if x.dot(y.cross(z)) < 0.0 { -1.0 } else { 1.0 };
+    (carried * sign).normalize_or(DVec3::Z)
+}
+
+/// In f64.
+pub fn wide(v: [f32; 3]) -> DVec3 {
+    DVec3::from_array(v.map(f64::from))
+}
+
+fn bounds(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
+    points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+}
+
+/// The triangles of `primitive`; two that share an edge are one facet where `merge` allows it and nothing tells them
+/// apart: one plane, a convex outline, and attributes that one affine map gives.
+fn facets(primitive: &Primitive, surface: u32, merge: bool) -> Vec<Facet> {
+    let count = primitive.positions.len();
+    let triangles: Vec<[u32; 3]> = (primitive.indices.as_chunks::<3>().0.iter().copied())
+        .filter(|corners| corners.iter().all(|c| (*c as usize) < count))
+        .collect();
+    let mut by_edge: HashMap<[u32; 2], usize> = HashMap::new();
+    if merge {
+        for (index, t) in triangles.iter().enumerate() {
+            for k in 0..3 {
+                by_edge.entry([t[k], t[(k + 1) % 3]]).or_insert(index);
+            }
+        }
+    }
+    let mut used = vec![false; triangles.len()];
+    let mut out = Vec::with_capacity(triangles.len());
+    for (index, t) in triangles.iter().enumerate() {
+        if std::mem::replace(&mut used[index], true) {
+            continue;
+        }
+        let quad = (0..3).filter(|_| merge).find_map(|k| {
+            let (a, b) = (t[(k + 1) % 3], t[(k + 2) % 3]);
+            let other = *by_edge.get(&[b, a])?;
+            let fourth = *triangles[other].iter().find(|c| **c != a && **c != b)?;
+            let corners = [t[k], a, fourth, b];
+            (!used[other] && one_polygon(primitive, corners)).then_some((corners, other))
+        });
+        let corners = match quad {
+            Some((corners, other)) => {
+                used[other] = true;
+                corners
+            }
+            None => [t[0], t[1], t[2], t[2]],
+        };
+        out.push(Facet { corners, surface });
+    }
+    out
+}
+
+/// Whether positions at `corners` make a convex planar polygon with affine attributes.
+fn one_polygon(primitive: &Primitive, corners: [u32; 4]) -> bool {
+    let p = corners.map(|c| wide(primitive.positions[c as usize]));
+    let (along, across, diagonal) = (p[1] - p[0], p[3] - p[0], p[2] - p[0]);
+    let normal = along.cross(across);
+    let area = normal.length_squared();
+    if area <= 0.0 || normal.dot(diagonal).abs() > 1e-6 * normal.length() * diagonal.length() {
+        return false;
+    }
+    let convex = (0..4).all(|k| {
+        let (a, b, c) = (p[k], p[(k + 1) % 4], p[(k + 2) % 4]);
+        (b - a).cross(c - b).dot(normal) > 1e-6 * area
+    });
+    let s = diagonal.cross(across).dot(normal) / area;
+    let t = along.cross(diagonal).dot(normal) / area;
+    let affine = |v: [f64; 4]| {
+        let predicted = v[0] + s * (v[1] - v[0]) + t * (v[3] - v[0]);
+        (predicted - v[2]).abs() <= 1e-4 * (1.0 + v[2].abs()).min(10.0)
+    };
+    let index = corners.map(|c| c as usize);
+    let normals =
+        (0..3).all(|k| affine(index.map(|i| primitive.normals.get(i).map_or(0.0, |n| f64::from(n[k])))));
+    let uvs = primitive
+        .uvs
+        .iter()
+        .flatten()
+        .all(|uv| (0..2).all(|k| affine(index.map(|i| uv.get(i).map_or(0.0, |v| f64::from(v[k]))))));
+    let colors = primitive
+        .colors
+        .iter()
+        .all(|c| (0..4).all(|k| affine(index.map(|i| c.get(i).map_or(1.0, |v| f64::from(v[k]))))));
+    convex && normals && uvs && colors && primitive.tangents.is_none()
+}
+
+fn moving_nodes(scene: &Scene) -> Vec<bool> {
+    let mut moves: Vec<bool> = Vec::with_capacity(scene.nodes.len());
+    for node in &scene.nodes {
+        let inherited = node.parent.and_then(|p| moves.get(p)).copied().unwrap_or(false);
+        moves.push(!node.motion.is_fixed() || node.morph.is_some() || inherited);
+    }
+    for (index, node) in scene.nodes.iter().enumerate() {
+        let skin = node.skin.and_then(|s| scene.skins.get(s));
+        if skin.is_some_and(|s| s.joints.iter().any(|j| moves.get(*j).copied().unwrap_or(false))) {
+            moves[index] = true;
+        }
+    }
+    moves
+}
+
+fn lens(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result<PixelLens, Error> {
+    let Some(camera) = scene.cameras.get(camera) else {
+        let count = scene.cameras.len();
+        return Err(Error::Camera(format!("camera {camera} does not exist; the scene has {count}")));
+    };
+    let (width, height) = match (size, camera.width, camera.height) {
+        (Some(size), ..) => size,
+        (None, Some(width), Some(height)) => (width, height),
+        _ => {
+            let aspect = camera.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
+            (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
+        }
+    };
+    if !(1..=8192).contains(&width) || !(1..=8192).contains(&height) {
+        let reason = format!("the size is {width}x{height} pixels; each side must be between 1 and 8192");
+        return Err(Error::Camera(reason));
+    }
+    let (w, h) = (f64::from(width), f64::from(height));
+    let (focal, center) = match camera.lens {
+        Lens::FieldOfView { fov_y } => {
+            let focal = 0.5 * h / (0.5 * fov_y).tan();
+            ([focal, focal], [0.5 * w, 0.5 * h])
+        }
+        Lens::Intrinsics { fx, fy, cx, cy } => {
+            // Intrinsics belong to the camera's own size; another size sees the same field.
+            let x = w / f64::from(camera.width.unwrap_or(width));
+            let y = h / f64::from(camera.height.unwrap_or(height));
+            ([fx * x, fy * y], [cx * x, cy * y])
+        }
+    };
+    let usable = focal.iter().all(|f| f.is_finite() && *f > 0.0)
+        && center.iter().all(|c| c.is_finite())
+        && camera.near.is_finite()
+        && camera.near > 0.0;
+    if !usable {
+        let name = &camera.name;
+        return Err(Error::Camera(format!(
+            "camera '{name}' has focal lengths {focal:?} px, centre {center:?} px and near plane {} m; all must be \
+             finite, focal lengths and near plane above 0",
+            camera.near
+        )));
+    }
+    Ok(PixelLens { focal, center, width, height, near: camera.near })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_has_six_facets_and_a_bent_quad_two() {
+        let scene = evis_scene::builtin::load("spinner", 0).unwrap();
+        let world = World::new(&scene, 0, Some((64, 48))).unwrap();
+        assert_eq!(world.facets.len(), 2, "two cards");
+        let corners = |z: f32| Primitive {
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, z], [0.0, 1.0, 0.0]],
+            normals: vec![[0.0, 0.0, 1.0]; 4],
+            indices: vec![0, 1, 2, 0, 2, 3],
+            ..Primitive::default()
+        };
+        assert_eq!(facets(&corners(0.0), 0, true).len(), 1);
+        assert_eq!(facets(&corners(0.1), 0, true).len(), 2, "not planar");
+        let mut painted = corners(0.0);
+        painted.uvs[0] = Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.7]]);
+        assert_eq!(facets(&painted, 0, true).len(), 2, "no affine map");
+        let order = facets(&corners(0.0), 0, true)[0].corners;
+        let p = order.map(|c| wide(corners(0.0).positions[c as usize]));
+        assert!((p[1] - p[0]).cross(p[3] - p[0]).z > 0.0, "{order:?} is counter-clockwise");
+    }
+}
