@@ -36,8 +36,8 @@ class Warp:
         Pushed keyframes, where ``steps`` is not given: pixels that the picture moves from instant to instant,
         at most; 0.3 if not given. A gap in which it moves by no more than a pixel is not divided.
     detect_cuts : bool, optional
-        Pushed keyframes: whether keyframes that nothing links are taken for a cut, so that light goes straight
-        from one to the other; True if not given.
+        Pushed keyframes: whether keyframes that nothing links are taken for a cut, so that light goes
+        straight from one to the other; True if not given.
     """
 
     variant: Literal["splat", "evis-paper"] = "splat"
@@ -64,9 +64,7 @@ def chosen(method: Method) -> Warp | None:
         return None
     if method in ("splat", "evis-paper"):
         return Warp(variant=method)
-    raise ConfigError(
-        f"method is {method!r}; it must be 'native', 'splat', 'evis-paper' or a Warp"
-    )
+    raise ConfigError(f"method is {method!r}; it must be 'native', 'splat', 'evis-paper' or a Warp")
 
 
 def as_json(warp: Warp | None) -> str | None:
