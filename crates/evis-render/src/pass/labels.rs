@@ -91,7 +91,7 @@ pub fn appearance_pipelines(
         fragment: Some("fs_main"),
         groups: &[&layouts.frame, &layouts.material, &layouts.surroundings],
         targets: &targets(APPEARANCE_FORMATS, wanted),
-        interface: Interface { normal_label: wanted[1], shades: true, ..Default::default() },
+        interface: Interface { normal_label: wanted[1], shades: true },
         sample_count: 1,
         bias: wgpu::DepthBiasState::default(),
         cull: true,
