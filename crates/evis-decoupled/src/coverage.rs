@@ -89,9 +89,10 @@ impl Fragment {
                 h[axis][corner] = p[axis][corner] + v * (q[axis][corner] + v * r[axis][corner]);
             }
         }
-        for corner in 0..4 {
-            h[0][corner] = (h[0][corner] - x * h[2][corner]) * inverse_size;
-            h[1][corner] = (h[1][corner] - y * h[2][corner]) * inverse_size;
+        let [h0, h1, h2] = &mut h;
+        for ((x_z, y_z), z) in h0.iter_mut().zip(h1).zip(h2) {
+            *x_z = (*x_z - x * *z) * inverse_size;
+            *y_z = (*y_z - y * *z) * inverse_size;
         }
         let point = |k: usize| DVec3::new(h[0][k], h[1][k], h[2][k]);
         let [h0, h1, h2, h3] = [point(0), point(1), point(2), point(3)];
@@ -173,7 +174,7 @@ impl Fragment {
 }
 
 /// Most corners of a region.
-const MAX_CORNERS: usize = 16;
+const MAX_CORNERS: usize = 12;
 
 /// A convex polygon in the pixel.
 #[derive(Clone, Copy, Debug)]
@@ -214,6 +215,20 @@ impl Polygon {
     /// The parts where `line` is not negative and where it is.
     #[inline(always)]
     pub fn split(&self, line: &Line) -> (Self, Self) {
+        let (mut some_in, mut some_out) = (false, false);
+        for corner in self.corners() {
+            let inside = line.at(*corner) >= 0.0;
+            some_in |= inside;
+            some_out |= !inside;
+        }
+        match (some_in, some_out) {
+            (true, true) => self.cut(line),
+            (true, false) => (*self, Self::empty()),
+            _ => (Self::empty(), *self),
+        }
+    }
+
+    fn cut(&self, line: &Line) -> (Self, Self) {
         let (mut inside, mut outside) = (Self::empty(), Self::empty());
         let Some(&last) = self.corners().last() else { return (inside, outside) };
         let (mut a, mut va) = (last, line.at(last));

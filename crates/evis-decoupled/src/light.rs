@@ -14,7 +14,7 @@ use glam::{DMat4, DVec3};
 
 use crate::Error;
 use crate::blocks::{Block, Clock};
-use crate::coverage::{Fragment, Line, Moments, Polygon, Region};
+use crate::coverage::{Fragment, Moments, Polygon, Region};
 use crate::lists::{Entry, Record, TILE};
 use crate::material::{self, Lamp, Point, Response, respond};
 use crate::shadow::{Beam, Lit, Occluder, ScreenLamp, Tree};
@@ -24,7 +24,7 @@ use crate::world::{Frame, World, wide};
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
 /// A grid is made finer this often, where light bends within its cells.
-const MOST_FINER: u32 = 4;
+const MOST_FINER: u32 = 3;
 /// Part of the light by which the middle of a cell may be off.
 const SMOOTH: f64 = 0.004;
 /// Maps that share the work of a lock.
@@ -117,6 +117,9 @@ type Shard = Mutex<HashMap<Key, Node, BuildHasherDefault<Mix>>>;
 /// World corners and normals of a moving surface's vertices, at both ends of a block.
 type Corners = Vec<(DVec3, DVec3)>;
 
+/// Centre, radius, and the facet in it.
+type Sphere = (DVec3, f64, u32);
+
 /// Light of a scene.
 pub struct Lighting<'a> {
     world: &'a World<'a>,
@@ -138,7 +141,7 @@ pub struct Lighting<'a> {
     /// Facets of still surfaces.
     still: Tree,
     /// Per moving surface: facets within spheres that hold them throughout the block.
-    moving: Vec<(DVec3, f64, Vec<(DVec3, f64, u32)>)>,
+    moving: Vec<(DVec3, f64, Vec<Sphere>)>,
     /// Screen from world at the start, middle and end of the block, and of moving surfaces from their vertices.
     screen: [DMat4; 3],
     middle: Vec<Corners>,
@@ -151,7 +154,7 @@ pub struct TileLight {
     slots: Vec<Slot>,
     nodes: Vec<[f32; 4]>,
     /// Of all slots and lamps.
-    occluders: Vec<Occluder>,
+    occluders: Vec<(u64, Occluder)>,
     centre: [f64; 2],
     found: Vec<u32>,
     lit: Lit,
@@ -162,11 +165,9 @@ pub struct TileLight {
 struct Shade {
     from: usize,
     to: usize,
-    dark: bool,
+    /// Pixels of the tile that one of them darkens throughout the block.
+    dark: u64,
 }
-
-/// Side of the square in which shadows are looked for, in tiles.
-const MARGIN: f64 = 1.5;
 
 /// Most lamps that throw shadows; further ones shine through everything.
 pub const MOST_SHADOWS: usize = 4;
@@ -341,7 +342,7 @@ impl<'a> Lighting<'a> {
             let lit = |start: usize| {
                 (0..nodes).any(|n| tile.nodes[start + n * lamps + 1 + number].iter().any(|v| *v != 0.0))
             };
-            slot.shades[number] = Shade { from: 0, to: 0, dark: false };
+            slot.shades[number] = Shade::default();
             if !lit(slot.at[0]) && !lit(slot.at[1]) {
                 continue;
             }
@@ -380,42 +381,50 @@ impl<'a> Lighting<'a> {
             let start = tile.occluders.len();
             for k in 0..tile.found.len() {
                 let id = tile.found[k];
-                if id == facet {
+                if id == facet || self.is_far_side(id, [a, b]) {
                     continue;
                 }
                 let occluder = self.occluder(id);
-                // Half planes at three times, with a margin for what lies between them.
-                let lamp = &self.screen_lamps[number];
-                let (mut touches, mut dark) = (receivers.iter().all(Option::is_none), true);
-                for (k, receiver) in receivers.iter().enumerate() {
-                    let Some(receiver) = receiver else {
-                        dark = false;
-                        continue;
-                    };
-                    let depth = &receiver.inverse_depth;
-                    let wide = Line { a: depth.a * MARGIN, b: depth.b * MARGIN, c: depth.c };
-                    let size = TILE as f64 * MARGIN;
-                    let u = record.u[0] + 0.5 * k as f64 * (record.u[1] - record.u[0]);
-                    match occluder.shadow(lamp, &wide, tile.centre, size, u) {
-                        Some(shadow) => {
-                            touches = true;
-                            dark &= shadow.lines().is_empty();
-                        }
-                        None => dark = false,
-                    }
-                }
-                slot.shades[number].dark |= dark;
-                if touches {
-                    tile.occluders.push(occluder);
+                let (touches, darkens) =
+                    occluder.pixels(&self.screen_lamps[number], receivers, record.u, tile.centre);
+                slot.shades[number].dark |= darkens;
+                if touches != 0 {
+                    tile.occluders.push((touches, occluder));
                 }
             }
             slot.shades[number].from = start;
             slot.shades[number].to = tile.occluders.len();
-            if slot.shades[number].dark {
+            if slot.shades[number].dark == u64::MAX {
                 tile.occluders.truncate(start);
                 slot.shades[number].to = start;
             }
         }
+    }
+
+    /// Whether a facet of a solid faces away from a lamp outside of it: what it darkens, those that face the lamp darken.
+    fn is_far_side(&self, facet: u32, lamps: [&Lamp; 2]) -> bool {
+        let f = &self.world.facets[facet as usize];
+        let surface = &self.world.surfaces[f.surface as usize];
+        if !surface.closed || surface.masked {
+            return false;
+        }
+        (0..2).all(|end| {
+            let corners = &self.corners[f.surface as usize][end];
+            let [p, q, _, r] = f.corners.map(|c| corners[c as usize].0);
+            let (place, weight) = lamps[end].place();
+            let inside = weight > 0.0 && {
+                let pose = self.frames.as_ref().map(|f| f[end].world_from_node(surface.node));
+                let own = pose.map_or(place, |p| p.inverse().transform_point3(place));
+                surface.deforms || (own.cmpge(surface.bounds[0]) & own.cmple(surface.bounds[1])).all()
+            };
+            // Outwards, unless the pose mirrors.
+            let normal = (q - p).cross(r - p);
+            let mirrored = self.frames.as_ref().is_some_and(|f| {
+                !surface.deforms && f[end].world_from_node(surface.node).determinant() < 0.0
+            });
+            let side = normal.dot(place - p * weight) * if mirrored { -1.0 } else { 1.0 };
+            !inside && side < 0.0
+        })
     }
 
     fn occluder(&self, facet: u32) -> Occluder {
@@ -662,13 +671,15 @@ impl<'a> Lighting<'a> {
             let mut part = 1.0;
             if lamp > 0 && lamp <= MOST_SHADOWS {
                 let shade = slot.shades[lamp - 1];
-                if shade.dark {
+                let number = number_in_tile(pixel);
+                if shade.dark >> number & 1 == 1 {
                     continue;
                 }
                 if shade.from < shade.to {
                     let occluders = &tile.occluders[shade.from..shade.to];
                     let screen = &self.screen_lamps[lamp - 1];
-                    part = tile.lit.part(fragment, regions, occluders, screen, pixel, u);
+                    let near = occluders.iter().filter(|o| o.0 >> number & 1 == 1).map(|o| &o.1);
+                    part = tile.lit.part(fragment, regions, near, screen, pixel, u);
                 }
                 if part == 0.0 {
                     continue;
@@ -735,6 +746,11 @@ impl<'a> Lighting<'a> {
     }
 }
 
+/// Number in its tile of the pixel centred at `centre`.
+fn number_in_tile([x, y]: [f64; 2]) -> usize {
+    (y as usize % TILE) * TILE + x as usize % TILE
+}
+
 fn whole_mean(textures: &Textures, texture: TextureRef) -> [f32; 4] {
     textures.overall(texture.texture)
 }
@@ -788,8 +804,10 @@ mod tests {
         let lists = Lists::new(&world, &mut clock).unwrap();
         let mut lighting = Lighting::new(&world);
         lighting.prepare(&mut clock, &block).unwrap();
-        let (mut compared, mut darkened, mut canary) = (0, 0, 0);
+        let (mut compared, mut darkened, mut off, mut canary) = (0, 0, 0, 0);
         let mut tile = TileLight::default();
+        let everything: Vec<Occluder> =
+            (0..world.facets.len() as u32).map(|f| lighting.occluder(f)).collect();
         for (row, column) in (0..lists.row_count()).flat_map(|r| (0..lists.columns).map(move |c| (r, c))) {
             let entries = &lists.row(row)[column];
             lighting.enter_tile(&mut tile, entries, [column, row]);
@@ -803,46 +821,58 @@ mod tests {
                     continue;
                 }
                 let centre = [column * TILE + pixel % 8, row * TILE + pixel / 8].map(|v| v as f64 + 0.5);
-                for u in [0.1, 0.8] {
+                for u in [0.3] {
                     let Some(fragment) = Fragment::new(record, entry.record, centre, u, world.lens.near)
                     else {
                         continue;
                     };
                     let shade = slot.shades[0];
                     let lamp = &lighting.screen_lamps[0];
-                    let kept = tile.occluders[shade.from..shade.to].to_vec();
-                    let found =
-                        if shade.dark { 0.0 } else { tile.lit.part(&fragment, None, &kept, lamp, centre, u) };
-                    let all: Vec<Occluder> = (0..world.facets.len() as u32)
-                        .filter(|f| *f != record.facet)
-                        .map(|f| lighting.occluder(f))
-                        .collect();
-                    let brute = tile.lit.part(&fragment, None, &all, lamp, centre, u);
-                    let name = |f: u32| {
-                        let s = &world.surfaces[world.facets[f as usize].surface as usize];
-                        format!("{} ({f})", world.scene.nodes[s.node].name)
-                    };
-                    let missing: Vec<String> = all
+                    let kept: Vec<&Occluder> = tile.occluders[shade.from..shade.to]
                         .iter()
-                        .filter(|o| kept.iter().all(|k| k.facet != o.facet))
-                        .filter(|o| o.shadow(lamp, &fragment.inverse_depth, centre, 1.0, u).is_some())
-                        .map(|o| name(o.facet))
+                        .filter(|o| o.0 >> pixel & 1 == 1)
+                        .map(|o| &o.1)
                         .collect();
-                    // Many shadows are counted by samples, few cut: a facet more may change the way.
-                    assert!(
-                        (found - brute).abs() < 0.04,
-                        "{} at {centre:?}: {found} for {brute} without {missing:?}, {:?}",
-                        name(record.facet),
-                        record.u
-                    );
+                    let dark = shade.dark >> pixel & 1 == 1;
+                    // Only the facet's own part: beyond it its plane may run through anything.
+                    let polygon = fragment.crossing().iter().fold(Polygon::PIXEL, |p, e| p.split(e).0);
+                    if polygon.moments().area < 0.05 {
+                        continue;
+                    }
+                    let darkens = |o: &Occluder| {
+                        let shadow = o.shadow(lamp, &fragment.inverse_depth, centre, 1.0, u);
+                        let cut =
+                            |s: crate::shadow::Shadow| s.lines().iter().fold(polygon, |p, l| p.split(l).0);
+                        shadow.is_some_and(|s| cut(s).moments().area > 1e-4)
+                    };
+                    let missing: Vec<u32> = everything
+                        .iter()
+                        .filter(|o| !dark && o.facet != record.facet)
+                        .filter(|o| {
+                            !lighting.is_far_side(o.facet, [&lighting.lamps[0][0], &lighting.lamps[1][0]])
+                        })
+                        .filter(|o| kept.iter().all(|k| k.facet != o.facet) && darkens(o))
+                        .map(|o| o.facet)
+                        .collect();
+                    assert!(missing.is_empty(), "facet {} at {centre:?} lacks {missing:?}", record.facet);
+                    // Both sides of solids darken what the near ones do.
+                    let part = |some: &mut dyn Iterator<Item = &Occluder>| {
+                        let regions = [Region { fragment: Some(0), polygon }];
+                        let some: Vec<Occluder> = some.cloned().collect();
+                        Lit::default().part(&fragment, Some((&regions, 0)), some.iter(), lamp, centre, u)
+                    };
+                    let brute = part(&mut everything.iter().filter(|o| o.facet != record.facet));
+                    let found = if dark { 0.0 } else { part(&mut kept.iter().copied()) };
+                    off += usize::from((found - brute).abs() > 0.15);
+                    canary += usize::from(!dark && kept[..kept.len() / 2].iter().any(|o| darkens(o)));
                     compared += 1;
                     darkened += usize::from(brute < 1.0);
-                    let fewer = tile.lit.part(&fragment, None, &kept[..kept.len() / 2], lamp, centre, u);
-                    canary += usize::from(!shade.dark && (fewer - brute).abs() > 1e-6);
                 }
             }
         }
-        println!("{compared} compared, {darkened} darkened, {canary} notice");
+        println!("{compared} compared, {darkened} darkened, {off} off, {canary} notice a missing one");
         assert!(compared > 100 && darkened > 20 && canary > 3);
+        // Areas of slivers are counted by few samples.
+        assert!(off * 50 < compared, "{off} of {compared}");
     }
 }

@@ -134,12 +134,12 @@ impl Lists {
                 continue;
             }
             let occluder = &self.records[tile[front].record as usize];
-            for back in 0..tile.len() {
-                if back != front && tile[back].touches & covers != 0 {
-                    let hidden = &self.records[tile[back].record as usize];
+            for (back, entry) in tile.iter_mut().enumerate() {
+                if back != front && entry.touches & covers != 0 {
+                    let hidden = &self.records[entry.record as usize];
                     if occluder.hides(hidden) {
-                        tile[back].touches &= !covers;
-                        tile[back].covers &= !covers;
+                        entry.touches &= !covers;
+                        entry.covers &= !covers;
                     }
                 }
             }

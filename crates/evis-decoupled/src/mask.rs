@@ -20,9 +20,10 @@ struct Table {
 
 /// Sample `index`: a rank-1 lattice, centred and symmetric.
 pub fn sample(index: usize) -> [f64; 2] {
-    // Generator 19 of 64: no two samples share a row or column, and the shortest distance is 0.13.
+    // Of all generators and shifts that are their own mirror image, the one with the least worst error of half planes'
+    // areas, 0.038 over 500 of them; RMS 0.0113.
     let place = |k: usize| (k as f64 + 0.5) / SAMPLES as f64 - 0.5;
-    [place(index), place((19 * index + 9) % SAMPLES)]
+    [place(index), place((27 * index + 45) % SAMPLES)]
 }
 
 impl Table {
@@ -134,4 +135,53 @@ pub fn of_polygon(corners: &[[f64; 2]]) -> u64 {
         p = q;
     }
     mask
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(i: u32, offset: f64) -> Line {
+        let angle = f64::from(i) * 2.399_963;
+        Line { a: 3.0 * angle.cos(), b: 3.0 * angle.sin(), c: 3.0 * offset }
+    }
+
+    #[test]
+    fn a_half_plane_and_its_other_side_share_no_sample() {
+        for i in 0..2000 {
+            let l = line(i, 1.2 * ((f64::from(i) * 0.618_034).fract() - 0.5));
+            let other = Line { a: -l.a, b: -l.b, c: -l.c };
+            let (one, two) = (of_line(&l), of_line(&other));
+            // Only a sample within a bin of the border may belong to both, or to none.
+            assert!((one & two).count_ones() <= 1 && (!(one | two)).count_ones() <= 1, "{l:?}");
+        }
+    }
+
+    #[test]
+    fn masks_count_areas() {
+        let (mut squares, mut worst, mut canary) = (0.0, 0.0_f64, 0.0);
+        for i in 0..2000 {
+            let l = line(i, 1.2 * ((f64::from(i) * 0.618_034).fract() - 0.5));
+            let area = crate::coverage::Polygon::PIXEL.split(&l).0.moments().area;
+            let error = f64::from(of_line(&l).count_ones()) / SAMPLES as f64 - area;
+            squares += error * error / 2000.0;
+            worst = worst.max(error.abs());
+            let shifted = Line { c: l.c + 0.15, ..l };
+            let wrong = f64::from(of_line(&shifted).count_ones()) / SAMPLES as f64 - area;
+            canary += wrong * wrong / 2000.0;
+        }
+        let rms = squares.sqrt();
+        println!("64 samples count areas to {rms:.4} RMS, {worst:.4} worst");
+        assert!(rms < 0.013 && worst < 0.05, "{rms} {worst}");
+        assert!(canary.sqrt() > 0.013, "a half plane 0.05 px off is found: {}", canary.sqrt());
+    }
+
+    #[test]
+    fn samples_fill_every_row_and_column() {
+        for axis in 0..2 {
+            let mut at: Vec<f64> = (0..SAMPLES).map(|i| sample(i)[axis]).collect();
+            at.sort_by(f64::total_cmp);
+            assert!(at.iter().enumerate().all(|(i, v)| (v - ((i as f64 + 0.5) / 64.0 - 0.5)).abs() < 1e-12));
+        }
+    }
 }

@@ -89,7 +89,7 @@ impl Evaluator<'_> {
     /// Mean luminance of the pixel at `t_us`.
     pub fn luminance(&self, work: &mut Work, t_us: f64) -> f64 {
         work.count += 1;
-        let timer = (work.count % TIMED == 0).then(Instant::now);
+        let timer = work.count.is_multiple_of(TIMED).then(Instant::now);
         let u = ((t_us - self.block.start_us) / self.block.length_us()).clamp(0.0, 1.0);
         work.fragments.clear();
         work.slots.clear();

@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use crate::coverage::{Fragment, Line, Polygon, Region};
-use crate::lists::powers;
+use crate::lists::{TILE, powers};
 use crate::mask;
 
 /// What lies beyond a facet by less than this part of the lamp's distance from it is the facet itself, or touches it.
@@ -46,6 +46,26 @@ impl Occluder {
         size: f64,
         u: f64,
     ) -> Option<Shadow> {
+        let mut shadow = Shadow::default();
+        for line in self.half_planes(lamp, receiver, centre, size, u)? {
+            if !shadow.add(line) {
+                return None;
+            }
+        }
+        Some(shadow)
+    }
+
+    /// Of the shadow on the plane of `receiver`: beyond the facet's own plane, and inside its edges. `None` where the lamp
+    /// lies in the facet's plane.
+    #[inline(always)]
+    fn half_planes(
+        &self,
+        lamp: &ScreenLamp,
+        receiver: &Line,
+        centre: [f64; 2],
+        size: f64,
+        u: f64,
+    ) -> Option<[Line; 5]> {
         let [p, q, r] = &self.points;
         let inverse = 1.0 / size;
         let point = |k: usize| {
@@ -60,7 +80,6 @@ impl Occluder {
             b: normal.y - through * receiver.b,
             c: normal.z - through * receiver.c,
         };
-        let mut shadow = Shadow::default();
         // Beyond the facet's own plane, seen from the lamp.
         let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]);
         let height = normal.dot(place) - w * normal.dot(corners[0]);
@@ -73,9 +92,7 @@ impl Occluder {
         beyond.a -= contact * receiver.a;
         beyond.b -= contact * receiver.b;
         beyond.c -= contact * receiver.c;
-        if !shadow.add(beyond) {
-            return None;
-        }
+        let mut lines = [beyond; 5];
         let mut sign = 0.0;
         for k in 0..4 {
             let (a, b) = (corners[k], corners[(k + 1) % 4]);
@@ -84,11 +101,71 @@ impl Occluder {
             if sign == 0.0 {
                 sign = (normal.dot(corners[3]) - through).signum();
             }
-            if !shadow.add(on_plane(normal * sign, through * sign)) {
-                return None;
+            lines[k + 1] = on_plane(normal * sign, through * sign);
+        }
+        Some(lines)
+    }
+}
+
+/// Part of the side of a pixel by which it is grown, beside how much a half plane bends, for what lies between the
+/// times at which half planes are looked up.
+const MARGIN: f64 = 0.2;
+
+impl Occluder {
+    /// Pixels of the tile about `centre` into which a shadow may come during the part `span` of the block, and those that
+    /// it darkens throughout. `receivers` is what the tile sees at the start, middle and end of the span.
+    pub fn pixels(
+        &self,
+        lamp: &ScreenLamp,
+        receivers: &[Option<Fragment>; 3],
+        span: [f64; 2],
+        centre: [f64; 2],
+    ) -> (u64, u64) {
+        let tile = TILE as f64;
+        let mut lines = [[Line::default(); 5]; 3];
+        for (k, receiver) in receivers.iter().enumerate() {
+            let Some(receiver) = receiver else { return (u64::MAX, 0) };
+            let u = span[0] + 0.5 * k as f64 * (span[1] - span[0]);
+            let Some(found) = self.half_planes(lamp, &receiver.inverse_depth, centre, tile, u) else {
+                return (u64::MAX, 0);
+            };
+            lines[k] = found;
+        }
+        // Most miss the tile as a whole.
+        for i in 0..5 {
+            let at = [lines[0][i], lines[1][i], lines[2][i]];
+            let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN / tile);
+            let v = at.map(|l| l.c);
+            // The bend of a line's value anywhere in the tile.
+            let bend = |k: [f64; 3]| (k[0] - 2.0 * k[1] + k[2]).abs();
+            let bend = bend(v) + 0.5 * (bend(at.map(|l| l.a)) + bend(at.map(|l| l.b)));
+            if v[0].max(v[1]).max(v[2]) + reach + bend < 0.0 {
+                return (0, 0);
             }
         }
-        Some(shadow)
+        let (mut touches, mut darkens) = (u64::MAX, u64::MAX);
+        for (i, _) in lines[0].iter().enumerate() {
+            let at = [lines[0][i], lines[1][i], lines[2][i]];
+            if at.iter().all(|l| *l == Line::default()) {
+                continue;
+            }
+            let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN) / tile;
+            let (mut some, mut whole) = (0_u64, 0_u64);
+            for pixel in 0..TILE * TILE {
+                let place = [pixel % TILE, pixel / TILE].map(|v| (v as f64 + 0.5) / tile - 0.5);
+                let v = at.map(|l| l.at(place));
+                let slack = reach + (v[0] - 2.0 * v[1] + v[2]).abs();
+                let (low, high) = (v[0].min(v[1]).min(v[2]), v[0].max(v[1]).max(v[2]));
+                some |= u64::from(high >= -slack) << pixel;
+                whole |= u64::from(low >= slack) << pixel;
+            }
+            touches &= some;
+            darkens &= whole;
+            if touches == 0 {
+                return (0, 0);
+            }
+        }
+        (touches, darkens)
     }
 }
 
@@ -157,11 +234,11 @@ pub struct Lit {
 
 impl Lit {
     /// Part of what `fragment` covers of a pixel (all of it where `regions` is `None`) that `lamp` reaches.
-    pub fn part(
+    pub fn part<'o>(
         &mut self,
         fragment: &Fragment,
         regions: Option<(&[Region], usize)>,
-        occluders: &[Occluder],
+        occluders: impl Iterator<Item = &'o Occluder>,
         lamp: &ScreenLamp,
         centre: [f64; 2],
         u: f64,

@@ -42,7 +42,7 @@ impl Default for Settings {
             size: None,
             start_us: 0,
             duration_us: 250_000,
-            block_us: 8192,
+            block_us: 16_384,
             reference_luminance: None,
         }
     }

@@ -9,7 +9,7 @@ use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
 
 /// Places per texel along either axis, beyond one.
-const DENSITY: f64 = 1.5;
+const DENSITY: f64 = 2.5;
 /// Places along either axis, at most.
 const MOST: f64 = 16.0;
 

@@ -57,6 +57,8 @@ pub struct Surface {
     pub double_sided: bool,
     /// Holes are cut by alpha.
     pub masked: bool,
+    /// It has an inside: each edge has another that runs against it.
+    pub closed: bool,
     /// Its clusters in [`World::clusters`].
     pub clusters: std::ops::Range<usize>,
     /// Box around its vertices in its own space; of deforming ones, as modelled.
@@ -153,6 +155,7 @@ impl<'a> World<'a> {
             moves: self.moving_nodes[node],
             double_sided: material.double_sided,
             masked: matches!(material.alpha, AlphaMode::Mask(_)),
+            closed: is_closed(primitive),
             clusters: first_cluster..self.clusters.len(),
             bounds: bounds(primitive.positions.iter().map(|p| wide(*p))),
         });
@@ -325,6 +328,23 @@ fn one_polygon(primitive: &Primitive, corners: [u32; 4]) -> bool {
     convex && normals && uvs && colors && primitive.tangents.is_none()
 }
 
+/// Whether each directed edge, by the positions of its ends, has one against it.
+fn is_closed(primitive: &Primitive) -> bool {
+    let mut open: HashMap<[[u32; 3]; 2], i64> = HashMap::new();
+    // -0 and 0 are one place.
+    let place = |i: u32| primitive.positions.get(i as usize).map(|p| p.map(|v| (v + 0.0).to_bits()));
+    for t in primitive.indices.as_chunks::<3>().0 {
+        let [Some(a), Some(b), Some(c)] = t.map(place) else { return false };
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            if from != to {
+                *open.entry([from, to]).or_default() += 1;
+                *open.entry([to, from]).or_default() -= 1;
+            }
+        }
+    }
+    open.values().all(|n| *n == 0)
+}
+
 fn moving_nodes(scene: &Scene) -> Vec<bool> {
     let mut moves: Vec<bool> = Vec::with_capacity(scene.nodes.len());
     for node in &scene.nodes {
@@ -405,6 +425,12 @@ mod tests {
         let mut painted = corners(0.0);
         painted.uvs[0] = Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.7]]);
         assert_eq!(facets(&painted, 0, true).len(), 2, "no affine map");
+        assert!(!is_closed(&corners(0.0)));
+        let solid = evis_scene::primitive::Shape::Box { size: [1.0; 3] }.build(None, [1.0, 1.0]).unwrap();
+        assert!(is_closed(&solid), "a box");
+        let mut holed = solid;
+        holed.indices.truncate(33);
+        assert!(!is_closed(&holed), "a box without a triangle");
         let order = facets(&corners(0.0), 0, true)[0].corners;
         let p = order.map(|c| wide(corners(0.0).positions[c as usize]));
         assert!((p[1] - p[0]).cross(p[3] - p[0]).z > 0.0, "{order:?} is counter-clockwise");

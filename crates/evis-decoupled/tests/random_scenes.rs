@@ -1,0 +1,233 @@
+//! Random scenes against exact samples: what is seen must be in its tile's list, and areas must be right.
+
+use std::sync::Arc;
+
+use evis_decoupled::blocks::{Block, Clock};
+use evis_decoupled::lists::{Lists, TILE};
+use evis_decoupled::world::World;
+use evis_decoupled::{Settings, luminance};
+use evis_scene::motion::Path;
+use evis_scene::{Camera, Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs};
+use glam::{DQuat, DVec3};
+
+const SIZE: [usize; 2] = [40, 32];
+
+/// Numbers in [0, 1), by the finaliser of SplitMix64.
+struct Dice(u64);
+
+impl Dice {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let v = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let v = (v ^ (v >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((v ^ (v >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    fn vector(&mut self, size: f64) -> DVec3 {
+        DVec3::new(self.between(-size, size), self.between(-size, size), self.between(-size, size))
+    }
+}
+
+/// Unlit triangles and quads, each of its own colour, that move and turn before a camera that does too.
+fn scene(seed: u64, count: usize, motion: f64) -> Scene {
+    let mut dice = Dice(seed);
+    let mut scene = Scene { background: [0.05; 3], ..Scene::default() };
+    let spin = |dice: &mut Dice, place: DVec3, rate: f64| {
+        let axis = dice.vector(1.0).normalize_or(DVec3::Y);
+        let start = Trs { translation: place, ..Trs::default() };
+        let velocity = dice.vector(2.0 * motion);
+        Motion::Path(Arc::new(Path::Chain(vec![
+            Path::ConstantVelocity { start, velocity },
+            Path::Spin {
+                start: Trs { rotation: DQuat::IDENTITY, ..Trs::default() },
+                axis,
+                rate: rate * motion,
+            },
+        ])))
+    };
+    let camera = spin(&mut dice, DVec3::ZERO, 0.5);
+    let node = scene.add_node(Node { motion: camera, ..Node::default() });
+    scene.cameras.push(Camera {
+        name: "camera".into(),
+        node,
+        lens: Lens::FieldOfView { fov_y: 0.9 },
+        width: None,
+        height: None,
+        aspect: None,
+        near: 0.05,
+        threshold_on: None,
+        threshold_off: None,
+        sensor: None,
+    });
+    for i in 0..count {
+        let luminance = (dice.between(-2.0, 1.5)).exp() as f32;
+        scene.materials.push(Material {
+            model: ShadingModel::Unlit,
+            base_color: [luminance, luminance, luminance, 1.0],
+            double_sided: dice.unit() < 0.5,
+            ..Material::default()
+        });
+        // Large ones that cross the near plane, small ones, slivers, and some in one plane.
+        let large = i % 12 == 0;
+        let size = if large { 8.0 } else { [0.6, 1.2, 0.25][i % 3] };
+        let thin = if i % 5 == 1 && !large { 0.02 } else { 1.0 };
+        let corner = |x: f64, y: f64| [(size * x) as f32, (size * thin * y) as f32, 0.0];
+        let positions = vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+        let indices = if i % 3 == 0 { vec![0, 1, 2] } else { vec![0, 1, 2, 0, 2, 3] };
+        let normals = vec![[0.0, 0.0, 1.0]; 4];
+        let primitive = Primitive { material: i, positions, normals, indices, ..Primitive::default() };
+        scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
+        let depth = dice.between(1.0, 6.0);
+        let place = DVec3::new(dice.between(-0.7, 0.7) * depth, dice.between(-0.5, 0.5) * depth, -depth);
+        let motion = if large {
+            // A floor below the camera that reaches behind it.
+            let start = Trs {
+                translation: DVec3::new(0.0, dice.between(-1.6, -0.8), -3.0),
+                rotation: DQuat::from_rotation_x(-1.5 + dice.between(-0.1, 0.1)),
+                ..Trs::default()
+            };
+            Motion::Path(Arc::new(Path::ConstantVelocity { start, velocity: dice.vector(motion) }))
+        } else if i % 7 == 3 {
+            // In the plane of others, and facing the camera.
+            Motion::Fixed(glam::DMat4::from_translation(DVec3::new(place.x, place.y, -4.0)))
+        } else {
+            spin(&mut dice, place, 6.0)
+        };
+        scene.add_node(Node { mesh: Some(i), motion, ..Node::default() });
+    }
+    scene
+}
+
+/// Facets at a time, by exact poses: homogeneous corners, and how they are drawn.
+fn exact(world: &World, t_us: f64) -> Vec<(u32, [DVec3; 4], bool)> {
+    let frame = world.frame(t_us).expect("the camera has a pose");
+    let vertices: Vec<Vec<DVec3>> = (0..world.surfaces.len() as u32)
+        .map(|s| {
+            let of = |(p, _): (DVec3, DVec3)| frame.screen_from_world.transform_point3(p);
+            world.vertices(s, &frame).into_iter().map(of).collect()
+        })
+        .collect();
+    world
+        .facets
+        .iter()
+        .enumerate()
+        .map(|(i, f)| {
+            let surface = f.surface as usize;
+            let h = f.corners.map(|c| vertices[surface][c as usize]);
+            (i as u32, h, world.surfaces[surface].double_sided)
+        })
+        .collect()
+}
+
+/// The facet that is seen at image point (x, y), by one over its depth; of equal ones the first.
+fn seen(facets: &[(u32, [DVec3; 4], bool)], at: [f64; 2], near: f64) -> Option<u32> {
+    let d = DVec3::new(at[0], at[1], 1.0);
+    let mut best: Option<(f64, u32)> = None;
+    for (id, h, double) in facets {
+        let volume = h[0].dot(h[1].cross(h[3]));
+        if volume == 0.0 || (volume > 0.0 && !double) {
+            continue;
+        }
+        let inside = (0..4).all(|k| h[k].cross(h[(k + 1) % 4]).dot(d) * volume.signum() >= 0.0);
+        let w = (h[1].cross(h[3]) + h[3].cross(h[0]) + h[0].cross(h[1])).dot(d) / volume;
+        if inside && w <= 1.0 / near && best.is_none_or(|b| w > b.0 * (1.0 + 1e-10)) {
+            best = Some((w, *id));
+        }
+    }
+    best.map(|b| b.1)
+}
+
+#[test]
+fn what_is_seen_is_in_its_tile_s_list() {
+    let (mut samples, mut missing, mut canary) = (0, 0, 0);
+    let mut kinds = std::collections::BTreeSet::new();
+    for seed in 0..6 {
+        let scene = scene(seed, 60, if seed % 2 == 0 { 1.0 } else { 4.0 });
+        let world = World::new(&scene, 0, Some((SIZE[0] as u32, SIZE[1] as u32))).unwrap();
+        let block = Block { start_us: 16_384.0, end_us: 32_768.0, jump: false };
+        let mut clock = Clock::new(&world, block);
+        let lists = Lists::new(&world, &mut clock).unwrap();
+        let rows: Vec<_> = (0..lists.row_count()).map(|r| lists.row(r)).collect();
+        for k in 0..12 {
+            let t_us = block.start_us + block.length_us() * f64::from(k) / 11.5;
+            let facets = exact(&world, t_us);
+            for y in 0..SIZE[1] * 4 {
+                for x in 0..SIZE[0] * 4 {
+                    // Off the grid, so that edges are met everywhere.
+                    let at = [0, 1].map(|a| ([x, y][a] as f64 + [0.37, 0.61][(a + k as usize) % 2]) * 0.25);
+                    let Some(facet) = seen(&facets, at, world.lens.near) else { continue };
+                    let tile = &rows[y / 4 / TILE][x / 4 / TILE];
+                    let bit = (y / 4 % TILE) * TILE + x / 4 % TILE;
+                    let listed = |left_out: usize| {
+                        tile.iter().enumerate().any(|(i, e)| {
+                            i != left_out
+                                && lists.records[e.record as usize].facet == facet
+                                && e.touches >> bit & 1 == 1
+                        })
+                    };
+                    samples += 1;
+                    kinds.insert((seed, facet));
+                    missing += usize::from(!listed(usize::MAX));
+                    // Canary: lists that lack one entry.
+                    canary += usize::from(!listed((x + y) % tile.len().max(1)));
+                }
+            }
+        }
+    }
+    println!("{samples} samples of {} facets, {missing} missing, {canary} if an entry lacks", kinds.len());
+    assert!(samples > 100_000 && kinds.len() > 60, "{} facets", kinds.len());
+    assert_eq!(missing, 0, "of {samples}");
+    assert!(canary > 1000, "{canary}");
+}
+
+#[test]
+fn areas_are_those_of_4096_exact_samples() {
+    let (mut squares, mut worst, mut count, mut canary) = (0.0, 0.0_f64, 0.0_f64, 0.0_f64);
+    for seed in 10..16 {
+        let scene = scene(seed, 40, 1.0);
+        let t_us = 21_000.0;
+        let settings = Settings { size: Some((SIZE[0] as u32, SIZE[1] as u32)), ..Default::default() };
+        let picture = luminance(&scene, &settings, t_us).unwrap();
+        let world = World::new(&scene, 0, settings.size).unwrap();
+        let facets = exact(&world, t_us);
+        let light = |facet: Option<u32>| {
+            let of = |f: u32| {
+                let surface = world.facets[f as usize].surface as usize;
+                f64::from(scene.materials[world.surfaces[surface].material].base_color[0])
+            };
+            facet.map_or(f64::from(scene.background[0]), of)
+        };
+        for (i, found) in picture.iter().enumerate() {
+            let (x, y) = (i % SIZE[0], i / SIZE[0]);
+            let corners = [[0.01, 0.01], [0.99, 0.01], [0.5, 0.5], [0.01, 0.99], [0.99, 0.99]];
+            let corners = corners.map(|[u, v]| seen(&facets, [x as f64 + u, y as f64 + v], world.lens.near));
+            if corners.iter().all(|c| *c == corners[0]) && i % 16 > 0 {
+                continue;
+            }
+            // A lattice: 4181 points of the Fibonacci family.
+            let (n, g) = (4181, 2584);
+            let mean = (0..n)
+                .map(|k| {
+                    let u = (k as f64 + 0.5) / f64::from(n);
+                    let v = ((k * g % n) as f64 + 0.5) / f64::from(n);
+                    light(seen(&facets, [x as f64 + u, y as f64 + v], world.lens.near))
+                })
+                .sum::<f64>()
+                / f64::from(n);
+            let error = (found / mean).ln().abs();
+            squares += error * error;
+            count += 1.0;
+            worst = worst.max(error);
+            let middle = light(corners[2]);
+            canary += (middle / mean).ln().powi(2);
+        }
+    }
+    let (rms, canary) = ((squares / count).sqrt(), (canary / count).sqrt());
+    println!("{count} pixels: error of ln Y {rms:.5} RMS, {worst:.4} worst; one sample {canary:.3} RMS");
+    assert!(count > 300.0 && rms < 0.004 && worst < 0.08, "{rms} {worst}");
+    assert!(canary > 0.1, "one sample per pixel is no area: {canary}");
+}
