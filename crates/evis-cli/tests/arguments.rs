@@ -146,15 +146,14 @@ fn outputs_that_cannot_be_written_are_refused_before_any_work() {
     refused(&folder, "run spinner -o folder.h5", &["folder.h5", "file name"]);
     refused(&folder, "run spinner -o x.txt", &["x.txt", ".h5"]);
     refused(&folder, "run spinner -o x.h5 --report no/r.json", &["--report", "no/r.json"]);
-    // Nothing is a report's or a plan's place that is another file's.
+    // Nothing is a report's place that is another file's.
     std::fs::write(folder.file("own.toml"), "precious").unwrap();
     for (line, words) in [
         ("run spinner -o x.h5 --report old.h5", ["--report", "--force"]),
         ("run spinner -o x.h5 --report x.h5", ["--report", "--output"]),
         ("run spinner -o old.h5 --report ./old.h5 --force", ["--report", "--output"]),
         ("run own.toml -o x.h5 --report own.toml --force", ["--report", "the scene"]),
-        ("run spinner -o x.h5 --plan p.toml --report ./p.toml", ["--report", "--plan"]),
-        ("run spinner -o x.h5 --plan x.h5", ["--plan", "--output"]),
+        ("run spinner -o x.h5 --settings p.toml --report ./p.toml", ["--report", "--settings"]),
         ("video own.toml -o x.h5 --fps 10 --report own.toml --force", ["--report", "the input"]),
         ("video own.toml -o x.h5 --fps 10 --report old.h5", ["--report", "--force"]),
     ] {

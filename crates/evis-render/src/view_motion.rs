@@ -271,9 +271,9 @@ fn deviations(matrices: &[DMat4], chosen: &[usize], mut each: impl FnMut(&DMat4,
     for pair in chosen.windows(2) {
         let ([first, last], steps) = ([matrices[pair[0]], matrices[pair[1]]], (pair[1] - pair[0]) as f64);
         let mut before = DMat4::ZERO;
-        for k in pair[0] + 1..=pair[1] {
+        for (k, matrix) in matrices.iter().enumerate().take(pair[1] + 1).skip(pair[0] + 1) {
             let t = (k - pair[0]) as f64 / steps;
-            let now = if k == pair[1] { DMat4::ZERO } else { matrices[k] - (first * (1.0 - t) + last * t) };
+            let now = if k == pair[1] { DMat4::ZERO } else { *matrix - (first * (1.0 - t) + last * t) };
             each(&now, &(now - before));
             before = now;
         }
