@@ -132,8 +132,8 @@ impl Occluder {
             lines[k] = found;
         }
         // Most miss the tile as a whole.
-        for i in 0..5 {
-            let at = [lines[0][i], lines[1][i], lines[2][i]];
+        let over_time: [[Line; 3]; 5] = std::array::from_fn(|i| [lines[0][i], lines[1][i], lines[2][i]]);
+        for at in over_time {
             let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN / tile);
             let v = at.map(|l| l.c);
             // The bend of a line's value anywhere in the tile.
@@ -144,8 +144,7 @@ impl Occluder {
             }
         }
         let (mut touches, mut darkens) = (u64::MAX, u64::MAX);
-        for (i, _) in lines[0].iter().enumerate() {
-            let at = [lines[0][i], lines[1][i], lines[2][i]];
+        for at in over_time {
             if at.iter().all(|l| *l == Line::default()) {
                 continue;
             }

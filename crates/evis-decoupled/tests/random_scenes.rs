@@ -73,7 +73,7 @@ fn scene(seed: u64, count: usize, motion: f64) -> Scene {
         });
         // Large ones that cross the near plane, small ones, slivers, and some in one plane.
         let large = i % 12 == 0;
-        let size = if large { 8.0 } else { [0.6, 1.2, 0.25][i % 3] };
+        let size = if large { 8.0 } else { [0.25, 0.5, 0.1][i % 3] };
         let thin = if i % 5 == 1 && !large { 0.02 } else { 1.0 };
         let corner = |x: f64, y: f64| [(size * x) as f32, (size * thin * y) as f32, 0.0];
         let positions = vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
