@@ -107,7 +107,10 @@ fn of_path(path: &Path, times: &mut Vec<f64>) {
         Path::Ballistic { launch_s, .. } => times.push(*launch_s),
         Path::Keys { times: keys, .. } => times.extend_from_slice(keys),
         Path::Chain(paths) => paths.iter().for_each(|p| of_path(p, times)),
-        Path::ConstantVelocity { .. } | Path::Spin { .. } | Path::FigureEight { .. } => {}
+        Path::ConstantVelocity { .. }
+        | Path::Spin { .. }
+        | Path::FigureEight { .. }
+        | Path::Harmonic { .. } => {}
     }
 }
 
