@@ -53,7 +53,7 @@ fn a_scene_becomes_a_chart() {
     let made = chart(&gpu, "spinner", &scene, &tiny(), &told).unwrap();
     assert!(stages.iter().all(|n| n.load(Ordering::Relaxed) > 0), "every stage tells of itself");
 
-    assert_eq!((made.width, made.height, made.points.len()), (32, 24, 11));
+    assert_eq!((made.width, made.height, made.points.len()), (32, 24, 9));
     assert!(made.not_measured.is_empty());
     assert!(made.truth.events > 0 && made.truth.floor.is_some());
     for point in &made.points {

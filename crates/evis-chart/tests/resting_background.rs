@@ -26,7 +26,7 @@ fn scene(card: bool, velocity: DVec3, turn: f64) -> Scene {
     let checks = texture(&mut s, Pattern::Checker, 5);
     let checks = s.material(Material::unlit("checks").textured(checks)).unwrap();
     let wall = Trs { translation: DVec3::new(0.0, 0.0, -2.0), ..Trs::default() };
-    let repeat = ShapeSettings::default().repeat(3.0, 2.0);
+    let repeat = ShapeSettings::default().repeat(1.0, 1.0);
     let size = [9.0, 6.0];
     let wall_node =
         s.shape_with("wall", Shape::Card { size }, bricks, repeat, Placement::at(wall.translation)).unwrap();
@@ -42,7 +42,7 @@ fn scene(card: bool, velocity: DVec3, turn: f64) -> Scene {
         Path::ConstantVelocity { start, velocity },
         Path::Spin { start: Trs::default(), axis: DVec3::new(0.1, 1.0, 0.3).normalize(), rate: turn },
     ]);
-    let camera = EventCamera::new("camera").size(160, 120).fov_y_degrees(48.0);
+    let camera = EventCamera::new("camera").size(320, 240).fov_y_degrees(48.0);
     s.camera(camera, Placement::along(path)).unwrap();
     let mut scene = s.build().unwrap();
     let at = wall.translation.to_array();
@@ -61,7 +61,7 @@ fn scene(card: bool, velocity: DVec3, turn: f64) -> Scene {
 fn accuracy(gpu: &Gpu, scene: Scene) -> (f64, f64, usize) {
     let settings = TruthSettings {
         duration_us: DURATION_US,
-        pixels: PixelChoice::Count(160),
+        pixels: PixelChoice::Count(250),
         ..TruthSettings::default()
     };
     let truth = truth(&scene, &settings, &|_| true).unwrap();

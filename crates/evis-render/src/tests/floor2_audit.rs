@@ -78,7 +78,7 @@ fn audits_equal_their_twin() {
         assert!(near.abs() < 2e-4, "{size:?}: {:?} and {:?}", unpack(*word), unpack(twin));
         differ += usize::from((unpack(change(*size, 0.1, at)).0 - unpack(*word).0).abs() > 1e-3);
     }
-    assert_eq!([words[0] >> 8, words[1] >> 8], [0, 0], "still, and between both samples");
-    assert!(words[2..5].iter().all(|word| unpack(*word).0 > 0.5), "{words:?}");
-    assert!(differ > 2, "canary: another offset");
+    assert_eq!([0, 1, 2].map(|i| words[i] >> 8), [0; 3], "still, between both samples, as dark as black");
+    assert!(words[3..5].iter().all(|word| unpack(*word).0 > 0.5), "{words:?}");
+    assert!(differ >= 2, "canary: another offset");
 }
