@@ -76,7 +76,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: emulator(4, True), "height is True; it must be a whole number"),
     # Numbers, names and sequences.
     (lambda: simulator(rate_hz="x"), "rate_hz is 'x'; it must be a number"),
-    (lambda: simulator(budget_ms="x"), "budget_ms is 'x'; it must be a number of milliseconds"),
+    (lambda: simulator(audit="x"), "audit is 'x'; it must be a number"),
     (lambda: simulator(texture_taps=-1), "texture_taps is -1; it must not be negative"),
     (lambda: simulator(start="x"), "start is 'x'; it must be a number of seconds"),
     (lambda: simulator(seed=2**70), r"seed is 1180591620717411303424; .*2\*\*63 - 1"),

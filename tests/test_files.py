@@ -40,7 +40,7 @@ def test_npy_can_be_mapped(tmp_path: Path, mapped: bool):
     assert recording.events == events
     base = recording.events.to_numpy()
     while base is not None and not isinstance(base, np.memmap):
-        base = base.base
+        base = getattr(base, "base", None)
     assert isinstance(base, np.memmap) == mapped
     assert np.load(tmp_path / "out.npy").dtype["t"] == np.dtype("<i8")
 

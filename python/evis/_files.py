@@ -368,11 +368,15 @@ def load(
         except FormatError as error:
             # HDF5 of another program; where it is none of those either, the first error says more.
             try:
-                return Recording(_ArraySource(*_io.read_all(path, camera, width, height)), reload)
+                own = _io.EventFile(path, camera=camera).properties.get("layout") == "EVIS"
+                found = None if own else _io.read_all(path, camera, width, height)
             except FormatError as other:
                 if "none of the known layouts" in str(other) or format is None:
                     raise error from None
                 raise
+            if found is None:
+                raise
+            return Recording(_ArraySource(*found), reload)
     if ending in (".npz", ".npy") and format in (ending[1:], None):
         return Recording(_ArraySource(_load_arrays(path, width, height, mapped)), reload)
     if format is None:

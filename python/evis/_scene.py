@@ -238,14 +238,14 @@ class Scene:
         ConfigError
             If a value cannot be used, a camera moves by itself, or a motion has no way to go.
         """
-        return Scene(
-            self._raw.with_camera_motion(
-                motion_text(motion),
-                _check.number_or_none("camera_speed", speed, " pixels per second"),
-                None if camera is None else str(camera),
-                None if size is None else _check.size(size),
-            )
+        word = motion_text(motion)
+        moved = self._raw.with_camera_motion(
+            word,
+            _check.number_or_none("camera_speed", speed, " pixels per second"),
+            None if camera is None else str(camera),
+            None if size is None else _check.size(size),
         )
+        return Scene(moved, (moved_scene, (self, word, speed, camera, size)))
 
     @property
     def camera_motion(self) -> str | None:
@@ -290,6 +290,17 @@ class Scene:
 
 def _builtin(name: str, seed: int) -> Scene:
     return Scene.builtin(name, seed=seed)
+
+
+def moved_scene(
+    scene: Scene,
+    motion: str | None,
+    speed: float | None,
+    camera: str | None,
+    size: tuple[int, int] | None,
+) -> Scene:
+    """Return `scene` with its cameras moved: how it is pickled."""
+    return scene.with_camera_motion(motion, speed=speed, camera=camera, size=size)
 
 
 def motion_text(motion: str | PathLike[str] | None) -> str | None:

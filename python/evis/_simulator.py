@@ -13,7 +13,7 @@ from . import _check, _evis, _method
 from ._evis import ConfigError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
-from ._scene import EventCamera, Scene, motion_text, raw_of
+from ._scene import EventCamera, Scene, motion_text, moved_scene, raw_of
 from ._sensor import Sensor, sensor_of
 
 LabelName: TypeAlias = Literal[
@@ -250,7 +250,15 @@ class Simulator:
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             device=_selector(device),
         )
-        self._scene = Scene(self._engine.scene)
+        raw = self._engine.scene
+        applied = raw.camera_motion
+        if applied is None or applied == scene._raw.camera_motion:
+            self._scene = scene
+        else:
+            # A motion that nobody asked for is made again by its name.
+            word = motion_text(camera_motion) or applied[0]
+            first = names[0] if names else None
+            self._scene = Scene(raw, (moved_scene, (scene, word, camera_speed, first, size)))
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
         each = (Sensor._of_json(json) for json in self._engine.sensors)
         self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}

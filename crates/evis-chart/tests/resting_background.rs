@@ -1,5 +1,7 @@
 //! A background that has an animation and rests, seen by a camera that moves: the standard preset against the oracle.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::sync::Arc;
 
 use evis_core::metric::{ScoreSettings, score};

@@ -109,7 +109,7 @@ fn flicker_of_whole_periods_per_exposure_is_not_seen() {
 
 #[test]
 fn a_latch_fires_with_frames_alone() {
-    let exposure = Exposure { time_us: 5_000, period_us: 8_000, ..Default::default() };
+    let exposure = Exposure { time_us: 5_000, period_us: 8_000 };
     let base = SensorConfig { trigger: TriggerRule::Latch, ..Default::default() };
     let sample = SensorConfig { times: Times::Sample, ..Default::default() };
     for base in [base, sample] {

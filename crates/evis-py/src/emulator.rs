@@ -127,7 +127,7 @@ pub(crate) struct EventEmulator(Owned<Mutex<evis_core::EventEmulator>>);
 
 /// One-dimensional, contiguous.
 #[derive(FromPyObject)]
-enum Values<'py> {
+pub(crate) enum Values<'py> {
     F32(PyReadonlyArray1<'py, f32>),
     U8(PyReadonlyArray1<'py, u8>),
     U16(PyReadonlyArray1<'py, u16>),

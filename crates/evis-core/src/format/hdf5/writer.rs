@@ -809,7 +809,8 @@ mod tests {
             recording.events(0).and_then(|all| between.map(|part| (all, part)))
         };
         assert_eq!(read(&good).unwrap(), (good.clone(), good.clone()));
-        let wrong: [(&str, fn(&mut Event)); 3] = [
+        type Change = fn(&mut Event);
+        let wrong: [(&str, Change); 3] = [
             ("event 300 has the polarity 7", |e| e.p = 7),
             ("event 300 (x 40, y 3, at 11100 us) lies outside of 40x30", |e| e.x = 40),
             ("event 300 is earlier than the one before it", |e| e.t = 3),
