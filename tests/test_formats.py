@@ -260,7 +260,7 @@ def png16(path):
 
 def test_a_recording_becomes_a_folder_of_dsec(tmp_path):
     sim = evis.Simulator(
-        evis.Scene.builtin("spinner"), size=(96, 72), labels=("depth", "flow"), label_rate=20, seed=1
+        evis.Scene.builtin("spinner"), size=(96, 72), labels=("depth", "flow"), label_rate_hz=20, seed=1
     )
     evis.save(tmp_path / "a.h5", sim.stream(duration=0.2))
     folder = tmp_path / "sequence"

@@ -135,15 +135,17 @@ def test_settings_cross_to_another_process():
 
 
 def test_scenes_and_recordings_pickle_by_their_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    builder = evis.SceneBuilder("text")
-    builder.texture("checks", np.zeros((2, 2, 3), np.uint8))
-    (tmp_path / "a.toml").write_text(evis.SceneBuilder("file").toml())
+    text = """
+        materials = [{ name = "grey" }]
+        primitives = [{ name = "box", shape = "box", size = [1, 1, 1], material = "grey" }]
+    """
+    (tmp_path / "a.toml").write_text(text)
     monkeypatch.chdir(tmp_path)
     camera = evis.EventCamera(name="left", width=64, height=48)
     scenes = [
         evis.Scene.builtin("desk", seed=7),
         evis.Scene.load("a.toml"),
-        builder.build(),
+        evis.Scene.from_toml(text),
         evis.Scene.builtin("desk").with_cameras([camera]).at_speed(0.5),
     ]
     events = evis.EventArray(np.zeros(3, evis.EventCD), width=4, height=4)

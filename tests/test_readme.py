@@ -82,7 +82,7 @@ def test_code_for_frames_and_recordings_runs(name: str, tmp_path: Path) -> None:
 
 
 def options(command: str) -> set[str]:
-    return set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", python("-m", "evis", command, "--help").stdout))
+    return set(re.findall(r"(?<!\S)--?[a-z][a-z0-9-]*", python("-m", "evis", command, "--help").stdout))
 
 
 def test_options_of_the_documents_exist() -> None:

@@ -82,7 +82,7 @@ def test_failure_modes_are_measured(tmp_path: Path):
     assert "1 of 1 claims hold" in str(report)
     report.save(tmp_path / "a.svg")
     assert "borders without margin" in (tmp_path / "a.svg").read_text()
-    with pytest.raises(evis.ConfigError, match="one of native, auto, splat, no-aa"):
+    with pytest.raises(evis.ConfigError, match="one of native, high, splat, no-aa"):
         evis.verify_failures(methods=["teleport"])
     with pytest.raises(evis.ConfigError, match="keyframe-burst"):
         evis.verify_failures(failures=["border"])

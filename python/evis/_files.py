@@ -507,7 +507,7 @@ class Writer:
         self._camera_index = {camera.name: index for index, camera in enumerate(simulator.cameras)}
         self._writers: list[_evis.Writer] = []
         self._event_writers: list[_evis.EventFileWriter] = []
-        self._totals: dict[str, float] = {}
+        self._totals: dict[str, Any] = {}
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -571,7 +571,7 @@ class Writer:
                     writer.write_label(camera, labels.kind, t_us, t_other_us, image)
             writer.write_poses(camera, view.poses.t_us, view.poses.position, view.poses.rotation)
         for name, amount in asdict(packet.report).items():
-            self._totals[name] = self._totals.get(name, 0) + amount
+            self._totals[name] = self._totals.get(name, type(amount)()) + amount
 
     def close(self) -> None:
         """Finish the files; closing twice does nothing."""

@@ -70,7 +70,7 @@ impl SamplingRequest {
         if let (Some(method), Some(rate_hz)) = (keyframes, self.rate_hz) {
             let remedy =
                 format!("left out: {} samples keyframe rate times steps instants per second", method.name());
-            return Err(ConfigError::new("rate", rate_hz, remedy));
+            return Err(ConfigError::new("rate_hz", rate_hz, remedy));
         }
         Ok(())
     }
