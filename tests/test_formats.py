@@ -131,8 +131,9 @@ def test_slices_of_the_iterator_are_half_open_and_tile_time(tmp_path):
 
 
 def test_a_stream_is_written_to_other_formats_as_it_comes(tmp_path):
-    sim = evis.Simulator(evis.Scene.builtin("spinner"), size=(64, 48), seed=3)
-    evis.save(tmp_path / "a.h5", sim.stream(duration=0.05))
+    scene = evis.Scene.builtin("spinner")
+    evis.save(tmp_path / "a.h5", evis.Simulator(scene, size=(64, 48), seed=3).stream(duration=0.05))
+    sim = evis.Simulator(scene, size=(64, 48), seed=3)
     with evis.Writer(tmp_path / "a.raw", sim) as writer, sim.stream(duration=0.05) as stream:
         for packet in stream:
             writer.write(packet)

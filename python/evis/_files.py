@@ -366,15 +366,15 @@ def load(
         try:
             return Recording(_evis.Recording(path), reload)
         except FormatError as error:
+            # A recording of EVIS that is damaged also resembles other programs' layouts, and is not read as one.
+            if "--repair" in str(error) or "report" in str(error):
+                raise
             # HDF5 of another program; where it is none of those either, the first error says more.
             try:
-                own = _io.EventFile(path, camera=camera).properties.get("layout") == "EVIS"
-                found = None if own else _io.read_all(path, camera, width, height)
+                found = _io.read_all(path, camera, width, height)
             except FormatError as other:
                 if "none of the known layouts" in str(other) or format is None:
                     raise error from None
-                raise
-            if found is None:
                 raise
             return Recording(_ArraySource(*found), reload)
     if ending in (".npz", ".npy") and format in (ending[1:], None):

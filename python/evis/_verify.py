@@ -395,7 +395,7 @@ def verify() -> Verification:
 
     >>> import evis
     >>> evis.verify()
-    Verification(27 of 27 pass)
+    Verification(18 of 18 pass)
     """
     return Verification(_evis.verify())
 
