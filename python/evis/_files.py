@@ -316,6 +316,22 @@ def _report(text: str | None) -> Mapping[str, Any] | None:
     return report
 
 
+def _read_foreign(
+    path: Path, error: FormatError, camera: str | None, width: int | None, height: int | None
+) -> Any:
+    """Read an HDF5 file that EVIS's own reader refused with ``error``."""
+    # A recording of EVIS that is damaged also resembles other programs' layouts, and is not read as one.
+    if "--repair" in str(error) or "report" in str(error):
+        raise error
+    try:
+        return _io.read_all(path, camera, width, height)
+    except FormatError as other:
+        # Where it is none of their layouts either, the first error says more.
+        if "none of the known layouts" in str(other):
+            raise error from None
+        raise
+
+
 def load(
     path: str | PathLike[str],
     *,
@@ -366,16 +382,7 @@ def load(
         try:
             return Recording(_evis.Recording(path), reload)
         except FormatError as error:
-            # A recording of EVIS that is damaged also resembles other programs' layouts, and is not read as one.
-            if "--repair" in str(error) or "report" in str(error):
-                raise
-            # HDF5 of another program; where it is none of those either, the first error says more.
-            try:
-                found = _io.read_all(path, camera, width, height)
-            except FormatError as other:
-                if "none of the known layouts" in str(other) or format is None:
-                    raise error from None
-                raise
+            found = _read_foreign(path, error, camera, width, height)
             return Recording(_ArraySource(*found), reload)
     if ending in (".npz", ".npy") and format in (ending[1:], None):
         return Recording(_ArraySource(_load_arrays(path, width, height, mapped)), reload)
