@@ -145,6 +145,13 @@ impl Check {
     pub(crate) fn refuse(&self, count: usize, what: &str) -> Result<(), FormatError> {
         refuse(&self.path, self.format, count, what)
     }
+
+    /// Refuses a packet that holds more than events.
+    pub(crate) fn only_events(&self, packet: &Packet) -> Result<(), FormatError> {
+        self.refuse(packet.frames.len(), "frames")?;
+        self.refuse(packet.imu.len(), "inertial samples")?;
+        self.refuse(packet.triggers.len(), "triggers")
+    }
 }
 
 /// Refuses what `format` has no place for.

@@ -146,9 +146,7 @@ impl EsWriter {
 
 impl EventWriter for EsWriter {
     fn write(&mut self, packet: &Packet) -> Result<(), FormatError> {
-        self.check.refuse(packet.frames.len(), "frames")?;
-        self.check.refuse(packet.imu.len(), "inertial samples")?;
-        self.check.refuse(packet.triggers.len(), "triggers")?;
+        self.check.only_events(packet)?;
         self.write_events(&packet.events)
     }
 

@@ -5,7 +5,7 @@ use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use evis_core::format::FormatError;
-use evis_core::format::numpy::NpyHeader;
+use evis_core::format::numpy::{Integer, NpyHeader};
 use evis_core::{Event, Polarity};
 use flate2::read::DeflateDecoder;
 
@@ -26,43 +26,6 @@ const NAMES: [&[&str]; 4] = [
     &["y", "ys"],
     &["p", "ps", "pol", "polarity", "polarities", "on"],
 ];
-
-/// An integer type of `NumPy`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Integer {
-    bytes: usize,
-    signed: bool,
-    big_endian: bool,
-}
-
-impl Integer {
-    fn of(descr: &str) -> Option<Self> {
-        let (order, kind) = descr.split_at_checked(1)?;
-        let (class, bytes) = kind.split_at_checked(1)?;
-        let bytes: usize = bytes.parse().ok().filter(|bytes| matches!(bytes, 1 | 2 | 4 | 8))?;
-        let signed = match class {
-            "i" => true,
-            "u" => false,
-            "b" if bytes == 1 => false,
-            _ => return None,
-        };
-        Some(Self { bytes, signed, big_endian: order == ">" })
-    }
-
-    /// The value of exactly `self.bytes` bytes; `None` past 63 bits.
-    fn read(self, bytes: &[u8]) -> Option<i64> {
-        let mut wide = [0_u8; 8];
-        for (k, byte) in bytes.iter().take(8).enumerate() {
-            wide[if self.big_endian { self.bytes - 1 - k } else { k }] = *byte;
-        }
-        let value = u64::from_le_bytes(wide);
-        if !self.signed {
-            return i64::try_from(value).ok();
-        }
-        let unused = 64 - 8 * self.bytes as u32;
-        Some(((value << unused) as i64) >> unused)
-    }
-}
 
 /// An event of four values, or what is wrong with them.
 fn event([t, x, y, p]: [Option<i64>; 4]) -> Result<Event, String> {
@@ -151,18 +114,16 @@ impl NpyReader {
     }
 
     fn read_row(row: &[u8], fields: &Fields) -> [Option<i64>; 4] {
-        fields.map(|(at, integer)| row.get(at..at + integer.bytes).and_then(|bytes| integer.read(bytes)))
+        fields.map(|(at, integer)| row.get(at..at + integer.bytes()).and_then(|bytes| integer.read(bytes)))
     }
 
     /// Whether rows are events as they lie in memory.
     fn is_event_cd(&self) -> bool {
-        let integer = |bytes, signed| Integer { bytes, signed, big_endian: false };
+        let is = |(at, integer): (usize, Integer), place, descr| {
+            at == place && Some(integer) == Integer::of(descr)
+        };
         let [t, x, y, p] = self.fields;
-        self.row == 16
-            && t == (8, integer(8, true))
-            && x == (0, integer(2, false))
-            && y == (2, integer(2, false))
-            && p == (4, integer(2, true))
+        self.row == 16 && is(t, 8, "<i8") && is(x, 0, "<u2") && is(y, 2, "<u2") && is(p, 4, "<i2")
     }
 }
 
@@ -263,12 +224,6 @@ fn npy_header(descr: &str, count: u64) -> Vec<u8> {
     bytes
 }
 
-fn refuse_others(check: &Check, packet: &Packet) -> Result<(), FormatError> {
-    check.refuse(packet.frames.len(), "frames")?;
-    check.refuse(packet.imu.len(), "inertial samples")?;
-    check.refuse(packet.triggers.len(), "triggers")
-}
-
 impl NpyWriter {
     pub(crate) fn create(path: &Path, options: &WriteOptions) -> Result<Self, FormatError> {
         let mut output = Output::create(path, options.overwrite)?;
@@ -280,7 +235,7 @@ impl NpyWriter {
 
 impl EventWriter for NpyWriter {
     fn write(&mut self, packet: &Packet) -> Result<(), FormatError> {
-        refuse_others(&self.check, packet)?;
+        self.check.only_events(packet)?;
         self.write_events(&packet.events)
     }
 
@@ -356,8 +311,8 @@ impl NpzReader {
             let Some(integer) = Integer::of(&header.descr) else { return Ok(None) };
             let mut bytes = Vec::new();
             // Left out where it cannot be read: it is not needed.
-            let read = (&mut source).take(integer.bytes as u64).read_to_end(&mut bytes);
-            let whole = read.is_ok_and(|read| read == integer.bytes);
+            let read = (&mut source).take(integer.bytes() as u64).read_to_end(&mut bytes);
+            let whole = read.is_ok_and(|read| read == integer.bytes());
             let side = if whole { integer.read(&bytes) } else { None };
             Ok(side.and_then(|side| u32::try_from(side).ok()).filter(|side| (1..=1 << 16).contains(side)))
         };
@@ -416,7 +371,7 @@ impl EventReader for NpzReader {
         let mut whole = wanted;
         for column in &mut self.columns {
             column.block.clear();
-            let size = column.integer.bytes;
+            let size = column.integer.bytes();
             // An error of the decoder ends the column, as the file's end does.
             let _ = (&mut column.source).take((wanted * size) as u64).read_to_end(&mut column.block);
             whole = whole.min(column.block.len() / size);
@@ -425,7 +380,7 @@ impl EventReader for NpzReader {
         let mut failed = None;
         for index in 0..whole {
             let values = self.columns.each_ref().map(|column| {
-                let size = column.integer.bytes;
+                let size = column.integer.bytes();
                 column
                     .block
                     .get(index * size..(index + 1) * size)
@@ -526,7 +481,7 @@ fn scalar_header() -> Vec<u8> {
 
 impl EventWriter for NpzWriter {
     fn write(&mut self, packet: &Packet) -> Result<(), FormatError> {
-        refuse_others(&self.check, packet)?;
+        self.check.only_events(packet)?;
         self.write_events(&packet.events)
     }
 

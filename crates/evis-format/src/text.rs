@@ -306,12 +306,6 @@ fn check_of(path: &Path, format: Format, options: &WriteOptions) -> Check {
     Check::new(path, format, options.size, (-LATEST_US, LATEST_US), -1)
 }
 
-fn refuse_others(check: &Check, packet: &Packet) -> Result<(), FormatError> {
-    check.refuse(packet.frames.len(), "frames")?;
-    check.refuse(packet.imu.len(), "inertial samples")?;
-    check.refuse(packet.triggers.len(), "triggers")
-}
-
 impl TextWriter {
     pub(crate) fn create(path: &Path, options: &WriteOptions) -> Result<Self, FormatError> {
         let mut output = Output::create(path, options.overwrite)?;
@@ -323,7 +317,7 @@ impl TextWriter {
 
 impl EventWriter for TextWriter {
     fn write(&mut self, packet: &Packet) -> Result<(), FormatError> {
-        refuse_others(&self.check, packet)?;
+        self.check.only_events(packet)?;
         self.write_events(&packet.events)
     }
 
@@ -379,7 +373,7 @@ pub(crate) fn entry_options() -> zip::write::SimpleFileOptions {
 
 impl EventWriter for ZipWriter {
     fn write(&mut self, packet: &Packet) -> Result<(), FormatError> {
-        refuse_others(&self.check, packet)?;
+        self.check.only_events(packet)?;
         self.write_events(&packet.events)
     }
 

@@ -81,16 +81,18 @@ fn value<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     rest.get(..end).map(str::trim)
 }
 
-/// An integer type of the elements.
-#[derive(Clone, Copy)]
-struct Integer {
+/// An integer type of `NumPy`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Integer {
     bytes: usize,
     signed: bool,
     big_endian: bool,
 }
 
 impl Integer {
-    fn of(descr: &str) -> Option<Self> {
+    /// The type of a header's `descr`, such as `<u2`; `None` for anything but integers and booleans.
+    #[must_use]
+    pub fn of(descr: &str) -> Option<Self> {
         let (order, kind) = descr.split_at_checked(1)?;
         let (class, bytes) = kind.split_at_checked(1)?;
         let bytes: usize = bytes.parse().ok().filter(|bytes| matches!(bytes, 1 | 2 | 4 | 8))?;
@@ -103,16 +105,26 @@ impl Integer {
         Some(Self { bytes, signed, big_endian: order == ">" })
     }
 
+    /// Bytes of a value: 1, 2, 4 or 8.
+    #[must_use]
+    pub const fn bytes(self) -> usize {
+        self.bytes
+    }
+
     /// Element `index` of `data`.
     fn at(self, data: &[u8], index: usize) -> Option<i64> {
         let start = index.checked_mul(self.bytes)?;
         self.read(data.get(start..start.checked_add(self.bytes)?)?)
     }
 
-    fn read(self, bytes: &[u8]) -> Option<i64> {
+    /// The value of exactly `self.bytes` bytes; `None` past 63 bits, and for another number of bytes.
+    #[must_use]
+    pub fn read(self, bytes: &[u8]) -> Option<i64> {
         let mut wide = [0_u8; 8];
-        for (k, byte) in bytes.iter().enumerate() {
-            wide[if self.big_endian { bytes.len() - 1 - k } else { k }] = *byte;
+        let value = wide.get_mut(..self.bytes).filter(|value| value.len() == bytes.len())?;
+        value.copy_from_slice(bytes);
+        if self.big_endian {
+            value.reverse();
         }
         let value = u64::from_le_bytes(wide);
         if !self.signed {

@@ -83,9 +83,7 @@ impl Aedat2Writer {
 
 impl EventWriter for Aedat2Writer {
     fn write(&mut self, packet: &Packet) -> Result<(), FormatError> {
-        self.check.refuse(packet.frames.len(), "frames")?;
-        self.check.refuse(packet.imu.len(), "inertial samples")?;
-        self.check.refuse(packet.triggers.len(), "triggers")?;
+        self.check.only_events(packet)?;
         self.write_events(&packet.events)
     }
 
