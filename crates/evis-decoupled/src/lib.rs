@@ -8,6 +8,7 @@
 pub mod blocks;
 pub mod coverage;
 pub mod events;
+pub mod fragment;
 pub mod light;
 pub mod lists;
 pub mod mask;

@@ -14,7 +14,8 @@ use glam::{DMat4, DVec3};
 
 use crate::Error;
 use crate::blocks::{Block, Clock};
-use crate::coverage::{Fragment, Moments, Polygon, Region};
+use crate::coverage::{Moments, Polygon, Region};
+use crate::fragment::Fragment;
 use crate::lists::{Entry, Record, TILE};
 use crate::material::{self, Lamp, Point, Response, respond};
 use crate::shadow::{Beam, Lit, Occluder, ScreenLamp, Tree};

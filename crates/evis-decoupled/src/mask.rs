@@ -5,7 +5,7 @@
 
 use std::sync::OnceLock;
 
-use crate::coverage::{Fragment, Line};
+use crate::fragment::{Fragment, Line};
 
 /// Directions in the table.
 const ANGLES: usize = 256;

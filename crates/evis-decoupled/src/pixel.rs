@@ -3,7 +3,8 @@
 use std::time::Instant;
 
 use crate::blocks::Block;
-use crate::coverage::{Fragment, Moments, Regions};
+use crate::coverage::{Moments, Regions};
+use crate::fragment::Fragment;
 use crate::light::{Lighting, TileLight};
 use crate::lists::{Entry, Lists, TILE};
 use crate::world::World;

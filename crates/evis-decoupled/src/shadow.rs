@@ -7,7 +7,8 @@
 
 use glam::DVec3;
 
-use crate::coverage::{Fragment, Line, Polygon, Region};
+use crate::coverage::{Polygon, Region};
+use crate::fragment::{Fragment, Line};
 use crate::lists::{TILE, powers};
 use crate::mask;
 

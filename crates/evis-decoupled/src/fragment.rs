@@ -1,0 +1,172 @@
+//! Facets as a pixel sees them: edges and inverse depth, linear on the pixel.
+//!
+//! Coordinates are pixels from the pixel's centre. A facet is where its edge functions e = h_k x h_(k+1) are not
+//! negative, and its inverse depth is linear there. Shared edges are exact negatives of each other, so facets neither
+//! overlap nor leave gaps.
+
+use glam::DVec3;
+
+use crate::lists::Record;
+
+/// A linear function a x + b y + c on the pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Line {
+    /// Change to the right.
+    pub a: f64,
+    /// Change down.
+    pub b: f64,
+    /// Value at the centre.
+    pub c: f64,
+}
+
+impl Line {
+    fn new(v: DVec3) -> Self {
+        Self { a: v.x, b: v.y, c: v.z }
+    }
+
+    /// Value at (x, y).
+    #[inline(always)]
+    pub fn at(&self, [x, y]: [f64; 2]) -> f64 {
+        self.a * x + self.b * y + self.c
+    }
+
+    /// Greatest distance of its values on the pixel from that at the centre.
+    #[inline(always)]
+    pub fn reach(&self) -> f64 {
+        0.5 * (self.a.abs() + self.b.abs())
+    }
+
+    /// The difference.
+    #[inline(always)]
+    pub fn minus(self, o: Self) -> Self {
+        Self { a: self.a - o.a, b: self.b - o.b, c: self.c - o.c }
+    }
+}
+
+/// A facet at a time, as a pixel sees it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Fragment {
+    /// Index into [`crate::lists::Lists::records`].
+    pub record: u32,
+    /// Its facet: of equal depths the lowest is seen.
+    pub facet: u32,
+    /// Edges that cross the pixel, inside not negative.
+    pub edges: [Line; 5],
+    /// How many of them.
+    pub edge_count: usize,
+    /// 1/depth.
+    pub inverse_depth: Line,
+    /// Numerators of s and t over [`Fragment::inverse_depth`].
+    pub place: [Line; 2],
+    /// The camera sees its outside.
+    pub front: bool,
+}
+
+impl Fragment {
+    /// `record` as the pixel centred at (`x`, `y`) sees it at `v` of its span; `None` where it does not touch it.
+    #[inline(always)]
+    pub fn new(record: &Record, index: u32, centre: [f64; 2], v: f64, near: f64) -> Option<Self> {
+        Self::of_area(record, index, centre, 1.0, v, near)
+    }
+
+    /// As [`Fragment::new`], for a square with sides of `size` pixels; everything is in units of that.
+    #[inline(always)]
+    pub fn of_area(
+        record: &Record,
+        index: u32,
+        [x, y]: [f64; 2],
+        size: f64,
+        v: f64,
+        near: f64,
+    ) -> Option<Self> {
+        let inverse_size = 1.0 / size;
+        let [p, q, r] = &record.points;
+        let mut h = [[0.0; 4]; 3];
+        for axis in 0..3 {
+            for corner in 0..4 {
+                h[axis][corner] = p[axis][corner] + v * (q[axis][corner] + v * r[axis][corner]);
+            }
+        }
+        let [h0, h1, h2] = &mut h;
+        for ((x_z, y_z), z) in h0.iter_mut().zip(h1).zip(h2) {
+            *x_z = (*x_z - x * *z) * inverse_size;
+            *y_z = (*y_z - y * *z) * inverse_size;
+        }
+        let point = |k: usize| DVec3::new(h[0][k], h[1][k], h[2][k]);
+        let [h0, h1, h2, h3] = [point(0), point(1), point(2), point(3)];
+        // Of the triangle of corners 0, 1 and 3, which all but degenerate facets have.
+        let (e0, e3, across) = (h0.cross(h1), h3.cross(h0), h1.cross(h3));
+        let volume = h0.dot(across);
+        let front = (volume < 0.0) != record.mirrored;
+        if volume == 0.0 || (!front && !record.double_sided) {
+            return None;
+        }
+        let sign = volume.signum();
+        let mut fragment = Self { record: index, facet: record.facet, front, ..Self::default() };
+        for e in [e0, h1.cross(h2), h2.cross(h3), e3] {
+            let line = Line::new(e * sign);
+            let reach = line.reach();
+            if line.c < -reach {
+                return None;
+            }
+            if line.c < reach {
+                fragment.edges[fragment.edge_count] = line;
+                fragment.edge_count += 1;
+            }
+        }
+        let inverse = 1.0 / volume;
+        fragment.inverse_depth = Line::new((e0 + e3 + across) * inverse);
+        fragment.place = [Line::new(e3 * inverse), Line::new(e0 * inverse)];
+        if record.crosses_near {
+            let depth = fragment.inverse_depth;
+            let line = Line { a: -depth.a, b: -depth.b, c: 1.0 / near - depth.c };
+            let reach = line.reach();
+            if line.c < -reach {
+                return None;
+            }
+            if line.c < reach {
+                fragment.edges[fragment.edge_count] = line;
+                fragment.edge_count += 1;
+            }
+        }
+        Some(fragment)
+    }
+
+    /// Edges that cross the pixel.
+    #[inline(always)]
+    pub fn crossing(&self) -> &[Line] {
+        &self.edges[..self.edge_count]
+    }
+
+    /// Where this is before `other`: a function that is not negative there, and 1 or -1 where that is all of the pixel
+    /// or nothing of it, else 0.
+    #[inline(always)]
+    pub fn before(&self, other: &Self) -> (Line, i32) {
+        let d = self.inverse_depth.minus(other.inverse_depth);
+        let reach = d.reach();
+        // What is left of a difference between equal planes is rounding.
+        let noise = 1e-10 * (self.inverse_depth.c.abs() + self.inverse_depth.reach());
+        if d.c.abs() + reach < noise {
+            return (d, if self.facet < other.facet { 1 } else { -1 });
+        }
+        let side = if d.c >= reach {
+            1
+        } else if d.c <= -reach {
+            -1
+        } else {
+            0
+        };
+        (d, side)
+    }
+
+    /// (s, t) of the facet at a point of the pixel, and their change to the right and down.
+    #[inline(always)]
+    pub fn parameters(&self, at: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
+        let w = &self.inverse_depth;
+        let depth = 1.0 / w.at(at);
+        let value = self.place.map(|n| n.at(at) * depth);
+        let right = [0, 1].map(|k| (self.place[k].a - value[k] * w.a) * depth);
+        let down = [0, 1].map(|k| (self.place[k].b - value[k] * w.b) * depth);
+        (value, [right, down])
+    }
+}
