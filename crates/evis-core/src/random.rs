@@ -11,6 +11,15 @@ pub const EPOCH_SHIFT: u32 = 14;
 /// Microseconds of an epoch.
 pub const EPOCH_US: i64 = 1 << EPOCH_SHIFT;
 
+/// Mixes the bits of a word: the finaliser of SplitMix64 (Steele, Lea, Flood: Fast splittable pseudorandom number
+/// generators, 2014). A bijection that keeps 0.
+#[must_use]
+pub const fn mix(word: u64) -> u64 {
+    let z = (word ^ (word >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
 /// What a draw is for; different streams never share a counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]

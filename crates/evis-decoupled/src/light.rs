@@ -9,6 +9,7 @@ use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Mutex;
 
+use evis_core::random::mix;
 use evis_scene::{ShadingModel, TextureRef};
 use glam::{DMat4, DVec3};
 
@@ -102,10 +103,7 @@ impl Hasher for Mix {
     }
 
     fn write_u64(&mut self, word: u64) {
-        let v = (self.0 ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let v = (v ^ (v >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let v = (v ^ (v >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        self.0 = v ^ (v >> 31);
+        self.0 = mix((self.0 ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15));
     }
 
     fn write_u32(&mut self, word: u32) {

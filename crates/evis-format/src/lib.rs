@@ -20,14 +20,16 @@ mod numpy;
 mod packet;
 mod prophesee;
 mod read;
+mod recognise;
 mod text;
 mod write;
 
 pub use convert::{ConvertOptions, Converted, convert};
 pub use dsec::{DsecExport, export_dsec};
-pub use format::{Format, recognise};
+pub use format::Format;
 pub use packet::{Frame, ImuSample, Packet, Trigger};
 pub use read::{Between, EventReader, Extent, ReadOptions, StreamInfo, measure, open};
+pub use recognise::recognise;
 pub use write::{EventWriter, WriteOptions, create};
 
 pub use evis_core::Event;

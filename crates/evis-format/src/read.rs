@@ -4,8 +4,9 @@ use std::path::Path;
 
 use evis_core::format::FormatError;
 
-use crate::format::{Format, recognise};
+use crate::format::Format;
 use crate::packet::Packet;
+use crate::recognise::recognise;
 use crate::{aedat, dsec, es, hdf5, mcap, numpy, prophesee, text};
 
 /// What a file says about its stream.
@@ -94,7 +95,7 @@ pub fn open(path: &Path, options: &ReadOptions) -> Result<Box<dyn EventReader>, 
                 "convert it to AEDAT 4.0 with DV, or export it from jAER",
             ));
         }
-        Format::Text | Format::TextZip => Box::new(text::TextReader::open(path, options)?),
+        Format::Text | Format::TextZip => Box::new(text::TextReader::open(path, format, options)?),
         Format::Npz => Box::new(numpy::NpzReader::open(path, options)?),
         Format::Npy => Box::new(numpy::NpyReader::open(path, options)?),
         Format::Hdf5 => Box::new(hdf5::Hdf5Reader::open(path, options)?),

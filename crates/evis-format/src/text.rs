@@ -207,9 +207,8 @@ impl Lines {
 }
 
 impl TextReader {
-    pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<Self, FormatError> {
-        let zipped = matches!(crate::format::recognise(path)?, Some(Format::TextZip));
-        let format = if zipped { Format::TextZip } else { Format::Text };
+    /// `format` is [`Format::Text`] or [`Format::TextZip`].
+    pub(crate) fn open(path: &Path, format: Format, options: &ReadOptions) -> Result<Self, FormatError> {
         let lines = Lines::open(path, format)?;
         let mut reader =
             Self { path: path.into(), info: StreamInfo::new(format), lines, ahead: None, failed: None };

@@ -4,6 +4,7 @@
 //! Which ones are audited is a function of absolute block, view and tile. The work stays below a fixed share of the block's
 //! own. No event depends on it.
 
+use evis_core::random::mix;
 use serde::Serialize;
 
 use crate::cpu::audit::unpack;
@@ -80,14 +81,11 @@ impl AuditRun {
     }
 }
 
-/// A word from numbers (G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number generators", 2014).
+/// A word from numbers.
 fn hash(numbers: [u64; 4]) -> u64 {
-    numbers.into_iter().fold(0x9e37_79b9_7f4a_7c15, |state, number| {
-        let mut z = state ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    })
+    numbers
+        .into_iter()
+        .fold(0x9e37_79b9_7f4a_7c15, |state, number| mix(state ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
 }
 
 /// The tiles of a view that are audited in absolute block `block`, each with an instant: the `share` of the `audited` ones.

@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::chain::OLD_US;
 use crate::grid::SampleGrid;
-use crate::quality::Quality;
 use crate::sizes::MAX_INSTANTS;
 
 /// `eps` of the EVIS paper's code in `ln(Y + eps)`.
@@ -92,6 +91,36 @@ pub enum Shadows {
     /// By maps where they are sure, and by rays along shadows' borders: as sharp as the casters, for up to twice the
     /// work. Casters must be rigid and without holes.
     Rays,
+}
+
+/// How near to the truth events are, and how much work that is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Quality {
+    /// For a first look.
+    Draft,
+    /// For most uses.
+    #[default]
+    Standard,
+    /// Sharp shadows, fine edges.
+    High,
+    /// As near to the truth as sampling comes within reason.
+    Reference,
+}
+
+impl Quality {
+    /// All, the cheapest first.
+    pub const ALL: [Self; 4] = [Self::Draft, Self::Standard, Self::High, Self::Reference];
+
+    /// As users write it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Standard => "standard",
+            Self::High => "high",
+            Self::Reference => "reference",
+        }
+    }
 }
 
 /// What a run is asked to do.

@@ -58,12 +58,11 @@ mod view_motion;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Antialias, Between, Method, RunConfig, Shadows};
+pub use config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
 pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};
-pub use quality::Quality;
 pub use request::SamplingRequest;
 pub use scene_sensor::scene_sensors;
 pub use simulator::{PacketStream, Simulator};

@@ -1,9 +1,8 @@
 //! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered or analysed to choose them.
 
 use evis_scene::{AlphaMode, Scene};
-use serde::{Deserialize, Serialize};
 
-use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
+use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::view::{self, View};
@@ -14,35 +13,7 @@ const COVERAGE_BYTES: u64 = 2 << 30;
 const MOST_TRIANGLES: usize = 1 << 20;
 const MOST_MOVING: usize = 64;
 
-/// How near to the truth events are, and how much work that is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Quality {
-    /// For a first look.
-    Draft,
-    /// For most uses.
-    #[default]
-    Standard,
-    /// Sharp shadows, fine edges.
-    High,
-    /// As near to the truth as sampling comes within reason.
-    Reference,
-}
-
 impl Quality {
-    /// All, the cheapest first.
-    pub const ALL: [Self; 4] = [Self::Draft, Self::Standard, Self::High, Self::Reference];
-
-    /// As users write it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Draft => "draft",
-            Self::Standard => "standard",
-            Self::High => "high",
-            Self::Reference => "reference",
-        }
-    }
-
     /// Its settings.
     pub const fn sampling(self) -> SamplingSettings {
         match self {

@@ -3,10 +3,9 @@
 use evis_core::ConfigError;
 use evis_scene::Scene;
 
-use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
+use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
-use crate::quality::Quality;
 
 /// What a user may ask of sampling; `None` where nothing was said.
 ///

@@ -67,10 +67,10 @@ impl SettingsFile {
             let remedy = concat!("made with version ", env!("CARGO_PKG_VERSION"), ": run `evis tune` again");
             return Err(refuse(format!("version {version}"), remedy));
         }
-        let known = |key: &&String| {
+        let unknown = |key: &&String| {
             key.as_str() != "evis" && key.as_str() != "run" && !BESIDE.contains(&key.as_str())
         };
-        if let Some(key) = table.keys().find(known) {
+        if let Some(key) = table.keys().find(unknown) {
             return Err(refuse(format!("key `{key}`"), "without it: settings stand under `[run]`"));
         }
         let Some(run) = table.get("run").and_then(toml::Value::as_table) else {

@@ -159,10 +159,7 @@ fn chance_shift(truth: &Truth, pixel: usize) -> i64 {
     least + (mixed(u64::from(y) << 16 | u64::from(x)) % choices) as i64
 }
 
-/// SplitMix64's output function (Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014).
-fn mixed(key: u64) -> u64 {
-    let mut z = key.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+/// SplitMix64's output function.
+const fn mixed(key: u64) -> u64 {
+    crate::random::mix(key.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }

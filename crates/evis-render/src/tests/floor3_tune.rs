@@ -8,11 +8,11 @@ use evis_core::truth::Truth;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
+use crate::config::Quality;
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::packet::Packet;
-use crate::quality::Quality;
 use crate::request::SamplingRequest;
 use crate::simulator::Simulator;
 use crate::tiles::{TILE, tiles_along};

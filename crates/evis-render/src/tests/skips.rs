@@ -7,12 +7,12 @@ use std::sync::Arc;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
+use crate::config::Quality;
 use crate::config::RunConfig;
 use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::method::Sampling;
 use crate::pace::Overlook;
-use crate::quality::Quality;
 use crate::simulator::Simulator;
 use crate::view;
 

@@ -15,10 +15,10 @@ use evis_core::ConfigError;
 use evis_scene::Scene;
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Antialias, RunConfig, Shadows};
+use crate::config::{Antialias, Quality, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
-use crate::quality::{Quality, SamplingSettings};
+use crate::quality::SamplingSettings;
 use crate::settings::SettingsFile;
 use crate::simulator::Simulator;
 
