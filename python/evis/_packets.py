@@ -235,8 +235,10 @@ class Report:
     audited : int
         Tiles that were skipped, or sampled less often than at every instant, and were rendered once more to
         compare; no event depends on it.
+    audited_with_others : int
+        Of those, tiles that were compared by samples at other places than those of the stream.
     changed : int
-        Of those, tiles in which light had changed by more than half a threshold.
+        Of the audited ones, tiles in which light had changed by more than half a threshold.
     findings : list of str
         What changed there: camera, pixel, time and object.
     host_ms, device_wait_ms, pack_ms, total_ms : float
@@ -253,6 +255,7 @@ class Report:
     unknown: int
     reruns: int
     audited: int
+    audited_with_others: int
     changed: int
     findings: list[str]
     host_ms: float

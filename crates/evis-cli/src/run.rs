@@ -612,6 +612,7 @@ impl Tally {
         sum.instants += new.instants;
         sum.reruns += new.reruns;
         sum.audited += new.audited;
+        sum.audited_with_others += new.audited_with_others;
         sum.changed += new.changed;
         sum.findings.extend_from_slice(&new.findings);
         sum.drawn_pixels += new.drawn_pixels;
@@ -676,7 +677,9 @@ struct Report {
     reruns: u64,
     /// Tiles that were skipped or sampled less often, and were rendered once more to compare.
     audited: u64,
-    /// Of those: tiles in which light had changed by more than half a threshold.
+    /// Of those: tiles that were compared by samples at other places than those of the stream.
+    audited_with_others: u64,
+    /// Of the audited ones: tiles in which light had changed by more than half a threshold.
     changed: u64,
     packets: u64,
     /// Beside the events, of all views.
@@ -725,6 +728,7 @@ impl Report {
             unknown: tally.report.unknown,
             reruns: tally.report.reruns,
             audited: tally.report.audited,
+            audited_with_others: tally.report.audited_with_others,
             changed: tally.report.changed,
             packets: tally.packets,
             frames: tally.frames,

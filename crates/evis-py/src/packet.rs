@@ -101,6 +101,7 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     dict.set_item("unknown", report.unknown)?;
     dict.set_item("reruns", report.reruns)?;
     dict.set_item("audited", report.audited)?;
+    dict.set_item("audited_with_others", report.audited_with_others)?;
     dict.set_item("changed", report.changed)?;
     let findings: Vec<String> = report.findings.iter().map(evis_render::audit::Finding::warning).collect();
     dict.set_item("findings", findings)?;

@@ -8,11 +8,11 @@
 use std::collections::HashMap;
 
 use crate::area::Rect;
-use crate::audit::{self, AuditRun, Entry};
+use crate::audit::{self, AuditRun, Chosen, Entry};
 use crate::engine::{Context, Upload};
 use crate::frame_buffers::{GrowingBuffer, aligned};
 use crate::gpu_scene::Part;
-use crate::interval::{Group, Unit, borrowed, copy_layers, encode_luminance, encode_sample};
+use crate::interval::{Group, Unit, borrowed, copy_layers, encode_sample, encode_samples};
 use crate::pace::{Pacer, Paces, Passing, STILL, TILE, rects, tiles_along};
 use crate::parts::InView;
 use crate::pass::adaptive::{AUDIT_BINDINGS, MEAN_BINDINGS, TILE_RESOLVE_BINDINGS};
@@ -68,12 +68,22 @@ struct Look {
 
 /// A tile that is rendered at an instant at which nothing depends on it.
 struct Audit {
-    look: Look,
     rect: Rect,
+    view: u32,
     /// The layers of the samples before it and after it; none is what the submission before kept.
     before: Option<u32>,
     after: u32,
     entry: Entry,
+}
+
+/// One picture of an audited tile.
+struct AuditLook {
+    look: Look,
+    rect: Rect,
+    /// The first sample that is drawn.
+    first_sample: u32,
+    /// Where it comes in the atlas.
+    layer: u32,
 }
 
 impl Look {
@@ -247,10 +257,10 @@ impl AdaptiveRoom {
         let mut tiles = Vec::new();
         let looks = self.looks(context, &work, &mut tiles);
         self.drawn_pixels += looks.iter().map(Look::pixels).sum::<u64>();
-        let audits = self.audits(context, &work, &looks, &mut tiles);
-        let means = self.upload(context, &work, &looks, &audits, &tiles);
+        let (audits, audit_looks) = self.audits(context, &work, &looks, &mut tiles);
+        let means = self.upload(context, &work, (&looks, &audit_looks), &tiles);
         let atlas = (!audits.is_empty()).then(|| AuditAtlas::new(&context.gpu.device, audits.len() as u32));
-        self.draw(context, encoder, &work, &means, &looks, (&audits, atlas.as_ref()));
+        self.draw(context, encoder, &work, &means, &looks, (&audit_looks, atlas.as_ref()));
         let before = kept.as_ref().filter(|_| follows);
         work.carry(encoder, before);
         let run = atlas.map(|atlas| self.compare(context, encoder, &work, audits, &atlas, before));
@@ -258,11 +268,17 @@ impl AdaptiveRoom {
         run
     }
 
-    /// Which tiles are audited, and at which instants.
-    fn audits(&self, context: &Context, work: &Work<'_>, looks: &[Look], tiles: &mut Vec<u32>) -> Vec<Audit> {
-        let mut audits = Vec::new();
+    /// Which tiles are audited, and what is drawn for it, in order of time and view.
+    fn audits(
+        &self,
+        context: &Context,
+        work: &Work<'_>,
+        looks: &[Look],
+        tiles: &mut Vec<u32>,
+    ) -> (Vec<Audit>, Vec<AuditLook>) {
+        let (mut audits, mut drawn) = (Vec::new(), Vec::new());
         if self.audit_share <= 0.0 || work.partial || self.forced.is_some() || work.unit.first == 0 {
-            return audits;
+            return (audits, drawn);
         }
         let price = self.made.pixel_price();
         let redrawn = context.shadows.as_ref().is_some_and(|shadows| shadows.plan.is_redrawn());
@@ -297,37 +313,47 @@ impl AdaptiveRoom {
                 };
                 let identity = (view.environment, view.camera);
                 let chosen = audit::choose(self.audit_share, identity, absolute, &audited, own_work, pick);
-                for (tile, number) in chosen {
+                for Chosen { tile, number, other_samples } in chosen {
+                    if audits.len() == audit::MOST_AUDITS {
+                        break;
+                    }
                     let (rect, rate) = (rect_of(tile), of.tiles[tile]);
-                    let in_view = InView::new(context, view, frame_of(number));
                     let [before, after] = audit::around(rate, work.length, number);
-                    let layer = |number: u32| v * work.unit.instants + block * work.length + number - 1;
-                    let object = in_view.nearest(&rect);
-                    let look = Look {
-                        view: v,
-                        k: block * work.length + number,
-                        parts: vec![(rect, in_view.items(&rect))],
-                        first_tile: tiles.len() as u32,
-                        tiles: 1,
-                        cost: 0.0,
-                    };
+                    // The stream's own samples are there already at the instants around it.
+                    let instants = [number, before, after];
+                    let instants = if other_samples { &instants[..] } else { &instants[..1] };
+                    let first_sample = if other_samples { context.offsets.len() as u32 } else { 0 };
+                    for (layer, number) in (3 * audits.len() as u32..).zip(instants) {
+                        let items = InView::new(context, view, frame_of(*number)).items(&rect);
+                        let look = Look {
+                            view: v,
+                            k: block * work.length + number,
+                            parts: vec![(rect, items)],
+                            first_tile: tiles.len() as u32,
+                            tiles: 1,
+                            cost: 0.0,
+                        };
+                        drawn.push(AuditLook { look, rect, first_sample, layer });
+                    }
                     tiles.push((tile as u32 % of.columns) | (tile as u32 / of.columns) << 16);
-                    let instant = work.unit.first - 1 + i64::from(look.k);
+                    let instant = work.unit.first - 1 + i64::from(block * work.length + number);
+                    let object = InView::new(context, view, frame_of(number)).nearest(&rect);
                     let entry = Entry {
                         view: work.group.views[v as usize],
                         corner: rect.low,
                         t_us: context.grid.instant_us(instant),
                         node: object.map(|object| context.gpu_scene.objects[object as usize].node),
                         skipped: rate == STILL,
+                        other_samples,
                     };
+                    let layer = |number: u32| v * work.unit.instants + block * work.length + number - 1;
                     let before = (block > 0 || before > 0).then(|| layer(before));
-                    audits.push(Audit { look, rect, before, after: layer(after), entry });
+                    audits.push(Audit { rect, view: v, before, after: layer(after), entry });
                 }
             }
         }
-        audits.truncate(audit::MOST_AUDITS);
-        audits.sort_by_key(|audit| (audit.look.k, audit.look.view));
-        audits
+        drawn.sort_by_key(|audit| (audit.look.k, audit.look.view));
+        (audits, drawn)
     }
 
     /// Records the comparison of what `atlas` holds with the samples before and after it.
@@ -344,7 +370,7 @@ impl AdaptiveRoom {
         let job = |(slot, audit): (u32, &Audit)| AuditJob {
             size: audit.rect.size(),
             slot,
-            offset: work.views[audit.look.view as usize].sensor.log_eps * context.reference_luminance,
+            offset: work.views[audit.view as usize].sensor.log_eps * context.reference_luminance,
         };
         let jobs: Vec<AuditJob> = (0..).zip(&audits).map(job).collect();
         self.audit_jobs.write(device, queue, &aligned(&jobs));
@@ -367,12 +393,14 @@ impl AdaptiveRoom {
         let group = pass::group(device, "audit", &self.audit.layout, AUDIT_BINDINGS, resources);
         let layers = &work.targets.layers;
         for (slot, audit) in (0..).zip(&audits) {
-            let before = match (audit.before, kept) {
-                (None, Some(kept)) => (kept, audit.look.view),
-                (before, _) => (&layers.texture, before.unwrap_or(audit.after)),
-            };
-            atlas.take(encoder, before, audit.rect, 3 * slot + 1);
-            atlas.take(encoder, (&layers.texture, audit.after), audit.rect, 3 * slot + 2);
+            if !audit.entry.other_samples {
+                let before = match (audit.before, kept) {
+                    (None, Some(kept)) => (kept, audit.view),
+                    (before, _) => (&layers.texture, before.unwrap_or(audit.after)),
+                };
+                atlas.take(encoder, before, audit.rect, 3 * slot + 1);
+                atlas.take(encoder, (&layers.texture, audit.after), audit.rect, 3 * slot + 2);
+            }
             self.audit.encode_tiles(encoder, &group, slot, 1);
         }
         encoder.copy_buffer_to_buffer(&changes, 0, &staging, 0, bytes);
@@ -387,7 +415,7 @@ impl AdaptiveRoom {
         work: &Work<'_>,
         means: &MeanGroups,
         looks: &[Look],
-        (audits, atlas): (&[Audit], Option<&AuditAtlas>),
+        (audits, atlas): (&[AuditLook], Option<&AuditAtlas>),
     ) {
         let mut shadows = work.shadows();
         let mut slots = (0..).zip(audits).peekable();
@@ -398,9 +426,9 @@ impl AdaptiveRoom {
                 let Some(atlas) = atlas else { continue };
                 shadows.show(context, encoder, audit.look.view, audit.look.k);
                 let (into, job) = ((&means.audit, &means.audit_resolve), looks.len() as u32 + slot);
-                self.draw_one(context, encoder, work, into, &audit.look, job);
+                self.draw_one(context, encoder, work, into, (&audit.look, audit.first_sample), job);
                 let own = &self.audit_layers[work.group.targets];
-                atlas.take(encoder, (&own.texture, 0), audit.rect, 3 * slot);
+                atlas.take(encoder, (&own.texture, 0), audit.rect, audit.layer);
             }
         };
         for (job, look) in (0..).zip(looks) {
@@ -408,30 +436,30 @@ impl AdaptiveRoom {
                 audit(&mut shadows, encoder, (before, u32::MAX));
             }
             shadows.show(context, encoder, look.view, look.k);
-            self.draw_one(context, encoder, work, (&means.mean, &means.resolve), look, job);
+            self.draw_one(context, encoder, work, (&means.mean, &means.resolve), (look, 0), job);
             audit(&mut shadows, encoder, (look.k, look.view));
         }
         audit(&mut shadows, encoder, (u32::MAX, u32::MAX));
     }
 
-    /// Records the samples of `look`, and their means into the layers of the groups `into`: of samples, and of coverage samples.
+    /// Records the samples of `look` from `first_sample` on, and their means into the layers of the groups `into`: of samples, and of coverage samples.
     fn draw_one(
         &self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
         work: &Work<'_>,
         into: (&wgpu::BindGroup, &Option<wgpu::BindGroup>),
-        look: &Look,
+        (look, first_sample): (&Look, u32),
         job: u32,
     ) {
         let scratch = &self.scratch[work.group.targets];
         let (frame_group, frame) = (&work.frame_group, work.frame_of(look));
+        let parts = borrowed(&look.parts);
         if let (Some(resolve), Some(resolving)) = (&self.resolve, into.1) {
-            let parts = borrowed(&look.parts);
-            encode_sample(context, encoder, (scratch, 0), frame_group, (frame, 0), &parts);
+            encode_sample(context, encoder, (scratch, 0), frame_group, (frame, first_sample), &parts);
             resolve.encode_tiles(encoder, resolving, job, look.tiles);
         } else {
-            encode_luminance(context, encoder, scratch, frame_group, frame, 0, Some(&look.parts));
+            encode_samples(context, encoder, (scratch, 0), frame_group, (frame, first_sample), &parts);
             self.mean.encode_tiles(encoder, into.0, job, look.tiles);
         }
     }
@@ -517,8 +545,7 @@ impl AdaptiveRoom {
         &mut self,
         context: &Context,
         work: &Work<'_>,
-        looks: &[Look],
-        audits: &[Audit],
+        (looks, audits): (&[Look], &[AuditLook]),
         tiles: &[u32],
     ) -> MeanGroups {
         let (device, queue) = (&context.gpu.device, &context.gpu.queue);

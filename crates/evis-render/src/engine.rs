@@ -71,6 +71,8 @@ pub struct Context {
     pub(crate) start_us: i64,
     /// Sample offsets in pixels; one, at the centre, for `--aa edges`, whose places lie on a grid.
     pub(crate) offsets: Vec<[f32; 2]>,
+    /// The offsets of audits that look between them, as many; they are numbered after these.
+    pub(crate) other_offsets: Vec<[f32; 2]>,
     pub(crate) luminance: Pipelines,
     pub(crate) sky: Option<wgpu::RenderPipeline>,
     /// Clears a part of a luminance picture.
@@ -97,6 +99,13 @@ impl Context {
     /// First record of frame `frame`.
     pub(crate) fn object_base(&self, frame: u32) -> u32 {
         frame * self.gpu_scene.objects.len() as u32
+    }
+
+    /// In pixels, of sample `sample`; those of audits with other samples come after the own ones.
+    pub(crate) fn sample_offset(&self, sample: u32) -> [f32; 2] {
+        let sample = sample as usize;
+        let other = || self.other_offsets[sample - self.offsets.len()];
+        self.offsets.get(sample).copied().unwrap_or_else(other)
     }
 
     /// Offsets of frame `frame` in its uniform buffer, and of what `sample` stands for; none stands for the whole pixel.
@@ -238,8 +247,12 @@ impl Engine {
         let grid_side = config.coverage_grid();
         let samples = offsets.len() as u32;
         // A picture that is moved by an offset is sampled at the opposite place.
-        let places: Vec<[f32; 2]> = offsets.iter().map(|o| o.map(|v| -v)).collect();
-        let shares = crate::pattern::shares(&places);
+        let other_offsets = crate::pattern::others(&offsets);
+        let shares = [&offsets, &other_offsets].map(|offsets| {
+            let places: Vec<[f32; 2]> = offsets.iter().map(|o| o.map(|v| -v)).collect();
+            crate::pattern::shares(&places)
+        });
+        let shares = shares.concat();
         let grid = config.sample_grid()?;
         let rendered = if edges { LayerUse::Resolved(grid_side) } else { LayerUse::Rendered };
         let block = config.block();
@@ -296,6 +309,7 @@ impl Engine {
             grid,
             start_us: config.start_us,
             offsets,
+            other_offsets,
             luminance: pipelines,
             sky,
             background: sky::background(device, background_luminance, sample_count),
@@ -771,6 +785,7 @@ impl Engine {
         };
         run.staging.unmap();
         self.report.audited += run.entries.len() as u64;
+        self.report.audited_with_others += run.entries.iter().filter(|e| e.other_samples).count() as u64;
         for (entry, change, pixel) in run.changes(&words) {
             let view = &self.context.views[entry.view];
             if change <= 0.5 * view.sensor.threshold_on.min(view.sensor.threshold_off) {
@@ -789,6 +804,7 @@ impl Engine {
                 t_us: entry.t_us,
                 object: entry.node.map(|node| scene.nodes[node].name.clone()),
                 skipped: entry.skipped,
+                other_samples: entry.other_samples,
                 change,
             });
         }

@@ -333,9 +333,21 @@ pub fn encode_luminance(
     let everything =
         || vec![(Rect::whole(layers.width, layers.height), &context.frame_data.visible[frame as usize][..])];
     let parts = parts.map_or_else(everything, borrowed);
+    encode_samples(context, encoder, (layers, first_layer), frame_group, (frame, 0), &parts);
+}
+
+/// Renders the samples of `parts` of `frame`, from `first_sample` on, into the layers from `first_layer` on.
+pub fn encode_samples(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    (layers, first_layer): (&Layers, u32),
+    frame_group: &wgpu::BindGroup,
+    (frame, first_sample): (u32, u32),
+    parts: &[(Rect, &[DrawItem])],
+) {
     for (sample, layer) in (0..context.offsets.len() as u32).zip(&layers.each[first_layer as usize..]) {
         let into = (layers, first_layer + sample);
-        encode_sample(context, encoder, into, frame_group, (frame, sample), &parts);
+        encode_sample(context, encoder, into, frame_group, (frame, first_sample + sample), parts);
         if let Some(samples) = &layers.multisampled {
             encode_resolve(context, encoder, layers, samples, layer);
         }
@@ -374,7 +386,7 @@ pub fn encode_sample(
         ..Default::default()
     });
     // A shifted viewport samples the pixel elsewhere: no second set of matrices.
-    let offset = context.offsets[sample as usize];
+    let offset = context.sample_offset(sample);
     let grid = layers.grid;
     let [width, height] = [layers.width, layers.height].map(|edge| (grid * edge) as f32);
     pass.set_viewport(offset[0], offset[1], width, height, 0.0, 1.0);

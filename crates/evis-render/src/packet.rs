@@ -56,7 +56,9 @@ pub struct PacketReport {
     pub unknown: u64,
     /// Tiles that were skipped or sampled less often, and were rendered once more to compare.
     pub audited: u64,
-    /// Of those: tiles in which light had changed by more than half a threshold.
+    /// Of those: tiles that were compared by samples at other places than those of the stream.
+    pub audited_with_others: u64,
+    /// Of the audited ones: tiles in which light had changed by more than half a threshold.
     pub changed: u64,
     /// What changed, and where.
     pub findings: Vec<Finding>,

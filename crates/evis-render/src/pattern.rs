@@ -36,6 +36,16 @@ pub fn offsets(n: u32) -> Vec<[f32; 2]> {
         .collect()
 }
 
+/// Other offsets than `offsets`, as good and as many, with which an audit looks between them.
+///
+/// Mirrored, and moved by a quarter: one sample, or the grid of `--aa edges`, is its own mirror image.
+pub fn others(offsets: &[[f32; 2]]) -> Vec<[f32; 2]> {
+    match offsets {
+        [[x, y]] => vec![[x + 0.25, y + 0.25]],
+        many => many.iter().map(|[x, y]| [-x, *y]).collect(),
+    }
+}
+
 /// The part of a pixel's area by which a sample reads textures. `Share` in `common/frame.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

@@ -86,7 +86,8 @@ fn texture_taps(uv: vec2<f32>, size: vec2<u32>, at: vec2<f32>) -> Taps {
     let dx = pixel_x * share.size.x;
     let dy = pixel_y * share.size.y;
     let texels = vec2<f32>(length(dx * vec2<f32>(size)), length(dy * vec2<f32>(size)));
-    let count = clamp(ceil(texels), vec2<f32>(1.0), vec2<f32>(TEXTURE_TAPS));
+    // Along texels of half a share and more one reading would miss where light bends between them: two at least.
+    let count = clamp(max(ceil(texels), min(ceil(2.0 * texels), vec2<f32>(2.0))), vec2<f32>(1.0), vec2<f32>(TEXTURE_TAPS));
     let apart = texels / count;
     // Where texels are larger than shares, light changes evenly over them: then samples, no two of which lie in one row or
     // column, tell the pixel's mean better than a grid of as many.

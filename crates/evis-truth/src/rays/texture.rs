@@ -86,7 +86,7 @@ impl Textures {
                 let texels = share.map(|d| (d * size).length());
                 let fine = (2.0 * texels[0].max(texels[1]) - 1.0).clamp(0.0, 1.0);
                 let middle = uv + fine * (footprint[0] * shift[0] + footprint[1] * shift[1]);
-                let count = texels.map(|t| t.ceil().clamp(1.0, taps));
+                let count = texels.map(|t| t.ceil().max((2.0 * t).ceil().min(2.0)).clamp(1.0, taps));
                 let level = (texels[0] / count[0]).max(texels[1] / count[1]).log2().floor();
                 let place = |i: usize, n: f64| (i as f64 + 0.5) / n - 0.5;
                 let mut sum = DVec4::ZERO;
