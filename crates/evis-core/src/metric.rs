@@ -20,6 +20,7 @@
 //! 50 ms either way (see [`Score::chance_shift_us`]): what F1 a stream of the same rates would get by luck.
 
 mod by_pixel;
+mod chance;
 mod check;
 mod error;
 mod flow;

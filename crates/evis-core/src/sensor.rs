@@ -17,6 +17,10 @@ pub use stages::{
     Refractory, RefractoryRule, Start,
 };
 
+/// Most events that one pixel fires in one interval; more are clamped and reported, the reference then
+/// moves to the signal. With thresholds of at least 0.001 only a step of e^65 gets here.
+pub const MAX_EVENTS_PER_INTERVAL: u32 = 65_535;
+
 /// A configuration value that cannot be used: which one, what it was, and what would work.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{what} is {value}; it must be {remedy}")]
@@ -113,7 +117,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks for a reference")]
 const fn is_most(value: &u32) -> bool {
-    *value == crate::trigger::MAX_EVENTS_PER_INTERVAL
+    *value == MAX_EVENTS_PER_INTERVAL
 }
 
 impl Default for SensorConfig {
@@ -124,7 +128,7 @@ impl Default for SensorConfig {
             log_eps: 1e-3,
             trigger: TriggerRule::Crossing,
             times: Times::Crossing,
-            most_events: crate::trigger::MAX_EVENTS_PER_INTERVAL,
+            most_events: MAX_EVENTS_PER_INTERVAL,
             exposure: Exposure::default(),
             photoreceptor: Photoreceptor::default(),
             pattern: Pattern::default(),
@@ -261,7 +265,7 @@ impl Sensor {
                 return Err(ConfigError::new(what, value, "at least 0.001"));
             }
         }
-        if !(1..=crate::trigger::MAX_EVENTS_PER_INTERVAL).contains(&config.most_events) {
+        if !(1..=MAX_EVENTS_PER_INTERVAL).contains(&config.most_events) {
             return Err(ConfigError::new("most_events", config.most_events, "between 1 and 65535"));
         }
         config.exposure.check()?;

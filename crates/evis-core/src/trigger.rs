@@ -32,9 +32,7 @@ pub struct Decision {
     pub reference_log: f32,
 }
 
-/// Most events that one pixel fires in one interval; more are clamped and reported, the reference then
-/// moves to the signal. With thresholds of at least 0.001 only a step of e^65 gets here.
-pub const MAX_EVENTS_PER_INTERVAL: u32 = 65_535;
+pub use crate::sensor::MAX_EVENTS_PER_INTERVAL;
 
 /// Decides for one pixel and the interval that ends with `log_luma`.
 #[inline]

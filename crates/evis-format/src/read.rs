@@ -1,13 +1,9 @@
 //! Reading: one trait, and what works with every reader.
 
-use std::path::Path;
-
 use evis_core::format::FormatError;
 
 use crate::format::Format;
 use crate::packet::Packet;
-use crate::recognise::recognise;
-use crate::{aedat, dsec, es, hdf5, mcap, numpy, prophesee, text};
 
 /// What a file says about its stream.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,41 +65,6 @@ pub struct ReadOptions {
     pub camera: Option<String>,
     /// Pixels per row, and rows, for files that do not say.
     pub size: Option<(u32, u32)>,
-}
-
-/// Opens the file at `path`, whatever its format is.
-///
-/// # Errors
-/// A file that cannot be read, of a format that is not read, or damaged within its header.
-pub fn open(path: &Path, options: &ReadOptions) -> Result<Box<dyn EventReader>, FormatError> {
-    let Some(format) = recognise(path)? else {
-        let formats: Vec<_> = Format::ALL.iter().map(|format| format.description()).collect();
-        return Err(FormatError::corrupt(
-            path,
-            "its content is of no known event format",
-            format!("give one of: {}", formats.join("; ")),
-        ));
-    };
-    let reader: Box<dyn EventReader> = match format {
-        Format::Evt3 | Format::Evt2 => Box::new(prophesee::RawReader::open(path, options)?),
-        Format::Dat => Box::new(prophesee::DatReader::open(path, options)?),
-        Format::Aedat4 => Box::new(aedat::Aedat4Reader::open(path, options)?),
-        Format::Aedat2 => {
-            return Err(FormatError::invalid(
-                path,
-                "AEDAT 2.0 is written and not read",
-                "convert it to AEDAT 4.0 with DV, or export it from jAER",
-            ));
-        }
-        Format::Text | Format::TextZip => Box::new(text::TextReader::open(path, format, options)?),
-        Format::Npz => Box::new(numpy::NpzReader::open(path, options)?),
-        Format::Npy => Box::new(numpy::NpyReader::open(path, options)?),
-        Format::Hdf5 => Box::new(hdf5::Hdf5Reader::open(path, options)?),
-        Format::Mcap => Box::new(mcap::McapReader::open(path, options)?),
-        Format::Es => Box::new(es::EsReader::open(path)?),
-        Format::Dsec => Box::new(dsec::DsecReader::open(path, options)?),
-    };
-    Ok(reader)
 }
 
 /// How long images may follow behind events in one file, microseconds.

@@ -12,10 +12,9 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::door::{EnterEngine, Owned};
+use crate::door::{EnterEngine, Owned, usable};
 use crate::errors::Failure;
 use crate::events;
-use crate::simulator::usable;
 
 /// A sensor as JSON, every value spelled out.
 pub(crate) fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {

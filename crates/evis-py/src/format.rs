@@ -8,10 +8,9 @@ use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::door::EnterEngine;
+use crate::door::{EnterEngine, lock};
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
-use crate::simulator::lock;
 
 /// Start and end of the exposure, width, height, channels, pixels.
 type FrameParts<'py> = (i64, i64, u32, u32, u8, Bound<'py, PyBytes>);

@@ -10,12 +10,11 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::door::{EnterEngine, Owned};
+use crate::door::{EnterEngine, Owned, lock, usable};
 use crate::engine;
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
 use crate::packet;
-use crate::simulator::{lock, usable};
 
 /// Events of a file, with pixels per row and rows.
 #[pyfunction]

@@ -13,7 +13,7 @@ use evis_scene::camera_motion::{self, CameraMotionSettings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::door::{EnterEngine, Owned, SIGNAL_PERIOD};
+use crate::door::{EnterEngine, Owned, SIGNAL_PERIOD, lock, usable};
 use crate::emulator;
 use crate::engine;
 use crate::errors::Failure;
@@ -47,20 +47,6 @@ pub(crate) struct Stream {
 
 fn sizes(cameras: &[CameraInfo]) -> Vec<(u32, u32)> {
     cameras.iter().map(|camera| (camera.width, camera.height)).collect()
-}
-
-/// A lock that a panic has poisoned still holds a usable `Option`: the panic was already reported.
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
-}
-
-/// Locks what a call works on. After an internal error half of it may have changed, and no call may go on with it.
-pub(crate) fn usable<T>(mutex: &Mutex<T>) -> Result<std::sync::MutexGuard<'_, T>, Failure> {
-    mutex.lock().map_err(|_| {
-        Failure::Engine(
-            "this object is unusable since an internal error ended an earlier call; make a new one".into(),
-        )
-    })
 }
 
 #[pymethods]

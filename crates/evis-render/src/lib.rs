@@ -1,68 +1,50 @@
 //! EVIS engine: renders batches of views of a moving scene and simulates event sensors on them.
 //!
-//! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop.
+//! Data flows one way: scene -> raster -> luminance -> trigger -> packets; pixel memory is the only loop. Modules import
+//! those above them in this list:
+//!
+//! | module       | what it holds                                                                    |
+//! |--------------|----------------------------------------------------------------------------------|
+//! | [`gpu`]      | the device, its buffers, textures and limits; shader composition                  |
+//! | [`config`]   | a run's settings, and the instants at which it samples                            |
+//! | `pass`       | passes: bindings and pipelines, each of one shader                                |
+//! | `world`      | the scene on the device: geometry, materials, views, bounds in the picture        |
+//! | [`cpu`]      | twins of shaders on the host, for tests                                           |
+//! | `shadow`     | what throws shadows where: light matrices, volumes, trees for shadow rays         |
+//! | `frame`      | poses of an instant as shaders read them, and what changed since the last         |
+//! | `raster`     | drawing: luminance layers, geometry, shadow maps                                  |
+//! | `sensor`     | from luminance to events: trigger, sensor chain, host sensors, readout            |
+//! | `sampling`   | when and where luminance is rendered: every instant, by motion, or warped         |
+//! | `output`     | packets, frames and labels                                                        |
+//! | `engine`     | submissions in flight, and the simulator over them                                |
+//! | [`request`]  | what users ask for: presets and settings files                                    |
+//! | [`tune`]     | a search for the cheapest settings of a scene                                     |
 
-#[doc(hidden)]
-mod adaptive;
-mod area;
-pub mod audit;
-pub mod bench;
-mod chain;
 pub mod config;
-mod cover;
 pub mod cpu;
 mod engine;
 pub mod error;
-mod exposure;
 mod frame;
-mod frame_buffers;
-mod geometry;
 pub mod gpu;
-mod gpu_scene;
-pub mod grid;
-mod host_walk;
-mod interval;
-mod keyframes;
-mod labels;
-mod lamp;
-mod method;
-mod needs;
-mod occluders;
-mod pace;
-pub mod packet;
-mod parts;
+mod output;
 mod pass;
-pub mod pattern;
-mod pieces;
-pub mod quality;
+mod raster;
 pub mod request;
-mod scene_sensor;
-pub mod settings;
-mod shader;
+mod sampling;
+mod sensor;
 mod shadow;
-mod shadow_cells;
-mod shadow_pace;
-pub mod simulator;
-pub mod sizes;
-mod splat;
-mod still;
-mod targets;
-mod tiles;
 pub mod tune;
-mod uniforms;
-mod unpack;
-mod variant;
-mod view;
-mod view_motion;
+mod world;
 
 #[cfg(test)]
 mod tests;
 
-pub use config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
+pub use config::{Antialias, Between, Method, Quality, RunConfig, Shadows, scene_sensors};
+pub use engine::bench;
+pub use engine::{PacketStream, Simulator};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
-pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};
-pub use request::SamplingRequest;
-pub use scene_sensor::scene_sensors;
-pub use simulator::{PacketStream, Simulator};
+pub use output::{Packet, PacketReport, StageTimes, ViewPacket};
+pub use request::{SamplingRequest, quality, settings};
+pub use sampling::audit;

@@ -9,13 +9,12 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3};
-use serde::Serialize;
 
 use crate::builder::still;
 use crate::error::SceneError;
 use crate::framing::{framing_distance, rigid};
 use crate::model::{Framing, Lens, Node, Scene, Trs};
-use crate::motion::{Harmonic, Motion, Path, PathInterpolation};
+use crate::motion::{AppliedMotion, Harmonic, Motion, Path, PathInterpolation};
 use crate::picture::MARGIN;
 use crate::pose::SceneState;
 use crate::procedural::uniform;
@@ -114,20 +113,6 @@ pub struct CameraMotionSettings {
     pub camera: Option<String>,
     /// Width and height of the camera in pixels; `None` for its own.
     pub size: Option<(u32, u32)>,
-}
-
-/// How a scene's cameras were moved, as recordings store it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AppliedMotion {
-    /// `none`, `orbit`, `dolly`, `shake`, or a file of poses.
-    pub motion: String,
-    /// Mean image speed that was asked for, in pixels per second.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub speed_px_per_s: Option<f64>,
-    /// Whether nobody asked for it: the scene has neither a camera nor any motion.
-    pub by_default: bool,
-    /// What moves how fast, in the scene's units.
-    pub description: String,
 }
 
 /// A motion that has been found: the camera goes through `world_from_base * path(t) * base_from_world * its own pose`.

@@ -1,10 +1,12 @@
 //! The scene as plain data. Indices refer to the vectors of [`Scene`]; parents come before children.
 
-use glam::{DMat4, DQuat, DVec3};
+use glam::DMat4;
 use half::f16;
 
 use crate::error::SceneError;
 use crate::motion::{Motion, Waveform};
+
+pub use crate::transform::Trs;
 
 /// Everything that can be seen, and what moves it.
 #[derive(Clone, Debug, Default)]
@@ -42,7 +44,7 @@ pub struct Scene {
     /// What the only camera frames, where the scene brings none; `None` for cameras of the scene's own.
     pub framing: Option<Framing>,
     /// How [`Scene::move_cameras`] moved the cameras; `None` where they move as the scene says.
-    pub camera_motion: Option<crate::camera_motion::AppliedMotion>,
+    pub camera_motion: Option<crate::motion::AppliedMotion>,
     /// What the loader had to say: once each, for the user.
     pub warnings: Vec<String>,
 }
@@ -382,30 +384,6 @@ pub struct Variant {
     pub time_offset_s: f64,
     /// `(node, offset)`: the node's motion is taken as `offset * motion(t)`.
     pub node_offsets: Vec<(usize, DMat4)>,
-}
-
-/// Translation, rotation, scale.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Trs {
-    /// Metres.
-    pub translation: DVec3,
-    /// Unit quaternion.
-    pub rotation: DQuat,
-    /// Per axis.
-    pub scale: DVec3,
-}
-
-impl Default for Trs {
-    fn default() -> Self {
-        Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: DVec3::ONE }
-    }
-}
-
-impl Trs {
-    /// The matrix `parent_from_node`.
-    pub fn matrix(&self) -> DMat4 {
-        DMat4::from_scale_rotation_translation(self.scale, self.rotation, self.translation)
-    }
 }
 
 impl Scene {

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use glam::{DMat4, DQuat, DVec3};
+use serde::Serialize;
 
-use crate::model::Trs;
+use crate::transform::Trs;
 
 /// How values between keys are found (glTF 2.0, appendix C).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -716,4 +717,18 @@ impl Waveform {
             _ => Ok(()),
         }
     }
+}
+
+/// How a scene's cameras were moved, as recordings store it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AppliedMotion {
+    /// `none`, `orbit`, `dolly`, `shake`, or a file of poses.
+    pub motion: String,
+    /// Mean image speed that was asked for, in pixels per second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub speed_px_per_s: Option<f64>,
+    /// Whether nobody asked for it: the scene has neither a camera nor any motion.
+    pub by_default: bool,
+    /// What moves how fast, in the scene's units.
+    pub description: String,
 }

@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::ideal::margin;
 use crate::luminance::LUMINANCE_WEIGHTS;
 use crate::sensor::{ConfigError, SensorConfig};
 use crate::simd;
@@ -391,6 +390,12 @@ pub(crate) fn copy_plain<T: Copy>(values: &[T], first: usize, missing: T, out: &
 fn copy3<T: Copy>(values: &[T], first: usize, out: &mut [f32; BLOCK], value: impl Fn([T; 3]) -> f32) {
     let (triples, _) = values.as_chunks::<3>();
     copy(triples, first, f32::NAN, out, value);
+}
+
+/// How much narrower a range is kept on either side, in log units.
+#[inline(always)]
+pub(crate) fn margin(reference: f32) -> f32 {
+    2e-6 + 1e-6 * reference.abs()
 }
 
 #[cfg(test)]

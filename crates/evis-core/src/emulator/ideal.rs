@@ -6,7 +6,7 @@
 //! lower end is kept, since the upper one is a fixed ratio above: what a silent pixel moves through memory is the frame,
 //! that end, and the copy of the frame.
 
-use super::frames::{BLOCK, Codes, Source, copy, copy_plain};
+use super::frames::{BLOCK, Codes, Source, copy, copy_plain, margin};
 use super::order::Record;
 use crate::event::Polarity;
 use crate::sensor::{ConfigError, SensorConfig, TriggerRule};
@@ -238,12 +238,6 @@ impl Domain for Logs<'_> {
     fn is_impossible(value: f32) -> bool {
         value.is_infinite()
     }
-}
-
-/// How much narrower a range is kept on either side, in log units.
-#[inline(always)]
-pub(crate) fn margin(reference: f32) -> f32 {
-    2e-6 + 1e-6 * reference.abs()
 }
 
 #[inline(always)]

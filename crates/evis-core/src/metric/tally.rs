@@ -1,9 +1,9 @@
 //! Counts over all pixels, and what they become in the end.
 
 use super::by_pixel::{ByPixel, Mark};
+use super::chance::{PixelEvents, TruthDetail, chance_shifts};
 use super::matching::{Matcher, Plain, Scaled, count_pairs};
 use super::phase::Phase;
-use super::pixels::{PixelEvents, TruthDetail, chance_shifts};
 use super::{MatchScore, RegionScore, Score, ScoreSettings, TimeError, ToleranceScore};
 use crate::truth::{Region, Truth};
 

@@ -1,11 +1,13 @@
 //! Twin of `adaptive/audit.wgsl`.
 
-use crate::tiles::TILE;
+use crate::world::tiles::TILE;
 
 /// Fixed point of an excursion; `adaptive/audit.wgsl` has the same constant.
 pub const SCALE: f32 = 65536.0;
+
 /// Bits of the pixel below it.
 pub const PIXEL_BITS: u32 = 8;
+
 /// The largest excursion, in fixed point.
 const MOST: f32 = 16_777_215.0;
 

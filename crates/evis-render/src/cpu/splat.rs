@@ -4,14 +4,22 @@ use evis_core::WarpVariant;
 
 /// Parts of a pixel that a position is told in.
 pub const SUBPIXELS: i32 = 1024;
+
 const WEIGHT_STEPS: f32 = 4096.0;
+
 const LIGHT_STEPS: f32 = 524_287.0;
+
 const WEIGHT_UNIT: f32 = 1.0 / 256.0;
+
 const SHARPNESS: f32 = 12.0;
+
 const HOLE_WEIGHT: f32 = 1e-4 * WEIGHT_STEPS;
+
 const SAME_SURFACE: f32 = 0.95;
+
 /// Bits of 16 384 pixels.
 const MOTION_LIMIT_BITS: u32 = 0x4680_0000;
+
 const NOT_A_NUMBER: u32 = 0x7F80_0000;
 
 /// A keyframe pixel, as the splat passes read it.

@@ -1,6 +1,6 @@
 //! `adaptive/mean.wgsl`: the mean of the samples in the tiles that were drawn. Twin: `cpu/trigger.rs`, `log_luma`.
 
-use super::{Access, Binding, ComputePass, bind};
+use crate::pass::{Access, Binding, ComputePass, bind};
 
 /// `adaptive/mean.wgsl`.
 pub const MEAN_BINDINGS: &[Binding] = &[

@@ -1,18 +1,20 @@
 //! `labels/*.wgsl`: labels, one sample at the pixel's centre.
 
-use super::raster::{Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
-use super::{Access, Binding, bind, layout};
-use crate::variant::{Interface, SurfaceVariant};
+use crate::gpu::variant::{Interface, SurfaceVariant};
+use crate::pass::raster::{Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
+use crate::pass::{Access, Binding, bind, layout};
 
 /// Group 3 of the geometry labels.
 pub const LABEL_BINDINGS: &[Binding] =
     &[bind(0, "label", Access::Uniform), bind(1, "instances", Access::Read)];
+
 /// Group 1 of the sky's flow.
 pub const SKY_FLOW_BINDINGS: &[Binding] = &[bind(0, "sky", Access::DynamicUniform)];
 
 /// Targets of the geometry labels: inverse depth, flow forward and backward, ids.
 pub const GEOMETRY_FORMATS: [wgpu::TextureFormat; 3] =
     [wgpu::TextureFormat::R32Float, wgpu::TextureFormat::Rgba32Float, wgpu::TextureFormat::Rg32Uint];
+
 /// Targets of the appearance labels: linear RGB, normal.
 pub const APPEARANCE_FORMATS: [wgpu::TextureFormat; 2] =
     [wgpu::TextureFormat::Rgba32Float, wgpu::TextureFormat::Rgba32Float];

@@ -8,7 +8,7 @@ pub mod sky;
 pub mod splat;
 pub mod trigger;
 
-use crate::{shader, sizes};
+use crate::gpu::{shader, sizes};
 
 /// What a shader does with a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -266,7 +266,7 @@ impl ComputePass {
     ) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, group, &[job * raster::UNIFORM_ALIGNMENT as u32]);
+        pass.set_bind_group(0, group, &[job * sizes::UNIFORM_ALIGNMENT as u32]);
         let (x, y) = sizes::dispatch(tiles, 1);
         pass.dispatch_workgroups(x, y, 1);
     }

@@ -3,19 +3,19 @@
 
 use std::collections::HashMap;
 
-use super::{Access, Binding, bind, layout, module, pipeline_layout};
-use crate::uniforms::{Frame, InstanceRecord, LightRecord};
-use crate::variant::{
+use crate::gpu::sizes::UNIFORM_ALIGNMENT;
+use crate::gpu::uniforms::{Frame, InstanceRecord, LightRecord};
+use crate::gpu::variant::{
     Attribute, INSTANCE_LOCATION, INSTANCE_SLOT, INSTANCE_VECTORS, Interface, LightSet, SurfaceVariant,
     attributes, prelude,
 };
+use crate::pass::{Access, Binding, bind, layout, module, pipeline_layout};
 
 /// Luminance targets. 16 bits would quantise time: a step of 2^-11 at C = 0.2 is a quarter of a percent of a threshold.
 pub const LUMINANCE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
+
 /// Reverse z with an infinite far plane.
 pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// Distance between entries of a uniform buffer: WebGPU's guaranteed dynamic offset alignment.
-pub const UNIFORM_ALIGNMENT: u64 = 256;
 
 /// Bytes of a frame with its lights, as bound.
 pub const fn frame_bytes(light_count: u32) -> u64 {
@@ -167,7 +167,7 @@ pub fn surface_pipeline(
         ("ENVIRONMENT", flag(scene.environment && variant.lit())),
     ];
     // A constant that the file does not declare is an error: pass only the ones that it has.
-    let source = crate::shader::compose(what.file, "");
+    let source = crate::gpu::shader::compose(what.file, "");
     let constants: Vec<_> =
         all.into_iter().filter(|(name, _)| source.contains(&format!("override {name}:"))).collect();
     let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };

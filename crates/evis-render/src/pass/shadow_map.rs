@@ -1,8 +1,8 @@
 //! `raster/shadow_map.wgsl`: depth from a light. `raster/shadow_restore.wgsl`: what stands still, again.
 
-use super::raster::{Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
-use super::{Access, Binding, bind, covering, layout, module, pipeline_layout};
-use crate::variant::{Interface, SurfaceVariant};
+use crate::gpu::variant::{Interface, SurfaceVariant};
+use crate::pass::raster::{Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
+use crate::pass::{Access, Binding, bind, covering, layout, module, pipeline_layout};
 
 /// `raster/shadow_restore.wgsl`.
 pub const RESTORE_BINDINGS: &[Binding] = &[bind(0, "still_maps", Access::DepthLayers)];

@@ -1,8 +1,8 @@
 //! `raster/sky.wgsl`: the environment behind everything; `raster/background.wgsl`: nothing, for a part of a picture.
 
-use super::raster::{LUMINANCE_FORMAT, SurfaceLayouts};
-use super::{covering, module, pipeline_layout};
-use crate::variant::frame_prelude;
+use crate::gpu::variant::frame_prelude;
+use crate::pass::raster::{LUMINANCE_FORMAT, SurfaceLayouts};
+use crate::pass::{covering, module, pipeline_layout};
 
 /// The sky pipeline writing `format` through fragment entry point `entry`.
 pub fn pipeline(

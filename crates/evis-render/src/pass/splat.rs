@@ -2,14 +2,17 @@
 
 use evis_core::WarpVariant;
 
-use super::{Access, Binding, ComputePass, bind};
+use crate::pass::{Access, Binding, ComputePass, bind};
 
 /// Invocations per workgroup along a row; `splat/layout.wgsl` has the same constant.
 pub const SPLAT_WORKGROUP: u32 = 64;
+
 /// Planes of 32 bits per pixel and side: depth keys, weight or index, light, its carries.
 pub const SUM_PLANES: u64 = 4;
+
 /// Target pixels along each axis that share a flag; `splat/layout.wgsl` has the same constant.
 pub const HOLE_TILE: u32 = 16;
+
 /// Planes of 32 bits per keyframe pixel and side: position, depth key.
 pub const PLACED_PLANES: u64 = 3;
 
@@ -25,6 +28,7 @@ pub const PREPARE_BINDINGS: &[Binding] = &[
     bind(7, "objects", Access::Write),
     bind(8, "largest", Access::Write),
 ];
+
 /// `splat/place.wgsl`.
 pub const PLACE_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
@@ -35,12 +39,14 @@ pub const PLACE_BINDINGS: &[Binding] = &[
     bind(5, "sums", Access::Write),
     bind(6, "hole_tiles", Access::Read),
 ];
+
 /// `splat/holes.wgsl`.
 pub const HOLES_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
     bind(1, "sums", Access::Read),
     bind(2, "hole_tiles", Access::Write),
 ];
+
 /// `splat/accumulate.wgsl`.
 pub const ACCUMULATE_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
@@ -49,12 +55,14 @@ pub const ACCUMULATE_BINDINGS: &[Binding] = &[
     bind(3, "placed", Access::Read),
     bind(4, "sums", Access::Write),
 ];
+
 /// `splat/index.wgsl`.
 pub const INDEX_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
     bind(1, "placed", Access::Read),
     bind(2, "sums", Access::Write),
 ];
+
 /// `splat/resolve.wgsl`.
 pub const RESOLVE_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),
@@ -64,6 +72,7 @@ pub const RESOLVE_BINDINGS: &[Binding] = &[
     bind(4, "largest", Access::Read),
     bind(5, "layers", Access::StorageLayers),
 ];
+
 /// `splat/show.wgsl`.
 pub const SHOW_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::DynamicUniform),

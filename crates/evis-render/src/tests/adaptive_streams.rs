@@ -8,8 +8,8 @@ use evis_scene::{Scene, Variant};
 use crate::config::RunConfig;
 use crate::engine::Engine;
 use crate::gpu::Gpu;
-use crate::method::Sampling;
-use crate::view;
+use crate::sampling::Sampling;
+use crate::world::view;
 
 /// A built-in one.
 pub(super) fn scene(name: &str) -> Arc<Scene> {
@@ -25,7 +25,7 @@ pub(super) fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig) -> Engin
 
 /// Gives every tile one pace, whatever moves.
 pub(super) fn force(engine: &mut Engine, pace: u8) {
-    let Sampling::Adaptive(room) = engine.parts().1 else { panic!("not in adaptive time") };
+    let Sampling::Adaptive(room) = engine.parts().sampling else { panic!("not in adaptive time") };
     room.forced = Some(pace);
 }
 

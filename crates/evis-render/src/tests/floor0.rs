@@ -6,12 +6,16 @@ use std::mem::offset_of;
 use evis_core::random::StreamId;
 use naga::{AddressSpace, ImageClass, ImageDimension, StorageAccess, TypeInner};
 
-use crate::pass::raster::{FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS};
+use crate::pass::raster::FRAME_BINDINGS;
+
+use crate::pass::raster::MATERIAL_BINDINGS;
+
+use crate::gpu::shader::{self, compose};
+use crate::gpu::uniforms;
+use crate::gpu::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
+use crate::pass::raster::SURROUNDINGS_BINDINGS;
 use crate::pass::shadow_map::RESTORE_BINDINGS;
 use crate::pass::{Access, Binding, adaptive, labels, splat, trigger};
-use crate::shader::{self, compose};
-use crate::uniforms;
-use crate::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
 
 fn every_feature() -> SurfaceVariant {
     SurfaceVariant {
@@ -306,7 +310,7 @@ fn host_and_shader_structs_have_one_layout() {
             pad_2
         }
     );
-    same_layout!("raster/luminance.wgsl", "Share", crate::pattern::Share { shift, size });
+    same_layout!("raster/luminance.wgsl", "Share", crate::frame::pattern::Share { shift, size });
     same_layout!(
         "labels/geometry.wgsl",
         "LabelFrame",
@@ -450,20 +454,20 @@ fn constants(file: &str, name: &str) -> Vec<f64> {
 
 #[test]
 fn constants_agree() {
-    use crate::sizes::{BLOCK_PIXELS, MAX_INSTANTS, WORKGROUP};
+    use crate::gpu::sizes::{BLOCK_PIXELS, MAX_INSTANTS, WORKGROUP};
     assert_eq!(constant("trigger/count.wgsl", "WORKGROUP"), f64::from(WORKGROUP));
     assert_eq!(constant("trigger/block.wgsl", "BLOCK_PIXELS"), f64::from(BLOCK_PIXELS));
-    assert_eq!(constant("trigger/count.wgsl", "TILE"), f64::from(crate::pace::TILE));
+    assert_eq!(constant("trigger/count.wgsl", "TILE"), f64::from(crate::world::tiles::TILE));
     assert_eq!(constant("trigger/count.wgsl", "PIECES"), crate::cpu::trigger::PIECES as f64);
-    assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::tiles::TILE));
+    assert_eq!(constant("adaptive/mean.wgsl", "TILE"), f64::from(crate::world::tiles::TILE));
     assert_eq!(constant("adaptive/audit.wgsl", "SCALE"), f64::from(crate::cpu::audit::SCALE));
     assert_eq!(constant("adaptive/audit.wgsl", "PIXEL_BITS"), f64::from(crate::cpu::audit::PIXEL_BITS));
     let weights = evis_core::luminance::LUMINANCE_WEIGHTS.map(|weight| f64::from(weight as f32));
     assert_eq!(constants("raster/luminance.wgsl", "LUMINANCE_WEIGHTS"), weights);
-    assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::occluders::END));
-    let cells = f64::from(crate::shadow_cells::CELLS);
+    assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_END"), f64::from(crate::shadow::bvh::END));
+    let cells = f64::from(crate::shadow::light_grid::CELLS);
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDER_CELLS"), cells);
-    let crowded = f64::from(crate::shadow_cells::CROWDED);
+    let crowded = f64::from(crate::shadow::light_grid::CROWDED);
     assert_eq!(constant("raster/luminance.wgsl", "OCCLUDERS_CROWDED"), crowded);
     let splat_constants = [
         ("SPLAT_WORKGROUP", f64::from(splat::SPLAT_WORKGROUP)),
@@ -477,10 +481,10 @@ fn constants_agree() {
     let limit = f64::from(evis_core::trigger::MAX_EVENTS_PER_INTERVAL);
     assert_eq!(constant("trigger/count.wgsl", "MAX_EVENTS_PER_INTERVAL"), limit);
     let chain_constants = [
-        ("VIEW_WORDS", f64::from(crate::chain::VIEW_WORDS)),
-        ("STRIKE_WORDS", f64::from(crate::chain::STRIKE_WORDS)),
-        ("OLD", f64::from(crate::chain::OLD_US)),
-        ("TALLY_WORDS", f64::from(crate::chain::TALLY_WORDS)),
+        ("VIEW_WORDS", f64::from(crate::sensor::chain::VIEW_WORDS)),
+        ("STRIKE_WORDS", f64::from(crate::sensor::chain::STRIKE_WORDS)),
+        ("OLD", f64::from(crate::config::OLD_US)),
+        ("TALLY_WORDS", f64::from(crate::sensor::chain::TALLY_WORDS)),
         ("STREAM_START", StreamId::Start as u32 as f64),
         ("STREAM_LEAK_JITTER", StreamId::LeakJitter as u32 as f64),
         ("EPOCH_SHIFT", f64::from(evis_core::random::EPOCH_SHIFT)),

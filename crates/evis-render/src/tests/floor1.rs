@@ -5,9 +5,13 @@ use std::sync::Arc;
 
 use evis_core::{LabelKind, TriggerRule, Warp};
 
-use crate::config::{Antialias, Method, RunConfig};
+use crate::config::Antialias;
+
+use crate::config::Method;
+
+use crate::config::RunConfig;
 use crate::gpu::Gpu;
-use crate::view;
+use crate::world::view;
 
 fn methods() -> [Method; 3] {
     [Method::Native, Method::Splat(Warp::default()), Method::Splat(Warp::evis_paper(8))]

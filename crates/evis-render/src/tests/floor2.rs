@@ -4,16 +4,18 @@ use evis_core::trigger::PixelState;
 use evis_core::{SensorConfig, TriggerRule};
 
 use crate::config::Between;
+use crate::config::grid::SampleGrid;
 use crate::cpu::trigger::{PIECES, curve, log_luma, walk, walk_curves};
-use crate::engine::{map, wait_mapped};
 use crate::gpu::Gpu;
-use crate::grid::SampleGrid;
-use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
-use crate::pace::{TILE, tiles_along};
-use crate::pass::trigger::{Blocks, TriggerPasses};
-use crate::sizes::Plan;
-use crate::targets::{LayerUse, Targets};
-use crate::uniforms::{PixelMemory, Status, ViewSensor};
+use crate::gpu::readback::{map, wait_mapped};
+use crate::gpu::sizes::Plan;
+use crate::gpu::uniforms::{PixelMemory, Status, ViewSensor};
+use crate::raster::layers::LayerUse;
+use crate::sensor::group::{Group, Slot, Unit};
+use crate::sensor::passes::{Blocks, TriggerPasses};
+use crate::sensor::targets::Targets;
+use crate::sensor::trigger::{encode_trigger, trigger_steps};
+use crate::world::tiles::{TILE, tiles_along};
 
 const WIDTH: u32 = 70;
 const HEIGHT: u32 = 9;
@@ -126,7 +128,7 @@ fn run_unit(
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors, None);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, ..Default::default() };
-    let passes = TriggerPasses::new(&gpu.device, &[&rules], samples, unknown, blocks, 1);
+    let passes = TriggerPasses::new(&gpu.device, &[&rules], samples, unknown, blocks);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, unit, &slot);
     encode_trigger(&mut encoder, &steps);

@@ -1,11 +1,14 @@
 //! Floor 2: the audit pass equals its twin.
 
-use crate::cpu::audit::{change, unpack};
+use crate::cpu::audit::change;
+
+use crate::cpu::audit::unpack;
+use crate::gpu::sizes::UNIFORM_ALIGNMENT;
+use crate::gpu::uniforms::AuditJob;
+use crate::pass;
 use crate::pass::adaptive::{AUDIT_BINDINGS, audit};
-use crate::pass::{self, raster::UNIFORM_ALIGNMENT};
-use crate::targets::{LayerUse, Layers};
-use crate::tiles::TILE;
-use crate::uniforms::AuditJob;
+use crate::raster::layers::{LayerUse, Layers};
+use crate::world::tiles::TILE;
 
 use super::random_scenes::Dice;
 
@@ -43,7 +46,7 @@ fn audits_equal_their_twin() {
     }
     let offset = 1e-3;
     let jobs: Vec<AuditJob> = (0..).zip(SIZES).map(|(slot, size)| AuditJob { size, slot, offset }).collect();
-    let bytes = crate::frame_buffers::aligned(&jobs);
+    let bytes = crate::gpu::buffer::aligned(&jobs);
     assert_eq!(bytes.len() as u64, jobs.len() as u64 * UNIFORM_ALIGNMENT);
     let buffer = |size, usage| {
         device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false })

@@ -10,18 +10,20 @@ use evis_core::{
     Cause, EmulatorConfig, Event, EventEmulator, FrameData, Frames, SensorConfig, Times, TriggerRule,
 };
 
-use crate::chain::GroupChain;
-use crate::engine::{map, wait_mapped};
+use crate::config::grid::SampleGrid;
 use crate::gpu::Gpu;
-use crate::grid::SampleGrid;
-use crate::interval::{Group, Slot, Unit, encode_trigger, trigger_steps};
-use crate::pass::trigger::{Blocks, TriggerPasses};
-use crate::shader::compose;
-use crate::sizes::Plan;
-use crate::targets::{LayerUse, Targets};
-use crate::uniforms::{Status, ViewSensor};
-use crate::unpack;
-use crate::view::{PixelLens, View};
+use crate::gpu::readback::{map, wait_mapped};
+use crate::gpu::shader::compose;
+use crate::gpu::sizes::Plan;
+use crate::gpu::uniforms::{Status, ViewSensor};
+use crate::raster::layers::LayerUse;
+use crate::sensor::chain::GroupChain;
+use crate::sensor::group::{Group, Slot, Unit};
+use crate::sensor::passes::{Blocks, TriggerPasses};
+use crate::sensor::targets::Targets;
+use crate::sensor::trigger::{encode_trigger, trigger_steps};
+use crate::sensor::unpack;
+use crate::world::view::{PixelLens, View};
 
 const WIDTH: u32 = 83;
 const HEIGHT: u32 = 17;
@@ -92,7 +94,7 @@ fn run_with_lists(
 ) -> Ran {
     let longest = cuts.iter().copied().max().unwrap();
     let plan = Plan { views_per_group: VIEWS as u32, instants: longest, layers: VIEWS as u32 * longest };
-    let passes = TriggerPasses::new(&gpu.device, &[sensor], 1, true, Blocks::NONE, 1);
+    let passes = TriggerPasses::new(&gpu.device, &[sensor], 1, true, Blocks::NONE);
     let chain = passes.chain(0).expect("more than thresholds");
     let mut targets =
         Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, Some(&chain.plan), 1);
@@ -101,7 +103,7 @@ fn run_with_lists(
     }
     let views: Vec<View> = (0..VIEWS).map(|v| view(v, sensor)).collect();
     let own: Vec<&View> = views.iter().collect();
-    let group_chain = GroupChain::new(gpu, &chain.plan, &targets, &own, 1.0);
+    let group_chain = GroupChain::new(gpu, &chain.plan, [WIDTH, HEIGHT], &own, 1.0);
     let sensors = vec![ViewSensor::default(); VIEWS];
     let mut group = Group::new(gpu, 0, &targets, (0..VIEWS).collect(), &sensors, Some((chain, group_chain)));
     let mut ran = Ran { events: vec![Vec::new(); VIEWS], status: Status::default() };
@@ -135,7 +137,7 @@ fn run_with_lists(
             }
         }
         let mut slot = Slot::new(&gpu.device, 1 << 20, group.header_bytes());
-        let words = unit.feed(group.chain.as_mut().unwrap(), grid);
+        let words = group.chain.as_mut().unwrap().feed(unit.base_us(grid), unit.end_us(grid));
         slot.feed(gpu, &words);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);

@@ -12,12 +12,12 @@ use glam::DVec3;
 
 use super::raster_scenes::{self as scenes, HEIGHT, WIDTH};
 use crate::config::{Antialias, RunConfig, Shadows};
+use crate::frame::pattern::Share;
 use crate::pass::raster::WHOLE_PIXEL_TAPS;
-use crate::pattern::Share;
 
 use crate::engine::Engine;
 use crate::gpu::Gpu;
-use crate::view;
+use crate::world::view;
 use evis_truth::rays::{Options, Pinhole, RayCaster, TextureFilter, Textures};
 
 /// Distance in pixels from an edge within which the device may see the other side.
@@ -236,7 +236,7 @@ fn compare(scene: &Scene, image: &[f64], offsets: &[[f64; 2]], case: &Case) -> C
     let (state, textures) = (state_at(scene, case.t_us), Textures::new(scene));
     let shares = match case.antialias {
         Antialias::Samples => {
-            crate::pattern::shares(&offsets.iter().map(|o| o.map(|v| v as f32)).collect::<Vec<_>>())
+            crate::frame::pattern::shares(&offsets.iter().map(|o| o.map(|v| v as f32)).collect::<Vec<_>>())
         }
         // Each place of the grid stands for its cell, and lies beside its middle.
         Antialias::Edges if case.minified => {

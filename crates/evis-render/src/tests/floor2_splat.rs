@@ -2,13 +2,27 @@
 
 use evis_core::{Warp, WarpVariant};
 
-use crate::cpu::splat::{Instant, Pictures, Placed, Side, Source, instant, prepare, resolve};
-use crate::engine::{map, wait_mapped};
+use crate::cpu::splat::Instant;
+
+use crate::cpu::splat::Pictures;
+
+use crate::cpu::splat::Placed;
+
+use crate::cpu::splat::Side;
+
+use crate::cpu::splat::Source;
+
+use crate::cpu::splat::instant;
+
+use crate::cpu::splat::prepare;
+
+use crate::cpu::splat::resolve;
 use crate::gpu::Gpu;
+use crate::gpu::readback::{map, wait_mapped};
+use crate::gpu::uniforms::SplatParams;
 use crate::pass::splat::SplatPasses;
-use crate::splat::{Inputs, Store, Work};
-use crate::targets::{LayerUse, Layers};
-use crate::uniforms::SplatParams;
+use crate::raster::layers::{LayerUse, Layers};
+use crate::sampling::splat::{Inputs, Store, Work};
 
 const SIZE: [usize; 2] = [70, 41];
 const MARGIN: u32 = 9;

@@ -6,10 +6,11 @@ use evis_core::{Event, LabelKind};
 use evis_scene::Scene;
 
 use crate::config::RunConfig;
+use crate::engine::Engine;
+use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
-use crate::packet::Packet;
-use crate::simulator::Simulator;
-use crate::{engine::Engine, view};
+use crate::output::packet::Packet;
+use crate::world::view;
 
 fn scene() -> Arc<Scene> {
     Arc::new(evis_scene::builtin::load("spinner", 0).unwrap())

@@ -2,7 +2,11 @@
 
 use evis_core::{Event, SensorConfig};
 
-use crate::config::{Antialias, Between, RunConfig};
+use crate::config::Antialias;
+
+use crate::config::Between;
+
+use crate::config::RunConfig;
 
 use super::adaptive_streams::{
     assert_neighbours_change_no_byte, assert_packets_and_reruns_change_no_byte, deliver, engine, force, run,

@@ -9,9 +9,9 @@ use evis_scene::Scene;
 use super::floor3::{batch, events, gather};
 use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
+use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
-use crate::simulator::Simulator;
-use crate::view;
+use crate::world::view;
 
 /// Two sensors that have everything between them.
 fn sensors() -> [SensorConfig; 2] {

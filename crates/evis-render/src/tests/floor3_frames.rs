@@ -8,8 +8,8 @@ use evis_scene::Motion;
 
 use super::floor3::{batch, gather};
 use crate::config::{Method, RunConfig};
+use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
-use crate::simulator::Simulator;
 
 fn config() -> RunConfig {
     RunConfig {

@@ -9,9 +9,9 @@ use evis_scene::Scene;
 
 use super::floor3::{batch, events, gather};
 use crate::config::{Antialias, Method, RunConfig};
+use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
-use crate::simulator::Simulator;
-use crate::view;
+use crate::world::view;
 
 fn config() -> RunConfig {
     let davis = SensorConfig::preset("davis346").unwrap();

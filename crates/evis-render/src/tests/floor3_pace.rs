@@ -9,14 +9,16 @@ use evis_scene::primitive::Shape;
 use evis_scene::{Light, Material, Scene, Trs};
 use glam::{DMat4, DQuat, DVec3};
 
-use crate::area::bounds;
 use crate::config::RunConfig;
 use crate::engine::Engine;
 use crate::frame::{FrameData, FrameRequest};
-use crate::gpu_scene::Object;
-use crate::lamp::Lamp;
-use crate::pace::{Pacer, Passing, TILE, tiles_along};
-use crate::view;
+use crate::sampling::tile_rate::Pacer;
+use crate::sampling::view_motion::ViewMotion;
+use crate::shadow::volume::Lamp;
+use crate::world::gpu_scene::Object;
+use crate::world::image_bounds::bounds;
+use crate::world::tiles::{TILE, tiles_along};
+use crate::world::view;
 
 const SIZE: (u32, u32) = (320, 240);
 const INSTANTS: usize = 32;
@@ -148,7 +150,7 @@ impl Trial {
             RunConfig { size: Some(SIZE), reference_luminance: Some(1.0), ..RunConfig::default() };
         let (views, _) = view::views(&scene, &config).unwrap();
         let mut engine = Engine::new(gpu, scene.clone(), views.clone(), &mut config).unwrap();
-        let context = engine.parts().0;
+        let context = engine.parts().context;
         let times_s: Vec<f64> = (0..=INSTANTS).map(|k| k as f64 * 1e-3).collect();
         let mut data = FrameData::default();
         let request = FrameRequest {
@@ -162,7 +164,7 @@ impl Trial {
             trail: true,
         };
         data.build(&scene, &context.gpu_scene, &request);
-        let passing = Passing::new(&data, 0..INSTANTS + 1, &views[0].lens, false);
+        let passing = ViewMotion::new(&data, 0..INSTANTS + 1, &views[0].lens, false);
         let pacer = Pacer::new(&scene, &context.gpu_scene, STEP_PX, INSTANTS as u32);
         let needs = pacer.needs(&context.gpu_scene, &passing);
         let objects = &context.gpu_scene.objects;

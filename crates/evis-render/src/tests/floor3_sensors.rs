@@ -9,11 +9,11 @@ use evis_scene::{Scene, Variant};
 
 use super::floor3::{events, gather};
 use crate::config::{Method, RunConfig};
-use crate::engine::{Engine, classes};
+use crate::engine::simulator::Simulator;
+use crate::engine::{Engine, Parts, classes};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
-use crate::simulator::Simulator;
-use crate::view;
+use crate::world::view;
 
 /// The spinner with a camera each for thresholds, a chain with a wire, a diffusion, a latch in another size, and again
 /// thresholds, with one of its own.
@@ -147,9 +147,9 @@ fn sensors_that_agree_share_what_they_shared_before() {
         let (views, _) = view::views(&scene, &config).unwrap();
         let classes = classes(&views);
         let mut engine = Engine::new(&gpu, scene.clone(), views, &mut config).unwrap();
-        let (context, _, _, groups) = engine.parts();
-        let first = &context.trigger.walks[0];
-        let same = context.trigger.walks.iter().map(|walk| Arc::ptr_eq(walk, first)).collect::<Vec<_>>();
+        let Parts { passes, groups, .. } = engine.parts();
+        let first = &passes.walks[0];
+        let same = passes.walks.iter().map(|walk| Arc::ptr_eq(walk, first)).collect::<Vec<_>>();
         (classes, groups.len(), same)
     };
     // Two sizes: two classes, of the same passes, whatever the thresholds.

@@ -43,7 +43,7 @@ fn a_map_shows_its_instant_and_environment_whatever_it_showed_before() {
     let mut one = engine_of(&gpu, &scene, &CONFIG());
     // Nothing is kept here: every map is drawn whole.
     let mut whole = engine_of(&gpu, &scene, &CONFIG());
-    whole.parts().0.shadows.as_mut().unwrap().keep_nothing();
+    whole.parts().context.shadows.as_mut().unwrap().keep_nothing();
     let places = [(0, 0), (0, 20_000), (1, 20_000), (2, 0), (0, 30_000), (1, 0), (1, 30_000), (2, 10_000)];
     let pictures = places.map(|(view, t_us)| one.luminance(view, t_us).unwrap());
     for ((view, t_us), picture) in places.into_iter().zip(&pictures) {
@@ -62,7 +62,7 @@ fn rays_see_in_cells_and_spheres_what_they_see_in_trees() {
         let mut engine = engine(&gpu, &scene, &config);
         let listed = engine.luminance(0, t_us).unwrap();
         let mut without = |reach: f64| {
-            let room = engine.parts().0.shadows.as_mut().unwrap();
+            let room = engine.parts().context.shadows.as_mut().unwrap();
             room.occluders.as_mut().unwrap().forget_cells(reach);
             engine.luminance(0, t_us).unwrap()
         };

@@ -10,10 +10,14 @@ use evis_scene::procedural::{Pattern, Procedural};
 use evis_scene::{Material, Scene, Trs};
 use glam::DVec3;
 
-use crate::config::{Antialias, Method, RunConfig};
+use crate::config::Antialias;
+
+use crate::config::Method;
+
+use crate::config::RunConfig;
 use crate::engine::Engine;
+use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
-use crate::simulator::Simulator;
 
 use super::adaptive_streams::engine;
 use super::floor3::{batch, gather};

@@ -5,11 +5,13 @@ use std::sync::Arc;
 use evis_core::Event;
 use evis_scene::{Scene, Variant};
 
-use crate::config::{RunConfig, Shadows};
+use crate::config::RunConfig;
+
+use crate::config::Shadows;
 use crate::engine::Engine;
+use crate::frame::changes::Change;
 use crate::gpu::Gpu;
-use crate::still::Change;
-use crate::view;
+use crate::world::view;
 
 /// How a test lets the engine draw.
 #[derive(Clone, Copy, PartialEq)]
@@ -32,7 +34,7 @@ fn run(
     let (views, _) = view::views(scene, &config).unwrap();
     let mut events = vec![Vec::new(); views.len()];
     let mut engine = Engine::new(gpu, scene.clone(), views, &mut config).unwrap();
-    let context = engine.parts().0;
+    let context = engine.parts().context;
     context.skips_still = drawing != Drawing::All;
     context.frame_data.watch.overlooks_shadows = drawing == Drawing::ChangesWithoutShadows;
     let mut counts = [0; 3];
@@ -41,7 +43,7 @@ fn run(
         let packet = engine.deliver(until_us, until_us).unwrap();
         events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
         // Of the step's last submission: how long those are depends on how busy the machine is.
-        counts[match engine.parts().0.frame_data.changes.last() {
+        counts[match engine.parts().context.frame_data.changes.last() {
             None | Some(Change::All) => 0,
             Some(Change::Parts(_)) => 1,
             Some(Change::Nothing) => 2,

@@ -8,15 +8,14 @@ use evis_core::truth::Truth;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
-use crate::config::Quality;
-use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
+use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
+use crate::engine::simulator::Simulator;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
-use crate::packet::Packet;
+use crate::output::packet::Packet;
 use crate::request::SamplingRequest;
-use crate::simulator::Simulator;
-use crate::tiles::{TILE, tiles_along};
 use crate::tune::{Goal, Tuned, tune};
+use crate::world::tiles::{TILE, tiles_along};
 
 use super::adaptive_streams::scene;
 

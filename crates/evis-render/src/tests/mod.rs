@@ -58,7 +58,7 @@ fn read(gpu: &Gpu, buffer: &wgpu::Buffer) -> Vec<u32> {
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
     let submission = gpu.queue.submit([encoder.finish()]);
-    crate::engine::wait_mapped(gpu, &submission, &crate::engine::map(&staging)).unwrap();
+    crate::gpu::readback::wait_mapped(gpu, &submission, &crate::gpu::readback::map(&staging)).unwrap();
     let bytes = staging.get_mapped_range(..).unwrap();
     bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
 }

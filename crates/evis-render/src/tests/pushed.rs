@@ -3,7 +3,13 @@
 use evis_core::WarpVariant;
 use evis_core::emulator::parts::{Gap, Pictures, Scratch, Side};
 
-use crate::cpu::splat::{Instant, Source, instant, resolve};
+use crate::cpu::splat::Instant;
+
+use crate::cpu::splat::Source;
+
+use crate::cpu::splat::instant;
+
+use crate::cpu::splat::resolve;
 
 const CANVAS: [usize; 2] = [61, 37];
 const MARGIN: u32 = 4;

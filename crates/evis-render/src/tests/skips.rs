@@ -7,14 +7,13 @@ use std::sync::Arc;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
-use crate::config::Quality;
-use crate::config::RunConfig;
-use crate::engine::Engine;
+use crate::config::{Quality, RunConfig};
+use crate::engine::simulator::Simulator;
+use crate::engine::{Engine, Parts};
 use crate::gpu::Gpu;
-use crate::method::Sampling;
-use crate::pace::Overlook;
-use crate::simulator::Simulator;
-use crate::view;
+use crate::sampling::Sampling;
+use crate::sampling::tile_rate::Overlook;
+use crate::world::view;
 
 use super::random_scenes::{self, LENGTH_MS, RATE_HZ};
 
@@ -61,7 +60,7 @@ fn run(gpu: &Gpu, scene: &Arc<Scene>, rendering: Rendering) -> (Vec<Vec<Event>>,
     let (views, _) = view::views(scene, &config).unwrap();
     let mut events = vec![Vec::new(); views.len()];
     let mut engine = Engine::new(gpu, scene.clone(), views, &mut config).unwrap();
-    let (context, sampling, ..) = engine.parts();
+    let Parts { context, sampling, .. } = engine.parts();
     context.skips_still = rendering != Rendering::Plain;
     if let (Sampling::Adaptive(sampler), Rendering::Tiles(overlooks)) = (sampling, rendering) {
         sampler.pacer().overlooks = overlooks;
@@ -84,7 +83,7 @@ fn audits_find_what_was_skipped_wrongly_and_change_no_byte() {
         config.sensor = SensorConfig::default();
         let (views, _) = view::views(scene, &config).unwrap();
         let mut engine = Engine::new(&gpu, scene.clone(), views, &mut config).unwrap();
-        if let Sampling::Adaptive(sampler) = engine.parts().1 {
+        if let Sampling::Adaptive(sampler) = engine.parts().sampling {
             sampler.pacer().overlooks = overlooks;
         }
         let packet = engine.deliver(48_000, 48_000).unwrap();
@@ -178,7 +177,7 @@ fn presets_agree_with_every_instant_rendered_everywhere_on_random_scenes() {
             let scene = Arc::new(random_scenes::scene(seed));
             let mut config =
                 RunConfig { quality: Some(quality), reference_luminance: Some(0.5), ..RunConfig::default() };
-            crate::quality::settle(&gpu, &scene, &mut config).unwrap();
+            crate::request::quality::settle(&gpu, &scene, &mut config).unwrap();
             let fired = |every_instant: bool| {
                 let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
                 simulator.restart(0, Vec::new(), every_instant).unwrap();

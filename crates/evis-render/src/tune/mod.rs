@@ -13,23 +13,24 @@ use std::sync::Arc;
 
 use evis_core::ConfigError;
 use evis_scene::Scene;
+use pilot::{PLACES, Pilot};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Antialias, Quality, RunConfig, Shadows};
+use crate::engine::simulator::Simulator;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
-use crate::quality::SamplingSettings;
-use crate::settings::SettingsFile;
-use crate::simulator::Simulator;
+use crate::request::quality::SamplingSettings;
+use crate::request::settings::SettingsFile;
 
 pub use pilot::Agreement;
-use pilot::{PLACES, Pilot};
 
 /// Reports what is tried and the part of all that is done; returns false to stop.
 pub type ProgressFn<'a> = dyn Fn(&str, f64) -> bool + 'a;
 
 /// Stream time that is timed at each place of the scene, after some that is not.
 const TIMED_US: i64 = 32_000;
+
 const WARM_UP_US: i64 = 16_000;
 
 /// What is tried, the cheapest first.

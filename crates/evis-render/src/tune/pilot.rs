@@ -11,48 +11,64 @@ use evis_scene::{Scene, SceneState};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
+use crate::engine::simulator::Simulator;
 use crate::error::EngineError;
 use crate::frame::{FrameData, FrameRequest};
 use crate::gpu::Gpu;
-use crate::gpu_scene::GpuScene;
-use crate::pace::Pacer;
-use crate::packet::ViewPacket;
+use crate::output::packet::ViewPacket;
 use crate::pass::raster::SurfaceLayouts;
-use crate::simulator::Simulator;
-use crate::tiles::{TILE, tiles_along};
-use crate::view::{self, View};
-use crate::view_motion::ViewMotion;
+use crate::sampling::tile_rate::Pacer;
+use crate::sampling::view_motion::ViewMotion;
+use crate::world::gpu_scene::GpuScene;
+use crate::world::tiles::{TILE, tiles_along};
+use crate::world::view::{self, View};
 
 /// Views that are rendered.
 const VIEWS: usize = 4;
+
 /// Seconds over which a speed is taken.
 const SPAN_S: f64 = 0.000_5;
+
 /// Instants of the reference at each place, at most: its rate is the largest of these that needs no more.
 const REFERENCE_INSTANTS: i64 = 128;
+
 const REFERENCE_RATES_HZ: [f64; 3] = [4000.0, 2000.0, 1000.0];
+
 /// Samples of the reference, each shaded. No candidate has as many shaded ones.
 const REFERENCE_SAMPLES: u32 = 100;
+
 /// Times of the scene that are rendered, from its start to its end.
 pub const PLACES: usize = 3;
+
 /// How long it looks at each, at least and at most: in steps of the least, which are whole blocks of adaptive time.
 const LEAST_US: i64 = 16_000;
+
 const MOST_US: i64 = 256_000;
+
 /// How far half of the tiles that are looked at should move meanwhile: what samples miss shows as their places move over what
 /// is seen, so that for less motion all settings seem good.
 const MOTION_PX: f64 = 2.0;
+
 /// Tiles, of all views together, that it looks at with the cheapest settings at each time.
 const TILES: usize = 24;
+
 /// The same with all others: so many that about [`WANTED`] events fire.
 const LEAST_TILES: usize = 8;
+
 const MOST_TILES: usize = 64;
+
 /// With 4000 events that are independent of each other, an F1 of 0.98 is uncertain by 0.002.
 const WANTED: usize = 4000;
+
 /// Fewer events tell nothing: an F1 of 0.98 would be uncertain by 0.006 and more.
 const LEAST: usize = 500;
+
 /// Flow is measured over the time from one label to the next, so many of them per second.
 const FLOW_HZ: f64 = 1000.0;
+
 /// Within which two events count as the same: what `draft` and `default` are about, and what `exact` is.
 const TOLERANCES_US: [i64; 2] = [1000, 100];
+
 /// Between two streams that are compared as one. Where little moves a tolerance is ten times what it says, at most.
 const APART_US: i64 = 20 * TOLERANCES_US[0];
 

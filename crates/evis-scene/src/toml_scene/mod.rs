@@ -35,7 +35,7 @@ const MAX_ENVIRONMENTS: u64 = 65_536;
 /// table and what would work; a file that it names and that cannot be used.
 pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
     let path = path.as_ref();
-    let text = crate::source::text(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
+    let text = crate::file::text(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
     let base = path.parent().unwrap_or(Path::new(""));
     let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
     scene(&text, &Source { file: path, base }, &name)
@@ -388,7 +388,7 @@ fn sensor(keys: &mut Keys<'_>) -> Result<Option<CameraSensor>, SceneError> {
             if path.extension().is_none() && path.components().count() == 1 {
                 CameraSensor { kind: SensorKind::Preset(name.clone()), place: place("") }
             } else {
-                let text = crate::source::text(&keys.base().join(path)).map_err(|error| {
+                let text = crate::file::text(&keys.base().join(path)).map_err(|error| {
                     keys.error(format!("sensor is \"{name}\", a file that cannot be read ({error})"))
                 })?;
                 CameraSensor { kind: SensorKind::Toml(text), place: place(&format!(" \"{name}\"")) }

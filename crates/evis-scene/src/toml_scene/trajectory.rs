@@ -23,7 +23,7 @@ pub(super) struct Format {
 }
 
 pub(super) fn load(path: &FilePath, format: Format) -> Result<Path, SceneError> {
-    let text = crate::source::text(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
+    let text = crate::file::text(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
     parse(&text, format).map_err(|reason| SceneError::invalid(path, reason))
 }
 

@@ -6,7 +6,7 @@ use std::cell::RefCell;
 use glam::DVec3;
 
 use super::bvh::{HalfSpace, before};
-use super::caster::{Kind, RayCaster};
+use super::caster::{Kind, RayCaster, Shortlist};
 use super::geometry::{Candidate, Geometry, Hit, Place};
 use super::pinhole::{Pinhole, Ray};
 use super::shade::Lamp;
@@ -134,9 +134,10 @@ impl<'c, 's> Beam<'c, 's> {
     pub fn kind(&self, pixel: [f64; 2]) -> Kind {
         self.caster.kind_in(self.camera, pixel, Some(self))
     }
+}
 
-    /// The nearest hit at `near` or beyond that `accept` takes.
-    pub(super) fn nearest(&self, ray: &Ray, near: f64, mut accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+impl Shortlist for Beam<'_, '_> {
+    fn nearest(&self, ray: &Ray, near: f64, accept: &mut dyn FnMut(&Hit) -> bool) -> Option<Hit> {
         let Some(seen) = &self.seen else {
             return self.caster.geometry().nearest(ray.origin, ray.direction, near, f64::INFINITY, accept);
         };
@@ -154,14 +155,13 @@ impl<'c, 's> Beam<'c, 's> {
         best
     }
 
-    /// Whether anything that `accept` takes lies in `[near, far]` of a ray from triangle `triangle` to `lamp`.
-    pub(super) fn any(
+    fn any(
         &self,
         ray: &Ray,
         triangle: usize,
         lamp: &Lamp,
         [near, far]: [f64; 2],
-        mut accept: impl FnMut(&Hit) -> bool,
+        accept: &mut dyn FnMut(&Hit) -> bool,
     ) -> bool {
         let mut known = self.blockers.borrow_mut();
         let place = known.iter().position(|b| b.triangle == triangle && b.lamp == lamp.number);
@@ -179,7 +179,9 @@ impl<'c, 's> Beam<'c, 's> {
             None => self.caster.geometry().any(ray.origin, ray.direction, near, far, accept),
         }
     }
+}
 
+impl Beam<'_, '_> {
     /// Triangles that may lie between the part of triangle `triangle` in the beam, and `lamp`.
     fn between(&self, triangle: usize, lamp: &Lamp) -> Option<Vec<Candidate>> {
         let corners = self.caster.geometry().corners(triangle).map(|v| v.position);

@@ -4,7 +4,6 @@ use evis_scene::{AlphaMode, Material, Primitive, Scene, SceneState, TextureRef};
 use glam::{DVec2, DVec3, DVec4};
 use rayon::prelude::*;
 
-use super::beam::Beam;
 use super::bvh::enter_box;
 use super::geometry::{Geometry, Hit, Object};
 use super::pinhole::{Pinhole, Ray};
@@ -45,6 +44,22 @@ pub struct Kind {
     pub face: u32,
     /// Lamps in shadow, by bit.
     pub shadows: u32,
+}
+
+/// What rays of some part of the picture may meet, found once for all of them.
+pub(super) trait Shortlist {
+    /// The nearest hit at `near` or beyond that `accept` takes.
+    fn nearest(&self, ray: &Ray, near: f64, accept: &mut dyn FnMut(&Hit) -> bool) -> Option<Hit>;
+
+    /// Whether anything that `accept` takes lies in `[near, far]` of a ray from triangle `triangle` to `lamp`.
+    fn any(
+        &self,
+        ray: &Ray,
+        triangle: usize,
+        lamp: &Lamp,
+        range: [f64; 2],
+        accept: &mut dyn FnMut(&Hit) -> bool,
+    ) -> bool;
 }
 
 /// A scene at one instant, ready for rays.
@@ -123,12 +138,17 @@ impl<'a> RayCaster<'a> {
         self.look_in(camera, pixel, None)
     }
 
-    pub(super) fn look_in(&self, camera: &Pinhole, pixel: [f64; 2], beam: Option<&Beam>) -> (f64, Kind) {
+    pub(super) fn look_in(
+        &self,
+        camera: &Pinhole,
+        pixel: [f64; 2],
+        list: Option<&dyn Shortlist>,
+    ) -> (f64, Kind) {
         let ray = camera.ray(pixel);
-        match self.visible(camera, &ray, beam) {
+        match self.visible(camera, &ray, list) {
             Some(hit) => {
-                let shadows = self.shadows_of(&hit, &ray, beam);
-                let color = self.shade(&hit, &ray, shadows, beam);
+                let shadows = self.shadows_of(&hit, &ray, list);
+                let color = self.shade(&hit, &ray, shadows, list);
                 (color.dot(LUMINANCE_WEIGHTS), self.kind_of(&hit, shadows))
             }
             None => (self.background(&ray).dot(LUMINANCE_WEIGHTS), Kind::default()),
@@ -140,10 +160,10 @@ impl<'a> RayCaster<'a> {
         self.kind_in(camera, pixel, None)
     }
 
-    pub(super) fn kind_in(&self, camera: &Pinhole, pixel: [f64; 2], beam: Option<&Beam>) -> Kind {
+    pub(super) fn kind_in(&self, camera: &Pinhole, pixel: [f64; 2], list: Option<&dyn Shortlist>) -> Kind {
         let ray = camera.ray(pixel);
-        let hit = self.visible(camera, &ray, beam);
-        hit.map_or(Kind::default(), |hit| self.kind_of(&hit, self.shadows_of(&hit, &ray, beam)))
+        let hit = self.visible(camera, &ray, list);
+        hit.map_or(Kind::default(), |hit| self.kind_of(&hit, self.shadows_of(&hit, &ray, list)))
     }
 
     /// Of what kind is what `ray` sees: `hit`, or the sky.
@@ -178,7 +198,7 @@ impl<'a> RayCaster<'a> {
         self.shadows_of(hit, ray, None)
     }
 
-    fn shadows_of(&self, hit: &Hit, ray: &Ray, beam: Option<&Beam>) -> u32 {
+    fn shadows_of(&self, hit: &Hit, ray: &Ray, list: Option<&dyn Shortlist>) -> u32 {
         if !self.options.shadows {
             return 0;
         }
@@ -187,7 +207,7 @@ impl<'a> RayCaster<'a> {
         self.lamps.iter().filter(|l| l.shadow_bit != 0).fold(0, |mask, lamp| {
             let incident = lamp.incident(position);
             let faces = normal.dot(incident.to_light) > 0.0 && incident.irradiance != DVec3::ZERO;
-            if faces && self.blocked(hit, position, lamp, &incident, beam) {
+            if faces && self.blocked(hit, position, lamp, &incident, list) {
                 mask | lamp.shadow_bit
             } else {
                 mask
@@ -264,10 +284,10 @@ impl<'a> RayCaster<'a> {
             .collect()
     }
 
-    fn visible(&self, camera: &Pinhole, ray: &Ray, beam: Option<&Beam>) -> Option<Hit> {
-        let accept = |hit: &Hit| self.accepts(hit, ray);
-        match beam {
-            Some(beam) => beam.nearest(ray, camera.near, accept),
+    fn visible(&self, camera: &Pinhole, ray: &Ray, list: Option<&dyn Shortlist>) -> Option<Hit> {
+        let mut accept = |hit: &Hit| self.accepts(hit, ray);
+        match list {
+            Some(list) => list.nearest(ray, camera.near, &mut accept),
             None => self.geometry.nearest(ray.origin, ray.direction, camera.near, f64::INFINITY, accept),
         }
     }
@@ -396,7 +416,7 @@ impl<'a> RayCaster<'a> {
         mapped.normalize_or(normal) * side
     }
 
-    fn shade(&self, hit: &Hit, ray: &Ray, shadows: u32, beam: Option<&Beam>) -> DVec3 {
+    fn shade(&self, hit: &Hit, ray: &Ray, shadows: u32, list: Option<&dyn Shortlist>) -> DVec3 {
         let Some((primitive, material)) = self.looks(hit) else { return DVec3::ZERO };
         let texel = |texture| self.texel(primitive, texture, hit, ray, self.options.filter.at_a_place());
         let emission_factor = self.emission_factor.get(primitive.material).map_or(1.0, |f| f64::from(*f));
@@ -434,7 +454,7 @@ impl<'a> RayCaster<'a> {
                     || self.options.shadows
                         && lamp.casts_shadow
                         && unasked
-                        && self.blocked(hit, surface.position, lamp, incident, beam);
+                        && self.blocked(hit, surface.position, lamp, incident, list);
                 f64::from(u8::from(!dark))
             },
         )
@@ -453,13 +473,13 @@ impl<'a> RayCaster<'a> {
         position: DVec3,
         lamp: &Lamp,
         incident: &shade::Incident,
-        beam: Option<&Beam>,
+        list: Option<&dyn Shortlist>,
     ) -> bool {
         let start = Self::start(position);
         let ray = Ray { origin: position, direction: incident.to_light, per_pixel: [DVec3::ZERO; 2] };
-        let accept = |h: &Hit| h.triangle != hit.triangle && self.solid(h, &ray);
-        match beam {
-            Some(beam) => beam.any(&ray, hit.triangle, lamp, [start, incident.distance], accept),
+        let mut accept = |h: &Hit| h.triangle != hit.triangle && self.solid(h, &ray);
+        match list {
+            Some(list) => list.any(&ray, hit.triangle, lamp, [start, incident.distance], &mut accept),
             None => self.geometry.any(ray.origin, ray.direction, start, incident.distance, accept),
         }
     }

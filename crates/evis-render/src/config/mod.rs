@@ -1,0 +1,440 @@
+//! What a run is asked to do: a value, checked once by [`RunConfig::check`], then trusted.
+
+pub mod grid;
+pub mod scene_sensor;
+
+pub use scene_sensor::scene_sensors;
+
+use std::collections::BTreeMap;
+
+use evis_core::sensor::{SensorConfig, TriggerRule};
+use evis_core::{ConfigError, LabelKind, Sensor, TimeGrid, Warp};
+use serde::{Deserialize, Serialize};
+
+use crate::config::grid::SampleGrid;
+use crate::gpu::sizes::MAX_INSTANTS;
+
+/// `eps` of the EVIS paper's code in `ln(Y + eps)`.
+pub const EVIS_PAPER_LOG_EPS: f32 = 1e-5;
+
+/// Seconds of a block of adaptive sampling.
+const BLOCK_S: f64 = 0.016;
+
+/// Exposure of frames where none is asked for, at most.
+const USUAL_EXPOSURE_US: i64 = 10_000;
+
+/// The share of tiles that are audited.
+const USUAL_AUDIT: f64 = 0.005;
+
+/// How an instant is sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Every instant is rendered.
+    #[default]
+    Native,
+    /// Keyframes are rendered; the instants between two of them are splatted from both.
+    Splat(Warp),
+}
+
+impl Method {
+    /// Its name: `native`, `splat`, or `evis-paper` for `splat` as that paper publishes it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Native => "native",
+            Self::Splat(warp) => warp.variant.name(),
+        }
+    }
+
+    /// Whether each tile of a picture may have a pace of its own: see [`RunConfig::adaptive_px`].
+    pub const fn has_adaptive_time(&self) -> bool {
+        match self {
+            Self::Native => true,
+            Self::Splat(_) => false,
+        }
+    }
+
+    /// Keyframes per second and instants per gap, where it has keyframes.
+    pub fn keyframes(&self) -> Option<(f64, u32)> {
+        match self {
+            Self::Native => None,
+            Self::Splat(warp) => Some((warp.scene_keyframe_hz(), warp.scene_steps())),
+        }
+    }
+}
+
+/// How a pixel's area is sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Antialias {
+    /// Visibility and shading at every sample.
+    #[default]
+    Samples,
+    /// Visibility at every sample, shading at one in four (MSAA), which lie on a grid: 4, 16, 36, 64, ... samples. Cheaper,
+    /// and as good at silhouettes only.
+    Edges,
+}
+
+/// How log light runs between two samples of a tile, in adaptive time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Between {
+    /// Along a straight line.
+    #[default]
+    Line,
+    /// Along a cubic through the samples, its slopes from the sample before and the one after, in straight pieces. It rises
+    /// where three samples in a row rise, and rests next to a sample that does not change anything. A sensor that is more than its thresholds takes lines, and a latch has no use for either.
+    Curve,
+}
+
+/// How shadows are told from light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Shadows {
+    /// By maps fitted to the world: soft by a texel, which is centimetres in a street.
+    #[default]
+    Maps,
+    /// By maps where they are sure, and by rays along shadows' borders: as sharp as the casters, for up to twice the
+    /// work. Casters must be rigid and without holes.
+    Rays,
+}
+
+/// How near to the truth events are, and how much work that is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Quality {
+    /// For a first look.
+    Draft,
+    /// For most uses.
+    #[default]
+    Standard,
+    /// Sharp shadows, fine edges.
+    High,
+    /// As near to the truth as sampling comes within reason.
+    Reference,
+}
+
+impl Quality {
+    /// All, the cheapest first.
+    pub const ALL: [Self; 4] = [Self::Draft, Self::Standard, Self::High, Self::Reference];
+
+    /// As users write it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Standard => "standard",
+            Self::High => "high",
+            Self::Reference => "reference",
+        }
+    }
+}
+
+/// What a run is asked to do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RunConfig {
+    /// Sensor of every camera that `sensors` does not name. Thresholds that the scene gives a camera come before those of
+    /// its sensor.
+    pub sensor: SensorConfig,
+    /// Sensors of single cameras, by name; see [`crate::scene_sensors`].
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub sensors: BTreeMap<String, SensorConfig>,
+    /// Sampling method.
+    pub method: Method,
+    /// The preset that method, rate, samples and shadows come from; they stand below, and are what counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
+    /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
+    pub rate_hz: f64,
+    /// Of `native`: every tile of the picture is rendered no more often than that nothing it may show
+    /// moves farther than so many pixels between two of its samples, and `rate_hz` at most. `None` renders everything at
+    /// `rate_hz`.
+    pub adaptive_px: Option<f64>,
+    /// With `adaptive_px`: how light runs between two samples.
+    #[serde(skip_serializing_if = "is_line")]
+    pub between: Between,
+    /// Samples per pixel and instant, 1 to 256.
+    pub samples: u32,
+    /// How they are taken.
+    pub antialias: Antialias,
+    /// Places at which a sample reads a texture that light is proportional to, at most, along each side of its share of the
+    /// pixel, 1 to 16; beyond them mip levels average, and blur. `None` takes 2 up to 8 samples, 3 up to 15, then 4.
+    pub texture_taps: Option<u32>,
+    /// How shadows are told from light; `None` leaves it to a quality preset, and is by maps without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shadows: Option<Shadows>,
+    /// Texels of a shadow map's edge, 64 to 16384, and as many as the device can at most. `None` takes the power of two nearest
+    /// to 12.8 times the longest edge of any of the scene's pictures, 1024 to 8192 (640x480: 8192), but 4096 at most where more
+    /// than two lights throw shadows, and 2048 where one of them moves or more than eight throw any.
+    pub shadow_map: Option<u32>,
+    /// Names of the cameras to render; empty for all.
+    pub cameras: Vec<String>,
+    /// Width and height in pixels for every camera; `None` takes each camera's own (640x480 where it has none).
+    pub size: Option<(u32, u32)>,
+    /// Scene time at which the stream starts, in microseconds; the stream's own time starts at 0.
+    pub start_us: i64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Labels to render.
+    pub labels: Vec<LabelKind>,
+    /// Label images per second.
+    pub label_rate_hz: f64,
+    /// Frames per second beside the events: mean linear light over an exposure. `None`: no frames.
+    pub frame_rate_hz: Option<f64>,
+    /// Exposure of a frame in microseconds; even, so that its middle is a whole microsecond.
+    pub exposure_us: i64,
+    /// The share of tiles that are skipped, or sampled less often than at every instant, which are rendered once more and
+    /// compared; no event depends on it. 0 audits nothing.
+    pub audit: f64,
+    /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
+    pub reference_luminance: Option<f32>,
+}
+
+impl Default for RunConfig {
+    fn default() -> Self {
+        Self {
+            sensor: SensorConfig::default(),
+            sensors: BTreeMap::new(),
+            method: Method::Native,
+            quality: None,
+            rate_hz: 1000.0,
+            adaptive_px: None,
+            between: Between::Line,
+            samples: 4,
+            antialias: Antialias::Samples,
+            texture_taps: None,
+            shadows: None,
+            shadow_map: None,
+            cameras: Vec::new(),
+            size: None,
+            start_us: 0,
+            seed: 0,
+            labels: Vec::new(),
+            label_rate_hz: 50.0,
+            frame_rate_hz: None,
+            exposure_us: USUAL_EXPOSURE_US,
+            audit: USUAL_AUDIT,
+            reference_luminance: None,
+        }
+    }
+}
+
+/// The longest exposure of frames, so many a second: the time between two, as an even number of microseconds.
+fn longest_exposure_us(frame_rate_hz: f64) -> i64 {
+    (1e6 / frame_rate_hz) as i64 / 2 * 2
+}
+
+fn is_line(between: &Between) -> bool {
+    *between == Between::Line
+}
+
+/// `sensor` of camera `camera`, if it can be.
+pub(crate) fn checked(camera: &str, sensor: SensorConfig) -> Result<SensorConfig, ConfigError> {
+    let place = |e: ConfigError| ConfigError { what: format!("camera '{camera}': {}", e.what), ..e };
+    Ok(Sensor::new(sensor).map_err(place)?.config().clone())
+}
+
+impl RunConfig {
+    /// The sensor of camera `camera`, but for thresholds that the scene gives it.
+    pub fn sensor_of(&self, camera: &str) -> &SensorConfig {
+        self.sensors.get(camera).unwrap_or(&self.sensor)
+    }
+
+    /// Says which sensor each of `cameras` has: [`RunConfig::sensor`] is that of all but those in [`RunConfig::sensors`].
+    pub(crate) fn tell_sensors<'a>(
+        &mut self,
+        cameras: impl Iterator<Item = (&'a str, &'a SensorConfig)> + Clone,
+    ) {
+        // One that no camera has would tell a reader something that is not true.
+        if let Some((_, first)) = cameras.clone().next()
+            && cameras.clone().all(|(_, sensor)| *sensor != self.sensor)
+        {
+            self.sensor = first.clone();
+        }
+        let others = cameras.filter(|(_, sensor)| **sensor != self.sensor);
+        self.sensors = others.map(|(name, sensor)| (name.to_owned(), sensor.clone())).collect();
+    }
+
+    /// The sampled instants.
+    ///
+    /// # Errors
+    /// A rate that is not above 0, or above 1 MHz.
+    pub fn sample_grid(&self) -> Result<SampleGrid, ConfigError> {
+        let block = self.block();
+        let (keyframe_hz, steps) =
+            self.method.keyframes().unwrap_or((self.rate_hz / f64::from(block), block));
+        SampleGrid::new(keyframe_hz, steps)
+    }
+
+    /// Instants within which each tile of a picture has a pace of its own, a power of two: some 16 ms of them, so that what
+    /// hardly moves is looked at 60 times a second. 1 where all tiles are sampled at every instant.
+    pub fn block(&self) -> u32 {
+        let longest = (self.rate_hz * BLOCK_S).clamp(1.0, f64::from(MAX_INSTANTS)) as u32;
+        let adaptive = self.method.has_adaptive_time() && self.adaptive_px.is_some();
+        if adaptive { 1 << longest.max(1).ilog2() } else { 1 }
+    }
+
+    /// [`RunConfig::texture_taps`], chosen where it is not given.
+    ///
+    /// Few samples leave edges rougher than coarse places leave textures, so finer ones are not worth their work. On the
+    /// built-in `warehouse` 2 instead of 4 take 0.57 of the time with 4 samples, and 0.89 with 16.
+    pub const fn taps(&self) -> u32 {
+        match (self.texture_taps, self.samples) {
+            (Some(taps), _) => taps,
+            (None, 0..=8) => 2,
+            (None, 9..=15) => 3,
+            (None, _) => 4,
+        }
+    }
+
+    /// The exposure of frames where none is asked for: the usual one, as far as it fits between two.
+    pub fn usual_exposure_us(frame_rate_hz: Option<f64>) -> i64 {
+        frame_rate_hz.map_or(USUAL_EXPOSURE_US, |rate_hz| USUAL_EXPOSURE_US.min(longest_exposure_us(rate_hz)))
+    }
+
+    /// What packets carry beside events: labels, and frames where they are on.
+    pub fn carried(&self) -> Vec<LabelKind> {
+        let mut kinds = self.labels.clone();
+        kinds.extend(self.frame_rate_hz.map(|_| LabelKind::Frame));
+        kinds.sort_unstable();
+        kinds.dedup();
+        kinds
+    }
+
+    /// Whether light runs along curves for any of the sensors: for those of thresholds alone, unless they latch.
+    pub fn takes_curves(&self) -> bool {
+        let usual = self.sensors.is_empty().then_some(&self.sensor);
+        let bends = |sensor: &SensorConfig| sensor.is_ideal() && sensor.trigger == TriggerRule::Crossing;
+        self.between == Between::Curve && self.sensors.values().chain(usual).any(bends)
+    }
+
+    fn check_frames(&self) -> Result<(), ConfigError> {
+        let Some(rate_hz) = self.frame_rate_hz else {
+            if self.labels.contains(&LabelKind::Frame) {
+                return Err(ConfigError::new("labels", "frame", "without frame: set a frame rate instead"));
+            }
+            return Ok(());
+        };
+        TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
+        let longest = longest_exposure_us(rate_hz);
+        if longest < 2 {
+            let remedy = "500000 frames per second at most: an exposure lasts 2 microseconds and more";
+            return Err(ConfigError::new("frame_rate", rate_hz, remedy));
+        }
+        if self.exposure_us % 2 != 0 || !(2..=longest).contains(&self.exposure_us) {
+            return Err(ConfigError::new(
+                "exposure",
+                format!("{} us", self.exposure_us),
+                format!("an even number of microseconds, from 2 to {longest} at {rate_hz} frames per second"),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Places along each side of a pixel at which it is shaded with [`Antialias::Edges`]; else 1.
+    pub(crate) const fn coverage_grid(&self) -> u32 {
+        match self.antialias {
+            Antialias::Edges => (self.samples / 4).isqrt(),
+            Antialias::Samples => 1,
+        }
+    }
+
+    /// Checks every value that can be checked without a scene or a device.
+    ///
+    /// # Errors
+    /// Names the first setting that cannot be used, its value, and what would work.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        Sensor::new(self.sensor.clone())?;
+        for (camera, sensor) in &self.sensors {
+            checked(camera, sensor.clone())?;
+        }
+        if let Method::Splat(warp) = &self.method {
+            warp.check_scene()?;
+        }
+        if let Some(px) = self.adaptive_px {
+            if !self.method.has_adaptive_time() {
+                return Err(ConfigError::new("adaptive_px", px, "set with native only"));
+            }
+            if !(px.is_finite() && px > 0.0) {
+                return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));
+            }
+        }
+        if self.between == Between::Curve && self.adaptive_px.is_none() {
+            return Err(ConfigError::new("between", "curve", "line, without adaptive time (adaptive_px)"));
+        }
+        let side = self.coverage_grid();
+        if self.antialias == Antialias::Edges && self.samples != 4 * side * side {
+            let remedy = "4, 16, 36, 64, 100, 144, 196 or 256 with antialias = edges: one in four is shaded, on a grid";
+            return Err(ConfigError::new("samples", self.samples, remedy));
+        }
+        // What a pace may stretch an interval to.
+        let interval_us = self.sample_grid()?.longest_interval_us() * f64::from(self.block());
+        let all_ideal = self.sensors.values().chain([&self.sensor]).all(SensorConfig::is_ideal);
+        if !all_ideal && interval_us > f64::from(OLD_US / 2) {
+            return Err(ConfigError::new(
+                "rate",
+                format!("an instant every {:.0} s", interval_us * 1e-6),
+                "one in 268 s at least, for a sensor with more than thresholds",
+            ));
+        }
+        TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
+        self.check_frames()?;
+        if !(1..=256).contains(&self.samples) {
+            return Err(ConfigError::new("samples", self.samples, "between 1 and 256"));
+        }
+        if let Some(taps) = self.texture_taps.filter(|taps| !(1..=16).contains(taps)) {
+            return Err(ConfigError::new("texture_taps", taps, "between 1 and 16"));
+        }
+        if let Some(edge) = self.shadow_map.filter(|edge| !(64..=16_384).contains(edge)) {
+            return Err(ConfigError::new("shadow_map", edge, "between 64 and 16384 texels"));
+        }
+        if let Some((width, height)) = self.size {
+            for (what, value) in [("width", width), ("height", height)] {
+                if !(1..=8192).contains(&value) {
+                    return Err(ConfigError::new(what, value, "between 1 and 8192 pixels"));
+                }
+            }
+        }
+        if !(0.0..=1.0).contains(&self.audit) {
+            return Err(ConfigError::new("audit", self.audit, "from 0 to 1 (a share of the tiles)"));
+        }
+        if self.start_us < 0 {
+            return Err(ConfigError::new("start", self.start_us as f64 * 1e-6, "0 or later (seconds)"));
+        }
+        if let Some(y) = self.reference_luminance
+            && !(y.is_finite() && y > 0.0)
+        {
+            return Err(ConfigError::new("reference_luminance", y, "a finite number above 0"));
+        }
+        Ok(())
+    }
+}
+
+/// Ages saturate or fold here, in microseconds; `chain/layout.wgsl` has the same constant.
+pub const OLD_US: u32 = 1 << 29;
+
+#[cfg(test)]
+mod tests {
+    use evis_core::sensor::Photoreceptor;
+
+    use super::*;
+
+    #[test]
+    fn curves_are_for_sensors_of_thresholds_that_do_not_latch() {
+        let curved = RunConfig { between: Between::Curve, ..RunConfig::default() };
+        assert!(curved.takes_curves() && !RunConfig::default().takes_curves());
+        let latch = SensorConfig { trigger: TriggerRule::Latch, ..SensorConfig::default() };
+        let photoreceptor = Photoreceptor { cutoff_hz: 100.0, ..Photoreceptor::default() };
+        let slow = SensorConfig { photoreceptor, ..SensorConfig::default() };
+        for sensor in [latch.clone(), slow.clone()] {
+            assert!(!RunConfig { sensor: sensor.clone(), ..curved.clone() }.takes_curves(), "{sensor:?}");
+        }
+        // Cameras' own come before the one for all.
+        let own = |of: [(&str, SensorConfig); 2]| RunConfig {
+            sensors: of.map(|(name, sensor)| (name.into(), sensor)).into(),
+            ..curved.clone()
+        };
+        assert!(!own([("left", latch.clone()), ("right", slow)]).takes_curves());
+        assert!(own([("left", latch), ("right", SensorConfig::default())]).takes_curves());
+    }
+}

@@ -1,0 +1,694 @@
+//! The engine: batches of views, submissions in flight, and what came back of them.
+
+pub mod bench;
+mod build;
+pub mod simulator;
+pub mod submission;
+
+#[cfg(test)]
+pub(crate) use build::classes;
+pub use simulator::{PacketStream, Simulator};
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
+use std::time::Instant;
+
+use evis_core::event::take_causes;
+use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
+use evis_scene::SceneState;
+
+use crate::error::EngineError;
+use crate::gpu::readback::{map, wait_mapped};
+use crate::gpu::uniforms::Status;
+use crate::output::frames::ExposureRoom;
+use crate::output::labels::{LabelJob, LabelRoom};
+use crate::output::packet::{Packet, PacketReport, StageTimes, ViewPacket};
+use crate::raster::context::Context;
+use crate::raster::readback::mean_luminance;
+use crate::sampling::Sampling;
+use crate::sampling::audit::{AuditRun, Finding};
+use crate::sensor::chain::STRIKE_WORDS;
+use crate::sensor::group::{Group, Slot, Unit};
+use crate::sensor::host::{HostWalk, Looks};
+use crate::sensor::passes::{TriggerPasses, WalkPasses};
+use crate::sensor::targets::Targets;
+use crate::sensor::unpack;
+use crate::world::transform::rigid;
+
+/// Submissions in flight: the device works on one while the host prepares the next and unpacks the last.
+const RING: usize = 3;
+
+/// Submissions are kept near this long, so that a stop, which is seen between them, is seen soon. How instants are
+/// grouped never shows in the events.
+const SUBMISSION_MS: f64 = 400.0;
+
+/// What came back of one view and was not yet delivered.
+#[derive(Default)]
+struct Arrived {
+    events: Vec<Event>,
+    labels: Vec<LabelFrame>,
+    poses: Vec<PoseSample>,
+}
+
+enum Work {
+    Events {
+        unit: Unit,
+        slot: Slot,
+        predicted: u32,
+        audit: Option<PendingAudit>,
+    },
+    Labels(LabelJob),
+    /// Light for pixels that the host walks.
+    Looks(Looks),
+}
+
+/// Audits of a submission, on their way.
+type PendingAudit = (AuditRun, Receiver<Result<(), wgpu::BufferAsyncError>>);
+
+struct InFlight {
+    work: Work,
+    submitted: Instant,
+    submission: wgpu::SubmissionIndex,
+    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+}
+
+/// The engine.
+pub struct Engine {
+    context: Context,
+    passes: TriggerPasses,
+    sampling: Sampling,
+    targets: Vec<Targets>,
+    groups: Vec<Group>,
+    label_room: Option<LabelRoom>,
+    exposure_room: Option<ExposureRoom>,
+    host_walk: HostWalk,
+    label_grid: TimeGrid,
+    /// Instants that no submission parts.
+    block: u32,
+    in_flight: VecDeque<InFlight>,
+    free: Vec<Slot>,
+    capacity: u32,
+    most_capacity: u32,
+    /// Words of strikes that a submission may have.
+    most_feed: u64,
+    /// Events of the last submission, by class.
+    last_counts: Vec<u32>,
+    /// Measured milliseconds per instant of a group, of late.
+    instant_ms: f64,
+    collected: Option<Instant>,
+    /// Per group: events before this are complete.
+    complete_us: Vec<i64>,
+    next_label: i64,
+    next_label_group: usize,
+    labels_complete: i64,
+    next_pose: i64,
+    arrived: Vec<Arrived>,
+    delivered_us: i64,
+    report: PacketReport,
+    pose_state: SceneState,
+    stop: Arc<AtomicBool>,
+    /// Whether events carry why they fired.
+    caused: bool,
+}
+
+/// What an engine is made of, for benches and tests.
+pub(crate) struct Parts<'a> {
+    pub context: &'a mut Context,
+    pub passes: &'a TriggerPasses,
+    pub sampling: &'a mut Sampling,
+    pub targets: &'a [Targets],
+    pub groups: &'a mut [Group],
+}
+
+impl Engine {
+    /// What `bench` measures stage by stage.
+    pub(crate) fn parts(&mut self) -> Parts<'_> {
+        let Self { context, passes, sampling, targets, groups, .. } = self;
+        Parts { context, passes, sampling, targets, groups }
+    }
+
+    /// Starts with buffers of `capacity` events, never more than `most`: tests make them overflow.
+    #[cfg(test)]
+    pub fn limit_buffers(&mut self, capacity: u32, most: u32) {
+        self.capacity = capacity;
+        self.most_capacity = most;
+    }
+
+    /// Lets a submission have this many words of strikes: tests make it split.
+    #[cfg(test)]
+    pub fn limit_feed(&mut self, words: u64) {
+        self.most_feed = words;
+    }
+
+    /// Set, it ends a delivery after the submission in work with [`EngineError::Stopped`]; nothing is lost, the
+    /// next delivery goes on from there.
+    pub fn stop(&self) -> &Arc<AtomicBool> {
+        &self.stop
+    }
+
+    /// What view `view` shows at stream time `t_us`, as its pixels integrate it: mean luminance over the samples, row-major
+    /// from the top. The stream is left as it is.
+    pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
+        let Some(group) = self.groups.iter().find(|group| group.views.contains(&view)) else {
+            return Err(EngineError::Device(format!("there is no view {view}")));
+        };
+        mean_luminance(&mut self.context, &self.targets[group.targets].layers, view, t_us)
+    }
+
+    /// What the method makes of instants `first..first + instants` of the first view: a picture each, from the mean of
+    /// its samples.
+    #[cfg(test)]
+    pub fn instants(&mut self, first: i64, instants: u32) -> Result<Vec<Vec<f32>>, EngineError> {
+        let (group, unit) = (&self.groups[0], Unit { group: 0, first, instants });
+        let targets = &self.targets[group.targets];
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        let samples = targets.plan.layers / (targets.plan.instants * targets.plan.views_per_group);
+        let layers = crate::raster::readback::read_layers(
+            &self.context,
+            encoder,
+            &targets.layers,
+            instants * samples,
+        )?;
+        Ok(layers
+            .chunks_exact(samples as usize)
+            .map(|of| {
+                let mean = |p: usize| of.iter().map(|layer| layer[p]).sum::<f32>() / of.len() as f32;
+                (0..of[0].len()).map(mean).collect()
+            })
+            .collect())
+    }
+
+    /// Where the older side's pixels were last placed: x, y, depth key, in planes over the keyframe.
+    #[cfg(test)]
+    pub fn splat_store(&self) -> Option<&crate::sampling::splat::Store> {
+        match &self.sampling {
+            Sampling::Splat(room) => room.store(0),
+            Sampling::Native(_) | Sampling::Adaptive(_) => None,
+        }
+    }
+
+    /// Sample offsets in pixels, in layer order.
+    #[cfg(test)]
+    pub fn offsets(&self) -> &[[f32; 2]] {
+        &self.context.offsets
+    }
+
+    /// Stream time up to which packets were delivered.
+    pub fn now_us(&self) -> i64 {
+        self.delivered_us
+    }
+
+    /// Restarts the stream of an engine whose sensors are ideal and that has no frames, `start_us` into the scene's time. In
+    /// adaptive time it renders the tiles `only` of each view from then on (all where there is nothing), and other pixels fire
+    /// anything or nothing; with `every_instant` at every instant, whether they change or not.
+    pub fn restart(
+        &mut self,
+        start_us: i64,
+        only: Vec<Vec<bool>>,
+        every_instant: bool,
+    ) -> Result<(), EngineError> {
+        while !self.in_flight.is_empty() {
+            self.collect_oldest()?;
+        }
+        self.context.start_us = start_us;
+        self.sampling.restart(only, every_instant);
+        self.groups.iter_mut().for_each(|group| group.next = 0);
+        self.complete_us.fill(0);
+        self.arrived.iter_mut().for_each(|arrived| *arrived = Arrived::default());
+        (self.next_label, self.next_label_group, self.labels_complete) = (0, 0, 0);
+        (self.next_pose, self.delivered_us, self.report) = (0, 0, PacketReport::default());
+        Ok(())
+    }
+
+    /// Delivers `[now, until_us)`, submitting ahead as far as `horizon_us`.
+    pub fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
+        let started = Instant::now();
+        loop {
+            while self.in_flight.len() < RING && self.submit_next(horizon_us)? {}
+            if self.is_complete(until_us) {
+                break;
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(EngineError::Stopped);
+            }
+            self.collect_oldest()?;
+        }
+        self.expose_frames(until_us)?;
+        let packing = Instant::now();
+        self.evaluate_poses(until_us);
+        let mut packet = Packet { start_us: self.delivered_us, end_us: until_us, ..Default::default() };
+        for (view, arrived) in self.context.views.iter().zip(&mut self.arrived) {
+            let count = arrived.events.partition_point(|e| e.t < until_us);
+            let rest = arrived.events.split_off(count);
+            let labels = arrived.labels.partition_point(|l| l.t_us < until_us);
+            let mut events = std::mem::replace(&mut arrived.events, rest);
+            let causes = if self.caused { take_causes(&mut events) } else { Vec::new() };
+            packet.views.push(ViewPacket {
+                environment: view.environment,
+                camera: view.camera,
+                events,
+                causes,
+                labels: arrived.labels.drain(..labels).collect(),
+                poses: std::mem::take(&mut arrived.poses),
+            });
+        }
+        self.delivered_us = until_us;
+        packet.report = std::mem::take(&mut self.report);
+        packet.report.keyframes = self.sampling.take_keyframes();
+        packet.report.drawn_pixels = self.sampling.take_drawn_pixels();
+        packet.report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
+        packet.report.times.pack_ms += milliseconds(packing);
+        packet.report.times.total_ms = milliseconds(started);
+        Ok(packet)
+    }
+
+    /// Frames whose middle lies before `until_us`.
+    fn expose_frames(&mut self, until_us: i64) -> Result<(), EngineError> {
+        let Some(room) = &mut self.exposure_room else { return Ok(()) };
+        while let Some(frames) = room.expose(&mut self.context, until_us, &self.stop)? {
+            for (arrived, frame) in self.arrived.iter_mut().zip(frames) {
+                let at = arrived.labels.partition_point(|l| (l.t_us, l.kind) <= (frame.t_us, frame.kind));
+                arrived.labels.insert(at, frame);
+            }
+        }
+        Ok(())
+    }
+
+    fn is_complete(&self, until_us: i64) -> bool {
+        let labels_wanted =
+            if self.label_room.is_some() { self.label_grid.first_at_or_after(until_us) } else { 0 };
+        self.complete_us.iter().all(|&t| t >= until_us) && self.labels_complete >= labels_wanted
+    }
+
+    /// Submits the earliest work that is left before `horizon_us`; false where there is none.
+    fn submit_next(&mut self, horizon_us: i64) -> Result<bool, EngineError> {
+        let started = Instant::now();
+        let grid = self.context.grid;
+        // Each group's next instant and its last one: where pixels see frames, light is needed for longer.
+        let left = self.groups.iter().enumerate().map(|(g, group)| {
+            let exposure = &self.context.views[group.views[0]].sensor.exposure;
+            (g, group.next, grid.first_at_or_after(exposure.needed_us(horizon_us)))
+        });
+        let due = left.filter(|(_, next, last)| next <= last).min_by_key(|(_, next, _)| *next);
+        let label_us = self.label_grid.instant_us(self.next_label);
+        let label_due = self.label_room.is_some()
+            && label_us < horizon_us
+            && due.is_none_or(|(_, next, _)| label_us <= grid.instant_us(next));
+        if label_due {
+            self.submit_label()?;
+        } else if let Some((group, next, last)) = due {
+            let planned = f64::from(self.targets[self.groups[group].targets].plan.instants);
+            let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
+            let block = i64::from(self.block);
+            // The first instant of a chain has a pass of its own, and so has the one before the first block.
+            let alone = next == 0 && (block > 1 || self.groups[group].chain.is_some());
+            let whole = |instants: i64| (instants / block).max(1) * block;
+            let left = last - next + block;
+            let instants = if alone { 1 } else { whole(most).min(whole(left)) };
+            let unit = Unit { group, first: next, instants: instants as u32 };
+            self.submit_unit(unit)?;
+        } else {
+            return Ok(false);
+        }
+        self.report.times.host_ms += milliseconds(started);
+        Ok(true)
+    }
+
+    fn submit_unit(&mut self, unit: Unit) -> Result<(), EngineError> {
+        let group = &mut self.groups[unit.group];
+        if matches!(*self.passes.walks[group.targets], WalkPasses::Host) {
+            return self.submit_looks(unit);
+        }
+        let submitted = Instant::now();
+        let (base_us, end_us) = (unit.base_us(&self.context.grid), unit.end_us(&self.context.grid));
+        let feed = group.chain.as_mut().map(|chain| chain.feed(base_us, end_us));
+        if let Some(words) = feed.as_ref().filter(|words| words.len() as u64 > self.most_feed) {
+            let Some(halves) = unit.halves(self.block) else {
+                return Err(EngineError::Device(format!(
+                    "noise may strike {} times in one instant, and this device's buffers hold {}; lower the rates of \
+                     the sensor's noise, raise --rate, or render fewer cameras at once",
+                    words.len() / STRIKE_WORDS as usize,
+                    self.most_feed / u64::from(STRIKE_WORDS)
+                )));
+            };
+            return halves.into_iter().try_for_each(|half| self.submit_unit(half));
+        }
+        let header = group.header_bytes();
+        let mut slot = match self.free.iter().position(|s| s.fits(self.capacity, header)) {
+            Some(index) => self.free.swap_remove(index),
+            None => {
+                // Smaller ones are from before the capacity grew.
+                self.free.clear();
+                Slot::new(&self.context.gpu.device, self.capacity, header)
+            }
+        };
+        if let Some(words) = &feed {
+            slot.feed(&self.context.gpu, words);
+        }
+        // Half as much again as the last one had: a second copy is needed only where events surge.
+        let last = self.last_counts[group.targets];
+        let predicted = (last / 2 * 3).saturating_add(4096).min(slot.capacity);
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let audit = submission::encode(
+            &mut self.context,
+            &self.passes,
+            &mut self.sampling,
+            &mut encoder,
+            &self.targets[group.targets],
+            group,
+            &unit,
+            &slot,
+            predicted,
+        );
+        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let mapped = map(&slot.staging);
+        let audit = audit.map(|run| {
+            let mapped = map(&run.staging);
+            (run, mapped)
+        });
+        group.parity = 1 - group.parity;
+        group.next = unit.first + i64::from(unit.instants);
+        self.in_flight.push_back(InFlight {
+            work: Work::Events { unit, slot, predicted, audit },
+            submitted,
+            submission,
+            mapped,
+        });
+        Ok(())
+    }
+
+    /// Submits what the host feels for its pixels.
+    fn submit_looks(&mut self, unit: Unit) -> Result<(), EngineError> {
+        let submitted = Instant::now();
+        let group = &mut self.groups[unit.group];
+        let targets = &self.targets[group.targets];
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        // Every instant of every tile is sampled: there is nothing to audit.
+        let _ = self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        let looks = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
+        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let mapped = map(&looks.staging);
+        group.next = unit.first + i64::from(unit.instants);
+        self.in_flight.push_back(InFlight { work: Work::Looks(looks), submitted, submission, mapped });
+        Ok(())
+    }
+
+    fn submit_label(&mut self) -> Result<(), EngineError> {
+        let submitted = Instant::now();
+        let Some(room) = &mut self.label_room else { return Ok(()) };
+        let group = self.next_label_group;
+        let (job, submission) =
+            room.submit(&mut self.context, &self.groups[group], group, self.next_label, &self.label_grid);
+        let mapped = map(&job.staging);
+        self.in_flight.push_back(InFlight { work: Work::Labels(job), submitted, submission, mapped });
+        self.next_label_group += 1;
+        if self.next_label_group == self.groups.len() {
+            self.next_label_group = 0;
+            self.next_label += 1;
+        }
+        Ok(())
+    }
+
+    /// Waits for the oldest submission and takes what it brought.
+    fn collect_oldest(&mut self) -> Result<(), EngineError> {
+        let Some(oldest) = self.in_flight.pop_front() else {
+            return Err(EngineError::Device("nothing is in flight, and the interval is not complete".into()));
+        };
+        let waiting = Instant::now();
+        self.wait(&oldest)?;
+        self.report.times.device_wait_ms += milliseconds(waiting);
+        // The device works in order: on this one since it was submitted, or since the one before it was done.
+        let began = self.collected.map_or(oldest.submitted, |done| done.max(oldest.submitted));
+        self.collected = Some(Instant::now());
+        if let Work::Events { unit, .. } | Work::Looks(Looks { unit, .. }) = &oldest.work {
+            self.instant_ms = 0.5 * (self.instant_ms + milliseconds(began) / f64::from(unit.instants));
+        }
+        match oldest.work {
+            Work::Events { unit, slot, predicted, audit } => {
+                if self.take_events(unit, slot, predicted)?
+                    && let Some((run, mapped)) = audit
+                {
+                    wait_mapped(&self.context.gpu, &oldest.submission, &mapped)?;
+                    self.take_audit(&run)?;
+                }
+                Ok(())
+            }
+            Work::Looks(looks) => self.take_looks(looks),
+            Work::Labels(job) => {
+                let packing = Instant::now();
+                let room = self.label_room.as_mut();
+                let label = job.index;
+                let last_group = job.group + 1 == self.groups.len();
+                if let Some(room) = room {
+                    for (view, labels) in room.take(&self.context, &self.groups[job.group], job)? {
+                        self.arrived[view].labels.extend(labels);
+                    }
+                }
+                if last_group {
+                    self.labels_complete = label + 1;
+                }
+                self.report.times.pack_ms += milliseconds(packing);
+                Ok(())
+            }
+        }
+    }
+
+    fn wait(&self, flight: &InFlight) -> Result<(), EngineError> {
+        wait_mapped(&self.context.gpu, &flight.submission, &flight.mapped)
+    }
+
+    /// Reports what audits found.
+    fn take_audit(&mut self, run: &AuditRun) -> Result<(), EngineError> {
+        let failed = |e: wgpu::MapRangeError| EngineError::Device(format!("cannot read audits back: {e}"));
+        let words: Vec<u32> = {
+            let bytes = run.staging.get_mapped_range(..).map_err(failed)?;
+            bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
+        };
+        run.staging.unmap();
+        self.report.audited += run.entries.len() as u64;
+        self.report.audited_with_others += run.entries.iter().filter(|e| e.other_samples).count() as u64;
+        for (entry, change, pixel) in run.changes(&words) {
+            let view = &self.context.views[entry.view];
+            if change <= 0.5 * view.sensor.threshold_on.min(view.sensor.threshold_off) {
+                continue;
+            }
+            self.report.changed += 1;
+            let scene = &self.context.scene;
+            self.report.findings.push(Finding {
+                environment: view.environment,
+                camera: scene
+                    .cameras
+                    .iter()
+                    .find(|c| c.node == view.node)
+                    .map_or_else(String::new, |c| c.name.clone()),
+                pixel,
+                t_us: entry.t_us,
+                object: entry.node.map(|node| scene.nodes[node].name.clone()),
+                skipped: entry.skipped,
+                other_samples: entry.other_samples,
+                change,
+            });
+        }
+        Ok(())
+    }
+
+    /// Takes a submission's events; false where it has to run again.
+    fn take_events(&mut self, unit: Unit, slot: Slot, predicted: u32) -> Result<bool, EngineError> {
+        let packing = Instant::now();
+        let group = &self.groups[unit.group];
+        let header = group.header_bytes();
+        let failed = |e: wgpu::MapRangeError| EngineError::Device(format!("cannot read events back: {e}"));
+        let (status, offsets) = {
+            let bytes = slot.staging.get_mapped_range(0..header).map_err(failed)?;
+            let status: Status = bytemuck::pod_read_unaligned(&bytes[..size_of::<Status>()]);
+            let offsets: Vec<u32> = bytes[size_of::<Status>()..]
+                .chunks_exact(4)
+                .take(group.views.len() + 1)
+                .map(bytemuck::pod_read_unaligned)
+                .collect();
+            (status, offsets)
+        };
+        if status.mismatched > 0 {
+            return Err(EngineError::Device(format!(
+                "{} pixels fired other events than were counted: the driver computes the same expression in two \
+                 ways; please report device and driver",
+                status.mismatched
+            )));
+        }
+        if status.stalled != 0 {
+            slot.staging.unmap();
+            return self.recover(unit, status.event_count).map(|()| false);
+        }
+        let count = status.event_count;
+        if count > predicted {
+            self.fetch_rest(&slot, header, predicted, count)?;
+        }
+        let base_us = unit.base_us(&self.context.grid);
+        let span_us = (unit.end_us(&self.context.grid) - base_us) as u32;
+        {
+            let end = header + u64::from(count) * 8;
+            let bytes;
+            let records: &[[u32; 2]] = if count == 0 {
+                &[]
+            } else {
+                bytes = slot.staging.get_mapped_range(header..end).map_err(failed)?;
+                bytemuck::try_cast_slice(&bytes)
+                    .map_err(|e| EngineError::Device(format!("events came back misaligned: {e}")))?
+            };
+            let group = &mut self.groups[unit.group];
+            let end_us = unit.end_us(&self.context.grid);
+            match group.chain.as_mut().filter(|chain| !chain.wires.is_empty()) {
+                None => {
+                    let views = group.views.iter().copied();
+                    unpack::views(records, &offsets, base_us, span_us, self.caused, views, |v, e| {
+                        unpack::append(&mut self.arrived[v].events, e)
+                    })
+                }
+                Some(chain) => {
+                    let parts = offsets.windows(2).map(|w| &records[w[0] as usize..w[1] as usize]);
+                    for ((wire, records), v) in chain.wires.iter_mut().zip(parts).zip(&group.views) {
+                        let mut fired = unpack::events(records, base_us, self.caused);
+                        self.report.dropped += wire.pass(&mut fired, end_us, &mut self.arrived[*v].events);
+                    }
+                }
+            }
+        }
+        slot.staging.unmap();
+        self.free.push(slot);
+        self.complete_us[unit.group] = unit.end_us(&self.context.grid);
+        let group = &mut self.groups[unit.group];
+        self.last_counts[group.targets] = count;
+        self.report.clamped += u64::from(status.clamped.wrapping_sub(group.clamped));
+        group.clamped = status.clamped;
+        self.report.unknown += u64::from(status.unknown.wrapping_sub(group.unknown));
+        group.unknown = status.unknown;
+        self.report.suppressed += u64::from(status.suppressed.wrapping_sub(group.suppressed));
+        group.suppressed = status.suppressed;
+        self.report.instants += u64::from(unit.instants);
+        self.report.times.pack_ms += milliseconds(packing);
+        Ok(true)
+    }
+
+    /// Lets the host's pixels feel what a submission brought.
+    fn take_looks(&mut self, looks: Looks) -> Result<(), EngineError> {
+        let packing = Instant::now();
+        let unit = looks.unit;
+        let group = &self.groups[unit.group];
+        for felt in self.host_walk.take(&self.context, &self.targets[group.targets], group, looks)? {
+            self.arrived[felt.view].events.extend(felt.events);
+            self.report.clamped += felt.report.clamped;
+            self.report.unknown += felt.report.unknown;
+            self.report.suppressed += felt.report.suppressed;
+            self.report.dropped += felt.report.dropped;
+        }
+        let exposure = &self.context.views[group.views[0]].sensor.exposure;
+        self.complete_us[unit.group] = exposure.known_us(unit.end_us(&self.context.grid));
+        self.report.instants += u64::from(unit.instants);
+        self.report.times.pack_ms += milliseconds(packing);
+        Ok(())
+    }
+
+    /// More events came than were predicted: copies the rest too.
+    fn fetch_rest(&self, slot: &Slot, header: u64, have: u32, count: u32) -> Result<(), EngineError> {
+        slot.staging.unmap();
+        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let (from, bytes) = (u64::from(have) * 8, u64::from(count - have) * 8);
+        encoder.copy_buffer_to_buffer(&slot.events, from, &slot.staging, header + from, bytes);
+        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let mapped = map(&slot.staging);
+        wait_mapped(&self.context.gpu, &submission, &mapped)
+    }
+
+    /// A submission had more events than its buffer holds: nothing was written by it nor by those of its group
+    /// that followed. Enlarges the buffers, or splits the submission, and runs them again.
+    fn recover(&mut self, unit: Unit, needed: u32) -> Result<(), EngineError> {
+        let mut again = vec![unit];
+        let mut others = VecDeque::new();
+        for flight in std::mem::take(&mut self.in_flight) {
+            match &flight.work {
+                Work::Events { unit: later, slot, .. } if later.group == unit.group => {
+                    self.wait(&flight)?;
+                    slot.staging.unmap();
+                    again.push(*later);
+                }
+                _ => others.push_back(flight),
+            }
+        }
+        self.in_flight = others;
+        self.report.reruns += again.len() as u64;
+        if needed > self.most_capacity {
+            let Some(halves) = unit.halves(self.block) else {
+                return Err(EngineError::Device(format!(
+                    "{needed} events in one instant, and this device's buffers hold {}; raise --rate or the \
+                     thresholds, or render fewer cameras at once",
+                    self.most_capacity
+                )));
+            };
+            again.splice(0..1, halves);
+        } else {
+            self.capacity = needed.saturating_add(needed / 4).next_power_of_two().min(self.most_capacity);
+        }
+        let group = &mut self.groups[unit.group];
+        // Every submission flipped it, and none took effect.
+        let flips = again.len() - usize::from(needed > self.most_capacity);
+        group.parity = (group.parity + flips) % 2;
+        group.next = unit.first;
+        group.clamped = 0;
+        group.unknown = 0;
+        group.suppressed = 0;
+        self.context.gpu.queue.write_buffer(&group.status, 0, bytemuck::bytes_of(&Status::default()));
+        for unit in again {
+            self.submit_unit(unit)?;
+        }
+        // The queue of flights is in submission order again, and the oldest of this group is first of its kind.
+        Ok(())
+    }
+
+    fn evaluate_poses(&mut self, until_us: i64) {
+        let mut t = self.label_grid.instant_us(self.next_pose);
+        while t < until_us {
+            let time_s = self.context.scene_time_s(t);
+            let mut environment = usize::MAX;
+            for (view, arrived) in self.context.views.iter().zip(&mut self.arrived) {
+                if view.environment != environment {
+                    environment = view.environment;
+                    let scene = &self.context.scene;
+                    scene.evaluate_variant(scene.variants.get(environment), time_s, &mut self.pose_state);
+                }
+                let world = rigid(&self.pose_state.world_from_node[view.node]);
+                let (_, rotation, position) = world.to_scale_rotation_translation();
+                arrived.poses.push(PoseSample {
+                    t_us: t,
+                    position: position.to_array(),
+                    rotation: rotation.to_array(),
+                });
+            }
+            self.next_pose += 1;
+            t = self.label_grid.instant_us(self.next_pose);
+        }
+    }
+}
+
+impl Drop for Engine {
+    fn drop(&mut self) {
+        // Nothing of ours may still run when the caller's device is handed on.
+        let _ = self.context.gpu.device.poll(wgpu::PollType::wait_indefinitely());
+    }
+}
+
+fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
+
+impl StageTimes {
+    /// Adds another packet's.
+    pub fn add(&mut self, other: &Self) {
+        self.host_ms += other.host_ms;
+        self.device_wait_ms += other.device_wait_ms;
+        self.pack_ms += other.pack_ms;
+        self.total_ms += other.total_ms;
+    }
+}

@@ -1,0 +1,53 @@
+//! Buffers that grow, and entries of uniform buffers.
+
+use crate::gpu::sizes::UNIFORM_ALIGNMENT;
+
+/// A buffer that grows to what is written into it.
+pub struct GrowingBuffer {
+    buffer: wgpu::Buffer,
+    label: &'static str,
+    usage: wgpu::BufferUsages,
+}
+
+impl GrowingBuffer {
+    /// Starts small.
+    pub fn new(device: &wgpu::Device, label: &'static str, usage: wgpu::BufferUsages) -> Self {
+        Self { buffer: create(device, label, usage, 256), label, usage }
+    }
+
+    /// Writes `bytes` at 0; true where the buffer is a new one, and groups that bind it are stale.
+    pub fn write(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, bytes: &[u8]) -> bool {
+        let grown = self.buffer.size() < bytes.len() as u64;
+        if grown {
+            let size = (bytes.len() as u64).next_power_of_two();
+            self.buffer = create(device, self.label, self.usage, size);
+        }
+        if !bytes.is_empty() {
+            queue.write_buffer(&self.buffer, 0, bytes);
+        }
+        grown
+    }
+
+    /// The buffer of now.
+    pub fn get(&self) -> &wgpu::Buffer {
+        &self.buffer
+    }
+}
+
+/// Entries of a uniform buffer, [`UNIFORM_ALIGNMENT`] apart; room for one where there are none.
+pub fn aligned<T: bytemuck::Pod>(entries: &[T]) -> Vec<u8> {
+    let mut bytes = vec![0; entries.len().max(1) * UNIFORM_ALIGNMENT as usize];
+    for (slot, entry) in bytes.chunks_exact_mut(UNIFORM_ALIGNMENT as usize).zip(entries) {
+        slot[..size_of::<T>()].copy_from_slice(bytemuck::bytes_of(entry));
+    }
+    bytes
+}
+
+fn create(device: &wgpu::Device, label: &str, usage: wgpu::BufferUsages, size: u64) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size,
+        usage: usage | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}

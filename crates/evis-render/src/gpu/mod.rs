@@ -1,0 +1,171 @@
+//! The device: found, or given from outside.
+
+pub mod buffer;
+pub mod readback;
+pub mod shader;
+pub mod sizes;
+pub mod texture;
+pub mod uniforms;
+pub mod variant;
+
+use crate::error::EngineError;
+
+/// A device as a user chooses among them.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct DeviceSummary {
+    /// Position in the list; `--device INDEX` takes it.
+    pub index: usize,
+    /// Name that the driver gives.
+    pub name: String,
+    /// `vulkan`, `metal` or `dx12`.
+    pub backend: String,
+    /// `cpu`, `integrated`, `discrete`, `virtual` or `other`.
+    pub kind: String,
+    /// Driver name and version.
+    pub driver: String,
+}
+
+/// A `wgpu` device and its queue.
+#[derive(Clone)]
+pub struct Gpu {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    summary: DeviceSummary,
+}
+
+const NO_DEVICE: &str = "no Vulkan, Metal or DirectX 12 device was found; without a GPU install Mesa's software \
+     driver (Debian, Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1; Fedora: dnf install \
+     mesa-vulkan-drivers vulkan-loader)";
+
+fn adapters() -> Vec<wgpu::Adapter> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    let instance = wgpu::Instance::new(descriptor);
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
+}
+
+fn summarise(index: usize, info: &wgpu::AdapterInfo) -> DeviceSummary {
+    let kind = match info.device_type {
+        wgpu::DeviceType::Cpu => "cpu",
+        wgpu::DeviceType::IntegratedGpu => "integrated",
+        wgpu::DeviceType::DiscreteGpu => "discrete",
+        wgpu::DeviceType::VirtualGpu => "virtual",
+        wgpu::DeviceType::Other => "other",
+    };
+    DeviceSummary {
+        index,
+        name: info.name.clone(),
+        backend: info.backend.to_string(),
+        kind: kind.to_owned(),
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+    }
+}
+
+/// The devices that can run EVIS, in the driver's order.
+pub fn list_devices() -> Vec<DeviceSummary> {
+    adapters().iter().enumerate().map(|(i, a)| summarise(i, &a.get_info())).collect()
+}
+
+impl Gpu {
+    /// What `work` makes. The device's own complaints about it come as an error, not as a panic.
+    pub(crate) fn guarded<T>(&self, work: impl FnOnce() -> Result<T, EngineError>) -> Result<T, EngineError> {
+        let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let made = work();
+        for scope in [memory, validation] {
+            if let Some(error) = pollster::block_on(scope.pop()) {
+                return Err(EngineError::Device(format!("the device refused this scene: {error}")));
+            }
+        }
+        made
+    }
+
+    /// Opens a device: by index, by a part of its name (case-insensitive), or the fastest kind where `None`.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`] where there is none (says which package to install) or none matches.
+    pub fn open(selector: Option<&str>) -> Result<Self, EngineError> {
+        let mut adapters = adapters();
+        let summaries: Vec<_> =
+            adapters.iter().enumerate().map(|(i, a)| summarise(i, &a.get_info())).collect();
+        if summaries.is_empty() {
+            return Err(EngineError::Device(NO_DEVICE.into()));
+        }
+        let chosen = match selector {
+            None => summaries.iter().min_by_key(|s| match s.kind.as_str() {
+                "discrete" => 0,
+                "integrated" => 1,
+                "virtual" => 2,
+                "cpu" => 3,
+                _ => 4,
+            }),
+            Some(text) => match text.parse::<usize>() {
+                Ok(index) => summaries.get(index),
+                Err(_) => summaries.iter().find(|s| s.name.to_lowercase().contains(&text.to_lowercase())),
+            },
+        };
+        let Some(summary) = chosen.cloned() else {
+            let known: Vec<_> = summaries.iter().map(|s| format!("{}: {}", s.index, s.name)).collect();
+            return Err(EngineError::Device(format!(
+                "no device '{}'; there is {}",
+                selector.unwrap_or_default(),
+                known.join(", ")
+            )));
+        };
+        let adapter = adapters.swap_remove(summary.index);
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("evis"),
+            required_features: wgpu::Features::empty(),
+            required_limits: required_limits(&adapter.limits()),
+            experimental_features: wgpu::ExperimentalFeatures::disabled(),
+            memory_hints: wgpu::MemoryHints::Performance,
+            trace: wgpu::Trace::Off,
+        }))
+        .map_err(|e| EngineError::Device(format!("cannot open {}: {e}", summary.name)))?;
+        Ok(Self { device, queue, summary })
+    }
+
+    /// A device that executes nothing: builds pipelines and bind groups only, for tests without a driver.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`] where `wgpu` was built without its `noop` backend.
+    pub fn noop() -> Result<Self, EngineError> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = wgpu::Backends::NOOP;
+        descriptor.backend_options.noop.enable = true;
+        let instance = wgpu::Instance::new(descriptor);
+        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
+            .map_err(|e| EngineError::Device(format!("no noop backend: {e}")))?;
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default()))
+            .map_err(|e| EngineError::Device(format!("no noop device: {e}")))?;
+        Ok(Self { device, queue, summary: summarise(0, &adapter.get_info()) })
+    }
+
+    /// Runs on a device from outside. The engine keeps to the device's own limits; WebGPU's defaults suffice.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let summary = DeviceSummary {
+            index: 0,
+            name: "given device".into(),
+            backend: String::new(),
+            kind: "other".into(),
+            driver: String::new(),
+        };
+        Self { device, queue, summary }
+    }
+
+    /// What this device is.
+    pub fn summary(&self) -> &DeviceSummary {
+        &self.summary
+    }
+}
+
+/// WebGPU's default limits, with the sizes that help raised to what the adapter has.
+fn required_limits(have: &wgpu::Limits) -> wgpu::Limits {
+    wgpu::Limits {
+        max_texture_dimension_2d: have.max_texture_dimension_2d,
+        max_texture_array_layers: have.max_texture_array_layers,
+        max_buffer_size: have.max_buffer_size,
+        max_storage_buffer_binding_size: have.max_storage_buffer_binding_size,
+        ..wgpu::Limits::default()
+    }
+}

@@ -1,0 +1,41 @@
+//! Buffers mapped for the host.
+
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+use crate::error::EngineError;
+use crate::gpu::Gpu;
+
+/// Asks for `buffer` to be mapped once the work submitted so far is done.
+pub(crate) fn map(buffer: &wgpu::Buffer) -> Receiver<Result<(), wgpu::BufferAsyncError>> {
+    let (send, receive) = channel();
+    buffer.slice(..).map_async(wgpu::MapMode::Read, move |result| {
+        // The receiver is gone only when the engine is.
+        let _ = send.send(result);
+    });
+    receive
+}
+
+/// Waits until `submission` is done and its buffer mapped.
+pub(crate) fn wait_mapped(
+    gpu: &Gpu,
+    submission: &wgpu::SubmissionIndex,
+    mapped: &Receiver<Result<(), wgpu::BufferAsyncError>>,
+) -> Result<(), EngineError> {
+    loop {
+        match mapped.try_recv() {
+            Ok(Ok(())) => return Ok(()),
+            Ok(Err(e)) => return Err(EngineError::Device(format!("cannot map what came back: {e}"))),
+            Err(TryRecvError::Empty) => {
+                gpu.device.poll(wgpu::PollType::Wait {
+                    submission_index: Some(submission.clone()),
+                    timeout: None,
+                })?;
+            }
+            Err(TryRecvError::Disconnected) => {
+                return Err(EngineError::Device(
+                    "the device was lost; run again, or choose another --device".into(),
+                ));
+            }
+        }
+    }
+}

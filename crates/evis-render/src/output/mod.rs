@@ -1,0 +1,7 @@
+//! What a run delivers: packets of events, with labels and frames.
+
+pub mod frames;
+pub mod labels;
+pub mod packet;
+
+pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};

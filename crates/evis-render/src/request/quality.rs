@@ -1,0 +1,198 @@
+//! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered or analysed to choose them.
+
+use evis_scene::{AlphaMode, Scene};
+
+use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
+use crate::error::EngineError;
+use crate::gpu::Gpu;
+use crate::world::view::{self, View};
+
+/// Bytes that a picture of coverage samples may take, 8 for each: 1920x1080 pixels have 100 of them then.
+const COVERAGE_BYTES: u64 = 2 << 30;
+
+/// What presets take shadow rays for, at most: trees of so many triangles take 2.5 s and 72 MB (22 November 2026, two cores).
+const MOST_TRIANGLES: usize = 1 << 20;
+
+const MOST_MOVING: usize = 64;
+
+impl Quality {
+    /// Its settings.
+    pub const fn sampling(self) -> SamplingSettings {
+        match self {
+            Self::Draft => SamplingSettings::coverage(1.0, 16, 2),
+            Self::Standard => SamplingSettings::coverage(0.5, 16, 4),
+            Self::High => SamplingSettings::with_rays(0.3, 144),
+            Self::Reference => SamplingSettings { rate_hz: 8000.0, ..SamplingSettings::with_rays(0.15, 256) },
+        }
+    }
+
+    /// F1 within 1 ms that it reached, and where: measured, not promised.
+    pub const fn measured(self) -> &'static str {
+        match self {
+            Self::Draft => "F1 (1 ms) 0.71 to 0.86 on the built-in scenes at 320x240",
+            Self::Standard => "F1 (1 ms) 0.88 to 0.98 on the built-in scenes at 640x480",
+            Self::High => "F1 (1 ms) 0.97 to 0.99 on the built-in scenes at 640x480",
+            Self::Reference => "F1 (1 ms) above 0.98 on the built-in scenes at 640x480",
+        }
+    }
+}
+
+/// How pixels are sampled in space and time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SamplingSettings {
+    /// Pixels that anything may move between two samples of it; `None` samples everything at the rate.
+    pub step_px: Option<f64>,
+    /// The finest rate.
+    pub rate_hz: f64,
+    /// What a sample is.
+    pub antialias: Antialias,
+    /// Samples per pixel.
+    pub samples: u32,
+    /// Places at which each reads a texture, along each side.
+    pub texture_taps: u32,
+    /// Whether shadow borders are found by rays, where the user leaves that open and the scene allows it.
+    pub rays: bool,
+}
+
+impl SamplingSettings {
+    /// Coverage samples, one in four shaded.
+    pub const fn coverage(step_px: f64, samples: u32, texture_taps: u32) -> Self {
+        Self {
+            step_px: Some(step_px),
+            rate_hz: 4000.0,
+            antialias: Antialias::Edges,
+            samples,
+            texture_taps,
+            rays: false,
+        }
+    }
+
+    /// With shadows as sharp as what throws them.
+    pub const fn with_rays(step_px: f64, samples: u32) -> Self {
+        Self { rays: true, ..Self::coverage(step_px, samples, 4) }
+    }
+
+    /// Sets them in `config`, as far as `scene` and device allow. Returns what differs and why, for the user.
+    ///
+    /// # Errors
+    /// Cameras that do not exist or cannot be used.
+    pub fn apply(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+        config: &mut RunConfig,
+    ) -> Result<Vec<String>, EngineError> {
+        let (views, _) = view::views(scene, config)?;
+        let mut notes = Vec::new();
+        config.method = Method::Native;
+        config.rate_hz = self.rate_hz;
+        config.antialias = self.antialias;
+        config.samples = self.samples;
+        config.texture_taps = Some(self.texture_taps);
+        config.adaptive_px = self.step_px;
+        config.between = if self.step_px.is_some() { Between::Curve } else { Between::Line };
+        if !views.is_empty() && views.iter().all(|view| view.sensor.walks_on_host()) {
+            (config.adaptive_px, config.between) = (None, Between::Line);
+            notes.push(format!(
+                "every pixel is sampled {} times per second: the sensor model runs on the host and takes every instant",
+                self.rate_hz
+            ));
+        }
+        let grid = largest_grid(&views, gpu.device.limits().max_texture_dimension_2d);
+        if config.antialias == Antialias::Edges && config.coverage_grid() > grid {
+            config.samples = 4 * grid * grid;
+            notes.push(format!(
+                "{} samples per pixel instead of {}: larger pictures of them do not fit",
+                config.samples, self.samples
+            ));
+        }
+        if config.shadows.is_none() {
+            let limit = if self.rays { ray_shadow_limit(scene) } else { None };
+            let rays = self.rays && limit.is_none();
+            config.shadows = Some(if rays { Shadows::Rays } else { Shadows::Maps });
+            notes.extend(limit.map(|limit| format!("shadows by maps instead of rays: {limit}")));
+        }
+        Ok(notes)
+    }
+}
+
+/// Sets the sampling of the preset that `config` names, if it names one.
+///
+/// # Errors
+/// As [`SamplingSettings::apply`].
+pub fn settle(gpu: &Gpu, scene: &Scene, config: &mut RunConfig) -> Result<(), EngineError> {
+    if let Some(quality) = config.quality {
+        quality.sampling().apply(gpu, scene, config)?;
+    }
+    Ok(())
+}
+
+/// The finest grid of [`Antialias::Edges`] whose pictures fit.
+fn largest_grid(views: &[View], texture_edge: u32) -> u32 {
+    let fits = |view: &View| {
+        let (width, height) = (view.lens.width, view.lens.height);
+        let by_bytes = COVERAGE_BYTES / (4 * 8 * u64::from(width) * u64::from(height)).max(1);
+        (texture_edge / width.max(height)).min(by_bytes.isqrt() as u32)
+    };
+    views.iter().map(fits).min().unwrap_or(1).max(1)
+}
+
+/// Why presets leave shadows to maps; `None` where rays hold all casters, and those are few enough.
+fn ray_shadow_limit(scene: &Scene) -> Option<String> {
+    let (mut moving, mut triangles) = (0, 0);
+    for (index, node) in scene.nodes.iter().enumerate() {
+        let Some(mesh) = node.mesh else { continue };
+        for primitive in &scene.meshes[mesh].primitives {
+            triangles += primitive.indices.len() / 3;
+            let deforms = node.skin.is_some() || !primitive.morph_targets.is_empty();
+            let masked = scene.materials[primitive.material].alpha != AlphaMode::Opaque;
+            if deforms || masked {
+                let why = if deforms { "it deforms" } else { "its material has holes" };
+                return Some(format!("{:?}: {why}", node.name));
+            }
+        }
+        moving += usize::from(crate::world::gpu_scene::moves(scene, index));
+    }
+    (moving > MOST_MOVING)
+        .then(|| format!("{moving} objects move"))
+        .or_else(|| (triangles > MOST_TRIANGLES).then(|| format!("there are {triangles} triangles")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_settings_that_can_run_and_cost_more_from_one_to_the_next() {
+        let mut last = 0.0;
+        for quality in Quality::ALL {
+            let sampling = quality.sampling();
+            let work = f64::from(sampling.samples) / sampling.step_px.unwrap();
+            assert!(work > last, "{quality:?}");
+            last = work;
+            let config = RunConfig {
+                adaptive_px: sampling.step_px,
+                between: Between::Curve,
+                rate_hz: sampling.rate_hz,
+                antialias: sampling.antialias,
+                samples: sampling.samples,
+                texture_taps: Some(sampling.texture_taps),
+                ..RunConfig::default()
+            };
+            config.check().unwrap();
+        }
+    }
+
+    #[test]
+    fn rays_are_left_where_casters_deform_or_have_holes() {
+        let rigid = evis_scene::builtin::load("desk", 0).unwrap();
+        assert_eq!(ray_shadow_limit(&rigid), None);
+        let mut masked = rigid.clone();
+        masked.materials[0].alpha = AlphaMode::Mask(0.5);
+        assert!(ray_shadow_limit(&masked).unwrap().contains("holes"));
+        let mut skinned = rigid;
+        let node = skinned.nodes.iter().position(|node| node.mesh.is_some()).unwrap();
+        skinned.nodes[node].skin = Some(0);
+        assert!(ray_shadow_limit(&skinned).unwrap().contains("deforms"));
+    }
+}

@@ -1,0 +1,196 @@
+//! Sensors whose pixels the host walks, those with `diffusion`, an `exposure` or noise of their photoreceptor: a
+//! submission brings the light of its instants back instead of events, and each view's own emulator takes it, instant by
+//! instant. The price is the way of every sample to the host.
+//!
+//! Brownian bridges need f64, and as many draws as the light asks for: on the device they would be the widest loop of
+//! all, for the sensor that is asked for least. An exposure ends at any time between two instants, and what follows sees
+//! its frames alone: on the device it would be a chain of passes of its own.
+
+use evis_core::emulator::parts::emulator;
+use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
+use rayon::prelude::*;
+
+use crate::error::EngineError;
+use crate::gpu::Gpu;
+use crate::gpu::texture::row_bytes;
+use crate::raster::context::Context;
+use crate::sensor::group::{Group, Unit};
+use crate::sensor::targets::Targets;
+use crate::world::view::View;
+
+/// Light is held below this; `chain/layout.wgsl` has the same constant.
+const LIGHT_LIMIT: f64 = 1e30;
+
+/// A submission whose light comes to the host.
+pub struct Looks {
+    /// Which.
+    pub unit: Unit,
+    /// All of its layers.
+    pub staging: wgpu::Buffer,
+}
+
+/// The pixels that the host walks.
+pub struct HostWalk {
+    /// By view, in the engine's order; none where the device walks.
+    emulators: Vec<Option<EventEmulator>>,
+    samples: u32,
+    /// Buffers that no submission uses.
+    free: Vec<wgpu::Buffer>,
+}
+
+/// What a submission brought of one view.
+pub struct Felt {
+    /// Index of the view.
+    pub view: usize,
+    /// In canonical order.
+    pub events: Vec<Event>,
+    /// Of all instants.
+    pub report: EmulatorReport,
+}
+
+impl HostWalk {
+    /// For those of `views` whose sensor it walks. `samples`: layers per view and instant; `causes`: whether events say why
+    /// they fired.
+    ///
+    /// # Errors
+    /// A sensor or size that the emulator cannot have.
+    pub fn new(
+        views: &[View],
+        reference_luminance: f32,
+        samples: u32,
+        causes: bool,
+    ) -> Result<Self, EngineError> {
+        let walked = |view: &&View| view.sensor.walks_on_host();
+        // Views go side by side; where they are few, each shares its own pixels out.
+        let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
+        let make = |view: &View| {
+            let config = EmulatorConfig {
+                width: view.lens.width,
+                height: view.lens.height,
+                sensor: view.sensor.clone(),
+                reference_luminance,
+                threads,
+                causes,
+                ..EmulatorConfig::default()
+            };
+            emulator(config, view.key)
+        };
+        let make = |view| Some(view).filter(walked).map(make).transpose();
+        let emulators = views.iter().map(make).collect::<Result<_, _>>()?;
+        Ok(Self { emulators, samples, free: Vec::new() })
+    }
+
+    /// Records the way of the light of `unit` to the host.
+    ///
+    /// # Errors
+    /// Layers that no buffer of the device holds.
+    pub fn encode(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        targets: &Targets,
+        group: &Group,
+        unit: Unit,
+    ) -> Result<Looks, EngineError> {
+        let (width, height) = (targets.width, targets.height);
+        let layers = group.views.len() as u32 * unit.instants * self.samples;
+        let bytes = targets.layers.host_bytes(layers);
+        let most = gpu.device.limits().max_buffer_size;
+        if bytes > most {
+            return Err(EngineError::Device(format!(
+                "the light of {layers} samples of {width}x{height} pixels takes {bytes} bytes on its way to the \
+                 host, which walks this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer \
+                 --samples"
+            )));
+        }
+        let staging = match self.free.iter().position(|buffer| buffer.size() >= bytes) {
+            Some(index) => self.free.swap_remove(index),
+            None => {
+                self.free.clear();
+                gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some("light for the host"),
+                    size: bytes,
+                    usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                    mapped_at_creation: false,
+                })
+            }
+        };
+        targets.layers.encode_read(encoder, &staging, layers);
+        Ok(Looks { unit, staging })
+    }
+
+    /// Feeds the views of `group` with what `looks` brought.
+    ///
+    /// # Errors
+    /// The device may fail.
+    pub fn take(
+        &mut self,
+        context: &Context,
+        targets: &Targets,
+        group: &Group,
+        looks: Looks,
+    ) -> Result<Vec<Felt>, EngineError> {
+        let Looks { unit, staging } = looks;
+        let (instants, samples) = (unit.instants as usize, self.samples as usize);
+        let layer_bytes = targets.layers.host_bytes(1) as usize;
+        let felt = {
+            let bytes = staging
+                .get_mapped_range(..)
+                .map_err(|e| EngineError::Device(format!("cannot read the luminance back: {e}")))?;
+            let bytes: &[u8] = &bytes;
+            // What is not of this group rests.
+            let mut own: Vec<(usize, usize, &mut EventEmulator)> = self
+                .emulators
+                .iter_mut()
+                .enumerate()
+                .filter_map(|(view, emulator)| {
+                    let place = group.views.iter().position(|v| *v == view)?;
+                    Some((view, place, emulator.as_mut()?))
+                })
+                .collect();
+            let feel = |(view, place, emulator): &mut (usize, usize, &mut EventEmulator)| {
+                let mut felt = Felt { view: *view, events: Vec::new(), report: EmulatorReport::default() };
+                for k in 0..instants {
+                    let first = (*place * instants + k) * samples;
+                    let layers = bytes.get(first * layer_bytes..(first + samples) * layer_bytes);
+                    let light = mean(layers.unwrap_or_default(), targets, samples);
+                    let t_us = context.grid.instant_us(unit.first + k as i64);
+                    let before = felt.events.len();
+                    let out = std::slice::from_mut(&mut felt.events);
+                    emulator.push_into(&Frames::linear(&light), t_us, out)?;
+                    // Marked, as the device's are on their way.
+                    for (event, cause) in
+                        felt.events[before..].iter_mut().zip(emulator.causes().iter().flatten())
+                    {
+                        *event = event.with_cause(Cause::ALL[usize::from(*cause)]);
+                    }
+                    felt.report.add(emulator.report());
+                }
+                Ok(felt)
+            };
+            own.par_iter_mut().map(feel).collect::<Result<Vec<Felt>, EngineError>>()?
+        };
+        staging.unmap();
+        self.free.push(staging);
+        Ok(felt)
+    }
+}
+
+/// Mean of `samples` layers, row-major; NaN where it is not known. As [`crate::Simulator::luminance`] has it.
+fn mean(layers: &[u8], targets: &Targets, samples: usize) -> Vec<f32> {
+    let (width, height) = (targets.width as usize, targets.height as usize);
+    let row = row_bytes(targets.width) as usize;
+    let mut sums = vec![0.0_f64; width * height];
+    for layer in layers.chunks_exact((row * height).max(1)) {
+        for (sums, bytes) in sums.chunks_exact_mut(width).zip(layer.chunks_exact(row)) {
+            for (sum, value) in sums.iter_mut().zip(bytes.as_chunks::<4>().0) {
+                *sum += f64::from(f32::from_le_bytes(*value));
+            }
+        }
+    }
+    let light = |sum: f64| {
+        let mean = sum / samples as f64;
+        if mean < 0.0 { f32::NAN } else { mean.min(LIGHT_LIMIT) as f32 }
+    };
+    sums.into_iter().map(light).collect()
+}

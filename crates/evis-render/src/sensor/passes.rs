@@ -1,0 +1,125 @@
+//! The passes from luminance to events: what walks pixels, by class of views, and what gives events their places.
+
+use std::sync::Arc;
+
+use evis_core::{SensorConfig, TriggerRule};
+
+use crate::config::Between;
+use crate::pass::ComputePass;
+use crate::pass::trigger::{BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, SCAN_BINDINGS};
+use crate::sensor::chain::{ChainPasses, ChainPlan};
+
+/// Blocks of instants, within which tiles have paces of their own.
+#[derive(Clone, Copy, Debug)]
+pub struct Blocks {
+    /// Of each; 1 where every pixel is sampled at every instant.
+    pub instants: u32,
+    /// How light runs between two samples within one.
+    pub between: Between,
+}
+
+impl Blocks {
+    /// Every pixel is sampled at every instant.
+    #[cfg(test)]
+    pub const NONE: Self = Self { instants: 1, between: Between::Line };
+}
+
+/// What walks pixels over the instants of a submission, to count and to emit.
+pub enum WalkPasses {
+    /// Thresholds alone.
+    Ideal {
+        /// Events per pixel.
+        count: ComputePass,
+        /// Events to their places.
+        emit: ComputePass,
+    },
+    /// Any stage.
+    Chain(Box<ChainPasses>),
+    /// The host walks them.
+    Host,
+}
+
+impl WalkPasses {
+    fn new(
+        device: &wgpu::Device,
+        sensor: &SensorConfig,
+        samples: u32,
+        unknown: bool,
+        blocks: Blocks,
+    ) -> Self {
+        if sensor.walks_on_host() {
+            return Self::Host;
+        }
+        if !sensor.is_ideal() {
+            let plan = ChainPlan::new(sensor, samples, unknown, blocks.instants);
+            return Self::Chain(Box::new(ChainPasses::new(device, plan)));
+        }
+        let constants = ideal_constants(sensor, unknown, blocks);
+        let counting = [&[("SAMPLES", f64::from(samples))], &constants[..]].concat();
+        Self::Ideal {
+            count: ComputePass::new(device, "trigger/count.wgsl", COUNT_BINDINGS, &counting),
+            emit: ComputePass::new(device, "trigger/emit.wgsl", EMIT_BINDINGS, &constants),
+        }
+    }
+}
+
+/// The trigger passes.
+pub struct TriggerPasses {
+    /// What walks pixels, by class of views.
+    pub walks: Vec<Arc<WalkPasses>>,
+    /// Prefix within blocks.
+    pub block: ComputePass,
+    /// Offsets of blocks and views.
+    pub scan: ComputePass,
+}
+
+impl TriggerPasses {
+    /// Builds them for the rules of `sensors`, one per class of views, and `samples` layers per instant.
+    ///
+    /// `unknown`: whether a luminance below 0 stands for one that is not known.
+    pub fn new(
+        device: &wgpu::Device,
+        sensors: &[&SensorConfig],
+        samples: u32,
+        unknown: bool,
+        blocks: Blocks,
+    ) -> Self {
+        let mut walks: Vec<Arc<WalkPasses>> = Vec::with_capacity(sensors.len());
+        for sensor in sensors {
+            // Classes of other sizes have the same rules.
+            let known = sensors.iter().zip(&walks).find(|(other, _)| other.is_alike(sensor));
+            let walk = known.map(|(_, walk)| walk.clone());
+            walks.push(
+                walk.unwrap_or_else(|| Arc::new(WalkPasses::new(device, sensor, samples, unknown, blocks))),
+            );
+        }
+        Self {
+            walks,
+            block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),
+            scan: ComputePass::new(device, "trigger/scan.wgsl", SCAN_BINDINGS, &[]),
+        }
+    }
+
+    /// The chain of a class, where it has one.
+    pub fn chain(&self, class: usize) -> Option<&ChainPasses> {
+        match &*self.walks[class] {
+            WalkPasses::Ideal { .. } | WalkPasses::Host => None,
+            WalkPasses::Chain(chain) => Some(chain),
+        }
+    }
+}
+
+fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'static str, f64); 4] {
+    let rule = match sensor.trigger {
+        TriggerRule::Crossing => 0.0,
+        TriggerRule::Latch => 1.0,
+    };
+    // A latch knows light at samples alone.
+    let curve = blocks.between == Between::Curve && sensor.trigger == TriggerRule::Crossing;
+    [
+        ("TRIGGER_RULE", rule),
+        ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
+        ("BLOCK_INSTANTS", f64::from(blocks.instants)),
+        ("CURVE", f64::from(u8::from(curve))),
+    ]
+}

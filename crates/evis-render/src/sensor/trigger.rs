@@ -1,0 +1,234 @@
+//! One submission: some instants of a group of views, from poses to events in a staging buffer.
+
+use crate::config::grid::SampleGrid;
+use crate::gpu::Gpu;
+use crate::gpu::sizes::{self, BLOCK_PIXELS, WORKGROUP, row_stride};
+use crate::gpu::uniforms::{ScanParams, Status};
+use crate::pass::trigger::{
+    BLOCK_BINDINGS, CHAIN_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, KEPT_BINDINGS, SCAN_BINDINGS,
+};
+use crate::pass::{self, ComputePass};
+use crate::sensor::chain::{ChainPasses, Walk};
+use crate::sensor::group::{Group, Slot, Unit};
+use crate::sensor::passes::{TriggerPasses, WalkPasses};
+use crate::sensor::targets::Targets;
+
+/// No pixel of a chain has asked for events or woken yet.
+pub fn clear_tallies(encoder: &mut wgpu::CommandEncoder, group: &Group) {
+    if group.chain.is_some() {
+        encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);
+    }
+}
+
+/// One dispatch of the trigger.
+pub struct TriggerStep<'a> {
+    pipeline: &'a wgpu::ComputePipeline,
+    bindings: wgpu::BindGroup,
+    workgroups: (u32, u32, u32),
+}
+
+/// Records `steps` in order.
+pub fn encode_trigger(encoder: &mut wgpu::CommandEncoder, steps: &[TriggerStep<'_>]) {
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+    for step in steps {
+        let (x, y, z) = step.workgroups;
+        pass.set_pipeline(step.pipeline);
+        pass.set_bind_group(0, &step.bindings, &[]);
+        pass.dispatch_workgroups(x, y, z);
+    }
+}
+
+/// Count, prefix, scan, emit.
+pub fn trigger_steps<'a>(
+    gpu: &Gpu,
+    passes: &'a TriggerPasses,
+    grid: &SampleGrid,
+    targets: &Targets,
+    group: &Group,
+    unit: &Unit,
+    slot: &Slot,
+) -> Vec<TriggerStep<'a>> {
+    let (device, queue) = (&gpu.device, &gpu.queue);
+    let views = group.views.len() as u32;
+    let stride = row_stride(targets.width);
+    let blocks_per_view = stride / BLOCK_PIXELS * targets.height;
+    let params = unit.params(grid, targets, views, slot.capacity);
+    queue.write_buffer(&slot.params, 0, bytemuck::bytes_of(&params));
+    let scan = ScanParams {
+        block_count: blocks_per_view * views,
+        blocks_per_view,
+        view_count: views,
+        event_capacity: slot.capacity,
+    };
+    queue.write_buffer(&slot.scan_params, 0, bytemuck::bytes_of(&scan));
+
+    let (counting, emitting) = match &*passes.walks[group.targets] {
+        WalkPasses::Host => (Vec::new(), Vec::new()),
+        WalkPasses::Ideal { count, emit } => ideal_walks(device, (count, emit), targets, group, slot),
+        WalkPasses::Chain(chain) => chain_walks(device, chain, targets, group, unit, slot),
+    };
+    let block = pass::group(
+        device,
+        "block",
+        &passes.block.layout,
+        BLOCK_BINDINGS,
+        vec![
+            group.block_params.as_entire_binding(),
+            targets.counts.as_entire_binding(),
+            targets.prefixes.as_entire_binding(),
+            targets.block_sums.as_entire_binding(),
+        ],
+    );
+    let scan = pass::group(
+        device,
+        "scan",
+        &passes.scan.layout,
+        SCAN_BINDINGS,
+        vec![
+            slot.scan_params.as_entire_binding(),
+            targets.block_sums.as_entire_binding(),
+            group.view_offsets.as_entire_binding(),
+            group.status.as_entire_binding(),
+        ],
+    );
+    let (block_x, block_y) = sizes::dispatch(blocks_per_view * views, WORKGROUP);
+    let mut steps = counting;
+    steps.push(TriggerStep {
+        pipeline: &passes.block.pipeline,
+        bindings: block,
+        workgroups: (block_x, block_y, 1),
+    });
+    steps.push(TriggerStep { pipeline: &passes.scan.pipeline, bindings: scan, workgroups: (1, 1, 1) });
+    steps.extend(emitting);
+    steps
+}
+
+/// Steps that count, and steps that emit.
+type Walks<'a> = (Vec<TriggerStep<'a>>, Vec<TriggerStep<'a>>);
+
+/// `pass` over all pixels of `group`.
+fn over_pixels<'a>(
+    pass: &'a ComputePass,
+    bindings: wgpu::BindGroup,
+    targets: &Targets,
+    group: &Group,
+) -> TriggerStep<'a> {
+    let workgroups = Walk::Count.workgroups([targets.width, targets.height], group.views.len() as u32);
+    TriggerStep { pipeline: &pass.pipeline, bindings, workgroups }
+}
+
+/// Count and emit of thresholds alone.
+fn ideal_walks<'a>(
+    device: &wgpu::Device,
+    (count, emit): (&'a ComputePass, &'a ComputePass),
+    targets: &Targets,
+    group: &Group,
+    slot: &Slot,
+) -> Walks<'a> {
+    let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
+    let texture = wgpu::BindingResource::TextureView;
+    let counting = pass::group(
+        device,
+        "count",
+        &count.layout,
+        COUNT_BINDINGS,
+        vec![
+            slot.params.as_entire_binding(),
+            texture(&group.sensors),
+            texture(&targets.layers.array),
+            texture(old),
+            texture(new),
+            targets.counts.as_entire_binding(),
+            group.status.as_entire_binding(),
+            texture(&targets.means),
+            texture(&targets.paces_view),
+        ],
+    );
+    let emitting = pass::group(
+        device,
+        "emit",
+        &emit.layout,
+        EMIT_BINDINGS,
+        vec![
+            slot.params.as_entire_binding(),
+            texture(&group.sensors),
+            texture(targets.mean_layers()),
+            texture(old),
+            texture(new),
+            targets.prefixes.as_entire_binding(),
+            targets.block_sums.as_entire_binding(),
+            group.status.as_entire_binding(),
+            slot.events.as_entire_binding(),
+            texture(&targets.paces_view),
+        ],
+    );
+    let walk = |pass, bindings| vec![over_pixels(pass, bindings, targets, group)];
+    (walk(count, counting), walk(emit, emitting))
+}
+
+/// Count and emit of the whole chain. A stream's first instant is a unit of its own: nothing fires there.
+fn chain_walks<'a>(
+    device: &wgpu::Device,
+    chain: &'a ChainPasses,
+    targets: &Targets,
+    group: &Group,
+    unit: &Unit,
+    slot: &Slot,
+) -> Walks<'a> {
+    let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
+    // Both have what a chain needs where there is one.
+    let (Some(own), Some(shared)) = (&group.chain, &targets.chain) else { return (Vec::new(), Vec::new()) };
+    let feed = slot.feed.as_ref().unwrap_or(&own.views);
+    let size = [targets.width, targets.height];
+    let walk = |pass: &'a ComputePass, walk: Walk| {
+        let bindings = pass::group(
+            device,
+            "chain",
+            &pass.layout,
+            CHAIN_BINDINGS,
+            vec![
+                slot.params.as_entire_binding(),
+                chain.step(walk),
+                chain.sensor(),
+                wgpu::BindingResource::TextureView(&targets.layers.array),
+                own.views.as_entire_binding(),
+                feed.as_entire_binding(),
+                wgpu::BindingResource::TextureView(old),
+                wgpu::BindingResource::TextureView(new),
+                // The emitting walk finds its counts in their prefixes: one binding less.
+                if walk == Walk::Emit { &targets.prefixes } else { &targets.counts }.as_entire_binding(),
+                targets.block_sums.as_entire_binding(),
+                group.status.as_entire_binding(),
+                slot.events.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&targets.paces_view),
+                shared.kept.as_entire_binding(),
+                shared.lists.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&own.frozen),
+            ],
+        );
+        let workgroups = walk.workgroups(size, group.views.len() as u32);
+        TriggerStep { pipeline: &pass.pipeline, bindings, workgroups }
+    };
+    let counting = if unit.first == 0 {
+        vec![walk(&chain.begin, Walk::Count)]
+    } else {
+        chain.counting(unit.instants).into_iter().map(|step| walk(&chain.walk, step)).collect()
+    };
+    let copying = pass::group(
+        device,
+        "kept events",
+        &chain.emit.layout,
+        KEPT_BINDINGS,
+        vec![
+            slot.params.as_entire_binding(),
+            targets.counts.as_entire_binding(),
+            targets.prefixes.as_entire_binding(),
+            targets.block_sums.as_entire_binding(),
+            group.status.as_entire_binding(),
+            shared.kept.as_entire_binding(),
+            slot.events.as_entire_binding(),
+        ],
+    );
+    let emitting = vec![over_pixels(&chain.emit, copying, targets, group), walk(&chain.walk, Walk::Emit)];
+    (counting, emitting)
+}

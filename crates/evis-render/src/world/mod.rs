@@ -1,0 +1,7 @@
+//! The scene on the device, and where its parts lie in a picture.
+
+pub mod gpu_scene;
+pub mod image_bounds;
+pub mod tiles;
+pub mod transform;
+pub mod view;

@@ -1,0 +1,101 @@
+"""The modules of every crate import each other in one direction."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+CRATES = Path(__file__).parent.parent / "crates"
+SOURCES = sorted(folder for folder in CRATES.glob("*/src") if folder.is_dir())
+NAME = r"[a-z_0-9]+(?:::[a-z_0-9]+)*"
+
+
+def modules(source: Path) -> dict[str, Path]:
+    """Module path to file, without tests."""
+    found = {}
+    for file in source.rglob("*.rs"):
+        parts = list(file.relative_to(source).with_suffix("").parts)
+        if "tests" in parts or "test" in parts:
+            continue
+        if parts[-1] == "mod":
+            parts.pop()
+        found["::".join(parts)] = file
+    return found
+
+
+def imports(name: str, file: Path, known: dict[str, Path]) -> set[str]:
+    """Modules of the same crate that a file names, in `use` lines or in paths."""
+    text = file.read_text().split("#[cfg(test)]\nmod tests")[0]
+    text = re.sub(r"//[^\n]*", "", text)
+    paths = set()
+    for root, path in re.findall(rf"\b(crate|super|self)::((?:super::)*{NAME})", text):
+        above = name.split("::")
+        if root == "super":
+            above = above[:-1]
+        while path.startswith("super::"):
+            path, above = path.removeprefix("super::"), above[:-1]
+        paths.add("::".join([*([] if root == "crate" else above), path]))
+    for group in re.findall(r"\buse crate::\{([^;]*)\};", text):
+        paths.update(re.findall(NAME, group))
+    found = set()
+    for path in paths:
+        parts = path.split("::")
+        while parts and "::".join(parts) not in known:
+            parts.pop()
+        found.add("::".join(parts))
+    return found - {"", name, "lib", "main"}
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules that reach each other."""
+    reach: dict[str, set[str]] = {}
+    for start in graph:
+        seen: set[str] = set()
+        stack = list(graph[start])
+        while stack:
+            name = stack.pop()
+            if name not in seen:
+                seen.add(name)
+                stack.extend(graph.get(name, ()))
+        reach[start] = seen
+    groups = {frozenset({a, *(b for b in reach[a] if a in reach.get(b, ()))}) for a in graph if a in reach[a]}
+    return sorted(sorted(group) for group in groups)
+
+
+def graph_of(source: Path) -> dict[str, set[str]]:
+    known = modules(source)
+    return {name: imports(name, file, known) for name, file in known.items() if name not in {"lib", "main"}}
+
+
+def test_every_crate_is_read() -> None:
+    assert {"evis-core", "evis-render", "evis-py"} <= {source.parent.name for source in SOURCES}
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.parent.name)
+def test_no_circle_of_imports(source: Path) -> None:
+    assert circles(graph_of(source)) == []
+
+
+def test_a_circle_is_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+    assert circles({"a": {"b"}, "b": set()}) == []
+
+
+def test_folders_of_the_engine_import_those_above_them() -> None:
+    """In the order of the table in `lib.rs`."""
+    source = CRATES / "evis-render" / "src"
+    table = re.findall(r"^//! \| \[?`([a-z]+)`\]? +\|", (source / "lib.rs").read_text(), re.MULTILINE)
+    graph = graph_of(source)
+    folders = {name.split("::")[0] for name in graph} - {"error"}
+    assert set(table) == folders
+    wrong = sorted(
+        f"{name} imports {other}"
+        for name, others in graph.items()
+        for other in others
+        if name.split("::")[0] in table
+        and other.split("::")[0] in table
+        and table.index(other.split("::")[0]) > table.index(name.split("::")[0])
+    )
+    assert wrong == []
