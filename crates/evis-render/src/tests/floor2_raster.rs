@@ -109,9 +109,8 @@ struct Twin<'a> {
     /// The same with shares a little smaller and larger: where these differ, it depends on how derivatives are taken which
     /// level is read. The device's are differences between pixels, off by some percent towards the horizon.
     rounded: Vec<[RayCaster<'a>; 2]>,
-    /// Textures read at their base level, and half a level deeper than the device should.
+    /// Textures read at their base level.
     base: RayCaster<'a>,
-    deeper: RayCaster<'a>,
     camera: Pinhole,
 }
 
@@ -130,7 +129,6 @@ impl<'a> Twin<'a> {
             samples: shares.iter().map(|share| with(averaged(share, 1.0, taps))).collect(),
             rounded: shares.iter().map(|s| [0.92, 1.08].map(|by| with(averaged(s, by, taps)))).collect(),
             base: with(TextureFilter::BaseLevel),
-            deeper: with(averaged(&Share { shift: [0.0; 2], ..shares[0] }, 2.0, taps)),
             camera: pinhole(scene, state),
         }
     }
@@ -145,8 +143,8 @@ impl<'a> Twin<'a> {
         sum
     }
 
-    /// Pixels of which some sample lies near an edge, or reads a texture below its base level: which level exactly
-    /// is the driver's own (Vulkan and WebGPU leave the precision of derivatives open).
+    /// Pixels of which some sample lies near an edge, or reads textures otherwise where its footprint is some percent larger:
+    /// how large it is exactly is the driver's own (Vulkan and WebGPU leave the precision of derivatives open).
     fn band(&self, offsets: &[[f64; 2]], case: &Case) -> Vec<bool> {
         let camera = &self.camera;
         let triangle = |p: [f64; 2]| self.base.hit_at(camera, p).map(|hit| hit.triangle);
@@ -157,12 +155,11 @@ impl<'a> Twin<'a> {
                     let at = [c[0] + o[0], c[1] + o[1]];
                     changes(at, case.reach, triangle)
                         || case.shadow_reach.is_some_and(|reach| changes(at, reach, dark))
-                        || case.minified && {
+                        || {
                             let [less, more] = [less, more].map(|r| r.radiance_at(camera, at).element_sum());
-                            (less - more).abs() > 0.1 * less
+                            let most = if case.minified { 0.1 } else { 10.0 * case.tolerance };
+                            (less - more).abs() > most * less
                         }
-                        || !case.minified
-                            && self.base.radiance_at(camera, at) != self.deeper.radiance_at(camera, at)
                 })
             })
             .collect()
