@@ -487,7 +487,7 @@ fn a_drifting_grating_fires_when_the_closed_form_does() {
             let got = grating.compare(&events, own, grating.drift);
             println!("{name}: {got}");
             got.check(&SMOOTH).unwrap_or_else(|e| panic!("{name}: {e}"));
-            if own == Footprint::Point {
+            if matches!(own, Footprint::Point) {
                 println!(
                     "{name} against the box: {}",
                     grating.compare(&events, Footprint::Box, grating.drift)

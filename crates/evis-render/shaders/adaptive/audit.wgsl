@@ -2,7 +2,7 @@
 // How far the light of a tile at an instant that was not sampled lies outside of what the samples around it say: the largest
 // excursion of any pixel's log luminance beyond the interval between both. Twin: cpu/audit.rs.
 
-// Twin: uniforms.rs, AuditJob.
+// Twin: gpu/uniforms.rs, AuditJob.
 struct AuditJob {
     // Pixels of the tile within the picture.
     size: vec2<u32>,

@@ -1,7 +1,7 @@
 #import common/tile.wgsl
 // A workgroup per tile that was drawn.
 
-// Twin: uniforms.rs, MeanJob.
+// Twin: gpu/uniforms.rs, MeanJob.
 struct MeanJob {
     // Of `tiles`.
     first: u32,

@@ -1,5 +1,5 @@
 #import trigger/layout.wgsl
-// The whole sensor chain of a pixel: what is bound, what is on, what is remembered. Twins: chain.rs, uniforms.rs.
+// The whole sensor chain of a pixel: what is bound, what is on, what is remembered. Twins: sensor/chain.rs, gpu/uniforms.rs.
 
 // What is off leaves no code and no memory behind.
 override SAMPLES: u32 = 1;

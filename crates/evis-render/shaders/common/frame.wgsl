@@ -1,6 +1,6 @@
 #import common/ray.wgsl
 // The prelude declares LIGHT_CAPACITY: the scene's lights, at least 1.
-// One view at one instant. Twin: uniforms.rs, Frame.
+// One view at one instant. Twin: gpu/uniforms.rs, Frame.
 struct Frame {
     // Camera axes in world space; w of right, up, back: camera position x, y, z.
     world_from_camera_right: vec4<f32>,
@@ -22,7 +22,7 @@ struct Frame {
 };
 
 // A punctual light (KHR_lights_punctual), in the frame's uniform at a constant index once the loop is unrolled:
-// software drivers read that once for all lanes. Twin: uniforms.rs, LightRecord.
+// software drivers read that once for all lanes. Twin: gpu/uniforms.rs, LightRecord.
 struct Light {
     // World position; w: kind (0 directional, 1 point, 2 spot).
     position_kind: vec4<f32>,
@@ -38,7 +38,7 @@ struct Light {
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 
-// The part of a pixel's area by which the sample being drawn reads textures. Twin: pattern.rs, Share.
+// The part of a pixel's area by which the sample being drawn reads textures. Twin: frame/pattern.rs, Share.
 struct Share {
     // From the sample to its middle, in pixels.
     shift: vec2<f32>,

@@ -1,7 +1,7 @@
 // One primitive of one node in one view at one instant.
 
 // Matrices, as per-instance vertex attributes: drivers fetch those once per draw, not once per vertex and lane.
-// Twin: uniforms.rs, InstanceRecord.
+// Twin: gpu/uniforms.rs, InstanceRecord.
 struct InstanceRecord {
     clip_from_object: mat4x4<f32>,
     // Rows of world_from_object (identity for skinned objects, whose joints are in world space).
@@ -10,7 +10,7 @@ struct InstanceRecord {
     world_row_2: vec4<f32>,
 };
 
-// The rest, read where a variant needs it. Twin: uniforms.rs, ObjectRecord.
+// The rest, read where a variant needs it. Twin: gpu/uniforms.rs, ObjectRecord.
 struct ObjectRecord {
     joint_base: u32,
     morph_weight_base: u32,

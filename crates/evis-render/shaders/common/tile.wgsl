@@ -1,6 +1,6 @@
 // Tiles of a picture, a workgroup each.
 
-// Pixels along a tile's side. Twin: pace.rs.
+// Pixels along a tile's side. Twin: world/tiles.rs.
 const TILE: u32 = 16u;
 
 // The number of a workgroup's tile in a dispatch of `row` workgroups per row; there may be more than tiles.

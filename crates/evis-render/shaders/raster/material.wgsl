@@ -1,4 +1,4 @@
-// Material constants and textures. Twin of the struct: uniforms.rs, MaterialUniform.
+// Material constants and textures. Twin of the struct: gpu/uniforms.rs, MaterialUniform.
 struct Material {
     base_color: vec4<f32>,
     // rgb: emitted radiance; w: alpha cutoff.

@@ -1,6 +1,6 @@
-// Shadow rays through the trees of occluders.rs, and the lists of shadow_cells.rs.
+// Shadow rays through the trees of shadow/bvh.rs, and the lists of shadow/light_grid.rs.
 
-// A rigid thing that moves, at one instant. Twin: uniforms.rs, OccluderRecord.
+// A rigid thing that moves, at one instant. Twin: gpu/uniforms.rs, OccluderRecord.
 struct OccluderRecord {
     // Around it: middle and radius.
     sphere: vec4<f32>,
@@ -83,7 +83,7 @@ fn follow(ray: ShadowRay, root: u32, origin: vec3<f32>, direction: vec3<f32>, ne
     return ShadowRay(found, left);
 }
 
-// Cells along a map's edge. Twin: shadow_cells.rs.
+// Cells along a map's edge. Twin: shadow/light_grid.rs.
 const OCCLUDER_CELLS: u32 = 1024u;
 // The length of a list that is too long to be one.
 const OCCLUDERS_CROWDED: u32 = 0xffffffffu;

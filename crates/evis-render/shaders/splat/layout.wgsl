@@ -1,4 +1,4 @@
-// Shared by the splat passes. Twins: uniforms.rs (structs), pass/splat.rs (constants), cpu/splat.rs (algorithms).
+// Shared by the splat passes. Twins: gpu/uniforms.rs (structs), pass/splat.rs (constants), cpu/splat.rs (algorithms).
 
 // Invocations per workgroup, along a row.
 const SPLAT_WORKGROUP: u32 = 64u;

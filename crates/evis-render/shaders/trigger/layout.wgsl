@@ -1,4 +1,4 @@
-// Shared by the trigger passes. Twins: uniforms.rs (structs), sizes.rs (constants).
+// Shared by the trigger passes. Twins: gpu/uniforms.rs (structs), gpu/sizes.rs (constants).
 
 // Invocations per workgroup of the pixel passes, along a row.
 const WORKGROUP: u32 = 64u;

@@ -1,6 +1,6 @@
 #import trigger/layout.wgsl
 #import common/tile.wgsl
-// How often each tile of a picture is sampled. Twin: pace.rs.
+// How often each tile of a picture is sampled. Twin: sampling/tile_rate.rs.
 
 // Instants of a block, a power of two; 1 where every pixel is sampled at every instant.
 override BLOCK_INSTANTS: u32 = 1;
