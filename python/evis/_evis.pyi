@@ -327,6 +327,8 @@ class Simulator:
         camera_motion: str | None,
         camera_speed: float | None,
         reference_luminance: float | None,
+        poses: list[str],
+        pose_step_us: int | None,
         device: str | None,
     ) -> Simulator: ...
     @property
@@ -357,7 +359,11 @@ class Simulator:
     def config_toml(self) -> str: ...
     @property
     def now_us(self) -> int: ...
-    def step(self, until_us: int) -> Packet: ...
+    def step(
+        self,
+        until_us: int,
+        poses: list[tuple[int, int, list[int], list[list[float]], list[list[float]] | None]] | None,
+    ) -> Packet: ...
     def stream(self, duration_us: int, packet_us: int) -> Stream: ...
 
 @final

@@ -7,14 +7,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from types import TracebackType
-from typing import Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from . import _check, _evis, _method
 from ._evis import ConfigError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
+from ._poses import node_poses
 from ._scene import EventCamera, Scene, motion_text, moved_scene, raw_of
 from ._sensor import Sensor, sensor_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 LabelName: TypeAlias = Literal[
     "depth",
@@ -29,6 +33,10 @@ LabelName: TypeAlias = Literal[
     "hdr",
     "cause",
 ]
+
+
+#: Time between two poses of a host, where none is given.
+USUAL_POSE_STEP_US = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +154,13 @@ class Simulator:
         Seed of everything random: what is frozen in the sensor, and its noise.
     reference_luminance : float, optional
         Y_ref of the sensor's formula; the value that brings the first camera's log-mean to 0.18 if not given.
+    poses : sequence of str
+        Names of nodes and cameras whose poses come from outside, with each `step`: a physics engine, an
+        agent. They begin where the scene has them. Such a simulator takes ``native`` sampling, and neither
+        streams nor exposes frames.
+    pose_step_us : int, optional
+        With ``poses``: steps are multiples of so many microseconds; 10000 where not given. It is a multiple
+        of the time between two samples (250 us in every preset but ``reference``, which has 125).
     device : Device, str or int, optional
         A device, its index, or a part of its name; the fastest kind where not given.
 
@@ -197,10 +212,17 @@ class Simulator:
         start: float | None = None,
         seed: int | None = None,
         reference_luminance: float | None = None,
+        poses: Sequence[str] = (),
+        pose_step_us: int | None = None,
         device: Device | str | int | None = None,
     ) -> None:
         splat = None if method is None else _method.chosen(method)
         raw_of(scene)
+        self._driven = [str(name) for name in _check.items("poses", poses, "['a node', 'a camera']")]
+        if pose_step_us is not None and not self._driven:
+            raise ConfigError(
+                "pose_step_us is given without poses; name the nodes that a host moves: poses=[...]"
+            )
         names: list[str] = []
         if cameras is not None:
             cameras = _check.items("cameras", cameras, f"{list(scene.cameras)}")
@@ -248,6 +270,8 @@ class Simulator:
             camera_motion=motion_text(camera_motion),
             camera_speed=_check.number_or_none("camera_speed", camera_speed, " pixels per second"),
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
+            poses=list(self._driven),
+            pose_step_us=_pose_step(pose_step_us, self._driven),
             device=_selector(device),
         )
         raw = self._engine.scene
@@ -335,7 +359,14 @@ class Simulator:
         """Stream time up to which `step` has come, in microseconds."""
         return self._engine.now_us
 
-    def step(self, until_us: int) -> Packet:
+    def step(
+        self,
+        until_us: int,
+        poses: Mapping[str, ArrayLike] | None = None,
+        *,
+        pose_times_us: ArrayLike | None = None,
+        velocities: Mapping[str, ArrayLike] | None = None,
+    ) -> Packet:
         """Run to ``until_us`` and return everything from now on; the GIL is released meanwhile.
 
         Ctrl-C ends it between intervals and loses nothing: the next step goes on from `now_us`.
@@ -343,7 +374,19 @@ class Simulator:
         Parameters
         ----------
         until_us : int
-            Stream time in microseconds, later than `now_us`.
+            Stream time in microseconds, later than `now_us`; with ``poses``, a multiple of ``pose_step_us``.
+        poses : mapping of str to array, optional
+            Where the nodes are that a host moves (``poses`` of the simulator), by name: world-from-node at
+            ``until_us`` as x, y, z in metres and a unit quaternion qx, qy, qz, qw, shape (7,), or a rigid
+            matrix (4, 4). One per environment in front: (E, 7). With ``pose_times_us`` of T times, (T, 7) or
+            (E, T, 7). Cameras look along -Z with +Y up. A node without a pose rests during the step. From the
+            last pose to the next one positions run straight and rotations turn evenly.
+        pose_times_us : array of int, optional
+            Stream times of the poses in microseconds, after `now_us` and ascending; the last one is
+            ``until_us``. In the first step they may begin at 0, which replaces the pose that the scene has.
+        velocities : mapping of str to array, optional
+            Metres per second at each pose, (3,) in place of (7,). Between two poses that have one the
+            position is the cubic through both (exact for constant acceleration).
 
         Returns
         -------
@@ -353,15 +396,19 @@ class Simulator:
         Raises
         ------
         ConfigError
-            If ``until_us`` does not lie after `now_us`.
+            If ``until_us`` does not lie after `now_us`, or poses cannot be used: names that no host moves,
+            shapes, values that are not finite, rotations that are no unit quaternions, times out of order.
+            Then nothing has changed.
         DeviceError
             If the device failed.
         EvisError
             If a stream has taken the engine.
         """
-        return packet_from(
-            self._engine.step(_check.time_us("until_us", until_us)), self._cameras, self._labels
-        )
+        until = _check.time_us("until_us", until_us)
+        given = None
+        if poses is not None:
+            given = node_poses(self._driven, self.environments, until, poses, pose_times_us, velocities)
+        return packet_from(self._engine.step(until, given), self._cameras, self._labels)
 
     def stream(self, *, duration: float | None = None, packet_us: int = 10_000) -> Stream:
         """Stream packets, rendered ahead while Python works.
@@ -456,6 +503,12 @@ class Stream(Iterator[Packet]):
     ) -> None:
         """Stop the engine."""
         self.close()
+
+
+def _pose_step(pose_step_us: int | None, driven: Sequence[str]) -> int | None:
+    if pose_step_us is not None:
+        return _check.time_us("pose_step_us", pose_step_us)
+    return USUAL_POSE_STEP_US if driven else None
 
 
 def _simulator(cls: type[Simulator], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Simulator:

@@ -78,7 +78,8 @@ pub fn breaks(scene: &Scene, start_us: f64, end_us: f64) -> Vec<f64> {
     let mut times = Vec::new();
     for node in &scene.nodes {
         match &node.motion {
-            Motion::Fixed(_) => {}
+            // What a host moves is known step by step, and is not sampled here.
+            Motion::Fixed(_) | Motion::Driven(_) => {}
             Motion::Animated { translation, rotation, scale, .. } => {
                 for curve in [translation, rotation, scale].into_iter().flatten() {
                     of_curve(curve, &mut times);

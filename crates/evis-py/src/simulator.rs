@@ -9,6 +9,7 @@ use std::task::Poll;
 use evis_core::CameraInfo;
 use evis_render::settings::SettingsFile;
 use evis_render::{Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_sensors};
+use evis_scene::HostPose;
 use evis_scene::camera_motion::{self, CameraMotionSettings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -55,7 +56,7 @@ impl Simulator {
     #[pyo3(signature = (
         scene, *, sensor, for_all, sensors, method, splat, quality, settings, rate_hz, adaptive_px, between, samples, antialias, texture_taps,
         shadows, shadow_map, audit, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
-        camera_motion, camera_speed, reference_luminance, device
+        camera_motion, camera_speed, reference_luminance, poses, pose_step_us, device
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
     fn new(
@@ -88,6 +89,8 @@ impl Simulator {
         camera_motion: Option<&str>,
         camera_speed: Option<f64>,
         reference_luminance: Option<f32>,
+        poses: Vec<String>,
+        pose_step_us: Option<i64>,
         device: Option<String>,
     ) -> PyResult<Self> {
         let file = settings.as_deref().map(engine::settings).transpose()?;
@@ -102,6 +105,7 @@ impl Simulator {
             start_us: start_us.unwrap_or(base.start_us),
             seed: seed.unwrap_or(base.seed),
             reference_luminance: reference_luminance.or(base.reference_luminance),
+            pose_step_us: pose_step_us.or(base.pose_step_us),
             label_rate_hz,
             frame_rate_hz,
             exposure_us: exposure_us.unwrap_or_else(|| RunConfig::usual_exposure_us(frame_rate_hz)),
@@ -134,8 +138,16 @@ impl Simulator {
             camera: config.cameras.first().cloned(),
             size: config.size,
         };
-        let own = scene.shared();
-        let scene = py.enter_engine(|| camera_motion::moved(&own, &camera_motion))?;
+        let mut own = scene.shared();
+        let start_us = config.start_us;
+        let scene = py.enter_engine(|| {
+            if !poses.is_empty() {
+                let mut driven = evis_scene::Scene::clone(&own);
+                driven.drive(&poses, start_us)?;
+                own = Arc::new(driven);
+            }
+            camera_motion::moved(&own, &camera_motion)
+        })?;
         if !for_all {
             for (camera, sensor) in scene_sensors(&scene, &config.cameras).map_err(Failure::from)? {
                 config.sensors.entry(camera).or_insert(sensor);
@@ -246,12 +258,18 @@ impl Simulator {
         self.now_us.load(Ordering::Acquire)
     }
 
-    /// Runs to `until_us` and returns everything from now on.
-    fn step(&self, py: Python<'_>, until_us: i64) -> PyResult<Packet> {
+    /// Runs to `until_us` and returns everything from now on. `poses`: environment, index of the node, times, and per time
+    /// position (3), rotation (x, y, z, w) and velocity (3, or none).
+    #[pyo3(signature = (until_us, poses))]
+    fn step(&self, py: Python<'_>, until_us: i64, poses: Option<Vec<NodePoses>>) -> PyResult<Packet> {
+        let poses: Option<Vec<_>> = poses.map(|poses| poses.into_iter().map(host_poses).collect());
         let packet = py.enter_engine_for_long(&self.stop, || {
             let mut engine = usable(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(taken)?;
-            let packet = simulator.step(until_us)?;
+            let packet = match &poses {
+                Some(poses) => simulator.step_with_poses(until_us, poses)?,
+                None => simulator.step(until_us)?,
+            };
             self.now_us.store(simulator.now_us(), Ordering::Release);
             Ok::<_, Failure>(packet)
         })?;
@@ -271,6 +289,17 @@ impl Simulator {
         })?;
         Ok(Stream { engine: Owned::new(Mutex::new(Some(stream))), sizes: sizes(&self.cameras) })
     }
+}
+
+/// Environment, index of the node, times, positions and rotations, velocities.
+type NodePoses = (usize, usize, Vec<i64>, Vec<[f64; 7]>, Option<Vec<[f64; 3]>>);
+
+fn host_poses((environment, node, times, values, velocities): NodePoses) -> (usize, usize, Vec<HostPose>) {
+    let velocity = |i: usize| velocities.as_ref().and_then(|v| v.get(i)).copied();
+    let pose = |(i, (t_us, [x, y, z, qx, qy, qz, qw])): (usize, (i64, [f64; 7]))| {
+        HostPose::new(t_us, [x, y, z], [qx, qy, qz, qw], velocity(i))
+    };
+    (environment, node, times.into_iter().zip(values).enumerate().map(pose).collect())
 }
 
 fn taken() -> Failure {

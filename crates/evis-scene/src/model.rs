@@ -45,6 +45,8 @@ pub struct Scene {
     pub framing: Option<Framing>,
     /// How [`Scene::move_cameras`] moved the cameras; `None` where they move as the scene says.
     pub camera_motion: Option<crate::motion::AppliedMotion>,
+    /// What a host moves; `None` where everything moves by itself. [`Scene::drive`] sets it.
+    pub host_poses: Option<std::sync::Arc<crate::host_poses::HostPoses>>,
     /// What the loader had to say: once each, for the user.
     pub warnings: Vec<String>,
 }
@@ -384,6 +386,8 @@ pub struct Variant {
     pub time_offset_s: f64,
     /// `(node, offset)`: the node's motion is taken as `offset * motion(t)`.
     pub node_offsets: Vec<(usize, DMat4)>,
+    /// `(node, poses)` of nodes that a host moves.
+    pub poses: Vec<(usize, std::sync::Arc<crate::track::Track>)>,
 }
 
 impl Scene {

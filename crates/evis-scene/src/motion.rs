@@ -5,6 +5,8 @@ use std::sync::Arc;
 use glam::{DMat4, DQuat, DVec3};
 use serde::Serialize;
 
+use crate::interpolate::{hermite, slerp, unit};
+use crate::track::Track;
 use crate::transform::Trs;
 
 /// How values between keys are found (glTF 2.0, appendix C).
@@ -50,6 +52,8 @@ pub enum Motion {
     },
     /// A rigid path.
     Path(Arc<Path>),
+    /// Poses that a host gives, in the world whatever the parent is; see [`crate::Scene::drive`].
+    Driven(Arc<Track>),
 }
 
 impl Default for Motion {
@@ -205,31 +209,6 @@ fn span(times: &[f64], t_s: f64) -> Option<(usize, usize, f64, f64)> {
     Some((above - 1, above, (t_s - t0) / (t1 - t0), t1 - t0))
 }
 
-/// Weights of (value 0, tangent 0, value 1, tangent 1) of a cubic Hermite at `u` in [0, 1]; tangents per unit of `u`.
-fn hermite(u: f64) -> [f64; 4] {
-    let v = 1.0 - u;
-    [(1.0 + 2.0 * u) * v * v, u * v * v, u * u * (3.0 - 2.0 * u), -u * u * v]
-}
-
-/// Unit quaternion, identity where `q` has no direction.
-fn unit(q: DQuat) -> DQuat {
-    let length = q.length();
-    if length.is_finite() && length > 0.0 { q / length } else { DQuat::IDENTITY }
-}
-
-/// Shortest-arc spherical interpolation of unit quaternions, exact also for close ones (glam's own switches to a
-/// normalised lerp above a cosine of 0.9995, an error that a slow rotation under a telephoto lens would show).
-pub(crate) fn slerp(a: DQuat, b: DQuat, u: f64) -> DQuat {
-    let b = if a.dot(b) < 0.0 { -b } else { b };
-    // The half-chord form keeps full precision where the arc cosine of the dot product has none.
-    let angle = 2.0 * (a - b).length().atan2((a + b).length());
-    if angle < 1e-9 {
-        return unit(a * (1.0 - u) + b * u);
-    }
-    let s = angle.sin();
-    unit(a * (((1.0 - u) * angle).sin() / s) + b * ((u * angle).sin() / s))
-}
-
 impl Curve {
     /// A curve that always has the given value.
     pub fn constant(values: Vec<f64>) -> Self {
@@ -367,6 +346,7 @@ impl Motion {
             }
             .matrix(),
             Self::Path(path) => path.matrix(t_s),
+            Self::Driven(track) => track.world_from_node(t_s * 1e6),
         }
     }
 
@@ -378,6 +358,7 @@ impl Motion {
                 [translation, rotation, scale].into_iter().flatten().all(|c| c.times.len() < 2)
             }
             Self::Path(path) => matches!(path.as_ref(), Path::Keys { times, .. } if times.len() < 2),
+            Self::Driven(_) => false,
         }
     }
 
@@ -389,6 +370,7 @@ impl Motion {
                 [translation, rotation, scale].into_iter().flatten().all(Curve::rests)
             }
             Self::Path(path) => path.rests(),
+            Self::Driven(_) => false,
         }
     }
 
@@ -402,6 +384,7 @@ impl Motion {
                 .filter_map(|c| c.times.last().copied())
                 .fold(None, |end: Option<f64>, t| Some(end.map_or(t, |e| e.max(t)))),
             Self::Path(path) => path.end_s(),
+            Self::Driven(_) => None,
         }
     }
 
@@ -427,6 +410,7 @@ impl Motion {
                 Ok(())
             }
             Self::Path(path) => path.check(),
+            Self::Driven(_) => Ok(()),
         }
     }
 }

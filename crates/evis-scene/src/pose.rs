@@ -4,6 +4,7 @@ use glam::DMat4;
 
 use crate::error::SceneError;
 use crate::model::{Scene, Variant};
+use crate::motion::Motion;
 
 /// Where everything is, and how bright, at one time.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,11 +50,19 @@ impl Scene {
 
     /// As [`Scene::evaluate`], for one variant: on its clock, with its nodes offset.
     pub fn evaluate_variant(&self, variant: Option<&Variant>, t_s: f64, state: &mut SceneState) {
+        // Hosts keep the stream's own time.
+        let host_us = t_s * 1e6;
         let t_s = t_s * self.speed.unwrap_or(1.0) + variant.map_or(0.0, |v| v.time_offset_s);
         let offsets = variant.map_or(&[][..], |v| &v.node_offsets);
 
         state.world_from_node.clear();
         for (index, node) in self.nodes.iter().enumerate() {
+            if let Motion::Driven(track) = &node.motion {
+                let own = variant.and_then(|v| v.poses.iter().find(|(n, _)| *n == index));
+                let track = own.map_or(track, |(_, own)| own);
+                state.world_from_node.push(track.world_from_node(host_us));
+                continue;
+            }
             let motion = node.motion.matrix(t_s);
             let own = offsets.iter().filter(|(n, _)| *n == index).fold(motion, |m, (_, offset)| *offset * m);
             let parent = node.parent.and_then(|p| state.world_from_node.get(p));

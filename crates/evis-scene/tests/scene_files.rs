@@ -162,7 +162,7 @@ fn a_file_and_builder_calls_give_equal_scenes() {
         scene.camera(eye, Placement::at([0.0, 0.5, 0.0]).moving(keys))?;
         scene.variant(Variant::default())?;
         let node_offsets = vec![(cart, DMat4::from_translation(DVec3::Z))];
-        scene.variant(Variant { seed_offset: 1, time_offset_s: 1.5, node_offsets })?;
+        scene.variant(Variant { seed_offset: 1, time_offset_s: 1.5, node_offsets, ..Variant::default() })?;
         scene.build()
     };
     let from_code = build(0.5).unwrap_or_else(|e| panic!("{e}"));

@@ -186,6 +186,10 @@ pub struct RunConfig {
     /// The share of tiles that are skipped, or sampled less often than at every instant, which are rendered once more and
     /// compared; no event depends on it. 0 audits nothing.
     pub audit: f64,
+    /// Microseconds between the ends of steps, where a host moves something: blocks of instants then end where steps may. `None`
+    /// where nothing is driven.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pose_step_us: Option<i64>,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
     pub reference_luminance: Option<f32>,
 }
@@ -214,6 +218,7 @@ impl Default for RunConfig {
             frame_rate_hz: None,
             exposure_us: USUAL_EXPOSURE_US,
             audit: USUAL_AUDIT,
+            pose_step_us: None,
             reference_luminance: None,
         }
     }
@@ -271,7 +276,20 @@ impl RunConfig {
     pub fn block(&self) -> u32 {
         let longest = (self.rate_hz * BLOCK_S).clamp(1.0, f64::from(MAX_INSTANTS)) as u32;
         let adaptive = self.method.has_adaptive_time() && self.adaptive_px.is_some();
-        if adaptive { 1 << longest.max(1).ilog2() } else { 1 }
+        if !adaptive {
+            return 1;
+        }
+        let usual = longest.max(1).ilog2();
+        // No block reaches beyond a step.
+        let fits = self.pose_step_us.map_or(usual, |us| self.instants_of(us).map_or(0, u64::trailing_zeros));
+        1 << usual.min(fits)
+    }
+
+    /// Instants in `us` microseconds, where that is a whole number of them and each comes after a whole number of microseconds.
+    fn instants_of(&self, us: i64) -> Option<u64> {
+        let apart_us = 1e6 / self.rate_hz;
+        let count = us as f64 / apart_us;
+        (us > 0 && apart_us.fract() == 0.0 && count.fract() == 0.0).then_some(count as u64)
     }
 
     /// [`RunConfig::texture_taps`], chosen where it is not given.

@@ -196,6 +196,14 @@ impl Engine {
         &self.context.offsets
     }
 
+    /// Stream time of the last instant that is sampled for everything before `until_us`.
+    pub fn needed_us(&self, until_us: i64) -> i64 {
+        let grid = &self.context.grid;
+        let block = i64::from(self.block);
+        let last = grid.first_at_or_after(until_us).max(0);
+        grid.instant_us(last.div_euclid(block) * block + if last % block > 0 { block } else { 0 })
+    }
+
     /// Stream time up to which packets were delivered.
     pub fn now_us(&self) -> i64 {
         self.delivered_us

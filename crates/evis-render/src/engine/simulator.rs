@@ -7,10 +7,10 @@ use std::task::Poll;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use evis_core::{CameraInfo, ConfigError};
-use evis_scene::Scene;
+use evis_core::{CameraInfo, ConfigError, SensorConfig};
+use evis_scene::{HostPose, HostPoses, Scene};
 
-use crate::config::RunConfig;
+use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -20,12 +20,16 @@ use crate::world::view;
 /// Packets that a stream renders ahead of its reader.
 const AHEAD: usize = 4;
 
+/// How long the poses of a host are kept after their time.
+const KEPT_POSES_US: i64 = 1_000_000;
+
 /// Renders a scene and streams its events.
 pub struct Simulator {
     cameras: Vec<CameraInfo>,
     environments: usize,
     config: RunConfig,
     engine: Engine,
+    host_poses: Option<Arc<HostPoses>>,
 }
 
 impl Simulator {
@@ -39,8 +43,12 @@ impl Simulator {
         // Each camera's first view has its sensor.
         config.tell_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
         let environments = scene.variants.len().max(1);
+        let host_poses = scene.host_poses.clone();
+        if host_poses.is_some() {
+            check_driven(&config, views.iter().map(|view| &view.sensor))?;
+        }
         let engine = gpu.guarded(|| Engine::new(gpu, scene, views, &mut config))?;
-        Ok(Self { cameras, environments, config, engine })
+        Ok(Self { cameras, environments, config, engine, host_poses })
     }
 
     /// The rendered cameras, in view order.
@@ -97,7 +105,61 @@ impl Simulator {
             let remedy = format!("after the stream's present, {} microseconds", self.now_us());
             return Err(ConfigError::new("until_us", until_us, remedy).into());
         }
+        if self.host_poses.is_some() {
+            return self.step_with_poses(until_us, &[]);
+        }
         self.engine.deliver(until_us, until_us)
+    }
+
+    /// As [`Simulator::step`], where a host moves nodes ([`Scene::drive`]): `poses` tells where they are during the step, by
+    /// environment and index of the node in [`HostPoses::names`], in stream time, the last one at `until_us`. A node without
+    /// any rests. All events before `until_us` are delivered.
+    ///
+    /// # Errors
+    /// As [`Simulator::step`]; poses that cannot be used, and a step that does not end where samples may.
+    pub fn step_with_poses(
+        &mut self,
+        until_us: i64,
+        poses: &[(usize, usize, Vec<HostPose>)],
+    ) -> Result<Packet, EngineError> {
+        let Some(host) = &self.host_poses else {
+            let remedy = "no poses: name the nodes that a host moves when the simulator is made";
+            return Err(ConfigError::new("poses", "given", remedy).into());
+        };
+        if until_us <= self.engine.now_us() {
+            let remedy = format!("after the stream's present, {} microseconds", self.engine.now_us());
+            return Err(ConfigError::new("until_us", until_us, remedy).into());
+        }
+        let needed_us = self.engine.needed_us(until_us);
+        if needed_us != until_us {
+            let remedy = format!(
+                "a multiple of pose_step_us ({} us): samples for it are taken at {needed_us} us",
+                self.config.pose_step_us.unwrap_or_default()
+            );
+            return Err(ConfigError::new("until_us", until_us, remedy).into());
+        }
+        let start_us = self.config.start_us;
+        // A step that was stopped goes on.
+        if !poses.is_empty() || host.known_until_us() < start_us + until_us {
+            let shifted: Vec<_> = poses
+                .iter()
+                .map(|(environment, node, poses)| {
+                    let poses = poses.iter().map(|p| HostPose { t_us: start_us + p.t_us, ..*p });
+                    (*environment, *node, poses.collect())
+                })
+                .collect();
+            host.advance(&shifted, start_us + until_us)?;
+        }
+        let packet = self.engine.deliver(until_us, until_us)?;
+        // Flow looks back by the time between two labels.
+        let label_us = (1e6 / self.config.label_rate_hz).ceil() as i64;
+        host.forget_before(start_us + until_us - 2 * label_us - KEPT_POSES_US);
+        Ok(packet)
+    }
+
+    /// What a host moves, where it moves anything.
+    pub const fn host_poses(&self) -> Option<&Arc<HostPoses>> {
+        self.host_poses.as_ref()
     }
 
     /// Streams `duration_us` from now in packets of `packet_us`, rendering ahead on a thread of its own
@@ -106,6 +168,10 @@ impl Simulator {
     /// # Errors
     /// Both times must be above 0.
     pub fn stream(self, duration_us: i64, packet_us: i64) -> Result<PacketStream, EngineError> {
+        if self.host_poses.is_some() {
+            let remedy = "a simulator whose poses come from a host goes on step by step: use step";
+            return Err(ConfigError::new("stream", "poses from a host", remedy).into());
+        }
         for (what, value) in [("duration_us", duration_us), ("packet_us", packet_us)] {
             if value <= 0 {
                 return Err(ConfigError::new(what, value, "above 0 microseconds").into());
@@ -133,6 +199,35 @@ impl Simulator {
             .map_err(|e| EngineError::Device(format!("cannot start the stream's thread: {e}")))?;
         Ok(PacketStream { receive: Some(receive), stop, thread: Some(thread) })
     }
+}
+
+/// Whether everything that `config` asks for can be had of poses that are known no further than a step's end.
+fn check_driven<'a>(
+    config: &RunConfig,
+    mut sensors: impl Iterator<Item = &'a SensorConfig>,
+) -> Result<(), ConfigError> {
+    let refused = |what: &str, value: &str, remedy: &str| {
+        Err(ConfigError::new(what, value, format!("{remedy}, where poses come from a host")))
+    };
+    if config.method != Method::Native {
+        return refused("method", config.method.name(), "native: keyframes need poses that come later");
+    }
+    if config.frame_rate_hz.is_some() {
+        return refused("frame_rate", "given", "none: exposures last beyond a step");
+    }
+    if sensors.any(|sensor| !sensor.exposure.is_off()) {
+        return refused("sensor.exposure", "on", "off: exposures last beyond a step");
+    }
+    let step_us = config.pose_step_us.unwrap_or(0);
+    let apart_us = 1e6 / config.rate_hz;
+    if step_us > 0 && (apart_us.fract() != 0.0 || (step_us as f64 / apart_us).fract() != 0.0) {
+        let remedy = format!("a multiple of the time between two samples, which is a whole number of microseconds ({apart_us} us now)");
+        return Err(ConfigError::new("pose_step_us", step_us, remedy));
+    }
+    if step_us <= 0 {
+        return Err(ConfigError::new("pose_step_us", step_us, "above 0 microseconds, where poses come from a host"));
+    }
+    Ok(())
 }
 
 /// Packets in order; dropping it stops the engine after the interval in work.

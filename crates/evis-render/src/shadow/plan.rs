@@ -251,13 +251,18 @@ pub fn alike(states: &[SceneState], nodes: &[usize]) -> Vec<u32> {
     numbers
 }
 
-/// Bounds of everything over the scene's duration, from samples in time.
+/// Bounds of everything over the scene's duration, from samples in time. Where a host moves something, nobody knows how far it
+/// will go: half the diagonal more on each side. What leaves them throws no shadow of a directional light.
 pub fn scene_bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
     const SAMPLES: u32 = 64;
     let duration = scene.duration_s.unwrap_or(10.0);
     (0..=SAMPLES)
         .filter_map(|i| scene.bounds(duration * f64::from(i) / f64::from(SAMPLES)))
         .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+        .map(|(low, high)| {
+            let more = if scene.host_poses.is_some() { 0.5 * (high - low).length() } else { 0.0 };
+            (low - more, high + more)
+        })
 }
 
 #[cfg(test)]

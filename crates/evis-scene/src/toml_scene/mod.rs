@@ -420,6 +420,7 @@ fn environment(mut keys: Keys<'_>, scene: &mut SceneBuilder) -> Result<(), Scene
     }
     for i in 0..count {
         let variant = Variant {
+            poses: Vec::new(),
             seed_offset: seed_offset + i,
             time_offset_s: time_offset_s + i as f64 * time_step_s,
             node_offsets: node_offsets.clone(),

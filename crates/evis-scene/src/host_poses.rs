@@ -1,0 +1,127 @@
+//! Poses that a host gives while the scene runs: a physics engine, an agent, a recording that is still being made.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+
+use glam::DVec3;
+
+use crate::error::SceneError;
+use crate::track::{HostPose, Track};
+
+/// How far a quaternion's length may be from 1.
+const UNIT_TOLERANCE: f64 = 1e-3;
+
+/// The nodes of a scene that a host moves, in each environment, and until when their poses are known.
+#[derive(Debug)]
+pub struct HostPoses {
+    names: Vec<String>,
+    /// By environment, then in the order of `names`.
+    tracks: Vec<Vec<Arc<Track>>>,
+    known_until_us: AtomicI64,
+}
+
+impl HostPoses {
+    /// Everything is known until `known_until_us`, where `tracks` begin: by environment, then in the order of `names`.
+    pub(crate) const fn new(names: Vec<String>, tracks: Vec<Vec<Arc<Track>>>, known_until_us: i64) -> Self {
+        Self { names, tracks, known_until_us: AtomicI64::new(known_until_us) }
+    }
+
+    /// Names of the nodes, as they were asked for.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Number of environments.
+    pub fn environments(&self) -> usize {
+        self.tracks.len()
+    }
+
+    /// Scene time in microseconds until which the poses of all nodes are known. Nothing is sampled after it.
+    pub fn known_until_us(&self) -> i64 {
+        self.known_until_us.load(Ordering::Acquire)
+    }
+
+    /// Appends `poses` of node `node` (an index into [`HostPoses::names`]) in `environment`, in order of time, the last one at
+    /// `until_us`. A node without new poses rests; [`HostPoses::advance`] makes them known.
+    ///
+    /// # Errors
+    /// Times that do not ascend from what is known to `until_us`, values that are not finite, rotations that are no unit
+    /// quaternions. Then nothing has changed.
+    pub fn check(
+        &self,
+        environment: usize,
+        node: usize,
+        poses: &[HostPose],
+        until_us: i64,
+    ) -> Result<(), SceneError> {
+        let name = &self.names[node];
+        let place = || {
+            if self.tracks.len() > 1 {
+                format!("'{name}' of environment {environment}")
+            } else {
+                format!("'{name}'")
+            }
+        };
+        let rule = |text: String| Err(SceneError::Rule(format!("pose of {}: {text}", place())));
+        let track = &self.tracks[environment][node];
+        let known = track.last_us();
+        let mut last = if track.is_new() { known - 1 } else { known };
+        for pose in poses {
+            if pose.t_us <= last {
+                return rule(format!(
+                    "its time is {} us; poses are known until {known} us, and must go on from there in order",
+                    pose.t_us
+                ));
+            }
+            last = pose.t_us;
+            let velocity = pose.velocity.unwrap_or(DVec3::ZERO);
+            if !(pose.position.is_finite() && pose.rotation.is_finite() && velocity.is_finite()) {
+                return rule(format!("it holds a value that is not finite, at {} us", pose.t_us));
+            }
+            let length = pose.rotation.length();
+            if (length - 1.0).abs() > UNIT_TOLERANCE {
+                return rule(format!(
+                    "its rotation has the length {length:.6} at {} us; give a unit quaternion (x, y, z, w)",
+                    pose.t_us
+                ));
+            }
+        }
+        match poses.last() {
+            Some(pose) if pose.t_us != until_us => {
+                rule(format!("the last one is at {} us; the step ends at {until_us} us", pose.t_us))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Makes everything known until `until_us`, with `poses` per environment, node and its poses. A node that is not among
+    /// them stays where it is.
+    ///
+    /// # Errors
+    /// As [`HostPoses::check`]; then nothing has changed.
+    pub fn advance(&self, poses: &[(usize, usize, Vec<HostPose>)], until_us: i64) -> Result<(), SceneError> {
+        for (environment, node, poses) in poses {
+            self.check(*environment, *node, poses, until_us)?;
+        }
+        for (environment, node, poses) in poses {
+            let unit: Vec<HostPose> =
+                poses.iter().map(|p| HostPose { rotation: p.rotation.normalize(), ..*p }).collect();
+            self.tracks[*environment][*node].append(&unit);
+        }
+        for track in self.tracks.iter().flatten() {
+            let last_us = track.last_us();
+            if last_us < until_us {
+                // It rests: without a pose here, the next one would move it from the last one on.
+                let rest = track.last().map(|pose| HostPose { t_us: until_us, velocity: None, ..pose });
+                track.append(rest.as_slice());
+            }
+        }
+        self.known_until_us.store(until_us, Ordering::Release);
+        Ok(())
+    }
+
+    /// Forgets poses that no time from `t_us` on needs.
+    pub fn forget_before(&self, t_us: i64) {
+        self.tracks.iter().flatten().for_each(|track| track.forget_before(t_us));
+    }
+}

@@ -1,0 +1,130 @@
+"""Poses that a host gives, as the engine takes them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import _check
+from ._check import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+#: How far the columns of a rotation matrix may be from an orthonormal basis.
+_RIGID = 1e-3
+
+_SHAPES = "(7,) for x, y, z, qx, qy, qz, qw, or (4, 4); with one per environment or time in front"
+
+
+def node_poses(
+    names: Sequence[str],
+    environments: int,
+    until_us: int,
+    poses: Mapping[str, ArrayLike],
+    times_us: ArrayLike | None,
+    velocities: Mapping[str, ArrayLike] | None,
+) -> list[tuple[int, int, list[int], list[list[float]], list[list[float]] | None]]:
+    """Per environment and node: times, poses of seven numbers, velocities."""
+    times = [until_us] if times_us is None else _times(times_us)
+    found = []
+    for name, value in poses.items():
+        node = _node(names, name)
+        size = (environments, len(times))
+        values = _spread(f"poses[{name!r}]", _as_seven(name, value), size, times_us is None)
+        speeds = None
+        if velocities is not None and name in velocities:
+            what = f"velocities[{name!r}]"
+            speeds = _spread(what, _numbers(what, velocities[name]), size, times_us is None)
+            if speeds.shape[-1] != 3:
+                raise ConfigError(f"{what} has the shape {np.shape(velocities[name])}; give (3,) per pose")
+        for environment in range(environments):
+            own = None if speeds is None else speeds[environment].tolist()
+            found.append((environment, node, times, values[environment].tolist(), own))
+    for name in velocities or {}:
+        if name not in poses:
+            raise ConfigError(f"velocities name {name!r}, and poses do not; give both")
+    return found
+
+
+def _node(names: Sequence[str], name: str) -> int:
+    if name not in names:
+        known = ", ".join(repr(n) for n in names) or "none: name them as poses=[...] of the Simulator"
+        raise ConfigError(f"poses name {name!r}, which no host moves; there is {known}")
+    return list(names).index(name)
+
+
+def _times(times_us: ArrayLike) -> list[int]:
+    times = np.asarray(times_us)
+    if times.ndim != 1 or times.size == 0 or not np.issubdtype(times.dtype, np.integer):
+        raise ConfigError("pose_times_us must be whole microseconds, one per pose of the step, in order")
+    return [_check.time_us("pose_times_us", int(t)) for t in times]
+
+
+def _numbers(what: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{what} is no array of numbers: {error}") from None
+
+
+def _as_seven(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    array = _numbers(f"poses[{name!r}]", value)
+    if array.ndim >= 2 and array.shape[-2:] == (4, 4):
+        return _from_matrices(name, array)
+    if array.ndim < 1 or array.shape[-1] != 7:
+        raise ConfigError(f"poses[{name!r}] has the shape {array.shape}; give {_SHAPES}")
+    return array
+
+
+def _from_matrices(name: str, matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Position and quaternion (x, y, z, w) of rigid transforms, by Shepperd's method."""
+    rotation = matrices[..., :3, :3]
+    off = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(initial=0.0)
+    last = np.abs(matrices[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0)
+    # A NaN is no rigid transform either.
+    if not (off < _RIGID and last < _RIGID and bool((np.linalg.det(rotation) > 0.0).all())):
+        raise ConfigError(
+            f"poses[{name!r}] holds a matrix that is not rigid; give a rotation and a translation, "
+            "and 0, 0, 0, 1 as the last row"
+        )
+    trace = np.trace(rotation, axis1=-2, axis2=-1)
+    diagonal = np.stack([rotation[..., i, i] for i in range(3)] + [trace], axis=-1)
+    largest = diagonal.argmax(axis=-1)
+    quaternion = np.empty((*rotation.shape[:-2], 4))
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        where = largest == axis
+        own = rotation[where]
+        quaternion[where, axis] = 1.0 + own[..., axis, axis] - own[..., j, j] - own[..., k, k]
+        quaternion[where, j] = own[..., j, axis] + own[..., axis, j]
+        quaternion[where, k] = own[..., k, axis] + own[..., axis, k]
+        quaternion[where, 3] = own[..., k, j] - own[..., j, k]
+    where = largest == 3
+    own = rotation[where]
+    quaternion[where, 0] = own[..., 2, 1] - own[..., 1, 2]
+    quaternion[where, 1] = own[..., 0, 2] - own[..., 2, 0]
+    quaternion[where, 2] = own[..., 1, 0] - own[..., 0, 1]
+    quaternion[where, 3] = 1.0 + trace[where]
+    quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    return np.concatenate([matrices[..., :3, 3], quaternion], axis=-1)
+
+
+def _spread(
+    what: str, array: NDArray[np.float64], size: tuple[int, int], at_end: bool
+) -> NDArray[np.float64]:
+    """Shape (environments, times, columns)."""
+    environments, times = size
+    shape = array.shape
+    wanted = (*size, shape[-1] if shape else 0)
+    if at_end and array.ndim == 2 and shape[0] == environments:
+        array = array[:, None]
+    if array.ndim > 3 or any(a not in {1, b} for a, b in zip(array.shape[::-1], wanted[::-1], strict=False)):
+        raise ConfigError(
+            f"{what} has the shape {shape}; for {environments} environment(s) and {times} time(s) give "
+            f"{wanted}, or leave out what is the same for all"
+        )
+    return np.broadcast_to(array, wanted)
