@@ -1,0 +1,25 @@
+//! Sums of polarities.
+
+use crate::array::Array;
+use crate::error::Error;
+use crate::slice::Slice;
+
+/// The event frame: per pixel, ON events minus OFF events, shape (height, width).
+///
+/// H. Rebecq, T. Horstschaefer, D. Scaramuzza, "Real-time visual-inertial odometry for event cameras using keyframe-based
+/// nonlinear optimization", BMVC 2017, without its motion compensation; "event frame" in table 1 of D. Gehrig et al.,
+/// "End-to-end learning of representations for asynchronous event-based data", ICCV 2019.
+///
+/// # Errors
+/// See [`Error`]: an event that cannot be used, an array too large.
+pub fn event_frame(slice: &Slice<'_>) -> Result<Array<i32>, Error> {
+    let width = slice.width();
+    let mut frame = Array::zeros(&[slice.height(), width])?;
+    slice.blocks(|block| {
+        for event in block {
+            let pixel = usize::from(event.y) * width + usize::from(event.x);
+            frame.data[pixel] += if event.p > 0 { 1 } else { -1 };
+        }
+    })?;
+    Ok(frame)
+}
