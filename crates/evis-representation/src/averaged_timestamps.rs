@@ -11,7 +11,7 @@ use crate::slice::Slice;
 /// microseconds, and exact up to 2^53 of them.
 ///
 /// A. Z. Zhu, L. Yuan, K. Chaney, K. Daniilidis, "Unsupervised event-based learning of optical flow, depth, and egomotion",
-/// CVPR 2019, eq. 4, of events that are not moved.
+/// CVPR 2019: the image of average timestamps, of events that are not moved.
 ///
 /// # Errors
 /// See [`Error`]: an event that cannot be used, an array too large.

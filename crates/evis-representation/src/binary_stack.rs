@@ -33,7 +33,7 @@ pub fn binary_stack(slice: &Slice<'_>, bins: usize) -> Result<Array<u8>, Error> 
 /// The bits of frame f are parts f · bits to (f + 1) · bits - 1 of a [`binary_stack`] of frames · bits parts; the first of
 /// them is the most significant one. It is tonic's `ToBinaRep`.
 ///
-/// S. Barchid, J. Mennesson, C. Djéraba, ICIP 2022, eq. 1.
+/// S. Barchid, J. Mennesson, C. Djéraba, ICIP 2022.
 ///
 /// # Errors
 /// See [`Error`]: no frames, bits that are not 1 to [`MOST_BITS`], an event that cannot be used, an array too large.

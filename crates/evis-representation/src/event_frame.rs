@@ -6,9 +6,10 @@ use crate::slice::Slice;
 
 /// The event frame: per pixel, ON events minus OFF events, shape (height, width).
 ///
-/// H. Rebecq, T. Horstschaefer, D. Scaramuzza, "Real-time visual-inertial odometry for event cameras using keyframe-based
-/// nonlinear optimization", BMVC 2017, without its motion compensation; "event frame" in table 1 of D. Gehrig et al.,
-/// "End-to-end learning of representations for asynchronous event-based data", ICCV 2019.
+/// The image of event polarities in the survey of D. Gehrig, A. Loquercio, K. G. Derpanis, D. Scaramuzza, "End-to-end
+/// learning of representations for asynchronous event-based data", ICCV 2019, table 1, after H. Rebecq, T. Horstschaefer,
+/// D. Scaramuzza, "Real-time visual-inertial odometry for event cameras using keyframe-based nonlinear optimization", BMVC
+/// 2017, without its motion compensation.
 ///
 /// # Errors
 /// See [`Error`]: an event that cannot be used, an array too large.

@@ -7,7 +7,7 @@ use crate::slice::{Clock, Slice};
 /// What an event is worth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Measure {
-    /// Its time, from 0 to 1: what the paper found best, and its code uses.
+    /// Its time, from 0 to 1, as in the paper's code.
     #[default]
     Time,
     /// 1.

@@ -33,7 +33,7 @@ const NEVER: i64 = i64::MIN;
 /// in its surface; what is before the interval's start counts in none.
 ///
 /// X. Lagorce, G. Orchard, F. Galluppi, B. E. Shi, R. Benosman, "HOTS: a hierarchy of event-based time-surfaces for pattern
-/// recognition", TPAMI 2017, eqs. 2 and 3, over the whole sensor. Linear decay: S. Afshar, T. J. Hamilton, J. Tapson,
+/// recognition", TPAMI 2017, over the whole sensor. Linear decay: S. Afshar, T. J. Hamilton, J. Tapson,
 /// A. van Schaik, G. Cohen, "Investigation of event-based surfaces for high-speed detection, unsupervised feature extraction,
 /// and object recognition", Frontiers in Neuroscience 12, 2019. tonic's `ToTimesurface` counts events before a time, and not
 /// those at it.

@@ -22,7 +22,7 @@ pub enum Polarities {
 /// (2, bins, height, width), OFF first, with [`Polarities::Split`].
 ///
 /// A. Z. Zhu, L. Yuan, K. Chaney, K. Daniilidis, "Unsupervised event-based learning of optical flow, depth, and egomotion",
-/// CVPR 2019, eqs. 1 and 2; as in H. Rebecq et al., "High speed and high dynamic range video with an event camera" (E2VID),
+/// CVPR 2019; as in H. Rebecq et al., "High speed and high dynamic range video with an event camera" (E2VID),
 /// TPAMI 2021. The first B bins of B + 1 are those of tonic's `ToVoxelGrid` with B bins, which scales by B.
 ///
 /// # Errors
