@@ -1,7 +1,7 @@
 """Speed of dense arrays from Python, beside tonic's, as ratios of one run.
 
-A million random events, sorted by time, at 640 x 480. All take turns, and each counts with its least time. tonic
-comes with ``evis[readers]``; without it, its rows are left away.
+A million random events, sorted by time, at 640 x 480. All take turns, and each counts with its least time.
+tonic comes with ``evis[readers]``; without it, its rows are left away.
 """
 
 from __future__ import annotations

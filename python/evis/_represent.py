@@ -226,8 +226,8 @@ class Representable:
         --------
         >>> import evis
         >>> events = evis.EventArray.from_columns([0, 60], [0, 1], [0, 0], [1, 0], width=3, height=1)
-        >>> events.time_surface(100, at_us=80, decay="linear").round(2).tolist()
-        [[[0.0, 0.8, 0.0]], [[0.2, 0.0, 0.0]]]
+        >>> events.time_surface(160, at_us=80, decay="linear").tolist()
+        [[[0.0, 0.875, 0.0]], [[0.5, 0.0, 0.0]]]
         """
         tau_us = _check.number("tau_us", tau_us, " microseconds")
         _choice("decay", decay, Decay)
@@ -413,8 +413,8 @@ class Representable:
         >>> import evis
         >>> columns = [0, 1, 7], [0, 0, 1], [0, 0, 0], [1, 1, 1]
         >>> events = evis.EventArray.from_columns(*columns, width=2, height=1)
-        >>> events.bina_rep(frames=1, bits=2)[0, 1].round(4).tolist()
-        [[0.6667, 0.3333]]
+        >>> (3 * events.bina_rep(frames=1, bits=2)[0, 1]).tolist()
+        [[2.0, 1.0]]
         """
         frames, bits = _check.whole("frames", frames, 1), _check.whole("bits", bits, 1, 24)
         return _evis.bina_rep(self._for_engine(start_us, end_us), frames, bits)

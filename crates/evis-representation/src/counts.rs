@@ -15,10 +15,11 @@ use crate::slice::Slice;
 pub fn counts(slice: &Slice<'_>) -> Result<Array<i32>, Error> {
     let (width, pixels) = (slice.width(), slice.pixels());
     let mut counts = Array::zeros(&[2, slice.height(), width])?;
+    let numbers = counts.data.as_mut_slice();
     slice.blocks(|block| {
         for event in block {
             let pixel = usize::from(event.y) * width + usize::from(event.x);
-            counts.data[usize::from(event.p > 0) * pixels + pixel] += 1;
+            numbers[usize::from(event.p > 0) * pixels + pixel] += 1;
         }
     })?;
     Ok(counts)

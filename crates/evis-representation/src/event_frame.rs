@@ -16,10 +16,11 @@ use crate::slice::Slice;
 pub fn event_frame(slice: &Slice<'_>) -> Result<Array<i32>, Error> {
     let width = slice.width();
     let mut frame = Array::zeros(&[slice.height(), width])?;
+    let sums = frame.data.as_mut_slice();
     slice.blocks(|block| {
         for event in block {
             let pixel = usize::from(event.y) * width + usize::from(event.x);
-            frame.data[pixel] += if event.p > 0 { 1 } else { -1 };
+            sums[pixel] += if event.p > 0 { 1 } else { -1 };
         }
     })?;
     Ok(frame)

@@ -40,6 +40,8 @@ pub fn event_spike_tensor(slice: &Slice<'_>, bins: usize, measure: Measure) -> R
     let mut tensor = Array::zeros(&[2, bins, slice.height(), width])?;
     let last = bins - 1;
     let clock = Clock::new(slice, last)?;
+    let share = 1.0 / last as f64;
+    let values = tensor.data.as_mut_slice();
     slice.blocks(|block| {
         for event in block {
             let polarity = usize::from(event.p > 0);
@@ -47,15 +49,15 @@ pub fn event_spike_tensor(slice: &Slice<'_>, bins: usize, measure: Measure) -> R
             let bin = place as u32 as usize;
             let later = place - bin as f64;
             let worth = match measure {
-                Measure::Time => place / last as f64,
+                Measure::Time => place * share,
                 Measure::Count => 1.0,
                 Measure::Polarity => [-1.0, 1.0][polarity],
             };
             let pixel = usize::from(event.y) * width + usize::from(event.x);
             let voxel = (polarity * bins + bin) * pixels + pixel;
-            tensor.data[voxel] += (worth * (1.0 - later)) as f32;
+            values[voxel] += (worth * (1.0 - later)) as f32;
             if bin < last {
-                tensor.data[voxel + pixels] += (worth * later) as f32;
+                values[voxel + pixels] += (worth * later) as f32;
             }
         }
     })?;

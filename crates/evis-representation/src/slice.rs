@@ -115,14 +115,17 @@ impl<'a> Slice<'a> {
         let mut before = -MOST_T_US;
         let last = self.events.last().map_or(0, |event| event.t).min(MOST_T_US);
         for block in self.events.chunks(BLOCK) {
-            // No branch, so that the loop is straight.
-            let mut wrong = false;
-            for event in block {
-                wrong |= (u32::from(event.x) >= width) | (u32::from(event.y) >= height);
-                wrong |= (event.p.wrapping_add(1) as u16) > 2;
-                wrong |= (event.t < before) | (event.t > last);
+            // Largest x, y and p + 1, in the first places; no branch, and all places in one register.
+            let (mut most, mut goes_back) = ([0_u16; 8], false);
+            for (event, halves) in block.iter().zip(bytemuck::cast_slice::<Event, [u16; 8]>(block)) {
+                for ((most, half), more) in most.iter_mut().zip(halves).zip([0, 0, 1, 0, 0, 0, 0, 0]) {
+                    *most = (*most).max(half.wrapping_add(more));
+                }
+                goes_back |= event.t < before;
                 before = event.t;
             }
+            let outside = u32::from(most[0]) >= width || u32::from(most[1]) >= height;
+            let wrong = outside || most[2] > 2 || goes_back || before > last;
             if wrong {
                 self.check()?;
             }

@@ -31,28 +31,34 @@ pub fn voxel_grid(slice: &Slice<'_>, bins: usize, polarities: Polarities) -> Res
     if bins == 0 {
         return Err(Error::setting("bins", bins, "at least 1"));
     }
-    let (width, pixels) = (slice.width(), slice.pixels());
-    let split = polarities == Polarities::Split;
-    let shape = [2, bins, slice.height(), width];
-    let mut grid = Array::zeros(if split { &shape } else { &shape[1..] })?;
-    let clock = Clock::new(slice, bins - 1)?;
-    // What an event is worth, and where its polarity's part begins.
-    let (off, on) = if split { ((1.0, 0), (1.0, bins * pixels)) } else { ((-1.0, 0), (1.0, 0)) };
-    let last = bins - 1;
+    let shape = [2, bins, slice.height(), slice.width()];
+    let mut grid = Array::zeros(if polarities == Polarities::Split { &shape } else { &shape[1..] })?;
+    match polarities {
+        Polarities::Signed => scatter::<false>(slice, bins, &mut grid.data)?,
+        Polarities::Split => scatter::<true>(slice, bins, &mut grid.data)?,
+    }
+    Ok(grid)
+}
+
+/// Adds all events to `grid`. Its kind is known when it is compiled, so that no event asks for it.
+fn scatter<const SPLIT: bool>(slice: &Slice<'_>, bins: usize, grid: &mut [f32]) -> Result<(), Error> {
+    let (width, pixels, last) = (slice.width(), slice.pixels(), bins - 1);
+    let clock = Clock::new(slice, last)?;
     slice.blocks(|block| {
         for event in block {
-            let (sign, from) = if event.p > 0 { on } else { off };
+            let on = event.p > 0;
+            let sign = if SPLIT || on { 1.0 } else { -1.0 };
+            let from = if SPLIT { usize::from(on) * bins * pixels } else { 0 };
             let place = clock.at(event.t);
             let bin = place as u32 as usize;
             let later = (place - bin as f64) as f32;
             let voxel = from + bin * pixels + usize::from(event.y) * width + usize::from(event.x);
-            grid.data[voxel] += sign * (1.0 - later);
+            grid[voxel] += sign * (1.0 - later);
             if bin < last {
-                grid.data[voxel + pixels] += sign * later;
+                grid[voxel + pixels] += sign * later;
             }
         }
-    })?;
-    Ok(grid)
+    })
 }
 
 /// Shifts and scales the values that are not 0 to mean 0 and variance 1, as E2VID does with its voxel grids.
@@ -60,12 +66,27 @@ pub fn voxel_grid(slice: &Slice<'_>, bins: usize, polarities: Polarities) -> Res
 /// The variance is that of the values themselves (divided by their number). Where they are all alike, it is 0, and they are
 /// shifted only; E2VID divides by it. H. Rebecq et al., TPAMI 2021, and the published code (`EventPreprocessor`).
 pub fn normalize_nonzero(values: &mut [f32]) {
-    let nonzero = || values.iter().map(|value| f64::from(*value)).filter(|value| *value != 0.0);
-    let count = nonzero().count().max(1) as f64;
-    let mean = nonzero().sum::<f64>() / count;
-    let deviation = (nonzero().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt();
+    let nonzero = |value: f32| f64::from(u8::from(value != 0.0));
+    let count = sum(values, nonzero).max(1.0);
+    let mean = sum(values, f64::from) / count;
+    let square = |value: f32| (f64::from(value) - mean).powi(2) * nonzero(value);
+    let deviation = (sum(values, square) / count).sqrt();
     let scale = if deviation > 0.0 { 1.0 / deviation } else { 1.0 };
-    for value in values.iter_mut().filter(|value| **value != 0.0) {
-        *value = ((f64::from(*value) - mean) * scale) as f32;
+    for value in values {
+        let scaled = ((f64::from(*value) - mean) * scale) as f32;
+        // A choice of values and not of ways, which the compiler vectorises.
+        *value = if *value == 0.0 { 0.0 } else { scaled };
     }
+}
+
+/// The sum of `term` over all values, in parts that the compiler adds side by side.
+fn sum(values: &[f32], term: impl Fn(f32) -> f64) -> f64 {
+    let (blocks, rest) = values.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for block in blocks {
+        for (sum, value) in sums.iter_mut().zip(block) {
+            *sum += term(*value);
+        }
+    }
+    sums.iter().sum::<f64>() + rest.iter().map(|value| term(*value)).sum::<f64>()
 }
