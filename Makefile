@@ -65,9 +65,10 @@ test-python: wheel
 	tools/install "$(BIN)" test
 	$(BIN)/python -m pytest
 
-test-readers: wheel ## Hold the files of all formats against the readers of other programs.
+test-readers: wheel ## Hold files and dense arrays of events against other programs'.
 	tools/install "$(BIN)" test readers
-	EVIS_READERS=1 $(BIN)/python -m pytest tests/test_readers.py tests/test_formats.py
+	EVIS_READERS=1 $(BIN)/python -m pytest tests/test_readers.py tests/test_formats.py \
+	  tests/test_representations.py
 
 # Rust first, the wheel after it: maturin configures pyo3 in its own way, and each change of hands builds it again.
 check: setup ## Formatting, lints, types, stubs, and the tests that need no device.
@@ -89,9 +90,11 @@ format: ## Format Rust and Python in place.
 	$(BIN)/ruff format .
 
 bench: setup ## Speed, as ratios on this machine.
-	cargo bench --profile release --workspace --locked --bench native --bench splat --bench emulator --bench codecs
+	cargo bench --profile release --workspace --locked --bench native --bench splat --bench emulator --bench codecs \
+	  --bench representations
 	if [ -f benches/bench.py ]; then \
-	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py; fi
+	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py \
+	  && $(BIN)/python benches/representations.py; fi
 
 chart: wheel ## Measure speed against accuracy on the built-in scenes; redraws docs/images/chart-*.
 	tools/install "$(BIN)"

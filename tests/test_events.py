@@ -126,7 +126,7 @@ def test_windows_tile_time_and_include_empty_ones():
     assert [part.t.tolist() for part in array.windows(10)] == [[5, 6], [], [], [35]]
     assert [len(part) for part in array.windows(10, start_us=6, end_us=30)] == [1, 0, 0]
     assert [len(part) for part in array.windows(10, end_us=50)] == [2, 0, 0, 1, 0]
-    with pytest.raises(evis.ConfigError, match="window_us"):
+    with pytest.raises(evis.ConfigError, match="time_us is 0; it must be above 0"):
         array.windows(0)
 
 

@@ -81,6 +81,17 @@ def test_code_for_frames_and_recordings_runs(name: str, tmp_path: Path) -> None:
         assert len(done.stdout.splitlines()) >= 2
 
 
+def test_code_for_dense_arrays_runs(device: evis.Device, tmp_path: Path) -> None:
+    found = blocks(ROOT / "docs/representations.md", "python")
+    assert len(found) >= 10
+    for code in found:
+        done = run_code(code, tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert len(done.stdout.splitlines()) >= 2, code
+    # Canary: code that is out of date does not pass.
+    assert run_code(found[-1].replace("bins=", "bin="), tmp_path).returncode != 0
+
+
 def options(command: str) -> set[str]:
     return set(re.findall(r"(?<!\S)--?[a-z][a-z0-9-]*", python("-m", "evis", command, "--help").stdout))
 

@@ -11,11 +11,11 @@ pixel; polarity is ON = 1, OFF = 0.
 10000 int64 ('x', 'y', 'p', 't')
 """
 
-from . import metrics, motion
+from . import metrics, motion, representations
 from ._builder import SceneBuilder
 from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
 from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, MotionCheck, check_motion
-from ._events import EventArray, EventCD, Events, as_event_cd
+from ._events import EventArray, EventCD, Events, EventWindow, as_event_cd
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
 from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
 from ._io import (
@@ -90,6 +90,7 @@ __all__ = [
     "EventExtTrigger",
     "EventFile",
     "EventFileWriter",
+    "EventWindow",
     "Events",
     "EventsIterator",
     "EvisError",
@@ -152,6 +153,7 @@ __all__ = [
     "metrics",
     "motion",
     "open",
+    "representations",
     "save",
     "scenes",
     "set_limits",

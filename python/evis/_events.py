@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from . import _check, _evis
 from ._evis import ConfigError
+from ._represent import Limits, Raw, Representable
 
 EventCD: np.dtype[np.void] = _evis.event_dtype()
 """dtype of one event, Metavision's ``EventCD``: ``x <u2, y <u2, p <i2, t <i8``, 16 bytes."""
@@ -64,15 +66,19 @@ def _from_columns(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.A
     for name, column in columns.items():
         events[name] = column
         if column.dtype.kind != "b" and not np.array_equal(events[name], column):
-            raise ConfigError(f"{name} holds a value that does not fit {EventCD[name]}")
+            index = int(np.argmax(events[name] != column))
+            raise ConfigError(
+                f"{name} holds a value that does not fit {EventCD[name]}: {column[index]} of event {index}"
+            )
     return events
 
 
-class EventArray:
+class EventArray(Representable):
     """Events of one camera, sorted by time: an array, and the size of the sensor that it came from.
 
-    The columns `t`, `x`, `y` and `p` are views of one structured array of dtype `EventCD`; slices by time
-    are views too. NumPy functions take an `EventArray` as that structured array.
+    The columns `t`, `x`, `y` and `p` are views of one structured array of dtype `EventCD`; slices by time are
+    views too. NumPy functions take an `EventArray` as that structured array. Dense arrays for networks are
+    methods: `voxel_grid` and others.
 
     Parameters
     ----------
@@ -93,9 +99,12 @@ class EventArray:
         array = as_event_cd(events)
         width = _check.whole("width", width, 1, 65536, " pixels")
         height = _check.whole("height", height, 1, 65536, " pixels")
-        if array.size and bool((np.diff(array["t"]) < 0).any()):
+        back = np.flatnonzero(array["t"][1:] < array["t"][:-1])
+        if back.size:
+            index = int(back[0]) + 1
             raise ConfigError(
-                "events are not sorted by t; sort them: events[np.argsort(events['t'], kind='stable')]"
+                f"events are not sorted by t: event {index} is at {array['t'][index]} us, after one at "
+                f"{array['t'][index - 1]} us; sort them: events[np.argsort(events['t'], kind='stable')]"
             )
         self._set(array, width, height)
 
@@ -209,35 +218,97 @@ class EventArray:
         return EventArray._trusted(self._events[first:last], self._width, self._height)
 
     def windows(
-        self, window_us: int, *, start_us: int | None = None, end_us: int | None = None
-    ) -> Iterator[EventArray]:
-        """Iterate over consecutive windows of time, empty ones too.
+        self,
+        time_us: int | None = None,
+        *,
+        count: int | None = None,
+        edges: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
+        start_us: int | None = None,
+        end_us: int | None = None,
+    ) -> Iterator[EventWindow]:
+        """Iterate over consecutive windows: by time, by count, or between given times; one of the three.
+
+        Windows by time and between times are half-open, and empty ones come too.
 
         Parameters
         ----------
-        window_us : int
+        time_us : int, optional
             Length of a window in microseconds; the last one may be shorter.
+        count : int, optional
+            Events of a window; the last one may have fewer. A window lasts from its first event to a
+            microsecond after its last one; events of one instant may be parted.
+        edges : sequence of int, optional
+            Microseconds, ascending; window k is ``[edges[k], edges[k + 1])``.
         start_us : int, optional
-            Start of the first window; 0 where not given, or the first event's time where that is negative.
+            Start of the first window of ``time_us``; 0 where not given, or the first event's time where that
+            is negative. Of windows of ``count``, only events from then on.
         end_us : int, optional
             End of the last window, exclusive; one past the last event where not given.
 
         Yields
         ------
-        EventArray
-            A view of ``[start_us + k * window_us, start_us + (k + 1) * window_us)``.
+        EventWindow
+            A view, with the window's ``start_us`` and ``end_us``.
 
         Raises
         ------
         ConfigError
-            If ``window_us`` is not positive.
+            If not exactly one of ``time_us``, ``count`` and ``edges`` is given, or a value cannot be used.
+
+        Examples
+        --------
+        >>> import evis
+        >>> columns = [5, 6, 35], [0, 1, 2], [0, 0, 0], [1, 0, 1]
+        >>> events = evis.EventArray.from_columns(*columns, width=3, height=1)
+        >>> [(window.start_us, len(window)) for window in events.windows(time_us=10)]
+        [(0, 2), (10, 0), (20, 0), (30, 1)]
+        >>> [len(window) for window in events.windows(count=2)]
+        [2, 1]
+        >>> [len(window) for window in events.windows(edges=[6, 35, 40])]
+        [1, 1]
         """
-        if _check.time_us("window_us", window_us) <= 0:
-            raise ConfigError(f"window_us is {window_us}; it must be above 0 microseconds")
+        given = [
+            name
+            for name, value in (("time_us", time_us), ("count", count), ("edges", edges))
+            if value is not None
+        ]
+        if len(given) != 1:
+            shown = " and ".join(given) or "none of them"
+            raise ConfigError(f"windows take one of time_us, count and edges; {shown} is given")
+        if edges is not None:
+            if start_us is not None or end_us is not None:
+                raise ConfigError("edges say where windows begin and end; leave start_us and end_us away")
+            return self._between(_ascending("edges", edges))
+        for name, limit in (("start_us", start_us), ("end_us", end_us)):
+            if limit is not None:
+                _check.time_us(name, limit)
+        if count is not None:
+            return self._by_count(_check.whole("count", count, 1, 2**62, " events"), start_us, end_us)
+        length = _check.time_us("time_us", time_us)
+        if length <= 0:
+            raise ConfigError(f"time_us is {length}; it must be above 0 microseconds")
         first = min(0, int(self.t[0])) if len(self) else 0
-        start = first if start_us is None else start_us
-        end = (int(self.t[-1]) + 1 if len(self) else start) if end_us is None else end_us
-        return (self.slice_time(begin, min(begin + window_us, end)) for begin in range(start, end, window_us))
+        start = first if start_us is None else int(start_us)
+        end = (int(self.t[-1]) + 1 if len(self) else start) if end_us is None else int(end_us)
+        return (self._window(begin, min(begin + length, end)) for begin in range(start, end, length))
+
+    def _window(self, start_us: int, end_us: int) -> EventWindow:
+        first, last = np.searchsorted(self.t, (start_us, end_us), side="left")
+        return EventWindow._of(self._events[first:last], self._width, self._height, start_us, end_us)
+
+    def _between(self, edges: list[int]) -> Iterator[EventWindow]:
+        return (self._window(start, end) for start, end in pairwise(edges))
+
+    def _by_count(self, count: int, start_us: int | None, end_us: int | None) -> Iterator[EventWindow]:
+        first = 0 if start_us is None else int(np.searchsorted(self.t, start_us, side="left"))
+        last = len(self) if end_us is None else int(np.searchsorted(self.t, end_us, side="left"))
+        for begin in range(first, last, count):
+            events = self._events[begin : min(begin + count, last)]
+            start, end = int(events["t"][0]), int(events["t"][-1]) + 1
+            yield EventWindow._of(events, self._width, self._height, start, end)
+
+    def _raw(self, limits: Limits) -> Raw:
+        return self._events, (self._width, self._height), True
 
     def __len__(self) -> int:
         """Count the events."""
@@ -257,3 +328,60 @@ class EventArray:
         """Say how many events, when, and on what sensor."""
         span = f", {self.t[0]} to {self.t[-1]} us" if len(self) else ""
         return f"EventArray({len(self)} events{span}, {self._width}x{self._height})"
+
+
+def _ascending(what: str, values: Any) -> list[int]:
+    times = [_check.time_us(what, value) for value in _check.items(what, values, "[0, 10_000, 20_000]")]
+    for before, after in pairwise(times):
+        if after <= before:
+            raise ConfigError(f"{what} has {after} after {before}; {what} must ascend")
+    return times
+
+
+class EventWindow(EventArray):
+    """Events of ``[start_us, end_us)``, an `EventArray` that knows its interval; made by `windows`."""
+
+    __slots__ = ("end_us", "start_us")
+
+    start_us: int
+    """First microsecond."""
+
+    end_us: int
+    """One past the last microsecond."""
+
+    @classmethod
+    def _of(cls, array: Events, width: int, height: int, start_us: int, end_us: int) -> EventWindow:
+        made = cls.__new__(cls)
+        made._set(array, width, height)
+        made.start_us, made.end_us = start_us, end_us
+        return made
+
+    def __repr__(self) -> str:
+        """Say how many events, in which interval, and on what sensor."""
+        span = f"[{self.start_us}, {self.end_us}) us"
+        return f"EventWindow({len(self)} events, {span}, {self.width}x{self.height})"
+
+
+class EventCarrier(Representable):
+    """What has the events of one camera, and more: its dense arrays and windows are those of the events."""
+
+    __slots__ = ()
+
+    def _event_array(self) -> EventArray:
+        raise NotImplementedError
+
+    def _raw(self, limits: Limits) -> Raw:
+        return self._event_array()._raw(limits)
+
+    def windows(
+        self,
+        time_us: int | None = None,
+        *,
+        count: int | None = None,
+        edges: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
+        start_us: int | None = None,
+        end_us: int | None = None,
+    ) -> Iterator[EventWindow]:
+        """Iterate over consecutive windows of the events: see `EventArray.windows`."""
+        array = self._event_array()
+        return array.windows(time_us, count=count, edges=edges, start_us=start_us, end_us=end_us)

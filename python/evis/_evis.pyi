@@ -27,6 +27,9 @@ __all__ = [
     "Writer",
     "__version__",
     "_probe",
+    "averaged_timestamps",
+    "bina_rep",
+    "binary_stack",
     "builtin_scenes",
     "calibrate_flicker",
     "calibrate_still",
@@ -37,11 +40,14 @@ __all__ = [
     "check_motion",
     "compare_table",
     "convert_video",
+    "counts",
     "draw_chart",
     "draw_compare",
     "draw_verify",
     "endpoint_error",
     "event_dtype",
+    "event_frame",
+    "event_spike_tensor",
     "file_formats",
     "format_of_ending",
     "label_kinds",
@@ -68,11 +74,13 @@ __all__ = [
     "ssim",
     "static_scene",
     "statistics",
+    "time_surfaces",
     "verify",
     "verify_failures",
     "verify_light",
     "verify_scene",
     "verify_table",
+    "voxel_grid",
     "voxel_l1",
 ]
 
@@ -122,6 +130,19 @@ def draw_compare(json: str, path: str | PathLike[str]) -> None: ...
 def static_scene(
     sensor: str, size: tuple[int, int], duration_us: int, light: float, seed: int
 ) -> npt.NDArray[np.void]: ...
+
+_Source = tuple[npt.NDArray[np.void], tuple[int, int], tuple[int | None, int | None], bool]
+
+def event_frame(source: _Source) -> npt.NDArray[np.int32]: ...
+def counts(source: _Source) -> npt.NDArray[np.int32]: ...
+def voxel_grid(source: _Source, bins: int, polarity: str, normalize: bool) -> npt.NDArray[np.float32]: ...
+def event_spike_tensor(source: _Source, bins: int, measure: str) -> npt.NDArray[np.float32]: ...
+def time_surfaces(
+    source: _Source, at_us: list[int], tau_us: float, decay: str
+) -> npt.NDArray[np.float32]: ...
+def averaged_timestamps(source: _Source, empty: float) -> npt.NDArray[np.float32]: ...
+def binary_stack(source: _Source, bins: int) -> npt.NDArray[np.uint8]: ...
+def bina_rep(source: _Source, frames: int, bits: int) -> npt.NDArray[np.float32]: ...
 def limits(memory: int | None = None, allow_outside: bool | None = None) -> tuple[int, bool]: ...
 def run_cli(args: list[str]) -> int: ...
 def chart(

@@ -17,9 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis, _io
-from ._events import EventArray, EventCD, as_event_cd
+from ._events import EventArray, EventCarrier, EventCD, as_event_cd
 from ._evis import ConfigError, EvisError, FormatError
 from ._packets import CAUSE, LABEL_KINDS, CameraInfo, Packet, Poses
+from ._represent import Limits, Raw
 from ._simulator import Simulator, Stream
 
 HDF5_ENDINGS = (".h5", ".hdf5")
@@ -155,8 +156,12 @@ class RecordedLabels(Sequence[npt.NDArray[Any]]):
         return np.empty(shape if channels == 1 else (*shape, channels), dtype)
 
 
-class RecordedView:
-    """One camera of a recording."""
+class RecordedView(EventCarrier):
+    """One camera of a recording.
+
+    Dense arrays of its events are methods: ``view.voxel_grid(bins=5)`` and others, see `EventArray`. With
+    ``start_us`` and ``end_us``, they read the events between, and no others.
+    """
 
     def __init__(self, source: _Source, index: int) -> None:
         self._source = source
@@ -181,6 +186,15 @@ class RecordedView:
         """Read the events with ``start_us <= t < end_us``, and no others."""
         return self._array((start_us, max(start_us, end_us)))
 
+    def _event_array(self) -> EventArray:
+        return self.events
+
+    def _raw(self, limits: Limits) -> Raw:
+        start_us, end_us = limits
+        if start_us is None or end_us is None or "events" in self.__dict__:
+            return self.events._raw(limits)
+        return self.slice_time(start_us, end_us)._raw(limits)
+
     def _array(self, limits: tuple[int, int] | None) -> EventArray:
         events = self._source.events(self._index, limits)
         return EventArray._trusted(events, self.camera.width, self.camera.height)
@@ -197,10 +211,11 @@ class RecordedView:
         return Poses(*self._source.poses(self._index))
 
 
-class Recording(Mapping[str, RecordedView]):
+class Recording(EventCarrier, Mapping[str, RecordedView]):
     """A file of events: a mapping from camera names to `RecordedView`, read piece by piece.
 
-    With one camera, `events`, `labels`, `poses` and `slice_time` need no name.
+    With one camera, `events`, `labels`, `poses`, `slice_time`, and `voxel_grid` and the other dense arrays
+    need no name.
 
     Attributes
     ----------
@@ -279,6 +294,12 @@ class Recording(Mapping[str, RecordedView]):
     def events(self) -> EventArray:
         """All events; one camera only."""
         return self.view.events
+
+    def _event_array(self) -> EventArray:
+        return self.view.events
+
+    def _raw(self, limits: Limits) -> Raw:
+        return self.view._raw(limits)
 
     @property
     def labels(self) -> Mapping[str, RecordedLabels]:

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis
-from ._events import EventArray, EventCD, Events
+from ._events import EventArray, EventCarrier, EventCD, Events
 from ._evis import ConfigError, EvisError, FormatError
+from ._represent import Limits, Raw
 
 EventExtTrigger: np.dtype[np.void] = np.dtype(
     {"names": ["p", "t", "id"], "formats": ["<i2", "<i8", "<i2"], "offsets": [0, 8, 16], "itemsize": 24}
@@ -53,8 +54,10 @@ class FileFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class FilePacket:
+class FilePacket(EventCarrier):
     """A part of a file.
+
+    Dense arrays of its events are methods: ``packet.voxel_grid(bins=5)`` and others, see `EventArray`.
 
     Attributes
     ----------
@@ -66,12 +69,25 @@ class FilePacket:
         Images.
     imu : numpy.ndarray
         `ImuDtype` (K,).
+    size : tuple of int or None
+        (width, height) in pixels; None where the file does not say.
     """
 
     events: Events
     triggers: npt.NDArray[np.void]
     frames: tuple[FileFrame, ...]
     imu: npt.NDArray[np.void]
+    size: tuple[int, int] | None = None
+
+    def _event_array(self) -> EventArray:
+        events, (width, height), _ = self._raw((None, None))
+        return EventArray(events, width=width, height=height)
+
+    def _raw(self, limits: Limits) -> Raw:
+        if self.size is None:
+            raise EvisError("the file does not say the sensor's size; pass size=(width, height) to evis.open")
+        # Metavision's cameras go back in time by a little now and then.
+        return self.events, self.size, False
 
 
 def formats() -> dict[str, str]:
@@ -131,6 +147,7 @@ class EventFile:
                 np.frombuffer(triggers, EventExtTrigger),
                 tuple(_frame(*frame) for frame in frames),
                 _imu(imu),
+                self.size,
             )
 
     def events(self, start_us: int | None = None, end_us: int | None = None) -> Events:

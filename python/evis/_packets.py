@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _evis
-from ._events import EventArray, Events
+from ._events import EventArray, EventCarrier, Events
 from ._evis import ConfigError, EvisError
 
 CAUSE = "cause"
@@ -155,8 +155,10 @@ class Labels:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class View(EventCarrier):
     """One camera of one environment, during a packet.
+
+    Dense arrays of its events are methods: ``view.voxel_grid(bins=5)`` and others, see `EventArray`.
 
     Attributes
     ----------
@@ -206,6 +208,9 @@ class View:
     def event_array(self) -> EventArray:
         """The events with the sensor's size; not copied."""
         return EventArray._trusted(self.events, self.camera.width, self.camera.height)
+
+    def _event_array(self) -> EventArray:
+        return self.event_array
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +269,7 @@ class Report:
     total_ms: float
 
 
-class _OneView:
+class _OneView(EventCarrier):
     """Shortcuts that need exactly one view."""
 
     __slots__ = ()
@@ -279,6 +284,9 @@ class _OneView:
             If there are several; says how to choose one.
         """
         raise NotImplementedError
+
+    def _event_array(self) -> EventArray:
+        return self.view.event_array
 
     @property
     def t(self) -> npt.NDArray[np.int64]:
@@ -381,6 +389,7 @@ class Packet(_OneView):
     several cameras         ``packet["left"].events``, ``packet.events["left"]``
     several environments    ``packet[3].events``, ``packet[3]["left"].events``
     everything              ``for view in packet.views: ...``
+    dense arrays            ``packet.voxel_grid(bins=5)``; one view only
     ======================  =====================================================
 
     Attributes

@@ -10,6 +10,7 @@ mod format;
 mod metrics;
 mod packet;
 mod recording;
+mod representation;
 mod scene;
 mod simulator;
 mod stats;
@@ -42,6 +43,11 @@ mod _evis {
     use crate::packet::{Label, Packet, View};
     #[pymodule_export]
     use crate::recording::{Recording, Writer, read_events};
+    #[pymodule_export]
+    use crate::representation::{
+        averaged_timestamps, bina_rep, binary_stack, counts, event_frame, event_spike_tensor, time_surfaces,
+        voxel_grid,
+    };
     #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]
