@@ -947,6 +947,8 @@ pub(crate) enum TriggerArg {
     Crossing,
     /// At most one event per pixel and sample, at the sample's time.
     Latch,
+    /// Every crossing between two samples, counted from the first of them.
+    Difference,
 }
 
 impl From<TriggerArg> for TriggerRule {
@@ -954,6 +956,7 @@ impl From<TriggerArg> for TriggerRule {
         match arg {
             TriggerArg::Crossing => Self::Crossing,
             TriggerArg::Latch => Self::Latch,
+            TriggerArg::Difference => Self::Difference,
         }
     }
 }
