@@ -68,6 +68,20 @@ def test_still_frames_stay_alone() -> None:
     assert made[0][1].shape == still.shape
 
 
+def test_pairs_below_a_pixel_are_left_alone() -> None:
+    pytest.importorskip("cv2", reason="no OpenCV: pip install opencv-python-headless")
+    x, y = np.meshgrid(np.arange(96), np.arange(64))
+
+    def moved(by: float) -> np.ndarray:
+        return (0.5 + 0.2 * np.sin(0.3 * (x - by)) + 0.2 * np.sin(0.37 * y)).astype(np.float32)
+
+    def times(by: float) -> list[int]:
+        return [t_us for t_us, _ in flow.upsample([(0, moved(0)), (10_000, moved(by))], step_px=0.1)]
+
+    assert times(0.5) == [0, 10_000]
+    assert len(times(3.0)) > 10
+
+
 def test_bad_frames_are_refused() -> None:
     pytest.importorskip("cv2", reason="no OpenCV: pip install opencv-python-headless")
     frame = texture(0.0)

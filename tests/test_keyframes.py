@@ -322,6 +322,29 @@ def test_bad_geometry_is_counted_and_held() -> None:
             assert events.t[-1] <= 8000 * k
 
 
+@pytest.mark.parametrize("warp", ["splat", "evis-paper"])
+def test_displacement_takes_the_place_of_depth(warp: Any) -> None:
+    def run(with_depth: bool) -> evis.EventArray:
+        emulator = evis.EventEmulator(*SIZE)
+        parts = []
+        for k in range(4):
+            pictures = sliding(k)
+            if not with_depth:
+                pictures["depth"] = None
+            parts.append(emulator.push_keyframe(**pictures, t_us=8000 * k, steps=8, warp=warp))
+            assert emulator.keyframe_report.bad_depth == 0
+        return joined(parts)
+
+    known, unknown = run(True), run(False)
+    assert len(known) > 1000
+    truth = evis.Truth.from_events(known, sensor=evis.Sensor(), duration_us=24_001)
+    assert evis.metrics.score(unknown, truth).at(1000).plain.f1 > 0.9
+    emulator = evis.EventEmulator(*SIZE)
+    emulator.push_keyframe(**sliding(0), t_us=0)
+    with pytest.raises(evis.ConfigError, match="depth is not given"):
+        emulator.push_keyframe(**{**sliding(1), "depth": None}, t_us=8000)
+
+
 def test_the_papers_setting_is_there() -> None:
     emulator = evis.EventEmulator(*SIZE, evis.Sensor(trigger="latch", log_eps=1e-5))
     for k in range(3):

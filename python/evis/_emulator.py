@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import warnings
 from collections.abc import Iterable, Sequence
@@ -326,9 +327,10 @@ class EventEmulator(Generic[Out]):
         hdr : array_like or DLPack tensor
             Linear light, before any tone curve: (H, W), (H, W, 1) or (H, W, 3). NaN means unknown. Or
             uint8 or uint16 under the curve ``transfer``: what it has clipped makes no events.
-        depth : array_like or DLPack tensor
+        depth : array_like or DLPack tensor, optional
             Planar z in metres, +inf where nothing is: (H, W) or (H, W, 1). 0, negative values and NaN count
-            as nothing; the report counts them.
+            as nothing; the report counts them. None, in all keyframes of a stream: what moves farther is
+            taken for nearer, as in the EVIS paper.
         motion_vectors : array_like or DLPack tensor
             (H, W, 2): where each pixel's surface was at the last keyframe, as seen from where it is now, in
             pixels, x right, y down: ``before = here + motion``. This is `flow_backward` of a `Simulator` and
@@ -396,8 +398,10 @@ class EventEmulator(Generic[Out]):
         light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16))
         if transfer is None:
             transfer = "linear" if light.dtype == np.float32 else "srgb"
-        depths, copied = _picture("depth", depth, shape, (1,))
-        copies += copied
+        depths = np.empty(0, np.float32)
+        if depth is not None:
+            depths, copied = _picture("depth", depth, shape, (1,))
+            copies += copied
         motion = fields = forward = None
         if motion_vectors is None and motion_steps is None:
             raise ConfigError("motion_vectors is None; it must be an array where motion_steps is not given")
@@ -410,7 +414,7 @@ class EventEmulator(Generic[Out]):
         if motion_forward is not None:
             forward, copied = _picture("motion_forward", motion_forward, shape, (2,))
             copies += copied
-        channels = light.size // max(depths.size, 1)
+        channels = light.size // math.prod(shape)
         size = 1 if self.batch is None else self.batch
         cuts = np.atleast_1d(np.asarray(cut))
         if cuts.dtype != np.bool_ or cuts.shape not in ((1,), (size,)):

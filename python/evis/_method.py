@@ -37,7 +37,7 @@ class Warp:
         at most; 0.3 if not given. A gap in which it moves by no more than a pixel is not divided.
     detect_cuts : bool, optional
         Pushed keyframes: whether keyframes that nothing links are taken for a cut, so that light goes
-        straight from one to the other; True if not given.
+        straight from one to the other; if not given, ``splat`` does so and ``evis-paper`` does not.
     """
 
     variant: Literal["splat", "evis-paper"] = "splat"

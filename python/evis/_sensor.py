@@ -13,8 +13,9 @@ from typing import Any, Literal, TypeAlias
 from . import _check, _evis
 from ._evis import ConfigError
 
-Trigger: TypeAlias = Literal["crossing", "latch"]
-"""``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample."""
+Trigger: TypeAlias = Literal["crossing", "latch", "difference"]
+"""``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample; ``difference``:
+every crossing between two samples, counted from the first of them (PIX2NVS)."""
 
 Times: TypeAlias = Literal["crossing", "sample", "even", "shared"]
 """When the events of an interval happen: at crossings, at its end, evenly, or as v2e shares them."""
@@ -60,7 +61,7 @@ class Photoreceptor:
         Poles, all alike.
     filter : {"exact", "euler"}
         The exact answer to a signal that is straight between samples, or v2e's and EVIS's step with the end
-        sample.
+        sample (with two poles, OpenEB's).
     bandwidth : {"constant", "light"}
         Whether the cutoff is multiplied by ``(Y / Y_ref + bandwidth_offset) / (1 + bandwidth_offset)``, kept
         within ``bandwidth_least`` and ``bandwidth_most``.
@@ -87,7 +88,7 @@ class Photoreceptor:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pattern:
-    """What differs from pixel to pixel and never changes.
+    """What differs from pixel to pixel.
 
     Attributes
     ----------
@@ -97,6 +98,10 @@ class Pattern:
         Thresholds are kept between these.
     dead_share : float
         Share of pixels that never fire.
+    sensitive_share, sensitive_threshold : float
+        Share of pixels whose thresholds are both ``sensitive_threshold``: OpenEB's "crazy pixels".
+    redraw : bool
+        Whether ``sigma`` is drawn anew for every pixel and frame, as ESIM does, instead of once.
     start : {"signal", "phase"}
         Where references start: at the signal, or uniformly between the thresholds.
     """
@@ -105,6 +110,9 @@ class Pattern:
     least: float = 0.01
     most: float = 100.0
     dead_share: float = 0.0
+    sensitive_share: float = 0.0
+    sensitive_threshold: float = 1e-3
+    redraw: bool = False
     start: Literal["signal", "phase"] = "signal"
 
 
@@ -250,7 +258,7 @@ class Sensor:
         Fall of the signal that fires an OFF event, a magnitude, log units, at least 0.001.
     log_eps : float
         ``log_eps`` in the formula above; above 0.
-    trigger : {"crossing", "latch"}
+    trigger : {"crossing", "latch", "difference"}
         How a change between two samples becomes events.
     times : {"crossing", "sample", "even", "shared"}
         When events happen; anything but ``crossing`` imitates other simulators.

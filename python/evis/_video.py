@@ -133,7 +133,8 @@ def video(
         Seed of everything random.
     transfer : str, optional
         Curve of integer values: ``"srgb"``, ``"rec709"``, ``"gamma:2.2"`` (any number), ``"linear"``. If not
-        given, Rec. 709 for films and sRGB for the rest. float32 is linear light.
+        given, Rec. 709 for films and sRGB for the rest. float32 is linear light. ``"linear"`` imitates v2e,
+        vid2e and OpenEB, which take stored values for light.
     fps : float, optional
         Frames per second, whatever the source says. A film has times of its own (variable ones are kept), a
         folder has them in its ``timestamps.txt``.

@@ -16,6 +16,9 @@ from ._evis import ConfigError
 
 Float = npt.NDArray[np.float32]
 
+_UNDIVIDED_PX = 1.0
+"""A pair that moves no farther is left alone: straight light between its frames is nearer to the truth."""
+
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Rec. ITU-R BT.709-6, item 3.2."""
 
@@ -151,7 +154,8 @@ def upsample(
     transfer : str
         Curve of integers: ``"srgb"``, ``"rec709"``, ``"gamma:G"``, ``"linear"``; `Frames` knows its own.
     step_px : float
-        Pixels per step that at most a hundredth of the pixels exceeds.
+        Pixels per step that at most a hundredth of the pixels exceeds. A pair of frames that moves by no more
+        than a pixel is left alone, whatever this is.
     most : int
         Steps per pair of frames, at most.
     log_eps : float
@@ -183,7 +187,10 @@ def upsample(
             if light.shape != before.shape:
                 raise ConfigError(f"a frame is of shape {light.shape}; those before it are {before.shape}")
             pair = _Pair(cv2, before, light, log_eps)
-            steps = int(np.clip(np.ceil(pair.motion() / step_px), 1, min(most, t_us - start_us)))
+            motion = pair.motion()
+            steps = 1
+            if motion > _UNDIVIDED_PX:
+                steps = int(np.clip(np.ceil(motion / step_px), 1, min(most, t_us - start_us)))
             for k in range(1, steps):
                 log = pair.at(k / steps)
                 between = np.maximum(np.exp(log) - np.float32(log_eps), 0).astype(np.float32)

@@ -152,6 +152,7 @@ impl Setting {
         let trigger = match self.trigger {
             TriggerRule::Crossing => "crossing",
             TriggerRule::Latch => "latch",
+            TriggerRule::Difference => "difference",
         };
         let pixel = match (self.antialias, self.samples) {
             (Antialias::Edges, _) => "edges".to_owned(),
@@ -199,6 +200,7 @@ impl Setting {
         let paper = self.method == "evis-paper";
         match self.trigger {
             TriggerRule::Latch => flags += " --trigger latch",
+            TriggerRule::Difference => flags += " --trigger difference",
             TriggerRule::Crossing if paper => flags += " --trigger crossing",
             TriggerRule::Crossing => {}
         }

@@ -62,7 +62,7 @@ fn point(setting: &Setting, scene: f64) -> Point {
     let base = setting.rate_hz * (0.18 + 0.13 * work) * scene;
     let floor = 0.05 / work.powf(1.3);
     let error = match setting.trigger {
-        TriggerRule::Crossing => floor + 0.9 * (60.0 / setting.rate_hz).powf(1.1),
+        TriggerRule::Crossing | TriggerRule::Difference => floor + 0.9 * (60.0 / setting.rate_hz).powf(1.1),
         TriggerRule::Latch => 0.4 + floor,
     } / scene.sqrt();
     let noise = 1.0 + 0.03 * (setting.rate_hz * 0.37 + work).sin().abs();

@@ -338,6 +338,10 @@ pub(crate) struct TuneArgs {
     pub(crate) force: bool,
 }
 
+/// Presets of converters that take the stored values of a film for light.
+const LIKE: [&str; 8] =
+    ["v2e", "v2e-clean", "v2e-noisy", "esim", "openeb", "pix2nvs", "davis346", "davis240"];
+
 /// `video`.
 #[derive(Debug, Args)]
 pub(crate) struct VideoArgs {
@@ -352,12 +356,17 @@ pub(crate) struct VideoArgs {
     #[arg(long, value_name = "PRESET|FILE")]
     pub(crate) sensor: Option<String>,
 
+    /// As another converter has it: its preset, and --transfer linear, since these tools take stored values for light, which
+    /// gives fewer events (docs/video.md says how many).
+    #[arg(long, value_name = "PRESET", value_parser = LIKE, conflicts_with_all = ["sensor", "transfer"])]
+    pub(crate) like: Option<String>,
+
     /// Seed of everything random [default: 0].
     #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
     pub(crate) seed: Option<u64>,
 
     /// Curve between stored values and light: srgb, rec709, gamma:G, linear [default: rec709 for films, else srgb; 32-bit
-    /// floats are light already].
+    /// floats are light already]. linear imitates v2e, vid2e and OpenEB; --like sets it with their preset.
     #[arg(long, value_name = "CURVE", value_parser = transfer)]
     pub(crate) transfer: Option<Transfer>,
 
@@ -947,6 +956,8 @@ pub(crate) enum TriggerArg {
     Crossing,
     /// At most one event per pixel and sample, at the sample's time.
     Latch,
+    /// Every crossing between two samples, counted from the first of them.
+    Difference,
 }
 
 impl From<TriggerArg> for TriggerRule {
@@ -954,6 +965,7 @@ impl From<TriggerArg> for TriggerRule {
         match arg {
             TriggerArg::Crossing => Self::Crossing,
             TriggerArg::Latch => Self::Latch,
+            TriggerArg::Difference => Self::Difference,
         }
     }
 }

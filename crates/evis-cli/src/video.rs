@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Context;
+use evis_core::{SensorConfig, Transfer};
 use evis_video::{
     Clock, FrameSource, SourceConfig, VideoConfig, VideoReport, VideoStream, clock_of, convert,
 };
@@ -22,9 +23,10 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
     check_free(&args.output, args.force)?;
     let defaults = VideoConfig::default();
     let config = VideoConfig {
-        sensor: match &args.sensor {
-            Some(name) => sensor_source::load("--sensor", name)?,
-            None => defaults.sensor,
+        sensor: match (&args.sensor, &args.like) {
+            (Some(name), _) => sensor_source::load("--sensor", name)?,
+            (None, Some(name)) => SensorConfig::preset(name)?,
+            (None, None) => defaults.sensor,
         },
         seed: args.seed.unwrap_or(defaults.seed),
         reference_luminance: args.reference_luminance.unwrap_or(defaults.reference_luminance),
@@ -37,7 +39,7 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
     };
     let source = SourceConfig {
         clock,
-        transfer: args.transfer,
+        transfer: args.transfer.or(args.like.as_ref().map(|_| Transfer::Linear)),
         size: args.size,
         start_us: to_us(args.start.unwrap_or(0.0)),
         duration_us: args.duration.map(to_us),

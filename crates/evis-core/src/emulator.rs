@@ -7,6 +7,7 @@ mod exposing;
 pub(crate) mod frames;
 mod ideal;
 mod keyframe;
+mod last_keyframe;
 mod links;
 mod motion_check;
 mod noise;
@@ -32,7 +33,8 @@ use diffusion::Diffuse;
 use exposing::Exposing;
 use frames::{BLOCK, Source, Tables};
 use ideal::{Interval, Pixels, Tally};
-use keyframe::{Benches, Keyframe};
+use keyframe::Benches;
+use last_keyframe::Keyframe;
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
 use readout::Wire;
 

@@ -49,6 +49,9 @@ pub enum TriggerRule {
     Crossing,
     /// At most one event per pixel and sample, at the sample's time; the reference becomes the signal.
     Latch,
+    /// Every crossing between two samples, counted from the first of them: what exceeds no threshold within one interval is
+    /// forgotten (PIX2NVS).
+    Difference,
 }
 
 /// When the events of one interval happen (`crossing` only).
@@ -174,14 +177,14 @@ impl SensorConfig {
         self.stages().is_empty()
     }
 
-    /// What it has beyond thresholds, `eps` and trigger, by the names of a sensor file.
+    /// What it has beyond thresholds, `eps` and the triggers `crossing` and `latch`, by the names of a sensor file.
     pub fn stages(&self) -> Vec<&'static str> {
         // Field by field, so that a new one is not forgotten.
         let Self {
             threshold_on: _,
             threshold_off: _,
             log_eps: _,
-            trigger: _,
+            trigger,
             times,
             most_events,
             exposure,
@@ -193,6 +196,7 @@ impl SensorConfig {
             diffusion,
         } = self;
         let stages = [
+            ("trigger", *trigger != TriggerRule::Difference),
             ("times", is_default(times)),
             ("most_events", is_most(most_events)),
             ("exposure", exposure.is_off()),
@@ -208,7 +212,13 @@ impl SensorConfig {
 
     /// Whether the engine leaves its pixels to the emulator: what they see has to come to the host.
     pub fn walks_on_host(&self) -> bool {
-        self.diffusion.is_some() || !self.exposure.is_off() || self.photoreceptor.noise > 0.0
+        let receptor = &self.photoreceptor;
+        self.diffusion.is_some()
+            || !self.exposure.is_off()
+            || receptor.noise > 0.0
+            || (receptor.cutoff_hz > 0.0 && receptor.filter == FilterRule::Euler && receptor.order == 2)
+            || self.trigger == TriggerRule::Difference
+            || (self.pattern.redraw && self.pattern.sigma > 0.0)
     }
 
     /// Whether it is ideal for light that frames have already been made of.

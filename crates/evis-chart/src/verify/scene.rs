@@ -140,7 +140,7 @@ fn setting(variant: Variant, rate_hz: f64, samples: u32) -> Setting {
 pub(super) fn variant(setting: &Setting) -> Variant {
     match setting.trigger {
         TriggerRule::Latch => Variant::Latch,
-        TriggerRule::Crossing => Variant::Crossing,
+        TriggerRule::Crossing | TriggerRule::Difference => Variant::Crossing,
     }
 }
 

@@ -39,6 +39,13 @@ pub(crate) struct Plan {
     ramp: bool,
     /// Whether events are decided at samples, with times given by a rule.
     sampled: bool,
+    /// Whether the reference of each interval is the sample at its start.
+    forgets: bool,
+    /// Whether thresholds are drawn for every frame.
+    redraws: bool,
+    /// Whether a pixel can come back to a level exactly: with thresholds that all have in common, and without a filter or a
+    /// leak.
+    ties: bool,
     /// What linlog multiplies with below its knee.
     below_knee: f32,
 }
@@ -52,7 +59,13 @@ impl Plan {
             two_poles: receptor.order == 2,
             noise: receptor.noise,
             ramp: ramps(sensor),
-            sampled: sensor.trigger == TriggerRule::Latch || sensor.times != Times::Crossing,
+            sampled: sensor.trigger != TriggerRule::Crossing || sensor.times != Times::Crossing,
+            forgets: sensor.trigger == TriggerRule::Difference,
+            redraws: sensor.pattern.redraw && sensor.pattern.sigma > 0.0,
+            ties: sensor.trigger == TriggerRule::Crossing
+                && receptor.cutoff_hz == 0.0
+                && sensor.pattern.sigma == 0.0
+                && !ramps(sensor),
             below_knee: receptor.knee.ln() / receptor.knee,
             sensor: sensor.clone(),
         }
@@ -117,6 +130,9 @@ pub(crate) struct Chain {
     masks: Vec<u64>,
     /// Pixels whose reference moved at the interval's end: their leak's jitter is drawn for many at once.
     moved_last: Vec<u32>,
+    /// How far from a level the signal of this interval's end may be and still be on it: no range is narrowed here, so
+    /// twice what the ideal pixel allows.
+    tie: f32,
 }
 
 /// Values of a tile's pixels at one time.
@@ -185,26 +201,8 @@ pub struct Frozen {
 impl Frozen {
     /// Of `length` pixels from `first` on.
     pub fn draw(sensor: &SensorConfig, key: Key, first: usize, length: usize) -> Self {
-        let (mut on, mut off) = (vec![sensor.threshold_on; length], vec![sensor.threshold_off; length]);
-        let pattern = &sensor.pattern;
-        if pattern.sigma > 0.0 {
-            for (i, (on, off)) in on.iter_mut().zip(&mut off).enumerate() {
-                let [a, b, ..] = key.draw((first + i) as u32, StreamId::Pattern, 0, 0);
-                let (n_on, n_off) = normals(a, b);
-                let own = |nominal: f32, n: f64| {
-                    (nominal + pattern.sigma * n as f32).clamp(pattern.least, pattern.most)
-                };
-                (*on, *off) = (own(*on, n_on), own(*off, n_off));
-            }
-        }
-        if pattern.dead_share > 0.0 {
-            for (i, (on, off)) in on.iter_mut().zip(&mut off).enumerate() {
-                let word = key.draw((first + i) as u32, StreamId::Defects, 0, 0)[0];
-                if unit(word) < f64::from(pattern.dead_share) {
-                    (*on, *off) = (f32::INFINITY, f32::INFINITY);
-                }
-            }
-        }
+        let (mut on, mut off) = (vec![0.0; length], vec![0.0; length]);
+        draw_thresholds(sensor, key, first, (&mut on, &mut off), (0, 0));
         let noise = &sensor.noise;
         let mut slope = Vec::new();
         if ramps(sensor) {
@@ -223,6 +221,39 @@ impl Frozen {
                 .collect();
         }
         Self { on, off, slope }
+    }
+}
+
+/// Thresholds of the pixels from `first` on, by the draw `when` of their pattern: its epoch and number.
+fn draw_thresholds(
+    sensor: &SensorConfig,
+    key: Key,
+    first: usize,
+    (on, off): (&mut [f32], &mut [f32]),
+    (epoch, number): (i64, u32),
+) {
+    let pattern = &sensor.pattern;
+    on.fill(sensor.threshold_on);
+    off.fill(sensor.threshold_off);
+    if pattern.sigma > 0.0 {
+        for (i, (on, off)) in on.iter_mut().zip(off.iter_mut()).enumerate() {
+            let [a, b, ..] = key.draw((first + i) as u32, StreamId::Pattern, epoch, number);
+            let (n_on, n_off) = normals(a, b);
+            let own = |nominal: f32, n: f64| {
+                (nominal + pattern.sigma * n as f32).clamp(pattern.least, pattern.most)
+            };
+            (*on, *off) = (own(*on, n_on), own(*off, n_off));
+        }
+    }
+    if pattern.dead_share > 0.0 || pattern.sensitive_share > 0.0 {
+        for (i, (on, off)) in on.iter_mut().zip(off).enumerate() {
+            let [dead, _, sensitive, _] = key.draw((first + i) as u32, StreamId::Defects, 0, 0);
+            if unit(dead) < f64::from(pattern.dead_share) {
+                (*on, *off) = (f32::INFINITY, f32::INFINITY);
+            } else if unit(sensitive) < f64::from(pattern.sensitive_share) {
+                (*on, *off) = (pattern.sensitive_threshold, pattern.sensitive_threshold);
+            }
+        }
     }
 }
 
@@ -255,6 +286,7 @@ impl Chain {
             noise: tile_noise,
             masks: vec![0; length / BLOCK],
             moved_last: Vec::new(),
+            tie: 0.0,
         }
     }
 
@@ -336,6 +368,7 @@ fn scan_body<const NOISY: bool>(
     let eps = plan.sensor.log_eps;
     let dark = plan.sensor.photoreceptor.dark_light;
     let dt = interval.us as f32;
+    let tie = chain.tie;
     let mut impossible = 0;
     for block in 0..chain.masks.len() {
         let start = block * BLOCK;
@@ -373,13 +406,22 @@ fn scan_body<const NOISY: bool>(
             let y_before = at(&chain.now.first, start, f32::NAN);
             let mut y = [0.0; BLOCK];
             if !plan.exact {
+                let mut parts = [0.0; BLOCK];
                 for i in 0..BLOCK {
                     let step = dt * plan.rate * plan.bandwidth(light[i] + dark);
-                    let part = if step < 1.0 { step } else { 1.0 };
-                    let next = y_before[i] + part * (input[i] - y_before[i]);
+                    parts[i] = if step < 1.0 { step } else { 1.0 };
+                    let next = y_before[i] + parts[i] * (input[i] - y_before[i]);
                     y[i] = if y_before[i].is_nan() { input[i] } else { next };
                 }
                 output = y;
+                if plan.two_poles {
+                    let z_before = at(&chain.now.second, start, f32::NAN);
+                    for i in 0..BLOCK {
+                        let next = z_before[i] + parts[i] * (y[i] - z_before[i]);
+                        output[i] = if z_before[i].is_nan() { input[i] } else { next };
+                    }
+                    put(&mut chain.next.second, start, &output);
+                }
             } else if NOISY {
                 let mut course = Course {
                     input: input_before,
@@ -460,7 +502,7 @@ fn scan_body<const NOISY: bool>(
             let (high, low) = (most[i] - reference[i] + leaked[i], least[i] - reference[i] + leaked[i]);
             let passes = (turns[i] != 0) & ((high >= on[i]) | (low <= -off[i]));
             let begins = reference[i].is_nan() & !input[i].is_nan();
-            fires[i] = u8::from((change >= on[i]) | (change <= -off[i]) | passes | begins);
+            fires[i] = u8::from((change + tie >= on[i]) | (change - tie <= -off[i]) | passes | begins);
         }
         let mut mask = bits_of(&fires);
         if seen < BLOCK {
@@ -472,7 +514,7 @@ fn scan_body<const NOISY: bool>(
                 let i = mask.trailing_zeros() as usize % BLOCK;
                 mask &= mask.wrapping_sub(1);
                 let change = output[i] - reference[i] + leaked[i];
-                let steps = change.abs() / if change >= 0.0 { on[i] } else { off[i] };
+                let steps = (change.abs() + tie) / if change >= 0.0 { on[i] } else { off[i] };
                 // Held pixels and new ones have no change to count.
                 scan.most = scan.most.max(simd::whole(if steps.is_finite() { steps } else { 0.0 }));
             }
@@ -520,6 +562,13 @@ impl Chain {
         key: Key,
         start_us: i64,
     ) -> Scan {
+        self.tie = if plan.ties { 2.0 * source.tie() } else { 0.0 };
+        if plan.redraws {
+            // A number of its own for each microsecond of an epoch; 0 is that of the pattern that stays.
+            let end_us = start_us + i64::from(interval.us);
+            let when = (end_us >> EPOCH_SHIFT, 1 + (end_us as u32 & ((1 << EPOCH_SHIFT) - 1)));
+            draw_thresholds(&plan.sensor, key, interval.first, (&mut self.on, &mut self.off), when);
+        }
         scan_by(isa, plan, source, interval, (key, start_us), self)
     }
 
@@ -578,6 +627,10 @@ impl Chain {
         }
         self.noise.now = candidates;
         self.draw_slopes(isa, plan, key, interval.first as u32, end_us);
+        if plan.forgets {
+            self.reference.copy_from_slice(self.next.output());
+            self.moved.fill((end_us - self.base_us) as i32);
+        }
         std::mem::swap(&mut self.now, &mut self.next);
         tally
     }
@@ -724,7 +777,7 @@ impl Pixel<'_> {
             return Shape::line(input.0, input.1, length);
         }
         if !self.plan.exact {
-            return Shape::line(now.first[i].into(), next.first[i].into(), length);
+            return Shape::line(now.output()[i].into(), next.output()[i].into(), length);
         }
         let tau = 1.0 / f64::from(self.filter_rate());
         let y = f64::from(now.first[i]);
@@ -908,6 +961,9 @@ impl Pixel<'_> {
             let from = if defers { (self.fired() + self.period()).max(t) } else { t };
             let (low, high) = (reference - off - leaked, reference + on - leaked);
             let crossing = if from <= end { piece.leaves(drift, low, high, from, end) } else { None };
+            let tied =
+                if crossing.is_none() && from <= end { self.tied(piece, end, (low, high)) } else { None };
+            let crossing = crossing.or(tied);
             let next_noise = candidates.peek().map(|candidate| (candidate.t_us - self.start_us) as f64);
             match (crossing, next_noise) {
                 (None, None) => return true,
@@ -950,10 +1006,29 @@ impl Pixel<'_> {
                     }
                     let step = if rises { on } else { -off };
                     self.chain.reference[i] = (reference - (leaked + drift * at) + step) as f32;
+                    if tied.is_some() {
+                        self.chain.reference[i] = self.chain.next.output()[i];
+                    }
                     self.moved_at(at);
                 }
                 (None, Some(_)) => return true,
             }
+        }
+    }
+
+    /// The interval's end, and whether it is above, where its signal is on a level but for rounding.
+    fn tied(&self, piece: &Piece, end: f64, (low, high): (f64, f64)) -> Option<(f64, bool)> {
+        let tie = f64::from(self.chain.tie);
+        if tie == 0.0 || end < f64::from(self.us) {
+            return None;
+        }
+        let value = piece.at(end) + self.slope() * end;
+        if value + tie >= high {
+            Some((end, true))
+        } else if value - tie <= low {
+            Some((end, false))
+        } else {
+            None
         }
     }
 
@@ -991,13 +1066,20 @@ impl Pixel<'_> {
         let change = output - self.chain.reference[i] + leaked;
         let (polarity, step) = if change >= 0.0 { (Polarity::On, on) } else { (Polarity::Off, off) };
         let latch = sensor.trigger == TriggerRule::Latch;
-        let steps = simd::whole(change.abs() / step);
+        let tie = self.chain.tie;
+        let mut steps = simd::whole((change.abs() + tie) / step);
+        if self.plan.forgets && change.abs() <= step {
+            steps = 0;
+        }
         let number = steps.min(if latch { 1 } else { sensor.most_events });
         let mut rest = candidates;
-        let mut fired = 0;
+        let (mut fired, mut noisy) = (0, false);
         for k in 1..=number {
             let t = match sensor.times {
                 _ if latch => end,
+                Times::Crossing if self.plan.forgets => {
+                    end * (f64::from(k) * f64::from(step) / f64::from(change.abs())).min(1.0)
+                }
                 Times::Sample | Times::Crossing => end,
                 Times::Even => end * f64::from(k) / f64::from(number),
                 Times::Shared => end * f64::from(k) / f64::from(most.max(number)),
@@ -1007,7 +1089,7 @@ impl Pixel<'_> {
                 if at > t {
                     break;
                 }
-                self.noise(candidate, signal_at(at));
+                noisy |= self.noise(candidate, signal_at(at));
                 rest = later;
             }
             let silent = self.is_refractory(t);
@@ -1018,7 +1100,14 @@ impl Pixel<'_> {
             fired += u32::from(!silent || sensor.refractory.rule == RefractoryRule::Suppress);
         }
         for candidate in rest {
-            self.noise(candidate, signal_at((candidate.t_us - self.start_us) as f64));
+            noisy |= self.noise(candidate, signal_at((candidate.t_us - self.start_us) as f64));
+        }
+        if noisy && sensor.noise.reference == NoiseReference::Signal {
+            // As v2e: the sample is memorised, whatever else the pixel fired.
+            self.tally.clamped += u64::from(!latch && steps > number);
+            self.chain.reference[i] = output;
+            self.moved_at_end();
+            return;
         }
         if number == 0 {
             return;
@@ -1039,7 +1128,9 @@ impl Pixel<'_> {
         } else if fired > 0 {
             let moved = fired as f32 * step;
             let sign = if polarity == Polarity::On { 1.0 } else { -1.0 };
-            self.chain.reference[i] += sign * moved - leaked;
+            let next = self.chain.reference[i] + (sign * moved - leaked);
+            let is_tied = fired == steps && (next - output).abs() <= tie;
+            self.chain.reference[i] = if is_tied { output } else { next };
             self.moved_at_end();
         }
     }

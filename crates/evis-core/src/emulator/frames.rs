@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::luminance::LUMINANCE_WEIGHTS;
 use crate::sensor::{ConfigError, SensorConfig};
 use crate::simd;
+use crate::trigger::TIE;
 
 /// Pixels that a kernel treats at once.
 pub(crate) const BLOCK: usize = 64;
@@ -316,6 +317,14 @@ impl<'a> Source<'a> {
                 Self::U16 { values: values.get(range)?, light: r.first_chunk()?, codes: tables.codes()? }
             }
         })
+    }
+
+    /// How far from a level a signal of these frames may be and still be on it: integers come back to where they were.
+    pub const fn tie(&self) -> f32 {
+        match self {
+            Self::Linear { .. } | Self::LinearRgb { .. } | Self::Log { .. } => 0.0,
+            Self::U8 { .. } | Self::U8Rgb { .. } | Self::U16 { .. } | Self::U16Rgb { .. } => TIE,
+        }
     }
 
     /// `Y / Y_ref` of up to 64 pixels from `first`; the rest of `out` becomes NaN. Of logarithms, `e^l - eps`.

@@ -11,7 +11,7 @@ use super::order::Record;
 use crate::event::Polarity;
 use crate::sensor::{ConfigError, SensorConfig, TriggerRule};
 use crate::simd::{self, bits_of, dispatched};
-use crate::trigger::MAX_EVENTS_PER_INTERVAL;
+use crate::trigger::{MAX_EVENTS_PER_INTERVAL, TIE};
 
 /// A tile and an interval of time.
 #[derive(Clone, Copy, Debug)]
@@ -83,6 +83,8 @@ pub(crate) trait Domain {
     fn range(&self, sensor: &SensorConfig, reference: f32) -> (Self::Value, Self::Value);
     /// Whether no light has this value (infinite or negative).
     fn is_impossible(value: Self::Value) -> bool;
+    /// How far from a level a signal may be and still be on it; less than ranges are narrowed by.
+    fn tie(&self) -> f32;
 }
 
 /// One channel of linear light.
@@ -96,6 +98,8 @@ pub(crate) struct Any<'a>(pub Source<'a>, pub f32);
 
 /// Loads linear light.
 pub(crate) trait Load {
+    /// As [`Domain::tie`].
+    fn tie(&self) -> f32;
     /// As [`Domain::load`]; `span` is `eps`, and the ratio of a range's ends.
     fn load<const WIDE: bool>(
         &self,
@@ -107,6 +111,10 @@ pub(crate) trait Load {
 }
 
 impl Load for Linear<'_> {
+    #[inline(always)]
+    fn tie(&self) -> f32 {
+        0.0
+    }
     #[inline(always)]
     fn load<const WIDE: bool>(
         &self,
@@ -127,6 +135,10 @@ impl Load for Linear<'_> {
 }
 
 impl Load for Any<'_> {
+    #[inline(always)]
+    fn tie(&self) -> f32 {
+        self.0.tie()
+    }
     #[inline(always)]
     fn load<const WIDE: bool>(
         &self,
@@ -202,6 +214,10 @@ impl<L: Load> Domain for Light<L> {
     fn is_impossible(value: f32) -> bool {
         value < 0.0 || value > f32::MAX
     }
+    #[inline(always)]
+    fn tie(&self) -> f32 {
+        self.load.tie()
+    }
 }
 
 /// Logarithms of light.
@@ -237,6 +253,10 @@ impl Domain for Logs<'_> {
     #[inline(always)]
     fn is_impossible(value: f32) -> bool {
         value.is_infinite()
+    }
+    #[inline(always)]
+    fn tie(&self) -> f32 {
+        0.0
     }
 }
 
@@ -411,6 +431,10 @@ macro_rules! integers {
             #[inline(always)]
             fn is_impossible(_: $type) -> bool {
                 false
+            }
+            #[inline(always)]
+            fn tie(&self) -> f32 {
+                TIE
             }
         }
     };
@@ -589,7 +613,7 @@ impl Row {
     }
 }
 
-/// Treats the gathered pixels: the rules of [`crate::trigger::decide`] and [`crate::trigger::fire_time_us`], many at a time.
+/// Treats the gathered pixels: the rules of [`crate::trigger::decide_within`] and [`crate::trigger::fire_time_us`], many at a time.
 #[inline(always)]
 fn flush<D: Domain>(
     domain: &D,
@@ -605,6 +629,7 @@ fn flush<D: Domain>(
     let (on, off) = (sensor.threshold_on, sensor.threshold_off);
     let latch = sensor.trigger == TriggerRule::Latch;
     let interval = at.us as f32;
+    let tie = if latch { 0.0 } else { domain.tie() };
     let Gathered { count, pixel, reference, before, now } = gathered;
     let used = count.next_multiple_of(8).min(BATCH);
     let (mut fires, mut offset) = ([0_u32; BATCH], [0_u32; BATCH]);
@@ -617,11 +642,13 @@ fn flush<D: Domain>(
         let c = if rises { on } else { off };
         let rise_end = change * sign;
         let rise_start = (l0 - r) * sign;
-        let ratio = rise_end / c;
+        let ratio = (rise_end + tie) / c;
         let ratio = if ratio < MOST + 1.0 { ratio } else { MOST + 1.0 };
         let steps = simd::whole(ratio) as i32 as f32;
         let number = if steps > MOST { MOST } else { steps };
-        let moved = if steps > MOST { l1 } else { r + sign * (number * c) };
+        let reached = r + sign * (number * c);
+        let is_tied = (steps >= 1.0) & ((reached - l1).abs() <= tie);
+        let moved = if is_tied | (steps > MOST) { l1 } else { reached };
         let moved = if latch && steps >= 1.0 { l1 } else { moved };
         let moved = if latch && steps < 1.0 { r } else { moved };
         let seen = !r.is_nan();

@@ -6,9 +6,10 @@ use rayon::prelude::*;
 
 use super::crew::{Crew, Hands};
 use super::frames::{BLOCK, FrameData, Frames, Source, Tables, linear_luminance};
+use super::last_keyframe::Keyframe;
 use super::links::Links;
 use super::paths::{Fields, Paths};
-use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, Warp, is_motion};
+use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, Warp, WarpVariant, is_motion};
 use super::{EmulatorReport, Environment, EventEmulator, Push};
 use crate::event::Event;
 use crate::sensor::ConfigError;
@@ -36,6 +37,12 @@ fn steps_for(motion_px: f32, step_px: f32) -> u32 {
     if motion_px > UNDIVIDED_PX { ((motion_px / step_px).ceil() as u32).clamp(1, MOST_STEPS) } else { 1 }
 }
 
+/// Nearness of all pixels whose depth is not given; nearer than any depth.
+const NO_DEPTH: f32 = 2e6;
+
+/// Nearness that a pixel of motion adds to 1 where depth is not known, for `splat`: a pixel more or less is of one surface.
+const NEARNESS_PER_PX: f32 = 0.05;
+
 /// Nearest 1 / depth.
 const LARGEST_INVERSE_DEPTH: f32 = 1e6;
 
@@ -48,7 +55,8 @@ pub struct Keyframes<'a> {
     pub light: FrameData<'a>,
     /// Values of `light` per pixel: 1 or 3.
     pub channels: usize,
-    /// Planar depth in metres, +inf where nothing is. What is no depth (0, negative, NaN) counts as nothing too.
+    /// Planar depth in metres, +inf where nothing is. What is no depth (0, negative, NaN) counts as nothing too. Empty where
+    /// it is not known, in all keyframes of a stream: what moves farther is then taken for nearer, as in the EVIS paper.
     pub depth: &'a [f32],
     /// Where each pixel's surface was at the last keyframe, seen from where it is now: (x, y) pairs in pixels, x right,
     /// y down, so that `before = here + motion`. NaN, or 16 384 pixels and more: not known. May be empty where
@@ -143,20 +151,6 @@ impl KeyframeReport {
     }
 }
 
-/// An environment's last keyframe.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Keyframe {
-    /// Pixels beyond each border.
-    pub margin: u32,
-    /// Since the one before it; 0: there was none, so that `back` says nothing.
-    pub gap_us: i64,
-    pub light: Vec<f32>,
-    pub nearness: Vec<f32>,
-    pub back: Vec<[f32; 2]>,
-    /// Empty where it was not given.
-    pub forward: Vec<[f32; 2]>,
-}
-
 /// Memory that threads take and give back.
 #[derive(Debug, Default)]
 pub(crate) struct Benches(Mutex<Vec<(Scratch, Vec<f32>)>>);
@@ -202,9 +196,13 @@ impl Keyframe {
             }
             _ => from_codes(from, codes, index, pixels),
         };
-        let depths = &from.depth[range.clone()];
-        let mut nearness: Vec<f32> = depths.iter().map(|depth| nearness(*depth).0).collect();
-        let bad_depth = depths.iter().filter(|depth| !self::nearness(**depth).1).count() as u64;
+        let (mut nearness, bad_depth) = match from.depth.get(range.clone()) {
+            Some(depths) => {
+                let bad = depths.iter().filter(|depth| !nearness(**depth).1).count() as u64;
+                (depths.iter().map(|depth| nearness(*depth).0).collect(), bad)
+            }
+            None => (vec![NO_DEPTH; pixels], 0),
+        };
         let pairs = |values: &[f32]| values.as_chunks::<2>().0[range.clone()].to_vec();
         let given = (!from.motion.is_empty()).then(|| pairs(from.motion));
         let mut paths = fields.map(|fields| fields.back(given.as_deref())).unwrap_or_default();
@@ -225,6 +223,11 @@ impl Keyframe {
         }
         let margin = config.push_margin();
         (Self { margin, gap_us, light, nearness, back, forward }, paths, [bad_depth, bad_motion])
+    }
+
+    /// Whether its depth was given.
+    fn has_depth(&self) -> bool {
+        self.nearness.first() != Some(&NO_DEPTH)
     }
 
     /// The sensor's part of the light.
@@ -276,6 +279,16 @@ fn dilated(nearness: &[f32], [width, height]: [usize; 2], reach: usize) -> Vec<u
             nearest
         })
         .collect()
+}
+
+/// What stands for nearness where depth is not known: how far pixels move.
+fn by_motion_of(motion: &[[f32; 2]], variant: WarpVariant) -> Vec<f32> {
+    let length = |motion: &[f32; 2]| if is_motion(*motion) { motion[0].hypot(motion[1]) } else { 0.0 };
+    let of = |motion| match variant {
+        WarpVariant::EvisPaper => length(motion),
+        WarpVariant::Splat => 1.0 + NEARNESS_PER_PX * length(motion),
+    };
+    motion.iter().map(of).collect()
 }
 
 impl EventEmulator {
@@ -361,7 +374,7 @@ impl EventEmulator {
         let motion = Some(keyframes.motion);
         let motion = motion.filter(|motion| keyframes.motion_steps.is_none() || !motion.is_empty());
         for (what, values, per_pixel) in [
-            ("number of depths", Some(keyframes.depth), 1),
+            ("number of depths", Some(keyframes.depth).filter(|depth| !depth.is_empty()), 1),
             ("number of values of motion", motion, 2),
             ("number of values of motion_forward", keyframes.motion_forward, 2),
         ] {
@@ -395,6 +408,16 @@ impl EventEmulator {
             return Err(ConfigError::new(&what, light[index], remedy));
         }
         for environment in &self.environments {
+            let before = environment.keyframe.as_ref().filter(|_| environment.has_light());
+            if let Some(before) = before.filter(|before| before.has_depth() == keyframes.depth.is_empty()) {
+                let [value, other] = if before.has_depth() {
+                    ["not given", "given, as at the last keyframe"]
+                } else {
+                    ["given", "left out, as at the last keyframe"]
+                };
+                let remedy = format!("{other}; or reset all environments first");
+                return Err(ConfigError::new("depth", value, remedy));
+            }
             let before = environment.keyframe.as_ref().map(|keyframe| keyframe.margin);
             if let Some(before) =
                 before.filter(|before| environment.has_light() && *before != warp.push_margin())
@@ -488,10 +511,17 @@ impl Gapped<'_> {
                 wanted.min(self.push.interval_us)
             }
         };
+        let variant = self.warp.variant;
+        let by_motion = between.as_ref().filter(|_| !now.has_depth());
+        let by_motion =
+            by_motion.map(|(_, forward, _)| [forward, &now.back].map(|motion| by_motion_of(motion, variant)));
         let gap = between.as_ref().map(|(before, forward, [from, to])| {
-            let older =
-                Side { light: &before.light, nearness: &before.nearness, motion: forward, bends: from };
-            let newer = Side { light: &now.light, nearness: &now.nearness, motion: &now.back, bends: to };
+            let [nearness, nearness_now] = match &by_motion {
+                Some(pictures) => pictures.each_ref(),
+                None => [&before.nearness, &now.nearness],
+            };
+            let older = Side { light: &before.light, nearness, motion: forward, bends: from };
+            let newer = Side { light: &now.light, nearness: nearness_now, motion: &now.back, bends: to };
             Gap::new(self.warp.variant, &self.pictures, older, newer)
         });
         let steps = i64::from(report.steps);

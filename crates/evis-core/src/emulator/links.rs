@@ -1,7 +1,7 @@
 //! What links two keyframes: how far the picture moved, whether it is the same world, and where the older one's surfaces
 //! went.
 
-use super::keyframe::Keyframe;
+use super::last_keyframe::Keyframe;
 use super::warp::{SAME_SURFACE, is_motion};
 
 /// Depths at least this part of one another may be of one surface at two times: it may have come nearer.

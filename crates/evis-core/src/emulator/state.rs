@@ -6,7 +6,7 @@ use bytemuck::Pod;
 
 use super::chain::{LONG_AGO, REBASE_US};
 use super::ideal::{Memory as IdealMemory, Pixels};
-use super::keyframe::Keyframe;
+use super::last_keyframe::Keyframe;
 use super::order::MAX_INTERVAL_US;
 use super::warp::MOST_MARGIN;
 use super::{Chain, Diffuse, EmulatorReport, Environment, EventEmulator, Kernel, Memory, Tile};

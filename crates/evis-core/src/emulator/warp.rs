@@ -1,7 +1,8 @@
 //! An instant between two keyframes from both, each pixel moved to where it then is: `splat` without a device.
 //!
 //! The same algorithm as the engine's `splat/*.wgsl`, with linear motion, one instant per thread: nothing is shared, so
-//! nothing depends on how many threads there are. Positions are whole multiples of 1/1024 pixel.
+//! nothing depends on how many threads there are. Positions of `splat` are whole multiples of 1/1024 pixel; colours of
+//! `evis-paper` are added up in f64, where the engine has sums of integers.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,13 +12,6 @@ use crate::simd::{self, Isa, dispatched};
 /// Parts of a pixel that a position is told in, as a power of two.
 const SUBPIXEL_BITS: i32 = 10;
 const SUBPIXELS: i32 = 1 << SUBPIXEL_BITS;
-/// Weight of a whole pixel in a colour's sums; the bilinear weight's steps per step of it.
-const WEIGHT_STEPS: f32 = 4096.0;
-const WEIGHT_UNIT: f32 = 1.0 / 256.0;
-/// Steps of light in a colour's sums.
-const LIGHT_STEPS: f32 = 524_287.0;
-/// Most light that colours add up, in reference luminances.
-const BRIGHTEST: f32 = 256.0;
 /// Depths at least this part of one another are taken for one surface.
 pub(crate) const SAME_SURFACE: f32 = 0.95;
 /// A motion vector with a component of so many pixels is none.
@@ -29,9 +23,11 @@ pub(crate) const MOST_PIXELS: usize = 1 << 24;
 pub(crate) const MOST_MARGIN: u32 = 512;
 
 /// Softmax sharpness of `evis-paper`: importance is e^(12 · (1/z) / max(1/z)).
-const SHARPNESS: f32 = 12.0;
+const SHARPNESS: f64 = 12.0;
+/// What a margin shows may be nearer than all that the sensor sees; beyond this exponent, f64 would end.
+const MOST_EXPONENT: f64 = 600.0;
 /// A pixel with less splatted weight of colours than this is a hole of `evis-paper`.
-const HOLE_BELOW: f32 = 1e-4;
+const HOLE_BELOW: f64 = 1e-4;
 /// Pixels by which the motion of nearer surfaces reaches over their antialiased fringe, for `splat` of pushed keyframes: on
 /// `spinner` and `warehouse` F1 rose by 0.01 to 0.02.
 const DILATION: usize = 1;
@@ -66,13 +62,6 @@ impl WarpVariant {
             Self::EvisPaper => 0,
         }
     }
-
-    fn is_hole(self, word: u32) -> bool {
-        match self {
-            Self::EvisPaper => (word as f32) < HOLE_BELOW * WEIGHT_STEPS,
-            Self::Splat => word == 0,
-        }
-    }
 }
 
 /// How the instants between two keyframes come from both: those of a scene, and those that are pushed.
@@ -99,7 +88,8 @@ pub struct Warp {
     /// not given. A gap in which it moves by no more than a pixel is not divided.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_px: Option<f32>,
-    /// Pushed keyframes: whether keyframes that nothing links are taken for a cut; `true` where not given.
+    /// Pushed keyframes: whether keyframes that nothing links are taken for a cut; where not given, `splat` does so, and
+    /// `evis-paper` does not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detect_cuts: Option<bool>,
 }
@@ -195,7 +185,7 @@ impl Warp {
 
     /// Whether pushed keyframes that nothing links are taken for a cut.
     pub(crate) fn detects_cuts(&self) -> bool {
-        self.detect_cuts.unwrap_or(true)
+        self.detect_cuts.unwrap_or(self.variant == WarpVariant::Splat)
     }
 
     fn check_gap(&self) -> Result<(), ConfigError> {
@@ -278,10 +268,10 @@ struct Prepared<'a> {
     /// Bits of the nearness, plus 1; 0 where a pixel goes nowhere.
     keys: Vec<u32>,
     /// Whether all pixels within two of a pixel show its surface, and are known: light between them needs no look at each.
+    /// Empty where colours are splatted.
     plain: Vec<bool>,
-    /// The largest light, as a power of two above it, and the largest nearness (colours).
-    scale: f32,
-    nearest: f32,
+    /// Of each pixel's colour; empty where none are splatted.
+    importance: Vec<f64>,
 }
 
 /// The gap between two keyframes.
@@ -307,20 +297,30 @@ pub struct Scratch {
 struct Sums {
     /// Nearest key.
     depth: Vec<u32>,
-    /// Weight, or an index with how near it is before it.
+    /// An index with how near it is before it.
     word: Vec<u32>,
-    /// Light times weight.
-    light: Vec<u64>,
+    /// Weight, and light times weight.
+    colours: Vec<[f64; 2]>,
 }
 
 impl Sums {
-    fn clear(&mut self, pixels: usize, colours: bool) {
+    fn clear(&mut self, pixels: usize, variant: WarpVariant) {
+        let (indices, colours) = match variant {
+            WarpVariant::Splat => (pixels, 0),
+            WarpVariant::EvisPaper => (0, pixels),
+        };
         for plane in [&mut self.depth, &mut self.word] {
             plane.clear();
-            plane.resize(pixels, 0);
+            plane.resize(indices, 0);
         }
-        self.light.clear();
-        self.light.resize(if colours { pixels } else { 0 }, 0);
+        self.colours.clear();
+        self.colours.resize(colours, [0.0; 2]);
+    }
+
+    /// Whether no colours are at a pixel.
+    #[inline(always)]
+    fn is_hole(&self, p: usize) -> bool {
+        self.colours[p][0] < HOLE_BELOW
     }
 }
 
@@ -341,21 +341,34 @@ fn same_surface(a: f32, b: f32) -> bool {
 }
 
 impl<'a> Prepared<'a> {
-    fn new(side: Side<'a>, width: usize, brightest: f32) -> Self {
-        let mut largest = (0.0_f32, 0.0_f32);
+    fn new(side: Side<'a>, variant: WarpVariant, pictures: &Pictures) -> Self {
+        let width = pictures.canvas[0];
         let pixels = side.light.iter().zip(side.nearness).zip(side.motion);
         let keys = pixels
             .map(|((light, nearness), motion)| {
-                largest = (largest.0.max(*light), largest.1.max(*nearness));
                 let placed = *light >= 0.0 && is_motion(*motion);
                 if placed { nearness.max(0.0).to_bits().wrapping_add(1) } else { 0 }
             })
             .collect();
-        // A power of two above the brightest.
-        let bits = largest.0.to_bits().clamp(0x0080_0000, brightest.to_bits().max(0x0080_0000));
-        let scale = f32::from_bits(((bits >> 23) + 1) << 23);
-        Self { side, keys, plain: plain(&side, width), scale, nearest: largest.1 }
+        match variant {
+            WarpVariant::Splat => Self { side, keys, plain: plain(&side, width), importance: Vec::new() },
+            WarpVariant::EvisPaper => {
+                Self { side, keys, plain: Vec::new(), importance: importance(&side, pictures) }
+            }
+        }
     }
+}
+
+/// e^(12 · nearness / largest nearness) of every pixel; the largest one is of what the sensor sees, so that a margin changes
+/// no weight.
+fn importance(side: &Side<'_>, pictures: &Pictures) -> Vec<f64> {
+    let [width, height] = pictures.size;
+    let margin = (pictures.canvas[0] - width) / 2;
+    let rows = side.nearness.chunks_exact(pictures.canvas[0]).skip(margin).take(height);
+    let seen = rows.flat_map(|row| &row[margin..margin + width]);
+    let largest = seen.fold(0.0_f32, |largest, nearness| largest.max(*nearness));
+    let sharpness = SHARPNESS / f64::from(largest.max(1e-30));
+    side.nearness.iter().map(|nearness| (f64::from(*nearness) * sharpness).min(MOST_EXPONENT).exp()).collect()
 }
 
 /// Where a source that has moved is, in parts of a pixel of the sensor.
@@ -415,14 +428,13 @@ fn for_taps((q, reaches): Place, size: [usize; 2], mut each: impl FnMut(usize, u
 impl<'a> Gap<'a> {
     /// A gap between the keyframes `older` and `newer`, all of whose pictures have `pictures.canvas` pixels.
     pub fn new(variant: WarpVariant, pictures: &Pictures, older: Side<'a>, newer: Side<'a>) -> Self {
-        let brightest = BRIGHTEST * pictures.reference_luminance;
         Self {
             variant,
             // The same along both axes.
             margin: ((pictures.canvas[0] - pictures.size[0]) / 2) as i32,
             pictures: *pictures,
-            older: Prepared::new(older, pictures.canvas[0], brightest),
-            newer: Prepared::new(newer, pictures.canvas[0], brightest),
+            older: Prepared::new(older, variant, pictures),
+            newer: Prepared::new(newer, variant, pictures),
             isa: Isa::detect(),
         }
     }
@@ -431,13 +443,16 @@ impl<'a> Gap<'a> {
     pub fn instant(&self, elapsed: f32, scratch: &mut Scratch, out: &mut Vec<f32>) {
         let Scratch { older, newer, rows } = scratch;
         let moved = [Moved::new(&self.older.side, elapsed), Moved::new(&self.newer.side, 1.0 - elapsed)];
-        self.splat(&self.newer, &moved[1], None, newer);
-        self.splat(
-            &self.older,
-            &moved[0],
-            (self.variant == WarpVariant::EvisPaper).then_some(&*newer),
-            older,
-        );
+        match self.variant {
+            WarpVariant::Splat => {
+                self.splat(&self.newer, &moved[1], newer);
+                self.splat(&self.older, &moved[0], older);
+            }
+            WarpVariant::EvisPaper => {
+                self.splat_colours(&self.newer, &moved[1], None, newer);
+                self.splat_colours(&self.older, &moved[0], Some(newer), older);
+            }
+        }
         let [width, height] = self.pictures.size;
         out.clear();
         out.resize(width * height, f32::NAN);
@@ -456,51 +471,73 @@ impl<'a> Gap<'a> {
         }
     }
 
-    /// Splats one side: depths first, then what is nearest, or colours.
-    fn splat(&self, from: &Prepared<'_>, moved: &Moved<'_>, holes_of: Option<&Sums>, sums: &mut Sums) {
+    /// Splats one side: depths first, then what is nearest.
+    fn splat(&self, from: &Prepared<'_>, moved: &Moved<'_>, sums: &mut Sums) {
         let size = self.pictures.size;
-        let variant = self.variant;
-        sums.clear(size[0] * size[1], variant == WarpVariant::EvisPaper);
-        let Sums { depth, word, light } = sums;
-        let wanted = |p: usize| holes_of.is_none_or(|other| variant.is_hole(other.word[p]));
+        sums.clear(size[0] * size[1], self.variant);
+        let Sums { depth, word, .. } = sums;
         self.for_sources(from, moved, |_, key, place| {
             for_taps(place, size, |p, weight| {
-                if weight > 0 && depth[p] < key && wanted(p) {
+                if weight > 0 && depth[p] < key {
                     depth[p] = key;
                 }
             });
         });
-        match variant {
-            WarpVariant::Splat => {
-                let bits = index_bits(from.keys.len());
-                let most = (1_u32 << (32 - bits)) - 1;
-                let scale = most as f32 / 1_048_576.0;
-                self.for_sources(from, moved, |source, key, place| {
-                    let nearness = nearness_of(key);
-                    for_taps(place, size, |p, weight| {
-                        if weight > 0 && nearness >= nearness_of(depth[p]) * SAME_SURFACE && wanted(p) {
-                            let near = ((weight as f32 * scale) as u32).clamp(1, most);
-                            word[p] = word[p].max((near << bits) | source as u32);
-                        }
-                    });
-                });
-            }
-            WarpVariant::EvisPaper => {
-                let factor = LIGHT_STEPS / from.scale;
-                let sharpness = SHARPNESS / from.nearest.max(1e-30);
-                self.for_sources(from, moved, |source, key, place| {
-                    let steps = (from.side.light[source] * factor + 0.5).min(LIGHT_STEPS) as u32;
-                    let nearness = nearness_of(key);
-                    for_taps(place, size, |p, bilinear| {
-                        if bilinear > 0 && wanted(p) {
-                            let behind = (nearness - nearness_of(depth[p])).min(0.0);
-                            let importance = if behind < 0.0 { simd::exp(behind * sharpness) } else { 1.0 };
-                            let weight = (bilinear as f32 * WEIGHT_UNIT * importance + 0.5) as u32;
-                            word[p] = word[p].wrapping_add(weight);
-                            light[p] = light[p].wrapping_add(u64::from(weight) * u64::from(steps));
-                        }
-                    });
-                });
+        let bits = index_bits(from.keys.len());
+        let most = (1_u32 << (32 - bits)) - 1;
+        let scale = most as f32 / 1_048_576.0;
+        self.for_sources(from, moved, |source, key, place| {
+            let nearness = nearness_of(key);
+            for_taps(place, size, |p, weight| {
+                if weight > 0 && nearness >= nearness_of(depth[p]) * SAME_SURFACE {
+                    let near = ((weight as f32 * scale) as u32).clamp(1, most);
+                    word[p] = word[p].max((near << bits) | source as u32);
+                }
+            });
+        });
+    }
+
+    /// Splats the colours of one side, in the order of its pixels; only into the holes of another one where there is one.
+    fn splat_colours(
+        &self,
+        from: &Prepared<'_>,
+        moved: &Moved<'_>,
+        holes_of: Option<&Sums>,
+        sums: &mut Sums,
+    ) {
+        let [width, height] = self.pictures.size;
+        sums.clear(width * height, self.variant);
+        let canvas = self.pictures.canvas[0];
+        let margin = f64::from(self.margin);
+        let rows = from.keys.chunks_exact(canvas).zip(from.side.motion.chunks_exact(canvas));
+        for (row, (keys, motions)) in rows.enumerate() {
+            for (column, (key, motion)) in keys.iter().zip(motions).enumerate() {
+                if *key == 0 {
+                    continue;
+                }
+                let source = row * canvas + column;
+                let [dx, dy] = moved.of(source, *motion);
+                let (x, y) = (column as f64 - margin + f64::from(dx), row as f64 - margin + f64::from(dy));
+                let (left, top) = (x.floor(), y.floor());
+                let (fx, fy) = (x - left, y - top);
+                let (importance, light) = (from.importance[source], f64::from(from.side.light[source]));
+                for (x, y, bilinear) in [
+                    (left, top, (1.0 - fx) * (1.0 - fy)),
+                    (left + 1.0, top, fx * (1.0 - fy)),
+                    (left, top + 1.0, (1.0 - fx) * fy),
+                    (left + 1.0, top + 1.0, fx * fy),
+                ] {
+                    let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64;
+                    if !inside || bilinear == 0.0 {
+                        continue;
+                    }
+                    let p = y as usize * width + x as usize;
+                    if holes_of.is_none_or(|other| other.is_hole(p)) {
+                        let weight = bilinear * importance;
+                        let [sum, lights] = sums.colours[p];
+                        sums.colours[p] = [sum + weight, lights + weight * light];
+                    }
+                }
             }
         }
     }
@@ -517,8 +554,7 @@ impl<'a> Gap<'a> {
                 if *key != 0 {
                     let at = first.wrapping_add(x);
                     let q = place(x, y, margin, moved.of(at, *motion));
-                    let everywhere = self.variant == WarpVariant::EvisPaper || from.plain[at];
-                    let reaches = if everywhere { [true; 2] } else { self.reaches(from, (x, y), q) };
+                    let reaches = if from.plain[at] { [true; 2] } else { self.reaches(from, (x, y), q) };
                     each(at, *key, (q, reaches));
                 }
             }
@@ -577,21 +613,21 @@ impl<'a> Gap<'a> {
         sums: &Sums,
         (x, y, p): (usize, usize, usize),
     ) -> Option<(f32, f32)> {
-        let (key, word) = (sums.depth[p], sums.word[p]);
-        if key == 0 || word == 0 || self.variant.is_hole(word) {
-            return None;
-        }
-        let light = match self.variant {
+        match self.variant {
             WarpVariant::EvisPaper => {
-                let light = sums.light[p] as f32 / word as f32 * (from.scale / LIGHT_STEPS);
-                light.min(from.scale)
+                let [weight, light] = sums.colours[p];
+                // Of nearness nothing is asked: the newer side comes first.
+                (weight >= HOLE_BELOW).then(|| ((light / weight) as f32, 0.0))
             }
             WarpVariant::Splat => {
+                let (key, word) = (sums.depth[p], sums.word[p]);
+                if key == 0 || word == 0 {
+                    return None;
+                }
                 let source = word & ((1 << index_bits(from.keys.len())) - 1);
-                self.gathered(from, moved, source as usize, (x, y))
+                Some((self.gathered(from, moved, source as usize, (x, y)), nearness_of(key)))
             }
-        };
-        Some((light, nearness_of(key)))
+        }
     }
 
     /// Light of a source, read between its keyframe's pixels as far from it as the pixel is from where it is now; across

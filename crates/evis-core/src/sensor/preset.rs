@@ -1,8 +1,8 @@
 //! Sensors by name. Each says where its numbers come from, and what of its source it leaves out.
 
 use super::stages::{
-    Bandwidth, Curve, Diffusion, FilterRule, LeakLaw, Noise, Pattern, Photoreceptor, Readout, Refractory,
-    RefractoryRule, Start,
+    Bandwidth, Curve, Diffusion, FilterRule, LeakLaw, Noise, NoiseReference, Pattern, Photoreceptor, Readout,
+    Refractory, RefractoryRule, Start,
 };
 use super::{ConfigError, SensorConfig, Times, TriggerRule};
 
@@ -33,39 +33,64 @@ pub const PRESETS: [Preset; 13] = [
     Preset {
         name: "evis",
         source: "the EVIS paper's plugin: threshold 0.15, latch, eps 1e-5 and its default noise; its low-pass is off by \
-                 default",
+                 default. Different here: noise in continuous time with its own timestamps, where the plugin throws a coin \
+                 per pixel and frame; times are integers, where its clock in float32 drops two fifths of the hot pixels' \
+                 events at 1 kHz",
         make: evis,
     },
     Preset {
         name: "v2e-clean",
-        source: "v2e --dvs_params clean: sigma 0.02, nothing else; times and lin-log as in v2e",
+        source: "v2e --dvs_params clean: sigma 0.02, nothing else; times and lin-log as in v2e. Different here: times are \
+                 integers, and light is Rec. 709 luminance of linear light unless the frames' transfer is linear, as v2e \
+                 takes them",
         make: || v2e(0.02, 0.0, 0.0, 0.0, 0),
     },
     Preset {
         name: "v2e-noisy",
-        source: "v2e --dvs_params noisy: sigma 0.05, 30 Hz, leak 0.1 Hz, shot 5 Hz; noise in continuous time",
+        source: "v2e --dvs_params noisy: sigma 0.05, 30 Hz, leak 0.1 Hz (0.103 Hz over all pixels, as in v2e), shot 5 Hz, \
+                 after which light is memorised. Different here: shot events come at times of their own, as many as asked \
+                 for, where v2e throws one coin per pixel and frame and stamps its end; the leak's jitter is drawn per \
+                 event, not per frame; frames' transfer as for v2e-clean",
         make: || v2e(0.05, 30.0, 0.1, 5.0, 0),
     },
     Preset {
         name: "v2e",
-        source: "v2e's command-line defaults: sigma 0.03, 300 Hz, leak 0.01 Hz, shot 0.001 Hz, refractory 0.5 ms; noise \
-                 in continuous time",
+        source: "v2e's command-line defaults: sigma 0.03, 300 Hz, leak 0.01 Hz (0.0103 Hz over all pixels, as in v2e), \
+                 shot 0.001 Hz, after which light is memorised, refractory 0.5 ms. Different here: shot events as in \
+                 v2e-noisy, and the refractory period holds for them too; it is asked of every event, where v2e leaves it \
+                 out if events of one frame lie farther apart; frames' transfer as for v2e-clean",
         make: || v2e(0.03, 300.0, 0.01, 0.001, 500),
     },
-    Preset { name: "esim", source: "rpg_esim's defaults: C 1.0, sigma 0.021, eps 0.001", make: esim },
+    Preset {
+        name: "esim",
+        source: "rpg_esim's defaults: C 1.0, sigma 0.021, eps 0.001. Different here: each pixel's thresholds are drawn once, \
+                 where ESIM draws them for every pixel and frame (pattern.redraw does so), and levels that a new threshold \
+                 has put behind the last sample fire, where ESIM loses them; thresholds are at least 0.01",
+        make: esim,
+    },
     Preset {
         name: "openeb",
-        source: "OpenEB's batch video-to-event: C 0.1, sigma 0.022 within 0.01 to 1, refractory 10 us, broken pixels; the \
-                 second-order low-pass at 450 Hz, the middle of its range",
+        source: "OpenEB's batch video-to-event: eps 1e-7, C 0.1, sigma 0.022 within 0.01 to 1, refractory 10 us; two Euler \
+                 poles whose bandwidth follows light, at 450 Hz, the middle of the range that it draws from; dead pixels, and \
+                 pixels with thresholds of 0.001. Different here: such pixels are in every stream, where OpenEB has them in \
+                 one video of a hundred; a signal that ends exactly on a level fires, where OpenEB loses the event and what \
+                 follows",
         make: openeb,
     },
     Preset {
         name: "pix2nvs",
-        source: "PIX2NVS: differences of ln I, threshold 0.4, at most 5 events per frame, evenly spread; without block \
-                 inhibition and without the adapting threshold",
+        source: "PIX2NVS: differences of ln I from frame to frame (its d = 1; trigger latch is its d = 2), threshold 0.4, at \
+                 most 5 events per frame, each where a straight ln I crosses its level. Different here: the threshold \
+                 does not adapt by 5 % a frame, no blocks (its default as well), light is Rec. 709 luminance, black is \
+                 ln 1e-9 and not minus infinity, and times are not a frame late",
         make: pix2nvs,
     },
-    Preset { name: "carla", source: "CARLA's DVS camera: C 0.3, eps 0.001, no noise", make: carla },
+    Preset {
+        name: "carla",
+        source: "CARLA's DVS camera: C 0.3, eps 0.001, no noise. Different here: light is what is given, where CARLA takes \
+                 8-bit tone-mapped frames for it (push those with transfer linear)",
+        make: carla,
+    },
     Preset {
         name: "davis346",
         source: "DVS-Voltmeter's constants for the DAVIS346",
@@ -126,7 +151,7 @@ fn evis() -> SensorConfig {
     }
 }
 
-/// 20 / 255: what v2e adds to a relative intensity.
+/// 20 / 255: what v2e and OpenEB add to a relative intensity.
 const V2E_OFFSET: f32 = 20.0 / 255.0;
 
 fn v2e(sigma: f32, cutoff_hz: f32, leak_hz: f32, shot_hz: f32, refractory_us: u32) -> SensorConfig {
@@ -144,13 +169,15 @@ fn v2e(sigma: f32, cutoff_hz: f32, leak_hz: f32, shot_hz: f32, refractory_us: u3
         },
         pattern: Pattern { sigma, ..Pattern::default() },
         noise: Noise {
-            leak_hz,
+            // v2e's factor 10^(0.1 n) has a mean above 1, by which rates are divided here.
+            leak_hz: leak_hz * (0.5 * (0.1 * std::f32::consts::LN_10).powi(2)).exp(),
             leak_spread_decades: if leak_hz > 0.0 { 0.1 } else { 0.0 },
             leak_jitter: if leak_hz > 0.0 { 0.1 } else { 0.0 },
             shot_hz,
             shot_light_share: 0.75,
             shot_light_offset: V2E_OFFSET,
             shot_per_threshold: true,
+            reference: NoiseReference::Signal,
             ..Noise::default()
         },
         refractory: Refractory { period_us: refractory_us, rule: RefractoryRule::Defer },
@@ -171,9 +198,22 @@ fn openeb() -> SensorConfig {
     SensorConfig {
         threshold_on: 0.1,
         threshold_off: 0.1,
-        photoreceptor: Photoreceptor { cutoff_hz: 450.0, order: 2, ..Photoreceptor::default() },
-        pattern: Pattern { sigma: 0.022, most: 1.0, dead_share: 5e-3, ..Pattern::default() },
-        noise: Noise { hot_share: 5e-4, hot_hz: 1000.0, ..Noise::default() },
+        log_eps: 1e-7,
+        photoreceptor: Photoreceptor {
+            cutoff_hz: 450.0,
+            order: 2,
+            filter: FilterRule::Euler,
+            bandwidth: Bandwidth::Light,
+            bandwidth_offset: V2E_OFFSET,
+            ..Photoreceptor::default()
+        },
+        pattern: Pattern {
+            sigma: 0.022,
+            most: 1.0,
+            dead_share: 5e-3,
+            sensitive_share: 5e-4,
+            ..Pattern::default()
+        },
         refractory: Refractory { period_us: 10, rule: RefractoryRule::Suppress },
         ..SensorConfig::default()
     }
@@ -183,7 +223,8 @@ fn pix2nvs() -> SensorConfig {
     SensorConfig {
         threshold_on: 0.4,
         threshold_off: 0.4,
-        times: Times::Even,
+        log_eps: 1e-9,
+        trigger: TriggerRule::Difference,
         most_events: 5,
         ..SensorConfig::default()
     }

@@ -23,7 +23,8 @@ pub enum FilterRule {
     /// Its exact answer to a signal that is straight between samples (default).
     #[default]
     Exact,
-    /// `y += min(1, 2 pi f dt) (x - y)` with the end sample, as in v2e and EVIS: an approximation for small steps.
+    /// `y += min(1, 2 pi f dt) (x - y)` with the end sample, as in v2e and EVIS: an approximation for small steps. A second
+    /// pole follows the first one's new value, as in OpenEB.
     Euler,
 }
 
@@ -98,7 +99,7 @@ pub enum Start {
     Phase,
 }
 
-/// What differs from pixel to pixel and never changes.
+/// What differs from pixel to pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Pattern {
@@ -110,13 +111,29 @@ pub struct Pattern {
     pub most: f32,
     /// Share of pixels that never fire.
     pub dead_share: f32,
+    /// Share of pixels whose thresholds are both `sensitive_threshold`, so that the least change fires them: the
+    /// "crazy pixels" of OpenEB.
+    pub sensitive_share: f32,
+    /// See `sensitive_share`; at least 0.001, and not bound by `least`.
+    pub sensitive_threshold: f32,
+    /// Whether `sigma` is drawn anew for every pixel and frame, as ESIM does, instead of once.
+    pub redraw: bool,
     /// Where references start.
     pub start: Start,
 }
 
 impl Default for Pattern {
     fn default() -> Self {
-        Self { sigma: 0.0, least: 0.01, most: 100.0, dead_share: 0.0, start: Start::Signal }
+        Self {
+            sigma: 0.0,
+            least: 0.01,
+            most: 100.0,
+            dead_share: 0.0,
+            sensitive_share: 0.0,
+            sensitive_threshold: 1e-3,
+            redraw: false,
+            start: Start::Signal,
+        }
     }
 }
 
@@ -313,9 +330,6 @@ impl Photoreceptor {
         if !(1..=2).contains(&self.order) {
             return Err(ConfigError::new("photoreceptor.order", self.order, "1 or 2"));
         }
-        if self.filter == FilterRule::Euler && self.order == 2 {
-            return Err(ConfigError::new("photoreceptor.order", 2, "1 with the filter euler"));
-        }
         within("photoreceptor.bandwidth_offset", self.bandwidth_offset, 0.0, 1e3)?;
         within("photoreceptor.bandwidth_least", self.bandwidth_least, 1e-6, 1e6)?;
         within("photoreceptor.bandwidth_most", self.bandwidth_most, self.bandwidth_least, 1e6)?;
@@ -339,7 +353,9 @@ impl Pattern {
         within("pattern.sigma", self.sigma, 0.0, 10.0)?;
         within("pattern.least", self.least, 1e-3, 100.0)?;
         within("pattern.most", self.most, self.least, 100.0)?;
-        within("pattern.dead_share", self.dead_share, 0.0, 1.0)
+        within("pattern.dead_share", self.dead_share, 0.0, 1.0)?;
+        within("pattern.sensitive_share", self.sensitive_share, 0.0, 1.0)?;
+        within("pattern.sensitive_threshold", self.sensitive_threshold, 1e-3, 100.0)
     }
 }
 

@@ -236,6 +236,7 @@ fn walk_sampled(most: u32) {
     let steps = steps_of(change);
     let count = min(steps, select(MOST_EVENTS, 1u, LATCH));
     var fires = 0u;
+    var struck = false;
     var next = 1u;
     // Each turn takes an event or a strike.
     loop {
@@ -250,7 +251,7 @@ fn walk_sampled(most: u32) {
         }
         let noise_at = strike_time();
         if (noise_at <= min(t, end)) {
-            take_strike(noise_at, from_signal + (to_signal - from_signal) * noise_at / end);
+            struck |= take_strike(noise_at, from_signal + (to_signal - from_signal) * noise_at / end);
             continue;
         }
         if (next > count) {
@@ -264,6 +265,13 @@ fn walk_sampled(most: u32) {
         }
         fires += u32(!silent || REFRACTORY == 1u);
         next++;
+    }
+    if (STRIKES_SET_REFERENCE && struck) {
+        // The sample is memorised, whatever else the pixel fired.
+        clamped += u32(!LATCH && steps > count);
+        reference = to_signal;
+        moved_at(end);
+        return;
     }
     if (count == 0u) {
         return;

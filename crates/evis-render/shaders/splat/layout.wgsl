@@ -38,7 +38,8 @@ struct SplatParams {
     index_bits: u32,
     // Added to luminance before a logarithm is taken.
     log_floor: f32,
-    // Light above this counts as this where colours are added up: one glint must not take the steps of all others.
+    // Light above this counts as this for colours, in keyframes and between them: one glint must not take the steps of all
+    // others.
     brightest: f32,
     pad_0: u32,
     pad_1: u32,
@@ -47,9 +48,11 @@ struct SplatParams {
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
 
-// Full weight; full light is LIGHT_STEPS, so that the sum of two of their products fits 32 bits.
+// Full weight. Light has 38 bits below the scale, in two halves of 19, so that the sum of two products of a half and a weight
+// fits 32 bits: beside a lamp, what is a thousand million times darker is told apart. Sums of 64 bits hold 16 000 whole pixels.
 const WEIGHT_STEPS: f32 = 4096.0;
-const LIGHT_STEPS: f32 = 524287.0;
+const LIGHT_HALF_BITS: u32 = 19u;
+const LIGHT_HALF: f32 = 524288.0;
 // Weights are products of a bilinear part of 1 / 2^20 each.
 const WEIGHT_UNIT: f32 = 0.00390625;
 

@@ -10,7 +10,8 @@ struct KeyParams {
     height: u32,
     // View within both slots: views of slot 0, then of slot 1.
     view: u32,
-    pad: u32,
+    // Pixels beyond each border of the sensor.
+    margin: u32,
 };
 
 @group(0) @binding(0) var<uniform> key: KeyParams;
@@ -24,7 +25,7 @@ struct KeyParams {
 @group(0) @binding(6) var backward: texture_storage_2d_array<rgba32float, write>;
 // Object + 1; 0 where nothing was drawn.
 @group(0) @binding(7) var<storage, read_write> objects: array<u32>;
-// Per view: bits of the largest luminance and the largest 1 / depth; positive floats are ordered as their bits are.
+// Per view: bits of the largest luminance, and of the largest 1 / depth that the sensor itself sees; positive floats are ordered as their bits are.
 @group(0) @binding(8) var<storage, read_write> largest: array<atomic<u32>>;
 
 const LARGEST_LUMINANCE: f32 = 1e30;
@@ -71,5 +72,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if (luminance > 0.0) {
         atomicMax(&largest[key.view * 2u], bitcast<u32>(luminance));
     }
-    atomicMax(&largest[key.view * 2u + 1u], bitcast<u32>(nearness));
+    // A margin changes no weight of the softmax.
+    let low = vec2<u32>(key.margin);
+    if (all(id.xy >= low) && all(id.xy < vec2<u32>(key.width, key.height) - low)) {
+        atomicMax(&largest[key.view * 2u + 1u], bitcast<u32>(nearness));
+    }
 }

@@ -21,7 +21,7 @@ fn decoded(weight: u32, low: u32, high: u32, scale: f32) -> f32 {
     }
     let light = f32(high) * 4294967296.0 + f32(low);
     // Beyond the scale only where more pixels met at one than its weight can count.
-    return min(light / f32(weight) * (scale / LIGHT_STEPS), scale);
+    return min(light / f32(weight) * (1.0 / LIGHT_HALF) * (1.0 / LIGHT_HALF) * scale, scale);
 }
 
 // Light of the splatted source, read between its keyframe's pixels as far from it as the pixel is from where it is now.

@@ -10,5 +10,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let luminance = textureLoad(forward, id.xy + params.margin, key_layer(params.side, id.z), 0).r;
-    textureStore(layers, id.xy, target_layer(id.z), vec4<f32>(known_or_black(luminance), 0.0, 0.0, 0.0));
+    // Clipped as between keyframes: what stands still stays the same.
+    let shown = select(luminance, min(luminance, params.brightest), EVIS_PAPER);
+    textureStore(layers, id.xy, target_layer(id.z), vec4<f32>(known_or_black(shown), 0.0, 0.0, 0.0));
 }

@@ -6,9 +6,8 @@ use evis_core::WarpVariant;
 pub const SUBPIXELS: i32 = 1024;
 
 const WEIGHT_STEPS: f32 = 4096.0;
-
-const LIGHT_STEPS: f32 = 524_287.0;
-
+const LIGHT_HALF_BITS: u32 = 19;
+const LIGHT_HALF: f32 = 524_288.0;
 const WEIGHT_UNIT: f32 = 1.0 / 256.0;
 
 const SHARPNESS: f32 = 12.0;
@@ -215,6 +214,13 @@ fn light_scale(sources: &[Source], at: &Instant) -> f32 {
     f32::from_bits(((within >> 23) + 1) << 23)
 }
 
+/// Largest 1 / depth that the sensor itself sees.
+fn nearest(sources: &[Source], at: &Instant) -> f32 {
+    let margin = at.margin as usize;
+    let rows = sources.chunks_exact(at.canvas[0]).skip(margin).take(at.size[1]);
+    rows.map(|row| largest(&row[margin..margin + at.size[0]], |s| s.nearness)).fold(0.0, f32::max)
+}
+
 fn largest(sources: &[Source], of: impl Fn(&Source) -> f32) -> f32 {
     sources.iter().map(of).fold(0.0, f32::max)
 }
@@ -227,11 +233,14 @@ pub fn accumulate(
     other: Option<&Sums>,
     sums: &mut Sums,
 ) {
-    let factor = LIGHT_STEPS / light_scale(sources, at);
-    let sharpness = SHARPNESS / largest(sources, |s| s.nearness).max(1e-30);
+    let scale = light_scale(sources, at);
+    let sharpness = SHARPNESS / nearest(sources, at).max(1e-30);
     for (source, placed) in sources.iter().zip(placed) {
         let Some((place, key)) = *placed else { continue };
-        let light = (source.luminance * factor + 0.5).min(LIGHT_STEPS) as u32;
+        let halves = source.luminance.min(at.brightest) / scale * LIGHT_HALF;
+        let high = halves as u32;
+        let low = ((halves - high as f32) * LIGHT_HALF + 0.5) as u32;
+        let light = u64::from(low) + (u64::from(high) << LIGHT_HALF_BITS);
         for (p, bilinear) in taps(position(place), at.size).into_iter().flatten() {
             if bilinear == 0 || other.is_some_and(|o| !is_hole(WarpVariant::EvisPaper, o.words[p])) {
                 continue;
@@ -240,7 +249,7 @@ pub fn accumulate(
             let importance = ((nearness_of(key) - front).min(0.0) * sharpness).exp();
             let weight = (bilinear as f32 * WEIGHT_UNIT * importance + 0.5) as u32;
             sums.words[p] = sums.words[p].wrapping_add(weight);
-            sums.light[p] += u64::from(weight) * u64::from(light);
+            sums.light[p] = sums.light[p].wrapping_add(u64::from(weight) * light);
         }
     }
 }
@@ -307,7 +316,7 @@ pub fn resolve(sides: &[Side<'_>; 2], at: &Instant, variant: WarpVariant) -> Vec
                 let scale = light_scale(side.sources, at);
                 let light =
                     (side.sums.light[p] >> 32) as f32 * 4_294_967_296.0 + side.sums.light[p] as u32 as f32;
-                (light / word as f32 * (scale / LIGHT_STEPS)).min(scale)
+                (light / word as f32 * (1.0 / LIGHT_HALF) * (1.0 / LIGHT_HALF) * scale).min(scale)
             }
             WarpVariant::Splat => {
                 let bits = u32::BITS - (side.placed.len() as u32).leading_zeros();

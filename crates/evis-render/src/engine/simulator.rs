@@ -221,11 +221,17 @@ fn check_driven<'a>(
     let step_us = config.pose_step_us.unwrap_or(0);
     let apart_us = 1e6 / config.rate_hz;
     if step_us > 0 && (apart_us.fract() != 0.0 || (step_us as f64 / apart_us).fract() != 0.0) {
-        let remedy = format!("a multiple of the time between two samples, which is a whole number of microseconds ({apart_us} us now)");
+        let remedy = format!(
+            "a multiple of the time between two samples, which is a whole number of microseconds ({apart_us} us now)"
+        );
         return Err(ConfigError::new("pose_step_us", step_us, remedy));
     }
     if step_us <= 0 {
-        return Err(ConfigError::new("pose_step_us", step_us, "above 0 microseconds, where poses come from a host"));
+        return Err(ConfigError::new(
+            "pose_step_us",
+            step_us,
+            "above 0 microseconds, where poses come from a host",
+        ));
     }
     Ok(())
 }

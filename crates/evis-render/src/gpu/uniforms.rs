@@ -314,8 +314,8 @@ pub struct KeyParams {
     pub height: u32,
     /// View within both slots.
     pub view: u32,
-    /// Zero.
-    pub pad: u32,
+    /// Pixels beyond each border of the sensor.
+    pub margin: u32,
 }
 
 /// `SplatParams` in `splat/layout.wgsl`.

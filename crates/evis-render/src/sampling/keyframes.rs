@@ -43,6 +43,8 @@ pub struct KeyframeStore {
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// Of the pixels, those beyond each border of the sensor.
+    margin: u32,
     /// A layer per slot and view: luminance (negative: unknown), 1 / (depth + 1e-3), pixels to where it is at the next
     /// keyframe.
     pub forward: wgpu::TextureView,
@@ -50,7 +52,7 @@ pub struct KeyframeStore {
     pub backward: wgpu::TextureView,
     /// Per slot, view and pixel: object + 1, 0 for none.
     pub objects: wgpu::Buffer,
-    /// Per slot and view: largest luminance, largest 1 / depth, as bits.
+    /// Per slot and view: largest luminance, largest 1 / depth that the sensor sees, as bits.
     pub largest: wgpu::Buffer,
     /// Luminance, a layer per sample.
     pub layers: Layers,
@@ -127,6 +129,7 @@ impl KeyframeStore {
         Self {
             width,
             height,
+            margin: config.scene_margin(),
             forward: sources("keyframes, forward"),
             backward: sources("keyframes, backward"),
             objects: buffer("keyframe objects", if with_objects { entries * 4 } else { 16 }, storage),
@@ -148,7 +151,7 @@ impl KeyframeStore {
         prepare: &ComputePass,
         entry: u32,
     ) {
-        let params = KeyParams { width: self.width, height: self.height, view: entry, pad: 0 };
+        let params = KeyParams { width: self.width, height: self.height, view: entry, margin: self.margin };
         let offset = u64::from(entry) * UNIFORM_ALIGNMENT;
         gpu.queue.write_buffer(&self.keys, offset, bytemuck::bytes_of(&params));
         let texture = wgpu::BindingResource::TextureView;

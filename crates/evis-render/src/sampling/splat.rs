@@ -25,10 +25,9 @@ use crate::world::view::{PixelLens, View};
 
 /// Sources that one invocation adds up where a processor stands in for a graphics card.
 const CPU_RUN: u32 = 8;
-
-/// Most light that colours can add up, in reference luminances: eight ln units above the mean.
-const BRIGHTEST: f32 = 256.0;
-
+/// Most light of `evis-paper`, in reference luminances: light is counted in steps of 2^-38 of it, some 5e-7 reference
+/// luminances, a twentieth of the paper's eps.
+const BRIGHTEST: f32 = 65_536.0;
 /// Rows of a transform: x·w, y·w, w.
 const ROWS: usize = 3;
 

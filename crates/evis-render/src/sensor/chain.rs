@@ -95,7 +95,10 @@ impl ChainPlan {
         let hot = noise.hot_share > 0.0 && noise.hot_hz > 0.0;
         let shot = noise.shot_hz > 0.0;
         let light_latency = sensor.readout.latency_light_us > 0.0;
-        let own_thresholds = sensor.pattern.sigma > 0.0 || sensor.pattern.dead_share > 0.0;
+        let own_thresholds =
+            [sensor.pattern.sigma, sensor.pattern.dead_share, sensor.pattern.sensitive_share]
+                .iter()
+                .any(|share| *share > 0.0);
         let refractory = match (sensor.refractory.period_us, sensor.refractory.rule) {
             (0, _) => 0,
             (_, RefractoryRule::Suppress) => 1,

@@ -111,7 +111,8 @@ impl TriggerPasses {
 
 fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'static str, f64); 4] {
     let rule = match sensor.trigger {
-        TriggerRule::Crossing => 0.0,
+        // The host walks pixels that forget.
+        TriggerRule::Crossing | TriggerRule::Difference => 0.0,
         TriggerRule::Latch => 1.0,
     };
     // A latch knows light at samples alone.

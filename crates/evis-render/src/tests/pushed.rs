@@ -70,6 +70,8 @@ fn the_emulators_warp_is_the_engines() {
         let pictures = Pictures { size, canvas: CANVAS, log_floor: 1e-3, reference_luminance: 1.0 };
         let gap = Gap::new(variant, &pictures, older, newer);
         let (mut scratch, mut got) = (Scratch::default(), Vec::new());
+        // Colours of the engine are added up in steps of weight and of a pixel's 1024th part, those of the emulator in f64.
+        let slack = if variant == WarpVariant::Splat { 2e-5 } else { 6e-3 };
         let mut unknown = 0;
         for elapsed in [0.125, 0.5, 0.8] {
             gap.instant(elapsed, &mut scratch, &mut got);
@@ -85,9 +87,9 @@ fn the_emulators_warp_is_the_engines() {
             let wanted = resolve(&sides, &at, variant);
             let differs = |(got, wanted): (&f32, &f32)| match *wanted < 0.0 {
                 true => !got.is_nan(),
-                false => got.is_nan() || (got - wanted).abs() > 2e-5 * (wanted + 1e-3),
+                false => got.is_nan() || (got - wanted).abs() > slack * (wanted + 1e-3),
             };
-            // A weight of colours may round to the other side where exponentials differ in their last place.
+            // Where hardly any weight is, a step of it is much.
             let apart = got.iter().zip(&wanted).filter(|pair| differs(*pair)).count();
             assert!(apart <= got.len() / 200, "{variant:?} at {elapsed}: {apart} of {}", got.len());
             if variant == WarpVariant::Splat {
