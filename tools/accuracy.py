@@ -1,4 +1,4 @@
-"""Measure what docs/accuracy.md tells: run its commands, keep their output, and fill in its tables.
+"""Measure what docs/accuracy.md states: run its commands, keep their output, and fill in the tables.
 
 Usage: tools/accuracy.py EVIS [--fill-only]
 """
@@ -13,6 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "accuracy.md"
+HISTORY = ROOT / "docs" / "notes" / "accuracy-history.md"
 OUTPUTS = ROOT / "docs" / "accuracy"
 
 COMMANDS = {
@@ -71,7 +72,7 @@ def rows(text: str) -> list[tuple[Key, list[float]]]:
     """Rows of a table in a report."""
     found: list[tuple[Key, list[float]]] = []
     for line in text.splitlines():
-        setting = re.match(r"(crossing, log|crossing, light|latch) +(\d+) Hz +(\d+) +(.*)", line)
+        setting = re.match(r"(crossing|latch) +(\d+) Hz +(\d+) +(.*)", line)
         own = re.match(r"oracle's own error +(.*)", line)
         if setting:
             trigger, rate, samples, values = setting.groups()
@@ -100,7 +101,7 @@ def planning(small: Report, own: Report) -> str:
     ]
 
     def cell(report: Report, rate: int, samples: int) -> str:
-        f1 = report.f1["crossing, log", rate, samples]
+        f1 = report.f1["crossing", rate, samples]
         return " and ".join(f"{f1[t][0]:.3f} ({f1[t][1]:.3f})" for t in ("100 us", "1 ms"))
 
     for rate, samples, strict, wide in planned:
@@ -118,7 +119,7 @@ def fill(page: str, name: str, block: str) -> str:
     """Put `block` between the markers called `name`."""
     pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
     if not pattern.search(page):
-        raise SystemExit(f"{PAGE}: there is no block {name}")
+        raise SystemExit(f"there is no block {name}")
     return pattern.sub(lambda found: f"{found.group(1)}\n{block}\n\n{found.group(2)}", page)
 
 
@@ -141,8 +142,9 @@ def main(evis: str, *, fill_only: bool) -> None:
     for name in ("spinner-640x480", "spinner-160x120"):
         shown = f"```sh\nevis-rs {COMMANDS[name]}\n```\n\n{reports[name].head}\n\n{reports[name].table()}"
         page = fill(page, name, shown)
-    page = fill(page, "planning", planning(reports["spinner-160x120"], reports["spinner-640x480"]))
     PAGE.write_text(page, encoding="utf-8")
+    planned = planning(reports["spinner-160x120"], reports["spinner-640x480"])
+    HISTORY.write_text(fill(HISTORY.read_text(encoding="utf-8"), "planning", planned), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ impl ConfigError {
     }
 }
 
-/// How a pixel turns a change of log intensity into events (DESIGN: trigger).
+/// How a pixel turns a change of log intensity into events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TriggerRule {

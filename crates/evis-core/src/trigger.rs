@@ -1,7 +1,7 @@
 //! The threshold decision, scalar and in f32: the twin of `shaders/trigger/decide.wgsl`.
 //!
-//! Sources: DESIGN, trigger; the count-first rule avoids the lost events of tests of the kind
-//! "does a crossing lie inside this interval".
+//! The events of an interval are counted first, and timed after that: a test of the kind "does a crossing lie
+//! inside this interval" loses events on ties.
 
 use crate::event::Polarity;
 use crate::sensor::{SensorConfig, TriggerRule};

@@ -246,7 +246,7 @@ fn split_sum(n_dot_v: f64, roughness: f64) -> [f64; 2] {
     })
 }
 
-/// Luminance of the sky around `direction` (any length), over a footprint of `texel_angle` radians.
+/// Luminance of the sky around `direction` (any length), over a footprint of `pixel_angle` radians.
 pub fn sky(environment: &Environment, direction: DVec3, pixel_angle: f64) -> f64 {
     // A texel at the middle of a face spans 2 / size.
     let texels = pixel_angle * f64::from(environment.sky.size) * 0.5;

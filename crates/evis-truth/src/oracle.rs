@@ -179,7 +179,7 @@ fn assemble(
     }
 }
 
-/// `Y_ref` that brings the log-mean of what is lit to 0.18 (DESIGN, light), from all pixels at `moment`.
+/// `Y_ref` that brings the log-mean of what is lit to 0.18, from all pixels at `moment`.
 fn reference(moment: &Moment) -> f64 {
     let camera = &moment.camera;
     // Few points for every pixel. Where light varies within a pixel at random, the logarithm of their mean lies below that

@@ -1,4 +1,4 @@
-//! The failure suite: every way in which interpolated events are known to go wrong (DESIGN, failure modes) as a small
+//! The failure suite: every way in which interpolated events are known to go wrong as a small
 //! scene with a number against truth, for every method.
 //!
 //! A *failure* is a row: one or more shots (`shots.rs`), a detector, and the number that it gives. A *method* is a column:

@@ -17,7 +17,7 @@ fn log_of(sensor: &SensorConfig, light: f64) -> f64 {
     (light / REFERENCE + f64::from(sensor.log_eps)).ln()
 }
 
-/// DESIGN's `crossing` on samples `step` seconds apart, in f64: (time, ON), linear in log between samples.
+/// The `crossing` trigger on samples `step` seconds apart, in f64: (time, ON), linear in log between samples.
 fn sampled(light: &PixelLight, sensor: &SensorConfig, end_s: f64, step: f64) -> Vec<(f64, bool)> {
     let (on, off) = (f64::from(sensor.threshold_on), f64::from(sensor.threshold_off));
     let mut before = log_of(sensor, light.luminance(0.0));

@@ -70,8 +70,8 @@ pub enum Antialias {
     /// Visibility and shading at every sample.
     #[default]
     Samples,
-    /// Visibility at every sample, shading at one in four (MSAA), which lie on a grid: 4, 16, 36, 64, ... samples. Cheaper,
-    /// and as good at silhouettes only.
+    /// Visibility at every sample, shading at one in four (MSAA), which lie on a grid: 4, 16, 36, 64, ... samples.
+    /// Outlines are as fine as with as many whole samples, shading as with a quarter of them.
     Edges,
 }
 

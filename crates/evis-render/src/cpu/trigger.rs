@@ -3,7 +3,8 @@
 use evis_core::SensorConfig;
 use evis_core::trigger::{PixelState, decide, fire_time_us};
 
-/// `log_luma_at` in `trigger/sample.wgsl`: mean in linear light, then the logarithm.
+/// `mean_at` in `trigger/count.wgsl`, then `log_luma_of` in `trigger/sample.wgsl`: mean in linear light, then the
+/// logarithm.
 pub fn log_luma(samples: impl ExactSizeIterator<Item = f32>, reference_luminance: f32, log_eps: f32) -> f32 {
     let share = 1.0 / samples.len() as f32;
     let sum: f32 = samples.fold(0.0, |a, b| a + b);

@@ -2,7 +2,7 @@
 //!
 //! A view's picture is divided into tiles of [`TILE`] pixels, its time into blocks of instants. Within a block a tile is
 //! sampled every 1, 2, 4, ... instants, and at the block's end. A tile is not sampled at all only if everything that its
-//! shaders read is equal at every instant of the block: see [`crate::view_motion`].
+//! shaders read is equal at every instant of the block: see [`crate::sampling::view_motion`].
 //!
 //! Speeds are bounds where bodies move (hulls of their parts), and estimates where the camera does (rays through a grid of
 //! places, as deep as boxes around what stands there allow). They choose how often a tile is sampled, never whether. What is

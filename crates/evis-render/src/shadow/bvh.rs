@@ -400,7 +400,7 @@ mod tests {
         u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0
     }
 
-    /// Twin of `occluded_in`: whether a ray meets anything, and nodes visited.
+    /// Twin of `follow` in `raster/occluders.wgsl`: whether a ray meets anything, and nodes visited.
     fn walk(trees: &Occluders, root: u32, origin: Vec3, direction: Vec3) -> (bool, usize) {
         let (mut at, mut nodes) = (root, 0);
         while at != END {

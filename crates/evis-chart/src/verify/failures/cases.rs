@@ -61,7 +61,7 @@ impl Finding {
     }
 }
 
-/// Every row, in DESIGN's order.
+/// Every case, in the order of the table in `docs/failures.md`.
 pub(super) const CASES: &[Case] = &[
     Case {
         id: "keyframe-burst",
