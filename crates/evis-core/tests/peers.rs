@@ -154,7 +154,7 @@ fn pix2nvs_fires_where_its_source_does() {
     assert_eq!(counts, [0, 1, 0, 2]);
 }
 
-/// The two kernels of OpenEB's batch simulator, `cutoff_kernels.py` and `events_kernels.py`, without leak and shot noise.
+/// The two kernels of OpenEB's batch simulator, cutoff_kernels.py and events_kernels.py, without leak and shot noise.
 fn openeb(
     frames: &[Vec<u8>],
     times: &[i64],
@@ -248,7 +248,7 @@ fn openeb_fires_where_its_source_does() {
     }
 }
 
-/// `generate_events` of v2e: lin-log, low-pass, leak without jitter, counts, shared times, the refractory filter where it is
+/// generate_events of v2e: lin-log, low-pass, leak without jitter, counts, shared times, the refractory filter where it is
 /// on, and light that is memorised after a shot event; `shots` says in which frames a pixel has one.
 fn v2e(
     sensor: &SensorConfig,
@@ -367,7 +367,7 @@ fn v2e_memorises_light_after_a_shot_event() {
 
 #[test]
 fn the_leak_of_v2e_has_its_mean() {
-    // `noise_rate_array` is 10^(0.1 n), and is not divided by its mean; measured over normal numbers of another generator.
+    // noise_rate_array is 10^(0.1 n), and is not divided by its mean; measured over normal numbers of another generator.
     let mut dice = Dice(5);
     let mut normal = || (0..12).map(|_| dice.roll()).sum::<f64>() - 6.0;
     let count = 400_000;
