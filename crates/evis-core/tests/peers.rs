@@ -154,7 +154,7 @@ fn pix2nvs_fires_where_its_source_does() {
     assert_eq!(counts, [0, 1, 0, 2]);
 }
 
-/// The two kernels of OpenEB's batch simulator, cutoff_kernels.py and events_kernels.py, without leak and shot noise.
+/// The two kernels of OpenEB's batch simulator, the cutoff kernels and the event kernels, without leak and shot noise.
 fn openeb(
     frames: &[Vec<u8>],
     times: &[i64],
