@@ -129,6 +129,12 @@ mod tests {
             assert!(error.contains(message) && error.contains(&name), "{error}");
             assert_eq!(host.known_until_us(), 10_000);
         }
+        let twice = [(0, 0, vec![at(20_000, 1.0)]), (0, 0, vec![at(20_000, 2.0)])];
+        assert!(host.advance(&twice, 20_000).unwrap_err().to_string().contains("twice"));
+        for (environment, node) in [(1, 0), (0, 1)] {
+            let error = host.advance(&[(environment, node, vec![at(20_000, 1.0)])], 20_000).unwrap_err();
+            assert!(error.to_string().contains("1 node(s) in 1 environment(s)"), "{error}");
+        }
         assert!(scene.drive(&["nobody".into()], 0).unwrap_err().to_string().contains("nobody"));
         assert!(scene.drive(&[name.clone(), name], 0).unwrap_err().to_string().contains("twice"));
     }

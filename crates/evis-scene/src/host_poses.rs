@@ -54,7 +54,15 @@ impl HostPoses {
         poses: &[HostPose],
         until_us: i64,
     ) -> Result<(), SceneError> {
-        let name = &self.names[node];
+        let (Some(name), Some(track)) =
+            (self.names.get(node), self.tracks.get(environment).and_then(|tracks| tracks.get(node)))
+        else {
+            return Err(SceneError::Rule(format!(
+                "pose of node {node} in environment {environment}: a host moves {} node(s) in {} environment(s)",
+                self.names.len(),
+                self.tracks.len()
+            )));
+        };
         let place = || {
             if self.tracks.len() > 1 {
                 format!("'{name}' of environment {environment}")
@@ -63,7 +71,6 @@ impl HostPoses {
             }
         };
         let rule = |text: String| Err(SceneError::Rule(format!("pose of {}: {text}", place())));
-        let track = &self.tracks[environment][node];
         let known = track.last_us();
         let mut last = if track.is_new() { known - 1 } else { known };
         for pose in poses {
@@ -100,8 +107,11 @@ impl HostPoses {
     /// # Errors
     /// As [`HostPoses::check`]; then nothing has changed.
     pub fn advance(&self, poses: &[(usize, usize, Vec<HostPose>)], until_us: i64) -> Result<(), SceneError> {
-        for (environment, node, poses) in poses {
-            self.check(*environment, *node, poses, until_us)?;
+        for (i, (environment, node, of)) in poses.iter().enumerate() {
+            self.check(*environment, *node, of, until_us)?;
+            if poses[..i].iter().any(|(e, n, _)| (e, n) == (environment, node)) {
+                return Err(SceneError::Rule(format!("poses of '{}' are given twice", self.names[*node])));
+            }
         }
         for (environment, node, poses) in poses {
             let unit: Vec<HostPose> =
