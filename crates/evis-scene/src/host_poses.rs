@@ -1,5 +1,6 @@
 //! Poses that a host gives while the scene runs: a physics engine, an agent, a recording that is still being made.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
@@ -41,12 +42,12 @@ impl HostPoses {
         self.known_until_us.load(Ordering::Acquire)
     }
 
-    /// Appends `poses` of node `node` (an index into [`HostPoses::names`]) in `environment`, in order of time, the last one at
-    /// `until_us`. A node without new poses rests; [`HostPoses::advance`] makes them known.
+    /// Whether `poses` of node `node` (an index into [`HostPoses::names`]) in `environment` may follow what is known, up to
+    /// `until_us`.
     ///
     /// # Errors
-    /// Times that do not ascend from what is known to `until_us`, values that are not finite, rotations that are no unit
-    /// quaternions. Then nothing has changed.
+    /// Nodes and environments that do not exist, times that do not ascend from what is known to `until_us`, values that are
+    /// not finite, rotations that are no unit quaternions.
     pub fn check(
         &self,
         environment: usize,
@@ -107,9 +108,10 @@ impl HostPoses {
     /// # Errors
     /// As [`HostPoses::check`]; then nothing has changed.
     pub fn advance(&self, poses: &[(usize, usize, Vec<HostPose>)], until_us: i64) -> Result<(), SceneError> {
-        for (i, (environment, node, of)) in poses.iter().enumerate() {
+        let mut seen = HashSet::with_capacity(poses.len());
+        for (environment, node, of) in poses {
             self.check(*environment, *node, of, until_us)?;
-            if poses[..i].iter().any(|(e, n, _)| (e, n) == (environment, node)) {
+            if !seen.insert((environment, node)) {
                 return Err(SceneError::Rule(format!("poses of '{}' are given twice", self.names[*node])));
             }
         }
