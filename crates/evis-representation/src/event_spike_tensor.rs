@@ -2,7 +2,8 @@
 
 use crate::array::Array;
 use crate::error::Error;
-use crate::slice::{Clock, Slice};
+use crate::scatter::{scatter, sign};
+use crate::slice::Slice;
 
 /// What an event is worth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,30 +37,13 @@ pub fn event_spike_tensor(slice: &Slice<'_>, bins: usize, measure: Measure) -> R
             "at least 2: the kernel is as wide as the distance of two bins",
         ));
     }
-    let (width, pixels) = (slice.width(), slice.pixels());
-    let mut tensor = Array::zeros(&[2, bins, slice.height(), width])?;
-    let last = bins - 1;
-    let clock = Clock::new(slice, last)?;
-    let share = 1.0 / last as f64;
-    let values = tensor.data.as_mut_slice();
-    slice.blocks(|block| {
-        for event in block {
-            let polarity = usize::from(event.p > 0);
-            let place = clock.at(event.t);
-            let bin = place as u32 as usize;
-            let later = place - bin as f64;
-            let worth = match measure {
-                Measure::Time => place * share,
-                Measure::Count => 1.0,
-                Measure::Polarity => [-1.0, 1.0][polarity],
-            };
-            let pixel = usize::from(event.y) * width + usize::from(event.x);
-            let voxel = (polarity * bins + bin) * pixels + pixel;
-            values[voxel] += (worth * (1.0 - later)) as f32;
-            if bin < last {
-                values[voxel + pixels] += (worth * later) as f32;
-            }
-        }
-    })?;
+    let mut tensor = Array::zeros(&[2, bins, slice.height(), slice.width()])?;
+    let share = 1.0 / (bins - 1) as f64;
+    let grid = tensor.data.as_mut_slice();
+    match measure {
+        Measure::Time => scatter::<true>(slice, bins, grid, |place, _| (place * share) as f32),
+        Measure::Count => scatter::<true>(slice, bins, grid, |_, _| 1.0),
+        Measure::Polarity => scatter::<true>(slice, bins, grid, |_, on| sign(on)),
+    }?;
     Ok(tensor)
 }

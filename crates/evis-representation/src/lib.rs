@@ -25,6 +25,7 @@ mod counts;
 mod error;
 mod event_frame;
 mod event_spike_tensor;
+mod scatter;
 mod slice;
 mod time_surface;
 mod voxel_grid;

@@ -89,6 +89,11 @@ impl<'a> Slice<'a> {
         self.width() * self.height()
     }
 
+    /// How many events there are.
+    pub(crate) const fn len(&self) -> usize {
+        self.events.len()
+    }
+
     /// Times that become 0 and 1: the limits that were given, else the first and the last event's.
     pub(crate) fn span(&self) -> Result<(i64, i64), Error> {
         let (start, end) = self.limits;

@@ -2,7 +2,8 @@
 
 use crate::array::Array;
 use crate::error::Error;
-use crate::slice::{Clock, Slice};
+use crate::scatter::{scatter, sign};
+use crate::slice::Slice;
 
 /// What becomes of polarities.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,31 +35,10 @@ pub fn voxel_grid(slice: &Slice<'_>, bins: usize, polarities: Polarities) -> Res
     let shape = [2, bins, slice.height(), slice.width()];
     let mut grid = Array::zeros(if polarities == Polarities::Split { &shape } else { &shape[1..] })?;
     match polarities {
-        Polarities::Signed => scatter::<false>(slice, bins, &mut grid.data)?,
-        Polarities::Split => scatter::<true>(slice, bins, &mut grid.data)?,
-    }
+        Polarities::Signed => scatter::<false>(slice, bins, &mut grid.data, |_, on| sign(on)),
+        Polarities::Split => scatter::<true>(slice, bins, &mut grid.data, |_, _| 1.0),
+    }?;
     Ok(grid)
-}
-
-/// Adds all events to `grid`. Its kind is known when it is compiled, so that no event asks for it.
-fn scatter<const SPLIT: bool>(slice: &Slice<'_>, bins: usize, grid: &mut [f32]) -> Result<(), Error> {
-    let (width, pixels, last) = (slice.width(), slice.pixels(), bins - 1);
-    let clock = Clock::new(slice, last)?;
-    slice.blocks(|block| {
-        for event in block {
-            let on = event.p > 0;
-            let sign = if SPLIT || on { 1.0 } else { -1.0 };
-            let from = if SPLIT { usize::from(on) * bins * pixels } else { 0 };
-            let place = clock.at(event.t);
-            let bin = place as u32 as usize;
-            let later = (place - bin as f64) as f32;
-            let voxel = from + bin * pixels + usize::from(event.y) * width + usize::from(event.x);
-            grid[voxel] += sign * (1.0 - later);
-            if bin < last {
-                grid[voxel + pixels] += sign * later;
-            }
-        }
-    })
 }
 
 /// Shifts and scales the values that are not 0 to mean 0 and variance 1, as E2VID does with its voxel grids.

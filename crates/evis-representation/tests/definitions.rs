@@ -84,7 +84,9 @@ fn parts_of(events: &[Event]) -> impl Fn(&Event) -> f64 {
 
 #[test]
 fn voxel_grids_are_bilinear_in_time() {
-    for (seed, count, bins) in [(1, 400, 5), (2, 400, 1), (3, 1, 5), (4, 2, 3), (5, 3000, 9)] {
+    for (seed, count, bins) in
+        [(1, 400, 5), (2, 400, 1), (3, 1, 5), (4, 2, 3), (5, 3000, 9), (6, 60, 9), (7, 400, 60)]
+    {
         let events = events(seed, count, 60);
         let part = parts_of(&events);
         let signed = voxel_grid(&slice(&events), bins, Polarities::Signed).unwrap();
