@@ -339,7 +339,8 @@ pub(crate) struct TuneArgs {
 }
 
 /// Presets of converters that take the stored values of a film for light.
-const LIKE: [&str; 8] = ["v2e", "v2e-clean", "v2e-noisy", "esim", "openeb", "pix2nvs", "davis346", "davis240"];
+const LIKE: [&str; 8] =
+    ["v2e", "v2e-clean", "v2e-noisy", "esim", "openeb", "pix2nvs", "davis346", "davis240"];
 
 /// `video`.
 #[derive(Debug, Args)]
