@@ -14,8 +14,8 @@ from . import _check, _evis
 from ._evis import ConfigError
 
 Trigger: TypeAlias = Literal["crossing", "latch", "difference"]
-"""``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample; ``difference``:
-every crossing between two samples, counted from the first of them (PIX2NVS)."""
+"""``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample;
+``difference``: every crossing between two samples, counted from the first of them (PIX2NVS)."""
 
 Times: TypeAlias = Literal["crossing", "sample", "even", "shared"]
 """When the events of an interval happen: at crossings, at its end, evenly, or as v2e shares them."""

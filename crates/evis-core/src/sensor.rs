@@ -212,11 +212,9 @@ impl SensorConfig {
 
     /// Whether the engine leaves its pixels to the emulator: what they see has to come to the host.
     pub fn walks_on_host(&self) -> bool {
-        let receptor = &self.photoreceptor;
         self.diffusion.is_some()
             || !self.exposure.is_off()
-            || receptor.noise > 0.0
-            || (receptor.cutoff_hz > 0.0 && receptor.filter == FilterRule::Euler && receptor.order == 2)
+            || self.photoreceptor.noise > 0.0
             || self.trigger == TriggerRule::Difference
             || (self.pattern.redraw && self.pattern.sigma > 0.0)
     }

@@ -60,14 +60,14 @@ fn output() -> f32 {
     if (FILTER == 0u) {
         return input;
     }
-    return select(first, second, FILTER == 3u);
+    return select(first, second, SECOND_PLANE != 0u);
 }
 
 fn next_output() -> f32 {
     if (FILTER == 0u) {
         return next_input;
     }
-    return select(next_first, next_second, FILTER == 3u);
+    return select(next_first, next_second, SECOND_PLANE != 0u);
 }
 
 // Samples at the interval's end; an unknown pixel sees what it last saw.
@@ -83,6 +83,9 @@ fn respond(instant: u32) {
     if (FILTER == 1u) {
         let part = min(f32(interval) * sensor.filter_rate * bandwidth(next_light + sensor.dark_light), 1.0);
         next_first = first + part * (next_input - first);
+        if (SECOND_PLANE != 0u) {
+            next_second = second + part * (next_first - second);
+        }
     } else if (FILTER >= 2u) {
         let u = f32(interval) * filter_rate();
         let share = follows(u);

@@ -120,7 +120,8 @@ impl ChainPlan {
             if wanted { planes.count - 1 } else { 0 }
         };
         let thins = shot && noise.shot_light_share > 0.0;
-        let (input, first, second) = (keep(filter != 1 || unknown), keep(filter > 0), keep(filter == 3));
+        let two_poles = filter > 0 && receptor.order == 2;
+        let (input, first, second) = (keep(filter != 1 || unknown), keep(filter > 0), keep(two_poles));
         let light = keep(thins || light_latency || (light_bandwidth && (filter > 1 || unknown)));
         let (moved, slope) = (keep(ramp), keep(ramp && noise.leak_jitter > 0.0));
         let fired = keep(refractory > 0 || alternates);
