@@ -256,7 +256,10 @@ fn sampling(
     }
 }
 
-/// Targets of each class of views, and which views share a submission: class and views.
+/// Views that share a submission: their class, and their indices.
+type Member = (usize, Vec<usize>);
+
+/// Targets of each class of views, and which views share submissions.
 fn targets(
     context: &Context,
     config: &RunConfig,
@@ -265,7 +268,7 @@ fn targets(
     sampling: &mut Sampling,
     classes: Vec<Vec<usize>>,
     limits: DeviceLimits,
-) -> Result<(Vec<Targets>, Vec<(usize, Vec<usize>)>), EngineError> {
+) -> Result<(Vec<Targets>, Vec<Member>), EngineError> {
     let block = config.block();
     // Pictures are drawn so many times as large along each side.
     let limits = DeviceLimits { texture_edge: limits.texture_edge / samples.grid, ..limits };
@@ -312,14 +315,14 @@ fn groups(
     context: &Context,
     passes: &TriggerPasses,
     targets: &[Targets],
-    members: Vec<(usize, Vec<usize>)>,
+    members: Vec<Member>,
 ) -> Vec<Group> {
     let reference = context.reference_luminance;
     let sensor = |&v: &usize| {
         let SensorConfig { threshold_on, threshold_off, log_eps, .. } = context.views[v].sensor;
         ViewSensor { threshold_on, threshold_off, log_eps, inverse_reference_luminance: 1.0 / reference }
     };
-    let group = |(class, views): (usize, Vec<usize>)| {
+    let group = |(class, views): Member| {
         let sensors: Vec<ViewSensor> = views.iter().map(sensor).collect();
         let chain = passes.chain(class).map(|passes| {
             let size = [targets[class].width, targets[class].height];

@@ -136,7 +136,6 @@ impl ShadowRoom {
 
     /// Makes the map of `light` in `environment` for one instant, whose records start at `first`; what moves changes `moved`
     /// of it. Maps are shared by all instants and environments: what reads them is recorded before the next call.
-    #[expect(clippy::too_many_arguments, reason = "a map, its instant, and what it is drawn with")]
     pub fn encode_instant(
         &self,
         stage: Stage<'_>,
