@@ -12,8 +12,8 @@ use std::sync::OnceLock;
 use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
 
-/// Strips per texel, of two lines each.
-const STRIPS: f64 = 0.8;
+/// Strips per texel, beyond one; of two lines each.
+const STRIPS: f64 = 1.0;
 /// Most strips of each part of a footprint.
 const MOST_STRIPS: f64 = 32.0;
 /// From the middle of a strip to either of the two points of Gauss, in its height.
@@ -216,7 +216,7 @@ impl Textures {
             if to - from < 1e-6 {
                 continue;
             }
-            let count = (STRIPS * (to - from)).ceil().clamp(1.0, MOST_STRIPS);
+            let count = (STRIPS * (to - from) + 1.0).ceil().clamp(1.0, MOST_STRIPS);
             let height = (to - from) / count;
             for strip in 0..2 * count as usize {
                 // Two points of Gauss in each strip.
