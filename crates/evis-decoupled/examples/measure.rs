@@ -85,6 +85,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let score = score(&out.events, &truth, &ScoreSettings::default())?;
     println!("{score}");
     if let Some(at) = score.at(1000) {
+        if let Some(part) = at.scaled.time_error.as_ref().and_then(|e| e.median_per_interval) {
+            println!("median time error over the time between a pixel's events: {:.2} %", 100.0 * part);
+        }
         for r in &at.scaled.regions {
             println!(
                 "{:>12}: truth {:5}, events {:5}, matched {:5}: missed {:4}, extra {:4}, F1 {:.4}",

@@ -10,7 +10,7 @@ use crate::events::{Piece, Reference, Thresholds};
 use crate::pixel::{Pace, UNITS};
 
 /// Length of an interval, in pixels of motion.
-const STEP_PX: f64 = 0.5;
+const STEP_PX: f64 = 1.0;
 /// Intervals are halved down to this many pixels of motion.
 const LEAST_PX: f64 = 0.05;
 /// A threshold is crossed on light that may be off by this part of itself.
