@@ -30,7 +30,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let offsets = Lattice::Second.offsets(1);
     let mut all = Vec::new();
     for part in [0.011, 0.0437, 0.0891] {
-        let t_s = start + part;
+        // A time at which pixels are evaluated.
+        let t_s = ((start + part) * 1e6 / 16.0).round() * 16e-6;
         let picture = luminance(&scene, &settings, t_s * 1e6)?;
         let mut state = SceneState::default();
         scene.evaluate(t_s, &mut state);

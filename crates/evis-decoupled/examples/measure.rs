@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p evis-decoupled --example measure -- SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US]`
 //!
-//! Truth is made of PIXELS pixels and kept in the folder that `EVIS_TRUTH_CACHE` names. Cost is the CPU time of the
+//! Truth is made of PIXELS pixels and kept in the folder that `EVIS_TRUTH_CACHE` names, or read from `EVIS_TRUTH_FILE`. Cost is the CPU time of the
 //! process while it simulates, all pixels, from /proc/self/stat.
 
 use std::path::PathBuf;
@@ -41,9 +41,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         pixels: PixelChoice::Count(pixels),
         ..Default::default()
     };
-    let truth = match std::env::var_os("EVIS_TRUTH_CACHE").map(PathBuf::from) {
-        Some(folder) => cached(&folder, &scene, &truth_settings, &|_| true)?,
-        None => truth(&scene, &truth_settings, &|_| true)?,
+    let folder = |name: &str| std::env::var_os(name).map(PathBuf::from);
+    let truth = match (folder("EVIS_TRUTH_FILE"), folder("EVIS_TRUTH_CACHE")) {
+        (Some(file), _) => evis_core::Truth::read(&file)?,
+        (None, Some(folder)) => cached(&folder, &scene, &truth_settings, &|_| true)?,
+        (None, None) => truth(&scene, &truth_settings, &|_| true)?,
     };
 
     let settings = Settings { sensor, size, duration_us, block_us, ..Default::default() };
@@ -80,6 +82,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         100.0 * r.plain as f64 / r.evaluations.max(1) as f64,
     );
     println!("cells shaded per second: {:.0}", r.cells as f64 / seconds);
-    println!("{}", score(&out.events, &truth, &ScoreSettings::default())?);
+    let score = score(&out.events, &truth, &ScoreSettings::default())?;
+    println!("{score}");
+    if let Some(at) = score.at(1000) {
+        if let Some(part) = at.scaled.time_error.as_ref().and_then(|e| e.median_per_interval) {
+            println!("median time error over the time between a pixel's events: {:.2} %", 100.0 * part);
+        }
+        for r in &at.scaled.regions {
+            println!(
+                "{:>12}: truth {:5}, events {:5}, matched {:5}: missed {:4}, extra {:4}, F1 {:.4}",
+                r.region.name(),
+                r.truth_events,
+                r.events,
+                r.matched,
+                r.truth_events - r.matched,
+                r.events - r.matched,
+                r.f1
+            );
+        }
+    }
     Ok(())
 }

@@ -7,7 +7,7 @@ use crate::fragment::{Fragment, Line};
 use crate::mask;
 
 /// Most corners of a region.
-const MAX_CORNERS: usize = 12;
+const MAX_CORNERS: usize = 14;
 
 /// A convex polygon in the pixel.
 #[derive(Clone, Copy, Debug)]
@@ -161,7 +161,7 @@ pub struct Region {
 }
 
 /// Fragments above which masks first decide which are seen.
-pub const FEW: usize = 6;
+pub const FEW: usize = 24;
 
 /// Room for the work on one pixel, kept between pixels.
 #[derive(Default)]

@@ -170,3 +170,126 @@ impl Fragment {
         (value, [right, down])
     }
 }
+
+/// A facet at a time as a tile sees it: shared by the tile's pixels, for each of which [`Sight::at`] is a [`Fragment`].
+///
+/// Coordinates are pixels from the tile's centre.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight {
+    facet: u32,
+    front: bool,
+    /// Edges, inside not negative: change to the right, down, value at the centre, reach over a pixel.
+    a: [f64; 4],
+    b: [f64; 4],
+    c: [f64; 4],
+    reach: [f64; 4],
+    /// 1/depth.
+    pub inverse_depth: Line,
+    place: [Line; 2],
+    /// What is nearer than the near plane lies outside of this.
+    near: Option<Line>,
+}
+
+impl Line {
+    /// The same function, with (`x`, `y`) as the origin.
+    #[inline(always)]
+    pub fn moved(&self, x: f64, y: f64) -> Self {
+        Self { a: self.a, b: self.b, c: self.c + (self.a * x + self.b * y) }
+    }
+}
+
+impl Sight {
+    /// `record` as the tile about `centre` sees it at `v` of its span; `None` where nobody does.
+    pub fn new(record: &Record, [x, y]: [f64; 2], v: f64, near: f64) -> Option<Self> {
+        let [p, q, r] = &record.points;
+        let mut h = [[0.0; 4]; 3];
+        for axis in 0..3 {
+            for corner in 0..4 {
+                h[axis][corner] = p[axis][corner] + v * (q[axis][corner] + v * r[axis][corner]);
+            }
+        }
+        let [h0, h1, h2] = &mut h;
+        for ((x_z, y_z), z) in h0.iter_mut().zip(h1).zip(h2) {
+            *x_z -= x * *z;
+            *y_z -= y * *z;
+        }
+        let point = |k: usize| DVec3::new(h[0][k], h[1][k], h[2][k]);
+        let [h0, h1, h2, h3] = [point(0), point(1), point(2), point(3)];
+        // Of the triangle of corners 0, 1 and 3, which all but degenerate facets have.
+        let (e0, e3, across) = (h0.cross(h1), h3.cross(h0), h1.cross(h3));
+        let volume = h0.dot(across);
+        let front = (volume < 0.0) != record.mirrored;
+        if volume == 0.0 || (!front && !record.double_sided) {
+            return None;
+        }
+        let sign = volume.signum();
+        let edges = [e0, h1.cross(h2), h2.cross(h3), e3].map(|e| e * sign);
+        let inverse = 1.0 / volume;
+        let inverse_depth = Line::new((e0 + e3 + across) * inverse);
+        let near = record.crosses_near.then(|| Line {
+            a: -inverse_depth.a,
+            b: -inverse_depth.b,
+            c: 1.0 / near - inverse_depth.c,
+        });
+        Some(Self {
+            facet: record.facet,
+            front,
+            a: edges.map(|e| e.x),
+            b: edges.map(|e| e.y),
+            c: edges.map(|e| e.z),
+            reach: edges.map(|e| 0.5 * (e.x.abs() + e.y.abs())),
+            inverse_depth,
+            place: [Line::new(e3 * inverse), Line::new(e0 * inverse)],
+            near,
+        })
+    }
+
+    /// As the pixel sees it whose centre is at (`x`, `y`); `None` where it does not. `covers` says that it is known to
+    /// fill the pixel.
+    #[inline(always)]
+    pub fn at(&self, record: u32, [x, y]: [f64; 2], covers: bool) -> Option<Fragment> {
+        let mut fragment = Fragment {
+            record,
+            facet: self.facet,
+            edges: [Line::default(); 5],
+            edge_count: 0,
+            inverse_depth: self.inverse_depth.moved(x, y),
+            place: [self.place[0].moved(x, y), self.place[1].moved(x, y)],
+            front: self.front,
+        };
+        if covers {
+            return Some(fragment);
+        }
+        let lines: [Line; 4] = std::array::from_fn(|k| Line {
+            a: self.a[k],
+            b: self.b[k],
+            c: self.c[k] + (self.a[k] * x + self.b[k] * y),
+        });
+        let (mut outside, mut crossing) = (false, false);
+        for (line, reach) in lines.iter().zip(&self.reach) {
+            outside |= line.c < -reach;
+            crossing |= line.c < *reach;
+        }
+        if outside {
+            return None;
+        }
+        if crossing {
+            for (line, _) in lines.iter().zip(&self.reach).filter(|(line, reach)| line.c < **reach) {
+                fragment.edges[fragment.edge_count] = *line;
+                fragment.edge_count += 1;
+            }
+        }
+        if let Some(near) = self.near {
+            let line = near.moved(x, y);
+            let reach = line.reach();
+            if line.c < -reach {
+                return None;
+            }
+            if line.c < reach {
+                fragment.edges[fragment.edge_count] = line;
+                fragment.edge_count += 1;
+            }
+        }
+        Some(fragment)
+    }
+}

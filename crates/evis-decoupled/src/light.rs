@@ -1,34 +1,36 @@
 //! Light of surfaces: cells that live on facets, shaded when a tile first needs them.
 //!
-//! A facet's cells are the nodes of a grid over its (s, t), of 2^i by 2^j intervals; the level follows the facet's size
-//! on the screen, so that an interval spans about a tile. A node holds the surface's response to base colour, without
-//! shadows; a texture is filtered, and shadows are found, when a pixel is evaluated. Nodes whose light does not depend
-//! on time or view are shaded once; all others at both ends of a block, and are linear between.
+//! A facet has a grid of 2^i by 2^j cells over its (s, t); the level follows the facet's size on the screen, so that a
+//! cell spans about a tile. A cell holds the surface's response to base colour, without shadows, at nodes as fine as
+//! light bends; a texture is filtered, and shadows are found, when a pixel is evaluated. Cells whose light does not
+//! depend on time or view are shaded once; all others at both ends of a block, and are linear between. What may throw
+//! a shadow into a cell is found once, where lamp, surface and what throws it are still.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex, OnceLock};
 
 use evis_core::random::mix;
+use evis_scene::motion::Waveform;
 use evis_scene::{ShadingModel, TextureRef};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
 use crate::blocks::{Block, Clock};
 use crate::coverage::{Moments, Polygon, Region};
-use crate::fragment::Fragment;
+use crate::fragment::{Fragment, Line, Sight};
 use crate::lists::{Entry, Record, TILE};
 use crate::material::{self, Lamp, Point, Response, respond};
-use crate::shadow::{Beam, Lit, Occluder, ScreenLamp, Tree};
+use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::Textures;
 use crate::world::{Frame, World, wide};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
-/// A grid is made finer this often, where light bends within its cells.
+/// A cell's nodes are made finer this often, where light bends between them.
 const MOST_FINER: u32 = 3;
-/// Part of the light by which the middle of a cell may be off.
-const SMOOTH: f64 = 0.004;
+/// Part of the light by which the middle between nodes may be off.
+const SMOOTH: f64 = 0.0015;
 /// Maps that share the work of a lock.
 const SHARDS: usize = 64;
 
@@ -54,10 +56,10 @@ struct Answer {
     mean_base: DVec3,
     /// It depends on where the camera is.
     follows_view: bool,
+    /// Emitted luminance, and what it is multiplied by over time.
+    glow: f64,
+    waveform: Option<Waveform>,
 }
-
-/// Light at a node: responses to unshadowed light, then to each lamp that throws shadows.
-type Node = Box<[[f32; 4]]>;
 
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Key {
@@ -70,18 +72,10 @@ struct Key {
 }
 
 impl Key {
-    /// Of the node at `index` of a grid; in lowest terms, so that grids of all levels share their nodes.
+    /// Of cell `index` of a grid of 2^`level` cells along s and t.
     fn new(facet: u32, level: [u32; 2], index: [u32; 2], front: bool, border: u64) -> Self {
-        let reduced = [0, 1].map(|k| {
-            let shift = index[k].trailing_zeros().min(level[k]);
-            (level[k] - shift, index[k] >> shift)
-        });
-        Self {
-            facet,
-            level: [reduced[0].0 as u8, reduced[1].0 as u8, u8::from(front)],
-            index: reduced.map(|(_, index)| index as u16),
-            border,
-        }
+        let level = [level[0] as u8, level[1] as u8, u8::from(front)];
+        Self { facet, level, index: index.map(|v| v as u16), border }
     }
 }
 
@@ -111,13 +105,34 @@ impl Hasher for Mix {
     }
 }
 
-type Shard = Mutex<HashMap<Key, Node, BuildHasherDefault<Mix>>>;
+type Map<T> = Mutex<HashMap<Key, Arc<T>, BuildHasherDefault<Mix>>>;
 
 /// World corners and normals of a moving surface's vertices, at both ends of a block.
 type Corners = Vec<(DVec3, DVec3)>;
 
-/// Centre, radius, and the facet in it.
-type Sphere = (DVec3, f64, u32);
+/// Light of a cell of a facet's grid: responses at the nodes of a grid of its own.
+struct Patch {
+    /// Intervals along either side.
+    intervals: u32,
+    /// Row by row; at each node the response to unshadowed light, then to each lamp of [`Lighting::own`].
+    nodes: Box<[[f32; 4]]>,
+    /// Bits of the lamps of [`Lighting::own`] that light any of it.
+    lit: u8,
+}
+
+/// What may throw shadows of one lamp into a cell of a still facet, of what is still.
+struct Shadowed {
+    /// One of them darkens all of it.
+    dark: bool,
+    facets: Box<[u32]>,
+}
+
+/// A surface that moves: facets within spheres that hold them throughout the block.
+struct Mover {
+    centre: DVec3,
+    radius: f64,
+    facets: Vec<(DVec3, f64, u32)>,
+}
 
 /// Light of a scene.
 pub struct Lighting<'a> {
@@ -128,63 +143,90 @@ pub struct Lighting<'a> {
     /// Lamps and frames at both ends of the block.
     lamps: [Vec<Lamp>; 2],
     frames: Option<[Frame; 2]>,
+    /// Indices of lamps whose light is kept apart: they throw shadows, or their strength changes.
+    own: Vec<usize>,
     /// Per surface, vertices in the world at both ends; still ones are found once.
     corners: Vec<[Corners; 2]>,
     borders: [u64; 2],
-    shards: Vec<Shard>,
+    patches: Vec<Map<Patch>>,
+    shadowed: Vec<Map<Shadowed>>,
     /// Nodes shaded so far.
     pub shaded: std::sync::atomic::AtomicU64,
-    shadow_lamps: usize,
-    /// Lamps that throw shadows, on the screen.
+    /// Per lamp of `own`, on the screen.
     screen_lamps: Vec<ScreenLamp>,
     /// Facets of still surfaces.
     still: Tree,
-    /// Per moving surface: facets within spheres that hold them throughout the block.
-    moving: Vec<(DVec3, f64, Vec<Sphere>)>,
+    moving: Vec<Mover>,
+    /// Per facet, bits of lamps from which a solid's facet faces away: what it darkens, those that face the lamp darken.
+    far: Vec<u8>,
+    /// Per lamp of `own` and facet, made when they are first needed; of what is still.
+    dark_spaces: [Vec<OnceLock<Box<Hull>>>; MOST_OWN],
+    /// Per facet, made when it is first needed in a block.
+    occluders: Vec<OnceLock<Box<Occluder>>>,
     /// Screen from world at the start, middle and end of the block, and of moving surfaces from their vertices.
     screen: [DMat4; 3],
     middle: Vec<Corners>,
     background: f64,
+    camera_moves: bool,
 }
 
 /// Light of a tile's entries.
 #[derive(Default)]
 pub struct TileLight {
     slots: Vec<Slot>,
-    nodes: Vec<[f32; 4]>,
-    /// Of all slots and lamps.
-    occluders: Vec<(u64, Occluder)>,
+    patches: Vec<Arc<Patch>>,
+    /// Facets of all slots and lamps, with the pixels that they may darken.
+    occluders: Vec<(u64, u32)>,
     centre: [f64; 2],
     found: Vec<u32>,
     lit: Lit,
+    /// By moment, slot and lamp: where in `lines` the half planes of its occluders begin, plus 1.
+    line_starts: Vec<u32>,
+    /// Half planes about the tile's centre.
+    lines: Vec<[Line; 5]>,
 }
 
-/// Occluders of a slot and a lamp, as a range; or nothing of it is lit.
+/// Occluders of a slot and a lamp, as a range.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Shade {
     from: usize,
     to: usize,
     /// Pixels of the tile that one of them darkens throughout the block.
     dark: u64,
+    /// Pixels into which a shadow may come.
+    touched: u64,
 }
 
-/// Most lamps that throw shadows; further ones shine through everything.
-pub const MOST_SHADOWS: usize = 4;
+/// Most lamps whose light is kept apart; further ones throw no shadows.
+pub const MOST_OWN: usize = 4;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Slot {
     /// The rest is filled in.
     ready: bool,
-    /// Of the facet's grid: intervals along s and t, and the first node that is kept.
-    intervals: [f64; 2],
+    /// The response is 1.
+    unlit: bool,
+    /// Cells of the facet's grid along s and t.
+    cells: [f64; 2],
+    /// First cell that is kept, and how many along s and t.
     first: [f64; 2],
-    /// Nodes kept along s and t; 0 where light needs no node.
     count: [usize; 2],
-    /// First node in [`TileLight::nodes`], of the block's start and of its end.
+    /// First patch in [`TileLight::patches`], of the block's start and of its end.
     at: [usize; 2],
-    /// Response of unlit surfaces at both ends.
-    unlit: [f64; 2],
-    shades: [Shade; MOST_SHADOWS],
+    /// Lamps of which some arrives.
+    lit: u8,
+    shades: [Shade; MOST_OWN],
+    /// How far a shadow's edge moves in it during the block, in pixels.
+    motion: f64,
+    /// Pixels into which a shadow of what moves may come.
+    moved: u64,
+    /// Nothing else of it changes during the block.
+    still: bool,
+    /// Occluders are found.
+    shaded: bool,
+    /// The part of the facet that the tile sees.
+    range: [[f64; 2]; 2],
+    level: [u32; 2],
 }
 
 impl<'a> Lighting<'a> {
@@ -199,6 +241,7 @@ impl<'a> Lighting<'a> {
             let of = |t: Option<TextureRef>| t.map_or([1.0; 4], |t| whole_mean(&textures, t));
             let (surface, occlusion) = (of(m.metallic_roughness_texture), of(m.occlusion_texture));
             let base = DVec3::from_slice(&m.base_color.map(f64::from)[..3]);
+            let glow = wide(m.emissive) * DVec3::from_slice(&of(m.emissive_texture).map(f64::from)[..3]);
             Answer {
                 model: m.model,
                 metallic: f64::from(m.metallic * surface[2]).clamp(0.0, 1.0),
@@ -206,6 +249,8 @@ impl<'a> Lighting<'a> {
                 occlusion: 1.0 + f64::from(m.occlusion_strength * (occlusion[0] - 1.0)),
                 mean_base: base * DVec3::from_slice(&mean.map(f64::from)[..3]),
                 follows_view: m.model == ShadingModel::MetallicRoughness,
+                glow: material::LUMINANCE.dot(glow),
+                waveform: m.emission_waveform.filter(|w| !w.rests()),
             }
         });
         Self {
@@ -215,17 +260,22 @@ impl<'a> Lighting<'a> {
             textures,
             lamps: Default::default(),
             frames: None,
+            own: Vec::new(),
             corners: Vec::new(),
             borders: [0; 2],
-            shards: (0..SHARDS).map(|_| Shard::default()).collect(),
+            patches: (0..SHARDS).map(|_| Map::default()).collect(),
+            shadowed: (0..SHARDS).map(|_| Map::default()).collect(),
             shaded: Default::default(),
-            shadow_lamps: 0,
             screen_lamps: Vec::new(),
             still: Tree::default(),
             moving: Vec::new(),
+            far: vec![0; world.facets.len()],
+            dark_spaces: Default::default(),
+            occluders: Vec::new(),
             screen: [DMat4::IDENTITY; 3],
             middle: Vec::new(),
             background: material::LUMINANCE.dot(wide(scene.background)),
+            camera_moves: world.moving_nodes[scene.cameras[world.camera].node],
         }
     }
 
@@ -237,7 +287,8 @@ impl<'a> Lighting<'a> {
         let world = self.world;
         let frames = clock.ends()?;
         self.lamps = frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
-        self.shadow_lamps = self.lamps[0].iter().filter(|l| l.casts_shadow).count();
+        let apart = |l: &Lamp| l.casts_shadow || l.waveform.is_some();
+        self.own = (0..self.lamps[0].len()).filter(|k| apart(&self.lamps[0][*k])).take(MOST_OWN).collect();
         let first = self.corners.is_empty();
         for (index, surface) in world.surfaces.iter().enumerate() {
             let both = || frames.each_ref().map(|f| world.vertices(index as u32, f));
@@ -247,14 +298,12 @@ impl<'a> Lighting<'a> {
                 self.corners[index] = both();
             }
         }
-        if self.shadow_lamps > 0 {
-            self.prepare_shadows(clock, first)?;
-        }
         self.frames = Some(frames);
+        self.prepare_shadows(clock, first)?;
         // At a jump, what held before the border does not hold after it.
         let key = |t: f64, after: bool| ((t * 16.0) as u64) << 1 | u64::from(after) | 1 << 63;
         self.borders = [key(block.start_us, block.jump), key(block.end_us, false)];
-        for shard in &mut self.shards {
+        for shard in &mut self.patches {
             let map = shard.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
             map.retain(|key, _| key.border == 0 || self.borders.contains(&key.border));
         }
@@ -269,8 +318,8 @@ impl<'a> Lighting<'a> {
         let lamps: [Vec<Lamp>; 3] =
             frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
         self.screen_lamps.clear();
-        for (index, lamp) in lamps[0].iter().enumerate().filter(|(_, l)| l.casts_shadow) {
-            let (_, weight) = lamp.place();
+        for &index in &self.own {
+            let (_, weight) = lamps[0][index].place();
             let h = [0, 1, 2].map(|k| {
                 let place = lamps[k][index].place().0;
                 if weight == 0.0 {
@@ -281,10 +330,11 @@ impl<'a> Lighting<'a> {
             });
             self.screen_lamps.push(ScreenLamp::new(h, weight));
         }
+        let shadows = self.own.iter().any(|k| self.lamps[0][*k].casts_shadow);
         if first {
             let still = world.facets.iter().enumerate().filter_map(|(index, f)| {
                 let surface = f.surface as usize;
-                (!world.surfaces[surface].moves).then(|| {
+                (shadows && !world.surfaces[surface].moves).then(|| {
                     let p = f.corners.map(|c| self.corners[surface][0][c as usize].0);
                     let low = p.into_iter().fold(DVec3::INFINITY, DVec3::min);
                     let high = p.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max);
@@ -292,10 +342,25 @@ impl<'a> Lighting<'a> {
                 })
             });
             self.still = Tree::new(still);
+            for spaces in self.dark_spaces.iter_mut().take(if shadows { self.own.len() } else { 0 }) {
+                spaces.resize_with(world.facets.len(), OnceLock::new);
+            }
             self.middle = vec![Corners::new(); world.surfaces.len()];
         }
         self.moving.clear();
-        for (index, surface) in world.surfaces.iter().enumerate().filter(|(_, s)| s.moves) {
+        if !shadows {
+            return Ok(());
+        }
+        self.occluders.clear();
+        self.occluders.resize_with(world.facets.len(), OnceLock::new);
+        let lamps_move = self.own.iter().any(|k| self.lamps[0][*k].moves);
+        for (index, surface) in world.surfaces.iter().enumerate() {
+            if first || lamps_move || surface.moves {
+                self.find_far_sides(index);
+            }
+            if !surface.moves {
+                continue;
+            }
             self.middle[index] = world.vertices(index as u32, &frames[1]);
             let places = [&self.corners[index][0], &self.middle[index], &self.corners[index][1]];
             let mut facets = Vec::new();
@@ -317,33 +382,121 @@ impl<'a> Lighting<'a> {
             let count = facets.len().max(1) as f64;
             let centre = facets.iter().map(|f| f.0).sum::<DVec3>() / count;
             let radius = facets.iter().map(|f| f.0.distance(centre) + f.1).fold(0.0, f64::max);
-            self.moving.push((centre, radius, facets));
+            self.moving.push(Mover { centre, radius, facets });
         }
         Ok(())
     }
 
-    /// Finds what may throw a shadow of each lamp into the part of a facet that a tile sees.
-    fn find_occluders(
-        &self,
-        tile: &mut TileLight,
-        slot: &mut Slot,
-        receivers: &[Option<Fragment>; 3],
-        record: &Record,
-        [low, high]: [[f64; 2]; 2],
-    ) {
+    /// Which facets of a solid face away from lamps outside of it.
+    fn find_far_sides(&mut self, surface: usize) {
+        let s = &self.world.surfaces[surface];
+        let facets = self.world.clusters[s.clusters.clone()].iter().flat_map(|c| c.facets.clone());
+        if !s.closed || s.masked {
+            return;
+        }
+        let Some(frames) = &self.frames else { return };
+        let poses = [0, 1].map(|end| frames[end].world_from_node(s.node));
+        let mirrored = poses.map(|p| !s.deforms && p.determinant() < 0.0);
+        let inverse = poses.map(|p| p.inverse());
+        let mut inside = 0_u8;
+        for (number, &lamp) in self.own.iter().enumerate() {
+            for (lamps, inverse) in self.lamps.iter().zip(&inverse) {
+                let (place, weight) = lamps[lamp].place();
+                let own = inverse.transform_point3(place);
+                let within = s.deforms || (own.cmpge(s.bounds[0]) & own.cmple(s.bounds[1])).all();
+                inside |= u8::from(weight > 0.0 && within) << number;
+            }
+        }
+        for facet in facets {
+            let mut bits = 0;
+            for (number, &lamp) in self.own.iter().enumerate() {
+                let away = (0..2).all(|end| {
+                    let corners = &self.corners[surface][end];
+                    let [p, q, _, r] = self.world.facets[facet].corners.map(|c| corners[c as usize].0);
+                    let (place, weight) = self.lamps[end][lamp].place();
+                    // Outwards, unless the pose mirrors.
+                    let normal = (q - p).cross(r - p);
+                    normal.dot(place - p * weight) * if mirrored[end] { -1.0 } else { 1.0 } < 0.0
+                });
+                bits |= u8::from(away) << number;
+            }
+            self.far[facet] = bits & !inside;
+        }
+    }
+
+    /// What of everything still may throw a shadow of lamp `number` into a cell of a still facet.
+    fn shadowed(&self, key: Key, number: usize) -> Arc<Shadowed> {
+        let shard = &self.shadowed[shard_of(&key)];
+        let lock = || shard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(known) = lock().get(&key) {
+            return known.clone();
+        }
+        let f = &self.world.facets[key.facet as usize];
+        let surface = f.surface as usize;
+        let corners = |facet: u32| {
+            let f = &self.world.facets[facet as usize];
+            f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0)
+        };
+        let [p, q, _, r] = f.corners.map(|c| self.corners[surface][0][c as usize].0);
+        let at = |i: u32, j: u32| {
+            let side = [0, 1].map(|k| 1.0 / f64::from(1_u32 << key.level[k]));
+            let (s, t) = (
+                f64::from(u32::from(key.index[0]) + i) * side[0],
+                f64::from(u32::from(key.index[1]) + j) * side[1],
+            );
+            p + (q - p) * s + (r - p) * t
+        };
+        let cell = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
+        let (place, weight) = self.lamps[0][self.own[number]].place();
+        let middle = cell.iter().sum::<DVec3>() / 4.0;
+        let radius = cell.iter().map(|c| c.distance(middle)).fold(0.0, f64::max) * 1.001 + 1e-6;
+        let mut facets = Vec::new();
+        let mut dark = false;
+        let mut add = |id: u32| {
+            if id == key.facet || self.far[id as usize] >> number & 1 == 1 {
+                return;
+            }
+            let (touches, darkens) = crate::shadow::on_cell(corners(id), cell, place, weight);
+            // What has holes darkens nothing for sure.
+            dark |= darkens && !self.world.surfaces[self.world.facets[id as usize].surface as usize].masked;
+            if touches {
+                facets.push(id);
+            }
+        };
+        match Beam::new(place, weight, middle, radius) {
+            Some(beam) => self.still.within(&beam, &mut add),
+            None => self.still.all(&mut add),
+        }
+        facets.sort_unstable();
+        if dark {
+            facets.clear();
+        }
+        let found = Arc::new(Shadowed { dark, facets: facets.into() });
+        lock().insert(key, found.clone());
+        found
+    }
+
+    /// Finds what may throw a shadow of each lamp into the part of a facet that a tile sees: of what moves, or with `all`
+    /// of everything.
+    fn find_occluders(&self, tile: &mut TileLight, slot: &mut Slot, record: &Record, index: u32, all: bool) {
         let facet = record.facet;
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
-        let lamps = 1 + self.shadow_lamps;
-        let nodes = slot.count[0] * slot.count[1];
-        let casting = |end: usize| self.lamps[end].iter().filter(|l| l.casts_shadow);
-        for (number, (a, b)) in casting(0).zip(casting(1)).enumerate().take(MOST_SHADOWS) {
-            let lit = |start: usize| {
-                (0..nodes).any(|n| tile.nodes[start + n * lamps + 1 + number].iter().any(|v| *v != 0.0))
-            };
-            slot.shades[number] = Shade::default();
-            if !lit(slot.at[0]) && !lit(slot.at[1]) {
+        let [low, high] = slot.range;
+        let mut receivers = None;
+        for (number, &lamp) in self.own.iter().enumerate() {
+            let [a, b] = [0, 1].map(|end| &self.lamps[end][lamp]);
+            if slot.lit >> number & 1 == 0 || !a.casts_shadow {
                 continue;
+            }
+            tile.found.clear();
+            let resting = !self.world.surfaces[surface].moves && !a.moves;
+            if resting && self.shadows_at_rest(tile, slot, facet, number, all) {
+                slot.shades[number].dark = u64::MAX;
+                continue;
+            }
+            if !resting {
+                slot.still = false;
             }
             // A sphere about the part of the facet, at both ends.
             let mut points = [DVec3::ZERO; 8];
@@ -360,73 +513,117 @@ impl<'a> Lighting<'a> {
             let (from, weight) = a.place();
             let moved = from.distance(b.place().0);
             let radius = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max) * 1.01 + moved + 1e-6;
-            tile.found.clear();
-            let mut add = |id: u32| tile.found.push(id);
             match Beam::new(from, weight, middle, radius) {
                 Some(beam) => {
-                    self.still.within(&beam, &mut add);
-                    for (centre, radius, facets) in &self.moving {
-                        if beam.meets(*centre, *radius) {
-                            facets.iter().filter(|f| beam.meets(f.0, f.1)).for_each(|f| add(f.2));
-                        }
+                    // Where lamp and surface rest, what matters lies within flat walls.
+                    let cell = [points[0], points[1], points[3], points[2]];
+                    let hull = resting.then(|| Hull::before(cell, from, weight));
+                    match &hull {
+                        None if all => self.still.within(&beam, |id| tile.found.push(id)),
+                        None => {}
+                        Some(hull) => tile.found.retain(|id| {
+                            let f = &self.world.facets[*id as usize];
+                            let corners = &self.corners[f.surface as usize][0];
+                            hull.meets(f.corners.map(|c| corners[c as usize].0))
+                                && self.dark_space(*id, number).meets(cell)
+                        }),
+                    }
+                    let meets = |centre: DVec3, radius: f64| {
+                        beam.meets(centre, radius)
+                            && hull.as_ref().is_none_or(|h| h.meets_sphere(centre, radius))
+                    };
+                    for mover in self.moving.iter().filter(|m| meets(m.centre, m.radius)) {
+                        tile.found.extend(mover.facets.iter().filter(|f| meets(f.0, f.1)).map(|f| f.2));
                     }
                 }
                 None => {
-                    self.still.all(&mut add);
-                    self.moving.iter().flat_map(|m| &m.2).for_each(|f| add(f.2));
+                    if !resting && all {
+                        self.still.all(|id| tile.found.push(id));
+                    }
+                    tile.found.extend(self.moving.iter().flat_map(|m| &m.facets).map(|f| f.2));
                 }
             }
             tile.found.sort_unstable();
+            tile.found.dedup();
             let start = tile.occluders.len();
+            let shade = &mut slot.shades[number];
             for k in 0..tile.found.len() {
                 let id = tile.found[k];
-                if id == facet || self.is_far_side(id, [a, b]) {
+                if id == facet || self.far[id as usize] >> number & 1 == 1 {
                     continue;
                 }
-                let occluder = self.occluder(id);
-                let (touches, darkens) =
-                    occluder.pixels(&self.screen_lamps[number], receivers, record.u, tile.centre);
-                slot.shades[number].dark |= darkens;
-                if touches != 0 {
-                    tile.occluders.push((touches, occluder));
+                let receivers = receivers.get_or_insert_with(|| self.receivers(record, index, tile.centre));
+                let found =
+                    self.occluder(id).pixels(&self.screen_lamps[number], receivers, record.u, tile.centre);
+                if found.touches != 0
+                    && self.world.surfaces[self.world.facets[id as usize].surface as usize].moves
+                {
+                    slot.moved |= found.touches;
+                    slot.motion = slot.motion.max(found.motion_px);
+                }
+                if all {
+                    shade.dark |= found.darkens;
+                    if found.touches != 0 {
+                        shade.touched |= found.touches;
+                        tile.occluders.push((found.touches, id));
+                    }
                 }
             }
-            slot.shades[number].from = start;
-            slot.shades[number].to = tile.occluders.len();
-            if slot.shades[number].dark == u64::MAX {
+            if shade.dark == u64::MAX {
                 tile.occluders.truncate(start);
-                slot.shades[number].to = start;
+                shade.touched = 0;
             }
+            shade.touched &= !shade.dark;
+            (shade.from, shade.to) = (start, tile.occluders.len());
         }
+        slot.shaded = all;
     }
 
-    /// Whether a facet of a solid faces away from a lamp outside of it: what it darkens, those that face the lamp darken.
-    fn is_far_side(&self, facet: u32, lamps: [&Lamp; 2]) -> bool {
-        let f = &self.world.facets[facet as usize];
-        let surface = &self.world.surfaces[f.surface as usize];
-        if !surface.closed || surface.masked {
-            return false;
+    /// Finds what of everything still may throw a shadow of lamp `number` into a slot's cells, if `all`; says whether all of
+    /// them are dark.
+    fn shadows_at_rest(
+        &self,
+        tile: &mut TileLight,
+        slot: &Slot,
+        facet: u32,
+        number: usize,
+        all: bool,
+    ) -> bool {
+        let mut all_dark = true;
+        for j in 0..slot.count[1] {
+            for i in 0..slot.count[0] {
+                let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
+                let known = self.shadowed(Key::new(facet, slot.level, index, true, number as u64), number);
+                all_dark &= known.dark;
+                if all {
+                    tile.found.extend_from_slice(&known.facets);
+                }
+            }
         }
-        (0..2).all(|end| {
-            let corners = &self.corners[f.surface as usize][end];
-            let [p, q, _, r] = f.corners.map(|c| corners[c as usize].0);
-            let (place, weight) = lamps[end].place();
-            let inside = weight > 0.0 && {
-                let pose = self.frames.as_ref().map(|f| f[end].world_from_node(surface.node));
-                let own = pose.map_or(place, |p| p.inverse().transform_point3(place));
-                surface.deforms || (own.cmpge(surface.bounds[0]) & own.cmple(surface.bounds[1])).all()
-            };
-            // Outwards, unless the pose mirrors.
-            let normal = (q - p).cross(r - p);
-            let mirrored = self.frames.as_ref().is_some_and(|f| {
-                !surface.deforms && f[end].world_from_node(surface.node).determinant() < 0.0
-            });
-            let side = normal.dot(place - p * weight) * if mirrored { -1.0 } else { 1.0 };
-            !inside && side < 0.0
+        all_dark
+    }
+
+    /// A facet as a tile sees it at the start, middle and end of its span.
+    fn receivers(&self, record: &Record, index: u32, centre: [f64; 2]) -> [Option<Fragment>; 3] {
+        [0.0, 0.5, 1.0]
+            .map(|v| Fragment::of_area(record, index, centre, TILE as f64, v, self.world.lens.near))
+    }
+
+    /// What a still facet hides from lamp `number`, which is still.
+    fn dark_space(&self, facet: u32, number: usize) -> &Hull {
+        self.dark_spaces[number][facet as usize].get_or_init(|| {
+            let f = &self.world.facets[facet as usize];
+            let corners = f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0);
+            let (place, weight) = self.lamps[0][self.own[number]].place();
+            Box::new(Hull::beyond(corners, place, weight))
         })
     }
 
-    fn occluder(&self, facet: u32) -> Occluder {
+    fn occluder(&self, facet: u32) -> &Occluder {
+        self.occluders[facet as usize].get_or_init(|| Box::new(self.new_occluder(facet)))
+    }
+
+    fn new_occluder(&self, facet: u32) -> Occluder {
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
         let moves = self.world.surfaces[surface].moves;
@@ -445,32 +642,50 @@ impl<'a> Lighting<'a> {
     pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], [column, row]: [usize; 2]) {
         tile.slots.clear();
         tile.slots.resize(entries.len(), Slot::default());
-        tile.nodes.clear();
+        tile.patches.clear();
         tile.occluders.clear();
+        tile.line_starts.clear();
+        tile.lines.clear();
         tile.centre = [column, row].map(|v| (v * TILE) as f64 + 0.5 * TILE as f64);
     }
 
-    /// Gathers the light of an entry: `record`, number `index` of the block.
+    /// Gathers the light of entry `slot` of a tile, which is `record`, number `index` of the block.
+    pub fn ready(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
+        if !tile.slots[slot].ready {
+            tile.slots[slot] = self.gather(tile, record, index);
+        }
+    }
+
+    /// Finds what throws shadows on entry `slot`; before its light is asked for.
+    #[inline(always)]
+    pub fn shade_slot(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
+        if !tile.slots[slot].shaded {
+            let mut own = tile.slots[slot];
+            self.find_occluders(tile, &mut own, record, index, true);
+            tile.slots[slot] = own;
+        }
+    }
+
+    /// Whether nothing of entry `slot` changes during the block but for where it is seen, and by shadows of what moves; how
+    /// far in pixels these move, and on which pixels.
+    pub fn changes_of(&self, tile: &TileLight, slot: usize) -> (bool, f64, u64) {
+        let slot = &tile.slots[slot];
+        (slot.still, slot.motion, slot.moved)
+    }
+
     fn gather(&self, tile: &mut TileLight, record: &Record, index: u32) -> Slot {
-        let size = TILE as f64;
         let surface = self.world.facets[record.facet as usize].surface as usize;
-        let mut slot = Slot { ready: true, ..Slot::default() };
-        if self.answers[surface].model == ShadingModel::Unlit {
-            let material = self.world.surfaces[surface].material;
-            slot.unlit = [0, 1].map(|k| {
-                let factors = self.frames.as_ref().map(|f| &f[k].state.emission_factor);
-                f64::from(factors.and_then(|f| f.get(material)).copied().unwrap_or(1.0))
-            });
+        let answer = &self.answers[surface];
+        let mut slot = Slot { ready: true, still: answer.waveform.is_none(), ..Slot::default() };
+        if answer.model == ShadingModel::Unlit {
+            slot.unlit = true;
+            slot.shaded = true;
             return slot;
         }
         // Where the tile sees the facet, in (s, t).
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut front = true;
-        let mut receivers: [Option<Fragment>; 3] = [None; 3];
-        for (k, receiver) in receivers.iter_mut().enumerate() {
-            let (v, near) = (0.5 * k as f64, self.world.lens.near);
-            *receiver = Fragment::of_area(record, index, tile.centre, size, v, near);
-            let Some(fragment) = receiver else { continue };
+        for fragment in self.receivers(record, index, tile.centre).into_iter().flatten() {
             front = fragment.front;
             let mut polygon = Polygon::PIXEL;
             for edge in fragment.crossing() {
@@ -492,106 +707,121 @@ impl<'a> Lighting<'a> {
             let wanted = (1.0 / (high[k] - low[k]).max(1e-6)).log2().floor();
             (wanted.max(0.0) as u32).min(MOST_LEVEL)
         });
+        slot.cells = level.map(|l| f64::from(1_u32 << l));
+        slot.first = [0, 1].map(|k| (low[k] * slot.cells[k]).floor().min(slot.cells[k] - 1.0));
+        slot.count = [0, 1].map(|k| {
+            let last = (high[k] * slot.cells[k]).ceil().min(slot.cells[k]) - 1.0;
+            (last - slot.first[k]).max(0.0) as usize + 1
+        });
         let changes = self.changes(surface);
-        let ends = if changes { 2 } else { 1 };
-        let start = tile.nodes.len();
-        for finer in 0..=MOST_FINER {
-            tile.nodes.truncate(start);
-            let level = level.map(|l| (l + finer).min(MOST_LEVEL));
-            slot.intervals = level.map(|l| f64::from(1_u32 << l));
-            let first = [0, 1].map(|k| (low[k] * slot.intervals[k]).floor().max(0.0));
-            let last = [0, 1].map(|k| (high[k] * slot.intervals[k]).ceil().min(slot.intervals[k]));
-            slot.first = first;
-            slot.count = [0, 1].map(|k| ((last[k] - first[k]) as usize + 1).max(2));
-            for k in 0..2 {
-                // A grid of one interval has both its ends.
-                if slot.first[k] + slot.count[k] as f64 - 1.0 > slot.intervals[k] {
-                    slot.first[k] = slot.intervals[k] + 1.0 - slot.count[k] as f64;
+        slot.still &= !changes;
+        for end in 0..if changes { 2 } else { 1 } {
+            slot.at[end] = tile.patches.len();
+            let border = if changes { self.borders[end] } else { 0 };
+            for j in 0..slot.count[1] {
+                for i in 0..slot.count[0] {
+                    let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
+                    let patch = self.patch(Key::new(record.facet, level, index, front, border), end);
+                    slot.lit |= patch.lit;
+                    tile.patches.push(patch);
                 }
-            }
-            for end in 0..ends {
-                slot.at[end] = tile.nodes.len();
-                let border = if changes { self.borders[end] } else { 0 };
-                for j in 0..slot.count[1] {
-                    for i in 0..slot.count[0] {
-                        let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
-                        self.node(Key::new(record.facet, level, index, front, border), end, &mut tile.nodes);
-                    }
-                }
-            }
-            if !changes {
-                slot.at[1] = slot.at[0];
-            }
-            let fine = level.iter().all(|l| *l == MOST_LEVEL) || finer == MOST_FINER;
-            if fine || self.is_smooth(tile, &slot, record.facet, level, front) {
-                break;
             }
         }
-        if self.shadow_lamps > 0 {
-            self.find_occluders(tile, &mut slot, &receivers, record, [low, high]);
+        if !changes {
+            slot.at[1] = slot.at[0];
+        }
+        for (number, &lamp) in self.own.iter().enumerate() {
+            slot.still &= self.lamps[0][lamp].waveform.is_none() || slot.lit >> number & 1 == 0;
+        }
+        (slot.range, slot.level) = ([low, high], level);
+        slot.shaded = slot.lit == 0;
+        if !slot.shaded && !self.moving.is_empty() {
+            self.find_occluders(tile, &mut slot, record, index, false);
         }
         slot
     }
 
-    /// Whether light in the middle of each cell is what its corners say.
-    fn is_smooth(&self, tile: &mut TileLight, slot: &Slot, facet: u32, level: [u32; 2], front: bool) -> bool {
-        let surface = self.world.facets[facet as usize].surface as usize;
-        let border = if slot.at[0] == slot.at[1] { 0 } else { self.borders[0] };
+    fn changes(&self, surface: usize) -> bool {
+        self.answers[surface].follows_view && self.camera_moves
+            || self.world.surfaces[surface].moves
+            || self.lamps[0].iter().any(|l| l.moves)
+    }
+
+    /// Light of a cell, shaded where nobody has.
+    fn patch(&self, key: Key, end: usize) -> Arc<Patch> {
+        let shard = &self.patches[shard_of(&key)];
+        let lock = || shard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(known) = lock().get(&key) {
+            return known.clone();
+        }
+        // Whoever comes second computes the same: a cell's light depends on its key alone.
+        let patch = Arc::new(self.shade_patch(&key, end));
+        lock().insert(key, patch.clone());
+        patch
+    }
+
+    /// Shades a cell at ever more nodes, until light in the middle between nodes is what these say.
+    fn shade_patch(&self, key: &Key, end: usize) -> Patch {
+        let lamps = 1 + self.own.len();
+        let surface = self.world.facets[key.facet as usize].surface as usize;
         let base = self.answers[surface].mean_base.max(DVec3::splat(0.05));
-        let lamps = 1 + self.shadow_lamps;
         let luminance = |node: &[[f32; 4]]| -> f64 {
             let of = |v: &[f32; 4]| {
                 base.dot(DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))) + f64::from(v[3])
             };
             node.iter().map(of).sum()
         };
-        for j in 0..slot.count[1] - 1 {
-            for i in 0..slot.count[0] - 1 {
-                let corner = slot.at[0] + (j * slot.count[0] + i) * lamps;
-                let offsets = [0, 1, slot.count[0], slot.count[0] + 1];
-                let around = offsets.map(|o| luminance(&tile.nodes[corner + o * lamps..][..lamps]));
-                let expected = 0.25 * around.iter().sum::<f64>();
-                let index =
-                    [2 * (slot.first[0] as u32 + i as u32) + 1, 2 * (slot.first[1] as u32 + j as u32) + 1];
-                let key = Key::new(facet, level.map(|l| l + 1), index, front, border);
-                let end = tile.nodes.len();
-                self.node(key, 0, &mut tile.nodes);
-                let found = luminance(&tile.nodes[end..]);
-                tile.nodes.truncate(end);
-                if (found - expected).abs() > SMOOTH * found.abs() {
-                    return false;
+        let shade = |x: f64, y: f64, out: &mut Vec<[f32; 4]>| {
+            let place =
+                [0, 1].map(|k| (f64::from(key.index[k]) + [x, y][k]) / f64::from(1_u32 << key.level[k]));
+            self.shade(key.facet, place, key.level[2] == 1, end, out);
+        };
+        let (mut nodes, mut middles) = (Vec::new(), Vec::new());
+        let mut intervals = 1_u32;
+        for finer in 0..=MOST_FINER {
+            intervals = 1 << finer;
+            let step = 1.0 / f64::from(intervals);
+            nodes.clear();
+            for j in 0..=intervals {
+                for i in 0..=intervals {
+                    shade(f64::from(i) * step, f64::from(j) * step, &mut nodes);
                 }
             }
+            if finer == MOST_FINER {
+                break;
+            }
+            middles.clear();
+            let mut smooth = true;
+            for cell in 0..intervals * intervals {
+                let (i, j) = (cell % intervals, cell / intervals);
+                middles.clear();
+                shade((f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * step, &mut middles);
+                let found = luminance(&middles);
+                let row = intervals + 1;
+                let around = [0, 1, row, row + 1].map(|o| {
+                    let at = (j * row + i + o) as usize * lamps;
+                    luminance(&nodes[at..at + lamps])
+                });
+                let expected = 0.25 * around.iter().sum::<f64>();
+                if (found - expected).abs() > SMOOTH * found.abs() {
+                    smooth = false;
+                    break;
+                }
+            }
+            if smooth {
+                break;
+            }
         }
-        true
-    }
-
-    fn changes(&self, surface: usize) -> bool {
-        self.answers[surface].follows_view
-            || self.world.surfaces[surface].moves
-            || self.lamps[0].iter().any(|l| l.changes)
-            || self.world.scene.materials[self.world.surfaces[surface].material].emission_waveform.is_some()
-    }
-
-    /// Appends the light of a node, shading it where nobody has.
-    fn node(&self, key: Key, end: usize, out: &mut Vec<[f32; 4]>) {
-        use std::hash::Hash;
-        let mut hasher = Mix::default();
-        key.hash(&mut hasher);
-        let shard = &self.shards[(hasher.finish() >> 32) as usize % SHARDS];
-        let lock = || shard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some(known) = lock().get(&key) {
-            out.extend_from_slice(known);
-            return;
+        let mut lit = 0;
+        for (k, value) in nodes.iter().enumerate() {
+            if !k.is_multiple_of(lamps) && value.iter().any(|v| *v != 0.0) {
+                lit |= 1 << (k % lamps - 1);
+            }
         }
-        let place = [0, 1].map(|k| f64::from(key.index[k]) / f64::from(1_u32 << key.level[k]));
-        let node = self.shade(key.facet, place, key.level[2] == 1, end);
-        out.extend_from_slice(&node);
-        // Whoever comes second computes the same: nodes depend on their key alone.
-        lock().insert(key, node);
+        Patch { intervals, nodes: nodes.into(), lit }
     }
 
-    fn shade(&self, facet: u32, [s, t]: [f64; 2], front: bool, end: usize) -> Node {
+    fn shade(&self, facet: u32, [s, t]: [f64; 2], front: bool, end: usize, out: &mut Vec<[f32; 4]>) {
         self.shaded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
@@ -602,12 +832,7 @@ impl<'a> Lighting<'a> {
         let side = if front { 1.0 } else { -1.0 };
         let normal = blend(a.1, b.1, d.1).normalize_or(DVec3::Z) * side;
         let answer = &self.answers[surface];
-        let material_index = self.world.surfaces[surface].material;
-        let material = &self.world.scene.materials[material_index];
         let frame = self.frames.as_ref().map(|f| &f[end]);
-        let factor = frame.and_then(|f| f.state.emission_factor.get(material_index)).copied().unwrap_or(1.0);
-        let emissive = material.emissive_texture.map_or([1.0; 4], |t| whole_mean(&self.textures, t));
-        let emission_factor = f64::from(factor);
         let point = Point {
             model: answer.model,
             position,
@@ -616,33 +841,43 @@ impl<'a> Lighting<'a> {
             metallic: answer.metallic,
             roughness: answer.roughness,
             occlusion: answer.occlusion,
-            emitted: wide(material.emissive)
-                * DVec3::from_slice(&emissive.map(f64::from)[..3])
-                * emission_factor,
-            emission_factor,
             mean_base: answer.mean_base,
         };
-        let mut responses = Vec::with_capacity(1 + self.shadow_lamps);
-        respond(&point, &self.lamps[end], self.world.scene, &mut responses);
         let pack =
             |r: &Response| [r.linear.x as f32, r.linear.y as f32, r.linear.z as f32, r.constant as f32];
-        responses.iter().map(pack).collect()
+        let mut responses = [Response::default(); 1 + MOST_OWN];
+        respond(&point, &self.lamps[end], &self.own, self.world.scene, &mut responses);
+        out.extend(responses[..1 + self.own.len()].iter().map(pack));
     }
 
-    /// Luminance that `fragment`, entry `slot` of its tile, adds to a pixel by the part with `moments`, at `u` of the
-    /// block.
-    #[expect(clippy::too_many_arguments, reason = "a part of a pixel is three of them")]
-    pub fn of_fragment(
+    /// Half planes of the shadows that fall on entry `slot` from lamp `number` at `moment` of the tile: a range.
+    fn shadow_lines(
         &self,
         tile: &mut TileLight,
-        record: &Record,
         slot: usize,
-        fragment: &Fragment,
-        moments: &Moments,
-        regions: Option<(&[Region], usize)>,
-        pixel: [f64; 2],
+        number: usize,
+        moment: usize,
+        sight: &Sight,
         u: f64,
-    ) -> f64 {
+    ) -> usize {
+        let index = (moment * tile.slots.len() + slot) * MOST_OWN + number;
+        if tile.line_starts.len() <= index {
+            tile.line_starts.resize((moment + 1) * tile.slots.len() * MOST_OWN, 0);
+        }
+        if tile.line_starts[index] == 0 {
+            tile.line_starts[index] = tile.lines.len() as u32 + 1;
+            let shade = tile.slots[slot].shades[number];
+            for (_, id) in &tile.occluders[shade.from..shade.to] {
+                let lamp = &self.screen_lamps[number];
+                tile.lines.push(self.occluder(*id).lines(lamp, &sight.inverse_depth, tile.centre, u));
+            }
+        }
+        tile.line_starts[index] as usize - 1
+    }
+
+    /// Luminance that a facet, entry `part.slot` of its tile, adds to a pixel.
+    pub fn of_fragment(&self, tile: &mut TileLight, part: &Part, at: &Instant) -> f64 {
+        let Part { slot, fragment, moments, .. } = *part;
         let (centre, axes) = moments.footprint();
         let (place, change) = fragment.parameters(centre);
         let look = &self.looks[fragment.facet as usize];
@@ -656,63 +891,63 @@ impl<'a> Lighting<'a> {
             let texel = self.textures.mean(texture, at, axes.map(along));
             base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
         }
-        if !tile.slots[slot].ready {
-            tile.slots[slot] = self.gather(tile, record, fragment.record);
+        let answer = &self.answers[self.world.facets[fragment.facet as usize].surface as usize];
+        let glow = answer.waveform.map_or(1.0, |w| w.factor(at.t_s));
+        if tile.slots[slot].unlit {
+            return moments.area * glow * material::LUMINANCE.dot(base);
         }
-        let slot = &tile.slots[slot].clone();
-        if slot.count[0] == 0 {
-            let factor = slot.unlit[0] + (slot.unlit[1] - slot.unlit[0]) * u;
-            return moments.area * factor * material::LUMINANCE.dot(base);
-        }
-        let lamps = 1 + self.shadow_lamps;
-        let mut sum = 0.0;
-        for lamp in 0..lamps {
-            let mut part = 1.0;
-            if lamp > 0 && lamp <= MOST_SHADOWS {
-                let shade = slot.shades[lamp - 1];
-                let number = number_in_tile(pixel);
-                if shade.dark >> number & 1 == 1 {
-                    continue;
-                }
-                if shade.from < shade.to {
-                    let occluders = &tile.occluders[shade.from..shade.to];
-                    let screen = &self.screen_lamps[lamp - 1];
-                    let near = occluders.iter().filter(|o| o.0 >> number & 1 == 1).map(|o| &o.1);
-                    part = tile.lit.part(fragment, regions, near, screen, pixel, u);
-                }
-                if part == 0.0 {
-                    continue;
-                }
+        let of = |r: [f64; 4]| base.x * r[0] + base.y * r[1] + base.z * r[2] + r[3];
+        let mut sum = answer.glow * glow + of(self.interpolate(tile, slot, place, at.u, 0));
+        for number in 0..self.own.len() {
+            if tile.slots[slot].lit >> number & 1 == 0 {
+                continue;
             }
-            let r = self.interpolate(tile, slot, place, u, lamp, lamps).map(|v| v * part);
-            sum += base.x * r[0] + base.y * r[1] + base.z * r[2] + r[3];
+            let lamp = &self.lamps[0][self.own[number]];
+            let strength = lamp.waveform.map_or(1.0, |w| w.factor(at.t_s));
+            let mut lit = 1.0;
+            let shade = tile.slots[slot].shades[number];
+            if shade.dark >> part.pixel & 1 == 1 {
+                continue;
+            }
+            if shade.touched >> part.pixel & 1 == 1 {
+                let start = self.shadow_lines(tile, slot, number, at.moment, part.sight, at.u);
+                let near = tile.occluders[shade.from..shade.to].iter().zip(&tile.lines[start..]);
+                let near = near.filter(|(o, _)| o.0 >> part.pixel & 1 == 1).map(|(_, lines)| lines);
+                lit = tile.lit.part(part.regions, near, part.offset);
+            }
+            if lit > 0.0 {
+                sum += lit * strength * of(self.interpolate(tile, slot, place, at.u, 1 + number));
+            }
         }
         moments.area * sum
     }
 
     #[inline(always)]
-    fn interpolate(
-        &self,
-        tile: &TileLight,
-        slot: &Slot,
-        place: [f64; 2],
-        u: f64,
-        lamp: usize,
-        lamps: usize,
-    ) -> [f64; 4] {
-        let cell = |k: usize| {
-            let at = (place[k] * slot.intervals[k] - slot.first[k]).clamp(0.0, (slot.count[k] - 1) as f64);
-            let low = (at as usize).min(slot.count[k] - 2);
-            (low, (at - low as f64) as f32)
-        };
-        let ((i, x), (j, y)) = (cell(0), cell(1));
-        let corner = j * slot.count[0] + i;
-        let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
-        let offsets = [0, 1, slot.count[0], slot.count[0] + 1];
+    fn interpolate(&self, tile: &TileLight, slot: usize, place: [f64; 2], u: f64, lamp: usize) -> [f64; 4] {
+        let slot = &tile.slots[slot];
+        let lamps = 1 + self.own.len();
+        let (mut cell, mut within) = ([0_usize; 2], [0.0; 2]);
+        for k in 0..2 {
+            let at = (place[k] * slot.cells[k] - slot.first[k]).clamp(0.0, slot.count[k] as f64);
+            cell[k] = (at as usize).min(slot.count[k] - 1);
+            within[k] = at - cell[k] as f64;
+        }
+        let number = cell[1] * slot.count[0] + cell[0];
         let at = |end: usize| {
+            let patch = &tile.patches[slot.at[end] + number];
+            let intervals = patch.intervals as usize;
+            let node = |k: usize| {
+                let at = within[k] * intervals as f64;
+                let low = (at as usize).min(intervals - 1);
+                (low, (at - low as f64) as f32)
+            };
+            let ((i, x), (j, y)) = (node(0), node(1));
+            let row = intervals + 1;
+            let corner = j * row + i;
+            let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
             let mut sum = [0.0_f32; 4];
-            for (offset, weight) in offsets.into_iter().zip(weights) {
-                let node = &tile.nodes[(slot.at[end] + (corner + offset) * lamps) + lamp];
+            for (offset, weight) in [0, 1, row, row + 1].into_iter().zip(weights) {
+                let node = &patch.nodes[(corner + offset) * lamps + lamp];
                 for k in 0..4 {
                     sum[k] += weight * node[k];
                 }
@@ -725,6 +960,11 @@ impl<'a> Lighting<'a> {
         }
         let b = at(1);
         [0, 1, 2, 3].map(|k| f64::from(a[k]) + (f64::from(b[k]) - f64::from(a[k])) * u)
+    }
+
+    /// Whether what lies behind everything is the same everywhere and always.
+    pub fn background_rests(&self) -> bool {
+        !self.camera_moves || !self.world.scene.environment.as_ref().is_some_and(|e| e.visible)
     }
 
     /// Mean luminance of what lies behind everything, over a part of the pixel centred at `centre`.
@@ -745,9 +985,41 @@ impl<'a> Lighting<'a> {
     }
 }
 
-/// Number in its tile of the pixel centred at `centre`.
-fn number_in_tile([x, y]: [f64; 2]) -> usize {
-    (y as usize % TILE) * TILE + x as usize % TILE
+/// A time within a block.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant {
+    /// Its number in the tile.
+    pub moment: usize,
+    /// Part of the block.
+    pub u: f64,
+    /// Seconds of the scene's own time, its speed included.
+    pub t_s: f64,
+}
+
+/// What a pixel sees of a facet.
+#[derive(Clone, Copy)]
+pub struct Part<'a> {
+    /// Entry of the tile.
+    pub slot: usize,
+    /// The facet about the tile's centre.
+    pub sight: &'a Sight,
+    /// The facet about the pixel's centre.
+    pub fragment: &'a Fragment,
+    /// How much is seen.
+    pub moments: &'a Moments,
+    /// Where it is seen, and its number there; all of the pixel where this is `None`.
+    pub regions: Option<(&'a [Region], usize)>,
+    /// Number of the pixel in its tile.
+    pub pixel: usize,
+    /// Its centre from the tile's.
+    pub offset: [f64; 2],
+}
+
+fn shard_of(key: &Key) -> usize {
+    use std::hash::Hash;
+    let mut hasher = Mix::default();
+    key.hash(&mut hasher);
+    (hasher.finish() >> 32) as usize % SHARDS
 }
 
 fn whole_mean(textures: &Textures, texture: TextureRef) -> [f32; 4] {
@@ -805,68 +1077,57 @@ mod tests {
         lighting.prepare(&mut clock, &block).unwrap();
         let (mut compared, mut darkened, mut off, mut canary) = (0, 0, 0, 0);
         let mut tile = TileLight::default();
-        let everything: Vec<Occluder> =
-            (0..world.facets.len() as u32).map(|f| lighting.occluder(f)).collect();
+        let u = 0.3;
         for (row, column) in (0..lists.row_count()).flat_map(|r| (0..lists.columns).map(move |c| (r, c))) {
             let entries = &lists.row(row)[column];
             lighting.enter_tile(&mut tile, entries, [column, row]);
-            for entry in entries {
+            for (number, entry) in entries.iter().enumerate() {
                 let record = &lists.records[entry.record as usize];
-                let slot = lighting.gather(&mut tile, record, entry.record);
+                lighting.ready(&mut tile, record, entry.record, number);
+                lighting.shade_slot(&mut tile, record, entry.record, number);
+                let slot = tile.slots[number];
                 let pixel = (entry.touches.trailing_zeros() as usize * 5 + 3 * row) % 64;
-                let lit = (0..slot.count[0] * slot.count[1])
-                    .any(|n| tile.nodes[slot.at[0] + 2 * n + 1].iter().any(|v| *v != 0.0));
-                if entry.touches >> pixel & 1 == 0 || !lit || (row + column) % 3 > 0 {
+                if entry.touches >> pixel & 1 == 0 || slot.lit & 1 == 0 || (row + column) % 3 > 0 {
                     continue;
                 }
-                let centre = [column * TILE + pixel % 8, row * TILE + pixel / 8].map(|v| v as f64 + 0.5);
-                for u in [0.3] {
-                    let Some(fragment) = Fragment::new(record, entry.record, centre, u, world.lens.near)
-                    else {
-                        continue;
-                    };
-                    let shade = slot.shades[0];
-                    let lamp = &lighting.screen_lamps[0];
-                    let kept: Vec<&Occluder> = tile.occluders[shade.from..shade.to]
-                        .iter()
-                        .filter(|o| o.0 >> pixel & 1 == 1)
-                        .map(|o| &o.1)
-                        .collect();
-                    let dark = shade.dark >> pixel & 1 == 1;
-                    // Only the facet's own part: beyond it its plane may run through anything.
-                    let polygon = fragment.crossing().iter().fold(Polygon::PIXEL, |p, e| p.split(e).0);
-                    if polygon.moments().area < 0.05 {
-                        continue;
-                    }
-                    let darkens = |o: &Occluder| {
-                        let shadow = o.shadow(lamp, &fragment.inverse_depth, centre, 1.0, u);
-                        let cut =
-                            |s: crate::shadow::Shadow| s.lines().iter().fold(polygon, |p, l| p.split(l).0);
-                        shadow.is_some_and(|s| cut(s).moments().area > 1e-4)
-                    };
-                    let missing: Vec<u32> = everything
-                        .iter()
-                        .filter(|o| !dark && o.facet != record.facet)
-                        .filter(|o| {
-                            !lighting.is_far_side(o.facet, [&lighting.lamps[0][0], &lighting.lamps[1][0]])
-                        })
-                        .filter(|o| kept.iter().all(|k| k.facet != o.facet) && darkens(o))
-                        .map(|o| o.facet)
-                        .collect();
-                    assert!(missing.is_empty(), "facet {} at {centre:?} lacks {missing:?}", record.facet);
-                    // Both sides of solids darken what the near ones do.
-                    let part = |some: &mut dyn Iterator<Item = &Occluder>| {
-                        let regions = [Region { fragment: Some(0), polygon }];
-                        let some: Vec<Occluder> = some.cloned().collect();
-                        Lit::default().part(&fragment, Some((&regions, 0)), some.iter(), lamp, centre, u)
-                    };
-                    let brute = part(&mut everything.iter().filter(|o| o.facet != record.facet));
-                    let found = if dark { 0.0 } else { part(&mut kept.iter().copied()) };
-                    off += usize::from((found - brute).abs() > 0.15);
-                    canary += usize::from(!dark && kept[..kept.len() / 2].iter().any(|o| darkens(o)));
-                    compared += 1;
-                    darkened += usize::from(brute < 1.0);
+                let offset = [pixel % 8, pixel / 8].map(|v| v as f64 - 3.5);
+                let Some(sight) = Sight::new(record, tile.centre, u, world.lens.near) else { continue };
+                let Some(fragment) = sight.at(entry.record, offset, false) else { continue };
+                let lamp = &lighting.screen_lamps[0];
+                let shade = slot.shades[0];
+                let near = tile.occluders[shade.from..shade.to].iter().filter(|o| o.0 >> pixel & 1 == 1);
+                let kept: Vec<u32> = near.map(|o| o.1).collect();
+                let dark = shade.dark >> pixel & 1 == 1;
+                // Only the facet's own part: beyond it its plane may run through anything.
+                let polygon = fragment.crossing().iter().fold(Polygon::PIXEL, |p, e| p.split(e).0);
+                if polygon.moments().area < 0.05 {
+                    continue;
                 }
+                let lines =
+                    |id: &u32| lighting.occluder(*id).lines(lamp, &sight.inverse_depth, tile.centre, u);
+                let darkens = |id: &u32| {
+                    let cut = |s: crate::shadow::Shadow| s.lines().iter().fold(polygon, |p, l| p.split(l).0);
+                    crate::shadow::Shadow::at(&lines(id), offset)
+                        .is_some_and(|s| cut(s).moments().area > 1e-4)
+                };
+                let others = || (0..world.facets.len() as u32).filter(|id| *id != record.facet);
+                let missing: Vec<u32> = others()
+                    .filter(|id| !dark && lighting.far[*id as usize] & 1 == 0)
+                    .filter(|id| !kept.contains(id) && darkens(id))
+                    .collect();
+                assert!(missing.is_empty(), "facet {} at {offset:?} lacks {missing:?}", record.facet);
+                // Both sides of solids darken what the near ones do.
+                let part = |some: Vec<u32>| {
+                    let regions = [Region { fragment: Some(0), polygon }];
+                    let some: Vec<[Line; 5]> = some.iter().map(lines).collect();
+                    Lit::default().part(Some((&regions, 0)), some.iter(), offset)
+                };
+                let brute = part(others().collect());
+                let found = if dark { 0.0 } else { part(kept.clone()) };
+                off += usize::from((found - brute).abs() > 0.15);
+                canary += usize::from(!dark && kept[..kept.len() / 2].iter().any(darkens));
+                compared += 1;
+                darkened += usize::from(brute < 1.0);
             }
         }
         println!("{compared} compared, {darkened} darkened, {off} off, {canary} notice a missing one");

@@ -38,6 +38,8 @@ pub struct Record {
     edges: [[DVec3; 5]; CORNERS],
     /// Plane of 1/depth at the start, middle and end.
     inverse_depth: [DVec3; 3],
+    /// It is where it is throughout.
+    pub still: bool,
     /// Box around its image: left, top, right, bottom in pixels.
     pub rect: [f64; 4],
     /// Least and greatest depth of its corners.
@@ -256,7 +258,8 @@ impl Record {
         });
         let crosses_near = depth[0] < near;
         let rect = swept_rect(&hull, near)?;
-        let p = h.map(powers);
+        let still = h.iter().all(|[a, b, c]| a == b && b == c);
+        let p = h.map(|h| if still { [h[0], DVec3::ZERO, DVec3::ZERO] } else { powers(h) });
         let points = std::array::from_fn(|power| {
             std::array::from_fn(|axis| std::array::from_fn(|corner| p[corner][power][axis]))
         });
@@ -271,6 +274,7 @@ impl Record {
             mirrored,
             edges,
             inverse_depth,
+            still,
             rect,
             depth,
         })

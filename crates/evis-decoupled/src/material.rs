@@ -8,6 +8,7 @@ use std::f64::consts::PI;
 use std::sync::OnceLock;
 
 use evis_scene::environment::{Environment, brdf_lut};
+use evis_scene::motion::Waveform;
 use evis_scene::{LightKind, Scene, ShadingModel};
 use glam::{DQuat, DVec3};
 
@@ -50,8 +51,10 @@ pub struct Lamp {
     cone: Option<[f64; 2]>,
     /// Its shadows are looked for; point lights throw none.
     pub casts_shadow: bool,
-    /// It moves or changes.
-    pub changes: bool,
+    /// It may be elsewhere at another time.
+    pub moves: bool,
+    /// What its strength is to be multiplied by, where that changes.
+    pub waveform: Option<Waveform>,
 }
 
 impl Lamp {
@@ -88,7 +91,12 @@ pub fn lamps(scene: &Scene, frame: &Frame, moving: &[bool]) -> Vec<Lamp> {
             continue;
         };
         let pose = frame.world_from_node(index);
-        let factor = frame.state.light_factor.get(number).copied().unwrap_or(1.0);
+        let waveform = light.waveform.filter(|w| !w.rests());
+        let factor = match waveform {
+            // It is applied at each evaluation.
+            Some(_) => 1.0,
+            None => frame.state.light_factor.get(number).copied().unwrap_or(1.0),
+        };
         let cone = match light.kind {
             LightKind::Spot { inner, outer } => {
                 let (inner, outer) = (f64::from(inner).cos(), f64::from(outer).cos());
@@ -105,7 +113,8 @@ pub fn lamps(scene: &Scene, frame: &Frame, moving: &[bool]) -> Vec<Lamp> {
             range: light.range.map(f64::from).filter(|r| *r > 0.0),
             cone,
             casts_shadow: light.casts_shadow && light.kind != LightKind::Point,
-            changes: moving[index] || light.waveform.is_some(),
+            moves: moving[index],
+            waveform,
         });
     }
     out
@@ -128,39 +137,20 @@ pub struct Point {
     pub roughness: f64,
     /// Part of the indirect light that arrives.
     pub occlusion: f64,
-    /// Emitted radiance.
-    pub emitted: DVec3,
-    /// Factor of the material's waveform.
-    pub emission_factor: f64,
     /// Mean base colour of the surface.
     pub mean_base: DVec3,
 }
 
-/// Responses to everything but the lamps that throw shadows, then to each of these if nothing is in between.
-pub fn respond(point: &Point, lamps: &[Lamp], scene: &Scene, out: &mut Vec<Response>) {
-    out.clear();
-    let mut open = Response::default();
-    if point.model == ShadingModel::Unlit {
-        // KHR_materials_unlit: the base colour; lights and emission do not count.
-        open.add(DVec3::splat(point.emission_factor), DVec3::ZERO);
-        out.push(open);
-        out.extend(lamps.iter().filter(|l| l.casts_shadow).map(|_| Response::default()));
-        return;
-    }
-    out.push(open);
-    indirect(point, scene, &mut open);
-    open.add(DVec3::ZERO, point.emitted);
-    for lamp in lamps {
-        let mut own = Response::default();
-        direct(point, lamp, &mut own);
-        if lamp.casts_shadow {
-            out.push(own);
-        } else {
-            open.linear += own.linear;
-            open.constant += own.constant;
+/// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between.
+pub fn respond(point: &Point, lamps: &[Lamp], own: &[usize], scene: &Scene, out: &mut [Response]) {
+    let (open, apart) = out.split_at_mut(1);
+    indirect(point, scene, &mut open[0]);
+    for (index, lamp) in lamps.iter().enumerate() {
+        match own.iter().position(|o| *o == index) {
+            Some(number) => direct(point, lamp, &mut apart[number]),
+            None => direct(point, lamp, &mut open[0]),
         }
     }
-    out[0] = open;
 }
 
 /// `base (1 - F)` and `F` of a mixed material, linear in base: see the module's text.

@@ -1,23 +1,26 @@
 //! A pixel's light over time: evaluated where it must be, a quadratic between evaluations.
 //!
-//! Steps are bounded by motion in pixels. A step is halved while its end is off what the steps before it extrapolate to;
-//! interpolation over a step errs by about a sixteenth of that (a cubic's remainder, 6 h^3 against 0.385 h^3).
+//! A block is cut into equal intervals in which what the pixel sees moves by less than a part of it. Each is evaluated in
+//! its middle and at its end. Through these runs a quadratic; how far the next point before is from a cubic through all
+//! says how far it may be off. An interval in which it may cross a threshold, and is not known well enough to say when,
+//! is halved.
 
 use crate::blocks::Block;
 use crate::events::{Piece, Reference, Thresholds};
+use crate::pixel::{Pace, UNITS};
 
-/// Largest step, in pixels of motion.
-const STEP_PX: f64 = 0.4;
-/// Smallest step, in pixels of motion.
-const LEAST_PX: f64 = 0.03;
-/// Extrapolation may be off by this, in log units.
-const TOLERANCE: f64 = 0.03;
-/// Below this, steps grow.
-const CALM: f64 = 0.01;
-/// Least step in microseconds, whatever the motion.
-const LEAST_US: f64 = 4.0;
+/// Length of an interval, in pixels of motion.
+const STEP_PX: f64 = 1.0;
+/// Intervals are halved down to this many pixels of motion.
+const LEAST_PX: f64 = 0.05;
+/// A threshold is crossed on light that may be off by this part of itself.
+const TOLERANCE: f64 = 0.004;
+/// A quadratic's estimated error times this, and this part of its range, is what it may be off by between evaluations.
+const MARGIN: [f64; 2] = [4.0, 0.5];
+/// Least intervals in a block where light changes without motion.
+const LEAST_PARTS: u32 = 1;
 
-/// Light at a time.
+/// Light at a time, in microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Point {
     t_us: f64,
@@ -28,123 +31,134 @@ struct Point {
 #[derive(Clone, Copy, Debug)]
 pub struct PixelPath {
     reference: Reference,
-    /// The latest point first.
-    past: [Point; 3],
-    known: usize,
-    step_us: f64,
+    last: Point,
+    /// An evaluation before the last.
+    before: Option<Point>,
 }
 
 /// Work on one pixel in one block.
-pub struct Walk<'a> {
-    /// Thresholds.
-    pub thresholds: &'a Thresholds,
-    /// The block.
-    pub block: Block,
-    /// Motion near the pixel, in pixels per microsecond.
-    pub speed: f64,
-    /// Room for points evaluated ahead.
-    pub ahead: &'a mut Vec<(f64, f64)>,
+struct Walk<'a, L, F> {
+    thresholds: &'a Thresholds,
+    block: Block,
+    least: u32,
+    light: L,
+    fire: F,
+    evaluations: u64,
 }
 
-/// (x1 - x0) / (t1 - t0) and the second divided difference of three points.
+/// Second divided difference of three points.
 fn bend(a: &Point, b: &Point, c: &Point) -> f64 {
     let (ab, bc) =
         ((b.luminance - a.luminance) / (b.t_us - a.t_us), (c.luminance - b.luminance) / (c.t_us - b.t_us));
     (bc - ab) / (c.t_us - a.t_us)
 }
 
+impl<L: FnMut(u32) -> f64, F: FnMut(f64, evis_core::Polarity)> Walk<'_, L, F> {
+    fn at(&mut self, unit: u32) -> Point {
+        self.evaluations += 1;
+        let t_us = self.block.start_us + self.block.length_us() * f64::from(unit) / f64::from(UNITS);
+        Point { t_us, luminance: (self.light)(unit) }
+    }
+
+    /// Follows `path` over [from, to], at whose end light is `end`.
+    fn interval(&mut self, path: &mut PixelPath, [from, to]: [u32; 2], end: Point) {
+        let start = path.last;
+        let half = (to - from) / 2;
+        if half == 0 {
+            self.cross(path, start, end, 0.0);
+            (path.before, path.last) = (Some(start), end);
+            return;
+        }
+        let middle = self.at(from + half);
+        let quadratic = bend(&start, &middle, &end);
+        let h = 0.5 * (end.t_us - start.t_us);
+        // The remainder of a quadratic through three points h apart is at most 0.385 h^3 times the third difference.
+        let error = match path.before {
+            Some(before) => {
+                let third = (quadratic - bend(&before, &start, &middle)) / (end.t_us - before.t_us);
+                0.385 * h * h * h * third.abs()
+            }
+            None => 0.5 * h * h * quadratic.abs(),
+        };
+        // Extremes of the quadratic.
+        let (mut low, mut high) = (start.luminance, start.luminance);
+        for v in [middle.luminance, end.luminance] {
+            (low, high) = (low.min(v), high.max(v));
+        }
+        let slope = (middle.luminance - start.luminance) / h - quadratic * h;
+        let vertex = -slope / (2.0 * quadratic);
+        if vertex > 0.0 && vertex < 2.0 * h {
+            let v = start.luminance + vertex * (slope + quadratic * vertex);
+            (low, high) = (low.min(v), high.max(v));
+        }
+        let scale = low.max(0.0) + self.thresholds.floor();
+        let margin = MARGIN[0] * error + MARGIN[1] * (high - low);
+        let reached = high + margin >= path.reference.above || low - margin <= path.reference.below;
+        if reached && error > TOLERANCE * scale && to - from > 2 * self.least {
+            self.interval(path, [from, from + half], middle);
+            self.interval(path, [from + half, to], end);
+            return;
+        }
+        self.cross(path, start, end, quadratic);
+        (path.before, path.last) = (Some(middle), end);
+    }
+
+    fn cross(&mut self, path: &mut PixelPath, start: Point, end: Point, bend: f64) {
+        let piece = Piece {
+            t_us: start.t_us,
+            length_us: end.t_us - start.t_us,
+            start: start.luminance,
+            end: end.luminance,
+            bend,
+        };
+        piece.cross(&mut path.reference, self.thresholds, &mut self.fire);
+    }
+}
+
 impl PixelPath {
     /// A pixel that begins at `t_us` with `luminance`.
     pub fn new(t_us: f64, luminance: f64, thresholds: &Thresholds) -> Self {
-        let point = Point { t_us, luminance };
         let reference = Reference::at(thresholds.log(luminance), thresholds);
-        Self { reference, past: [point; 3], known: 1, step_us: f64::INFINITY }
+        Self { reference, last: Point { t_us, luminance }, before: None }
     }
 
-    /// What the latest points lead to at `t_us`.
-    fn predict(&self, t_us: f64) -> f64 {
-        let [a, b, c] = &self.past;
-        match self.known {
-            1 => a.luminance,
-            2 => a.luminance + (t_us - a.t_us) * (a.luminance - b.luminance) / (a.t_us - b.t_us),
-            _ => {
-                let slope = (a.luminance - b.luminance) / (a.t_us - b.t_us);
-                a.luminance + (t_us - a.t_us) * (slope + (t_us - b.t_us) * bend(c, b, a))
-            }
-        }
-    }
-
-    fn push(&mut self, t_us: f64, luminance: f64) {
-        self.past = [Point { t_us, luminance }, self.past[0], self.past[1]];
-        self.known = (self.known + 1).min(3);
-    }
-
-    /// Follows the pixel through a block; `light` evaluates it, `fire` takes events in order. Returns how often it was
-    /// evaluated.
+    /// Follows the pixel through a block; `light` evaluates it at parts of the block in [`UNITS`], `fire` takes events in
+    /// order. Returns how often it was evaluated.
     pub fn walk(
         &mut self,
-        walk: &mut Walk,
-        mut light: impl FnMut(f64) -> f64,
-        mut fire: impl FnMut(f64, evis_core::Polarity),
+        thresholds: &Thresholds,
+        block: Block,
+        pace: &Pace,
+        light: impl FnMut(u32) -> f64,
+        fire: impl FnMut(f64, evis_core::Polarity),
     ) -> u64 {
-        let Walk { thresholds, block, speed, ahead } = walk;
-        let mut evaluations = 0;
-        let end = block.end_us;
+        let units = |px: f64| (px / pace.motion_px.max(1e-9) * f64::from(UNITS)).min(f64::from(UNITS)) as u32;
+        let least = units(LEAST_PX).max(1);
+        let mut walk = Walk { thresholds, block, least, light, fire, evaluations: 0 };
+        if self.last.t_us != block.start_us {
+            // What went before was still.
+            self.last.t_us = block.start_us;
+            self.before = None;
+        }
         if block.jump {
-            let luminance = light(block.start_us);
-            evaluations += 1;
-            let last = self.past[0];
-            let piece = Piece {
-                t_us: block.start_us,
-                length_us: 1e-6,
-                start: last.luminance,
-                end: luminance,
-                bend: 0.0,
-            };
-            piece.cross(&mut self.reference, thresholds, |_, p| fire(block.start_us, p));
-            self.past = [Point { t_us: block.start_us, luminance }; 3];
-            self.known = 1;
-            self.step_us = 0.0;
+            let start = walk.at(0);
+            let end_us = start.t_us + 1e-6;
+            let end = Point { t_us: end_us, ..start };
+            walk.cross(self, self.last, end, 0.0);
+            self.last = start;
+            self.before = None;
         }
-        let most = (STEP_PX / speed.max(1e-12)).max(LEAST_US);
-        let least = (LEAST_PX / speed.max(1e-12)).clamp(LEAST_US, most);
-        ahead.clear();
-        let mut step = self.step_us.clamp(least, most);
-        loop {
-            let now = self.past[0];
-            let left = end - now.t_us;
-            if left <= 1e-6 {
-                break;
-            }
-            let (t_us, luminance) = match ahead.pop() {
-                Some(known) => known,
-                None => {
-                    let parts = (left / step).ceil();
-                    let t_us = if parts <= 1.0 { end } else { now.t_us + left / parts };
-                    evaluations += 1;
-                    (t_us, light(t_us))
-                }
-            };
-            let length = t_us - now.t_us;
-            let scale = luminance.min(now.luminance).max(0.0) + thresholds.floor();
-            let error = (luminance - self.predict(t_us)).abs() / scale;
-            if error > TOLERANCE && length > 2.0 * least {
-                ahead.push((t_us, luminance));
-                let middle = now.t_us + 0.5 * length;
-                evaluations += 1;
-                ahead.push((middle, light(middle)));
-                step = 0.5 * length;
-                continue;
-            }
-            let next = Point { t_us, luminance };
-            let bend = if self.known >= 2 { bend(&self.past[1], &now, &next) } else { 0.0 };
-            let piece =
-                Piece { t_us: now.t_us, length_us: length, start: now.luminance, end: luminance, bend };
-            piece.cross(&mut self.reference, thresholds, &mut fire);
-            self.push(t_us, luminance);
-            step = if error < CALM { (2.0 * length).min(most) } else { length.max(least) };
+        if pace.still {
+            return walk.evaluations;
         }
-        self.step_us = step;
-        evaluations
+        let parts = ((pace.motion_px / STEP_PX).ceil().min(f64::from(UNITS)) as u32).max(LEAST_PARTS);
+        let parts = parts.next_power_of_two().min(UNITS / 2);
+        let length = UNITS / parts;
+        for part in 0..parts {
+            let to = (part + 1) * length;
+            let end = walk.at(to);
+            walk.interval(self, [part * length, to], end);
+        }
+        walk.evaluations
     }
 }

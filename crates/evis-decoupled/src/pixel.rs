@@ -1,16 +1,21 @@
 //! A pixel's luminance at a time: the sum over what it sees of area times mean light.
+//!
+//! Times are whole parts of a block, so that the pixels of a tile share what its facets and shadows are at a time: a
+//! pixel only moves their lines to its own centre.
 
-use std::time::Instant;
+use std::time::Instant as Timer;
 
 use crate::blocks::Block;
 use crate::coverage::{Moments, Regions};
-use crate::fragment::Fragment;
-use crate::light::{Lighting, TileLight};
+use crate::fragment::{Fragment, Sight};
+use crate::light::{Instant, Lighting, Part, TileLight};
 use crate::lists::{Entry, Lists, TILE};
 use crate::world::World;
 
 /// Every so many evaluations are timed.
 const TIMED: u64 = 64;
+/// A pixel may be evaluated at multiples of this part of a block.
+pub const UNITS: u32 = 1024;
 
 /// What evaluations of one block need.
 pub struct Evaluator<'a> {
@@ -24,17 +29,44 @@ pub struct Evaluator<'a> {
     pub block: Block,
 }
 
-/// Room for the work on one pixel after another.
-#[derive(Default)]
+/// A facet of a tile at a time.
+#[derive(Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "most are seen, and all lie in one array")]
+enum Known {
+    /// Nobody asked.
+    Not,
+    /// It is not there.
+    Absent,
+    Seen(Sight),
+}
+
+/// An entry of a pixel.
+#[derive(Clone, Copy)]
+struct Own {
+    slot: usize,
+    record: u32,
+    /// It fills the pixel throughout the block.
+    covers: bool,
+}
+
+/// Room for the work on one tile after another.
 pub struct Work {
-    centre: [f64; 2],
-    /// Indices into the tile's entries, and whether each covers the pixel throughout.
-    entries: Vec<(usize, u32, bool)>,
+    tile: [usize; 2],
+    /// By time: the number of the moment plus 1.
+    numbers: Vec<u16>,
+    moments: Vec<Instant>,
+    /// By moment and entry.
+    sights: Vec<Known>,
+    /// Per entry: motion during the block in pixels.
+    motion: Vec<f64>,
+    slot_count: usize,
+    pixel: usize,
+    own: Vec<Own>,
     fragments: Vec<Fragment>,
-    /// Per fragment, its index into the tile's entries.
+    /// Per fragment, its entry.
     slots: Vec<usize>,
     regions: Regions,
-    moments: Vec<Moments>,
+    areas: Vec<Moments>,
     light: TileLight,
     count: u64,
     /// Evaluations that saw one facet only.
@@ -45,64 +77,141 @@ pub struct Work {
     pub shading_s: f64,
 }
 
-impl Work {
-    /// Entries of the pixel in work.
-    pub fn entry_count(&self) -> usize {
-        self.entries.len()
+impl Default for Work {
+    fn default() -> Self {
+        Self {
+            tile: [0; 2],
+            numbers: vec![0; UNITS as usize + 1],
+            moments: Vec::new(),
+            sights: Vec::new(),
+            motion: Vec::new(),
+            slot_count: 0,
+            pixel: 0,
+            own: Vec::new(),
+            fragments: Vec::new(),
+            slots: Vec::new(),
+            regions: Regions::default(),
+            areas: Vec::new(),
+            light: TileLight::default(),
+            count: 0,
+            plain: 0,
+            coverage_s: 0.0,
+            shading_s: 0.0,
+        }
     }
 }
 
+impl Work {
+    /// Entries of the pixel in work.
+    pub fn entry_count(&self) -> usize {
+        self.own.len()
+    }
+
+    fn centre(&self) -> [f64; 2] {
+        self.tile.map(|v| (v * TILE) as f64 + 0.5 * TILE as f64)
+    }
+
+    /// The pixel's centre from the tile's.
+    fn offset(&self) -> [f64; 2] {
+        [self.pixel % TILE, self.pixel / TILE].map(|v| v as f64 + 0.5 - 0.5 * TILE as f64)
+    }
+}
+
+/// What a pixel's light does during a block.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// Nothing of it changes.
+    pub still: bool,
+    /// Fastest motion of what it may see and of shadows on it, in pixels during the block.
+    pub motion_px: f64,
+}
+
 impl Evaluator<'_> {
-    /// Fastest motion of what a tile may see, in pixels per microsecond.
-    pub fn speed(&self, entries: &[Entry], [column, row]: [usize; 2]) -> f64 {
-        let low = [column, row].map(|v| (v * TILE) as f64);
-        let mut fastest = 0.0_f64;
-        for entry in entries {
+    /// Prepares `work` for a tile.
+    pub fn enter_tile(&self, work: &mut Work, entries: &[Entry], tile: [usize; 2]) {
+        work.tile = tile;
+        work.numbers.fill(0);
+        work.moments.clear();
+        work.sights.clear();
+        work.slot_count = entries.len();
+        work.motion.clear();
+        let low = tile.map(|v| (v * TILE) as f64);
+        work.motion.extend(entries.iter().map(|entry| {
             let record = &self.lists.records[entry.record as usize];
             let at = [0, 1].map(|k| {
                 let (from, to) = (record.rect[k].max(low[k]), record.rect[k + 2].min(low[k] + TILE as f64));
                 0.5 * (from + to)
             });
-            let moved = record.motion_px(at);
-            let part = record.u[1] - record.u[0];
-            fastest = fastest.max(moved / (part * self.block.length_us()));
-        }
-        // Margin for what lies elsewhere in the tile.
-        1.25 * fastest
-    }
-
-    /// Prepares `work` for a tile.
-    pub fn enter_tile(&self, work: &mut Work, entries: &[Entry], tile: [usize; 2]) {
+            // Margin for what lies elsewhere in the tile.
+            if record.still { 0.0 } else { 1.25 * record.motion_px(at) / (record.u[1] - record.u[0]) }
+        }));
         self.lighting.enter_tile(&mut work.light, entries, tile);
     }
 
-    /// Prepares `work` for pixel `at`, number `pixel` of its tile.
-    pub fn enter_pixel(&self, work: &mut Work, entries: &[Entry], at: [usize; 2], pixel: usize) {
-        work.centre = at.map(|v| v as f64 + 0.5);
-        work.entries.clear();
+    /// Prepares `work` for pixel number `pixel` of its tile.
+    pub fn enter_pixel(&self, work: &mut Work, entries: &[Entry], pixel: usize) -> Pace {
+        work.pixel = pixel;
+        work.own.clear();
+        let mut pace = Pace { still: true, motion_px: 0.0 };
         for (slot, entry) in entries.iter().enumerate() {
             if entry.touches >> pixel & 1 == 1 {
-                work.entries.push((slot, entry.record, entry.covers >> pixel & 1 == 1));
+                let covers = entry.covers >> pixel & 1 == 1;
+                work.own.push(Own { slot, record: entry.record, covers });
+                let record = &self.lists.records[entry.record as usize];
+                self.lighting.ready(&mut work.light, record, entry.record, slot);
+                let (still, motion, moved) = self.lighting.changes_of(&work.light, slot);
+                pace.still &= still && record.still;
+                pace.motion_px = pace.motion_px.max(work.motion[slot]);
+                if moved >> pixel & 1 == 1 {
+                    pace.motion_px = pace.motion_px.max(motion);
+                    pace.still = false;
+                }
             }
         }
+        let covered = work.own.iter().any(|o| o.covers);
+        pace.still &= covered || self.lighting.background_rests();
+        pace
     }
 
-    /// Mean luminance of the pixel at `t_us`.
-    pub fn luminance(&self, work: &mut Work, t_us: f64) -> f64 {
+    /// Number of the moment `unit` of [`UNITS`] of the block.
+    fn moment(&self, work: &mut Work, unit: u32) -> usize {
+        let number = work.numbers[unit as usize];
+        if number > 0 {
+            return usize::from(number) - 1;
+        }
+        let u = f64::from(unit) / f64::from(UNITS);
+        let t_s = self.block.at(u) * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
+        let index = work.moments.len();
+        work.moments.push(Instant { moment: index, u, t_s });
+        work.numbers[unit as usize] = index as u16 + 1;
+        work.sights.resize(work.moments.len() * work.slot_count, Known::Not);
+        index
+    }
+
+    /// Mean luminance of the pixel at `unit` of [`UNITS`] of the block.
+    pub fn luminance(&self, work: &mut Work, unit: u32) -> f64 {
         work.count += 1;
-        let timer = work.count.is_multiple_of(TIMED).then(Instant::now);
-        let u = ((t_us - self.block.start_us) / self.block.length_us()).clamp(0.0, 1.0);
+        let timer = work.count.is_multiple_of(TIMED).then(Timer::now);
+        let moment = self.moment(work, unit);
+        let at = work.moments[moment];
+        let first = moment * work.slot_count;
+        let (centre, offset) = (work.centre(), work.offset());
         work.fragments.clear();
         work.slots.clear();
-        for &(slot, index, _) in &work.entries {
-            let record = &self.lists.records[index as usize];
-            let [from, to] = record.u;
-            // A span holds from its start up to its end; the last one also at the end of the block.
-            if u < from || (u >= to && to < 1.0) {
-                continue;
+        for k in 0..work.own.len() {
+            let Own { slot, record: index, covers } = work.own[k];
+            if let Known::Not = work.sights[first + slot] {
+                let record = &self.lists.records[index as usize];
+                let [from, to] = record.u;
+                // A span holds from its start up to its end; the last one also at the end of the block.
+                let holds = at.u >= from && (at.u < to || to >= 1.0);
+                let v = (at.u - from) / (to - from);
+                let sight = if holds { Sight::new(record, centre, v, self.world.lens.near) } else { None };
+                work.sights[first + slot] = sight.map_or(Known::Absent, Known::Seen);
             }
-            let v = (u - from) / (to - from);
-            if let Some(fragment) = Fragment::new(record, index, work.centre, v, self.world.lens.near) {
+            if let Known::Seen(sight) = &work.sights[first + slot]
+                && let Some(fragment) = sight.at(index, offset, covers)
+            {
                 work.fragments.push(fragment);
                 work.slots.push(slot);
             }
@@ -112,40 +221,35 @@ impl Evaluator<'_> {
             work.plain += 1;
         } else {
             work.regions.cut(&work.fragments);
-            work.moments.clear();
-            work.moments.resize(work.fragments.len() + 1, Moments::default());
+            work.areas.clear();
+            work.areas.resize(work.fragments.len() + 1, Moments::default());
             for region in &work.regions.regions {
                 let owner = region.fragment.unwrap_or(work.fragments.len());
-                work.moments[owner].add(&region.polygon.moments());
+                work.areas[owner].add(&region.polygon.moments());
             }
         }
-        let covered = timer.map(|t| (t.elapsed().as_secs_f64(), Instant::now()));
+        let covered = timer.map(|t| (t.elapsed().as_secs_f64(), Timer::now()));
         let mut sum = 0.0;
-        if whole {
-            sum = self.lighting.of_fragment(
-                &mut work.light,
-                &self.lists.records[work.fragments[0].record as usize],
-                work.slots[0],
-                &work.fragments[0],
-                &Moments::PIXEL,
-                None,
-                work.centre,
-                u,
-            );
-        } else {
-            for (k, fragment) in work.fragments.iter().enumerate() {
-                let moments = &work.moments[k];
-                if moments.area > 1e-9 {
-                    let own = Some((&work.regions.regions[..], k));
-                    let (light, slot) = (&mut work.light, work.slots[k]);
-                    let record = &self.lists.records[fragment.record as usize];
-                    let at = work.centre;
-                    sum += self.lighting.of_fragment(light, record, slot, fragment, moments, own, at, u);
-                }
+        for (k, fragment) in work.fragments.iter().enumerate() {
+            let moments = if whole { &Moments::PIXEL } else { &work.areas[k] };
+            let slot = work.slots[k];
+            if moments.area > 1e-9
+                && let Known::Seen(sight) = &work.sights[first + slot]
+            {
+                let regions = (!whole).then_some((&work.regions.regions[..], k));
+                let pixel = work.pixel;
+                let index = fragment.record;
+                let record = &self.lists.records[index as usize];
+                self.lighting.shade_slot(&mut work.light, record, index, slot);
+                let part = Part { slot, sight, fragment, moments, regions, pixel, offset };
+                sum += self.lighting.of_fragment(&mut work.light, &part, &at);
             }
-            let rest = &work.moments[work.fragments.len()];
+        }
+        if !whole {
+            let rest = &work.areas[work.fragments.len()];
             if rest.area > 1e-9 {
-                sum += rest.area * self.lighting.background(work.centre, rest, u);
+                let centre = [0, 1].map(|k| centre[k] + offset[k]);
+                sum += rest.area * self.lighting.background(centre, rest, at.u);
             }
         }
         if let Some((coverage, since)) = covered {

@@ -15,7 +15,7 @@ use crate::mask;
 /// What lies beyond a facet by less than this part of the lamp's distance from it is the facet itself, or touches it.
 const CONTACT: f64 = 1e-6;
 /// Shadows above which masks count what is lit.
-const FEW: usize = 4;
+const FEW: usize = 48;
 
 /// A facet that may throw a shadow into a tile.
 #[derive(Clone, Debug)]
@@ -36,24 +36,11 @@ impl Occluder {
         Self { points, facet }
     }
 
-    /// Its shadow on the plane of `receiver` in the square of `size` pixels about `centre`: half planes that cross the
-    /// square. `None` where it throws none there.
-    #[inline(always)]
-    pub fn shadow(
-        &self,
-        lamp: &ScreenLamp,
-        receiver: &Line,
-        centre: [f64; 2],
-        size: f64,
-        u: f64,
-    ) -> Option<Shadow> {
-        let mut shadow = Shadow::default();
-        for line in self.half_planes(lamp, receiver, centre, size, u)? {
-            if !shadow.add(line) {
-                return None;
-            }
-        }
-        Some(shadow)
+    /// Half planes about `centre` whose intersection is its shadow on the plane of `receiver`, in pixels.
+    pub fn lines(&self, lamp: &ScreenLamp, receiver: &Line, centre: [f64; 2], u: f64) -> [Line; 5] {
+        // From a lamp in its own plane a facet throws none.
+        let nowhere = [Line { a: 0.0, b: 0.0, c: -1.0 }; 5];
+        self.half_planes(lamp, receiver, centre, 1.0, u).unwrap_or(nowhere)
     }
 
     /// Of the shadow on the plane of `receiver`: beyond the facet's own plane, and inside its edges. `None` where the lamp
@@ -113,22 +100,23 @@ impl Occluder {
 const MARGIN: f64 = 0.2;
 
 impl Occluder {
-    /// Pixels of the tile about `centre` into which a shadow may come during the part `span` of the block, and those that
-    /// it darkens throughout. `receivers` is what the tile sees at the start, middle and end of the span.
+    /// Where in the tile about `centre` a shadow may come during the part `span` of the block. `receivers` is what the tile sees at the start, middle and end of the span.
     pub fn pixels(
         &self,
         lamp: &ScreenLamp,
         receivers: &[Option<Fragment>; 3],
         span: [f64; 2],
         centre: [f64; 2],
-    ) -> (u64, u64) {
+    ) -> Reach {
+        let everywhere = Reach { touches: u64::MAX, darkens: 0, motion_px: TILE as f64 };
+        let nowhere = Reach { touches: 0, darkens: 0, motion_px: 0.0 };
         let tile = TILE as f64;
         let mut lines = [[Line::default(); 5]; 3];
         for (k, receiver) in receivers.iter().enumerate() {
-            let Some(receiver) = receiver else { return (u64::MAX, 0) };
+            let Some(receiver) = receiver else { return everywhere };
             let u = span[0] + 0.5 * k as f64 * (span[1] - span[0]);
             let Some(found) = self.half_planes(lamp, &receiver.inverse_depth, centre, tile, u) else {
-                return (u64::MAX, 0);
+                return everywhere;
             };
             lines[k] = found;
         }
@@ -141,10 +129,11 @@ impl Occluder {
             let bend = |k: [f64; 3]| (k[0] - 2.0 * k[1] + k[2]).abs();
             let bend = bend(v) + 0.5 * (bend(at.map(|l| l.a)) + bend(at.map(|l| l.b)));
             if v[0].max(v[1]).max(v[2]) + reach + bend < 0.0 {
-                return (0, 0);
+                return nowhere;
             }
         }
         let (mut touches, mut darkens) = (u64::MAX, u64::MAX);
+        let mut motion_px = 0.0_f64;
         for at in over_time {
             if at.iter().all(|l| *l == Line::default()) {
                 continue;
@@ -162,11 +151,67 @@ impl Occluder {
             touches &= some;
             darkens &= whole;
             if touches == 0 {
-                return (0, 0);
+                return nowhere;
+            }
+            if !whole != 0 {
+                // An edge that comes into the tile.
+                let places = at.map(|l| tile * l.c / l.a.hypot(l.b).max(1e-12));
+                let moved = (places[1] - places[0]).abs() + (places[2] - places[1]).abs();
+                motion_px = motion_px.max(moved.min(2.0 * tile));
             }
         }
-        (touches, darkens)
+        Reach { touches, darkens, motion_px }
     }
+}
+
+/// Where in a tile a shadow may come.
+#[derive(Clone, Copy, Debug)]
+pub struct Reach {
+    /// Pixels into which it may come.
+    pub touches: u64,
+    /// Pixels that it darkens throughout.
+    pub darkens: u64,
+    /// How far its edges move meanwhile, at most twice the tile's side.
+    pub motion_px: f64,
+}
+
+/// Whether the shadow that `occluder` throws from a lamp at `place` (a direction to it where `weight` is 0) may reach
+/// into a convex cell, and whether it darkens all of it; corners in the world.
+pub fn on_cell(occluder: [DVec3; 4], cell: [DVec3; 4], place: DVec3, weight: f64) -> (bool, bool) {
+    let value = |plane: &(DVec3, f64), point: DVec3| plane.0.dot(point) - plane.1;
+    // What rounding may do, in units of a plane's own values.
+    let slack =
+        |plane: &(DVec3, f64), point: DVec3| 1e-9 * (plane.0.length() * point.length() + plane.1.abs());
+    let (planes, height) = volume(occluder, place, weight);
+    if height == 0.0 {
+        return (true, false);
+    }
+    let mut darkens = true;
+    for plane in &planes {
+        let (mut some, mut all) = (false, true);
+        for corner in cell {
+            let v = value(plane, corner);
+            let slack = slack(plane, corner);
+            some |= v >= -slack;
+            all &= v > slack + CONTACT * height.abs();
+        }
+        if !some {
+            return (false, false);
+        }
+        // A triangle's repeated corner makes a plane of nothing.
+        darkens &= all || plane.0 == DVec3::ZERO;
+    }
+    let (planes, height) = volume(cell, place, weight);
+    if height != 0.0 {
+        for (k, plane) in planes.iter().enumerate() {
+            // What lies beyond the cell darkens nothing of it; beside it, neither.
+            let side = if k == 0 { -1.0 } else { 1.0 };
+            if occluder.iter().all(|c| side * value(plane, *c) < -slack(plane, *c)) {
+                return (false, false);
+            }
+        }
+    }
+    (true, darkens)
 }
 
 /// Half planes of a shadow that cross a pixel.
@@ -177,6 +222,18 @@ pub struct Shadow {
 }
 
 impl Shadow {
+    /// What of a shadow bounded by `lines` crosses the pixel at `offset`; `None` where it does not reach it.
+    #[inline(always)]
+    pub fn at(lines: &[Line; 5], [x, y]: [f64; 2]) -> Option<Self> {
+        let mut shadow = Self::default();
+        for line in lines {
+            if !shadow.add(line.moved(x, y)) {
+                return None;
+            }
+        }
+        Some(shadow)
+    }
+
     /// Adds a half plane; false where it keeps the shadow out.
     #[inline(always)]
     fn add(&mut self, line: Line) -> bool {
@@ -233,19 +290,17 @@ pub struct Lit {
 }
 
 impl Lit {
-    /// Part of what `fragment` covers of a pixel (all of it where `regions` is `None`) that `lamp` reaches.
+    /// Part of what a fragment covers of the pixel at `offset` (all of it where `regions` is `None`) that no shadow
+    /// reaches; `shadows` are their half planes.
     pub fn part<'o>(
         &mut self,
-        fragment: &Fragment,
         regions: Option<(&[Region], usize)>,
-        occluders: impl Iterator<Item = &'o Occluder>,
-        lamp: &ScreenLamp,
-        centre: [f64; 2],
-        u: f64,
+        shadows: impl Iterator<Item = &'o [Line; 5]>,
+        offset: [f64; 2],
     ) -> f64 {
         self.shadows.clear();
-        for occluder in occluders {
-            if let Some(shadow) = occluder.shadow(lamp, &fragment.inverse_depth, centre, 1.0, u) {
+        for lines in shadows {
+            if let Some(shadow) = Shadow::at(lines, offset) {
                 if shadow.count == 0 {
                     return 0.0;
                 }
@@ -345,6 +400,75 @@ impl Beam {
             && (self.sin == 0.0 || along >= -radius)
             && across * self.cos - along * self.sin <= radius + self.radius
     }
+}
+
+/// Flat walls about a part of space.
+#[derive(Clone, Copy, Debug)]
+pub struct Hull {
+    /// Unit normals inwards, and offsets; a wall of nothing where an edge has no length.
+    walls: [(DVec3, f64); 5],
+}
+
+impl Hull {
+    /// Between a lamp at `place` (a direction to it where `weight` is 0) and the cell with these corners: what lies outside
+    /// throws no shadow on the cell.
+    pub fn before(cell: [DVec3; 4], place: DVec3, weight: f64) -> Self {
+        let (mut planes, height) = volume(cell, place, weight);
+        planes[0] = (-planes[0].0, -planes[0].1);
+        Self::of(planes, height)
+    }
+
+    /// Beyond a polygon, seen from the lamp: what lies outside is not darkened by it.
+    pub fn beyond(polygon: [DVec3; 4], place: DVec3, weight: f64) -> Self {
+        let (planes, height) = volume(polygon, place, weight);
+        Self::of(planes, height)
+    }
+
+    fn of(planes: [(DVec3, f64); 5], height: f64) -> Self {
+        // Seen from a lamp in its own plane, nothing is known.
+        if height == 0.0 {
+            return Self { walls: [(DVec3::ZERO, 0.0); 5] };
+        }
+        let walls = planes.map(|(normal, through)| {
+            let length = normal.length();
+            let through = through / length;
+            // Rounding moves a wall outwards.
+            if length > 0.0 {
+                (normal / length, through - 1e-7 * (1.0 + through.abs()))
+            } else {
+                (normal, 0.0)
+            }
+        });
+        Self { walls }
+    }
+
+    /// Whether a polygon may reach into it.
+    pub fn meets(&self, corners: [DVec3; 4]) -> bool {
+        self.walls.iter().all(|(n, t)| corners.iter().any(|c| n.dot(*c) >= *t))
+    }
+
+    /// Whether a sphere may.
+    pub fn meets_sphere(&self, centre: DVec3, radius: f64) -> bool {
+        self.walls.iter().all(|(n, t)| n.dot(centre) + radius >= *t)
+    }
+}
+
+/// Half spaces of what a polygon hides from a lamp, the one beyond its plane first, and how far the lamp is before that;
+/// inside is not below the second.
+fn volume(p: [DVec3; 4], place: DVec3, weight: f64) -> ([(DVec3, f64); 5], f64) {
+    let normal = (p[1] - p[0]).cross(p[3] - p[0]);
+    let height = normal.dot(place) - weight * normal.dot(p[0]);
+    let side = -height.signum();
+    let mut planes = [(normal * side, normal.dot(p[0]) * side); 5];
+    let middle = (p[0] + p[1] + p[2] + p[3]) * 0.25;
+    for k in 0..4 {
+        let (a, b) = (p[k], p[(k + 1) % 4]);
+        let normal = a.cross(b) * weight + place.cross(a - b);
+        let through = normal.dot(a);
+        let sign = (normal.dot(middle) - through).signum();
+        planes[k + 1] = (normal * sign, through * sign);
+    }
+    (planes, height)
 }
 
 /// A tree over spheres.

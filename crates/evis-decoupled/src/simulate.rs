@@ -11,8 +11,8 @@ use crate::blocks::{Block, Clock, blocks};
 use crate::events::Thresholds;
 use crate::light::Lighting;
 use crate::lists::{Entry, Lists, TILE};
-use crate::path::{PixelPath, Walk};
-use crate::pixel::{Evaluator, Work};
+use crate::path::PixelPath;
+use crate::pixel::{Evaluator, UNITS, Work};
 use crate::world::World;
 
 /// What is asked for.
@@ -42,7 +42,7 @@ impl Default for Settings {
             size: None,
             start_us: 0,
             duration_us: 250_000,
-            block_us: 16_384,
+            block_us: 32_768,
             reference_luminance: None,
         }
     }
@@ -117,7 +117,10 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     let world = World::new(scene, settings.camera, settings.size)?;
     let mut lighting = Lighting::new(&world);
     let start = settings.start_us as f64;
-    let all = blocks(scene, start, start + settings.duration_us as f64, settings.block_us);
+    // Whole blocks, so that the length of a stream changes nothing of what it begins with.
+    let end = settings.start_us + settings.duration_us;
+    let end = (end as u64).next_multiple_of(settings.block_us as u64);
+    let all = blocks(scene, start, end as f64, settings.block_us);
     let reference = match settings.reference_luminance {
         Some(y) => y,
         None => reference_luminance(&world, &mut lighting, all[0])?,
@@ -188,25 +191,22 @@ impl Row {
     ) {
         let block = evaluator.block;
         let lens = &evaluator.world.lens;
-        let speed = evaluator.speed(entries, [column, row]);
-        let mut ahead = Vec::new();
         evaluator.enter_tile(&mut self.work, entries, [column, row]);
         for pixel in 0..TILE * TILE {
             let (x, y) = (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
             if x >= lens.width as usize || y >= lens.height as usize {
                 continue;
             }
-            evaluator.enter_pixel(&mut self.work, entries, [x, y], pixel);
+            let pace = evaluator.enter_pixel(&mut self.work, entries, pixel);
             self.report.entries += self.work.entry_count() as u64;
             self.report.pixel_blocks += 1;
             let slot = column * TILE * TILE + pixel;
             let work = &mut self.work;
-            let mut light = |t_us: f64| evaluator.luminance(work, t_us);
-            let path = self.paths[slot]
-                .get_or_insert_with(|| PixelPath::new(block.start_us, light(block.start_us), thresholds));
+            let mut light = |unit: u32| evaluator.luminance(work, unit);
+            let path =
+                self.paths[slot].get_or_insert_with(|| PixelPath::new(block.start_us, light(0), thresholds));
             let events = &mut self.events;
-            let mut walk = Walk { thresholds, block, speed, ahead: &mut ahead };
-            self.report.evaluations += path.walk(&mut walk, light, |t_us, polarity| {
+            self.report.evaluations += path.walk(thresholds, block, &pace, light, |t_us, polarity| {
                 let t = t_us.floor() as i64 - start_us;
                 events.push(Event::new(t, x as u16, y as u16, polarity));
             });
@@ -214,7 +214,7 @@ impl Row {
     }
 }
 
-/// Mean luminance of every pixel at `t_us` of scene time, row by row: what [`simulate`] crosses thresholds with.
+/// Mean luminance of every pixel at `t_us` of scene time (rounded to 1/1024 of a block), row by row: what [`simulate`] crosses thresholds with.
 ///
 /// # Errors
 /// As [`simulate`].
@@ -235,6 +235,8 @@ fn picture(world: &World, lighting: &mut Lighting, block: Block, t_us: f64) -> R
     let lists = Lists::new(world, &mut clock)?;
     lighting.prepare(&mut clock, &block)?;
     let evaluator = Evaluator { world, lists: &lists, lighting, block };
+    let part = (t_us - block.start_us) / block.length_us();
+    let unit = (part.clamp(0.0, 1.0) * f64::from(UNITS)).round() as u32;
     let width = world.lens.width as usize;
     let mut out = vec![0.0; width * world.lens.height as usize];
     out.par_chunks_mut(width * TILE).enumerate().for_each(|(row, out)| {
@@ -244,8 +246,8 @@ fn picture(world: &World, lighting: &mut Lighting, block: Block, t_us: f64) -> R
             for pixel in 0..TILE * TILE {
                 let (x, y) = (column * TILE + pixel % TILE, pixel / TILE);
                 if x < width && (y + 1) * width <= out.len() {
-                    evaluator.enter_pixel(&mut work, tile, [x, row * TILE + y], pixel);
-                    out[y * width + x] = evaluator.luminance(&mut work, t_us);
+                    evaluator.enter_pixel(&mut work, tile, pixel);
+                    out[y * width + x] = evaluator.luminance(&mut work, unit);
                 }
             }
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use evis_decoupled::blocks::{Block, Clock};
 use evis_decoupled::lists::{Lists, TILE};
 use evis_decoupled::world::World;
-use evis_decoupled::{Settings, luminance};
+use evis_decoupled::{Settings, luminance, simulate};
 use evis_scene::motion::Path;
 use evis_scene::{Camera, Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs};
 use glam::{DQuat, DVec3};
@@ -189,7 +189,7 @@ fn areas_are_those_of_4096_exact_samples() {
     let (mut squares, mut worst, mut count, mut canary) = (0.0, 0.0_f64, 0.0_f64, 0.0_f64);
     for seed in 10..16 {
         let scene = scene(seed, 40, 1.0);
-        let t_us = 21_000.0;
+        let t_us = 20_992.0;
         let settings = Settings { size: Some((SIZE[0] as u32, SIZE[1] as u32)), ..Default::default() };
         let picture = luminance(&scene, &settings, t_us).unwrap();
         let world = World::new(&scene, 0, settings.size).unwrap();
@@ -230,4 +230,72 @@ fn areas_are_those_of_4096_exact_samples() {
     println!("{count} pixels: error of ln Y {rms:.5} RMS, {worst:.4} worst; one sample {canary:.3} RMS");
     assert!(count > 300.0 && rms < 0.004 && worst < 0.08, "{rms} {worst}");
     assert!(canary > 0.1, "one sample per pixel is no area: {canary}");
+}
+
+fn events(scene: &Scene, duration_us: i64, threads: usize) -> Vec<evis_core::Event> {
+    let settings = Settings {
+        size: Some((SIZE[0] as u32, SIZE[1] as u32)),
+        duration_us,
+        reference_luminance: Some(1.0),
+        block_us: 16_384,
+        ..Default::default()
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
+    pool.install(|| simulate(scene, &settings).expect("a usable scene").events)
+}
+
+#[test]
+fn neither_threads_nor_the_length_of_a_stream_change_an_event() {
+    let scene = scene(3, 40, 1.0);
+    let all = events(&scene, 50_000, 1);
+    assert!(all.len() > 2000, "{} events", all.len());
+    assert_eq!(events(&scene, 50_000, 3), all, "threads");
+    let half = events(&scene, 23_456, 2);
+    let begin: Vec<_> = all.iter().copied().filter(|e| e.t < 23_456).collect();
+    assert_eq!(half, begin, "length");
+    // Canary: another scene has other events.
+    assert_ne!(events(&self::scene(4, 40, 1.0), 50_000, 1), all);
+}
+
+#[test]
+fn still_pixels_never_fire_while_others_do() {
+    // Nothing moves, then one facet out of many does.
+    let mut still = scene(5, 40, 0.0);
+    assert_eq!(events(&still, 100_000, 2), []);
+    let world = World::new(&still, 0, Some((SIZE[0] as u32, SIZE[1] as u32))).unwrap();
+    let frame = world.frame(0.0).unwrap();
+    // The nearest of those in view.
+    let (mover, _) = (0..world.surfaces.len())
+        .map(|s| (s, frame.screen_from_world.transform_point3(world.vertices(s as u32, &frame)[0].0)))
+        .filter(|(_, h)| h.z > 0.5 && (0.2..0.8).contains(&(h.x / h.z / SIZE[0] as f64)))
+        .min_by(|a, b| a.1.z.total_cmp(&b.1.z))
+        .unwrap();
+    let node = world.surfaces[mover].node;
+    let place = frame.world_from_node(node);
+    drop(world);
+    let (_, rotation, translation) = place.to_scale_rotation_translation();
+    let start = Trs { translation, rotation, ..Trs::default() };
+    let velocity = DVec3::new(0.3, 0.0, 0.0);
+    still.nodes[node].motion = Motion::Path(Arc::new(Path::ConstantVelocity { start, velocity }));
+    let world = World::new(&still, 0, Some((SIZE[0] as u32, SIZE[1] as u32))).unwrap();
+    let swept: Vec<[f64; 4]> = {
+        let boxes = [0.0, 100_000.0].map(|t| {
+            let frame = world.frame(t).unwrap();
+            world.vertices(mover as u32, &frame).into_iter().map(move |(p, _)| {
+                let h = frame.screen_from_world.transform_point3(p);
+                [h.x / h.z, h.y / h.z, h.x / h.z, h.y / h.z]
+            })
+        });
+        boxes.into_iter().flatten().collect()
+    };
+    let around = swept.iter().fold([f64::INFINITY, f64::INFINITY, 0.0, 0.0], |a: [f64; 4], b| {
+        [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
+    });
+    let fired = events(&still, 100_000, 2);
+    assert!(!fired.is_empty(), "the mover fires");
+    for e in fired {
+        let (x, y) = (f64::from(e.x), f64::from(e.y));
+        let near = x + 1.0 >= around[0] && x <= around[2] && y + 1.0 >= around[1] && y <= around[3];
+        assert!(near, "{e:?} outside {around:?}");
+    }
 }
