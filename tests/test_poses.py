@@ -40,6 +40,8 @@ def pose(t_us: int) -> list[float]:
 
 SETTINGS = {
     "native": {"rate_hz": 1000.0, "samples": 4, "method": "native"},
+    # So small a step samples every tile at every instant, in blocks that end where steps may.
+    "tiles": {"rate_hz": 1000.0, "samples": 4, "method": "native", "adaptive_px": 0.01},
     "standard": {"quality": "standard"},
 }
 
@@ -71,7 +73,7 @@ def agree(a: np.ndarray, b: np.ndarray) -> float:
     return 2 * found / (len(a) + len(b))
 
 
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize("name", ["native", "tiles"])
 def test_a_driven_node_fires_as_one_that_moves_by_itself(device: evis.Device, name: str):
     own = evis.Simulator(scene(moving=True), device=device, reference_luminance=1.0, **SETTINGS[name])
     expected = own.step(END_US).events
@@ -94,7 +96,8 @@ def test_steps_and_times_within_them_change_no_byte(device: evis.Device):
     times = list(steps)
     all_poses = {"cube": [pose(t) for t in times]}
     other = at_once.step(END_US, all_poses, pose_times_us=times).events
-    assert one.tobytes() == other.tobytes()
+    assert len(one) > 1000
+    assert np.array_equal(one, other)
 
 
 def test_everything_before_the_end_of_a_step_is_there(device: evis.Device):

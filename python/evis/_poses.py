@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import _check
-from ._check import ConfigError
+from ._evis import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -287,7 +287,8 @@ class Simulator:
         each = (Sensor._of_json(json) for json in self._engine.sensors)
         self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}
         self._labels = tuple(self._engine.labels)
-        _announce(scene, self._scene, [camera.name for camera in self._cameras])
+        if not self._driven:
+            _announce(scene, self._scene, [camera.name for camera in self._cameras])
 
     @property
     def scene(self) -> Scene:

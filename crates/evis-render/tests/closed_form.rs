@@ -339,6 +339,29 @@ fn texture_grating(
     footprint: Footprint,
     end_us: i64,
 ) -> (Arc<Scene>, Form) {
+    texture_grating_read_at(&[0.0], size, drift, period, footprint, end_us)
+}
+
+/// The same, for one sample: it stands for two thirds of a texel of the whole pixel, and reads it at two places.
+fn texture_grating_read_twice(
+    size: (u32, u32),
+    drift: Drift,
+    period: f64,
+    footprint: Footprint,
+    end_us: i64,
+) -> (Arc<Scene>, Form) {
+    texture_grating_read_at(&[-0.25, 0.25], size, drift, period, footprint, end_us)
+}
+
+/// A point is read at `places` along the picture's rows, in pixels from it.
+fn texture_grating_read_at(
+    places: &'static [f64],
+    size: (u32, u32),
+    drift: Drift,
+    period: f64,
+    footprint: Footprint,
+    end_us: i64,
+) -> (Arc<Scene>, Form) {
     let [from, to] = reach(size, drift, end_us).map(|s| (s / PITCH).round());
     let count = (to - from) as usize;
     // The centre of texel k.
@@ -355,12 +378,15 @@ fn texture_grating(
     let texels = Texels::new(place, texels.iter().map(|v| v.to_f64()).collect());
     let angle = drift.angle;
     let box_of = move |f: [&dyn Fn(f64) -> f64; 2], s| box_mean(f[0], f[1], angle, s);
+    let read = move |f: &dyn Fn(f64) -> f64, s: f64| {
+        places.iter().map(|place| f(s + place * angle.cos())).sum::<f64>() / places.len() as f64
+    };
     let mean = move |texels: &Texels, s: f64| match footprint {
-        Footprint::Point => texels.at(s)[0],
+        Footprint::Point => read(&|s| texels.at(s)[0], s),
         Footprint::Box => box_of([&|s| texels.at(s)[1], &|s| texels.at(s)[2]], s),
     };
     let slope = |s: f64| match footprint {
-        Footprint::Point => texels.slope(s),
+        Footprint::Point => read(&|s| texels.slope(s), s),
         Footprint::Box => box_of([&|s| texels.at(s)[0], &|s| texels.at(s)[1]], s),
     };
     // A mean of the slopes of at most three neighbours: it changes its sign once where theirs does.
@@ -472,18 +498,19 @@ impl Grating {
 fn a_drifting_grating_fires_when_the_closed_form_does() {
     let Some(gpu) = device() else { return };
     let vertices = [(40.0, 4), (100.0, 1), (100.0, 4), (300.0, 4), (300.0, 16)];
-    let texels = [40.0, 100.0, 300.0].into_iter().flat_map(|v| [1, 4, 16].map(|n| (v, n)));
+    let speeds = [40.0, 100.0, 300.0];
+    let texels = speeds.into_iter().flat_map(|v| [4, 16].map(|n| (v, n)));
     for (kind, make, cases) in [
         ("vertex colours", vertex_grating as Make, vertices.to_vec()),
         ("texture", texture_grating as Make, texels.collect()),
+        ("texture", texture_grating_read_twice as Make, speeds.map(|v| (v, 1)).to_vec()),
     ] {
         for (speed, samples) in cases {
             let grating = Grating::new(make, speed, samples);
             let events = grating.events(&gpu);
             let name = format!("grating, {kind}, {speed} px/s, {samples} samples");
-            // One sample knows vertex colours at the pixel's centre alone; what it misses of the box is printed. Textures it
-            // reads all over the pixel.
-            let own = if samples == 1 && kind != "texture" { Footprint::Point } else { Footprint::Box };
+            // One sample is asked for the pixel's centre, or reads near it; what it misses of the box is printed.
+            let own = if samples == 1 { Footprint::Point } else { Footprint::Box };
             let got = grating.compare(&events, own, grating.drift);
             println!("{name}: {got}");
             got.check(&SMOOTH).unwrap_or_else(|e| panic!("{name}: {e}"));

@@ -157,7 +157,7 @@ impl<'a> Twin<'a> {
                         || case.shadow_reach.is_some_and(|reach| changes(at, reach, dark))
                         || {
                             let [less, more] = [less, more].map(|r| r.radiance_at(camera, at).element_sum());
-                            let most = if case.minified { 0.1 } else { 10.0 * case.tolerance };
+                            let most = if case.minified { 0.1 } else { case.tolerance };
                             (less - more).abs() > most * less
                         }
                 })
