@@ -37,8 +37,9 @@ def imports(name: str, file: Path, known: dict[str, Path]) -> set[str]:
         while path.startswith("super::"):
             path, above = path.removeprefix("super::"), above[:-1]
         paths.add("::".join([*([] if root == "crate" else above), path]))
-    for group in re.findall(r"\buse crate::\{([^;]*)\};", text):
-        paths.update(re.findall(NAME, group))
+    for root, group in re.findall(r"\buse (crate|super|self)::\{([^;]*)\};", text):
+        above = {"crate": [], "super": name.split("::")[:-1], "self": name.split("::")}[root]
+        paths.update("::".join([*above, path]) for path in re.findall(NAME, group))
     found = set()
     for path in paths:
         parts = path.split("::")

@@ -1,5 +1,7 @@
 //! What the reports look like.
 
+use std::path::Path;
+
 use evis_core::closed_form::convergence::{FLOOR_US, Variant};
 
 use super::forms::{FormsReport, SignalClass, Theory};
@@ -11,6 +13,26 @@ use crate::result::Point;
 
 const INTERVAL_TITLE: &str = "sampling interval, µs";
 const MEDIAN_TITLE: &str = "median time error, µs";
+
+impl FormsReport {
+    /// Draws errors against the interval to `path`, as SVG or PNG by its ending.
+    ///
+    /// # Errors
+    /// Another ending, nothing to draw, a file that cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
+        super::save(&forms(self)?, path)
+    }
+}
+
+impl SceneReport {
+    /// Draws errors against the sampling interval to `path`, as SVG or PNG by its ending.
+    ///
+    /// # Errors
+    /// Another ending, nothing to draw, a file that cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
+        super::save(&scene(self)?, path)
+    }
+}
 
 /// A panel per kind of signal.
 pub(super) fn forms(report: &FormsReport) -> Result<Figure, ChartError> {

@@ -7,7 +7,7 @@ use evis_core::ConfigError;
 use evis_core::closed_form::convergence::{self, Convergence, FLOOR_US, Variant};
 use serde::{Deserialize, Serialize};
 
-use super::{VERSION, draw};
+use super::VERSION;
 use crate::error::ChartError;
 
 /// The word by which JSON tells this report from others.
@@ -198,14 +198,6 @@ impl FormsReport {
     /// No JSON, another report, or one of another version.
     pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
         super::from_json(text, REPORT, path)
-    }
-
-    /// Draws errors against the interval to `path`, as SVG or PNG by its ending.
-    ///
-    /// # Errors
-    /// Another ending, nothing to draw, a file that cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
-        super::save(&draw::forms(self)?, path)
     }
 }
 

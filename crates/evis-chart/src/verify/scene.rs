@@ -12,7 +12,7 @@ use evis_scene::Scene;
 use evis_truth::PixelChoice;
 use serde::{Deserialize, Serialize};
 
-use super::{VERSION, draw};
+use super::VERSION;
 use crate::chart::{ChartSettings, Progress, Work, base, measured};
 use crate::error::ChartError;
 use crate::ladder::{Ladder, Setting, number};
@@ -326,14 +326,6 @@ impl SceneReport {
     /// No JSON, another report, or one of another version.
     pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
         super::from_json(text, REPORT, path)
-    }
-
-    /// Draws errors against the sampling interval to `path`, as SVG or PNG by its ending.
-    ///
-    /// # Errors
-    /// Another ending, nothing to draw, a file that cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
-        super::save(&draw::scene(self)?, path)
     }
 
     /// Name and score of every row: truth's own error first.
