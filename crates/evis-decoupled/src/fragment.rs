@@ -63,75 +63,6 @@ pub struct Fragment {
 }
 
 impl Fragment {
-    /// `record` as the pixel centred at (`x`, `y`) sees it at `v` of its span; `None` where it does not touch it.
-    #[inline(always)]
-    pub fn new(record: &Record, index: u32, centre: [f64; 2], v: f64, near: f64) -> Option<Self> {
-        Self::of_area(record, index, centre, 1.0, v, near)
-    }
-
-    /// As [`Fragment::new`], for a square with sides of `size` pixels; everything is in units of that.
-    #[inline(always)]
-    pub fn of_area(
-        record: &Record,
-        index: u32,
-        [x, y]: [f64; 2],
-        size: f64,
-        v: f64,
-        near: f64,
-    ) -> Option<Self> {
-        let inverse_size = 1.0 / size;
-        let [p, q, r] = &record.points;
-        let mut h = [[0.0; 4]; 3];
-        for axis in 0..3 {
-            for corner in 0..4 {
-                h[axis][corner] = p[axis][corner] + v * (q[axis][corner] + v * r[axis][corner]);
-            }
-        }
-        let [h0, h1, h2] = &mut h;
-        for ((x_z, y_z), z) in h0.iter_mut().zip(h1).zip(h2) {
-            *x_z = (*x_z - x * *z) * inverse_size;
-            *y_z = (*y_z - y * *z) * inverse_size;
-        }
-        let point = |k: usize| DVec3::new(h[0][k], h[1][k], h[2][k]);
-        let [h0, h1, h2, h3] = [point(0), point(1), point(2), point(3)];
-        // Of the triangle of corners 0, 1 and 3, which all but degenerate facets have.
-        let (e0, e3, across) = (h0.cross(h1), h3.cross(h0), h1.cross(h3));
-        let volume = h0.dot(across);
-        let front = (volume < 0.0) != record.mirrored;
-        if volume == 0.0 || (!front && !record.double_sided) {
-            return None;
-        }
-        let sign = volume.signum();
-        let mut fragment = Self { record: index, facet: record.facet, front, ..Self::default() };
-        for e in [e0, h1.cross(h2), h2.cross(h3), e3] {
-            let line = Line::new(e * sign);
-            let reach = line.reach();
-            if line.c < -reach {
-                return None;
-            }
-            if line.c < reach {
-                fragment.edges[fragment.edge_count] = line;
-                fragment.edge_count += 1;
-            }
-        }
-        let inverse = 1.0 / volume;
-        fragment.inverse_depth = Line::new((e0 + e3 + across) * inverse);
-        fragment.place = [Line::new(e3 * inverse), Line::new(e0 * inverse)];
-        if record.crosses_near {
-            let depth = fragment.inverse_depth;
-            let line = Line { a: -depth.a, b: -depth.b, c: 1.0 / near - depth.c };
-            let reach = line.reach();
-            if line.c < -reach {
-                return None;
-            }
-            if line.c < reach {
-                fragment.edges[fragment.edge_count] = line;
-                fragment.edge_count += 1;
-            }
-        }
-        Some(fragment)
-    }
-
     /// Edges that cross the pixel.
     #[inline(always)]
     pub fn crossing(&self) -> &[Line] {
@@ -199,8 +130,10 @@ impl Line {
 }
 
 impl Sight {
-    /// `record` as the tile about `centre` sees it at `v` of its span; `None` where nobody does.
-    pub fn new(record: &Record, [x, y]: [f64; 2], v: f64, near: f64) -> Option<Self> {
+    /// `record` as a tile about a centre sees it at `v` of its span, with squares of `size` pixels in the place of pixels;
+    /// `None` where nobody does.
+    pub fn new(record: &Record, [x, y]: [f64; 2], size: f64, v: f64, near: f64) -> Option<Self> {
+        let inverse_size = 1.0 / size;
         let [p, q, r] = &record.points;
         let mut h = [[0.0; 4]; 3];
         for axis in 0..3 {
@@ -210,8 +143,8 @@ impl Sight {
         }
         let [h0, h1, h2] = &mut h;
         for ((x_z, y_z), z) in h0.iter_mut().zip(h1).zip(h2) {
-            *x_z -= x * *z;
-            *y_z -= y * *z;
+            *x_z = (*x_z - x * *z) * inverse_size;
+            *y_z = (*y_z - y * *z) * inverse_size;
         }
         let point = |k: usize| DVec3::new(h[0][k], h[1][k], h[2][k]);
         let [h0, h1, h2, h3] = [point(0), point(1), point(2), point(3)];

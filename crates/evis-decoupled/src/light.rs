@@ -605,8 +605,9 @@ impl<'a> Lighting<'a> {
 
     /// A facet as a tile sees it at the start, middle and end of its span.
     fn receivers(&self, record: &Record, index: u32, centre: [f64; 2]) -> [Option<Fragment>; 3] {
-        [0.0, 0.5, 1.0]
-            .map(|v| Fragment::of_area(record, index, centre, TILE as f64, v, self.world.lens.near))
+        [0.0, 0.5, 1.0].map(|v| {
+            Sight::new(record, centre, TILE as f64, v, self.world.lens.near)?.at(index, [0.0; 2], false)
+        })
     }
 
     /// What a still facet hides from lamp `number`, which is still.
@@ -1091,7 +1092,7 @@ mod tests {
                     continue;
                 }
                 let offset = [pixel % 8, pixel / 8].map(|v| v as f64 - 3.5);
-                let Some(sight) = Sight::new(record, tile.centre, u, world.lens.near) else { continue };
+                let Some(sight) = Sight::new(record, tile.centre, 1.0, u, world.lens.near) else { continue };
                 let Some(fragment) = sight.at(entry.record, offset, false) else { continue };
                 let lamp = &lighting.screen_lamps[0];
                 let shade = slot.shades[0];

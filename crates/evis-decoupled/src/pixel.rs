@@ -206,7 +206,8 @@ impl Evaluator<'_> {
                 // A span holds from its start up to its end; the last one also at the end of the block.
                 let holds = at.u >= from && (at.u < to || to >= 1.0);
                 let v = (at.u - from) / (to - from);
-                let sight = if holds { Sight::new(record, centre, v, self.world.lens.near) } else { None };
+                let sight =
+                    if holds { Sight::new(record, centre, 1.0, v, self.world.lens.near) } else { None };
                 work.sights[first + slot] = sight.map_or(Known::Absent, Known::Seen);
             }
             if let Known::Seen(sight) = &work.sights[first + slot]
