@@ -53,18 +53,18 @@ class Warp:
         return cls(variant="evis-paper", steps=steps)
 
 
-Method: TypeAlias = Literal["native", "splat", "evis-paper"] | Warp
+Method: TypeAlias = Literal["native", "decoupled", "splat", "evis-paper"] | Warp
 
 
 def chosen(method: Method) -> Warp | None:
     """Return the warp that ``method`` stands for, None where it is none."""
     if isinstance(method, Warp):
         return method
-    if method == "native":
+    if method in ("native", "decoupled"):
         return None
     if method in ("splat", "evis-paper"):
         return Warp(variant=method)
-    raise ConfigError(f"method is {method!r}; it must be 'native', 'splat', 'evis-paper' or a Warp")
+    raise ConfigError(f"method is {method!r}; it must be 'native', 'decoupled', 'splat', 'evis-paper' or a Warp")
 
 
 def as_json(warp: Warp | None) -> str | None:

@@ -51,6 +51,16 @@ impl Setting {
         }
     }
 
+    /// Decoupled sampling: no instants, and no samples.
+    pub fn decoupled() -> Self {
+        let native = Self::native(1000.0, 1, Antialias::Samples, TriggerRule::Crossing);
+        Self { method: Method::Decoupled.name().into(), ..native }
+    }
+
+    fn is_decoupled(&self) -> bool {
+        self.method == Method::Decoupled.name()
+    }
+
     /// Everything is rendered when something has moved by `step_px` pixels, and at `rate_hz` at most.
     pub fn adaptive(step_px: f64, rate_hz: f64, samples: u32) -> Self {
         let native = Self::native(rate_hz, samples, Antialias::Samples, TriggerRule::Crossing);
@@ -67,11 +77,23 @@ impl Setting {
 
     /// The same as `config` ran it, which rendered `drawn_hz` whole pictures per simulated second.
     pub fn settled(self, config: &RunConfig, drawn_hz: f64) -> Self {
+        if self.is_decoupled() {
+            return Self { rendered_hz: drawn_hz, ..self };
+        }
         if self.quality.is_none() && self.adaptive_px.is_none() {
             return self;
         }
         let rate_hz = config.rate_hz;
-        Self { rate_hz, rendered_hz: drawn_hz.min(rate_hz), samples: config.samples, ..self }
+        let decoupled = config.method == Method::Decoupled;
+        let rendered_hz = if decoupled { drawn_hz } else { drawn_hz.min(rate_hz) };
+        Self {
+            method: config.method.name().into(),
+            adaptive_px: config.adaptive_px,
+            rate_hz,
+            rendered_hz,
+            samples: config.samples,
+            ..self
+        }
     }
 
     /// Keyframes of `samples` samples, and splatted instants between them.
@@ -94,6 +116,7 @@ impl Setting {
     pub fn engine_method(&self) -> Option<Method> {
         match (self.method.as_str(), self.splat) {
             ("native", None) => Some(Method::Native),
+            ("decoupled", None) => Some(Method::Decoupled),
             ("splat" | "evis-paper", Some(splat)) => Some(Method::Splat(splat)),
             _ => None,
         }
@@ -116,6 +139,9 @@ impl Setting {
     pub fn label(&self) -> String {
         if let Some(quality) = self.quality {
             return quality.name().into();
+        }
+        if self.is_decoupled() {
+            return self.method.clone();
         }
         let mut label = String::new();
         if let Some(px) = self.adaptive_px {
@@ -161,6 +187,8 @@ impl Setting {
         };
         if self.quality.is_some() {
             "presets".into()
+        } else if self.is_decoupled() {
+            self.method.clone()
         } else if self.adaptive_px.is_some() {
             let method = if self.method == "native" { "adaptive" } else { &self.method };
             format!("{method}, {trigger}, {pixel}")
@@ -175,6 +203,9 @@ impl Setting {
     pub fn run_flags(&self) -> String {
         if let Some(quality) = self.quality {
             return format!("--quality {}", quality.name());
+        }
+        if self.is_decoupled() {
+            return format!("--method {}", self.method);
         }
         let mut flags = match &self.splat {
             None => match self.adaptive_px {
@@ -242,6 +273,8 @@ pub struct Ladder {
     pub adaptive_px: Vec<f64>,
     /// Presets.
     pub presets: Vec<Quality>,
+    /// Also decoupled sampling.
+    pub decoupled: bool,
     /// Keyframes per second and instants per gap of `splat`, with 4 samples.
     pub splat: Vec<(f64, u32)>,
     /// Also `splat` with a latch, and `evis-paper` without one, at 125 keyframes per second and 8 instants per gap.
@@ -259,6 +292,7 @@ impl Default for Ladder {
             published: true,
             adaptive_px: vec![1.0, 0.5, 0.25],
             presets: vec![Quality::Draft, Quality::Standard, Quality::High],
+            decoupled: true,
             splat: vec![(30.0, 8), (60.0, 8), (125.0, 8), (250.0, 4)],
             splat_triggers: true,
         }
@@ -277,6 +311,7 @@ impl Ladder {
             published: true,
             adaptive_px: vec![0.5],
             presets: vec![Quality::Draft, Quality::Standard, Quality::High],
+            decoupled: true,
             splat: vec![(125.0, 8)],
             splat_triggers: false,
         }
@@ -298,7 +333,8 @@ impl Ladder {
         let mut add = |setting: Setting| {
             let samples_hz = setting.rate_hz * f64::from(setting.samples);
             // In adaptive time hardly anything is rendered at that rate.
-            let exempt = setting.published.is_some() || setting.adaptive_px.is_some();
+            let exempt =
+                setting.published.is_some() || setting.adaptive_px.is_some() || setting.is_decoupled();
             if !exempt && self.most_samples_hz.is_some_and(|most| samples_hz > most) {
                 return;
             }
@@ -326,6 +362,9 @@ impl Ladder {
             add(setting);
         }
         self.presets.iter().for_each(|quality| add(Setting::quality(*quality)));
+        if self.decoupled {
+            add(Setting::decoupled());
+        }
         for &(keyframe_hz, steps) in &self.splat {
             let warp = Warp::default().at(keyframe_hz, steps);
             warp.check_scene()?;
@@ -372,7 +411,7 @@ mod tests {
     fn the_default_ladder_has_every_step_once() {
         let all = Ladder::default().settings().unwrap();
         assert!(all.iter().all(|s| s.engine_method().is_some()));
-        assert_eq!(all.len(), 6 * 4 - 2 + 3 + 4 + 4 + 2 + 3 + 3);
+        assert_eq!(all.len(), 6 * 4 - 2 + 3 + 4 + 4 + 2 + 3 + 3 + 1);
         let whole = Ladder { most_samples_hz: None, ..Ladder::default() }.settings().unwrap();
         assert_eq!(whole.len(), all.len() + 2, "2000 and 4000 Hz of 16 samples are left out");
         let mut labels: Vec<_> = all.iter().map(Setting::label).collect();
@@ -387,6 +426,11 @@ mod tests {
         let ran = RunConfig { rate_hz: 4000.0, samples: 4, ..RunConfig::default() };
         let settled = draft.settled(&ran, 700.0);
         assert_eq!((settled.rate_hz, settled.rendered_hz, settled.samples), (4000.0, 700.0, 4));
+        let decoupled = Setting::decoupled();
+        assert_eq!(
+            (decoupled.label(), decoupled.run_flags()),
+            ("decoupled".into(), "--method decoupled".into())
+        );
         let adaptive = Setting::adaptive(0.5, 2000.0, 4);
         assert_eq!(adaptive.label(), "0.5 px up to 2000 Hz ×4");
         assert_eq!(adaptive.run_flags(), "--rate 2000 --adaptive 0.5 --samples 4");

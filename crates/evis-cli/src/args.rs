@@ -921,6 +921,8 @@ pub(crate) struct ListArgs {
 pub(crate) enum MethodArg {
     /// Instants are rendered.
     Native,
+    /// Surfaces are followed in continuous time, on the CPU; each pixel is evaluated at its own times.
+    Decoupled,
     /// Keyframes are rendered; what lies between is splatted from both.
     Splat,
     /// As the EVIS paper publishes it: linear motion, colours, latch, black holes.

@@ -168,6 +168,7 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
     }
     if args.no_adaptive {
         ladder.adaptive_px.clear();
+        ladder.decoupled = false;
         ladder.presets.clear();
     }
     ladder.edges &= !args.no_edges;

@@ -78,13 +78,13 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let moved = scene.camera_motion.clone();
     let duration_us = duration_us(args, &scene, &mut warnings);
 
-    let gpu = Gpu::open(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
-    let device = gpu.summary().clone();
+    let gpu = Gpu::open_any(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let device = gpu.as_ref().map_or_else(DeviceSummary::none, |gpu| gpu.summary().clone());
     let scene = Arc::new(scene);
-    for note in sampling.apply(&gpu, &scene, &mut config)? {
+    for note in sampling.apply(gpu.as_ref(), &scene, &mut config)? {
         text::complain(&format!("quality: {note}"));
     }
-    let simulator = Simulator::new(&gpu, scene, config)?;
+    let simulator = Simulator::new(gpu.as_ref(), scene, config)?;
     let settings = Settings {
         evis: env!("CARGO_PKG_VERSION"),
         scene: args.scene.clone(),
@@ -248,13 +248,14 @@ fn config(
 /// The method with its flags, if one is given; flags of another method are refused, they would be ignored.
 fn method(args: &RunArgs) -> anyhow::Result<Option<Method>> {
     let variant = match args.method {
-        None | Some(MethodArg::Native) if let Some(flag) = args.splat.given() => {
+        None | Some(MethodArg::Native | MethodArg::Decoupled) if let Some(flag) = args.splat.given() => {
             return Err(bad_input(format!(
                 "{flag} needs keyframes; add --method splat or --method evis-paper"
             )));
         }
         None => return Ok(None),
         Some(MethodArg::Native) => return Ok(Some(Method::Native)),
+        Some(MethodArg::Decoupled) => return Ok(Some(Method::Decoupled)),
         Some(MethodArg::Splat) => WarpVariant::Splat,
         Some(MethodArg::EvisPaper) => WarpVariant::EvisPaper,
     };

@@ -5,8 +5,10 @@
 //! at the start, middle and end. What that leaves out is measured at the quarters, near where the remainder of a smooth
 //! motion is largest; where it exceeds [`MAX_ERROR_PX`], the surface's part of the block is halved, for itself alone.
 
+use std::collections::VecDeque;
+
 use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
-use evis_scene::{Motion, Scene};
+use evis_scene::{Motion, Scene, Variant};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
@@ -48,7 +50,13 @@ impl Block {
 }
 
 /// The blocks that cover [start, end): borders are multiples of `length_us`, and what [`breaks`] finds.
-pub fn blocks(scene: &Scene, start_us: f64, end_us: f64, length_us: i64) -> Vec<Block> {
+pub fn blocks(
+    scene: &Scene,
+    variant: Option<&Variant>,
+    start_us: f64,
+    end_us: f64,
+    length_us: i64,
+) -> Vec<Block> {
     let length = length_us as f64;
     let mut borders = vec![start_us, end_us];
     let mut k = (start_us / length).floor() + 1.0;
@@ -56,7 +64,7 @@ pub fn blocks(scene: &Scene, start_us: f64, end_us: f64, length_us: i64) -> Vec<
         borders.push(k * length);
         k += 1.0;
     }
-    let jumps = breaks(scene, start_us, end_us);
+    let jumps = breaks(scene, variant, start_us, end_us);
     borders.extend_from_slice(&jumps);
     borders.sort_by(f64::total_cmp);
     // Nearer than two left-hand limits, two borders are one.
@@ -71,10 +79,55 @@ pub fn blocks(scene: &Scene, start_us: f64, end_us: f64, length_us: i64) -> Vec<
         .collect()
 }
 
+/// The blocks of an environment from a time on, one after another.
+///
+/// They are found a part of a stream at a time, and are the same whatever its length.
+pub struct Blocks<'w, 'a> {
+    world: &'w World<'a>,
+    length_us: i64,
+    found: VecDeque<Block>,
+}
+
+impl<'w, 'a> Blocks<'w, 'a> {
+    /// From `start_us` on; borders are multiples of `length_us`, and what [`breaks`] finds.
+    pub fn new(world: &'w World<'a>, start_us: i64, length_us: i64) -> Self {
+        let mut made = Self { world, length_us, found: VecDeque::new() };
+        made.find(start_us as f64);
+        made
+    }
+
+    /// The next one.
+    pub fn peek(&self) -> Block {
+        self.found[0]
+    }
+
+    /// Takes the next one.
+    pub fn pop(&mut self) -> Block {
+        let block = self.found[0];
+        self.found.pop_front();
+        if self.found.is_empty() {
+            self.find(block.end_us);
+        }
+        block
+    }
+
+    /// Those from `from_us`, a border, to the next multiple of the length.
+    fn find(&mut self, from_us: f64) {
+        let length = self.length_us as f64;
+        // A border that is no multiple may lie as near to one as two borders can.
+        let end_us = (((from_us + 2.0 * BEFORE_US) / length).floor() + 1.0) * length;
+        let World { scene, variant, .. } = self.world;
+        self.found.extend(blocks(scene, *variant, from_us, end_us, self.length_us));
+        let near = [from_us - 2.0 * BEFORE_US, from_us + 2.0 * BEFORE_US];
+        self.found[0].jump |= !breaks(scene, *variant, near[0], near[1]).is_empty();
+    }
+}
+
 /// Times in (start, end), in microseconds and ascending, at which a motion or a light bends or jumps.
-pub fn breaks(scene: &Scene, start_us: f64, end_us: f64) -> Vec<f64> {
+pub fn breaks(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
     let speed = scene.speed.unwrap_or(1.0);
-    let range_s = [start_us * 1e-6 * speed, end_us * 1e-6 * speed];
+    let offset_s = variant.map_or(0.0, |v| v.time_offset_s);
+    let range_s = [start_us, end_us].map(|t| t * 1e-6 * speed + offset_s);
     let mut times = Vec::new();
     for node in &scene.nodes {
         match &node.motion {
@@ -96,7 +149,7 @@ pub fn breaks(scene: &Scene, start_us: f64, end_us: f64) -> Vec<f64> {
     times.retain(|t| *t > range_s[0] && *t < range_s[1]);
     times.sort_by(f64::total_cmp);
     times.dedup();
-    times.into_iter().map(|t| t / speed * 1e6).collect()
+    times.into_iter().map(|t| (t - offset_s) / speed * 1e6).collect()
 }
 
 fn of_curve(curve: &Curve, times: &mut Vec<f64>) {
@@ -291,8 +344,8 @@ mod tests {
     #[test]
     fn borders_are_absolute_and_joined_by_jumps() {
         let scene = warehouse();
-        let all = blocks(&scene, 0.0, 1e6, 8192);
-        let later = blocks(&scene, 300_000.0, 700_000.0, 8192);
+        let all = blocks(&scene, None, 0.0, 1e6, 8192);
+        let later = blocks(&scene, None, 300_000.0, 700_000.0, 8192);
         // What begins later has the same borders inside.
         for b in &later[1..] {
             assert!(all.iter().any(|a| a.start_us == b.start_us), "{b:?}");
@@ -304,8 +357,25 @@ mod tests {
             assert_eq!(found, Some(true), "{jump}");
         }
         assert!(!all[1].jump);
-        let fast = scene.at_speed(4.0).unwrap();
-        assert!(breaks(&fast, 0.0, 1e6).iter().any(|t| (t - 18_750.0).abs() < 0.01));
+        // One after another they are the same, wherever a stream begins.
+        let world = World::new(&scene, 0, Some((8, 6))).unwrap();
+        for start_us in [0, 300_000, 250_000] {
+            let mut found = Blocks::new(&world, start_us, 8192);
+            let wanted = blocks(&scene, None, start_us as f64, 500_000.0, 8192);
+            for (index, want) in wanted[..wanted.len() - 1].iter().enumerate() {
+                let next = found.pop();
+                // A whole run does not know what was before it.
+                let jump = if index == 0 { next.jump } else { want.jump };
+                assert_eq!(next, Block { jump, ..*want });
+                assert!(start_us != 250_000 || index > 0 || next.jump);
+            }
+        }
+        let fast = scene.clone().at_speed(4.0).unwrap();
+        assert!(breaks(&fast, None, 0.0, 1e6).iter().any(|t| (t - 18_750.0).abs() < 0.01));
+        // An environment whose clock is ahead meets them earlier.
+        let ahead = Variant { time_offset_s: 0.05, ..Variant::default() };
+        let early = breaks(&scene, Some(&ahead), 0.0, 1e6);
+        assert!(early.iter().any(|t| (t - 25_000.0).abs() < 0.01), "{early:?}");
     }
 
     /// Largest error in pixels of the quadratics over all vertices that are in front of the camera.

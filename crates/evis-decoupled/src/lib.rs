@@ -10,6 +10,7 @@ pub mod coverage;
 pub mod events;
 pub mod fragment;
 pub mod light;
+mod limits;
 pub mod lists;
 pub mod mask;
 pub mod material;
@@ -17,13 +18,16 @@ pub mod path;
 pub mod pixel;
 pub mod shadow;
 mod simulate;
+mod stream;
 pub mod texture;
 pub mod world;
 
-pub use simulate::{Outcome, Report, Settings, luminance, simulate};
+pub use limits::unsupported;
+pub use simulate::{Outcome, Report, Settings, luminance, luminance_of, simulate};
+pub use stream::{Piece, Stream, StreamSettings, View};
 
 /// Why there are no events.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A camera that cannot be used.
@@ -32,4 +36,10 @@ pub enum Error {
     /// A setting.
     #[error(transparent)]
     Config(#[from] evis_core::ConfigError),
+    /// What a scene has and this method does not know.
+    #[error("decoupled sampling cannot show {0}; use native sampling")]
+    Unsupported(String),
+    /// The thread of a stream.
+    #[error("the stream's thread: {0}")]
+    Thread(String),
 }

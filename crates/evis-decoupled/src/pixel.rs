@@ -180,7 +180,7 @@ impl Evaluator<'_> {
             return usize::from(number) - 1;
         }
         let u = f64::from(unit) / f64::from(UNITS);
-        let t_s = self.block.at(u) * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
+        let t_s = self.world.scene_seconds(self.block.at(u));
         let index = work.moments.len();
         work.moments.push(Instant { moment: index, u, t_s });
         work.numbers[unit as usize] = index as u16 + 1;

@@ -1,13 +1,15 @@
 //! Events of an ideal sensor from a scene.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use evis_core::sensor::TriggerRule;
 use evis_core::{ConfigError, Event, Sensor, SensorConfig};
-use evis_scene::Scene;
+use evis_scene::{Scene, Variant};
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::blocks::{Block, Clock, blocks};
+use crate::blocks::{Block, Blocks, Clock, blocks};
 use crate::events::Thresholds;
 use crate::light::Lighting;
 use crate::lists::{Entry, Lists, TILE};
@@ -49,8 +51,14 @@ impl Default for Settings {
 }
 
 impl Settings {
-    fn check(&self) -> Result<(), Error> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         Sensor::new(self.sensor.clone())?.thresholds_only("decoupled sampling")?;
+        if self.sensor.trigger != TriggerRule::Crossing {
+            let value = format!("{:?}", self.sensor.trigger).to_lowercase();
+            let remedy =
+                "crossing with decoupled sampling, which has no instants at which a pixel could latch";
+            return Err(ConfigError::new("trigger", value, remedy).into());
+        }
         if !(64..=1 << 20).contains(&self.block_us) || self.block_us.count_ones() != 1 {
             let remedy = "a power of two between 64 and 1048576 microseconds";
             return Err(ConfigError::new("block_us", self.block_us, remedy).into());
@@ -108,6 +116,87 @@ struct Row {
     report: Report,
 }
 
+/// The pixels of one view: what they remember from block to block.
+pub(crate) struct Pixels {
+    rows: Vec<Row>,
+    thresholds: Thresholds,
+    start_us: i64,
+    report: Report,
+}
+
+impl Pixels {
+    /// Pixels that first see light at `start_us` of scene time.
+    pub(crate) fn new(world: &World, sensor: &SensorConfig, reference_luminance: f64, start_us: i64) -> Self {
+        let rows = (world.lens.height as usize).div_ceil(TILE);
+        let columns = (world.lens.width as usize).div_ceil(TILE);
+        let new_row = |_| Row {
+            paths: vec![None; columns * TILE * TILE],
+            events: Vec::new(),
+            work: Work::default(),
+            report: Report::default(),
+        };
+        Self {
+            rows: (0..rows).map(new_row).collect(),
+            thresholds: Thresholds::new(sensor, reference_luminance),
+            start_us,
+            report: Report::default(),
+        }
+    }
+
+    /// What they fire during `block`, in canonical order and stream time; `None` where `stop` was set meanwhile: then some of
+    /// them are at its end and others are not.
+    ///
+    /// # Errors
+    /// A camera without a pose.
+    pub(crate) fn follow(
+        &mut self,
+        world: &World,
+        lighting: &mut Lighting,
+        block: Block,
+        stop: &AtomicBool,
+    ) -> Result<Option<Vec<Event>>, Error> {
+        let started = Instant::now();
+        let mut clock = Clock::new(world, block);
+        let lists = Lists::new(world, &mut clock)?;
+        self.report.lists_s += started.elapsed().as_secs_f64();
+        let started = Instant::now();
+        lighting.prepare(&mut clock, &block)?;
+        self.report.light_s += started.elapsed().as_secs_f64();
+        let (thresholds, start_us) = (&self.thresholds, self.start_us);
+        let lighting = &*lighting;
+        self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
+            if !stop.load(Ordering::Relaxed) {
+                let evaluator = Evaluator { world, lists: &lists, lighting, block };
+                row.follow(&evaluator, thresholds, index, start_us);
+            }
+        });
+        if stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        let mut events: Vec<Event> = self.rows.iter_mut().flat_map(|row| row.events.drain(..)).collect();
+        // Stable: events of one pixel at one microsecond keep their firing order.
+        events.sort_by_key(Event::order);
+        Ok(Some(events))
+    }
+
+    /// What it took so far.
+    pub(crate) fn report(&self, lighting: &Lighting) -> Report {
+        let mut report = self.report;
+        for Row { work, report: row, .. } in &self.rows {
+            report.lists_s += row.lists_s;
+            report.pixels_s += row.pixels_s;
+            report.evaluations += row.evaluations;
+            report.entries += row.entries;
+            report.pixel_blocks += row.pixel_blocks;
+            report.plain += work.plain;
+            report.coverage_s += work.coverage_s;
+            report.shading_s += work.shading_s;
+        }
+        report.cells = lighting.shaded.load(Ordering::Relaxed);
+        report
+    }
+}
+
 /// What `scene` makes an ideal sensor fire in [0, duration).
 ///
 /// # Errors
@@ -116,57 +205,26 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     settings.check()?;
     let world = World::new(scene, settings.camera, settings.size)?;
     let mut lighting = Lighting::new(&world);
-    let start = settings.start_us as f64;
-    // Whole blocks, so that the length of a stream changes nothing of what it begins with.
-    let end = settings.start_us + settings.duration_us;
-    let end = (end as u64).next_multiple_of(settings.block_us as u64);
-    let all = blocks(scene, start, end as f64, settings.block_us);
+    let end_us = (settings.start_us + settings.duration_us) as f64;
+    let mut blocks = Blocks::new(&world, settings.start_us, settings.block_us);
     let reference = match settings.reference_luminance {
         Some(y) => y,
-        None => reference_luminance(&world, &mut lighting, all[0])?,
+        None => reference_luminance(&world, &mut lighting, blocks.peek())?,
     };
-    let thresholds = Thresholds::new(&settings.sensor, reference);
-    let rows = (world.lens.height as usize).div_ceil(TILE);
-    let columns = (world.lens.width as usize).div_ceil(TILE);
-    let new_row = || Row {
-        paths: vec![None; columns * TILE * TILE],
-        events: Vec::new(),
-        work: Work::default(),
-        report: Report::default(),
-    };
-    let mut rows: Vec<Row> = (0..rows).map(|_| new_row()).collect();
-    let mut report = Report::default();
-    for block in all {
-        let started = Instant::now();
-        let mut clock = Clock::new(&world, block);
-        let lists = Lists::new(&world, &mut clock)?;
-        report.lists_s += started.elapsed().as_secs_f64();
-        let started = Instant::now();
-        lighting.prepare(&mut clock, &block)?;
-        report.light_s += started.elapsed().as_secs_f64();
-        rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
-            let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block };
-            row.follow(&evaluator, &thresholds, index, settings.start_us);
-        });
-    }
+    let mut pixels = Pixels::new(&world, &settings.sensor, reference, settings.start_us);
     let mut events = Vec::new();
-    for row in rows {
-        events.extend(row.events);
-        let r = row.report;
-        report.lists_s += r.lists_s;
-        report.pixels_s += r.pixels_s;
-        report.evaluations += r.evaluations;
-        report.entries += r.entries;
-        report.pixel_blocks += r.pixel_blocks;
-        report.plain += row.work.plain;
-        report.coverage_s += row.work.coverage_s;
-        report.shading_s += row.work.shading_s;
+    while blocks.peek().start_us < end_us {
+        events.extend(
+            pixels
+                .follow(&world, &mut lighting, blocks.pop(), &AtomicBool::new(false))?
+                .into_iter()
+                .flatten(),
+        );
     }
-    report.cells = lighting.shaded.load(std::sync::atomic::Ordering::Relaxed);
     events.retain(|e| (0..settings.duration_us).contains(&e.t));
-    // Stable: events of one pixel at one microsecond keep their firing order.
+    // Blocks may meet within a microsecond.
     events.sort_by_key(Event::order);
-    Ok(Outcome { events, reference_luminance: reference, report })
+    Ok(Outcome { events, reference_luminance: reference, report: pixels.report(&lighting) })
 }
 
 impl Row {
@@ -219,12 +277,25 @@ impl Row {
 /// # Errors
 /// As [`simulate`].
 pub fn luminance(scene: &Scene, settings: &Settings, t_us: f64) -> Result<Vec<f64>, Error> {
+    luminance_of(scene, None, settings, t_us)
+}
+
+/// As [`luminance`], in one of the scene's environments.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn luminance_of(
+    scene: &Scene,
+    variant: Option<&Variant>,
+    settings: &Settings,
+    t_us: f64,
+) -> Result<Vec<f64>, Error> {
     settings.check()?;
-    let world = World::new(scene, settings.camera, settings.size)?;
+    let world = World::of_variant(scene, variant, settings.camera, settings.size)?;
     let mut lighting = Lighting::new(&world);
     let length = settings.block_us as f64;
     let from = (t_us / length).floor() * length;
-    let around = blocks(scene, from, from + length, settings.block_us);
+    let around = blocks(scene, variant, from, from + length, settings.block_us);
     let inside = around.into_iter().find(|b| (b.start_us..b.end_us).contains(&t_us));
     let block = inside.unwrap_or(Block { start_us: from, end_us: from + length, jump: false });
     picture(&world, &mut lighting, block, t_us)
@@ -256,7 +327,11 @@ fn picture(world: &World, lighting: &mut Lighting, block: Block, t_us: f64) -> R
 }
 
 /// `Y_ref` that brings the log-mean of what is lit at the start of `block` to 0.18.
-fn reference_luminance(world: &World, lighting: &mut Lighting, block: Block) -> Result<f64, Error> {
+pub(crate) fn reference_luminance(
+    world: &World,
+    lighting: &mut Lighting,
+    block: Block,
+) -> Result<f64, Error> {
     let picture = picture(world, lighting, block, block.start_us)?;
     let (sum, count) = picture
         .into_iter()

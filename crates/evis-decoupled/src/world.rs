@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use evis_scene::{AlphaMode, Lens, Primitive, Scene, SceneState, rigid};
+use evis_scene::{AlphaMode, Lens, Primitive, Scene, SceneState, Variant, rigid};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
@@ -78,6 +78,8 @@ pub struct Cluster {
 pub struct World<'a> {
     /// The scene.
     pub scene: &'a Scene,
+    /// Its environment: whose clock and offsets count.
+    pub variant: Option<&'a Variant>,
     /// Index into [`Scene::cameras`].
     pub camera: usize,
     /// Its lens.
@@ -109,10 +111,24 @@ impl<'a> World<'a> {
     /// # Errors
     /// A camera that does not exist, or whose lens, size or pose cannot be used.
     pub fn new(scene: &'a Scene, camera: usize, size: Option<(u32, u32)>) -> Result<Self, Error> {
+        Self::of_variant(scene, None, camera, size)
+    }
+
+    /// As [`World::new`], in one of the scene's environments.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn of_variant(
+        scene: &'a Scene,
+        variant: Option<&'a Variant>,
+        camera: usize,
+        size: Option<(u32, u32)>,
+    ) -> Result<Self, Error> {
         let lens = lens(scene, camera, size)?;
         let moving_nodes = moving_nodes(scene);
         let mut world = Self {
             scene,
+            variant,
             camera,
             lens,
             surfaces: Vec::new(),
@@ -173,7 +189,7 @@ impl<'a> World<'a> {
     /// A camera without a pose at that time.
     pub fn frame(&self, t_us: f64) -> Result<Frame, Error> {
         let mut state = SceneState::default();
-        self.scene.evaluate(t_us * 1e-6, &mut state);
+        self.scene.evaluate_variant(self.variant, t_us * 1e-6, &mut state);
         let pose = state.world_from_node.get(self.scene.cameras[self.camera].node).and_then(rigid);
         let Some(world_from_camera) = pose else {
             let name = &self.scene.cameras[self.camera].name;
@@ -189,6 +205,11 @@ impl<'a> World<'a> {
             eye: world_from_camera.w_axis.truncate(),
             state,
         })
+    }
+
+    /// Seconds of the scene's own clock at `t_us`: its speed, and the environment's offset.
+    pub fn scene_seconds(&self, t_us: f64) -> f64 {
+        t_us * 1e-6 * self.scene.speed.unwrap_or(1.0) + self.variant.map_or(0.0, |v| v.time_offset_s)
     }
 
     /// World positions and unit normals of all vertices of surface `surface`, and whether its pose mirrors.

@@ -75,6 +75,7 @@ pub(crate) fn chart(
             published,
             adaptive_px: if adaptive { usual.adaptive_px } else { Vec::new() },
             presets: if adaptive { usual.presets } else { Vec::new() },
+            decoupled: adaptive && usual.decoupled,
             splat: if splat { usual.splat } else { Vec::new() },
             splat_triggers: splat && usual.splat_triggers,
         },

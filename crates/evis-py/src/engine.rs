@@ -39,14 +39,15 @@ pub(crate) fn quality(name: &str) -> Result<Quality, Failure> {
     choose("quality", name, &Quality::ALL.map(|quality| (quality.name(), quality)))
 }
 
-/// `native`, or `splat` with its settings as JSON.
+/// `native`, `decoupled`, or `splat` with its settings as JSON.
 pub(crate) fn method(name: &str, splat: Option<&str>) -> Result<Method, Failure> {
     match (name, splat) {
         ("native", None) => Ok(Method::Native),
+        ("decoupled", None) => Ok(Method::Decoupled),
         ("splat", Some(json)) => serde_json::from_str(json)
             .map(Method::Splat)
             .map_err(|e| ConfigError::new("method", json, format!("settings that splat has ({e})")).into()),
-        _ => Err(ConfigError::new("method", format!("'{name}'"), "'native' or 'splat'").into()),
+        _ => Err(ConfigError::new("method", format!("'{name}'"), "'native', 'decoupled' or 'splat'").into()),
     }
 }
 

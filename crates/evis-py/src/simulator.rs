@@ -8,7 +8,7 @@ use std::task::Poll;
 
 use evis_core::CameraInfo;
 use evis_render::settings::SettingsFile;
-use evis_render::{Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_sensors};
+use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_sensors};
 use evis_scene::HostPose;
 use evis_scene::camera_motion::{self, CameraMotionSettings};
 use pyo3::prelude::*;
@@ -158,9 +158,9 @@ impl Simulator {
         let moved = Arc::clone(&scene);
         let stopped = AtomicBool::new(false);
         let prepare = || {
-            let gpu = Gpu::open(device.as_deref())?;
-            let notes = sampling.apply(&gpu, &scene, &mut config)?;
-            let simulator = evis_render::Simulator::new(&gpu, scene, config)?;
+            let gpu = Gpu::open_any(device.as_deref())?;
+            let notes = sampling.apply(gpu.as_ref(), &scene, &mut config)?;
+            let simulator = evis_render::Simulator::new(gpu.as_ref(), scene, config)?;
             Ok::<_, Failure>(Self {
                 cameras: simulator.cameras().to_vec(),
                 environments: simulator.environments(),
@@ -168,7 +168,7 @@ impl Simulator {
                 scene: name,
                 notes,
                 moved,
-                device: gpu.summary().clone(),
+                device: gpu.map_or_else(DeviceSummary::none, |gpu| gpu.summary().clone()),
                 now_us: AtomicI64::new(simulator.now_us()),
                 stop: Arc::clone(simulator.stop()),
                 engine: Owned::new(Mutex::new(Some(simulator))),

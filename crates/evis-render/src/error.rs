@@ -35,6 +35,22 @@ pub enum EngineError {
     Stopped,
 }
 
+impl From<evis_decoupled::Error> for EngineError {
+    fn from(error: evis_decoupled::Error) -> Self {
+        use evis_decoupled::Error;
+        match error {
+            Error::Config(error) => error.into(),
+            Error::Camera(reason) => evis_scene::SceneError::Rule(reason).into(),
+            Error::Unsupported(limit) => {
+                let remedy = format!("native: decoupled sampling cannot show {limit}");
+                evis_core::ConfigError::new("method", "decoupled", remedy).into()
+            }
+            // Of threads, and what is added there.
+            other => Self::Device(other.to_string()),
+        }
+    }
+}
+
 impl From<wgpu::PollError> for EngineError {
     fn from(error: wgpu::PollError) -> Self {
         Self::Device(format!("the device stopped answering: {error}; run again, or choose another --device"))

@@ -35,14 +35,18 @@ pub enum Method {
     Native,
     /// Keyframes are rendered; the instants between two of them are splatted from both.
     Splat(Warp),
+    /// Nothing is rendered: visibility is found in continuous time, light is kept on surfaces, and each pixel is evaluated at
+    /// times of its own (`evis-decoupled`, on the CPU).
+    Decoupled,
 }
 
 impl Method {
-    /// Its name: `native`, `splat`, or `evis-paper` for `splat` as that paper publishes it.
+    /// Its name: `native`, `decoupled`, `splat`, or `evis-paper` for `splat` as that paper publishes it.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Native => "native",
             Self::Splat(warp) => warp.variant.name(),
+            Self::Decoupled => "decoupled",
         }
     }
 
@@ -50,14 +54,14 @@ impl Method {
     pub const fn has_adaptive_time(&self) -> bool {
         match self {
             Self::Native => true,
-            Self::Splat(_) => false,
+            Self::Splat(_) | Self::Decoupled => false,
         }
     }
 
     /// Keyframes per second and instants per gap, where it has keyframes.
     pub fn keyframes(&self) -> Option<(f64, u32)> {
         match self {
-            Self::Native => None,
+            Self::Native | Self::Decoupled => None,
             Self::Splat(warp) => Some((warp.scene_keyframe_hz(), warp.scene_steps())),
         }
     }

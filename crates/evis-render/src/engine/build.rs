@@ -18,6 +18,7 @@ use crate::gpu::variant::LightSet;
 use crate::output::frames::ExposureRoom;
 use crate::output::labels::LabelRoom;
 use crate::output::packet::PacketReport;
+use crate::output::poses::CameraPoses;
 use crate::pass::raster::{self, SceneConstants, SurfaceLayouts};
 use crate::pass::{self, sky};
 use crate::raster::context::Context;
@@ -110,11 +111,11 @@ impl Engine {
             next_label: 0,
             next_label_group: 0,
             labels_complete: 0,
-            next_pose: 0,
             arrived: context.views.iter().map(|_| Arrived::default()).collect(),
             delivered_us: 0,
             report: PacketReport::default(),
-            pose_state: SceneState::default(),
+            poses: CameraPoses::new(TimeGrid::new(config.label_rate_hz)?, config.start_us),
+            fires: config.method != Method::Decoupled,
             stop: Arc::default(),
             targets,
             groups,
@@ -276,7 +277,7 @@ fn targets(
     for (class, views) in classes.into_iter().enumerate() {
         let PixelLens { width, height, .. } = context.views[views[0]].lens;
         let needs = match &config.method {
-            Method::Native => MethodNeeds { block, ..Default::default() },
+            Method::Native | Method::Decoupled => MethodNeeds { block, ..Default::default() },
             Method::Splat(splat) => SplatRoom::needs(splat, width, height, &limits)
                 .ok_or_else(|| splat::does_not_fit(splat, width, height, &limits))?,
         };

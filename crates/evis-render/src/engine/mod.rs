@@ -2,6 +2,7 @@
 
 pub mod bench;
 mod build;
+mod decoupled;
 pub mod simulator;
 pub mod submission;
 
@@ -17,7 +18,6 @@ use std::time::Instant;
 
 use evis_core::event::take_causes;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
-use evis_scene::SceneState;
 
 use crate::error::EngineError;
 use crate::gpu::readback::{map, wait_mapped};
@@ -25,6 +25,7 @@ use crate::gpu::uniforms::Status;
 use crate::output::frames::ExposureRoom;
 use crate::output::labels::{LabelJob, LabelRoom};
 use crate::output::packet::{Packet, PacketReport, StageTimes, ViewPacket};
+use crate::output::poses::CameraPoses;
 use crate::raster::context::Context;
 use crate::raster::readback::mean_luminance;
 use crate::sampling::Sampling;
@@ -35,7 +36,6 @@ use crate::sensor::host::{HostWalk, Looks};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
 use crate::sensor::targets::Targets;
 use crate::sensor::unpack;
-use crate::world::transform::rigid;
 
 /// Submissions in flight: the device works on one while the host prepares the next and unpacks the last.
 const RING: usize = 3;
@@ -103,14 +103,15 @@ pub struct Engine {
     next_label: i64,
     next_label_group: usize,
     labels_complete: i64,
-    next_pose: i64,
+    poses: CameraPoses,
     arrived: Vec<Arrived>,
     delivered_us: i64,
     report: PacketReport,
-    pose_state: SceneState,
     stop: Arc<AtomicBool>,
     /// Whether events carry why they fired.
     caused: bool,
+    /// Whether it makes events; else only labels and frames.
+    fires: bool,
 }
 
 /// What an engine is made of, for benches and tests.
@@ -227,7 +228,8 @@ impl Engine {
         self.complete_us.fill(0);
         self.arrived.iter_mut().for_each(|arrived| *arrived = Arrived::default());
         (self.next_label, self.next_label_group, self.labels_complete) = (0, 0, 0);
-        (self.next_pose, self.delivered_us, self.report) = (0, 0, PacketReport::default());
+        self.poses = CameraPoses::new(self.label_grid, start_us);
+        (self.delivered_us, self.report) = (0, PacketReport::default());
         Ok(())
     }
 
@@ -246,7 +248,8 @@ impl Engine {
         }
         self.expose_frames(until_us)?;
         let packing = Instant::now();
-        self.evaluate_poses(until_us);
+        let Context { scene, views, .. } = &self.context;
+        self.poses.take(scene, views, until_us, |view, pose| self.arrived[view].poses.push(pose));
         let mut packet = Packet { start_us: self.delivered_us, end_us: until_us, ..Default::default() };
         for (view, arrived) in self.context.views.iter().zip(&mut self.arrived) {
             let count = arrived.events.partition_point(|e| e.t < until_us);
@@ -288,7 +291,8 @@ impl Engine {
     fn is_complete(&self, until_us: i64) -> bool {
         let labels_wanted =
             if self.label_room.is_some() { self.label_grid.first_at_or_after(until_us) } else { 0 };
-        self.complete_us.iter().all(|&t| t >= until_us) && self.labels_complete >= labels_wanted
+        let fired = !self.fires || self.complete_us.iter().all(|&t| t >= until_us);
+        fired && self.labels_complete >= labels_wanted
     }
 
     /// Submits the earliest work that is left before `horizon_us`; false where there is none.
@@ -300,7 +304,7 @@ impl Engine {
             let exposure = &self.context.views[group.views[0]].sensor.exposure;
             (g, group.next, grid.first_at_or_after(exposure.needed_us(horizon_us)))
         });
-        let due = left.filter(|(_, next, last)| next <= last).min_by_key(|(_, next, _)| *next);
+        let due = left.filter(|(_, next, last)| self.fires && next <= last).min_by_key(|(_, next, _)| *next);
         let label_us = self.label_grid.instant_us(self.next_label);
         let label_due = self.label_room.is_some()
             && label_us < horizon_us
@@ -653,30 +657,6 @@ impl Engine {
         }
         // The queue of flights is in submission order again, and the oldest of this group is first of its kind.
         Ok(())
-    }
-
-    fn evaluate_poses(&mut self, until_us: i64) {
-        let mut t = self.label_grid.instant_us(self.next_pose);
-        while t < until_us {
-            let time_s = self.context.scene_time_s(t);
-            let mut environment = usize::MAX;
-            for (view, arrived) in self.context.views.iter().zip(&mut self.arrived) {
-                if view.environment != environment {
-                    environment = view.environment;
-                    let scene = &self.context.scene;
-                    scene.evaluate_variant(scene.variants.get(environment), time_s, &mut self.pose_state);
-                }
-                let world = rigid(&self.pose_state.world_from_node[view.node]);
-                let (_, rotation, position) = world.to_scale_rotation_translation();
-                arrived.poses.push(PoseSample {
-                    t_us: t,
-                    position: position.to_array(),
-                    rotation: rotation.to_array(),
-                });
-            }
-            self.next_pose += 1;
-            t = self.label_grid.instant_us(self.next_pose);
-        }
     }
 }
 

@@ -12,8 +12,9 @@ use evis_scene::{HostPose, HostPoses, Scene};
 
 use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
+use crate::engine::decoupled::Decoupled;
 use crate::error::EngineError;
-use crate::gpu::Gpu;
+use crate::gpu::{Gpu, no_device};
 use crate::output::packet::Packet;
 use crate::world::view;
 
@@ -28,17 +29,61 @@ pub struct Simulator {
     cameras: Vec<CameraInfo>,
     environments: usize,
     config: RunConfig,
-    engine: Engine,
+    source: Source,
     host_poses: Option<Arc<HostPoses>>,
 }
 
+/// Where packets come from.
+enum Source {
+    /// Instants that a device renders.
+    Sampled(Box<Engine>),
+    /// Decoupled sampling on the CPU.
+    Decoupled(Box<Decoupled>),
+}
+
+impl Source {
+    fn now_us(&self) -> i64 {
+        match self {
+            Self::Sampled(engine) => engine.now_us(),
+            Self::Decoupled(views) => views.now_us(),
+        }
+    }
+
+    fn stop(&self) -> &Arc<AtomicBool> {
+        match self {
+            Self::Sampled(engine) => engine.stop(),
+            Self::Decoupled(views) => views.stop(),
+        }
+    }
+
+    fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
+        match self {
+            Self::Sampled(engine) => engine.deliver(until_us, horizon_us),
+            Self::Decoupled(views) => views.deliver(until_us, horizon_us),
+        }
+    }
+
+    /// See [`Engine::needed_us`].
+    fn needed_us(&self, until_us: i64) -> i64 {
+        match self {
+            Self::Sampled(engine) => engine.needed_us(until_us),
+            Self::Decoupled(_) => until_us,
+        }
+    }
+}
+
 impl Simulator {
-    /// Prepares `scene` on `gpu`.
+    /// Prepares `scene` on `gpu`; [`Method::Decoupled`] needs one for labels and frames only.
     ///
     /// # Errors
-    /// A setting that cannot be used, a camera that does not exist, or a device that is too small.
-    pub fn new(gpu: &Gpu, scene: Arc<Scene>, mut config: RunConfig) -> Result<Self, EngineError> {
+    /// A setting that cannot be used, a camera that does not exist, or a device that is too small or missing.
+    pub fn new<'a>(
+        gpu: impl Into<Option<&'a Gpu>>,
+        scene: Arc<Scene>,
+        mut config: RunConfig,
+    ) -> Result<Self, EngineError> {
         config.check()?;
+        let gpu = gpu.into();
         let (views, cameras) = view::views(&scene, &config)?;
         // Each camera's first view has its sensor.
         config.tell_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
@@ -47,8 +92,16 @@ impl Simulator {
         if host_poses.is_some() {
             check_driven(&config, views.iter().map(|view| &view.sensor))?;
         }
-        let engine = gpu.guarded(|| Engine::new(gpu, scene, views, &mut config))?;
-        Ok(Self { cameras, environments, config, engine, host_poses })
+        let source = match (config.method, gpu) {
+            (Method::Decoupled, _) => {
+                Source::Decoupled(Box::new(Decoupled::new(gpu, scene, views, &cameras, &mut config)?))
+            }
+            (_, Some(gpu)) => {
+                Source::Sampled(Box::new(gpu.guarded(|| Engine::new(gpu, scene, views, &mut config))?))
+            }
+            (_, None) => return Err(no_device()),
+        };
+        Ok(Self { cameras, environments, config, source, host_poses })
     }
 
     /// The rendered cameras, in view order.
@@ -68,7 +121,7 @@ impl Simulator {
 
     /// Stream time up to which packets were delivered, in microseconds.
     pub fn now_us(&self) -> i64 {
-        self.engine.now_us()
+        self.source.now_us()
     }
 
     /// What view `view` shows at stream time `t_us`, as its pixels integrate it: mean linear luminance over the samples,
@@ -77,7 +130,10 @@ impl Simulator {
     /// # Errors
     /// A view that does not exist, or a device that fails.
     pub fn luminance(&mut self, view: usize, t_us: i64) -> Result<Vec<f64>, EngineError> {
-        self.engine.luminance(view, t_us)
+        match &mut self.source {
+            Source::Sampled(engine) => engine.luminance(view, t_us),
+            Source::Decoupled(views) => views.luminance(view, t_us, &self.config),
+        }
     }
 
     /// See [`Engine::restart`].
@@ -87,13 +143,18 @@ impl Simulator {
         only: Vec<Vec<bool>>,
         every_instant: bool,
     ) -> Result<(), EngineError> {
-        self.engine.restart(start_us, only, every_instant)
+        match &mut self.source {
+            Source::Sampled(engine) => engine.restart(start_us, only, every_instant),
+            Source::Decoupled(_) => {
+                Err(ConfigError::new("method", "decoupled", "native, to start again").into())
+            }
+        }
     }
 
     /// Set from another thread, it ends a step after the submission in work with [`EngineError::Stopped`].
     /// Nothing is lost: cleared, the next step delivers everything from [`Simulator::now_us`] on.
     pub fn stop(&self) -> &Arc<AtomicBool> {
-        self.engine.stop()
+        self.source.stop()
     }
 
     /// Runs to `until_us` (stream time) and yields everything in `[now, until_us)`.
@@ -108,7 +169,7 @@ impl Simulator {
         if self.host_poses.is_some() {
             return self.step_with_poses(until_us, &[]);
         }
-        self.engine.deliver(until_us, until_us)
+        self.source.deliver(until_us, until_us)
     }
 
     /// As [`Simulator::step`], where a host moves nodes ([`Scene::drive`]): `poses` tells where they are during the step, by
@@ -126,11 +187,11 @@ impl Simulator {
             let remedy = "no poses: name the nodes that a host moves when the simulator is made";
             return Err(ConfigError::new("poses", "given", remedy).into());
         };
-        if until_us <= self.engine.now_us() {
-            let remedy = format!("after the stream's present, {} microseconds", self.engine.now_us());
+        if until_us <= self.source.now_us() {
+            let remedy = format!("after the stream's present, {} microseconds", self.source.now_us());
             return Err(ConfigError::new("until_us", until_us, remedy).into());
         }
-        let needed_us = self.engine.needed_us(until_us);
+        let needed_us = self.source.needed_us(until_us);
         if needed_us != until_us {
             let remedy = format!(
                 "a multiple of pose_step_us ({} us): samples for it are taken at {needed_us} us",
@@ -150,7 +211,7 @@ impl Simulator {
                 .collect();
             host.advance(&shifted, start_us + until_us)?;
         }
-        let packet = self.engine.deliver(until_us, until_us)?;
+        let packet = self.source.deliver(until_us, until_us)?;
         // Flow looks back by the time between two labels.
         let label_us = (1e6 / self.config.label_rate_hz).ceil() as i64;
         host.forget_before(start_us + until_us - 2 * label_us - KEPT_POSES_US);
@@ -179,16 +240,16 @@ impl Simulator {
         }
         let end = self.now_us().saturating_add(duration_us);
         let (send, receive) = sync_channel(AHEAD);
-        let mut engine = self.engine;
-        let stop = engine.stop().clone();
+        let mut source = self.source;
+        let stop = source.stop().clone();
         let stopped = stop.clone();
         let thread = std::thread::Builder::new()
             .name("evis-stream".into())
             .spawn(move || {
-                let mut now = engine.now_us();
+                let mut now = source.now_us();
                 while now < end && !stopped.load(Ordering::Relaxed) {
                     let until = now.saturating_add(packet_us).min(end);
-                    let packet = engine.deliver(until, end);
+                    let packet = source.deliver(until, end);
                     let failed = packet.is_err();
                     if send.send(packet).is_err() || failed {
                         return;
@@ -210,7 +271,7 @@ fn check_driven<'a>(
         Err(ConfigError::new(what, value, format!("{remedy}, where poses come from a host")))
     };
     if config.method != Method::Native {
-        return refused("method", config.method.name(), "native: keyframes need poses that come later");
+        return refused("method", config.method.name(), "native: other methods need poses that come later");
     }
     if config.frame_rate_hz.is_some() {
         return refused("frame_rate", "given", "none: exposures last beyond a step");

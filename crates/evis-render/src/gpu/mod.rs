@@ -17,7 +17,7 @@ pub struct DeviceSummary {
     pub index: usize,
     /// Name that the driver gives.
     pub name: String,
-    /// `vulkan`, `metal` or `dx12`.
+    /// `vulkan`, `metal` or `dx12`; `none` where a run needed no device.
     pub backend: String,
     /// `cpu`, `integrated`, `discrete`, `virtual` or `other`.
     pub kind: String,
@@ -66,7 +66,38 @@ pub fn list_devices() -> Vec<DeviceSummary> {
     adapters().iter().enumerate().map(|(i, a)| summarise(i, &a.get_info())).collect()
 }
 
+impl DeviceSummary {
+    /// What a run without a device has in its place.
+    pub fn none() -> Self {
+        let text = str::to_owned;
+        Self {
+            index: 0,
+            name: text("no device"),
+            backend: text("none"),
+            kind: text("cpu"),
+            driver: String::new(),
+        }
+    }
+}
+
+/// The error where there is no device and one is needed.
+pub(crate) fn no_device() -> EngineError {
+    EngineError::Device(NO_DEVICE.into())
+}
+
 impl Gpu {
+    /// As [`Gpu::open`]; `None` where the machine has no device and none is asked for by name: decoupled sampling does
+    /// without.
+    ///
+    /// # Errors
+    /// None matches, or it cannot be opened.
+    pub fn open_any(selector: Option<&str>) -> Result<Option<Self>, EngineError> {
+        if selector.is_none() && adapters().is_empty() {
+            return Ok(None);
+        }
+        Self::open(selector).map(Some)
+    }
+
     /// What `work` makes. The device's own complaints about it come as an error, not as a panic.
     pub(crate) fn guarded<T>(&self, work: impl FnOnce() -> Result<T, EngineError>) -> Result<T, EngineError> {
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);

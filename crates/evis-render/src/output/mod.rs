@@ -3,5 +3,6 @@
 pub mod frames;
 pub mod labels;
 pub mod packet;
+pub mod poses;
 
 pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};

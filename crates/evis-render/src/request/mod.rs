@@ -55,6 +55,11 @@ impl SamplingRequest {
         .find_map(|(name, value)| Some((name, value?)))
     }
 
+    /// The first setting of instants that was given by hand, and its value.
+    fn of_instants(&self) -> Option<(&'static str, String)> {
+        self.by_hand().filter(|(name, _)| ["rate", "adaptive_px", "between"].contains(name))
+    }
+
     /// Checks what contradicts itself, without scene or device.
     ///
     /// # Errors
@@ -68,6 +73,18 @@ impl SamplingRequest {
         if let (Some(quality), true) = (self.quality, self.from_settings) {
             let remedy = "left out: a settings file says how pixels are sampled";
             return Err(ConfigError::new("quality", quality.name(), remedy));
+        }
+        let decoupled = self.method == Some(Method::Decoupled);
+        if decoupled && let Some(quality) = self.quality {
+            return Err(ConfigError::new(
+                "quality",
+                quality.name(),
+                "left out: decoupled sampling has no presets",
+            ));
+        }
+        if decoupled && let Some((name, value)) = self.of_instants() {
+            let remedy = "left out: decoupled sampling evaluates each pixel at its own times";
+            return Err(ConfigError::new(name, value, remedy));
         }
         if let (Some(method), Some(rate_hz)) = (keyframes, self.rate_hz) {
             let remedy =
@@ -83,13 +100,14 @@ impl SamplingRequest {
         self.quality.or(nothing.then_some(Quality::Standard))
     }
 
-    /// Sets sampling in `config`, in which all else is set. Returns notes for the user: what a preset could not have.
+    /// Sets sampling in `config`, in which all else is set. Returns notes for the user: what a preset could not have. Without a
+    /// device presets take decoupled sampling.
     ///
     /// # Errors
     /// What contradicts itself, cameras that do not exist or cannot be used.
     pub fn apply(
         &self,
-        gpu: &Gpu,
+        gpu: Option<&Gpu>,
         scene: &Scene,
         config: &mut RunConfig,
     ) -> Result<Vec<String>, EngineError> {
@@ -100,6 +118,10 @@ impl SamplingRequest {
         let mut notes = Vec::new();
         if let Some(quality) = self.preset() {
             notes = quality.sampling().apply(gpu, scene, config)?;
+            if config.method == Method::Decoupled && self.of_instants().is_some() {
+                // Settings of instants are for rendered ones.
+                notes = quality.sampling().rendered().apply(gpu, scene, config)?;
+            }
             config.quality = self.by_hand().is_none().then_some(quality);
         } else if let Some(method) = self.method {
             config.method = method;

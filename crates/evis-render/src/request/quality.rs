@@ -1,5 +1,6 @@
 //! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered or analysed to choose them.
 
+use evis_core::TriggerRule;
 use evis_scene::{AlphaMode, Scene};
 
 use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
@@ -21,7 +22,7 @@ impl Quality {
         match self {
             Self::Draft => SamplingSettings::coverage(1.0, 16, 2),
             Self::Standard => SamplingSettings::coverage(0.5, 16, 4),
-            Self::High => SamplingSettings::with_rays(0.3, 144),
+            Self::High => SamplingSettings { decoupled: true, ..SamplingSettings::with_rays(0.3, 144) },
             Self::Reference => SamplingSettings { rate_hz: 8000.0, ..SamplingSettings::with_rays(0.15, 256) },
         }
     }
@@ -52,6 +53,8 @@ pub struct SamplingSettings {
     pub texture_taps: u32,
     /// Whether shadow borders are found by rays, where the user leaves that open and the scene allows it.
     pub rays: bool,
+    /// Whether [`Method::Decoupled`] takes the place of all that, where scene and sensors allow it.
+    pub decoupled: bool,
 }
 
 impl SamplingSettings {
@@ -64,6 +67,7 @@ impl SamplingSettings {
             samples,
             texture_taps,
             rays: false,
+            decoupled: false,
         }
     }
 
@@ -72,33 +76,49 @@ impl SamplingSettings {
         Self { rays: true, ..Self::coverage(step_px, samples, 4) }
     }
 
+    /// The same, by rendering.
+    pub const fn rendered(self) -> Self {
+        Self { decoupled: false, ..self }
+    }
+
     /// Sets them in `config`, as far as `scene` and device allow. Returns what differs and why, for the user.
     ///
     /// # Errors
     /// Cameras that do not exist or cannot be used.
     pub fn apply(
         &self,
-        gpu: &Gpu,
+        gpu: Option<&Gpu>,
         scene: &Scene,
         config: &mut RunConfig,
     ) -> Result<Vec<String>, EngineError> {
         let (views, _) = view::views(scene, config)?;
         let mut notes = Vec::new();
         config.method = Method::Native;
+        if self.decoupled || gpu.is_none() {
+            match decoupled_limit(scene, &views) {
+                None => config.method = Method::Decoupled,
+                Some(limit) => notes.push(format!("sampled by rendering: decoupled sampling has no {limit}")),
+            }
+        }
         config.rate_hz = self.rate_hz;
         config.antialias = self.antialias;
         config.samples = self.samples;
         config.texture_taps = Some(self.texture_taps);
-        config.adaptive_px = self.step_px;
-        config.between = if self.step_px.is_some() { Between::Curve } else { Between::Line };
-        if !views.is_empty() && views.iter().all(|view| view.sensor.walks_on_host()) {
+        let step_px = self.step_px.filter(|_| config.method == Method::Native);
+        config.adaptive_px = step_px;
+        config.between = if step_px.is_some() { Between::Curve } else { Between::Line };
+        if config.method == Method::Native
+            && !views.is_empty()
+            && views.iter().all(|view| view.sensor.walks_on_host())
+        {
             (config.adaptive_px, config.between) = (None, Between::Line);
             notes.push(format!(
                 "every pixel is sampled {} times per second: the sensor model runs on the host and takes every instant",
                 self.rate_hz
             ));
         }
-        let grid = largest_grid(&views, gpu.device.limits().max_texture_dimension_2d);
+        let edge = gpu.map_or(u32::MAX, |gpu| gpu.device.limits().max_texture_dimension_2d);
+        let grid = largest_grid(&views, edge);
         if config.antialias == Antialias::Edges && config.coverage_grid() > grid {
             config.samples = 4 * grid * grid;
             notes.push(format!(
@@ -120,11 +140,24 @@ impl SamplingSettings {
 ///
 /// # Errors
 /// As [`SamplingSettings::apply`].
-pub fn settle(gpu: &Gpu, scene: &Scene, config: &mut RunConfig) -> Result<(), EngineError> {
+pub fn settle<'a>(
+    gpu: impl Into<Option<&'a Gpu>>,
+    scene: &Scene,
+    config: &mut RunConfig,
+) -> Result<(), EngineError> {
     if let Some(quality) = config.quality {
-        quality.sampling().apply(gpu, scene, config)?;
+        quality.sampling().apply(gpu.into(), scene, config)?;
     }
     Ok(())
+}
+
+/// What decoupled sampling lacks of `scene` and its sensors; `None` where it has everything.
+fn decoupled_limit(scene: &Scene, views: &[View]) -> Option<String> {
+    let sensor = |view: &View| view.sensor.is_ideal() && view.sensor.trigger == TriggerRule::Crossing;
+    if !views.iter().all(sensor) {
+        return Some("sensor with more than thresholds".into());
+    }
+    evis_decoupled::unsupported(scene)
 }
 
 /// The finest grid of [`Antialias::Edges`] whose pictures fit.

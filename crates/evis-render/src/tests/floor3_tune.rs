@@ -28,7 +28,7 @@ fn base() -> RunConfig {
 fn preset(gpu: &Gpu, scene: &Scene, quality: Quality, base: &RunConfig) -> (RunConfig, Vec<String>) {
     let mut config = base.clone();
     let request = SamplingRequest { quality: Some(quality), shadows: base.shadows, ..Default::default() };
-    let notes = request.apply(gpu, scene, &mut config).unwrap();
+    let notes = request.apply(Some(gpu), scene, &mut config).unwrap();
     (config, notes)
 }
 

@@ -40,7 +40,7 @@ const CANDIDATES: [SamplingSettings; 8] = [
     SamplingSettings::coverage(0.4, 36, 4),
     SamplingSettings::coverage(0.4, 64, 4),
     SamplingSettings::with_rays(0.4, 100),
-    Quality::High.sampling(),
+    Quality::High.sampling().rendered(),
     SamplingSettings::with_rays(0.2, 144),
     Quality::Reference.sampling(),
 ];
@@ -154,7 +154,7 @@ pub fn tune(
     let mut candidates = Vec::new();
     for sampling in CANDIDATES {
         let mut candidate = config.clone();
-        sampling.apply(gpu, scene, &mut candidate)?;
+        sampling.apply(Some(gpu), scene, &mut candidate)?;
         candidates.push(candidate);
     }
     let mut pilot = Pilot::new(gpu, scene, config, &stop)?;

@@ -1,0 +1,75 @@
+//! What a scene has that this method cannot show.
+
+use evis_scene::{AlphaMode, Material, Motion, Scene};
+
+use crate::light::MOST_OWN;
+
+/// The first thing in `scene` that decoupled sampling cannot show, in words that stand after "cannot show"; `None` where it
+/// can show everything.
+pub fn unsupported(scene: &Scene) -> Option<String> {
+    let drawn = scene.nodes.iter().filter_map(|node| scene.meshes.get(node.mesh?));
+    let mut seen = vec![false; scene.materials.len()];
+    for primitive in drawn.flat_map(|mesh| &mesh.primitives) {
+        let Some(material) = scene.materials.get(primitive.material) else { continue };
+        if std::mem::replace(&mut seen[primitive.material], true) {
+            continue;
+        }
+        if let Some(limit) = of_material(scene, material) {
+            return Some(format!("material {:?}: it has {limit}", material.name));
+        }
+    }
+    let apart = scene.lights.iter().filter(|light| light.casts_shadow || light.waveform.is_some()).count();
+    if apart > MOST_OWN {
+        return Some(format!(
+            "{apart} lights that throw shadows or change their strength ({MOST_OWN} at most)"
+        ));
+    }
+    let driven = scene.nodes.iter().find(|node| matches!(node.motion, Motion::Driven(_)));
+    driven.map(|node| format!("node {:?}: a host moves it", node.name))
+}
+
+fn of_material(scene: &Scene, material: &Material) -> Option<&'static str> {
+    let nearest = |texture: &Option<evis_scene::TextureRef>| {
+        texture.as_ref().and_then(|t| scene.textures.get(t.texture)).is_some_and(|t| t.nearest)
+    };
+    if matches!(material.alpha, AlphaMode::Mask(_)) {
+        return Some("holes (alpha mask)");
+    }
+    if nearest(&material.base_color_texture) {
+        return Some("a texture without interpolation");
+    }
+    [
+        (&material.normal_texture, "a normal map"),
+        (&material.metallic_roughness_texture, "a metallic-roughness map"),
+        (&material.occlusion_texture, "an occlusion map"),
+        (&material.emissive_texture, "an emission map"),
+    ]
+    .into_iter()
+    .find_map(|(texture, what)| texture.is_some().then_some(what))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn built_in_scenes_can_be_shown_and_what_cannot_is_named() {
+        for (name, _) in evis_scene::builtin::names() {
+            let scene = evis_scene::builtin::load(name, 0).unwrap();
+            assert_eq!(unsupported(&scene), None, "{name}");
+        }
+        let scene = evis_scene::builtin::load("desk", 0).unwrap();
+        let drawn = scene.nodes.iter().find_map(|n| n.mesh).unwrap();
+        let material = scene.meshes[drawn].primitives[0].material;
+        let mut masked = scene.clone();
+        masked.materials[material].alpha = AlphaMode::Mask(0.5);
+        assert!(unsupported(&masked).unwrap().contains("holes"));
+        let mut bumpy = scene.clone();
+        bumpy.materials[material].normal_texture = bumpy.materials.iter().find_map(|m| m.base_color_texture);
+        assert!(unsupported(&bumpy).unwrap().contains("normal map"));
+        let mut lit = scene;
+        let lamp = lit.lights[0].clone();
+        lit.lights.extend((0..5).map(|_| evis_scene::Light { casts_shadow: true, ..lamp.clone() }));
+        assert!(unsupported(&lit).unwrap().contains("shadows"));
+    }
+}

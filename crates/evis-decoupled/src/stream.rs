@@ -1,0 +1,196 @@
+//! A stream of events from a thread of its own: several views of a scene, block by block.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use evis_core::{Event, SensorConfig};
+use evis_scene::Scene;
+
+use crate::blocks::Blocks;
+use crate::light::Lighting;
+use crate::simulate::{Pixels, Report, Settings, reference_luminance};
+use crate::world::World;
+use crate::{Error, unsupported};
+
+/// How often a reader that waits looks whether it should stop.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// One camera of one environment.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Index into [`Scene::cameras`].
+    pub camera: usize,
+    /// Index into [`Scene::variants`]; `None` is the scene as it is.
+    pub variant: Option<usize>,
+    /// Its sensor: thresholds and `eps`.
+    pub sensor: SensorConfig,
+}
+
+/// What a stream shows.
+#[derive(Clone, Debug)]
+pub struct StreamSettings {
+    /// Width and height in pixels of every view; `None` takes each camera's own.
+    pub size: Option<(u32, u32)>,
+    /// Scene time at which the stream starts, in microseconds.
+    pub start_us: i64,
+    /// `Y_ref`; `None` takes the luminance that brings the log-mean of the first view's picture at the start to 0.18.
+    pub reference_luminance: Option<f32>,
+}
+
+/// Events of one view, as far as they are known.
+#[derive(Debug)]
+pub struct Piece {
+    /// Index of the view.
+    pub view: usize,
+    /// Stream time before which all its events are there, in microseconds.
+    pub complete_us: i64,
+    /// Those that are new, in canonical order. At the time where the last piece ended there may be more.
+    pub events: Vec<Event>,
+    /// What the view took since the stream began.
+    pub report: Report,
+}
+
+/// Events of several views of a scene.
+pub struct Stream {
+    /// Stream times up to which events are wanted.
+    wanted: Option<Sender<i64>>,
+    pieces: Receiver<Result<Piece, Error>>,
+    reference_luminance: f32,
+    abort: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Stream {
+    /// Prepares `views` of `scene`; nothing is simulated yet.
+    ///
+    /// # Errors
+    /// A setting or a camera that cannot be used, and a scene that this method cannot show.
+    pub fn new(scene: Arc<Scene>, views: Vec<View>, settings: &StreamSettings) -> Result<Self, Error> {
+        for view in &views {
+            Settings { sensor: view.sensor.clone(), start_us: settings.start_us, ..Settings::default() }
+                .check()?;
+        }
+        if let Some(limit) = unsupported(&scene) {
+            return Err(Error::Unsupported(limit));
+        }
+        let settings = settings.clone();
+        let (wanted, horizons) = channel();
+        let (send, pieces) = channel();
+        let (ready, prepared) = channel();
+        let abort = Arc::new(AtomicBool::new(false));
+        let aborted = Arc::clone(&abort);
+        let work = move || {
+            let failed = follow(&scene, &views, &settings, &ready, &horizons, &send, &aborted).err();
+            if let Some(error) = failed {
+                // Whoever waits for neither has gone.
+                let _ = ready.send(Err(error.clone()));
+                let _ = send.send(Err(error));
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("evis-decoupled".into())
+            .spawn(work)
+            .map_err(|e| Error::Thread(e.to_string()))?;
+        let reference_luminance = prepared.recv().unwrap_or_else(|_| Err(Error::Thread(BROKEN.into())))?;
+        Ok(Self { wanted: Some(wanted), pieces, reference_luminance, abort, thread: Some(thread) })
+    }
+
+    /// The `Y_ref` in force.
+    pub fn reference_luminance(&self) -> f32 {
+        self.reference_luminance
+    }
+
+    /// Asks for everything before `until_us` of stream time. Nothing is simulated that nobody asked for.
+    pub fn want(&self, until_us: i64) {
+        // A thread that is gone has left an error.
+        let _ = self.wanted.as_ref().map(|wanted| wanted.send(until_us));
+    }
+
+    /// The next piece; waits for it. `None` where `stop` is set meanwhile: the piece comes with a later call.
+    ///
+    /// # Errors
+    /// A camera that loses its pose.
+    pub fn next(&mut self, stop: &AtomicBool) -> Result<Option<Piece>, Error> {
+        loop {
+            match self.pieces.recv_timeout(LOOK) {
+                Ok(piece) => return piece.map(Some),
+                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Ok(None),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Err(Error::Thread(BROKEN.into())),
+            }
+        }
+    }
+}
+
+const BROKEN: &str = "it stopped with an internal error; please report what it printed";
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        self.abort.store(true, Ordering::Relaxed);
+        self.wanted = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic there was a broken invariant; it has printed itself.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The thread: follows the view that is behind the others, as far as is wanted.
+fn follow(
+    scene: &Scene,
+    views: &[View],
+    settings: &StreamSettings,
+    ready: &Sender<Result<f32, Error>>,
+    horizons: &Receiver<i64>,
+    pieces: &Sender<Result<Piece, Error>>,
+    abort: &AtomicBool,
+) -> Result<(), Error> {
+    let usual = Settings::default();
+    let start_us = settings.start_us;
+    let worlds: Vec<World> = views
+        .iter()
+        .map(|v| {
+            World::of_variant(scene, v.variant.and_then(|i| scene.variants.get(i)), v.camera, settings.size)
+        })
+        .collect::<Result<_, _>>()?;
+    let mut lightings: Vec<Lighting> = worlds.iter().map(Lighting::new).collect();
+    let mut blocks: Vec<Blocks> =
+        worlds.iter().map(|world| Blocks::new(world, start_us, usual.block_us)).collect();
+    let reference = match (settings.reference_luminance, lightings.first_mut()) {
+        (Some(given), _) => given,
+        (None, Some(lighting)) => reference_luminance(&worlds[0], lighting, blocks[0].peek())? as f32,
+        (None, None) => 1.0,
+    };
+    let mut pixels: Vec<Pixels> = views
+        .iter()
+        .zip(&worlds)
+        .map(|(view, world)| Pixels::new(world, &view.sensor, f64::from(reference), start_us))
+        .collect();
+    // Nobody waits for it: then the wanted times end, too.
+    let _ = ready.send(Ok(reference));
+
+    let complete_us = |blocks: &Blocks| blocks.peek().start_us.floor() as i64 - start_us;
+    let mut horizon_us = 0;
+    loop {
+        let behind = (0..views.len()).min_by_key(|&v| complete_us(&blocks[v]));
+        let Some(view) = behind.filter(|&v| complete_us(&blocks[v]) < horizon_us) else {
+            match horizons.recv() {
+                Ok(until_us) => horizon_us = horizon_us.max(until_us),
+                Err(_) => return Ok(()),
+            }
+            continue;
+        };
+        let block = blocks[view].pop();
+        let Some(events) = pixels[view].follow(&worlds[view], &mut lightings[view], block, abort)? else {
+            return Ok(());
+        };
+        let complete_us = complete_us(&blocks[view]);
+        let report = pixels[view].report(&lightings[view]);
+        if pieces.send(Ok(Piece { view, complete_us, events, report })).is_err() {
+            return Ok(());
+        }
+    }
+}

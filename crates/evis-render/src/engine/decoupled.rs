@@ -1,0 +1,155 @@
+//! Decoupled sampling behind the simulator: events come from `evis-decoupled`, labels and frames from the engine.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use evis_core::{CameraInfo, Event, LabelKind, TimeGrid};
+use evis_decoupled::{Stream, StreamSettings};
+use evis_scene::Scene;
+
+use crate::config::RunConfig;
+use crate::engine::{Arrived, Engine, milliseconds};
+use crate::error::EngineError;
+use crate::gpu::{Gpu, no_device};
+use crate::output::packet::{Packet, PacketReport, ViewPacket};
+use crate::output::poses::CameraPoses;
+use crate::world::view::View;
+
+/// Views of a scene whose events are found without rendering.
+pub struct Decoupled {
+    scene: Arc<Scene>,
+    views: Vec<View>,
+    stream: Stream,
+    /// Renders labels and frames, where any are asked for.
+    pictures: Option<Engine>,
+    poses: CameraPoses,
+    arrived: Vec<Arrived>,
+    /// Per view: events before this are there.
+    complete_us: Vec<i64>,
+    /// Per view: evaluations of its pixels, of the stream and of those that were reported.
+    evaluations: Vec<[u64; 2]>,
+    delivered_us: i64,
+    stop: Arc<AtomicBool>,
+    caused: bool,
+}
+
+impl Decoupled {
+    /// Prepares `views`, and `gpu` where pictures are asked for.
+    ///
+    /// # Errors
+    /// A scene or a sensor that this method cannot show, and pictures without a device.
+    pub fn new(
+        gpu: Option<&Gpu>,
+        scene: Arc<Scene>,
+        views: Vec<View>,
+        cameras: &[CameraInfo],
+        config: &mut RunConfig,
+    ) -> Result<Self, EngineError> {
+        let pictured = config.carried().iter().any(|kind| *kind != LabelKind::Cause);
+        if pictured && gpu.is_none() {
+            return Err(no_device());
+        }
+        let settings = StreamSettings {
+            size: config.size,
+            start_us: config.start_us,
+            reference_luminance: config.reference_luminance,
+        };
+        let seen = views.iter().map(|view| {
+            let camera = scene.camera(&cameras[view.camera].name)?;
+            let variant = (!scene.variants.is_empty()).then_some(view.environment);
+            Ok(evis_decoupled::View { camera, variant, sensor: view.sensor.clone() })
+        });
+        let stream = Stream::new(Arc::clone(&scene), seen.collect::<Result<_, EngineError>>()?, &settings)?;
+        config.reference_luminance = Some(stream.reference_luminance());
+        let pictures = match gpu.filter(|_| pictured) {
+            Some(gpu) => Some(gpu.guarded(|| Engine::new(gpu, Arc::clone(&scene), views.clone(), config))?),
+            None => None,
+        };
+        Ok(Self {
+            poses: CameraPoses::new(TimeGrid::new(config.label_rate_hz)?, config.start_us),
+            arrived: views.iter().map(|_| Arrived::default()).collect(),
+            complete_us: vec![0; views.len()],
+            evaluations: vec![[0; 2]; views.len()],
+            delivered_us: 0,
+            stop: pictures.as_ref().map_or_else(Arc::default, |engine| Arc::clone(engine.stop())),
+            caused: config.labels.contains(&LabelKind::Cause),
+            scene,
+            views,
+            stream,
+            pictures,
+        })
+    }
+
+    /// See [`Engine::stop`].
+    pub fn stop(&self) -> &Arc<AtomicBool> {
+        &self.stop
+    }
+
+    /// Stream time up to which packets were delivered.
+    pub fn now_us(&self) -> i64 {
+        self.delivered_us
+    }
+
+    /// See [`Engine::luminance`]; by this method.
+    pub fn luminance(&self, view: usize, t_us: i64, config: &RunConfig) -> Result<Vec<f64>, EngineError> {
+        let Some(of) = self.views.get(view) else {
+            return Err(EngineError::Device(format!("there is no view {view}")));
+        };
+        let camera = self.scene.cameras.iter().position(|camera| camera.node == of.node).unwrap_or(0);
+        let settings = evis_decoupled::Settings { camera, size: config.size, ..Default::default() };
+        let variant = self.scene.variants.get(of.environment);
+        let t_us = (config.start_us + t_us) as f64;
+        Ok(evis_decoupled::luminance_of(&self.scene, variant, &settings, t_us)?)
+    }
+
+    /// Delivers `[now, until_us)`, simulating ahead as far as `horizon_us`.
+    pub fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
+        let started = Instant::now();
+        self.stream.want(horizon_us);
+        let waiting = Instant::now();
+        while self.complete_us.iter().any(|&t| t < until_us) {
+            let Some(piece) = self.stream.next(&self.stop)? else { return Err(EngineError::Stopped) };
+            let events = &mut self.arrived[piece.view].events;
+            // Where two blocks meet within a microsecond, both may have events in it.
+            let meeting = events.partition_point(|e| e.t < self.complete_us[piece.view]);
+            events.extend(piece.events);
+            events[meeting..].sort_by_key(Event::order);
+            self.complete_us[piece.view] = piece.complete_us;
+            self.evaluations[piece.view][0] = piece.report.evaluations;
+        }
+        let waited_ms = milliseconds(waiting);
+        let pictures = match &mut self.pictures {
+            Some(engine) => Some(engine.deliver(until_us, horizon_us)?),
+            None => None,
+        };
+        let mut report = pictures.as_ref().map_or_else(PacketReport::default, |packet| packet.report.clone());
+        let mut pictures = pictures.map(|packet| packet.views.into_iter());
+        let arrived = &mut self.arrived;
+        self.poses.take(&self.scene, &self.views, until_us, |view, pose| arrived[view].poses.push(pose));
+        let mut packet = Packet { start_us: self.delivered_us, end_us: until_us, ..Default::default() };
+        for (view, arrived) in self.views.iter().zip(&mut self.arrived) {
+            let count = arrived.events.partition_point(|e| e.t < until_us);
+            let rest = arrived.events.split_off(count);
+            let events = std::mem::replace(&mut arrived.events, rest);
+            packet.views.push(ViewPacket {
+                environment: view.environment,
+                camera: view.camera,
+                // An ideal sensor's events all come from light.
+                causes: if self.caused { vec![0; events.len()] } else { Vec::new() },
+                events,
+                labels: pictures.as_mut().and_then(|views| Some(views.next()?.labels)).unwrap_or_default(),
+                poses: std::mem::take(&mut arrived.poses),
+            });
+        }
+        self.delivered_us = until_us;
+        report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
+        for [now, reported] in &mut self.evaluations {
+            report.drawn_pixels += *now - std::mem::replace(reported, *now);
+        }
+        report.times.device_wait_ms += waited_ms;
+        report.times.total_ms = milliseconds(started);
+        packet.report = report;
+        Ok(packet)
+    }
+}
