@@ -474,6 +474,7 @@ mod tests {
             published: false,
             adaptive_px: vec![],
             presets: vec![],
+            decoupled: false,
             splat: vec![],
             splat_triggers: false,
         };

@@ -27,6 +27,7 @@ fn tiny() -> ChartSettings {
             published: true,
             adaptive_px: vec![1.0],
             presets: vec![evis_render::Quality::Draft],
+            decoupled: false,
             splat: vec![],
             splat_triggers: false,
         },

@@ -22,7 +22,7 @@ const SEEDS: std::ops::Range<u64> = 0..24;
 /// Scenes on which every run tries the presets.
 const PRESET_SEEDS: std::ops::Range<u64> = 0..4;
 
-fn seeds(usual: std::ops::Range<u64>) -> std::ops::Range<u64> {
+pub(super) fn seeds(usual: std::ops::Range<u64>) -> std::ops::Range<u64> {
     let asked = std::env::var("EVIS_SCENES").ok();
     asked.map_or(usual, |range| {
         let (first, last) = range.split_once("..").expect("EVIS_SCENES=FIRST..LAST");
@@ -144,7 +144,7 @@ fn random_scenes_fire_the_same_bytes_whatever_is_skipped() {
 }
 
 /// F1 of two lists of events: one to one in order, per pixel and polarity, within 1 ms.
-fn matched(a: &[Event], b: &[Event]) -> usize {
+pub(super) fn matched(a: &[Event], b: &[Event]) -> usize {
     let by_pixel = |events: &[Event]| {
         let mut of: HashMap<(u16, u16, i16), Vec<i64>> = HashMap::new();
         for e in events {

@@ -1,0 +1,183 @@
+//! Floor 3: decoupled sampling behind the simulator, beside plain rendering.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use evis_core::{Event, LabelKind, SensorConfig};
+use evis_scene::{AlphaMode, Scene, Variant};
+
+use crate::config::{Antialias, Method, Quality, RunConfig, Shadows};
+use crate::engine::simulator::Simulator;
+use crate::error::EngineError;
+use crate::gpu::Gpu;
+use crate::output::packet::Packet;
+use crate::request::SamplingRequest;
+
+use super::adaptive_streams::scene;
+use super::random_scenes::{self, LENGTH_MS};
+use super::skips::{matched, seeds};
+
+/// Random scenes that every run tries.
+const SEEDS: std::ops::Range<u64> = 0..12;
+
+fn config() -> RunConfig {
+    RunConfig { method: Method::Decoupled, size: Some((40, 30)), ..RunConfig::default() }
+}
+
+fn by_view(packets: impl IntoIterator<Item = Packet>) -> Vec<Vec<Event>> {
+    let mut events = Vec::new();
+    for packet in packets {
+        events.resize(packet.views.len(), Vec::new());
+        events.iter_mut().zip(packet.views).for_each(|(all, view)| all.extend(view.events));
+    }
+    events
+}
+
+#[test]
+fn packets_streams_and_neighbours_change_no_byte() {
+    let mut scene = (*scene("desk")).clone();
+    let clock = |time_offset_s| Variant { time_offset_s, ..Variant::default() };
+    scene.variants = vec![clock(0.0), clock(0.3)];
+    let scene = Arc::new(scene);
+    let new = || Simulator::new(None, scene.clone(), config()).unwrap();
+    let whole = by_view([new().step(100_000).unwrap()]);
+    assert!(whole.len() == 2 && whole[0] != whole[1] && whole.iter().all(|events| events.len() > 50));
+    let mut stepped = new();
+    let steps = [1_000, 33_000, 33_001, 100_000].map(|until_us| {
+        let packet = stepped.step(until_us).unwrap();
+        assert!(packet.views.iter().flat_map(|view| &view.events).all(|e| e.t < until_us));
+        packet
+    });
+    let counted: u64 = steps.iter().map(|packet| packet.report.events).sum();
+    assert_eq!(counted as usize, whole.iter().map(Vec::len).sum::<usize>());
+    assert_eq!(by_view(steps), whole);
+    assert_eq!(by_view(new().stream(100_000, 7_000).unwrap().map(Result::unwrap)), whole);
+    let mut alone = (*scene).clone();
+    alone.variants.clear();
+    let reference_luminance = new().config().reference_luminance;
+    let alone = Simulator::new(None, Arc::new(alone), RunConfig { reference_luminance, ..config() });
+    assert_eq!(by_view([alone.unwrap().step(100_000).unwrap()]), whole[..1]);
+}
+
+#[test]
+fn labels_frames_and_poses_are_those_of_rendering() {
+    let Some(gpu) = super::device() else { return };
+    let labelled = |method| RunConfig {
+        method,
+        labels: vec![LabelKind::Depth, LabelKind::Cause],
+        frame_rate_hz: Some(50.0),
+        reference_luminance: Some(0.5),
+        ..config()
+    };
+    let take = |method, steps: &[i64]| {
+        let mut simulator = Simulator::new(&gpu, scene("spinner"), labelled(method)).unwrap();
+        steps.iter().map(|until_us| simulator.step(*until_us).unwrap()).collect::<Vec<_>>()
+    };
+    let (own, rendered) =
+        (take(Method::Decoupled, &[10_000, 60_000]), take(Method::Native, &[10_000, 60_000]));
+    let mut labels = 0;
+    for (own, rendered) in own.iter().zip(&rendered) {
+        let (own, rendered) = (&own.views[0], &rendered.views[0]);
+        assert_eq!(own.poses, rendered.poses);
+        assert_eq!(own.causes, vec![0; own.events.len()]);
+        assert!(own.labels == rendered.labels);
+        labels += own.labels.len();
+    }
+    assert_eq!(labels, 3 + 3, "depth and frames at 50 Hz during 60 ms");
+    // Labels need a device, events do not.
+    let error = Simulator::new(None, scene("spinner"), labelled(Method::Decoupled)).err().unwrap();
+    assert!(matches!(&error, EngineError::Device(text) if text.contains("mesa")), "{error}");
+}
+
+#[test]
+fn a_stopped_step_goes_on_and_loses_nothing() {
+    let mut simulator = Simulator::new(None, scene("spinner"), config()).unwrap();
+    let whole = by_view([Simulator::new(None, scene("spinner"), config()).unwrap().step(300_000).unwrap()]);
+    simulator.stop().store(true, Ordering::Relaxed);
+    assert!(matches!(simulator.step(300_000), Err(EngineError::Stopped)));
+    assert_eq!(simulator.now_us(), 0);
+    simulator.stop().store(false, Ordering::Relaxed);
+    assert_eq!(by_view([simulator.step(300_000).unwrap()]), whole);
+}
+
+/// What decoupled sampling takes for a pixel that rests, it does not evaluate: plain rendering says what it missed.
+#[test]
+fn random_scenes_fire_as_when_every_instant_is_rendered() {
+    let Some(gpu) = super::device() else { return };
+    let (mut both, mut all, mut shown, mut later) = (0, 0, 0, 0);
+    for seed in seeds(SEEDS) {
+        let scene = Arc::new(random_scenes::scene(seed));
+        if evis_decoupled::unsupported(&scene).is_some() {
+            continue;
+        }
+        shown += 1;
+        let run = |method| {
+            let config = RunConfig {
+                method,
+                rate_hz: 4000.0,
+                antialias: Antialias::Edges,
+                samples: 144,
+                shadows: Some(Shadows::Maps),
+                reference_luminance: Some(0.5),
+                ..RunConfig::default()
+            };
+            let mut simulator = Simulator::new(&gpu, scene.clone(), config).unwrap();
+            by_view([simulator.step(i64::from(LENGTH_MS) * 1000).unwrap()])
+        };
+        let (own, rendered) = (run(Method::Decoupled), run(Method::Native));
+        for (own, rendered) in own.iter().zip(&rendered) {
+            let mut late = own.clone();
+            late.iter_mut().for_each(|event| event.t += 1_500);
+            let found = matched(own, rendered);
+            eprintln!("seed {seed}: {} and {} events, {found} agree", own.len(), rendered.len());
+            both += 2 * found;
+            later += 2 * matched(&late, rendered);
+            all += own.len() + rendered.len();
+        }
+    }
+    let [f1, canary] = [both, later].map(|matched| matched as f64 / all.max(1) as f64);
+    assert!(shown >= 4 && all > 2_000 && f1 > 0.93, "{shown} scenes, F1 {f1} of {} events", all / 2);
+    assert!(canary < f1 - 0.1, "events that come 1.5 ms late match as well: {canary}");
+}
+
+#[test]
+fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
+    let Some(gpu) = super::device() else { return };
+    let apply = |gpu: Option<&Gpu>, scene: &Scene, request: SamplingRequest, base: RunConfig| {
+        let mut config = base;
+        let notes = request.apply(gpu, scene, &mut config);
+        notes.map(|notes| (config.method, config.adaptive_px, notes.join("; ")))
+    };
+    let quality = |quality| SamplingRequest { quality: Some(quality), ..Default::default() };
+    let desk = scene("desk");
+    let base = || RunConfig { size: Some((40, 30)), ..RunConfig::default() };
+    let (method, step_px, _) = apply(Some(&gpu), &desk, quality(Quality::High), base()).unwrap();
+    assert_eq!((method, step_px), (Method::Decoupled, None));
+    let (method, step_px, _) = apply(Some(&gpu), &desk, quality(Quality::Standard), base()).unwrap();
+    assert!(method == Method::Native && step_px.is_some());
+    // Without a device there is nothing else.
+    let (method, ..) = apply(None, &desk, quality(Quality::Standard), base()).unwrap();
+    assert_eq!(method, Method::Decoupled);
+    // Settings of instants ask for rendering.
+    let by_hand = SamplingRequest { adaptive_px: Some(0.7), ..quality(Quality::High) };
+    let (method, step_px, _) = apply(Some(&gpu), &desk, by_hand, base()).unwrap();
+    assert_eq!((method, step_px), (Method::Native, Some(0.7)));
+    let mut masked = (*desk).clone();
+    masked.materials.iter_mut().for_each(|material| material.alpha = AlphaMode::Mask(0.5));
+    let (method, _, notes) = apply(Some(&gpu), &masked, quality(Quality::High), base()).unwrap();
+    assert!(method == Method::Native && notes.contains("holes"), "{notes}");
+    let v2e = RunConfig { sensor: SensorConfig::preset("v2e").unwrap(), ..base() };
+    let (method, _, notes) = apply(Some(&gpu), &desk, quality(Quality::High), v2e.clone()).unwrap();
+    assert!(method == Method::Native && notes.contains("thresholds"), "{notes}");
+    // Asked for by hand it is refused.
+    let by_name = || SamplingRequest { method: Some(Method::Decoupled), ..Default::default() };
+    let refused = |scene: &Scene, base| {
+        let mut config = base;
+        by_name().apply(Some(&gpu), scene, &mut config).unwrap();
+        Simulator::new(&gpu, Arc::new(scene.clone()), config).err().unwrap().to_string()
+    };
+    assert!(refused(&masked, base()).contains("holes") && refused(&desk, v2e).contains("thresholds"));
+    let told = |request: SamplingRequest| apply(Some(&gpu), &desk, request, base()).unwrap_err().to_string();
+    assert!(told(SamplingRequest { rate_hz: Some(100.0), ..by_name() }).contains("rate is 100"));
+    assert!(told(SamplingRequest { quality: Some(Quality::High), ..by_name() }).contains("high"));
+}
