@@ -92,8 +92,10 @@ class Simulator:
     settings : path-like, optional
         Settings from a file: one that `tune` or ``evis tune`` wrote, or a recording (``.h5``), whose own
         settings are used again. Arguments given here override it.
-    method : {"native", "splat", "evis-paper"} or Warp, optional
-        How instants are sampled: rendered (``native``), or splatted from keyframes.
+    method : {"native", "decoupled", "splat", "evis-paper"} or Warp, optional
+        How light is sampled: instants are rendered (``native``), or splatted from keyframes; or visibility is
+        followed in continuous time and each pixel is evaluated at its own times, on the CPU (``decoupled``:
+        for sensors of thresholds alone; it needs a device for labels and frames only).
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 without a preset. Only for
         ``native``: a splat has its own.
@@ -162,7 +164,8 @@ class Simulator:
         With ``poses``: steps are multiples of so many microseconds; 10000 where not given. It is a multiple
         of the time between two samples (250 us in every preset but ``reference``, which has 125).
     device : Device, str or int, optional
-        A device, its index, or a part of its name; the fastest kind where not given.
+        A device, its index, or a part of its name; the fastest kind where not given. Where the machine has
+        none, presets take decoupled sampling.
 
     Raises
     ------

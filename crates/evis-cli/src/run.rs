@@ -757,6 +757,9 @@ impl Report {
                 let shaded = if run.antialias == Antialias::Edges { ", 1 in 4 shaded" } else { "" };
                 let rays = if run.shadows == Some(Shadows::Rays) { ", shadows by rays" } else { "" };
                 let mut line = format!("{}, {} samples{shaded}{rays}, ", self.method, run.samples);
+                if run.method == Method::Decoupled {
+                    line = format!("{}, {drawn:.0} evaluations of a pixel on average, ", self.method);
+                }
                 if let Some(px) = run.adaptive_px {
                     let hz = if self.stream_s > 0.0 { drawn / self.stream_s } else { 0.0 };
                     let curves = if run.takes_curves() { ", curves between them" } else { "" };
@@ -765,7 +768,11 @@ impl Report {
                         run.rate_hz
                     );
                 }
-                line += &format!("{instants} instants");
+                line += &if run.method == Method::Decoupled {
+                    "each at its own times".to_owned()
+                } else {
+                    format!("{instants} instants")
+                };
                 if let Some(quality) = run.quality {
                     line +=
                         &format!("\n                   quality {}: {}", quality.name(), quality.measured());
