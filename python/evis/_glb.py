@@ -14,6 +14,8 @@ from ._shapes import Triangles
 
 _FLOAT, _U32 = 5126, 5125
 _ARRAY, _INDICES = 34962, 34963
+_REPEAT, _CLAMP = 10497, 33071
+_LINEAR, _MIPMAPS = 9729, 9987
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 
 
@@ -68,11 +70,9 @@ class Glb:
     def add_texture(self, pixels: npt.NDArray[np.uint8], *, clamp: bool = False) -> int:
         """Add a picture, uint8 (H, W, 3), sRGB, from the top, that repeats or ends at its edges."""
         image = self._append("images", {"bufferView": self._view(png(pixels)), "mimeType": "image/png"})
-        mode = 33071 if clamp else 10497
-        sampler = self._append(
-            "samplers", {"wrapS": mode, "wrapT": mode, "magFilter": 9729, "minFilter": 9987}
-        )
-        return self._append("textures", {"source": image, "sampler": sampler})
+        wrap = _CLAMP if clamp else _REPEAT
+        sampler = {"wrapS": wrap, "wrapT": wrap, "magFilter": _LINEAR, "minFilter": _MIPMAPS}
+        return self._append("textures", {"source": image, "sampler": self._append("samplers", sampler)})
 
     def add_material(self, material: dict[str, Any]) -> int:
         """Add a material as glTF has it."""

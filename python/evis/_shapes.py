@@ -1,4 +1,4 @@
-"""Triangles of simple shapes, with normals and texture coordinates, in the frames that robotics uses: +Z up."""
+"""Triangles of simple shapes, with normals and texture coordinates, +Z up as in robotics."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-#: Of each face of a cube map, in OpenGL's order: the axis it lies on, and what runs along its rows and columns
-#: (OpenGL 4.6, table 8.19).
+#: Of each face of a cube map, in OpenGL's order: the axis that it lies on, and the ways in which its rows and
+#: columns run (OpenGL 4.6, table 8.19).
 _CUBE_FACES = (
     ((1, 0, 0), (0, 0, -1), (0, -1, 0)),
     ((-1, 0, 0), (0, 0, 1), (0, -1, 0)),
@@ -195,7 +195,7 @@ def face_normals(positions: Array) -> Array:
 def cube_mapped(shape: Triangles, directions: Array) -> list[tuple[int, Triangles]]:
     """Return `shape` cut where the faces of a cube map meet, as `directions` (n, 3, 3) read it: by face.
 
-    Within a triangle the picture runs evenly, where a cube map has a perspective: exact on the faces of a cube.
+    Within a triangle the picture runs evenly, where a cube map has a perspective: exact on a cube's faces.
     """
     values = np.concatenate([shape.positions, shape.normals, directions], axis=-1)
     for edge in _CUBE_EDGES:
@@ -208,9 +208,7 @@ def cube_mapped(shape: Triangles, directions: Array) -> list[tuple[int, Triangle
         own = values[face == index]
         if len(own):
             depth = np.maximum(own[..., 6:] @ np.array(major, np.float64), 1e-12)
-            uv = np.stack(
-                [own[..., 6:] @ np.array(way, np.float64) / depth for way in (across, down)], axis=-1
-            )
+            uv = own[..., 6:] @ np.array([across, down], np.float64).T / depth[..., None]
             parts.append((index, Triangles(own[..., :3], _unit(own[..., 3:6]), 0.5 + 0.5 * uv.clip(-1, 1))))
     return parts
 

@@ -44,9 +44,9 @@ CameraChoice: TypeAlias = Any
 _TOLERANCE_PX = 0.05
 #: A step is halved so often at most.
 _MOST_HALVINGS = 6
-#: How far a step's end may be from what its velocity says, for the integrator to count as known (radians, metres).
+#: How far a step's end may be from what its velocity says (radians, metres): else it is no plain step.
 _SAME_STATE = 1e-7
-#: A knot's rest: the longest step that renderers choose by themselves, in microseconds.
+#: The longest portion of events that renderers choose by themselves, in microseconds.
 _LONGEST_STEP_US = 20_000
 #: Largest alpha of what is left out; MuJoCo blends, the engine draws all or nothing.
 _TRANSPARENT = 0.5
@@ -65,7 +65,7 @@ def scene(
     *,
     geom_groups: Iterable[int] = (0, 1, 2),
     site_groups: Iterable[int] = (0, 1, 2),
-    skybox: bool = True,
+    skybox: bool = False,
     size: tuple[int, int] | None = None,
 ) -> Scene:
     """Read an ``mjModel`` as a scene.
@@ -86,7 +86,8 @@ def scene(
     geom_groups, site_groups : iterable of int
         Groups of geoms and sites that are drawn, 0 to 5; as MuJoCo, 0 to 2 where not given.
     skybox : bool
-        Whether the model's sky box is seen behind everything; it then lights the scene too.
+        Whether the model's sky box is seen behind everything; it then lights the scene too, which it does not
+        in MuJoCo. Without it the background has the mean colour of the sky box.
     size : (int, int), optional
         Width and height of every camera in pixels; its ``resolution``, or 640x480, where not given.
 
@@ -126,7 +127,7 @@ class EventRenderer:
     geom_groups, site_groups : iterable of int
         Groups that are drawn.
     skybox : bool
-        Whether the sky box is seen.
+        Whether the sky box is seen, and lights: see `scene`.
     pose_step_us : int, optional
         Events come in portions of so many microseconds. A multiple of the time between two samples; longer
         portions render faster. Where not given, the model's time step if it is whole milliseconds, else one
@@ -162,7 +163,7 @@ class EventRenderer:
         environments: int = 1,
         geom_groups: Iterable[int] = (0, 1, 2),
         site_groups: Iterable[int] = (0, 1, 2),
-        skybox: bool = True,
+        skybox: bool = False,
         pose_step_us: int | None = None,
         **settings: Any,
     ) -> None:
@@ -502,7 +503,7 @@ class EventRenderer:
         return [i for i, frame in enumerate(self._frames) if frame.kind == _FREE]
 
     def _until(self, until_us: int, now_us: int) -> tuple[list[int], Array]:
-        """Times and poses, (E, T, N, 7), from now to the end of a step."""
+        """Return times and poses, (E, T, N, 7), from now to the end of a step."""
         knots = list(self._knots)
         times, poses = [], []
         for older, knot in zip([None, *knots[:-1]], knots, strict=True):
@@ -672,7 +673,7 @@ def _multiplied(a: Array, b: Array) -> Array:
 
 
 def _turn(first: Array, last: Array) -> Array:
-    """Rotation vector in the world that leads from one quaternion (x, y, z, w) to another, by the short way."""
+    """Rotation vector in the world from one quaternion (x, y, z, w) to another, by the short way."""
     between = _multiplied(last, first * [-1, -1, -1, 1])
     between = between * np.where(between[..., 3:] < 0, -1.0, 1.0)
     sine = np.linalg.norm(between[..., :3], axis=-1, keepdims=True)
@@ -707,6 +708,8 @@ def _step_us(model: Any, rate_hz: Any) -> int:
 
 
 def _is_orthographic(model: Any, camera: int) -> bool:
+    if camera < 0:
+        return bool(getattr(model.vis.global_, "orthographic", 0))
     if hasattr(model, "cam_projection"):
         return bool(model.cam_projection[camera])
     return bool(model.cam_orthographic[camera]) if hasattr(model, "cam_orthographic") else False
@@ -780,11 +783,8 @@ class _Reading:
                     f"camera is {_check.shown(choice)}; it must be a name, an index or an mujoco.MjvCamera"
                 ) from None
             if not -1 <= found < model.ncam:
-                raise ConfigError(
-                    f"camera is {found}; the model has {model.ncam}: 0 to {model.ncam - 1}, or -1 for the free one"
-                    if model.ncam
-                    else f"camera is {found}; the model has none: -1 is the free camera"
-                )
+                have = f"cameras 0 to {model.ncam - 1}" if model.ncam else "no camera"
+                raise ConfigError(f"camera is {found}; the model has {have}, and -1 is the free camera")
         if _is_orthographic(model, found):
             raise ConfigError(
                 f"camera '{self.camera_name(found)}' is orthographic; only perspective ones work"
@@ -822,10 +822,8 @@ class _Reading:
                 frames.append(_Frame(self.camera_name(view), _FREE, -1))
             elif not self._is_fixed("cam", view):
                 frames.append(_Frame(self.camera_name(view), _CAMERA, view))
-        for index in self._lights():
-            if not self._is_fixed("light", index):
-                frames.append(_Frame(_light_name(model, index), _LIGHT, index))
-        return frames
+        lights = [index for index in self._lights() if not self._is_fixed("light", index)]
+        return frames + [_Frame(_light_name(model, index), _LIGHT, index) for index in lights]
 
     def _is_fixed(self, kind: str, index: int) -> bool:
         mode = getattr(self.model, f"{kind}_mode")[index]
@@ -872,7 +870,9 @@ class _Reading:
             ambient += head.ambient
         for index in lights:
             ambient += model.light_ambient[index]
-        builder = SceneBuilder("mujoco", ambient=tuple(_linear(ambient)))
+        sky = self._sky()
+        background = None if sky is None or skybox else tuple(_mean(sky))
+        builder = SceneBuilder("mujoco", ambient=tuple(_linear(ambient)), background=background)
         builder.gltf("mujoco/model", "model.glb")
         for view in views:
             builder.camera(self._camera(view, free))
@@ -887,18 +887,19 @@ class _Reading:
                 color=tuple(color / color.max()),
                 pose=Placement(parent=self.camera_name(views[0])),
             )
-        sky = self._sky() if skybox else None
-        if sky is not None:
+        panorama = None
+        if skybox and sky is not None:
+            panorama = _radiance(sky)
             builder.environment_map("sky.hdr")
         if environments > 1:
             builder.environments(environments)
         for what, names in self.left_out.items():
             shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
             warnings.warn(f"{what}: {shown}", stacklevel=4)
-        return _made(builder.toml(), self._glb.to_bytes(), sky)
+        return _made(builder.toml(), self._glb.to_bytes(), panorama)
 
     def _shown(self) -> list[tuple[str, int]]:
-        """What of the drawn groups can be seen."""
+        """Return what of the drawn groups can be seen."""
         return [(kind, i) for kind, i in self.drawn if self._look(kind, i)[1][3] >= _TRANSPARENT]
 
     def _look(self, kind: str, index: int) -> tuple[int, tuple[float, ...]]:
@@ -1011,7 +1012,7 @@ class _Reading:
         return None
 
     def _plane(self, size: Array) -> Triangles:
-        """A plane; one without end reaches as far as MuJoCo sees."""
+        """Make a plane; one without end reaches as far as MuJoCo sees."""
         model = self.model
         far = 1.05 * float(model.vis.map.zfar * model.stat.extent)
         half = np.where(size[:2] > 0, size[:2], far)
@@ -1020,7 +1021,7 @@ class _Reading:
         return Triangles(shape.positions, shape.normals, np.where(size[:2] > 0, shape.uvs, endless))
 
     def _mesh(self, mesh: int) -> tuple[Triangles, bool]:
-        """A mesh, whose normals and texture coordinates have indices of their own."""
+        """Make a mesh, whose normals and texture coordinates have indices of their own."""
         model = self.model
         faces = slice(int(model.mesh_faceadr[mesh]), int(model.mesh_faceadr[mesh] + model.mesh_facenum[mesh]))
         positions = np.asarray(model.mesh_vert[model.mesh_vertadr[mesh] + model.mesh_face[faces]], np.float64)
@@ -1037,7 +1038,7 @@ class _Reading:
         return Triangles(positions, normals, np.zeros((*positions.shape[:2], 2))), False
 
     def _texture_of(self, material: int) -> int | None:
-        """The texture that colours a material."""
+        """Return the texture that colours a material."""
         model = self.model
         if material < 0:
             return None
@@ -1046,7 +1047,7 @@ class _Reading:
         return texture if texture >= 0 and self._pixels(texture).shape[2] >= 3 else None
 
     def _pixels(self, texture: int) -> npt.NDArray[np.uint8]:
-        """A texture's picture (H, W, channels)."""
+        """Return a texture's picture (H, W, channels)."""
         model = self.model
         values = model.tex_data if hasattr(model, "tex_data") else model.tex_rgb
         channels = int(model.tex_nchannel[texture]) if hasattr(model, "tex_nchannel") else 3
@@ -1059,7 +1060,7 @@ class _Reading:
         return found
 
     def _face(self, texture: int, face: int) -> npt.NDArray[np.uint8]:
-        """A face of a cube map; a square picture is there six times."""
+        """Return a face of a cube map; a square picture is there six times."""
         pixels = self._pixels(texture)[:, :, :3]
         edge = pixels.shape[1]
         return pixels if pixels.shape[0] == edge else pixels[face * edge : (face + 1) * edge]
@@ -1067,7 +1068,7 @@ class _Reading:
     def _material(
         self, material: int, rgba: tuple[float, ...], texture: tuple[int, int] | None, two_sided: bool
     ) -> int:
-        """A material as glTF has it; `texture`: which, and which face of a cube map, -1 for a picture."""
+        """Add a material; `texture`: which, and which face of a cube map, -1 for a picture."""
         key = (material, rgba, texture, two_sided)
         if key not in self._materials:
             self._materials[key] = self._glb.add_material(self._gltf_material(*key))
@@ -1184,7 +1185,7 @@ class _Reading:
         kind = self._light_kind(index)
         intensity = math.pi * peak
         if kind != "directional":
-            # The engine's light falls with the square of the distance: it equals MuJoCo's at the model's centre.
+            # The engine's light falls with the square of distance: it equals MuJoCo's at the model's centre.
             away = float(np.linalg.norm(self.data.light_xpos[index] - model.stat.center))
             away = max(away, 0.1 * float(model.stat.extent))
             constant, linear, square = (float(v) for v in model.light_attenuation[index])
@@ -1211,8 +1212,8 @@ class _Reading:
             **cone,
         )
 
-    def _sky(self) -> bytes | None:
-        """The first sky box as a Radiance panorama; None without one."""
+    def _sky(self) -> Array | None:
+        """Return the first sky box as a panorama of linear light (H, W, 3); None without one."""
         model = self.model
         boxes = np.flatnonzero(np.asarray(model.tex_type) == int(mujoco.mjtTexture.mjTEXTURE_SKYBOX))
         if not boxes.size or self._pixels(int(boxes[0])).shape[2] < 3:
@@ -1229,7 +1230,7 @@ class _Reading:
         faces = np.stack([self._face(int(boxes[0]), i) for i in range(6)])
         edge = faces.shape[2]
         at = np.minimum((uv * edge).astype(np.int64), edge - 1)
-        return _radiance(np.array(srgb_table(), np.float64)[faces[face, at[..., 1], at[..., 0]]])
+        return np.array(srgb_table(), np.float64)[faces[face, at[..., 1], at[..., 0]]]
 
     # What is not drawn
 
@@ -1307,7 +1308,7 @@ def _light_name(model: Any, index: int) -> str:
 
 
 def _known(name: str, names: list[str]) -> str:
-    """The nearest name, or all of them."""
+    """Say which name is the nearest, or all of them."""
     near = difflib.get_close_matches(name, names, 1, 0.5)
     if near:
         return f"did you mean {near[0]!r}? The model has {', '.join(map(repr, names))}"
@@ -1328,14 +1329,20 @@ def _roughness(exponent: float) -> float:
     return float((2 / (max(exponent, 0.0) + 2)) ** 0.25)
 
 
+def _mean(panorama: Array) -> Array:
+    """Mean light of a panorama over the sphere."""
+    rows = len(panorama)
+    weight = np.cos((0.5 - (np.arange(rows) + 0.5) / rows) * np.pi)
+    return np.asarray((panorama.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum())
+
+
 def _radiance(light: Array) -> bytes:
     """Linear RGB (H, W, 3) as a Radiance file of plain RGBE (Ward, Real Pixels, Graphics Gems II)."""
-    mantissa, exponent = np.frexp(light.max(axis=-1))
+    _, exponent = np.frexp(light.max(axis=-1))
     scale = np.where(light.max(axis=-1) > 1e-32, np.ldexp(256.0, -exponent), 0.0)
     texels = np.zeros((*light.shape[:2], 4), np.uint8)
     texels[..., :3] = np.minimum(light * scale[..., None], 255)
     texels[..., 3] = np.where(scale > 0, exponent + 128, 0)
-    del mantissa
     head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {light.shape[0]} +X {light.shape[1]}\n"
     return head.encode() + texels.tobytes()
 
