@@ -1,4 +1,4 @@
-"""MuJoCo's own pictures by its software OpenGL, in a process of its own: ``model.mjb camera width height out.npz``."""
+"""MuJoCo's own pictures by its software OpenGL, as a program: ``model.mjb camera width height out.npz``."""
 
 import os
 import sys

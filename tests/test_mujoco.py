@@ -28,7 +28,8 @@ EVERYTHING = f"""
   <statistic center="0 0 0.3" extent="2"/>
   <asset>
     <texture name="sky" type="skybox" builtin="gradient" rgb1="0.4 0.6 0.8" width="32" height="32"/>
-    <texture name="grid" type="2d" builtin="checker" rgb1="0.2 0.3 0.4" rgb2="0.1 0.2 0.3" width="64" height="64"/>
+    <texture name="grid" type="2d" builtin="checker" rgb1="0.2 0.3 0.4" rgb2="0.1 0.2 0.3" width="64"
+      height="64"/>
     <texture name="cube" type="cube" builtin="flat" mark="cross" rgb1="0.8 0.3 0.2" rgb2="0.2 0.4 0.8"
       markrgb="1 1 1" width="32" height="32"/>
     <material name="floor" texture="grid" texrepeat="2 2" texuniform="true"/>
@@ -55,7 +56,8 @@ EVERYTHING = f"""
       <freejoint/>
       <geom name="sphere" type="sphere" size="0.15" pos="-0.6 0 0" material="cubed"/>
       <geom name="capsule" type="capsule" size="0.08 0.15" pos="-0.25 0 0" euler="20 30 0"/>
-      <geom name="ellipsoid" type="ellipsoid" size="0.1 0.15 0.2" euler="0 20 40" pos="0.1 0 0" material="glow"/>
+      <geom name="ellipsoid" type="ellipsoid" size="0.1 0.15 0.2" euler="0 20 40" pos="0.1 0 0"
+        material="glow"/>
       <geom name="cylinder" type="cylinder" size="0.1 0.12" pos="0.4 0 0" euler="40 0 0" material="checked"/>
       <geom name="box" type="box" size="0.1 0.15 0.12" pos="0.75 0 0" euler="10 20 30" material="uniform"/>
       <geom name="mesh" type="mesh" mesh="tetra" pos="-0.2 -0.5 0.1" euler="0 0 30" material="checked"/>
@@ -227,6 +229,7 @@ def test_the_free_camera_is_mujocos():
 def test_poses_within_steps_end_where_the_integrator_does(integrator: str, device: evis.Device):
     model = model_of("arm")
     model.opt.integrator = getattr(mujoco.mjtIntegrator, integrator)
+    model.opt.timestep = 0.01
     data = mujoco.MjData(model)
     data.qvel[:] = [20, 15, -25]
     renderer = renderer_of(model, device, camera="look", height=48, width=64)
@@ -245,7 +248,7 @@ def test_poses_within_steps_end_where_the_integrator_does(integrator: str, devic
         assert np.allclose(last.poses[0, 1, :3], renderer._data[0].xpos[body.index])
     # So fast an arm leaves the straight way by more than 0.05 px; a slow one does not.
     assert halved > 0
-    data.qvel[:] *= 0.005
+    data.qvel[:] = [0.1, 0.1, -0.1]
     mujoco.mj_step(model, data)
     mujoco.mj_step(model, data)
     slow = renderer_of(model, device, camera="look", height=48, width=64)
@@ -280,7 +283,7 @@ def test_events_come_since_the_last_render(device: evis.Device):
         events = run(renderer, model, data, 10)
         assert len(events) > 100
         assert (np.diff(events["t"]) >= 0).all()
-        assert 0 <= events["t"].min()
+        assert events["t"].min() >= 0
         assert 18_000 < events["t"].max() < 20_000
         assert len(renderer.render()) == 0
     with pytest.raises(evis.ConfigError, match="closed"):
