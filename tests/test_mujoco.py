@@ -38,8 +38,7 @@ EVERYTHING = f"""
     <material name="checked" texture="grid" texrepeat="3 3"/>
     <material name="glow" rgba="0.1 0.8 0.2 1" emission="1"/>
     <mesh name="tetra" vertex="0 0 0  0.3 0 0  0 0.3 0  0 0 0.3"/>
-    <hfield name="hills" nrow="4" ncol="5" size="0.3 0.25 0.2 0.05"
-      elevation="0 1 0 .5 .2  1 0 1 0 .4  0 .6 0 1 0  .3 0 .8 0 1"/>
+    <hfield name="hills" nrow="4" ncol="5" size="0.3 0.25 0.2 0.05"/>
   </asset>
   <worldbody>
     <light name="sun" pos="0 0 3" dir="0.3 0.2 -1" directional="true"/>
@@ -103,7 +102,10 @@ def model_of(name: str):
         model = mujoco.MjModel.from_xml_path(str(path))
         model.vis.quality.offsamples = 0
         return model
-    return mujoco.MjModel.from_xml_string({"everything": EVERYTHING, "arm": ARM}[name])
+    model = mujoco.MjModel.from_xml_string({"everything": EVERYTHING, "arm": ARM}[name])
+    # MuJoCo 3.1 has no heights in the file.
+    model.hfield_data[:] = np.random.default_rng(5).random(len(model.hfield_data))
+    return model
 
 
 def renderer_of(model, device: evis.Device, **more: object):
