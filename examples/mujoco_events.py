@@ -14,7 +14,8 @@ model = mujoco.MjModel.from_xml_string("""
 <mujoco>
   <option timestep="0.002" integrator="implicitfast"/>
   <asset>
-    <texture name="grid" type="2d" builtin="checker" rgb1="0.8 0.8 0.8" rgb2="0.3 0.3 0.3" width="64" height="64"/>
+    <texture name="grid" type="2d" builtin="checker" rgb1="0.8 0.8 0.8" rgb2="0.3 0.3 0.3" width="64"
+      height="64"/>
     <material name="wall" texture="grid" texrepeat="8 8"/>
   </asset>
   <worldbody>
@@ -30,7 +31,7 @@ model = mujoco.MjModel.from_xml_string("""
 </mujoco>
 """)
 data = mujoco.MjData(model)
-data.qpos[0] = 1.0
+data.qpos[0], data.qvel[0] = 0.5, -3.0
 
 with evis.mujoco.EventRenderer(model, height=48, width=64, camera="eye", sensor="davis346") as renderer:
     renderer.update_scene(data, "eye")

@@ -60,7 +60,7 @@ def joined(parts: list[Triangles]) -> Triangles:
 
 
 def _unit(vectors: Array) -> Array:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
 
 
 def _grid(points: Array, normals: Array, uvs: Array) -> Triangles:

@@ -1138,13 +1138,13 @@ class _Reading:
         width, height = self.size or (int(v) for v in model.cam_resolution[view])
         if min(width, height) <= 1:
             width, height = 640, 480
-        lens: dict[str, float] = {}
+        lens: dict[str, Any] = {}
         sensor = np.asarray(model.cam_sensorsize[view], np.float64)
         if sensor[1] > 0:
-            focal_x, focal_y, x, y = (float(v) for v in model.cam_intrinsic[view])
+            focal_x, focal_y, x, _ = (float(v) for v in model.cam_intrinsic[view])
             lens["fx"], lens["fy"] = focal_x / sensor[0] * width, focal_y / sensor[1] * height
             lens["cx"] = width * (0.5 - x / sensor[0])
-            lens["cy"] = height * (0.5 - y / sensor[1])
+            lens["cy"] = height * self._above(view)
         else:
             lens["fov_y_degrees"] = float(model.cam_fovy[view])
         if self._is_fixed("cam", view):
@@ -1155,6 +1155,15 @@ class _Reading:
             parent = None
         placed = Placement(position=place[:3], rotation=place[3:], parent=parent)
         return EventCamera(name=name, width=width, height=height, near=near, pose=placed, **lens)
+
+    def _above(self, view: int) -> float:
+        """Share of the picture above the axis of a lens; its sign has changed between MuJoCo 3 and 4."""
+        camera = mujoco.MjvCamera()
+        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, view
+        shown = mujoco.MjvScene(self.model, maxgeom=1)
+        mujoco.mjv_updateCamera(self.model, self.data, camera, shown)
+        top, bottom = float(shown.camera[0].frustum_top), float(shown.camera[0].frustum_bottom)
+        return top / (top - bottom)
 
     def _lights(self) -> list[int]:
         """Lights that shine."""
@@ -1196,7 +1205,7 @@ class _Reading:
         else:
             place = _seven(self.data.light_xpos[index], _towards(self.data.light_xdir[index]))
             parent = None
-        cone: dict[str, float] = {}
+        cone: dict[str, Any] = {}
         if kind == "spot":
             outer = min(max(float(model.light_cutoff[index]), 0.1), 89.9)
             cone["outer_degrees"] = outer
@@ -1230,7 +1239,7 @@ class _Reading:
         faces = np.stack([self._face(int(boxes[0]), i) for i in range(6)])
         edge = faces.shape[2]
         at = np.minimum((uv * edge).astype(np.int64), edge - 1)
-        return np.array(srgb_table(), np.float64)[faces[face, at[..., 1], at[..., 0]]]
+        return np.asarray(np.array(srgb_table(), np.float64)[faces[face, at[..., 1], at[..., 0]]])
 
     # What is not drawn
 
