@@ -129,9 +129,9 @@ class EventRenderer:
     skybox : bool
         Whether the sky box is seen, and lights: see `scene`.
     pose_step_us : int, optional
-        Events come in portions of so many microseconds. A multiple of the time between two samples; longer
-        portions render faster. Where not given, the model's time step if it is whole milliseconds, else one
-        millisecond.
+        Events come in portions of so many microseconds, a multiple of the time between two samples; in longer
+        portions tiles that rest are sampled less often. Where not given, the shortest that ends with physics
+        steps and samples, if that is at most 20 ms; else one millisecond, or the time between two samples.
     **settings
         Whatever else `evis.Simulator` takes: ``rate_hz``, ``labels``, ``seed``, ``device``, …
 
@@ -895,7 +895,7 @@ class _Reading:
             builder.environments(environments)
         for what, names in self.left_out.items():
             shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
-            warnings.warn(f"{what}: {shown}", stacklevel=4)
+            warnings.warn(f"{what}: {shown}", stacklevel=3)
         return _made(builder.toml(), self._glb.to_bytes(), panorama)
 
     def _shown(self) -> list[tuple[str, int]]:
