@@ -144,7 +144,7 @@ fn random_scenes_fire_the_same_bytes_whatever_is_skipped() {
 }
 
 /// F1 of two lists of events: one to one in order, per pixel and polarity, within 1 ms.
-pub(super) fn matched(a: &[Event], b: &[Event]) -> usize {
+fn matched(a: &[Event], b: &[Event]) -> usize {
     let by_pixel = |events: &[Event]| {
         let mut of: HashMap<(u16, u16, i16), Vec<i64>> = HashMap::new();
         for e in events {

@@ -1,0 +1,439 @@
+"""MuJoCo's models as scenes, and events of its simulations."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import evis
+
+mujoco = pytest.importorskip("mujoco")
+
+import evis.mujoco  # noqa: E402
+
+ASSETS = Path(os.environ.get("EVIS_ASSETS", Path(__file__).resolve().parents[2] / "shared" / "assets"))
+WIDTH, HEIGHT = 160, 120
+VIEW = """<visual><map znear="0.01" zfar="50"/><quality offsamples="0"/></visual>"""
+
+EVERYTHING = f"""
+<mujoco>
+  {VIEW}
+  <statistic center="0 0 0.3" extent="2"/>
+  <asset>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.4 0.6 0.8" width="32" height="32"/>
+    <texture name="grid" type="2d" builtin="checker" rgb1="0.2 0.3 0.4" rgb2="0.1 0.2 0.3" width="64"
+      height="64"/>
+    <texture name="cube" type="cube" builtin="flat" mark="cross" rgb1="0.8 0.3 0.2" rgb2="0.2 0.4 0.8"
+      markrgb="1 1 1" width="32" height="32"/>
+    <material name="floor" texture="grid" texrepeat="2 2" texuniform="true"/>
+    <material name="cubed" texture="cube"/>
+    <material name="uniform" texture="cube" texuniform="true"/>
+    <material name="checked" texture="grid" texrepeat="3 3"/>
+    <material name="glow" rgba="0.1 0.8 0.2 1" emission="1"/>
+    <mesh name="tetra" vertex="0 0 0  0.3 0 0  0 0.3 0  0 0 0.3"/>
+    <hfield name="hills" nrow="4" ncol="5" size="0.3 0.25 0.2 0.05"/>
+  </asset>
+  <worldbody>
+    <light name="sun" pos="0 0 3" dir="0.3 0.2 -1" directional="true"/>
+    <light name="lamp" pos="1 -1 2" dir="-0.5 0.5 -1" cutoff="40"/>
+    <camera name="front" pos="0.2 -2.6 1.3" xyaxes="1 0.05 0 0 0.4 1" fovy="50"/>
+    <camera name="lens" pos="-1.8 -1.8 1.6" xyaxes="1 -1 0 0.4 0.4 1" sensorsize="0.0064 0.0048"
+      focal="0.005 0.005" principal="0.0005 -0.0003" resolution="640 480"/>
+    <geom name="floor" type="plane" size="0 0 0.05" material="floor"/>
+    <geom name="card" type="plane" size="0.25 0.2 0.05" pos="-1 0.8 0.5" euler="90 0 20" material="checked"/>
+    <geom name="hills" type="hfield" hfield="hills" pos="0.9 0.7 0.1" rgba="0.4 0.6 0.3 1"/>
+    <geom name="ghost" type="box" size="1 1 1" pos="0 0 1" rgba="1 1 1 0"/>
+    <geom name="hidden" type="box" size="0.4 0.4 0.4" pos="0 -1 0.4" group="3"/>
+    <body name="things" pos="0 0 0.3">
+      <freejoint/>
+      <geom name="sphere" type="sphere" size="0.15" pos="-0.6 0 0" material="cubed"/>
+      <geom name="capsule" type="capsule" size="0.08 0.15" pos="-0.25 0 0" euler="20 30 0"/>
+      <geom name="ellipsoid" type="ellipsoid" size="0.1 0.15 0.2" euler="0 20 40" pos="0.1 0 0"
+        material="glow"/>
+      <geom name="cylinder" type="cylinder" size="0.1 0.12" pos="0.4 0 0" euler="40 0 0" material="checked"/>
+      <geom name="box" type="box" size="0.1 0.15 0.12" pos="0.75 0 0" euler="10 20 30" material="uniform"/>
+      <geom name="mesh" type="mesh" mesh="tetra" pos="-0.2 -0.5 0.1" euler="0 0 30" material="checked"/>
+      <site name="mark" type="box" size="0.05 0.05 0.05" pos="0.3 -0.5 0" rgba="1 0 1 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+ARM = f"""
+<mujoco>
+  {VIEW}
+  <statistic center="0 0 0.4" extent="1"/>
+  <option timestep="0.002" integrator="implicitfast" gravity="0 0 0"><flag contact="disable"/></option>
+  <worldbody>
+    <light pos="0 0 3" dir="0 0 -1" directional="true"/>
+    <camera name="look" pos="0 -2 0.8" xyaxes="1 0 0 0 0.3 1"/>
+    <geom name="floor" type="plane" size="2 2 0.1" rgba="0.3 0.3 0.35 1"/>
+    <body name="shoulder" pos="0 0 0.1">
+      <joint name="turn" axis="0 0 1"/>
+      <geom type="cylinder" size="0.1 0.1" rgba="0.8 0.8 0.8 1"/>
+      <body name="upper" pos="0 0 0.1" euler="0 40 0">
+        <joint name="lift" axis="0 1 0"/>
+        <geom type="capsule" size="0.05 0.2" pos="0 0 0.2" rgba="0.9 0.4 0.1 1"/>
+        <body name="lower" pos="0 0 0.4" euler="0 60 0">
+          <joint name="bend" axis="0 1 0"/>
+          <geom type="capsule" size="0.04 0.15" pos="0 0 0.15" rgba="0.1 0.4 0.9 1"/>
+          <camera name="wrist" pos="0 0 0.35" euler="180 0 0"/>
+          <geom name="tip" type="box" size="0.03 0.02 0.05" pos="0.05 0 0.35" rgba="0.2 0.9 0.2 1"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def model_of(name: str):
+    if name == "skydio":
+        path = ASSETS / "mujoco" / "skydio_x2" / "scene.xml"
+        if not path.is_file():
+            pytest.fail(f"there is no {path}: EVIS_ASSETS names the folder of the assets")
+        model = mujoco.MjModel.from_xml_path(str(path))
+        model.vis.quality.offsamples = 0
+        return model
+    model = mujoco.MjModel.from_xml_string({"everything": EVERYTHING, "arm": ARM}[name])
+    # MuJoCo 3.1 has no heights in the file.
+    model.hfield_data[:] = np.random.default_rng(5).random(len(model.hfield_data))
+    return model
+
+
+def renderer_of(model, device: evis.Device, **more: object):
+    config = {"height": HEIGHT, "width": WIDTH, "rate_hz": 1000.0, "samples": 1, **more}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return evis.mujoco.EventRenderer(model, device=device, **config)
+
+
+def run(renderer, model, data, steps: int, *, every: int = 1) -> np.ndarray:
+    found = []
+    for step in range(1, steps + 1):
+        mujoco.mj_step(model, data)
+        renderer.observe(data)
+        if step % every == 0:
+            found.append(renderer.render())
+    return np.concatenate(found)
+
+
+def own_pictures(model, camera: int, tmp_path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and (object, type), by MuJoCo's software OpenGL, or its rays."""
+    path, out = tmp_path / "model.mjb", tmp_path / "own.npz"
+    mujoco.mj_saveModel(model, str(path), None)
+    script = Path(__file__).with_name("mujoco_oracle.py")
+    command = [sys.executable, str(script), str(path), str(camera), str(WIDTH), str(HEIGHT), str(out)]
+    if subprocess.run(command, capture_output=True, check=False, timeout=300).returncode == 0:
+        own = np.load(out)
+        return own["depth"], own["segmentation"]
+    return by_rays(model, camera)
+
+
+def by_rays(model, camera: int) -> tuple[np.ndarray, np.ndarray]:
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    renderer_camera = evis.mujoco.scene(model, size=(WIDTH, HEIGHT))
+    name = mujoco.mj_id2name(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera)
+    info = next(c for c in evis.Simulator(renderer_camera, cameras=[name]).cameras)
+    turn = data.cam_xmat[camera].reshape(3, 3)
+    depth = np.full((HEIGHT, WIDTH), 1e9)
+    found = np.full((HEIGHT, WIDTH, 2), -1)
+    groups, hit = np.array([1, 1, 1, 0, 0, 0], np.uint8), np.zeros(1, np.int32)
+    for y in range(HEIGHT):
+        for x in range(WIDTH):
+            way = np.array([(x + 0.5 - info.cx) / info.fx, -(y + 0.5 - info.cy) / info.fy, -1.0])
+            length = np.linalg.norm(way)
+            away = mujoco.mj_ray(model, data, data.cam_xpos[camera], turn @ way / length, groups, 1, -1, hit)
+            if away >= 0:
+                depth[y, x] = away / length
+                found[y, x] = hit[0], int(mujoco.mjtObj.mjOBJ_GEOM)
+    return depth, found
+
+
+def agree(own: tuple[np.ndarray, np.ndarray], depth, objects, far: float) -> tuple[float, float]:
+    """Shares of pixels whose depth is within 1 mm, and that show the same object."""
+    nothing = own[1][..., 1] < 0
+    beyond = nothing & ((objects[..., 1] < 0) | (depth > 0.999 * far))
+    same = (objects == own[1]).all(axis=-1)
+    return float((beyond | (np.abs(depth - own[0]) < 1e-3)).mean()), float((beyond | same).mean())
+
+
+@pytest.mark.parametrize(
+    ("name", "camera"), [("everything", 0), ("everything", 1), ("arm", 0), ("skydio", 0)]
+)
+def test_depth_and_segmentation_are_mujocos_own(name: str, camera: int, device: evis.Device, tmp_path: Path):
+    model = model_of(name)
+    data = mujoco.MjData(model)
+    renderer = renderer_of(model, device, camera=camera, labels=["depth", "instance"], label_rate_hz=1000)
+    renderer.observe(data)
+    data.time = 0.02
+    renderer.observe(data)
+    renderer.render()
+    labels = renderer.packet.labels
+    depth, objects = labels["depth"].data[0], renderer.instances[labels["instance"].data[0]]
+    own = own_pictures(model, camera, tmp_path)
+    far = model.vis.map.zfar * model.stat.extent
+    shares = agree(own, depth, objects, far)
+    assert min(shares) > 0.99
+    assert len(np.unique(objects[..., 0])) > (8 if name == "everything" else 1)
+    # Canary: a picture that lies two pixels aside.
+    aside = agree(own, np.roll(depth, 2, axis=1), np.roll(objects, 2, axis=1), far)
+    assert max(aside) < 0.99
+
+
+def test_a_known_rotation():
+    """MuJoCo's quaternions are w, x, y, z: a quarter turn about x takes y to z."""
+    half = np.sqrt(0.5)
+    pose = evis.mujoco._seven([1, 2, 3], [half, half, 0, 0])
+    assert np.allclose(pose, [1, 2, 3, half, 0, 0, half])
+    x, y, z, w = pose[3:]
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    assert np.allclose(turn @ [0, 1, 0], [0, 0, 1])
+    for way in ([0, 0, -1], [0, 0, 1], [1, 2, -3], [0.5, 0, 0.1]):
+        found = np.empty(3)
+        mujoco.mju_rotVecQuat(found, np.array([0.0, 0.0, -1.0]), evis.mujoco._towards(way))
+        assert np.allclose(found, np.array(way) / np.linalg.norm(way))
+
+
+def test_the_free_camera_is_mujocos():
+    model = model_of("everything")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    camera.azimuth, camera.elevation = 37, -21
+    shown = mujoco.MjvScene(model, maxgeom=100)
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, 7, shown)
+    eyes = shown.camera
+    pose = evis.mujoco._free_pose(model, data, camera)
+    assert np.allclose(pose[:3], (np.array(eyes[0].pos) + eyes[1].pos) / 2, atol=1e-6)
+    for axis, own in ((np.array([0.0, 0, -1]), eyes[0].forward), (np.array([0.0, 1, 0]), eyes[0].up)):
+        found = np.empty(3)
+        mujoco.mju_rotVecQuat(found, axis, pose[[6, 3, 4, 5]])
+        assert np.allclose(found, own, atol=1e-6)
+
+
+@pytest.mark.parametrize("integrator", ["mjINT_EULER", "mjINT_IMPLICITFAST"])
+def test_poses_within_steps_end_where_the_integrator_does(integrator: str, device: evis.Device):
+    model = model_of("arm")
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, integrator)
+    model.opt.timestep = 0.01
+    data = mujoco.MjData(model)
+    data.qvel[:] = [20, 15, -25]
+    renderer = renderer_of(model, device, camera="look", height=48, width=64)
+    renderer.observe(data)
+    halved = 0
+    for _ in range(8):
+        mujoco.mj_step(model, data)
+        before = len(renderer._knots)
+        renderer.observe(data)
+        last = renderer._knots[-1]
+        halved += len(renderer._knots) - before - 1
+        assert last.path is not None
+        end = renderer._at(last.path, last.t_us)
+        assert np.abs(end - last.poses).max() < 1e-12
+        body = renderer._frames[1]
+        assert np.allclose(last.poses[0, 1, :3], renderer._data[0].xpos[body.index])
+    # So fast an arm leaves the straight way by more than 0.05 px; a slow one does not.
+    assert halved > 0
+    data.qvel[:] = [0.1, 0.1, -0.1]
+    mujoco.mj_step(model, data)
+    mujoco.mj_step(model, data)
+    slow = renderer_of(model, device, camera="look", height=48, width=64)
+    slow.observe(data)
+    for _ in range(4):
+        mujoco.mj_step(model, data)
+        slow.observe(data)
+    assert len(slow._knots) == 5
+
+
+def test_runge_kutta_is_interpolated(device: evis.Device):
+    model = model_of("arm")
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    data = mujoco.MjData(model)
+    data.qvel[:] = [20, 15, -25]
+    renderer = renderer_of(model, device, camera="look", height=48, width=64)
+    renderer.observe(data)
+    mujoco.mj_step(model, data)
+    renderer.observe(data)
+    assert len(renderer._knots) == 2
+    assert renderer._knots[-1].path is None
+
+
+def test_events_come_since_the_last_render(device: evis.Device):
+    model = model_of("arm")
+    data = mujoco.MjData(model)
+    data.qvel[:] = [3, 0, -2]
+    with renderer_of(model, device, camera="look", height=48, width=64) as renderer:
+        renderer.update_scene(data, "look")
+        first = renderer.render()
+        assert (first.dtype, len(first)) == (evis.EventCD, 0)
+        events = run(renderer, model, data, 10)
+        assert len(events) > 100
+        assert (np.diff(events["t"]) >= 0).all()
+        assert events["t"].min() >= 0
+        assert 18_000 < events["t"].max() < 20_000
+        assert len(renderer.render()) == 0
+    with pytest.raises(evis.ConfigError, match="closed"):
+        renderer.observe(data)
+    # Portions change nothing, and neither does how often render is called.
+    again = mujoco.MjData(model)
+    again.qvel[:] = [3, 0, -2]
+    other = renderer_of(model, device, camera="look", height=48, width=64)
+    other.observe(again)
+    assert np.array_equal(run(other, model, again, 10, every=5), events)
+
+
+def test_nothing_moves_and_nothing_fires(device: evis.Device):
+    model = model_of("arm")
+    data = mujoco.MjData(model)
+    renderer = renderer_of(model, device, camera=["look", "wrist"], height=48, width=64)
+    renderer.observe(data)
+    assert len(run(renderer, model, data, 5)) == 0
+    assert renderer.packet.end_us == 10_000
+    data.qvel[0] = 5
+    assert len(run(renderer, model, data, 5)) > 10
+
+
+def test_several_cameras_and_environments(device: evis.Device):
+    model = model_of("arm")
+    one, two = mujoco.MjData(model), mujoco.MjData(model)
+    two.qvel[:] = [4, 0, 0]
+    renderer = renderer_of(model, device, camera=["look", "wrist", -1], environments=2, height=48, width=64)
+    renderer.observe([one, two])
+    for _ in range(5):
+        mujoco.mj_step(model, one)
+        mujoco.mj_step(model, two)
+        renderer.observe([one, two])
+    still, moved = renderer.render()
+    assert len(still) == 0
+    assert len(moved) > 10
+    assert set(renderer.packet[1]) == {"look", "wrist", "free"}
+    renderer.update_scene([one, two], "wrist")
+    with pytest.raises(evis.ConfigError, match="2 environment"):
+        renderer.observe(one)
+    mujoco.mj_step(model, two)
+    with pytest.raises(evis.ConfigError, match="in step"):
+        renderer.observe([one, two])
+
+
+def test_a_free_camera_moves_with_update_scene(device: evis.Device):
+    model = model_of("arm")
+    data = mujoco.MjData(model)
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    renderer = renderer_of(model, device, camera=camera, height=48, width=64)
+    renderer.update_scene(data, camera)
+    for _ in range(5):
+        mujoco.mj_step(model, data)
+        camera.azimuth += 0.5
+        renderer.update_scene(data, camera)
+    assert len(renderer.render()) > 10
+
+
+def test_bad_input(device: evis.Device):
+    model = model_of("arm")
+    for camera, message in (
+        ("wirst", "did you mean 'wrist'"),
+        (7, "cameras 0 to 1, and -1"),
+        ([], "camera is empty"),
+        (["look", 0], "twice"),
+        (1.5j, "must be a name"),
+    ):
+        with pytest.raises(evis.ConfigError, match=message):
+            evis.mujoco.EventRenderer(model, camera=camera)
+    with pytest.raises(evis.ConfigError, match="MjModel"):
+        evis.mujoco.scene("arm.xml")
+    with pytest.raises(evis.ConfigError, match="geom_groups"):
+        evis.mujoco.scene(model, geom_groups=[9])
+    with pytest.raises(evis.ConfigError, match="shows nothing"):
+        evis.mujoco.scene(model, geom_groups=[5])
+    data = mujoco.MjData(model)
+    renderer = renderer_of(model, device, camera="look", height=48, width=64)
+    assert len(renderer.render()) == 0
+    renderer.observe(data)
+    mujoco.mj_step(model, data)
+    renderer.observe(data)
+    broken = mujoco.MjData(model)
+    broken.time, broken.qpos[0] = 0.004, np.nan
+    with pytest.raises(evis.ConfigError, match="not finite"):
+        renderer.observe(broken)
+    with pytest.raises(evis.ConfigError, match="another model"):
+        renderer.observe(mujoco.MjData(model_of("everything")))
+    with pytest.raises(evis.ConfigError, match="MjData"):
+        renderer.observe(None)
+    data.qpos[0] += 1
+    with pytest.raises(evis.ConfigError, match="time must go on"):
+        renderer.observe(data)
+    data.time = 0.0
+    with pytest.raises(evis.ConfigError, match="cannot go back"):
+        renderer.observe(data)
+    with pytest.raises(evis.ConfigError, match="does not have"):
+        renderer.update_scene(data, "wrist")
+    # It goes on after each of them, and from the start after reset.
+    data.time = 0.004
+    renderer.observe(data)
+    renderer.render()
+    assert renderer.packet.end_us == 4000
+    data.time = 0.0
+    renderer.reset()
+    renderer.observe(data)
+    assert len(renderer.render()) == 0
+
+
+def test_what_is_not_drawn_is_named_once():
+    text = """
+    <mujoco>
+      <asset><material name="mirror" reflectance="0.5"/></asset>
+      <worldbody>
+        <geom name="glass" size="0.1" rgba="1 1 1 0.2"/>
+        <geom name="ball" size="0.1" pos="1 0 0" material="mirror"/>
+        <body><joint/><geom size="0.1"/><site name="a"/></body>
+        <site name="b" pos="0 0 1"/>
+      </worldbody>
+      <tendon><spatial name="rope"><site site="a"/><site site="b"/></spatial></tendon>
+    </mujoco>
+    """
+    with pytest.warns(UserWarning, match=r"geom 'glass'|mirror|tendon 'rope'") as found:
+        scene = evis.mujoco.scene(mujoco.MjModel.from_xml_string(text))
+    said = [str(warning.message) for warning in found]
+    assert len(said) == 3
+    assert sum("rope" in text for text in said) == 1
+    assert scene.cameras == ("free",)
+    assert "geom/glass" not in scene.nodes
+    assert "geom/ball" in scene.nodes
+    again = pickle.loads(pickle.dumps(scene))
+    assert again.nodes == scene.nodes
+
+
+def test_sky_box_as_environment(device: evis.Device):
+    model = model_of("everything")
+    seen = []
+    for skybox in (False, True):
+        renderer = renderer_of(
+            model, device, camera=0, skybox=skybox, labels=["hdr"], label_rate_hz=1000, height=48, width=64
+        )
+        data = mujoco.MjData(model)
+        renderer.observe(data)
+        data.time = 0.02
+        renderer.observe(data)
+        renderer.render()
+        seen.append(renderer.packet.labels["hdr"].data[0][0, 0])
+    assert (seen[0] > 0.01).all()
+    # Near the horizon a gradient's colour is about its mean.
+    assert np.abs(np.log(seen[0] / seen[1])).max() < 1.0
+    assert not np.array_equal(seen[0], seen[1])
