@@ -89,8 +89,10 @@ pub struct Blocks<'w, 'a> {
 }
 
 impl<'w, 'a> Blocks<'w, 'a> {
-    /// From `start_us` on; borders are multiples of `length_us`, and what [`breaks`] finds.
-    pub fn new(world: &'w World<'a>, start_us: i64, length_us: i64) -> Self {
+    /// From `start_us` on; borders are multiples of `most_us`, or of a shorter length where motion is fast
+    /// ([`World::block_us`]), and what [`breaks`] finds.
+    pub fn new(world: &'w World<'a>, start_us: i64, most_us: i64) -> Self {
+        let length_us = world.block_us(most_us);
         let mut made = Self { world, length_us, found: VecDeque::new() };
         made.find(start_us as f64);
         made
@@ -370,6 +372,12 @@ mod tests {
                 assert!(start_us != 250_000 || index > 0 || next.jump);
             }
         }
+        // Four turns a block would look like rest.
+        let spinner = evis_scene::builtin::load("spinner", 0).unwrap();
+        let fast = spinner.clone().at_speed(400.0).unwrap();
+        let [usual, short] =
+            [&spinner, &fast].map(|s| World::new(s, 0, Some((8, 6))).unwrap().block_us(32_768));
+        assert!(usual == 32_768 && short <= 1024, "{usual}, {short}");
         let fast = scene.clone().at_speed(4.0).unwrap();
         assert!(breaks(&fast, None, 0.0, 1e6).iter().any(|t| (t - 18_750.0).abs() < 0.01));
         // An environment whose clock is ahead meets them earlier.

@@ -11,7 +11,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use evis_core::random::mix;
-use evis_scene::motion::Waveform;
+use evis_scene::motion::{WaveShape, Waveform};
 use evis_scene::{ShadingModel, TextureRef};
 use glam::{DMat4, DVec3};
 
@@ -216,6 +216,8 @@ struct Slot {
     /// Lamps of which some arrives.
     lit: u8,
     shades: [Shade; MOST_OWN],
+    /// The highest frequency of a sine by which its light changes, in hertz of the scene's clock.
+    sine_hz: f64,
     /// How far a shadow's edge moves in it during the block, in pixels.
     motion: f64,
     /// Pixels into which a shadow of what moves may come.
@@ -674,10 +676,16 @@ impl<'a> Lighting<'a> {
         (slot.still, slot.motion, slot.moved)
     }
 
+    /// The highest frequency of a sine by which light of entry `slot` changes, in hertz of the scene's clock.
+    pub fn sine_hz(&self, tile: &TileLight, slot: usize) -> f64 {
+        tile.slots[slot].sine_hz
+    }
+
     fn gather(&self, tile: &mut TileLight, record: &Record, index: u32) -> Slot {
         let surface = self.world.facets[record.facet as usize].surface as usize;
         let answer = &self.answers[surface];
         let mut slot = Slot { ready: true, still: answer.waveform.is_none(), ..Slot::default() };
+        slot.sine_hz = sine_hz(answer.waveform);
         if answer.model == ShadingModel::Unlit {
             slot.unlit = true;
             slot.shaded = true;
@@ -732,7 +740,11 @@ impl<'a> Lighting<'a> {
             slot.at[1] = slot.at[0];
         }
         for (number, &lamp) in self.own.iter().enumerate() {
-            slot.still &= self.lamps[0][lamp].waveform.is_none() || slot.lit >> number & 1 == 0;
+            if slot.lit >> number & 1 == 1 {
+                let waveform = self.lamps[0][lamp].waveform;
+                slot.still &= waveform.is_none();
+                slot.sine_hz = slot.sine_hz.max(sine_hz(waveform));
+            }
         }
         (slot.range, slot.level) = ([low, high], level);
         slot.shaded = slot.lit == 0;
@@ -1025,6 +1037,11 @@ fn shard_of(key: &Key) -> usize {
 
 fn whole_mean(textures: &Textures, texture: TextureRef) -> [f32; 4] {
     textures.overall(texture.texture)
+}
+
+/// Of a sine: square waves are constant between the blocks' borders.
+fn sine_hz(waveform: Option<Waveform>) -> f64 {
+    waveform.filter(|w| w.shape == WaveShape::Sine).map_or(0.0, |w| w.frequency_hz)
 }
 
 fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4]) -> Look {

@@ -3,6 +3,10 @@
 use evis_scene::{AlphaMode, Material, Motion, Scene};
 
 use crate::light::MOST_OWN;
+use crate::world::fastest_hz;
+
+/// The fastest analytic motion, in periods per second: an eighth of a period takes the shortest block.
+const MOST_HZ: f64 = 1500.0;
 
 /// The first thing in `scene` that decoupled sampling cannot show, in words that stand after "cannot show"; `None` where it
 /// can show everything.
@@ -23,6 +27,10 @@ pub fn unsupported(scene: &Scene) -> Option<String> {
         return Some(format!(
             "{apart} lights that throw shadows or change their strength ({MOST_OWN} at most)"
         ));
+    }
+    let hz = fastest_hz(scene) * scene.speed.unwrap_or(1.0);
+    if hz > MOST_HZ {
+        return Some(format!("motion at {hz:.0} Hz ({MOST_HZ} Hz at most)"));
     }
     let driven = scene.nodes.iter().find(|node| matches!(node.motion, Motion::Driven(_)));
     driven.map(|node| format!("node {:?}: a host moves it", node.name))

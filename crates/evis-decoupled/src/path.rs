@@ -13,6 +13,9 @@ use crate::pixel::{Pace, UNITS};
 const STEP_PX: f64 = 1.0;
 /// Intervals are halved down to this many pixels of motion.
 const LEAST_PX: f64 = 0.05;
+/// Parts of a sine's period that an interval may be long at most, and at least.
+const PERIOD_PARTS: f64 = 8.0;
+const LEAST_PERIOD_PARTS: f64 = 64.0;
 /// A threshold is crossed on light that may be off by this part of itself.
 const TOLERANCE: f64 = 0.004;
 /// A quadratic's estimated error times this, and this part of its range, is what it may be off by between evaluations.
@@ -133,7 +136,8 @@ impl PixelPath {
         fire: impl FnMut(f64, evis_core::Polarity),
     ) -> u64 {
         let units = |px: f64| (px / pace.motion_px.max(1e-9) * f64::from(UNITS)).min(f64::from(UNITS)) as u32;
-        let least = units(LEAST_PX).max(1);
+        let of_period = f64::from(UNITS) / (pace.periods * LEAST_PERIOD_PARTS).max(1.0);
+        let least = units(LEAST_PX).min(of_period as u32).max(1);
         let mut walk = Walk { thresholds, block, least, light, fire, evaluations: 0 };
         if self.last.t_us != block.start_us {
             // What went before was still.
@@ -151,7 +155,8 @@ impl PixelPath {
         if pace.still {
             return walk.evaluations;
         }
-        let parts = ((pace.motion_px / STEP_PX).ceil().min(f64::from(UNITS)) as u32).max(LEAST_PARTS);
+        let parts = (pace.motion_px / STEP_PX).max(pace.periods * PERIOD_PARTS).ceil();
+        let parts = (parts.min(f64::from(UNITS)) as u32).max(LEAST_PARTS);
         let parts = parts.next_power_of_two().min(UNITS / 2);
         let length = UNITS / parts;
         for part in 0..parts {

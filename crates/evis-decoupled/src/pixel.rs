@@ -124,6 +124,8 @@ pub struct Pace {
     pub still: bool,
     /// Fastest motion of what it may see and of shadows on it, in pixels during the block.
     pub motion_px: f64,
+    /// Periods of the fastest sine that its light follows, during the block.
+    pub periods: f64,
 }
 
 impl Evaluator<'_> {
@@ -152,7 +154,8 @@ impl Evaluator<'_> {
     pub fn enter_pixel(&self, work: &mut Work, entries: &[Entry], pixel: usize) -> Pace {
         work.pixel = pixel;
         work.own.clear();
-        let mut pace = Pace { still: true, motion_px: 0.0 };
+        let mut pace = Pace { still: true, motion_px: 0.0, periods: 0.0 };
+        let block_s = self.block.length_us() * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
         for (slot, entry) in entries.iter().enumerate() {
             if entry.touches >> pixel & 1 == 1 {
                 let covers = entry.covers >> pixel & 1 == 1;
@@ -161,6 +164,7 @@ impl Evaluator<'_> {
                 self.lighting.ready(&mut work.light, record, entry.record, slot);
                 let (still, motion, moved) = self.lighting.changes_of(&work.light, slot);
                 pace.still &= still && record.still;
+                pace.periods = pace.periods.max(block_s * self.lighting.sine_hz(&work.light, slot));
                 pace.motion_px = pace.motion_px.max(work.motion[slot]);
                 if moved >> pixel & 1 == 1 {
                     pace.motion_px = pace.motion_px.max(motion);

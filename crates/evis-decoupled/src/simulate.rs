@@ -293,9 +293,10 @@ pub fn luminance_of(
     settings.check()?;
     let world = World::of_variant(scene, variant, settings.camera, settings.size)?;
     let mut lighting = Lighting::new(&world);
-    let length = settings.block_us as f64;
+    let length_us = world.block_us(settings.block_us);
+    let length = length_us as f64;
     let from = (t_us / length).floor() * length;
-    let around = blocks(scene, variant, from, from + length, settings.block_us);
+    let around = blocks(scene, variant, from, from + length, length_us);
     let inside = around.into_iter().find(|b| (b.start_us..b.end_us).contains(&t_us));
     let block = inside.unwrap_or(Block { start_us: from, end_us: from + length, jump: false });
     picture(&world, &mut lighting, block, t_us)

@@ -1,14 +1,20 @@
 //! A scene, flattened: convex planar facets on surfaces, and where nodes are at a time.
 
 use std::collections::HashMap;
+use std::f64::consts::TAU;
 
-use evis_scene::{AlphaMode, Lens, Primitive, Scene, SceneState, Variant, rigid};
+use evis_scene::motion::Path;
+use evis_scene::{AlphaMode, Lens, Motion, Primitive, Scene, SceneState, Variant, rigid};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
 
 /// Facets that are culled together.
 const CLUSTER: usize = 64;
+/// Periods of an analytic motion in a block, at most.
+const MOST_PERIODS: f64 = 0.125;
+/// The shortest block in microseconds.
+pub const LEAST_BLOCK_US: i64 = 64;
 /// Vertices of a facet; a triangle repeats its last one.
 pub const CORNERS: usize = 4;
 
@@ -212,6 +218,17 @@ impl<'a> World<'a> {
         t_us * 1e-6 * self.scene.speed.unwrap_or(1.0) + self.variant.map_or(0.0, |v| v.time_offset_s)
     }
 
+    /// The longest block, a power of two of microseconds and `most_us` at most, in which no analytic motion goes through more
+    /// than an eighth of its period: poses at a few times of a block then tell how it moves.
+    pub fn block_us(&self, most_us: i64) -> i64 {
+        let periods_per_us = fastest_hz(self.scene) * self.scene.speed.unwrap_or(1.0) * 1e-6;
+        let mut length_us = most_us;
+        while length_us > LEAST_BLOCK_US && length_us as f64 * periods_per_us > MOST_PERIODS {
+            length_us /= 2;
+        }
+        length_us
+    }
+
     /// World positions and unit normals of all vertices of surface `surface`, and whether its pose mirrors.
     pub fn vertices(&self, surface: u32, frame: &Frame) -> Vec<(DVec3, DVec3)> {
         let primitive = self.primitive(surface);
@@ -364,6 +381,32 @@ fn is_closed(primitive: &Primitive) -> bool {
         }
     }
     open.values().all(|n| *n == 0)
+}
+
+/// The highest frequency of an analytic motion, those of a node's ancestors added to its own, in hertz of the scene's clock.
+pub fn fastest_hz(scene: &Scene) -> f64 {
+    let mut hz: Vec<f64> = Vec::with_capacity(scene.nodes.len());
+    for node in &scene.nodes {
+        let inherited = node.parent.and_then(|p| hz.get(p)).copied().unwrap_or(0.0);
+        let own = match &node.motion {
+            Motion::Path(path) => path_hz(path),
+            Motion::Fixed(_) | Motion::Animated { .. } | Motion::Driven(_) => 0.0,
+        };
+        hz.push(inherited + own);
+    }
+    hz.into_iter().fold(0.0, f64::max)
+}
+
+/// Between keys a path is a polynomial, or turns by half a turn at most.
+fn path_hz(path: &Path) -> f64 {
+    match path {
+        Path::ConstantVelocity { .. } | Path::Keys { .. } => 0.0,
+        Path::Spin { rate, .. } | Path::Ballistic { spin_rate: rate, .. } => rate.abs() / TAU,
+        // Its z runs twice as fast as its x.
+        Path::FigureEight { period_s, .. } => 2.0 / period_s.abs(),
+        Path::Harmonic { terms, .. } => terms.iter().map(|t| t.frequency_hz.abs()).fold(0.0, f64::max),
+        Path::Chain(paths) => paths.iter().map(path_hz).sum(),
+    }
 }
 
 fn moving_nodes(scene: &Scene) -> Vec<bool> {
