@@ -2,6 +2,7 @@
 
 pub mod bench;
 mod build;
+mod reset;
 pub mod simulator;
 pub mod submission;
 
