@@ -425,8 +425,8 @@ class Representable:
         Returns
         -------
         dict of str to torch.Tensor
-            ``t`` int64 (microseconds), ``x`` and ``y`` uint16, ``p`` int16 (ON = 1, OFF = 0), each (N,): strided
-            views of the events' memory, see `evis.torch.event_tensors`.
+            ``t`` int64 (microseconds), ``x`` and ``y`` uint16, ``p`` int16 (ON = 1, OFF = 0), each (N,):
+            strided views of the events' memory, see `evis.torch.event_tensors`.
 
         Raises
         ------

@@ -265,7 +265,7 @@ class Dense:
             raise ConfigError(f"representation is {_check.shown(name)}; it must be {_check.one_of(_DENSE)}")
         fixed = sorted({"start_us", "end_us", "at_us", "sensor_size"} & set(parameters))
         if fixed:
-            raise ConfigError(f"{name} is given {', '.join(fixed)}; that comes from the window: leave it away")
+            raise ConfigError(f"{name} is given {', '.join(fixed)}; the window says it: leave it away")
         self.name = name
         self.parameters = parameters
         self.empty(1, 1)
@@ -281,7 +281,8 @@ class Dense:
 
     def empty(self, width: int, height: int) -> npt.NDArray[Any]:
         """Return the array of no events on a sensor of ``width`` x ``height`` pixels."""
-        nothing = EventArray.from_columns(*(np.empty(0, np.int64) for _ in "txyp"), width=width, height=height)
+        none = np.empty(0, np.int64)
+        nothing = EventArray.from_columns(none, none, none, none, width=width, height=height)
         return self(next(nothing.windows(edges=[0, 1])))
 
     def __eq__(self, other: object) -> bool:
@@ -331,8 +332,8 @@ def to_torch(array: npt.NDArray[Any], *, device: Any = None) -> Any:
         If PyTorch is not installed.
     """
     try:
-        import torch
+        from torch.utils.dlpack import from_dlpack
     except ImportError as error:
         raise EvisError("PyTorch is not installed; install it: pip install torch") from error
-    tensor = torch.from_dlpack(array)
+    tensor = from_dlpack(array)
     return tensor if device is None else tensor.to(device)

@@ -1,7 +1,7 @@
 """Event data sets for PyTorch: windows of recordings, collation, simulation on the fly.
 
-Needs the extra ``torch``. `EventDataset` has tonic's attributes, so that tonic's transforms, slicers and caches
-take it. ``docs/torch.md`` has a training loop.
+Needs the extra ``torch``. `EventDataset` has tonic's attributes, so that tonic's transforms, slicers and
+caches take it. ``docs/torch.md`` has a training loop.
 """
 
 from __future__ import annotations
@@ -28,7 +28,16 @@ from ._packets import Packet
 from ._simulator import Simulator
 from .representations import Dense, dense
 
-__all__ = ["EventDataset", "SimulatedDataset", "collate_packed", "collate_padded", "event_tensors", "tensor_of"]
+__all__ = [
+    "EventDataset",
+    "EventDtype",
+    "SimulatedDataset",
+    "collate_packed",
+    "collate_padded",
+    "event_tensors",
+    "tensor_of",
+    "tonic_events",
+]
 
 EventDtype: np.dtype[np.void] = np.dtype([("x", "<i4"), ("y", "<i4"), ("t", "<i8"), ("p", "<i4")])
 """Events as tonic's data sets have them: x, y, t in microseconds, and p, ON = 1 and OFF = 0."""
@@ -70,9 +79,9 @@ def event_tensors(events: npt.ArrayLike) -> dict[str, torch.Tensor]:
     Returns
     -------
     dict of str to torch.Tensor
-        ``t`` int64, ``x`` and ``y`` uint16, ``p`` int16, each (N,), strided views of the events' memory. PyTorch
-        calculates little with uint16: ``x.long()`` copies. Events of another dtype than `EventCD`, and
-        read-only ones, are copied once.
+        ``t`` int64, ``x`` and ``y`` uint16, ``p`` int16, each (N,), strided views of the events' memory.
+        PyTorch calculates little with uint16: ``x.long()`` copies. Events of another dtype than `EventCD`,
+        and read-only ones, are copied once.
 
     Raises
     ------
@@ -88,9 +97,9 @@ def event_tensors(events: npt.ArrayLike) -> dict[str, torch.Tensor]:
 class EventDataset(Dataset[Any]):
     """Windows of recordings, as a map-style data set.
 
-    Item k is ``(data, target)``. Files are opened where they are read, so that the data set crosses to workers
-    of any kind (spawned ones, too), and items do not depend on how many there are. Of recordings of EVIS only
-    the window is read; other formats are read whole, once per worker.
+    Item k is ``(data, target)``. Files are opened where they are read, so that the data set crosses to
+    workers of any kind (spawned ones, too), and items do not depend on how many there are. Of recordings of
+    EVIS only the window is read; other formats are read whole, once per worker.
 
     Parameters
     ----------
@@ -108,9 +117,9 @@ class EventDataset(Dataset[Any]):
     drop_last : bool
         Leave out a last window that is shorter than ``time_us``, or has fewer events than ``count``.
     representation : str, Dense or callable, optional
-        What becomes of a window, as a tensor: name of a function of `evis.representations`, that function with
-        parameters (``Dense("voxel_grid", bins=5)``), or what makes an array of an `EventWindow`. Events where
-        not given: a structured array of dtype `EventDtype`, a copy.
+        What becomes of a window, as a tensor: name of a function of `evis.representations`, that function
+        with parameters (``Dense("voxel_grid", bins=5)``), or what makes an array of an `EventWindow`. Events
+        where not given: a structured array of dtype `EventDtype`, a copy.
     labels : sequence of str
         Label images of the recording for the target: of each kind the last one at or before the window's end.
     targets : sequence, optional
@@ -182,10 +191,10 @@ class EventDataset(Dataset[Any]):
         height: int | None = None,
     ) -> None:
         single = isinstance(source, (str, PathLike, Recording))
+        items: list[Any] = [source] if single else _check.items("source", source, "['a.h5', 'b.h5']")
         # A relative path must mean the same in a worker.
         self._sources: list[Path | Recording] = [
-            one if isinstance(one, Recording) else Path(one).absolute()
-            for one in ([source] if single else _check.items("source", source, "['a.h5', 'b.h5']"))
+            one if isinstance(one, Recording) else Path(one).absolute() for one in items
         ]
         if not self._sources:
             raise ConfigError("source is empty; it must name a recording at least")
@@ -307,7 +316,8 @@ class EventDataset(Dataset[Any]):
             times = known[kind].t_us
             if rows and (not len(times) or times[0] > min(row[1] for row in rows)):
                 raise ConfigError(
-                    f"{self._name(index)} has no {kind} at or before the end of its first window; give start_us"
+                    f"{self._name(index)} has no {kind} at or before the end of its first window; "
+                    "give start_us"
                 )
 
 
@@ -348,8 +358,8 @@ def _columns(batch: Sequence[tuple[Any, Any]]) -> tuple[list[npt.NDArray[np.void
         names = getattr(getattr(events, "dtype", None), "names", None) or ()
         if not {"x", "y", "p", "t"} <= set(names):
             raise ConfigError(
-                f"item {index} of the batch is {_check.shown(type(events).__name__)}; it must be a structured "
-                "array with the fields x, y, p, t (tensors collate without a function of ours)"
+                f"item {index} of the batch is {_check.shown(type(events).__name__)}; it must be a "
+                "structured array with the fields x, y, p, t (tensors collate without a function of ours)"
             )
         arrays.append(events)
     return arrays, np.array([len(events) for events in arrays], np.int64)
@@ -366,8 +376,8 @@ def collate_packed(batch: Sequence[tuple[Any, Any]]) -> tuple[dict[str, torch.Te
     Returns
     -------
     events : dict of str to torch.Tensor
-        ``t`` (microseconds), ``x``, ``y`` and ``p``, int64 (sum of N_b,), and ``offsets``, int64 (B + 1,): events
-        of item b are ``t[offsets[b]:offsets[b + 1]]``. All are copies.
+        ``t`` (microseconds), ``x``, ``y`` and ``p``, int64 (sum of N_b,), and ``offsets``, int64 (B + 1,):
+        events of item b are ``t[offsets[b]:offsets[b + 1]]``. All are copies.
     targets
         Targets, as PyTorch's ``default_collate`` does.
 
@@ -406,8 +416,8 @@ def collate_padded(batch: Sequence[tuple[Any, Any]]) -> tuple[dict[str, torch.Te
     Returns
     -------
     events : dict of str to torch.Tensor
-        ``t`` (microseconds), ``x``, ``y`` and ``p``, int64 (B, most N_b), 0 behind the last event; ``mask``, bool
-        of that shape, True where there is an event; ``lengths``, int64 (B,). All are copies.
+        ``t`` (microseconds), ``x``, ``y`` and ``p``, int64 (B, most N_b), 0 behind the last event; ``mask``,
+        bool of that shape, True where there is an event; ``lengths``, int64 (B,). All are copies.
     targets
         Targets, as PyTorch's ``default_collate`` does.
 
@@ -430,24 +440,24 @@ class SimulatedDataset(IterableDataset[Any]):
     """Runs of a simulator, made while a network trains.
 
     An item is ``(data, target)`` of a run. A run's seed is a function of ``seed``, the epoch and the run's
-    number: no two workers simulate the same, and items do not depend on how many workers there are. Neither does
-    their order, where ``batch_size`` is the loader's.
+    number: no two workers simulate the same, and items do not depend on how many workers there are. Neither
+    does their order, where ``batch_size`` is the loader's.
 
-    Workers that are spawned (``DataLoader(multiprocessing_context="spawn")``) work always. Forked ones work while
-    the parent has opened no device; else they raise `EvisError`.
+    Workers that are spawned (``DataLoader(multiprocessing_context="spawn")``) work always. Forked ones work
+    while the parent has opened no device; else they raise `EvisError`.
 
     Parameters
     ----------
     make : callable
-        Makes a simulator with one camera and one environment: ``make(seed) -> Simulator``. It is called in the
-        worker, once per run, and crosses to spawned ones by a pickle: a function of a module, no lambda.
+        Makes a simulator with one camera and one environment: ``make(seed) -> Simulator``. It is called in
+        the worker, once per run, and crosses to spawned ones by a pickle: a function of a module, no lambda.
     runs : int
         Runs per epoch.
     duration_us : int
         Microseconds of a run.
     time_us : int, optional
-        Windows of so many microseconds, a part of ``duration_us``; where not given, a run is one window. Needs a
-        representation.
+        Windows of so many microseconds, a part of ``duration_us``; where not given, a run is one window.
+        Needs a representation.
     representation : str, Dense or callable, optional
         What becomes of a window, as of `EventDataset`: data is then a tensor (windows, ...), or (...) without
         ``time_us``. Events of the run where not given, a structured array of dtype `EventDtype`.
@@ -487,8 +497,8 @@ class SimulatedDataset(IterableDataset[Any]):
             self._time_us = _check.whole("time_us", time_us, 1, _EVER_US, " microseconds")
             if representation is None:
                 raise ConfigError(
-                    "time_us is given without a representation; windows of events are of many lengths: give one, "
-                    "such as representation='counts'"
+                    "time_us is given without a representation; windows of events are of many lengths: "
+                    "give one, such as representation='counts'"
                 )
             if self._duration_us % self._time_us:
                 raise ConfigError(
@@ -500,7 +510,7 @@ class SimulatedDataset(IterableDataset[Any]):
         self._epoch = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Choose the epoch, hence the seeds, of the next iteration; workers that persist do not learn of it."""
+        """Choose the epoch, hence the seeds, of the next iteration; workers that persist do not see it."""
         self._epoch = _check.whole("epoch", epoch)
 
     def seed_of(self, run: int) -> int:
