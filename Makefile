@@ -35,7 +35,7 @@ DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
 
-.PHONY: help setup demo test test-rust test-python test-readers check check-long format bench chart accuracy wheel smoke docs bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch check check-long format bench chart accuracy wheel smoke docs bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -81,6 +81,10 @@ check: setup ## Formatting, lints, types, stubs, and the tests that need no devi
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest evis._evis --mypy-config-file pyproject.toml
+
+test-torch: wheel ## Hold the data sets against PyTorch, which it installs (the CPU's build where pip finds one).
+	tools/install "$(BIN)" test torch
+	$(BIN)/python -m pytest tests/test_torch.py
 
 check-long: setup ## What takes long: hundreds of random scenes.
 	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture

@@ -385,6 +385,9 @@ class Simulator:
         until_us: int,
         poses: list[tuple[int, int, list[int], list[list[float]], list[list[float]] | None]] | None,
     ) -> Packet: ...
+    def reset(
+        self, environments: list[int], seeds: list[int], poses: list[tuple[int, int, list[float]]]
+    ) -> None: ...
     def stream(self, duration_us: int, packet_us: int) -> Stream: ...
 
 @final

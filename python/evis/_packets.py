@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _evis
-from ._events import EventArray, EventCarrier, Events
+from ._events import EventArray, EventCarrier, EventCD, Events
 from ._evis import ConfigError, EvisError
 
 CAUSE = "cause"
@@ -439,6 +439,38 @@ class Packet(_OneView):
         if isinstance(key, str):
             return self._only[key]
         return self.environment(key)
+
+    def packed(self, camera: str | None = None) -> tuple[Events, npt.NDArray[np.int64]]:
+        """Return the events of all environments as one array.
+
+        Parameters
+        ----------
+        camera : str, optional
+            The camera, where there are several.
+
+        Returns
+        -------
+        events : numpy.ndarray
+            `EventCD` (sum of N_e,), environment by environment, each sorted by (t, y, x); a copy where there
+            is more than one environment.
+        offsets : numpy.ndarray
+            int64 (E + 1,): those of environment e are ``events[offsets[e]:offsets[e + 1]]``.
+
+        Raises
+        ------
+        EvisError
+            If there are several cameras and none is named; `ConfigError`, if there is none of the name.
+        """
+        views = [each.view if camera is None else each[camera] for each in self._environments]
+        offsets = np.zeros(len(views) + 1, np.int64)
+        np.cumsum([len(view.events) for view in views], out=offsets[1:])
+        if len(views) == 1:
+            return views[0].events, offsets
+        # The padding is zero, as the engine's.
+        events: Events = np.zeros(int(offsets[-1]), EventCD)
+        for begin, view in zip(offsets.tolist(), views, strict=False):
+            events[begin : begin + len(view.events)] = view.events
+        return events, offsets
 
     def __len__(self) -> int:
         """Count the environments."""

@@ -50,6 +50,19 @@ def node_poses(
     return found
 
 
+def node_jumps(
+    names: Sequence[str], environments: Sequence[int], poses: Mapping[str, ArrayLike]
+) -> list[tuple[int, int, list[float]]]:
+    """Per environment of ``environments`` and node: a pose of seven numbers."""
+    found = []
+    for name, value in poses.items():
+        node = _node(names, name)
+        size = (len(environments), 1)
+        values = _spread(f"poses[{name!r}]", _as_seven(name, value), size, True)
+        found += [(e, node, values[row, 0].tolist()) for row, e in enumerate(environments)]
+    return found
+
+
 def _node(names: Sequence[str], name: str) -> int:
     if name not in names:
         known = ", ".join(repr(n) for n in names) or "none: name them as poses=[...] of the Simulator"

@@ -419,6 +419,24 @@ class Representable:
         frames, bits = _check.whole("frames", frames, 1), _check.whole("bits", bits, 1, 24)
         return _evis.bina_rep(self._for_engine(start_us, end_us), frames, bits)
 
+    def to_torch(self) -> dict[str, Any]:
+        """Return the columns as PyTorch tensors, without a copy; needs the extra ``torch``.
+
+        Returns
+        -------
+        dict of str to torch.Tensor
+            ``t`` int64 (microseconds), ``x`` and ``y`` uint16, ``p`` int16 (ON = 1, OFF = 0), each (N,):
+            strided views of the events' memory, see `evis.torch.event_tensors`.
+
+        Raises
+        ------
+        ImportError
+            If PyTorch is not installed.
+        """
+        from .torch import event_tensors
+
+        return event_tensors(self._raw((None, None))[0])
+
 
 def _time_or_none(what: str, value: int | None) -> int | None:
     return None if value is None else _check.time_us(what, value)

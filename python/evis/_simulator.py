@@ -9,15 +9,18 @@ from os import PathLike, fspath
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
+import numpy as np
+
 from . import _check, _evis, _method
 from ._evis import ConfigError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
-from ._poses import node_poses
+from ._poses import node_jumps, node_poses
 from ._scene import EventCamera, Scene, motion_text, moved_scene, raw_of
 from ._sensor import Sensor, sensor_of
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
     from numpy.typing import ArrayLike
 
 LabelName: TypeAlias = Literal[
@@ -413,6 +416,65 @@ class Simulator:
         if poses is not None:
             given = node_poses(self._driven, self.environments, until, poses, pose_times_us, velocities)
         return packet_from(self._engine.step(until, given), self._cameras, self._labels)
+
+    def reset(
+        self,
+        env_ids: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
+        *,
+        seed: int | Sequence[int] | None = None,
+        poses: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
+        """Let environments begin anew at `now_us`, with their pixel memory; the time goes on.
+
+        What the pixels of these environments see at `now_us` becomes their reference, as at the start of a
+        stream; filters rest at it, no pixel is refractory, and no event of theirs from before is still to
+        come. Events of other environments do not change by a byte. Labels are those of the new poses from
+        `now_us` on, and flow does not look back beyond it.
+
+        Parameters
+        ----------
+        env_ids : int or sequence of int, optional
+            The environments; all where not given. None of them where it is empty.
+        seed : int or sequence of int, optional
+            Seed of everything random in these environments from now on, one for all or one each: what is
+            frozen in their sensors, and noise, as in a simulator of this seed at this time. What is frozen
+            stays where not given; noise is a function of time, and does not come again either way.
+        poses : mapping of str to array, optional
+            Where the nodes jump to that a host moves, without any event: as of `step`, (7,) or (4, 4), or one
+            per environment of ``env_ids`` in front. A node without a pose stays where it is.
+
+        Raises
+        ------
+        ConfigError
+            If an environment does not exist or is named twice; if poses cannot be used; for methods with
+            keyframes and sensors with an exposure; and where `now_us` is not the end of a step to where
+            samples are, which with ``poses`` of the simulator it always is, unless Ctrl-C ended the step.
+            Then nothing has changed.
+        DeviceError
+            If the device failed.
+        EvisError
+            If a stream has taken the engine.
+        """
+        if env_ids is None:
+            environments = list(range(self.environments))
+        elif hasattr(env_ids, "__index__") and np.ndim(env_ids) == 0:
+            environments = [_check.whole("env_ids", env_ids)]
+        else:
+            environments = _check.wholes("env_ids", env_ids)
+        if any(environment >= self.environments for environment in environments):
+            raise ConfigError(
+                f"env_ids is {_check.shown(env_ids)}; it must be between 0 and {self.environments - 1}"
+            )
+        seeds: list[int] = []
+        if seed is not None:
+            each = (
+                [seed] * len(environments)
+                if hasattr(seed, "__index__") and np.ndim(seed) == 0
+                else _check.items("seed", seed, "[0, 1]")
+            )
+            seeds = [_check.whole("seed", one, 0, 2**63 - 1) for one in each]
+        jumps = [] if poses is None else node_jumps(self._driven, environments, poses)
+        self._engine.reset(environments, seeds, jumps)
 
     def stream(self, *, duration: float | None = None, packet_us: int = 10_000) -> Stream:
         """Stream packets, rendered ahead while Python works.

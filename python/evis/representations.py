@@ -21,18 +21,19 @@ other parameter, the shapes, the formulas and their sources are those of the met
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from ._events import _from_columns, as_event_cd
+from ._events import EventArray, _from_columns, as_event_cd
 from ._evis import ConfigError, EvisError
 from ._represent import Decay, Limits, Measure, Polarity, Raw, Representable
 
 __all__ = [
+    "Dense",
     "averaged_timestamps",
     "bina_rep",
     "binary_stack",
@@ -51,6 +52,17 @@ AnyEvents: TypeAlias = (
     | tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
 )
 """Events of EVIS, a structured array, columns by name, or columns (t, x, y, p)."""
+
+_DENSE = (
+    "event_frame",
+    "counts",
+    "voxel_grid",
+    "time_surface",
+    "event_spike_tensor",
+    "averaged_timestamps",
+    "binary_stack",
+    "bina_rep",
+)
 
 SensorSize: TypeAlias = Sequence[int] | None
 """(width, height) or (width, height, 2)."""
@@ -221,6 +233,84 @@ def bina_rep(
     return _held(events, sensor_size).bina_rep(frames, bits, start_us=start_us, end_us=end_us)
 
 
+class Dense:
+    """A representation with its parameters, to hand on to data sets and environments; pickles.
+
+    Called with events of EVIS it makes the array, of their interval where they know one (a window, a packet).
+
+    Parameters
+    ----------
+    name : str
+        Name of a function here: ``event_frame``, ``counts``, ``voxel_grid``, ``time_surface``,
+        ``event_spike_tensor``, ``averaged_timestamps``, ``binary_stack`` or ``bina_rep``.
+    **parameters
+        Its parameters, but ``start_us`` and ``end_us``, which are those of the window.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such function, or it does not take the parameters.
+
+    Examples
+    --------
+    >>> import evis
+    >>> from evis.representations import Dense
+    >>> events = evis.EventArray.from_columns([5, 6, 35], [0, 1, 2], [0, 0, 0], [1, 0, 1], width=3, height=1)
+    >>> [int(Dense("counts")(window).sum()) for window in events.windows(time_us=20)]
+    [2, 1]
+    """
+
+    def __init__(self, name: str, **parameters: Any) -> None:
+        if name not in _DENSE:
+            raise ConfigError(f"representation is {_check.shown(name)}; it must be {_check.one_of(_DENSE)}")
+        fixed = sorted({"start_us", "end_us", "at_us", "sensor_size"} & set(parameters))
+        if fixed:
+            raise ConfigError(f"{name} is given {', '.join(fixed)}; the window says it: leave it away")
+        self.name = name
+        self.parameters = parameters
+        self.empty(1, 1)
+
+    def __call__(self, events: Representable) -> npt.NDArray[Any]:
+        """Make the array of ``events``."""
+        interval = {name: getattr(events, name, None) for name in ("start_us", "end_us")}
+        try:
+            made: npt.NDArray[Any] = getattr(events, self.name)(**self.parameters, **interval)
+        except TypeError as error:
+            raise ConfigError(f"{self!r} cannot be made: {error}") from None
+        return made
+
+    def empty(self, width: int, height: int) -> npt.NDArray[Any]:
+        """Return the array of no events on a sensor of ``width`` x ``height`` pixels."""
+        none = np.empty(0, np.int64)
+        nothing = EventArray.from_columns(none, none, none, none, width=width, height=height)
+        return self(next(nothing.windows(edges=[0, 1])))
+
+    def __eq__(self, other: object) -> bool:
+        """Compare name and parameters."""
+        if not isinstance(other, Dense):
+            return NotImplemented
+        return (self.name, self.parameters) == (other.name, other.parameters)
+
+    __hash__ = None  # type: ignore[assignment]  # parameters may be changed
+
+    def __repr__(self) -> str:
+        """Show the call that makes it."""
+        return f"Dense({', '.join([repr(self.name), *(f'{k}={v!r}' for k, v in self.parameters.items())])})"
+
+
+def dense(representation: Any) -> Callable[[Any], npt.NDArray[Any]]:
+    """Return what makes an array of a window: a name becomes a `Dense`, a callable stays."""
+    if isinstance(representation, str):
+        return Dense(representation)
+    if not callable(representation):
+        raise ConfigError(
+            f"representation is {_check.shown(representation)}; it must be a name, such as 'counts', "
+            "evis.representations.Dense('voxel_grid', bins=5), or a function of a window"
+        )
+    made: Callable[[Any], npt.NDArray[Any]] = representation
+    return made
+
+
 def to_torch(array: npt.NDArray[Any], *, device: Any = None) -> Any:
     """Return an array as a PyTorch tensor; on the CPU it shares the array's memory, through DLPack.
 
@@ -242,8 +332,8 @@ def to_torch(array: npt.NDArray[Any], *, device: Any = None) -> Any:
         If PyTorch is not installed.
     """
     try:
-        import torch
+        from torch.utils.dlpack import from_dlpack
     except ImportError as error:
         raise EvisError("PyTorch is not installed; install it: pip install torch") from error
-    tensor = torch.from_dlpack(array)
+    tensor = from_dlpack(array)
     return tensor if device is None else tensor.to(device)

@@ -276,6 +276,26 @@ impl Simulator {
         packet::convert(py, packet, &sizes(&self.cameras))
     }
 
+    /// Lets environments begin anew. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w).
+    #[pyo3(signature = (environments, seeds, poses))]
+    fn reset(
+        &self,
+        py: Python<'_>,
+        environments: Vec<usize>,
+        seeds: Vec<u64>,
+        poses: Vec<(usize, usize, [f64; 7])>,
+    ) -> PyResult<()> {
+        let pose = |(environment, node, [x, y, z, qx, qy, qz, qw]): (usize, usize, [f64; 7])| {
+            (environment, node, HostPose::new(0, [x, y, z], [qx, qy, qz, qw], None))
+        };
+        let poses: Vec<_> = poses.into_iter().map(pose).collect();
+        py.enter_engine(|| {
+            let mut engine = usable(&self.engine)?;
+            let simulator = engine.as_mut().ok_or_else(taken)?;
+            Ok::<_, Failure>(simulator.reset(&environments, &seeds, &poses)?)
+        })
+    }
+
     /// Hands the engine to a stream that renders ahead.
     fn stream(&self, py: Python<'_>, duration_us: i64, packet_us: i64) -> PyResult<Stream> {
         let stream = py.enter_engine(|| {

@@ -109,6 +109,27 @@ mod tests {
     }
 
     #[test]
+    fn a_node_that_jumps_was_never_elsewhere() {
+        let mut scene = builtin::load("desk", 0).unwrap();
+        let node = scene.nodes.iter().position(|n| n.mesh.is_some() && n.parent.is_none()).unwrap();
+        let host = scene.drive(&[scene.nodes[node].name.clone()], 0).unwrap();
+        let x = |t_s| {
+            let mut state = SceneState::default();
+            scene.evaluate_variant(scene.variants.first(), t_s, &mut state);
+            state.world_from_node[node].w_axis.x
+        };
+        host.advance(&[(0, 0, vec![at(10_000, 1.0)])], 10_000).unwrap();
+        assert!(host.jump(&[(0, 0, at(0, f64::NAN))]).unwrap_err().to_string().contains("not finite"));
+        assert!(host.jump(&[(1, 0, at(0, 0.0))]).is_err());
+        assert_eq!(x(0.01), 1.0);
+        host.jump(&[(0, 0, at(0, 5.0))]).unwrap();
+        assert_eq!((x(0.005), x(0.01)), (5.0, 5.0));
+        // It goes on from there.
+        host.advance(&[(0, 0, vec![at(20_000, 6.0)])], 20_000).unwrap();
+        assert!((x(0.015) - 5.5).abs() < 1e-12);
+    }
+
+    #[test]
     fn poses_that_cannot_be_are_refused_and_change_nothing() {
         let mut scene = builtin::load("desk", 0).unwrap();
         let name = scene.nodes.iter().find(|n| n.mesh.is_some()).unwrap().name.clone();

@@ -132,6 +132,25 @@ impl HostPoses {
         Ok(())
     }
 
+    /// Lets nodes jump, now: each is at its pose, which is at [`HostPoses::known_until_us`], and was there before. What it was
+    /// given earlier is forgotten. By environment and node, as [`HostPoses::advance`] has them.
+    ///
+    /// # Errors
+    /// As [`HostPoses::check`]; then nothing has changed.
+    pub fn jump(&self, poses: &[(usize, usize, HostPose)]) -> Result<(), SceneError> {
+        let now_us = self.known_until_us();
+        for (environment, node, pose) in poses {
+            // Any time that follows will do for the rules of the rest.
+            self.check(*environment, *node, &[HostPose { t_us: now_us + 1, ..*pose }], now_us + 1)?;
+        }
+        for (environment, node, pose) in poses {
+            let unit =
+                HostPose { t_us: now_us, rotation: pose.rotation.normalize(), velocity: None, ..*pose };
+            self.tracks[*environment][*node].replace(&[HostPose { t_us: now_us - 1, ..unit }, unit]);
+        }
+        Ok(())
+    }
+
     /// Forgets poses that no time from `t_us` on needs.
     pub fn forget_before(&self, t_us: i64) {
         self.tracks.iter().flatten().for_each(|track| track.forget_before(t_us));

@@ -73,6 +73,11 @@ impl Track {
         poses.extend_from_slice(new);
     }
 
+    /// Has these poses and no others.
+    pub(crate) fn replace(&self, poses: &[HostPose]) {
+        *self.poses.write().unwrap_or_else(PoisonError::into_inner) = poses.to_vec();
+    }
+
     /// Forgets poses that no time from `t_us` on needs.
     pub(crate) fn forget_before(&self, t_us: i64) {
         let mut poses = self.poses.write().unwrap_or_else(PoisonError::into_inner);

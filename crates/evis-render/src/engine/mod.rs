@@ -3,6 +3,7 @@
 pub mod bench;
 mod build;
 mod decoupled;
+mod reset;
 pub mod simulator;
 pub mod submission;
 

@@ -63,6 +63,16 @@ impl Source {
         }
     }
 
+    /// The engine, for `what` only rendering can do.
+    fn sampled(&mut self, what: &str) -> Result<&mut Engine, ConfigError> {
+        match self {
+            Self::Sampled(engine) => Ok(engine),
+            Self::Decoupled(_) => {
+                Err(ConfigError::new("method", "decoupled", format!("native: {what} takes rendered instants")))
+            }
+        }
+    }
+
     /// See [`Engine::needed_us`].
     fn needed_us(&self, until_us: i64) -> i64 {
         match self {
@@ -216,6 +226,49 @@ impl Simulator {
         let label_us = (1e6 / self.config.label_rate_hz).ceil() as i64;
         host.forget_before(start_us + until_us - 2 * label_us - KEPT_POSES_US);
         Ok(packet)
+    }
+
+    /// Lets environments begin anew at the stream's present, with their pixel memory: what their pixels see now is their
+    /// reference, and no event of theirs from before is still to come. Events of other environments do not change by a byte.
+    /// `seeds`: per environment, of what is random in it from now on, as in a simulator of that seed; empty to keep it.
+    /// `poses`: where a host's nodes jump to, without any event: environment, node, and a pose, whose time is not looked at.
+    ///
+    /// # Errors
+    /// Environments that do not exist or are named twice, poses that cannot be used, methods with keyframes, sensors with
+    /// an exposure, and a present that is not the end of a step to where samples are. Then nothing has changed.
+    pub fn reset(
+        &mut self,
+        environments: &[usize],
+        seeds: &[u64],
+        poses: &[(usize, usize, HostPose)],
+    ) -> Result<(), EngineError> {
+        for (place, environment) in environments.iter().enumerate() {
+            if *environment >= self.environments {
+                let remedy = format!("between 0 and {}", self.environments - 1);
+                return Err(ConfigError::new("env_ids", environment, remedy).into());
+            }
+            if environments[..place].contains(environment) {
+                return Err(ConfigError::new("env_ids", environment, "named once").into());
+            }
+        }
+        if !(seeds.is_empty() || seeds.len() == environments.len()) {
+            let remedy = format!("one per environment, {} of them", environments.len());
+            return Err(ConfigError::new("seed", format!("{} seeds", seeds.len()), remedy).into());
+        }
+        self.source.sampled("reset")?.check_reset()?;
+        if let Some((environment, ..)) = poses.iter().find(|(e, ..)| !environments.contains(e)) {
+            let remedy = "only for environments that are reset; others move with step";
+            return Err(ConfigError::new("poses", format!("for environment {environment}"), remedy).into());
+        }
+        match &self.host_poses {
+            Some(host) => host.jump(poses)?,
+            None if poses.is_empty() => {}
+            None => {
+                let remedy = "no poses: name the nodes that a host moves when the simulator is made";
+                return Err(ConfigError::new("poses", "given", remedy).into());
+            }
+        }
+        self.source.sampled("reset")?.reset(environments, seeds)
     }
 
     /// What a host moves, where it moves anything.

@@ -241,10 +241,12 @@ impl AdaptiveRoom {
         let frame_group =
             context.upload_frames_as(&views, &times, Upload { trail: true, ..Default::default() });
         let kept = self.kept.remove(&group.views[0]);
-        let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first);
+        // Views that do not begin anew show again what they showed at this instant.
+        let again = i64::from(!group.beginning.is_empty());
+        let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first + again);
         let kept = kept.map(|(_, texture)| texture);
         let paces = self.paces(context, &views, group, unit);
-        let (frames, length) = (frames_of(unit), self.block_of(unit));
+        let (frames, length) = (frames_of(unit), self.block_of(group, unit));
         let work = Work {
             targets,
             group,
@@ -282,7 +284,8 @@ impl AdaptiveRoom {
         tiles: &mut Vec<u32>,
     ) -> (Vec<Audit>, Vec<AuditLook>) {
         let (mut audits, mut drawn) = (Vec::new(), Vec::new());
-        if self.audit_share <= 0.0 || work.partial || self.forced.is_some() || work.unit.first == 0 {
+        let begins = work.group.begins(work.unit);
+        if self.audit_share <= 0.0 || work.partial || self.forced.is_some() || begins {
             return (audits, drawn);
         }
         let price = self.made.pixel_price();
@@ -469,14 +472,14 @@ impl AdaptiveRoom {
         }
     }
 
-    /// Instants of a block of `unit`: the stream's first instant has a submission of its own.
-    const fn block_of(&self, unit: &Unit) -> u32 {
-        if unit.first == 0 { 1 } else { self.block }
+    /// Instants of a block of `unit`: an instant at which views begin has a submission of its own.
+    const fn block_of(&self, group: &Group, unit: &Unit) -> u32 {
+        if group.begins(unit) { 1 } else { self.block }
     }
 
     /// Per view and block.
     fn paces(&self, context: &Context, views: &[View], group: &Group, unit: &Unit) -> Vec<Paces> {
-        let length = self.block_of(unit);
+        let length = self.block_of(group, unit);
         let blocks = unit.instants / length;
         let frames = frames_of(unit) as usize;
         let mut paces = Vec::new();
@@ -486,8 +489,9 @@ impl AdaptiveRoom {
             for block in 0..blocks {
                 let count = (columns * rows) as usize;
                 let all = |pace| Paces { columns, tiles: vec![pace; count] };
-                if unit.first == 0 {
-                    paces.push(all(0).restricted(only));
+                if group.begins(unit) {
+                    let goes_on = group.beginning.get(v) == Some(&false);
+                    paces.push(all(if goes_on { STILL } else { 0 }).restricted(only));
                     continue;
                 }
                 if let Some(pace) = self.forced {

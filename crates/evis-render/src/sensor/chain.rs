@@ -372,6 +372,29 @@ impl GroupChain {
         Self { views: buffer, frozen: whole(&texture), noises, wires, width, height }
     }
 
+    /// Takes what waits for the bus off the wires of those `views` that `beginning` names.
+    pub fn clear_wires(&mut self, views: &[&View], beginning: &[bool]) {
+        for ((wire, view), _) in
+            self.wires.iter_mut().zip(views).zip(beginning).filter(|(_, begins)| **begins)
+        {
+            *wire = Wire::new(&view.sensor.readout, view.key, self.width);
+        }
+    }
+
+    /// Takes over noise, wires and what is frozen from `fresh`, which was made for the same views; those views that
+    /// `beginning` does not name keep their noise and their wires.
+    pub fn begin_anew(&mut self, mut fresh: Self, beginning: &[bool]) {
+        for (view, _) in beginning.iter().enumerate().filter(|(_, begins)| !**begins) {
+            if let (Some(new), Some(old)) = (fresh.noises.get_mut(view), self.noises.get_mut(view)) {
+                std::mem::swap(new, old);
+            }
+            if let (Some(new), Some(old)) = (fresh.wires.get_mut(view), self.wires.get_mut(view)) {
+                std::mem::swap(new, old);
+            }
+        }
+        *self = fresh;
+    }
+
     /// When noise may strike in `(base_us, end_us]`: where each block's strikes begin, then the strikes.
     pub fn feed(&mut self, base_us: i64, end_us: i64) -> Vec<u32> {
         let row_blocks = (row_stride(self.width) / BLOCK_PIXELS) as usize;

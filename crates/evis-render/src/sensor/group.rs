@@ -41,9 +41,17 @@ impl Unit {
         })
     }
 
-    /// For the trigger, with room for `capacity` events of `views` views.
-    pub fn params(&self, grid: &SampleGrid, targets: &Targets, views: u32, capacity: u32) -> TriggerParams {
-        let base = self.base_us(grid);
+    /// For the trigger, with room for `capacity` events of `views` views. Where it `begins` there is no interval before
+    /// its first instant.
+    pub fn params(
+        &self,
+        grid: &SampleGrid,
+        targets: &Targets,
+        views: u32,
+        capacity: u32,
+        begins: bool,
+    ) -> TriggerParams {
+        let base = if begins { grid.instant_us(self.first) } else { self.base_us(grid) };
         let mut spans = [[0; 4]; sizes::MAX_INSTANTS as usize];
         let mut before = 0;
         for (i, span) in spans.iter_mut().enumerate().take(self.instants as usize) {
@@ -60,7 +68,7 @@ impl Unit {
             lists: targets.chain.as_ref().map_or(0, |chain| chain.list_count),
             instants: self.instants,
             event_capacity: capacity,
-            first: u32::from(self.first == 0),
+            first: u32::from(begins),
             spans,
         }
     }
@@ -87,6 +95,8 @@ pub struct Group {
     pub chain: Option<GroupChain>,
     /// For the prefix within blocks.
     pub block_params: wgpu::Buffer,
+    /// Of each view, whether it begins anew at the one instant of the submission in work; empty but for a reset.
+    pub beginning: Vec<bool>,
     /// First instant that was not submitted yet.
     pub next: i64,
     /// `Status::clamped` as last read: the device only adds to it.
@@ -125,7 +135,9 @@ impl Group {
                 None => (wgpu::TextureFormat::Rgba32Uint, 1),
             };
             let size = [targets.width, targets.height, layers * view_count];
-            let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC;
+            let usage = wgpu::TextureUsages::STORAGE_BINDING
+                | wgpu::TextureUsages::COPY_SRC
+                | wgpu::TextureUsages::COPY_DST;
             whole(&array(&gpu.device, "pixel memory", size, format, usage))
         };
         let sensor_texels = array(
@@ -157,6 +169,7 @@ impl Group {
             ),
             views,
             chain: chain.map(|(_, chain)| chain),
+            beginning: Vec::new(),
             next: 0,
             clamped: 0,
             unknown: 0,
@@ -177,6 +190,31 @@ impl Group {
         );
         queue.write_buffer(&group.block_params, 0, bytemuck::bytes_of(&BlockParams { block_count, row }));
         group
+    }
+
+    /// Whether `unit` sets memories, and no pixel fires at its first instant.
+    pub const fn begins(&self, unit: &Unit) -> bool {
+        unit.first == 0 || !self.beginning.is_empty()
+    }
+
+    /// Records that the views that begin anew keep what the trigger has just written, and the others what they had.
+    pub fn keep_beginning(&self, encoder: &mut wgpu::CommandEncoder) {
+        let (old, new) = (self.memory[self.parity].texture(), self.memory[1 - self.parity].texture());
+        let views = self.views.len();
+        let size = wgpu::Extent3d { depth_or_array_layers: 1, ..old.size() };
+        for layer in 0..old.size().depth_or_array_layers {
+            // A layer per plane and view.
+            if self.beginning.get(layer as usize % views) != Some(&true) {
+                continue;
+            }
+            let place = |texture| wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
+                aspect: wgpu::TextureAspect::All,
+            };
+            encoder.copy_texture_to_texture(place(new), place(old), size);
+        }
     }
 
     /// Bytes before the events in a staging buffer: status and view offsets.

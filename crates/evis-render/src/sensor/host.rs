@@ -7,7 +7,7 @@
 //! its frames alone: on the device it would be a chain of passes of its own.
 
 use evis_core::emulator::parts::emulator;
-use evis_core::{Cause, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
+use evis_core::{Cause, ConfigError, EmulatorConfig, EmulatorReport, Event, EventEmulator, Frames};
 use rayon::prelude::*;
 
 use crate::error::EngineError;
@@ -33,6 +33,8 @@ pub struct Looks {
 pub struct HostWalk {
     /// By view, in the engine's order; none where the device walks.
     emulators: Vec<Option<EventEmulator>>,
+    /// What they are made with, beside their views.
+    settings: EmulatorConfig,
     samples: u32,
     /// Buffers that no submission uses.
     free: Vec<wgpu::Buffer>,
@@ -63,21 +65,21 @@ impl HostWalk {
         let walked = |view: &&View| view.sensor.walks_on_host();
         // Views go side by side; where they are few, each shares its own pixels out.
         let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
-        let make = |view: &View| {
-            let config = EmulatorConfig {
-                width: view.lens.width,
-                height: view.lens.height,
-                sensor: view.sensor.clone(),
-                reference_luminance,
-                threads,
-                causes,
-                ..EmulatorConfig::default()
-            };
-            emulator(config, view.key)
-        };
-        let make = |view| Some(view).filter(walked).map(make).transpose();
+        let settings = EmulatorConfig { reference_luminance, threads, causes, ..EmulatorConfig::default() };
+        let make = |view| Some(view).filter(walked).map(|view| walker(&settings, view)).transpose();
         let emulators = views.iter().map(make).collect::<Result<_, _>>()?;
-        Ok(Self { emulators, samples, free: Vec::new() })
+        Ok(Self { emulators, settings, samples, free: Vec::new() })
+    }
+
+    /// Lets the pixels of view `index` begin anew with the next light, with the randomness that `view` has.
+    ///
+    /// # Errors
+    /// None that [`HostWalk::new`] does not have.
+    pub fn reset(&mut self, index: usize, view: &View) -> Result<(), EngineError> {
+        if let Some(Some(emulator)) = self.emulators.get_mut(index) {
+            *emulator = walker(&self.settings, view)?;
+        }
+        Ok(())
     }
 
     /// Records the way of the light of `unit` to the host.
@@ -145,7 +147,9 @@ impl HostWalk {
                 .enumerate()
                 .filter_map(|(view, emulator)| {
                     let place = group.views.iter().position(|v| *v == view)?;
-                    Some((view, place, emulator.as_mut()?))
+                    // At a reset, those that do not begin anew have felt this instant.
+                    let feels = group.beginning.get(place) != Some(&false);
+                    Some((view, place, emulator.as_mut().filter(|_| feels)?))
                 })
                 .collect();
             let feel = |(view, place, emulator): &mut (usize, usize, &mut EventEmulator)| {
@@ -174,6 +178,13 @@ impl HostWalk {
         self.free.push(staging);
         Ok(felt)
     }
+}
+
+/// The emulator of a view's pixels.
+fn walker(settings: &EmulatorConfig, view: &View) -> Result<EventEmulator, ConfigError> {
+    let (width, height) = (view.lens.width, view.lens.height);
+    let config = EmulatorConfig { width, height, sensor: view.sensor.clone(), ..settings.clone() };
+    emulator(config, view.key)
 }
 
 /// Mean of `samples` layers, row-major; NaN where it is not known. As [`crate::Simulator::luminance`] has it.

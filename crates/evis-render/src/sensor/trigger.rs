@@ -52,7 +52,7 @@ pub fn trigger_steps<'a>(
     let views = group.views.len() as u32;
     let stride = row_stride(targets.width);
     let blocks_per_view = stride / BLOCK_PIXELS * targets.height;
-    let params = unit.params(grid, targets, views, slot.capacity);
+    let params = unit.params(grid, targets, views, slot.capacity, group.begins(unit));
     queue.write_buffer(&slot.params, 0, bytemuck::bytes_of(&params));
     let scan = ScanParams {
         block_count: blocks_per_view * views,
@@ -166,7 +166,7 @@ fn ideal_walks<'a>(
     (walk(count, counting), walk(emit, emitting))
 }
 
-/// Count and emit of the whole chain. A stream's first instant is a unit of its own: nothing fires there.
+/// Count and emit of the whole chain. An instant at which pixels begin is a unit of its own: nothing fires there.
 fn chain_walks<'a>(
     device: &wgpu::Device,
     chain: &'a ChainPasses,
@@ -209,7 +209,7 @@ fn chain_walks<'a>(
         let workgroups = walk.workgroups(size, group.views.len() as u32);
         TriggerStep { pipeline: &pass.pipeline, bindings, workgroups }
     };
-    let counting = if unit.first == 0 {
+    let counting = if group.begins(unit) {
         vec![walk(&chain.begin, Walk::Count)]
     } else {
         chain.counting(unit.instants).into_iter().map(|step| walk(&chain.walk, step)).collect()

@@ -1,0 +1,137 @@
+//! Environments that begin anew while the others go on.
+
+use evis_core::ConfigError;
+use evis_core::random::Key;
+
+use crate::error::EngineError;
+use crate::gpu::readback::{map, wait_mapped};
+use crate::sampling::Sampling;
+use crate::sensor::chain::GroupChain;
+use crate::sensor::group::{Slot, Unit};
+use crate::sensor::passes::WalkPasses;
+use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
+use crate::world::view::View;
+
+use super::Engine;
+
+impl Engine {
+    /// Whether environments may begin anew at the stream's present.
+    ///
+    /// # Errors
+    /// A method with keyframes, pixels that see frames, and a present that lies between two samples or behind one.
+    pub fn check_reset(&self) -> Result<(), ConfigError> {
+        if matches!(self.sampling, Sampling::Splat(_)) {
+            let remedy = "of a simulator with the method native: keyframes reach beyond the present";
+            return Err(ConfigError::new("reset", "with keyframes", remedy));
+        }
+        if self.context.views.iter().any(|view| !view.sensor.exposure.is_off()) {
+            let remedy = "of sensors without an exposure: theirs reaches beyond the present";
+            return Err(ConfigError::new("reset", "with an exposure", remedy));
+        }
+        let now_us = self.delivered_us;
+        let grid = &self.context.grid;
+        // What is in work or known belongs to the present, and nothing to later.
+        let is_there = |next: i64| match next {
+            0 => now_us == 0,
+            next => grid.instant_us(next - 1) == now_us,
+        };
+        if !self.groups.iter().all(|group| is_there(group.next)) {
+            let apart_us = grid.instant_us(i64::from(self.block));
+            let remedy =
+                format!("at the end of a step to a multiple of {apart_us} us, which came to its end");
+            return Err(ConfigError::new("reset", format!("at {now_us} us"), remedy));
+        }
+        Ok(())
+    }
+
+    /// Lets environments begin anew at the stream's present: their pixels take what they see there for their reference, and
+    /// what they had, or had on their way, is gone. `seeds`: of what is random in them from now on, as they are drawn for a
+    /// simulator of this seed; the old ones where it is empty. Nothing of other environments changes.
+    ///
+    /// # Errors
+    /// As [`Engine::check_reset`]; the device may fail.
+    pub fn reset(&mut self, environments: &[usize], seeds: &[u64]) -> Result<(), EngineError> {
+        self.check_reset()?;
+        while !self.in_flight.is_empty() {
+            self.collect_oldest()?;
+        }
+        for (index, seed) in environments.iter().zip(seeds) {
+            let cameras = &self.context.scene.cameras;
+            for view in self.context.views.iter_mut().filter(|view| view.environment == *index) {
+                let place = cameras.iter().position(|camera| camera.node == view.node).unwrap_or(view.camera);
+                view.key = Key::new(*seed, *index as u32, place as u32);
+            }
+        }
+        for group in 0..self.groups.len() {
+            let begins = |view: &usize| environments.contains(&self.context.views[*view].environment);
+            let beginning: Vec<bool> = self.groups[group].views.iter().map(begins).collect();
+            if beginning.contains(&true) {
+                self.begin_views(group, beginning, !seeds.is_empty())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets those views of `group` that `beginning` names begin anew; with other keys where they are `reseeded`.
+    fn begin_views(&mut self, group: usize, beginning: Vec<bool>, reseeded: bool) -> Result<(), EngineError> {
+        let views = self.groups[group].views.clone();
+        for (view, _) in views.iter().zip(&beginning).filter(|(_, begins)| **begins) {
+            self.arrived[*view].events.clear();
+            self.host_walk.reset(*view, &self.context.views[*view])?;
+        }
+        let class = self.groups[group].targets;
+        if let (Some(passes), Some(chain)) = (self.passes.chain(class), &mut self.groups[group].chain) {
+            let targets = &self.targets[class];
+            let own: Vec<&View> = views.iter().map(|&v| &self.context.views[v]).collect();
+            let (size, reference) = ([targets.width, targets.height], self.context.reference_luminance);
+            if reseeded {
+                let fresh = GroupChain::new(&self.context.gpu, &passes.plan, size, &own, reference);
+                chain.begin_anew(fresh, &beginning);
+            } else {
+                // What is frozen stays, and noise is a function of time.
+                chain.clear_wires(&own, &beginning);
+            }
+        }
+        if self.groups[group].next == 0 {
+            // The stream's first instant is still to come.
+            return Ok(());
+        }
+        self.groups[group].beginning = beginning;
+        let unit = Unit { group, first: self.groups[group].next - 1, instants: 1 };
+        let done = self.submit_beginning(unit);
+        self.groups[group].beginning.clear();
+        done
+    }
+
+    /// Renders the instant of `unit` once more, for views that begin with it, and sets their memory.
+    fn submit_beginning(&mut self, unit: Unit) -> Result<(), EngineError> {
+        let Self { context, passes, sampling, targets, groups, .. } = self;
+        let group = &groups[unit.group];
+        let targets = &targets[group.targets];
+        let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+        // Nothing is audited where something begins.
+        let _ = sampling.encode(context, &mut encoder, targets, group, &unit);
+        if matches!(*passes.walks[group.targets], WalkPasses::Host) {
+            let looks = self.host_walk.encode(&context.gpu, &mut encoder, targets, group, unit)?;
+            let submission = context.gpu.queue.submit([encoder.finish()]);
+            let mapped = map(&looks.staging);
+            wait_mapped(&context.gpu, &submission, &mapped)?;
+            // First light fires nothing.
+            self.host_walk.take(context, targets, group, looks)?;
+            return Ok(());
+        }
+        let header = group.header_bytes();
+        let fits = |slot: &Slot| slot.fits(self.capacity, header);
+        let slot = match self.free.iter().position(fits) {
+            Some(index) => self.free.swap_remove(index),
+            None => Slot::new(&context.gpu.device, self.capacity, header),
+        };
+        let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, &unit, &slot);
+        clear_tallies(&mut encoder, group);
+        encode_trigger(&mut encoder, &steps);
+        group.keep_beginning(&mut encoder);
+        context.gpu.queue.submit([encoder.finish()]);
+        self.free.push(slot);
+        Ok(())
+    }
+}
