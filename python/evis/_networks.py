@@ -37,6 +37,8 @@ class Network:
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:
+        if not isinstance(path, (str, PathLike)):
+            raise ConfigError(f"a network is {_check.shown(path)}; it must be the path of an ONNX file")
         try:
             import onnxruntime
         except ImportError as error:
@@ -76,7 +78,8 @@ class Network:
         Open sizes become the next multiples of ``multiple``, as networks that halve pictures need them.
         """
         name, shape = self.inputs[index]
-        if len(shape) != 4 or not isinstance(shape[1], int) or shape[0] not in (1, None, "batch", "N"):
+        many = len(shape) == 4 and isinstance(shape[0], int) and shape[0] != 1
+        if len(shape) != 4 or many or not isinstance(shape[1], int):
             raise ConfigError(f"{self.path.name} takes {name} as {shape}; it must be (1, channels, H, W)")
         sides = [
             side if isinstance(side, int) else -(-own // multiple) * multiple
@@ -115,8 +118,9 @@ class VoxelNetwork:
         first = net.inputs[0][1]
         others = net.inputs[1:]
         self.grids = 2 if others and others[0][1] == first else 1
-        # A dimension that carries the name of the grid's height or width is as long as that.
-        known = {name: side for name, side in zip(first[2:], self._padded, strict=True)}
+        # A dimension that carries the name of one of the grid's is as long as that.
+        sides = (1, self.bins, *self._padded)
+        known = {name: side for name, side in zip(first, sides, strict=True) if isinstance(name, str)}
         self._states = [self._zeros(name, shape, known) for name, shape in others[self.grids - 1 :]]
         if len(net.outputs) <= len(self._states):
             raise ConfigError(
@@ -124,14 +128,14 @@ class VoxelNetwork:
                 "and the next states must come out"
             )
 
-    def _zeros(self, name: str, shape: list[Any], known: dict[Any, int]) -> Float:
-        sides = [side if isinstance(side, int) else known.get(side) for side in shape]
-        if None in sides:
+    def _zeros(self, name: str, shape: list[Any], known: dict[str, int]) -> Float:
+        sides = [side if isinstance(side, int) else known.get(side, 0) for side in shape]
+        if 0 in sides:
             raise ConfigError(
                 f"{self.network.path.name} leaves the size of its state {name} open: {shape}; export it with "
                 f"fixed sizes, or with the names of {self.network.inputs[0][0]}"
             )
-        return np.zeros([side or 0 for side in sides], np.float32)
+        return np.zeros(sides, np.float32)
 
     def reset(self) -> None:
         """Begin a sequence."""
@@ -186,8 +190,8 @@ class MatchNetwork:
         if len(net.inputs) > 2 or (not self.pairs and not self._like_xfeat()):
             raise ConfigError(
                 f"{net.path.name} has the inputs {net.inputs} and the outputs {net.outputs}; it must take "
-                "two pictures and give the places of matches, or take one and give features, 65 scores per cell, "
-                "and reliability, as XFeat"
+                "two pictures and give the places of matches, or take one and give features, 65 scores per "
+                "cell, and reliability, as XFeat"
             )
         if not self.pairs and self.channels not in (1, 3):
             raise ConfigError(
@@ -267,10 +271,3 @@ class MatchNetwork:
         found = sampled(units, self._cv2.INTER_CUBIC)[best]
         found = found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-12)
         return self._places(np.stack([x, y], axis=1)[best]), found.astype(np.float32)
-
-
-def check_file(what: str, path: Any) -> str:
-    """Return a path as text, for reports."""
-    if not isinstance(path, (str, PathLike)):
-        raise ConfigError(f"{what} is {_check.shown(path)}; it must be the path of an ONNX file")
-    return Path(path).name

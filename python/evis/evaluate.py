@@ -24,7 +24,7 @@ from . import _check, metrics
 from ._events import EventArray
 from ._evis import ConfigError
 from ._files import RecordedLabels, RecordedView, Recording, load
-from ._networks import MatchNetwork, Network, Points, VoxelNetwork, check_file, opencv
+from ._networks import MatchNetwork, Network, Points, VoxelNetwork, opencv
 
 __all__ = [
     "CONTROLS",
@@ -109,9 +109,10 @@ class Evaluation:
     rows: tuple[Row, ...]
 
     @property
-    def controls_fail(self) -> bool:
-        """Whether every control fails, without which the other figures say nothing."""
-        return all(row.fails is not False for row in self.rows)
+    def controls_fail(self) -> bool | None:
+        """Whether every control fails, without which the other figures say nothing; None without controls."""
+        verdicts = [row.fails for row in self.rows if row.fails is not None]
+        return all(verdicts) if verdicts else None
 
     def row(self, stream: str = EVENTS, setting: str | None = None) -> Row:
         """Return the row of a stream; of the first setting where none is given.
@@ -141,11 +142,11 @@ class Evaluation:
 
     def __str__(self) -> str:
         """Show a table."""
-        names = list(self.rows[0].scores) if self.rows else []
+        names = list(dict.fromkeys(name for row in self.rows for name in row.scores))
         table = [["", "", "samples", *names, ""]]
         for row in self.rows:
             verdict = {None: "", True: "fails", False: "DOES NOT FAIL"}[row.fails]
-            figures = [f"{row.scores[name]:.3f}" for name in names]
+            figures = [f"{row.scores[name]:.3f}" if name in row.scores else "" for name in names]
             table.append([row.setting, row.stream, str(row.samples), *figures, verdict])
         wide = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
         lines = [
@@ -195,7 +196,7 @@ def _local(picture: Float) -> npt.NDArray[np.float64]:
     for axis, h in enumerate(half):
         sums = np.cumsum(np.insert(framed, 0, 0.0, axis=axis), axis=axis)
         size = 2 * h + 1
-        upper, lower = np.take(sums, range(size, sums.shape[axis]), axis), None
+        upper = np.take(sums, range(size, sums.shape[axis]), axis)
         lower = np.take(sums, range(sums.shape[axis] - size), axis)
         framed = (upper - lower) / size
     return np.asarray(picture - framed, np.float64)
@@ -241,6 +242,23 @@ def _post(picture: Float, how: Normalization) -> Float:
     return np.clip(picture, 0.0, 1.0).astype(np.float32)
 
 
+def _chosen(controls: Sequence[str]) -> list[str]:
+    names = _check.items("controls", controls, f"['{CONTROLS[0]}']")
+    for name in names:
+        if name not in CONTROLS:
+            raise ConfigError(f"controls has {_check.shown(name)}; it must hold {_check.one_of(CONTROLS)}")
+    return names
+
+
+def _windows(windows_us: Sequence[int]) -> list[int]:
+    windows = [
+        _check.whole("windows_us", each, 1) for each in _check.items("windows_us", windows_us, "[20_000]")
+    ]
+    if not windows:
+        raise ConfigError("windows_us is empty; it must hold at least one time, such as 20_000")
+    return windows
+
+
 def _streams(events: EventArray, controls: Sequence[str]) -> Iterator[tuple[str, EventArray]]:
     """Give the events, and each control made of them."""
     size = {"width": events.width, "height": events.height}
@@ -259,10 +277,8 @@ def _streams(events: EventArray, controls: Sequence[str]) -> Iterator[tuple[str,
             times = np.sort(rng.integers(first, last + 1, len(t)))
             places = (rng.integers(0, n, len(t)) for n in (events.width, events.height, 2))
             yield name, EventArray.from_columns(times, *places, **size)
-        elif name == CONTROLS[3]:
-            yield name, EventArray.from_columns(t + _DELAY_US, x, y, p, **size)
         else:
-            raise ConfigError(f"controls has {_check.shown(name)}; it must hold {_check.one_of(CONTROLS)}")
+            yield name, EventArray.from_columns(t + _DELAY_US, x, y, p, **size)
 
 
 def _rows(setting: str, found: Mapping[str, list[dict[str, float]]], judges: Sequence[str]) -> Iterator[Row]:
@@ -405,18 +421,19 @@ def reconstruct(
     recording, name = _opened(source, "source")
     view = _view(recording, camera)
     frames = _images(view, ("frame", "hdr"))
+    windows, controls = _windows(windows_us), _chosen(controls)
     if post not in ("none", "standard", "robust", "exprobust"):
         raise ConfigError(f"post is {post!r}; it must be none, standard, robust or exprobust")
     skip = _check.whole("skip", skip)
     model = VoxelNetwork(network, view.camera.height, view.camera.width)
     used = {"network": _named(model.network)}
-    judge = None if lpips is None else Network(check_file("lpips", lpips) and lpips)
+    judge = None if lpips is None else Network(lpips)
     if judge is not None:
         used["lpips"] = _named(judge)
     reference = tone_map(np.stack([_luminance(frames[k]) for k in range(len(frames))]))
     rows: list[Row] = []
-    for window in windows_us:
-        every = _every(frames, _check.whole("windows_us", window, 1), "a window")
+    for window in windows:
+        every = _every(frames, window, "a window")
         edges = frames.t_us[::every]
         if len(edges) < skip + 3:
             raise ConfigError(
@@ -443,6 +460,7 @@ def reconstruct(
 
 
 def _named(network: Network) -> str:
+    """Return the file's name and the start of its hash, for reports."""
     return f"{network.path.name} ({network.sha256[:12]})"
 
 
@@ -482,7 +500,7 @@ Piece: TypeAlias = "tuple[npt.NDArray[Any], npt.NDArray[np.bool_], int, int]"
 def _carried(
     x: npt.NDArray[Any], y: npt.NDArray[Any], t: npt.NDArray[Any], pieces: Sequence[Piece]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Carry points back to the start of the first piece; return where they come from, and whether all is known.
+    """Carry points back to the start of the first piece; return where they come from, and whether it is known.
 
     Flow is anchored where things are at a piece's start: p with p + share * flow(p) = x is found by
     iteration.
@@ -636,6 +654,7 @@ def flow(
     recording, name = _opened(source, "source")
     view = _view(recording, camera)
     fields, masks = _images(view, ("flow_forward",)), view.labels["flow_forward_valid"]
+    windows, controls = _windows(windows_us), _chosen(controls)
     skip = _check.whole("skip", skip)
     lights = next((view.labels[kind] for kind in ("hdr", "frame") if kind in view.labels), None)
     model = None
@@ -650,12 +669,13 @@ def flow(
             known = masks[k].astype(bool)
             pieces.append((np.where(known[..., None], fields[k], 0), known, start, end))
     rows: list[Row] = []
-    for window in windows_us:
-        every = _every(fields, _check.whole("windows_us", window, 1), "a window")
+    for window in windows:
+        every = _every(fields, window, "a window")
         spans = [pieces[k : k + every] for k in range(0, len(pieces) - every + 1, every)][skip:]
         if len(spans) < 3:
             raise ConfigError(
-                f"there are {len(spans)} windows of {window} us with flow after {skip} skipped ones; 3 are needed"
+                f"there are {len(spans)} windows of {window} us with flow after {skip} skipped ones; it must "
+                "be at least 3: record longer, or skip fewer"
             )
         exact: dict[str, list[dict[str, float]]] = {}
         for stream, events in _streams(view.events, controls):
@@ -789,7 +809,7 @@ def _places(view: RecordedView) -> list[_Place]:
 
 
 def _moving(view: RecordedView, k: int) -> npt.NDArray[np.bool_]:
-    """Return the pixels of image ``k`` that move by themselves, and those beside: flow is not the camera's."""
+    """Return the pixels of image ``k`` that move by themselves, and those beside."""
     depth, poses = view.labels["depth"], view.poses.matrix
     height, width = depth[k].shape
     moving = np.zeros((height + 2, width + 2), bool)
@@ -895,6 +915,7 @@ def match(
         As `reconstruct`.
     """
     recording, name = _opened(source, "source")
+    controls = _chosen(controls)
     names = list(recording)[:2] if cameras is None else _check.items("cameras", cameras, "['left', 'right']")
     if not 1 <= len(names) <= 2:
         raise ConfigError(f"cameras is {names}; it must name one or two cameras")
