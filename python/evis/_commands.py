@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from . import evaluate
 from ._evis import EvisError
@@ -83,7 +83,7 @@ def run_evaluate(arguments: Sequence[str]) -> int:
             settings[f"{name[:-3]}_us"] = settings.pop(name)
     if "cameras" in settings:
         settings["cameras"] = settings["cameras"].split(",")
-    run = {"reconstruct": evaluate.reconstruct, "flow": evaluate.flow, "match": evaluate.match}[task]
+    run: Callable[..., evaluate.Evaluation] = getattr(evaluate, task)
     try:
         found = run(file, network, **settings)
     except (EvisError, OSError) as error:

@@ -230,7 +230,7 @@ def tone_map(luminance: npt.ArrayLike) -> Float:
     lit = light[light > 0].astype(np.float64)
     light = light * np.float32(0.18 / np.exp(np.log(lit).mean()))
     curved = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.clip(curved, 0.0, 1.0).astype(np.float32)
+    return np.asarray(np.clip(curved, 0.0, 1.0), np.float32)
 
 
 def _post(picture: Float, how: Normalization) -> Float:
@@ -500,7 +500,7 @@ Piece: TypeAlias = "tuple[npt.NDArray[Any], npt.NDArray[np.bool_], int, int]"
 def _carried(
     x: npt.NDArray[Any], y: npt.NDArray[Any], t: npt.NDArray[Any], pieces: Sequence[Piece]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Carry points back to the start of the first piece; return where they come from, and whether it is known.
+    """Carry points back to the start of the first piece; return where they come from, if that is known.
 
     Flow is anchored where things are at a piece's start: p with p + share * flow(p) = x is found by
     iteration.
@@ -527,8 +527,8 @@ def _sharpness(events: EventArray, pieces: Sequence[Piece]) -> float:
     part = events.slice_time(pieces[0][2], pieces[-1][3])
     x, y, known = _carried(part.x, part.y, part.t, pieces)
     variances = []
-    for u, v in ((x, y), (part.x, part.y)):
-        u, v = np.rint(u[known]).astype(np.intp), np.rint(v[known]).astype(np.intp)
+    for at in ((x, y), (part.x, part.y)):
+        u, v = (np.rint(each[known]).astype(np.intp) for each in at)
         inside = (u >= 0) & (v >= 0) & (u < shape[1]) & (v < shape[0])
         counts = np.bincount(v[inside] * shape[1] + u[inside], minlength=shape[0] * shape[1])
         variances.append(float(counts.var()))
