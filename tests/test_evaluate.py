@@ -1,4 +1,4 @@
-"""Evaluation by networks: measures against closed forms, controls that fail, and a blind network that is found.
+"""Evaluation by networks: measures have closed forms, controls fail, and a blind network is found.
 
 Most networks here are Python functions behind a stand-in of onnxruntime, so that nothing need be installed.
 """
@@ -20,7 +20,7 @@ import pytest
 import evis
 from evis import _commands, _networks, evaluate
 
-BINS, SIDE = 5, (48, 64)
+BINS, SIDE = 5, (96, 128)
 ASSETS = Path(os.environ.get("EVIS_ASSETS", "/no/such/folder")) / "networks"
 
 
@@ -50,8 +50,8 @@ def checkered(voxel: Any) -> list[Any]:
 
 
 def same_places(one: Any, other: Any) -> list[Any]:
-    """Match every pixel of a picture of 64x48 with the same pixel of the other."""
-    y, x = np.mgrid[0:48, 0:64]
+    """Match every pixel of a picture with the same pixel of the other."""
+    y, x = np.mgrid[0 : SIDE[0], 0 : SIDE[1]]
     places = np.stack([x.ravel(), y.ravel()], axis=1)
     return [places, places]
 
@@ -74,7 +74,7 @@ NETWORKS: dict[str, Made] = {
         [tensor("flow", 1, 2, "H", "W")],
         lambda v: [np.zeros((1, 2, *v.shape[2:]), np.float32)],
     ),
-    "framed": ([tensor("voxel", 1, 2, 64, 72)], [tensor("image", 1, 2, 64, 72)], lambda v: [v]),
+    "framed": ([tensor("voxel", 1, 2, 112, 136)], [tensor("image", 1, 2, 112, 136)], lambda v: [v]),
     "before": ([GRID, tensor("next", *GRID.shape)], [IMAGE], lambda old, new: [old[:, :1] - new[:, 1:2]]),
     "pair": (PAIR, [tensor("a", "n", 2), tensor("b", "n", 2)], same_places),
     "cells": (
@@ -145,7 +145,7 @@ def recording(device: evis.Device, tmp_path_factory: pytest.TempPathFactory) -> 
         labels=["depth", "flow", "hdr"],
         label_rate_hz=50,
     )
-    evis.save(path, sim.stream(duration=0.36))
+    evis.save(path, sim.stream(duration=0.52))
     return path
 
 
@@ -309,8 +309,8 @@ def test_grids_are_padded_and_pictures_cut(network: Callable[[str], Path]):
     grid = np.random.default_rng(0).random((2, *SIDE), np.float32)
     model = _networks.VoxelNetwork(network("framed"), *SIDE)
     assert np.array_equal(model.run(grid)[0][0], grid)
-    whole, where = _networks._padded(grid, 64, 72)
-    assert whole.shape == (2, 64, 72)
+    whole, where = _networks._padded(grid, 112, 136)
+    assert whole.shape == (2, 112, 136)
     assert whole.sum() == pytest.approx(grid.sum(), rel=1e-5)
     assert (where[0].start, where[1].start) == (8, 4)
 
@@ -339,7 +339,7 @@ def test_a_second_grid_is_the_window_before(network: Callable[[str], Path]):
     [
         ("open state", r"leaves the size of its state state open: \[1, 16, 'rows', 'columns'\]"),
         ("no picture", "1 states and 1 outputs"),
-        ("small", "takes pictures of 16x16; the events are 64x48"),
+        ("small", "takes pictures of 16x16; the events are 128x96"),
         ("whole numbers", r"takes voxel as tensor\(int64\)"),
         ("many", r"takes voxel as \[4, 5"),
         ("flat", r"gives \(1, 3\); it must give pictures"),
@@ -486,7 +486,7 @@ def test_the_command_prints_tables_and_json(
     found = json.loads(capsys.readouterr().out)
     assert {row["setting"] for row in found["rows"]} == {"20 ms", "40 ms"}
     assert found["settings"]["normalize"] is False
-    blind = ["reconstruct", str(recording), "--network", str(network("blind"))]
+    blind = ["reconstruct", str(recording), "--network", str(network("blind")), "--skip", "5"]
     assert _commands.run_evaluate(blind) == 1
     assert "these controls do not fail: delayed by 40 ms" in capsys.readouterr().err
     assert _commands.run_evaluate([*blind, "--no-controls"]) == 0

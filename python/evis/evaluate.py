@@ -507,7 +507,7 @@ def _carried(
     """
     x, y, known = x.astype(np.float64), y.astype(np.float64), np.ones(len(x), bool)
     for field, defined, start, end in reversed(pieces):
-        on = np.flatnonzero(t > start)
+        on = np.flatnonzero(t >= start)
         share = np.minimum((t[on] - start) / (end - start), 1.0)
         px, py = x[on], y[on]
         for _ in range(4):
