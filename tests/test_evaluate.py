@@ -418,10 +418,12 @@ def test_a_blind_network_is_found(network: Callable[[str], Path], recording: Pat
 
 
 def test_exact_flow_sharpens_and_controls_fail(network: Callable[[str], Path], recording: Path):
-    found = evaluate.flow(recording, network("still"), windows_us=[20_000, 40_000], skip=2)
-    own = found.row("events", "40 ms")
-    assert own.scores["fwl"] > 1.05
-    assert own.scores["increments"] > 0.3
+    found = evaluate.flow(recording, network("still"), windows_us=[40_000, 100_000], skip=1)
+    slow, own = found.row("events", "40 ms"), found.row("events", "100 ms")
+    assert own.scores["fwl"] > slow.scores["fwl"] > 1
+    assert own.scores["fwl"] > 1.1
+    assert found.row("mirrored x", "100 ms").scores["fwl"] < own.scores["fwl"] - 0.1
+    assert slow.scores["increments"] > 0.3
     assert found.row("flipped polarity", "40 ms").scores["increments"] < -0.3
     assert all(row.fails for row in found.rows if row.setting == "40 ms" and row.stream in evaluate.CONTROLS)
     # A network without motion: nothing sharpens, nothing is gained, and no control fails.
