@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 from . import evaluate
 from ._evis import EvisError
@@ -18,10 +19,11 @@ Commands in Python:
 
 def _milliseconds(text: str) -> int:
     """Return microseconds of an argument in milliseconds."""
-    time_us = float(text) * 1000
-    if not 1 <= time_us < 2**32:
-        raise argparse.ArgumentTypeError(f"it is {text}; it must be a time in milliseconds, such as 20")
-    return round(time_us)
+    with suppress(ValueError):
+        time_us = float(text) * 1000
+        if 1 <= time_us < 2**32:
+            return round(time_us)
+    raise argparse.ArgumentTypeError(f"it is {text!r}; it must be a time in milliseconds, such as 20")
 
 
 def _times(text: str) -> list[int]:
