@@ -272,6 +272,25 @@ def test_points_go_to_the_other_camera_by_depth():
     assert np.isinf(here.moved(evaluate._Place(lens, behind, depth), np.array([[50.5, 10.5]]))).all()
 
 
+def test_poses_come_back_from_exact_matches():
+    pytest.importorskip("cv2")
+    lens = np.array([[200.0, 0, 160], [0, 200, 120], [0, 0, 1]])
+    depth = np.random.default_rng(0).uniform(2, 8, (240, 320)).astype(np.float32)
+    # A turn by 5 degrees about y, and a step to the right and ahead.
+    turn, moved = np.radians(5), np.eye(4)
+    moved[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+    moved[:3, 3] = [0.5, 0.1, -0.3]
+    here, there = evaluate._Place(lens, np.eye(4), depth), evaluate._Place(lens, moved, depth)
+    one = np.random.default_rng(1).uniform([40, 40], [280, 200], (200, 2)).round() + 0.5
+    other = here.moved(there, one)[:, 4]
+    assert evaluate._pose_error(one, other, here, there) < 0.1
+    moved = moved.copy()
+    moved[:3, 3] = [-0.1, 0.5, -0.3]
+    wrong = evaluate._Place(lens, moved, depth)
+    assert evaluate._pose_error(one, other, here, wrong) > 30, "canary: another pose"
+    assert evaluate._pose_error(one[:4], other[:4], here, there) == np.inf
+
+
 def test_rendered_flow_is_that_of_depth_and_poses(recording: Path):
     view = evis.load(recording)["camera"]
     places = evaluate._places(view)
