@@ -284,7 +284,7 @@ def _streams(events: EventArray, controls: Sequence[str]) -> Iterator[tuple[str,
 def _rows(setting: str, found: Mapping[str, list[dict[str, float]]], judges: Sequence[str]) -> Iterator[Row]:
     """Average the scores of each stream, and judge the controls by the events' scores."""
     for stream, scores in found.items():
-        names = list(scores[0]) if scores else list(next(iter(found.values()))[0])
+        names = list(scores[0])
         columns = {name: np.array([score[name] for score in scores]) for name in names}
         known = {name: column[np.isfinite(column)] for name, column in columns.items()}
         means = {
