@@ -217,6 +217,7 @@ def known_options() -> frozenset[str]:
     found = {"--help", "--version"}
     for file in named(".rs", "crates/evis-cli/src/"):
         found |= declared(read(file))
+    found |= set(re.findall(OPTION, read("python/evis/_commands.py")))
     for file in ("Makefile", ".ci/run", *(f for f in files() if f.startswith(("tools/", "benches/")))):
         found |= set(re.findall(OPTION, read(file)))
     return frozenset(found.union(*OTHER_OPTIONS.values()))

@@ -92,6 +92,16 @@ def test_code_for_dense_arrays_runs(device: evis.Device, tmp_path: Path) -> None
     assert run_code(found[-1].replace("bins=", "bin="), tmp_path).returncode != 0
 
 
+def test_code_for_evaluation_runs(device: evis.Device, tmp_path: Path) -> None:
+    code = blocks(ROOT / "docs/evaluate.md", "python")
+    assert len(code) == 2
+    done = [run_code(block, tmp_path) for block in code]
+    assert [each.returncode for each in done] == [0, 0], done[0].stderr + done[1].stderr
+    assert done[0].stdout.splitlines()[-1].startswith("True "), "the controls fail"
+    with_events, without = (float(line.split()[-1]) for line in done[1].stdout.splitlines())
+    assert with_events > 0.9 > without + 0.2
+
+
 def options(command: str) -> set[str]:
     return set(re.findall(r"(?<!\S)--?[a-z][a-z0-9-]*", python("-m", "evis", command, "--help").stdout))
 

@@ -1,4 +1,4 @@
-"""The command ``evis``: the same program as ``evis-rs``."""
+"""The command ``evis``: the same program as ``evis-rs``, and commands that are written in Python."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import signal
 import sys
 import tempfile
 
-from . import _evis
+from . import _commands, _evis
 
 
 def main() -> int:
@@ -25,7 +25,13 @@ def main() -> int:
             import imageio_ffmpeg
 
             os.environ["EVIS_FFMPEG"] = imageio_ffmpeg.get_ffmpeg_exe()
-    return _evis.run_cli(["evis", *sys.argv[1:]])
+    arguments = sys.argv[1:]
+    if arguments[:1] == ["evaluate"]:
+        return _commands.run_evaluate(arguments[1:])
+    code = _evis.run_cli(["evis", *arguments])
+    if arguments in (["--help"], ["-h"], ["help"]):
+        print(_commands.HELP, end="")
+    return code
 
 
 if __name__ == "__main__":
