@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check
-from ._emulator import EventEmulator, KeyframeReport, check_motion
+from ._emulator import EventEmulator, KeyframeReport, MotionCheck, check_motion
 from ._emulator import _warp as _emulator_warp
 from ._episodes import EpisodeRecorder
 from ._events import EventArray, EventCD
@@ -502,20 +502,16 @@ class EventPipeline:
             return set()
         env = began[int(np.argmax(speeds))]
         older, newer = (np.ascontiguousarray(light[env]) for light in (self._older, light))
-        vectors = np.ascontiguousarray(motion[env])
-        try:
-            found = check_motion(older, newer, vectors)
-        except ConfigError:
-            # These pictures do not tell, unless it is because x and y are exchanged.
-            try:
-                swapped = check_motion(older, newer, np.ascontiguousarray(vectors[..., ::-1]))
-            except ConfigError:
-                return set()
-            if swapped.is_right:
+        vectors = motion[env]
+        found, exchanged = (_told(older, newer, each) for each in (vectors, vectors[..., ::-1]))
+        if exchanged is not None and exchanged.is_right:
+            worse = found is None or (found.is_right and found.error > 2 * exchanged.error)
+            if worse:
                 raise ConfigError(
                     f"{self._name}: motion_vectors have y before x; they must be x, y: give "
                     "motion_vectors[..., [1, 0]]"
-                ) from None
+                )
+        if found is None:
             return set()
         if not found.is_right:
             x, y = (float(a) * b for a, b in zip(self._settings.motion_scale, found.scale, strict=True))
@@ -535,7 +531,9 @@ class EventPipeline:
         """Warn, once, where the light of a picture changes in which nothing moves."""
         if not self._static_left:
             return
-        still = np.flatnonzero(~(np.abs(motion) >= _STILL_PX).any(axis=(1, 2, 3)))
+        moves = (np.abs(motion) >= _STILL_PX).any(axis=(1, 2, 3))
+        known = np.isfinite(motion).mean(axis=(1, 2, 3)) >= 0.5
+        still = np.flatnonzero(known & ~moves)
         self._static_left -= bool(len(still))
         anchors = {}
         for env in still[:4]:
@@ -562,6 +560,14 @@ class EventPipeline:
         """Say size and time."""
         width, height = self._emulator.width, self._emulator.height
         return f"EventPipeline({self._name!r}, {self._num_envs} x {width}x{height}, now_us={self._now_us})"
+
+
+def _told(older: npt.NDArray[Any], newer: npt.NDArray[Any], vectors: Float) -> MotionCheck | None:
+    """Return what the pictures tell of the vectors' convention, None if they do not."""
+    try:
+        return check_motion(older, newer, np.ascontiguousarray(vectors))
+    except ConfigError:
+        return None
 
 
 def _scale(value: Any) -> Float | None:
