@@ -171,6 +171,8 @@ class Camera2:
     def _initialize_impl(self) -> None:
         self._device = "cpu"
         self._num_envs = type(self).num_envs
+        self._ALL_INDICES = np.arange(self._num_envs)
+        self._ALL_ENV_MASK = Mask(np.ones(self._num_envs, np.bool_))
         self._is_outdated = np.ones(self._num_envs, np.bool_)
         self._timestamp = np.zeros(self._num_envs, np.float32)
         self._timestamp_last_update = np.zeros(self._num_envs, np.float32)
@@ -204,7 +206,12 @@ class Camera2:
     def _update_buffers_impl(self, env_ids: Any) -> None:
         outputs = self.render()
         assert set(outputs) == set(self.cfg.data_types), "what was asked for, and nothing else"
-        self._data._output = {name: self._given(array) for name, array in outputs.items()}
+        made = {name: self._given(array) for name, array in outputs.items()}
+        if not self._data.output:
+            self._data._output = made
+        for name, array in made.items():
+            # Of what was rendered last, those that are due are read; others keep what they had.
+            self._data.output[name][env_ids] = array[env_ids]
 
     def _given(self, array: Any) -> Any:
         import torch
@@ -244,7 +251,10 @@ class Camera3(Camera2):
 
     def _update_buffers_impl(self, env_mask: Any) -> None:
         if self._env_mask_has_any(env_mask):
-            super()._update_buffers_impl(env_mask)
+            # One picture of all environments is rendered and taken apart.
+            outputs = self.render()
+            assert set(outputs) == set(self.cfg.data_types), "what was asked for, and nothing else"
+            self._data._output = {name: self._given(array) for name, array in outputs.items()}
 
     def _given(self, array: Any) -> Any:
         return ProxyArray(super()._given(array))

@@ -25,7 +25,7 @@ from host_stand_ins import BUFFERS, FIELDS, HEIGHT, WIDTH, install, sliding
 
 import evis
 import evis.isaaclab
-from evis.gbuffer import EpisodeRecorder, MotionFromPoses
+from evis.gbuffer import EpisodeRecorder, EventPipeline, MotionFromPoses
 
 LIGHT = {"2.3.2": "HdrColor", "3.0.0": "rgb_hdr"}
 """The best linear buffer of a release."""
@@ -187,6 +187,45 @@ def test_pictures_are_taken_at_the_render_rate_and_reading_takes_none(release: s
             times.append(made.pipeline.now_us)
     assert made.renders[0] == len(times) == 5
     assert times == [1000, 9000, 17_000, 25_000, 33_000]
+
+
+def test_a_picture_that_is_read_twice_is_taken_once(release: str) -> None:
+    # Isaac Lab 2.3 reads at every physics step what was rendered last, every `render_interval` steps.
+    made = camera(release, cfg(), lambda read: sliding(read // 4))
+    direct = EventPipeline(2, HEIGHT, WIDTH, made.pipeline.settings)
+    fired = 0
+    for step in range(16):
+        made.update(0.002)
+        if step % 4 == 0:
+            lists = direct.push(made._data.output, 2000 * (step + 1))
+            fired += len(lists[0])
+        for one, two in zip(made.pipeline.events, direct.events, strict=True):
+            assert np.array_equal(one.to_numpy(), two.to_numpy())
+        assert made.pipeline.now_us == 2000 * (step // 4 * 4 + 1)
+    assert fired > 1000
+    # Canary: the next picture is taken.
+    made.update(0.002)
+    assert made.pipeline.now_us == 34_000
+
+
+def test_environments_that_are_due_apart_are_read_together(release: str) -> None:
+    # Motion vectors are of the gap between two renders, for all environments.
+    made = camera(release, cfg(update_period=0.008))
+    direct = EventPipeline(2, HEIGHT, WIDTH, made.pipeline.settings)
+    fired = 0
+    for step in range(1, 30):
+        made.update(0.001)
+        if step == 4:
+            made.reset([1])
+            direct.reset([1])
+        if made.pipeline.now_us != direct.now_us:
+            lists = direct.push(sliding(made.renders[0] - 1), 1000 * step)
+            for one, two in zip(made.pipeline.events, lists, strict=True):
+                assert np.array_equal(one.to_numpy(), two.to_numpy())
+            fired += len(lists[0])
+            assert step < 5 or len(lists[0]) > 100
+    assert made.renders[0] > 5, "there were renders between those of the other environment"
+    assert fired > 1000
 
 
 def test_outputs_stay_the_hosts_and_terms_observe_events(release: str) -> None:
