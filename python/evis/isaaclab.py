@@ -21,32 +21,7 @@ from ._sensor import Exposure, Sensor, sensor_of
 from .gbuffer import LINEAR, EventPipeline, PipelineSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from dataclasses import dataclass
-
-    from ._method import Warp
-
-    @dataclass
-    class EventCameraCfg:
-        """See the module; Isaac Lab's own fields come from its ``CameraCfg``."""
-
-        threshold: float | tuple[float, float] = 0.15
-        event_source: str = "hdr"
-        noise: Sensor | str | None = None
-        motion_blur: float = 0.0
-        margin: int = 0
-        warp: Warp | str = "splat"
-        steps: int | str | None = None
-        exposure_locked: bool = False
-        motion_scale: tuple[float, float] = (1.0, 1.0)
-        check_motion: bool = True
-        motion: Callable[[Any], Any] | None = None
-        voxel_bins: int = 5
-        window: float = 0.0
-        reference_luminance: float = 1.0
-        seed: int = 0
-        camera_name: str | None = None
-
+    EventCameraCfg: Any
     EventCamera: Any
 
 __all__ = ["EventCamera", "EventCameraCfg", "event_counts", "event_voxels", "settings_of"]
@@ -248,13 +223,16 @@ def _classes() -> tuple[Any, Any]:
             )
 
         def _update_buffers_impl(self, due: Any) -> None:
-            super()._update_buffers_impl(due)
+            # Isaac Lab 3 calls with a mask, also where nothing is due; 2.3 with numbers.
             any_due = getattr(self, "_env_mask_has_any", None)
+            if any_due is not None and not any_due(due):
+                return
+            # A reset lets environments be due apart, but motion vectors are of one gap for all of them.
+            super()._update_buffers_impl(self._ALL_INDICES if any_due is None else self._ALL_ENV_MASK)
             t_us = micros("time", self._elapsed_s)
             pipeline = self.pipeline
             # After a reset, Isaac renders once more at the time of the last picture.
-            again = pipeline.now_us is not None and t_us <= pipeline.now_us
-            if again or (any_due is not None and not any_due(due)):
+            if pipeline.now_us is not None and t_us <= pipeline.now_us:
                 return
             _warn_of_delay(self._data)
             motion = self.cfg.motion(self) if self.cfg.motion else None
@@ -313,7 +291,7 @@ def _classes() -> tuple[Any, Any]:
         """Light of about a middle grey, in the renderer's units."""
 
         seed: int = 0
-        """Seed of the sensor's noise."""
+        """Seed of the sensor's noise; cameras of one seed have the same noise."""
 
         camera_name: str | None = None
         """Name of the camera in files; None: the last part of ``prim_path``."""
