@@ -100,7 +100,7 @@ def test_the_papers_settings_fire_as_the_engine_does(device: evis.Device, rate_h
         )
         parts = []
         for i, (t_us, outputs) in enumerate(keyframes):
-            parts += own.push(keyframes[max(i - 1, 0)][1] if late else outputs, t_us)
+            parts += own.push(keyframes[max(i - 3, 0)][1] if late else outputs, t_us)
         assert {report.steps for report in own.reports} == {steps}
         return joined(parts)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import os
+import re
 import subprocess
 import sys
 import types
@@ -348,10 +349,12 @@ def test_renderers_without_motion_vectors_need_a_function(monkeypatch: pytest.Mo
     focal = 50.0
     maker = MotionFromPoses(2, [[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]])
 
-    def motion(camera: Any) -> Any:
-        k = camera.renders[0] - 1
+    rendered = iter(range(9))
+
+    def motion(data: Any) -> Any:
+        k = next(rendered)
         pose = [-3 * k * 2 / focal, 2 * k * 2 / focal, 0, 0, 0, 0, 1]
-        return maker(camera._data.output["distance_to_image_plane"], [pose, pose])
+        return maker(data.output["distance_to_image_plane"], [pose, pose])
 
     made = camera("3.0.0", cfg(renderer_cfg=Warp3(), motion=motion))
     given = camera("3.0.0", cfg())
@@ -377,6 +380,49 @@ def test_pictures_that_come_late_are_said(release: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         in_time.update(0.008)
+
+
+# The document.
+
+
+def document_blocks() -> list[str]:
+    page = Path(__file__).parent.parent / "docs" / "isaaclab.md"
+    return re.findall(r"(?ms)^```python\n(.*?)^```$", page.read_text("utf-8"))
+
+
+def test_code_of_the_document_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("torch")
+    install(monkeypatch, "3.0.0")
+    simulation = types.ModuleType("isaaclab.sim")
+    simulation.__dict__["PinholeCameraCfg"] = object
+    monkeypatch.setitem(sys.modules, "isaaclab.sim", simulation)
+    configuration, pushed = document_blocks()
+    exec(configuration, {})
+    assert capsys.readouterr().out == "['rgb', 'distance_to_image_plane', 'rgb_hdr', 'motion_vectors']\n"
+    exec(pushed, {})
+    first, second = capsys.readouterr().out.splitlines()
+    assert int(first.split()[0]) > 500
+    assert second == "True"
+    # Canary: code that is out of date does not pass.
+    with pytest.raises(TypeError, match="treshold"):
+        exec(configuration.replace("threshold", "treshold"), {})
+    evis.isaaclab._classes.cache_clear()
+
+
+def test_the_documents_table_has_every_field_with_its_default(release: str) -> None:
+    page = (Path(__file__).parent.parent / "docs" / "isaaclab.md").read_text("utf-8")
+    rows = re.findall(r"(?m)^\| (`[a-z_]+`(?:, `[a-z_]+`)?) \| (.+?) \|", page.split("## What is taken")[0])
+    shown: dict[str, Any] = {}
+    for names, values in rows:
+        given = ast.literal_eval(values.replace("`", ""))
+        fields = re.findall(r"`([a-z_]+)`", names)
+        shown |= dict(zip(fields, given, strict=True)) if len(fields) > 1 else {fields[0]: given}
+    made = cfg()
+    added = {field.name for field in dataclasses.fields(made)} - set(FIELDS[release])
+    own = evis.isaaclab.EventCameraCfg()
+    assert shown == {name: getattr(own, name) for name in added}
 
 
 # The published sources.
