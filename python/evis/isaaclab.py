@@ -171,7 +171,7 @@ def _classes() -> tuple[Any, Any]:
             if not cfg.motion and "motion_vectors" not in cfg.data_types:
                 raise ConfigError(
                     f"{cfg.prim_path}: the renderer gives no motion_vectors; set motion= to a function of "
-                    "the camera's data that makes them (evis.gbuffer.MotionFromPoses), or take another renderer"
+                    "the camera's data that makes them (evis.gbuffer.MotionFromPoses), or take another one"
                 )
             self._events: EventPipeline | None = None
             self._elapsed_s = 0.0
@@ -279,7 +279,7 @@ def _classes() -> tuple[Any, Any]:
         """Whether the convention of motion vectors is checked by the first pictures that tell it."""
 
         motion: Any = None
-        """Function of the camera's data that returns motion vectors (N, H, W, 2), for renderers without them."""
+        """Function of the camera's data that returns motion vectors (N, H, W, 2), where there are none."""
 
         voxel_bins: int = 5
         """Bins of ``event_voxels``."""
