@@ -456,7 +456,7 @@ def test_bad_input_is_refused_and_changes_nothing() -> None:
         ({"rgb_radiance": -light}, "light|luminance"),
         ({"rgb_radiance": light * np.inf}, "light|luminance"),
         ({"rgb_radiance": [[["x"]]]}, "rgb_radiance"),
-        ({"rgb_radiance": object()}, "it must be an array or a tensor"),
+        ({"rgb_radiance": object()}, "it must be an array or a tensor of numbers"),
         ({"distance_to_image_plane": depth[:1]}, r"depth has shape \(1, 48, 64, 1\)"),
         ({"motion_vectors": motion[..., :1]}, r"motion_vectors has shape \(2, 48, 64, 1\)"),
         ({"motion_vectors": motion.astype(np.int32)}, "dtype of motion_vectors is int32"),
@@ -742,6 +742,9 @@ def test_poses_that_do_not_fit_are_named(posed: dict[str, Any]) -> None:
         ({"intrinsics": 0 * intrinsics}, "fx and fy above 0"),
         ({"depth": depth[0]}, "depth is float32 of shape"),
         ({"axes": "blender"}, "axes is 'blender'"),
+        ({"camera": "x"}, "camera is 'x'; it must be an array"),
+        ({"camera": [[1], [1, 2]]}, "camera is"),
+        ({"bodies": {"box": (eye, eye)}}, "an id of bodies is 'box'"),
         ({"bodies": {7: (eye, eye)}}, "instances"),
         ({"bodies": {7: eye}, "instances": posed["instance"][1]}, r"bodies\[7\]"),
         ({"bodies": {7: (eye, eye)}, "instances": posed["hdr"][1]}, "not the colours"),
@@ -753,6 +756,7 @@ def test_poses_that_do_not_fit_are_named(posed: dict[str, Any]) -> None:
     for call, said in [
         (lambda: maker(depth[None], eye), "depth is of 1 environments; there are 2"),
         (lambda: maker.reset([2]), "numbers from 0 to 1"),
+        (lambda: maker(depth[None].repeat(2, 0), eye, bodies={"box": eye}), "an id of bodies is 'box'"),
         (lambda: MotionFromPoses(0, intrinsics), "num_envs"),
     ]:
         with pytest.raises(evis.ConfigError, match=said):

@@ -41,7 +41,10 @@ class Copies:
             self.seconds += time.perf_counter() - before
             self.device = device
             self.size += int(np.asarray(values).nbytes)
-        array = np.asarray(values)
-        if array.dtype == object:
-            raise ConfigError(f"{what} is {_check.shown(values)}; it must be an array or a tensor")
+        try:
+            array = np.asarray(values)
+        except ValueError:  # rows of different lengths
+            array = np.empty(0, object)
+        if array.dtype.kind not in "biuf":
+            raise ConfigError(f"{what} is {_check.shown(values)}; it must be an array or a tensor of numbers")
         return array

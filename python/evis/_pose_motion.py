@@ -91,6 +91,7 @@ def motion_from_poses(
     count = len(z)
     named = {"camera": camera, "camera_before": camera_before}
     for body, pair in (bodies or {}).items():
+        _check.whole("an id of bodies", body)
         if not isinstance(pair, (tuple, list)) or len(pair) != 2:
             raise ConfigError(f"bodies[{body}] is {_check.shown(pair)}; it must be its pose now and before")
         named |= {f"bodies[{body}]": pair[0], f"bodies[{body}] before": pair[1]}
@@ -178,7 +179,8 @@ class MotionFromPoses:
         now, good = _poses("camera", camera, self._num_envs)
         placed = {}
         for body, value in (bodies or {}).items():
-            placed[int(body)], fine = _poses(f"bodies[{body}]", value, self._num_envs)
+            body = _check.whole("an id of bodies", body)
+            placed[body], fine = _poses(f"bodies[{body}]", value, self._num_envs)
             good &= fine
         self._held |= ~good
         unknown = np.full((self._num_envs, 4, 4), np.nan)

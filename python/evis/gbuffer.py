@@ -311,7 +311,7 @@ class EventPipeline:
             return list(self._nothing)
         # The same motion again says that what moved has not moved on.
         moves = bool((np.abs(motion) >= _STILL_PX).any())
-        seen = (zlib.crc32(np.ascontiguousarray(light)), zlib.crc32(np.ascontiguousarray(motion)))
+        seen = (zlib.crc32(np.ascontiguousarray(light).data), zlib.crc32(np.ascontiguousarray(motion).data))
         if moves and seen == self._seen:
             return list(self._nothing)
         held = self._ids("hold", hold)
