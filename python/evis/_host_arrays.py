@@ -1,0 +1,50 @@
+"""Arrays of other programs, wherever they are, as NumPy's."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _check
+from ._evis import ConfigError
+
+
+class Copies:
+    """Brings arrays to the CPU and counts what that copies."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self.seconds = 0.0
+        self.device = ""
+
+    def take(self, what: str, values: Any) -> npt.NDArray[Any]:
+        if isinstance(values, np.ndarray):
+            return values
+        if hasattr(type(values), "torch"):
+            # A proxy of a tensor, which would warn if it were used as one.
+            values = values.torch
+        if hasattr(values, "detach"):
+            values = values.detach()
+        device = str(getattr(values, "device", "cpu"))
+        if not device.startswith("cpu"):
+            to_cpu = getattr(values, "cpu", None) or getattr(values, "numpy", None)
+            if to_cpu is None:
+                raise ConfigError(
+                    f"{what} is on {device}, and is nothing that can be copied from there; give a tensor "
+                    "with cpu(), or a NumPy array"
+                )
+            before = time.perf_counter()
+            values = to_cpu()
+            self.seconds += time.perf_counter() - before
+            self.device = device
+            self.size += int(np.asarray(values).nbytes)
+        try:
+            array = np.asarray(values)
+        except ValueError:  # rows of different lengths
+            array = np.empty(0, object)
+        if array.dtype.kind not in "biuf":
+            raise ConfigError(f"{what} is {_check.shown(values)}; it must be an array or a tensor of numbers")
+        return array
