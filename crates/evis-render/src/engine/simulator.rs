@@ -67,9 +67,11 @@ impl Source {
     fn sampled(&mut self, what: &str) -> Result<&mut Engine, ConfigError> {
         match self {
             Self::Sampled(engine) => Ok(engine),
-            Self::Decoupled(_) => {
-                Err(ConfigError::new("method", "decoupled", format!("native: {what} takes rendered instants")))
-            }
+            Self::Decoupled(_) => Err(ConfigError::new(
+                "method",
+                "decoupled",
+                format!("native: {what} takes rendered instants"),
+            )),
         }
     }
 
@@ -153,12 +155,7 @@ impl Simulator {
         only: Vec<Vec<bool>>,
         every_instant: bool,
     ) -> Result<(), EngineError> {
-        match &mut self.source {
-            Source::Sampled(engine) => engine.restart(start_us, only, every_instant),
-            Source::Decoupled(_) => {
-                Err(ConfigError::new("method", "decoupled", "native, to start again").into())
-            }
-        }
+        self.source.sampled("restart")?.restart(start_us, only, every_instant)
     }
 
     /// Set from another thread, it ends a step after the submission in work with [`EngineError::Stopped`].
