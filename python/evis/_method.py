@@ -64,7 +64,9 @@ def chosen(method: Method) -> Warp | None:
         return None
     if method in ("splat", "evis-paper"):
         return Warp(variant=method)
-    raise ConfigError(f"method is {method!r}; it must be 'native', 'decoupled', 'splat', 'evis-paper' or a Warp")
+    raise ConfigError(
+        f"method is {method!r}; it must be 'native', 'decoupled', 'splat', 'evis-paper' or a Warp"
+    )
 
 
 def as_json(warp: Warp | None) -> str | None:
