@@ -117,7 +117,7 @@ fn random_scenes_fire_as_the_oracle_says() {
         let duration_us = i64::from(LENGTH_MS) * 1000;
         let settings = TruthSettings {
             duration_us,
-            pixels: PixelChoice::Count(100),
+            pixels: PixelChoice::Count(50),
             reference_luminance: Some(0.5),
             ..TruthSettings::default()
         };
@@ -139,7 +139,7 @@ fn random_scenes_fire_as_the_oracle_says() {
     }
     let (f1, canary) = (both / all, later / all);
     eprintln!("F1 {f1:.4}");
-    assert!(shown >= 4 && all > 2_000.0 && f1 > 0.97, "{shown} scenes, F1 {f1} of {all} events");
+    assert!(shown >= 4 && all > 1_000.0 && f1 > 0.97, "{shown} scenes, F1 {f1} of {all} events");
     assert!(canary < f1 - 0.1, "events that come 1.5 ms late match as well: {canary}");
 }
 
