@@ -134,14 +134,19 @@ impl Moments {
         }
     }
 
+    /// Centroid, and second moments xx, xy and yy about it over the area.
+    #[inline(always)]
+    pub fn central(&self) -> ([f64; 2], [f64; 3]) {
+        let inverse = 1.0 / self.area;
+        let [x, y] = self.first.map(|v| v * inverse);
+        let [xx, xy, yy] = self.second.map(|v| v * inverse);
+        ([x, y], [(xx - x * x).max(1e-12), xy - x * y, (yy - y * y).max(1e-12)])
+    }
+
     /// Centroid, and the axes of the parallelogram about it that has these moments.
     #[inline(always)]
     pub fn footprint(&self) -> ([f64; 2], [[f64; 2]; 2]) {
-        let inverse = 1.0 / self.area;
-        let [x, y] = self.first.map(|v| v * inverse);
-        let xx = (self.second[0] * inverse - x * x).max(1e-12);
-        let xy = self.second[1] * inverse - x * y;
-        let yy = (self.second[2] * inverse - y * y).max(1e-12);
+        let ([x, y], [xx, xy, yy]) = self.central();
         // Cholesky: a unit square has the variance 1/12 along each side.
         let l = xx.sqrt();
         let m = xy / l;

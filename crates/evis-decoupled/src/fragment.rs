@@ -4,7 +4,7 @@
 //! negative, and its inverse depth is linear there. Shared edges are exact negatives of each other, so facets neither
 //! overlap nor leave gaps.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use crate::lists::Record;
 
@@ -56,10 +56,6 @@ pub struct Fragment {
     pub edge_count: usize,
     /// 1/depth.
     pub inverse_depth: Line,
-    /// Numerators of s and t over [`Fragment::inverse_depth`].
-    pub place: [Line; 2],
-    /// The camera sees its outside.
-    pub front: bool,
 }
 
 impl Fragment {
@@ -89,17 +85,6 @@ impl Fragment {
         };
         (d, side)
     }
-
-    /// (s, t) of the facet at a point of the pixel, and their change to the right and down.
-    #[inline(always)]
-    pub fn parameters(&self, at: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
-        let w = &self.inverse_depth;
-        let depth = 1.0 / w.at(at);
-        let value = self.place.map(|n| n.at(at) * depth);
-        let right = [0, 1].map(|k| (self.place[k].a - value[k] * w.a) * depth);
-        let down = [0, 1].map(|k| (self.place[k].b - value[k] * w.b) * depth);
-        (value, [right, down])
-    }
 }
 
 /// A facet at a time as a tile sees it: shared by the tile's pixels, for each of which [`Sight::at`] is a [`Fragment`].
@@ -107,8 +92,10 @@ impl Fragment {
 /// Coordinates are pixels from the tile's centre.
 #[derive(Clone, Copy, Debug)]
 pub struct Sight {
-    facet: u32,
-    front: bool,
+    /// Index into [`crate::world::World::facets`].
+    pub facet: u32,
+    /// The camera sees its outside.
+    pub front: bool,
     /// Edges, inside not negative: change to the right, down, value at the centre, reach over a pixel.
     a: [f64; 4],
     b: [f64; 4],
@@ -116,6 +103,7 @@ pub struct Sight {
     reach: [f64; 4],
     /// 1/depth.
     pub inverse_depth: Line,
+    /// Numerators of s and t over [`Sight::inverse_depth`].
     place: [Line; 2],
     /// What is nearer than the near plane lies outside of this.
     near: Option<Line>,
@@ -177,6 +165,31 @@ impl Sight {
         })
     }
 
+    /// (s, t) of the facet at a point, and their change to the right and down.
+    #[inline(always)]
+    pub fn parameters(&self, at: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
+        let w = &self.inverse_depth;
+        let depth = 1.0 / w.at(at);
+        let value = self.place.map(|n| n.at(at) * depth);
+        let right = [0, 1].map(|k| (self.place[k].a - value[k] * w.a) * depth);
+        let down = [0, 1].map(|k| (self.place[k].b - value[k] * w.b) * depth);
+        (value, [right, down])
+    }
+
+    /// (s, t) at a point.
+    #[inline(always)]
+    pub fn place(&self, at: [f64; 2]) -> [f64; 2] {
+        let depth = 1.0 / self.inverse_depth.at(at);
+        self.place.map(|n| n.at(at) * depth)
+    }
+
+    /// From image points to (s, t, 1) over depth.
+    pub fn facet_from_image(&self) -> DMat3 {
+        let [s, t] = &self.place;
+        let w = &self.inverse_depth;
+        DMat3::from_cols_array(&[s.a, t.a, w.a, s.b, t.b, w.b, s.c, t.c, w.c])
+    }
+
     /// As the pixel sees it whose centre is at (`x`, `y`); `None` where it does not. `covers` says that it is known to
     /// fill the pixel.
     #[inline(always)]
@@ -187,8 +200,6 @@ impl Sight {
             edges: [Line::default(); 5],
             edge_count: 0,
             inverse_depth: self.inverse_depth.moved(x, y),
-            place: [self.place[0].moved(x, y), self.place[1].moved(x, y)],
-            front: self.front,
         };
         if covers {
             return Some(fragment);

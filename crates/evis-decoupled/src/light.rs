@@ -13,12 +13,13 @@ use std::sync::{Arc, Mutex, OnceLock};
 use evis_core::random::mix;
 use evis_scene::motion::{WaveShape, Waveform};
 use evis_scene::{ShadingModel, TextureRef};
-use glam::{DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec2, DVec3};
 
 use crate::Error;
 use crate::blocks::{Block, Clock};
 use crate::coverage::{Moments, Polygon, Region};
-use crate::fragment::{Fragment, Line, Sight};
+use crate::fragment::{Line, Sight};
+use crate::keyframe::{Footprint, Keyframe};
 use crate::lists::{Entry, Record, TILE};
 use crate::material::{self, Lamp, Point, Response, respond};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
@@ -31,6 +32,12 @@ const MOST_LEVEL: u32 = 14;
 const MOST_FINER: u32 = 3;
 /// Part of the light by which the middle between nodes may be off.
 const SMOOTH: f64 = 0.0015;
+/// Room about a picture for paths that bend, in pixels.
+const MARGIN_PX: f64 = 0.25;
+/// A texture is rendered where this suffices: cells per pixel that sees it, and again per pixel of motion.
+const CELLS_PER_PIXEL: f64 = 250.0;
+/// Cells of a picture, at most.
+const MOST_CELLS: usize = 1 << 16;
 /// Maps that share the work of a lock.
 const SHARDS: usize = 64;
 
@@ -44,6 +51,8 @@ struct Look {
     /// Base colour, vertex colour included: at (s, t) = 0, and change with s and t.
     base: DVec3,
     base_along: [DVec3; 2],
+    /// Base colour changes along it.
+    shaded: bool,
 }
 
 /// What never changes of a surface's light.
@@ -184,6 +193,10 @@ pub struct TileLight {
     line_starts: Vec<u32>,
     /// Half planes about the tile's centre.
     lines: Vec<[Line; 5]>,
+    keyframes: Vec<Keyframe>,
+    sums: Vec<[f32; 4]>,
+    /// By moment and slot: from the screen to its picture.
+    warps: Vec<Option<DMat3>>,
 }
 
 /// Occluders of a slot and a lamp, as a range.
@@ -229,6 +242,11 @@ struct Slot {
     /// The part of the facet that the tile sees.
     range: [[f64; 2]; 2],
     level: [u32; 2],
+    /// Pixels that may see it.
+    touches: u64,
+    /// Whether it was decided on its picture, and its number in [`TileLight::keyframes`].
+    pictured: bool,
+    picture: Option<u32>,
 }
 
 impl<'a> Lighting<'a> {
@@ -554,7 +572,11 @@ impl<'a> Lighting<'a> {
                 if id == facet || self.far[id as usize] >> number & 1 == 1 {
                     continue;
                 }
-                let receivers = receivers.get_or_insert_with(|| self.receivers(record, index, tile.centre));
+                let receivers = receivers.get_or_insert_with(|| {
+                    // Where the tile does not see it, nothing is known.
+                    let of = |s: Sight| s.at(index, [0.0; 2], false).map(|f| f.inverse_depth);
+                    self.receivers(record, tile.centre).map(|s| s.and_then(of))
+                });
                 let found =
                     self.occluder(id).pixels(&self.screen_lamps[number], receivers, record.u, tile.centre);
                 if found.touches != 0
@@ -605,11 +627,9 @@ impl<'a> Lighting<'a> {
         all_dark
     }
 
-    /// A facet as a tile sees it at the start, middle and end of its span.
-    fn receivers(&self, record: &Record, index: u32, centre: [f64; 2]) -> [Option<Fragment>; 3] {
-        [0.0, 0.5, 1.0].map(|v| {
-            Sight::new(record, centre, TILE as f64, v, self.world.lens.near)?.at(index, [0.0; 2], false)
-        })
+    /// A facet as a tile sees it at the start, middle and end of its span, with the tile's side as unit.
+    fn receivers(&self, record: &Record, centre: [f64; 2]) -> [Option<Sight>; 3] {
+        [0.0, 0.5, 1.0].map(|v| Sight::new(record, centre, TILE as f64, v, self.world.lens.near))
     }
 
     /// What a still facet hides from lamp `number`, which is still.
@@ -644,7 +664,10 @@ impl<'a> Lighting<'a> {
     /// Prepares `tile` for the tile at (column, row); an entry's light is gathered when a pixel first sees it.
     pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], [column, row]: [usize; 2]) {
         tile.slots.clear();
-        tile.slots.resize(entries.len(), Slot::default());
+        tile.slots.extend(entries.iter().map(|e| Slot { touches: e.touches, ..Slot::default() }));
+        tile.keyframes.clear();
+        tile.sums.clear();
+        tile.warps.clear();
         tile.patches.clear();
         tile.occluders.clear();
         tile.line_starts.clear();
@@ -655,17 +678,22 @@ impl<'a> Lighting<'a> {
     /// Gathers the light of entry `slot` of a tile, which is `record`, number `index` of the block.
     pub fn ready(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
         if !tile.slots[slot].ready {
-            tile.slots[slot] = self.gather(tile, record, index);
+            let touches = tile.slots[slot].touches;
+            tile.slots[slot] = Slot { touches, ..self.gather(tile, record, index) };
         }
     }
 
-    /// Finds what throws shadows on entry `slot`; before its light is asked for.
+    /// Finds what throws shadows on entry `slot` and renders its texture; before its light is asked for.
     #[inline(always)]
     pub fn shade_slot(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
         if !tile.slots[slot].shaded {
             let mut own = tile.slots[slot];
             self.find_occluders(tile, &mut own, record, index, true);
             tile.slots[slot] = own;
+        }
+        if !tile.slots[slot].pictured {
+            tile.slots[slot].pictured = true;
+            tile.slots[slot].picture = self.picture(tile, record, slot);
         }
     }
 
@@ -694,14 +722,15 @@ impl<'a> Lighting<'a> {
         // Where the tile sees the facet, in (s, t).
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut front = true;
-        for fragment in self.receivers(record, index, tile.centre).into_iter().flatten() {
-            front = fragment.front;
+        for sight in self.receivers(record, tile.centre).into_iter().flatten() {
+            let Some(fragment) = sight.at(index, [0.0; 2], false) else { continue };
+            front = sight.front;
             let mut polygon = Polygon::PIXEL;
             for edge in fragment.crossing() {
                 polygon = polygon.split(edge).0;
             }
             for corner in polygon.corners() {
-                let (place, _) = fragment.parameters(*corner);
+                let place = sight.place(*corner);
                 for k in 0..2 {
                     let p = place[k].clamp(0.0, 1.0);
                     low[k] = low[k].min(p);
@@ -888,23 +917,94 @@ impl<'a> Lighting<'a> {
         tile.line_starts[index] as usize - 1
     }
 
+    /// Renders the texture of entry `slot`, which is `record`, where that pays.
+    fn picture(&self, tile: &mut TileLight, record: &Record, slot: usize) -> Option<u32> {
+        let look = &self.looks[record.facet as usize];
+        let texture = look.texture?;
+        let [from, to] = [0.0, 1.0].map(|v| Sight::new(record, tile.centre, 1.0, v, self.world.lens.near));
+        let (from, to) = (from?.facet_from_image(), to?.facet_from_image());
+        let reference = Sight::new(record, tile.centre, 1.0, 0.5, self.world.lens.near)?.facet_from_image();
+        let image_from_facet = reference.inverse();
+        // What its pixels show meanwhile.
+        let touches = tile.slots[slot].touches;
+        let columns = (0..TILE).fold(0, |m, row| m | touches >> (row * TILE) & 0xff);
+        let rows = (0..TILE).fold(0, |m, row| m | u64::from(touches >> (row * TILE) & 0xff != 0) << row);
+        let side = |bits: u64| {
+            let (low, high) = (bits.trailing_zeros(), 64 - bits.leading_zeros());
+            [low, high].map(|v| f64::from(v) - 0.5 * TILE as f64)
+        };
+        let ([left, right], [top, bottom]) = (side(columns), side(rows));
+        let mut rect = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+        let mut middles = [DVec2::ZERO; 3];
+        for (facet_from_image, middle) in [&from, &reference, &to].into_iter().zip(&mut middles) {
+            let warp = image_from_facet * *facet_from_image;
+            for [x, y] in [[left, top], [right, top], [left, bottom], [right, bottom]] {
+                let h = warp * DVec3::new(x, y, 1.0);
+                if h.z.is_nan() || h.z <= 0.0 {
+                    return None;
+                }
+                let p = DVec2::new(h.x, h.y) / h.z;
+                *middle += 0.25 * p;
+                rect = [rect[0].min(p.x), rect[1].min(p.y), rect[2].max(p.x), rect[3].max(p.y)];
+            }
+        }
+        // Between these times paths bend.
+        let rect = [rect[0] - MARGIN_PX, rect[1] - MARGIN_PX, rect[2] + MARGIN_PX, rect[3] + MARGIN_PX];
+        let motion = middles[0].distance(middles[1]) + middles[1].distance(middles[2]);
+        let most = f64::from(touches.count_ones()) * (1.0 + motion) * CELLS_PER_PIXEL;
+        let [along_s, along_t] = look.along.map(|v| DVec3::new(v[0], v[1], 0.0));
+        let texels = DMat3::from_cols(along_s, along_t, DVec3::new(look.origin[0], look.origin[1], 1.0));
+        let reader = |shorter: f64| self.textures.reader(texture, shorter);
+        let most = (most as usize).min(MOST_CELLS);
+        let keyframe = Keyframe::new(image_from_facet, texels, rect, reader, most, &mut tile.sums)?;
+        tile.keyframes.push(keyframe);
+        Some(tile.keyframes.len() as u32 - 1)
+    }
+
+    /// Mean of the texture of entry `part.slot` over `part.moments`.
+    #[inline(always)]
+    fn texel(&self, tile: &mut TileLight, part: &Part, at: &Instant, texture: usize) -> [f32; 4] {
+        let (centre, moments) = part.moments.central();
+        if let Some(number) = tile.slots[part.slot].picture {
+            let keyframe = &tile.keyframes[number as usize];
+            let index = at.moment * tile.slots.len() + part.slot;
+            if tile.warps.len() <= index {
+                tile.warps.resize((at.moment + 1) * tile.slots.len(), None);
+            }
+            let warp = tile.warps[index].get_or_insert_with(|| keyframe.warp(&part.sight.facet_from_image()));
+            let place = DVec2::new(part.offset[0] + centre[0], part.offset[1] + centre[1]);
+            let found = Footprint::under(warp, place, moments).and_then(|f| keyframe.mean(&tile.sums, &f));
+            if let Some(texel) = found {
+                return texel;
+            }
+        }
+        let look = &self.looks[part.sight.facet as usize];
+        let (centre, axes) = part.moments.footprint();
+        let (place, change) = part.sight.parameters([0, 1].map(|k| part.offset[k] + centre[k]));
+        let to_texels = |v: [f64; 2]| [0, 1].map(|k| look.along[0][k] * v[0] + look.along[1][k] * v[1]);
+        let at = to_texels(place);
+        let at = [at[0] + look.origin[0], at[1] + look.origin[1]];
+        let along =
+            |axis: [f64; 2]| to_texels([0, 1].map(|k| change[0][k] * axis[0] + change[1][k] * axis[1]));
+        self.textures.mean(texture, at, axes.map(along))
+    }
+
     /// Luminance that a facet, entry `part.slot` of its tile, adds to a pixel.
-    pub fn of_fragment(&self, tile: &mut TileLight, part: &Part, at: &Instant) -> f64 {
-        let Part { slot, fragment, moments, .. } = *part;
-        let (centre, axes) = moments.footprint();
-        let (place, change) = fragment.parameters(centre);
-        let look = &self.looks[fragment.facet as usize];
-        let mut base = look.base + look.base_along[0] * place[0] + look.base_along[1] * place[1];
+    pub fn of_part(&self, tile: &mut TileLight, part: &Part, at: &Instant) -> f64 {
+        let Part { slot, moments, .. } = *part;
+        let inverse = 1.0 / moments.area;
+        let place = part.sight.place([0, 1].map(|k| part.offset[k] + moments.first[k] * inverse));
+        let facet = part.sight.facet as usize;
+        let look = &self.looks[facet];
+        let mut base = look.base;
+        if look.shaded {
+            base += look.base_along[0] * place[0] + look.base_along[1] * place[1];
+        }
         if let Some(texture) = look.texture {
-            let to_texels = |v: [f64; 2]| [0, 1].map(|k| look.along[0][k] * v[0] + look.along[1][k] * v[1]);
-            let at = to_texels(place);
-            let at = [at[0] + look.origin[0], at[1] + look.origin[1]];
-            let along =
-                |axis: [f64; 2]| to_texels([0, 1].map(|k| change[0][k] * axis[0] + change[1][k] * axis[1]));
-            let texel = self.textures.mean(texture, at, axes.map(along));
+            let texel = self.texel(tile, part, at, texture);
             base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
         }
-        let answer = &self.answers[self.world.facets[fragment.facet as usize].surface as usize];
+        let answer = &self.answers[self.world.facets[facet].surface as usize];
         let glow = answer.waveform.map_or(1.0, |w| w.factor(at.t_s));
         if tile.slots[slot].unlit {
             return moments.area * glow * material::LUMINANCE.dot(base);
@@ -1016,8 +1116,6 @@ pub struct Part<'a> {
     pub slot: usize,
     /// The facet about the tile's centre.
     pub sight: &'a Sight,
-    /// The facet about the pixel's centre.
-    pub fragment: &'a Fragment,
     /// How much is seen.
     pub moments: &'a Moments,
     /// Where it is seen, and its number there; all of the pixel where this is `None`.
@@ -1063,6 +1161,7 @@ fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4]) -> 
         along: [[0.0; 2]; 2],
         base: base(a),
         base_along: [base(b) - base(a), base(d) - base(a)],
+        shaded: base(b) != base(a) || base(d) != base(a),
     };
     let Some(texture) = material.base_color_texture else { return look };
     let uvs = primitive.uvs.get(texture.uv_set as usize).and_then(Option::as_ref);

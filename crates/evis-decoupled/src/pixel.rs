@@ -111,9 +111,9 @@ impl Work {
         self.tile.map(|v| (v * TILE) as f64 + 0.5 * TILE as f64)
     }
 
-    /// The pixel's centre from the tile's.
-    fn offset(&self) -> [f64; 2] {
-        [self.pixel % TILE, self.pixel / TILE].map(|v| v as f64 + 0.5 - 0.5 * TILE as f64)
+    /// A pixel's centre from the tile's.
+    fn offset_of(pixel: usize) -> [f64; 2] {
+        [pixel % TILE, pixel / TILE].map(|v| v as f64 + 0.5 - 0.5 * TILE as f64)
     }
 }
 
@@ -192,6 +192,32 @@ impl Evaluator<'_> {
         index
     }
 
+    /// Finds what entry `slot`, record `index`, is at a time.
+    #[inline(always)]
+    fn sight(&self, work: &mut Work, slot: usize, index: u32, at: &Instant) {
+        let known = at.moment * work.slot_count + slot;
+        if let Known::Not = work.sights[known] {
+            let record = &self.lists.records[index as usize];
+            let [from, to] = record.u;
+            // A span holds from its start up to its end; the last one also at the end of the block.
+            let holds = at.u >= from && (at.u < to || to >= 1.0);
+            let v = (at.u - from) / (to - from);
+            let near = self.world.lens.near;
+            let sight = if holds { Sight::new(record, work.centre(), 1.0, v, near) } else { None };
+            work.sights[known] = sight.map_or(Known::Absent, Known::Seen);
+        }
+    }
+
+    /// Mean luminance of a pixel that sees entry `slot`, record `index`, and nothing else.
+    fn of_one(&self, work: &mut Work, slot: usize, index: u32, at: &Instant) -> f64 {
+        self.sight(work, slot, index, at);
+        let Known::Seen(sight) = &work.sights[at.moment * work.slot_count + slot] else { return 0.0 };
+        self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
+        let (pixel, offset) = (work.pixel, Work::offset_of(work.pixel));
+        let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, offset };
+        self.lighting.of_part(&mut work.light, &part, at)
+    }
+
     /// Mean luminance of the pixel at `unit` of [`UNITS`] of the block.
     pub fn luminance(&self, work: &mut Work, unit: u32) -> f64 {
         work.count += 1;
@@ -199,21 +225,18 @@ impl Evaluator<'_> {
         let moment = self.moment(work, unit);
         let at = work.moments[moment];
         let first = moment * work.slot_count;
-        let (centre, offset) = (work.centre(), work.offset());
+        let (centre, offset) = (work.centre(), Work::offset_of(work.pixel));
+        if let [Own { slot, record, covers: true }] = work.own[..] {
+            work.plain += 1;
+            let light = self.of_one(work, slot, record, &at);
+            work.shading_s += timer.map_or(0.0, |t| t.elapsed().as_secs_f64() * TIMED as f64);
+            return light;
+        }
         work.fragments.clear();
         work.slots.clear();
         for k in 0..work.own.len() {
             let Own { slot, record: index, covers } = work.own[k];
-            if let Known::Not = work.sights[first + slot] {
-                let record = &self.lists.records[index as usize];
-                let [from, to] = record.u;
-                // A span holds from its start up to its end; the last one also at the end of the block.
-                let holds = at.u >= from && (at.u < to || to >= 1.0);
-                let v = (at.u - from) / (to - from);
-                let sight =
-                    if holds { Sight::new(record, centre, 1.0, v, self.world.lens.near) } else { None };
-                work.sights[first + slot] = sight.map_or(Known::Absent, Known::Seen);
-            }
+            self.sight(work, slot, index, &at);
             if let Known::Seen(sight) = &work.sights[first + slot]
                 && let Some(fragment) = sight.at(index, offset, covers)
             {
@@ -246,8 +269,8 @@ impl Evaluator<'_> {
                 let index = fragment.record;
                 let record = &self.lists.records[index as usize];
                 self.lighting.shade_slot(&mut work.light, record, index, slot);
-                let part = Part { slot, sight, fragment, moments, regions, pixel, offset };
-                sum += self.lighting.of_fragment(&mut work.light, &part, &at);
+                let part = Part { slot, sight, moments, regions, pixel, offset };
+                sum += self.lighting.of_part(&mut work.light, &part, &at);
             }
         }
         if !whole {

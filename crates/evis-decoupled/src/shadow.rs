@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use crate::coverage::{Polygon, Region};
-use crate::fragment::{Fragment, Line};
+use crate::fragment::Line;
 use crate::lists::{TILE, powers};
 use crate::mask;
 
@@ -100,11 +100,11 @@ impl Occluder {
 const MARGIN: f64 = 0.2;
 
 impl Occluder {
-    /// Where in the tile about `centre` a shadow may come during the part `span` of the block. `receivers` is what the tile sees at the start, middle and end of the span.
+    /// Where in the tile about `centre` a shadow may come during the part `span` of the block. `receivers` are the inverse depths that the tile sees at the start, middle and end of the span.
     pub fn pixels(
         &self,
         lamp: &ScreenLamp,
-        receivers: &[Option<Fragment>; 3],
+        receivers: &[Option<Line>; 3],
         span: [f64; 2],
         centre: [f64; 2],
     ) -> Reach {
@@ -115,7 +115,7 @@ impl Occluder {
         for (k, receiver) in receivers.iter().enumerate() {
             let Some(receiver) = receiver else { return everywhere };
             let u = span[0] + 0.5 * k as f64 * (span[1] - span[0]);
-            let Some(found) = self.half_planes(lamp, &receiver.inverse_depth, centre, tile, u) else {
+            let Some(found) = self.half_planes(lamp, receiver, centre, tile, u) else {
                 return everywhere;
             };
             lines[k] = found;

@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 
 use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
+use glam::{DMat3, DVec2, DVec3};
 
 /// Strips per texel, beyond one; of two lines each.
 const STRIPS: f64 = 1.0;
@@ -247,7 +248,128 @@ impl Textures {
     }
 }
 
+/// A level of a texture, for pictures of it.
+#[derive(Clone, Copy)]
+pub struct Reader<'a> {
+    level: &'a Level,
+    texture: &'a Texture,
+    scale: [f64; 2],
+    overall: [f32; 4],
+}
+
+impl Textures {
+    /// The level of texture `number` for footprints whose shorter axis squared is `shorter` base texels; `None` where only
+    /// single places can be read.
+    pub fn reader(&self, number: usize, shorter: f64) -> Option<Reader<'_>> {
+        let texture = self.textures.get(number).filter(|t| !t.nearest)?;
+        let chain = self.chains.get(texture.image).filter(|c| !c.is_empty())?;
+        let level = &chain[level_of(shorter, chain.len())];
+        let scale = [
+            f64::from(level.width) / f64::from(chain[0].width),
+            f64::from(level.height) / f64::from(chain[0].height),
+        ];
+        Some(Reader { level, texture, scale, overall: self.overall(number) })
+    }
+}
+
+impl Reader<'_> {
+    /// Texels of the level per base texel.
+    pub fn scale(&self) -> DVec2 {
+        DVec2::from_array(self.scale)
+    }
+
+    /// Mean of all texels.
+    pub fn overall(&self) -> [f32; 4] {
+        self.overall
+    }
+
+    /// Variance of the level's own blur in square base texels.
+    pub fn blur(&self) -> [f64; 2] {
+        self.scale.map(|s| 0.25 * (1.0 / (s * s) - 1.0).max(0.0))
+    }
+
+    /// Fills rows of `columns` + 1 sums, after a first one of zeros: of all cells to the left and above, less `mean`. The
+    /// first cell's middle is at `first`, the next ones `step` apart; `texels` maps these places to homogeneous base texels.
+    pub fn render(
+        &self,
+        texels: &DMat3,
+        first: DVec2,
+        step: DVec2,
+        columns: usize,
+        mean: [f32; 4],
+        sums: &mut [[f32; 4]],
+    ) {
+        let stride = columns + 1;
+        let rows = sums.len() / stride - 1;
+        let to_level =
+            |h: DVec3| DVec2::new(h.x / h.z * self.scale[0] - 0.5, h.y / h.z * self.scale[1] - 0.5);
+        let at =
+            |x: f64, y: f64| to_level(*texels * DVec3::new(first.x + x * step.x, first.y + y * step.y, 1.0));
+        let (right, bottom) = (columns as f64 - 1.0, rows as f64 - 1.0);
+        let corners = [at(0.0, 0.0), at(right, 0.0), at(0.0, bottom), at(right, bottom)];
+        let low = corners.into_iter().fold(DVec2::INFINITY, DVec2::min);
+        let high = corners.into_iter().fold(DVec2::NEG_INFINITY, DVec2::max);
+        // Whole periods away, all of it may lie between the texture's borders.
+        let size = DVec2::new(f64::from(self.level.width), f64::from(self.level.height));
+        let mut shift = DVec2::ZERO;
+        for (k, wrap) in [self.texture.wrap_u, self.texture.wrap_v].into_iter().enumerate() {
+            if wrap == Wrap::Repeat {
+                shift[k] = (low[k] / size[k]).floor() * size[k];
+            }
+        }
+        // Straight lines between exact places leave the corners' box by rounding only.
+        let inside = (low - shift).min_element() >= 1e-3 && (size - (high - shift)).min_element() >= 1.001;
+        for row in 0..rows {
+            let (above, own) = sums[row * stride..(row + 2) * stride].split_at_mut(stride);
+            let mut sum = [0.0_f32; 4];
+            let mut column = 0;
+            let mut from = at(0.0, row as f64) - shift;
+            while column < columns {
+                let count = SEGMENT.min(columns - column);
+                let to = at((column + count) as f64, row as f64) - shift;
+                let change = (to - from) * (1.0 / count as f64);
+                for k in 0..count {
+                    let place = from + change * k as f64;
+                    let texel = if inside {
+                        self.level.within(place.x, place.y)
+                    } else {
+                        let mut texel = [0.0; 4];
+                        self.level.bilinear(place.x, place.y, self.texture, &mut texel);
+                        texel
+                    };
+                    let up = &above[column + k + 1];
+                    let out = &mut own[column + k + 1];
+                    for c in 0..4 {
+                        sum[c] += texel[c] - mean[c];
+                        out[c] = up[c] + sum[c];
+                    }
+                }
+                column += count;
+                from = to;
+            }
+        }
+    }
+}
+
+/// Cells of a row between places that are found exactly.
+const SEGMENT: usize = 8;
+
 impl Level {
+    /// Bilinear interpolant where all four texels exist.
+    #[inline(always)]
+    fn within(&self, x: f64, y: f64) -> [f32; 4] {
+        let (i, j) = (x as i32, y as i32);
+        let (wx, wy) = ((x - f64::from(i)) as f32, (y - f64::from(j)) as f32);
+        let width = self.width as usize;
+        let at = (j as u32 as usize).wrapping_mul(width).wrapping_add(i as u32 as usize);
+        let (upper, lower) = (&self.texels[at..][..2], &self.texels[at.wrapping_add(width)..][..2]);
+        std::array::from_fn(|c| {
+            let a = upper[0][c] + wx * (upper[1][c] - upper[0][c]);
+            let b = lower[0][c] + wx * (lower[1][c] - lower[0][c]);
+            a + wy * (b - a)
+        })
+    }
+
     /// Mean over a grid of places in the parallelogram about `middle`.
     fn places(&self, middle: [f64; 2], axes: [[f64; 2]; 2], texture: &Texture) -> [f32; 4] {
         let steps = axes.map(|axis| {

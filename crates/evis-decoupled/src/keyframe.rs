@@ -1,0 +1,307 @@
+//! A facet's texture on the screen of one time, summed over rectangles.
+//!
+//! While a facet moves by a few pixels, the footprint of a pixel on it hardly changes: only where it lies does. So a
+//! tile renders a facet's texture once per block, in cells finer than pixels, and keeps the sums of all rectangles of
+//! cells from the first one. At any time of the block a homography maps the screen to that picture, and the mean over a
+//! rectangle there follows from the sums at its four corners, however many texels it holds. The picture is linear
+//! between the middles of cells: the integral up to a point is a quadratic B-spline of nine sums.
+//!
+//! The level of the mip chain that is read, and the cells, add blur of their own. Its variance is taken from the
+//! rectangle, so that all together has the second moments of the footprint.
+
+use glam::{DMat2, DMat3, DVec2, DVec3};
+
+use crate::texture::Reader;
+
+/// Cells per texel of the level that is read, at least.
+const PER_TEXEL: f64 = 3.0;
+/// Cells along a pixel's side. Textures with more texels than this suffices for are read in strips.
+const DENSITY: f64 = 8.0;
+/// Rectangles at most, side by side, in the place of a slanted footprint.
+const MOST_SLICES: f64 = 6.0;
+/// Correlation of x and y in a footprint below which one rectangle will do.
+const SLANT: f64 = 0.05;
+/// Least part of its greatest 1/depth that a facet has anywhere in its picture.
+const LEAST_DEPTH_RATIO: f64 = 0.3;
+
+/// A facet's texture about a tile at a reference time.
+#[derive(Clone, Debug)]
+pub struct Keyframe {
+    /// To image points about the tile's centre at the reference time from the facet's (s, t, 1) over depth.
+    image_from_facet: DMat3,
+    /// Image point of the first cell's middle.
+    first: DVec2,
+    /// Cells per pixel.
+    density: DVec2,
+    /// Sums per row, one more than cells.
+    stride: usize,
+    rows: usize,
+    /// Where its sums begin.
+    start: usize,
+    /// Second moments xx, xy and yy of the blur that it adds, in square pixels.
+    blur: [f64; 3],
+    /// What each cell was lessened by.
+    mean: [f32; 4],
+}
+
+/// A part of the picture whose mean is wanted.
+#[derive(Clone, Copy, Debug)]
+pub struct Footprint {
+    /// Centroid.
+    pub at: DVec2,
+    /// Second moments xx, xy and yy about it.
+    pub moments: [f64; 3],
+}
+
+impl Footprint {
+    /// Of a part of the screen about `at` with these second moments, in the picture that `warp` maps to; `None` beyond the
+    /// horizon.
+    #[inline(always)]
+    pub fn under(warp: &DMat3, at: DVec2, [xx, xy, yy]: [f64; 3]) -> Option<Self> {
+        let h = *warp * DVec3::new(at.x, at.y, 1.0);
+        let inverse = 1.0 / h.z;
+        let place = DVec2::new(h.x * inverse, h.y * inverse);
+        let of = |column: DVec3| {
+            DVec2::new((column.x - place.x * column.z) * inverse, (column.y - place.y * column.z) * inverse)
+        };
+        let (p, q) = (of(warp.x_axis), of(warp.y_axis));
+        let moment = |i: f64, j: f64, k: f64, l: f64| i * k * xx + (i * l + j * k) * xy + j * l * yy;
+        let moments = [moment(p.x, q.x, p.x, q.x), moment(p.x, q.x, p.y, q.y), moment(p.y, q.y, p.y, q.y)];
+        (h.z > 0.0).then_some(Self { at: place, moments })
+    }
+}
+
+impl Keyframe {
+    /// Renders what `texels_from_facet` and `reader` say about a rectangle (left, top, right, bottom) of the picture, and
+    /// appends its sums to `sums`. `None` where there would be more than `most` cells, or too much perspective.
+    pub fn new<'r>(
+        image_from_facet: DMat3,
+        texels_from_facet: DMat3,
+        rect: [f64; 4],
+        reader: impl FnOnce(f64) -> Option<Reader<'r>>,
+        most: usize,
+        sums: &mut Vec<[f32; 4]>,
+    ) -> Option<Self> {
+        let texels_from_image = texels_from_facet * image_from_facet.inverse();
+        if !texels_from_image.is_finite() {
+            return None;
+        }
+        let [left, top, right, bottom] = rect;
+        let corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
+        let depths = corners.map(|[x, y]| (texels_from_image * DVec3::new(x, y, 1.0)).z);
+        let (least, greatest) =
+            depths.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), d| (a.min(*d), b.max(*d)));
+        if least.is_nan() || least <= LEAST_DEPTH_RATIO * greatest {
+            return None;
+        }
+        // How texels change to the right and down.
+        let change = |[x, y]: [f64; 2]| {
+            let h = texels_from_image * DVec3::new(x, y, 1.0);
+            let place = DVec2::new(h.x, h.y) / h.z;
+            let of = |c: DVec3| (DVec2::new(c.x, c.y) - place * c.z) / h.z;
+            DMat2::from_cols(of(texels_from_image.x_axis), of(texels_from_image.y_axis))
+        };
+        let middle = change([0.5 * (left + right), 0.5 * (top + bottom)]);
+        let (p, q) = (middle.x_axis, middle.y_axis);
+        let (xx, xy, yy) = (p.x * p.x + q.x * q.x, p.x * p.y + q.x * q.y, p.y * p.y + q.y * q.y);
+        let shorter = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+        let reader = reader(shorter)?;
+        for corner in corners {
+            let change = change(corner);
+            let texels = |v: DVec2| (v * reader.scale()).length();
+            let wanted = PER_TEXEL * texels(change.x_axis).max(texels(change.y_axis));
+            if wanted.is_nan() || wanted > DENSITY {
+                return None;
+            }
+        }
+        let density = DVec2::splat(DENSITY);
+        // A cell and a half beyond each side.
+        let columns = ((right - left) * density.x).ceil() as usize + 3;
+        let rows = ((bottom - top) * density.y).ceil() as usize + 3;
+        if columns.saturating_mul(rows) > most {
+            return None;
+        }
+        let first = DVec2::new(left, top) - 1.0 / density;
+        let step = 1.0 / density;
+        let start = sums.len();
+        let stride = columns + 1;
+        sums.resize(start + stride * (rows + 1), [0.0; 4]);
+        let mean = reader.overall();
+        reader.render(&texels_from_image, first, step, columns, mean, &mut sums[start..]);
+        // Texels about a place, as seen on the screen; straight lines between cells add a sixth of their squares.
+        let inverse = middle.inverse();
+        let [bx, by] = reader.blur();
+        let blur = [
+            inverse.x_axis.x * inverse.x_axis.x * bx
+                + inverse.y_axis.x * inverse.y_axis.x * by
+                + step.x * step.x / 6.0,
+            inverse.x_axis.x * inverse.x_axis.y * bx + inverse.y_axis.x * inverse.y_axis.y * by,
+            inverse.x_axis.y * inverse.x_axis.y * bx
+                + inverse.y_axis.y * inverse.y_axis.y * by
+                + step.y * step.y / 6.0,
+        ];
+        Some(Self { image_from_facet, first, density, stride, rows, start, blur, mean })
+    }
+
+    /// Its picture from the screen at a time when the facet's (s, t, 1) over depth are `facet_from_image`.
+    pub fn warp(&self, facet_from_image: &DMat3) -> DMat3 {
+        self.image_from_facet * *facet_from_image
+    }
+
+    /// Mean over `footprint`; `None` where that does not lie in the picture.
+    #[inline(always)]
+    pub fn mean(&self, sums: &[[f32; 4]], footprint: &Footprint) -> Option<[f32; 4]> {
+        let [xx, xy, yy] = [0, 1, 2].map(|k| footprint.moments[k] - self.blur[k]);
+        // No narrower than a hundredth of a pixel.
+        let (xx, yy) = (xx.max(1e-5), yy.max(1e-5));
+        let mut sum = self.mean;
+        if xy * xy < SLANT * SLANT * xx * yy {
+            let sides = DVec2::new((12.0 * xx).sqrt(), (12.0 * yy).sqrt());
+            self.add(sums, footprint.at, sides, 1.0, &mut sum)?;
+            return Some(sum);
+        }
+        // A parallelogram with two upright sides, in slices.
+        let slope = xy / xx;
+        let (width, rest) = ((12.0 * xx).sqrt(), (yy - slope * xy).max(1e-5));
+        let count = (1.0 + slope.abs() * (xx / rest).sqrt()).ceil().min(MOST_SLICES);
+        let part = 1.0 / count;
+        let height = (12.0 * (rest + slope * xy * part * part)).sqrt();
+        for k in 0..count as usize {
+            let x = width * ((k as f64 + 0.5) * part - 0.5);
+            let at = footprint.at + DVec2::new(x, x * slope);
+            self.add(sums, at, DVec2::new(width * part, height), part as f32, &mut sum)?;
+        }
+        Some(sum)
+    }
+
+    /// Adds `scale` times what the mean over a rectangle about `at` is above [`Keyframe::mean`].
+    #[inline(always)]
+    fn add(&self, sums: &[[f32; 4]], at: DVec2, sides: DVec2, scale: f32, out: &mut [f32; 4]) -> Option<()> {
+        let (low, high) = (at - 0.5 * sides, at + 0.5 * sides);
+        // In cells from the middle of the first one.
+        let place = |v: f64, k: usize| (v - self.first[k]) * self.density[k];
+        let spline = |x: f64| {
+            let k = x as i32 as usize;
+            let w = (x - k as f64) as f32;
+            (k, [0.5 * (1.0 - w) * (1.0 - w), 0.5 + w - w * w, 0.5 * w * w])
+        };
+        let ([x0, x1], [y0, y1]) = ([place(low.x, 0), place(high.x, 0)], [place(low.y, 1), place(high.y, 1)]);
+        // Three sums from the one before, of `stride` and of `rows` + 1.
+        let inside = x0 >= 0.0 && y0 >= 0.0 && x1 < (self.stride - 2) as f64 && y1 < (self.rows - 1) as f64;
+        if !inside {
+            return None;
+        }
+        let ((left, a), (right, b)) = (spline(x0), spline(x1));
+        let scale = scale / ((x1 - x0) * (y1 - y0)) as f32;
+        for (y, sign) in [(y0, -scale), (y1, scale)] {
+            let (row, c) = spline(y);
+            for (j, c) in c.into_iter().enumerate() {
+                let from = self.start + (row + j) * self.stride;
+                let (p, q) = (&sums[from + left..from + left + 3], &sums[from + right..from + right + 3]);
+                let c = c * sign;
+                for k in 0..4 {
+                    let upto = b[0] * q[0][k] + b[1] * q[1][k] + b[2] * q[2][k];
+                    let before = a[0] * p[0][k] + a[1] * p[1][k] + a[2] * p[2][k];
+                    out[k] += c * (upto - before);
+                }
+            }
+        }
+        Some(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use half::f16;
+
+    use super::*;
+    use crate::texture::Textures;
+
+    /// A texture of noise, 64 by 64 texels.
+    fn noise() -> evis_scene::Scene {
+        let value =
+            |i: u32| f64::from(i.wrapping_mul(747_796_405).rotate_left(13).wrapping_mul(277_803_737) >> 8);
+        let texels = (0..64 * 64).map(|i| [f16::from_f64(0.1 + value(i) / f64::from(1 << 24)); 4]).collect();
+        let image = evis_scene::Image { name: "noise".into(), width: 64, height: 64, texels };
+        let (wrap_u, wrap_v) = (evis_scene::Wrap::Repeat, evis_scene::Wrap::Mirror);
+        let texture = evis_scene::Texture { image: 0, wrap_u, wrap_v, nearest: false };
+        evis_scene::Scene { images: vec![image], textures: vec![texture], ..Default::default() }
+    }
+
+    #[test]
+    fn means_from_a_picture_are_those_of_strips() {
+        let scene = noise();
+        let textures = Textures::new(&scene);
+        let (mut squares, mut canary, mut count) = (0.0, 0.0, 0);
+        for i in 0..40 {
+            let f = f64::from(i);
+            // Texels per pixel, turned, sheared, with some perspective.
+            let (size, turn) = (0.2 + 0.025 * f, 0.37 * f);
+            let (s, c) = turn.sin_cos();
+            let texels = DMat3::from_cols(
+                DVec3::new(size * c, size * s, 0.004),
+                DVec3::new(-1.3 * size * s, 1.1 * size * c, -0.003),
+                DVec3::new(2.3 * f, 5.0 - 1.1 * f, 1.0),
+            );
+            let mut sums = Vec::new();
+            let reader = |shorter: f64| textures.reader(0, shorter);
+            let rect = [-6.0, -6.0, 6.0, 6.0];
+            let picture =
+                Keyframe::new(DMat3::IDENTITY, texels, rect, reader, 1 << 16, &mut sums).expect("few cells");
+            // Time went on: the screen lies a little turned, moved and grown on the picture.
+            let (s, c) = (0.03 * (f - 20.0) / 20.0).sin_cos();
+            let warp = DMat3::from_cols(
+                DVec3::new(1.02 * c, s, 1e-3),
+                DVec3::new(-s, 0.99 * c, 5e-4),
+                DVec3::new(0.4, -0.7, 1.0),
+            );
+            for k in 0..25 {
+                let at = DVec2::new(f64::from(k % 5) * 1.9 - 4.0, f64::from(k / 5) * 1.8 - 3.5);
+                // A whole pixel, and a part of one.
+                let (xx, yy) = if k % 3 == 0 { (1.0 / 12.0, 0.02) } else { (1.0 / 12.0, 1.0 / 12.0) };
+                let footprint = Footprint::under(&warp, at, [xx, 0.0, yy]).expect("before the horizon");
+                let found = picture.mean(&sums, &footprint).expect("in the picture")[0];
+                let exact = |at: DVec2, sides: [f64; 2]| {
+                    let all = texels * warp;
+                    let h = all * DVec3::new(at.x, at.y, 1.0);
+                    let place = DVec2::new(h.x, h.y) / h.z;
+                    let axis = |c: DVec3, l: f64| ((DVec2::new(c.x, c.y) - place * c.z) / h.z * l).to_array();
+                    let axes = [axis(all.x_axis, sides[0]), axis(all.y_axis, sides[1])];
+                    textures.mean(0, place.to_array(), axes)[0]
+                };
+                let sides = [(12.0 * xx).sqrt(), (12.0 * yy).sqrt()];
+                let error = |exact: f32| f64::from(found / exact - 1.0).powi(2);
+                squares += error(exact(at, sides));
+                canary += error(exact(at + DVec2::new(0.3, 0.0), sides));
+                count += 1;
+            }
+        }
+        let [rms, canary] = [squares, canary].map(|v| (v / f64::from(count)).sqrt());
+        println!("relative error {rms:.4} over {count} footprints, {canary:.4} at 0.3 px aside");
+        assert!(rms < 0.012, "{rms}");
+        assert!(canary > 3.0 * rms && canary > 0.03, "{canary}");
+    }
+
+    #[test]
+    fn what_lies_outside_of_a_picture_is_not_answered() {
+        let scene = noise();
+        let textures = Textures::new(&scene);
+        let mut sums = Vec::new();
+        let reader = |shorter: f64| textures.reader(0, shorter);
+        let rect = [-2.0, -2.0, 2.0, 2.0];
+        let new = |most: usize, sums: &mut Vec<_>| {
+            Keyframe::new(DMat3::IDENTITY, DMat3::IDENTITY, rect, reader, most, sums)
+        };
+        assert!(new(100, &mut sums).is_none(), "too many cells");
+        assert!(sums.is_empty());
+        let picture = new(1 << 16, &mut sums).expect("enough cells");
+        let at = |x: f64, y: f64| {
+            let moments = [1.0 / 12.0, 0.0, 1.0 / 12.0];
+            picture.mean(&sums, &Footprint { at: DVec2::new(x, y), moments })
+        };
+        assert!(at(1.4, -1.4).is_some());
+        for (x, y) in [(1.9, 0.0), (-1.9, 0.0), (0.0, 1.9), (0.0, -1.9), (f64::NAN, 0.0), (1e300, 0.0)] {
+            assert!(at(x, y).is_none(), "{x} {y}");
+        }
+    }
+}
