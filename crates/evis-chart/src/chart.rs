@@ -348,7 +348,7 @@ mod tests {
         assert!(told(ChartSettings { duration_us: 0, ..good.clone() }).contains("duration is 0"));
         assert!(told(ChartSettings { size: Some((0, 9)), ..good.clone() }).contains("width is 0"));
         let (runs, lacking) = runs(&good).unwrap();
-        assert_eq!((runs.len(), lacking.len()), (41, 0));
+        assert_eq!((runs.len(), lacking.len()), (42, 0));
         assert!(runs.iter().all(|(_, config)| config.size == Some((160, 120))));
     }
 }

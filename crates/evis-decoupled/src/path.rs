@@ -16,6 +16,8 @@ const LEAST_PX: f64 = 0.05;
 /// Parts of a sine's period that an interval may be long at most, and at least.
 const PERIOD_PARTS: f64 = 8.0;
 const LEAST_PERIOD_PARTS: f64 = 64.0;
+/// What happens within a block as short as this, in microseconds, is a cut: nothing of it is seen but its end.
+const INSTANT_US: f64 = 2.0;
 /// A threshold is crossed on light that may be off by this part of itself.
 const TOLERANCE: f64 = 0.004;
 /// A quadratic's estimated error times this, and this part of its range, is what it may be off by between evaluations.
@@ -153,6 +155,13 @@ impl PixelPath {
             self.before = None;
         }
         if pace.still {
+            return walk.evaluations;
+        }
+        if block.length_us() <= INSTANT_US {
+            let end = walk.at(UNITS);
+            walk.cross(self, self.last, end, 0.0);
+            self.last = end;
+            self.before = None;
             return walk.evaluations;
         }
         let parts = (pace.motion_px / STEP_PX).max(pace.periods * PERIOD_PARTS).ceil();

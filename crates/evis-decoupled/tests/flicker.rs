@@ -100,3 +100,24 @@ fn a_vibration_with_a_whole_number_of_swings_in_a_block_is_seen() {
     let still = simulate(&card(None, Some(swing(0.0))), &settings()).unwrap().events;
     assert!(still.is_empty(), "canary: what rests fires nothing");
 }
+
+#[test]
+fn edges_of_square_waves_are_jumps_wherever_rounding_puts_them() {
+    for (frequency_hz, phase, duty) in [(435.123_456_7, 0.3, 0.1), (77.77, 0.9, 0.5), (333.3, 0.123_456, 0.7)]
+    {
+        let wave = Waveform { shape: WaveShape::Pwm { duty }, frequency_hz, phase, low: 0.2, high: 1.0 };
+        let events = simulate(&card(Some(wave), None), &settings()).unwrap().events;
+        let of = events.iter().filter(|e| (e.x, e.y) == (8, 6));
+        let mut count = 0;
+        for event in of {
+            // An edge within a microsecond.
+            let factor = |t_us: f64| wave.factor(t_us * 1e-6);
+            let (before, after) = (factor(event.t as f64 - 1.0), factor(event.t as f64 + 2.0));
+            assert!(before != after, "{frequency_hz} Hz: an event at {} us, between edges", event.t);
+            count += 1;
+        }
+        // ln 5 / 0.2 = 8.05 thresholds at each edge.
+        let edges = 0.2 * frequency_hz;
+        assert!((f64::from(count) / 8.0 / edges - 1.0).abs() < 0.1, "{frequency_hz} Hz: {count} events");
+    }
+}
