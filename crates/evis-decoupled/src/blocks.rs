@@ -23,8 +23,10 @@ pub const BOUND_PX: f64 = 1e-2;
 const LEAST_DEPTH: f64 = 0.1;
 /// A surface's part of a block is halved this often at most.
 const MAX_HALVINGS: u32 = 6;
-/// How long before a border its left-hand limit is taken, and after it its right-hand limit, in microseconds.
+/// How long before a border its left-hand limit is taken, in microseconds.
 const BEFORE_US: f64 = 1e-3;
+/// How long after a border its right-hand limit is taken: beyond rounding, and too short for anything to move.
+const AFTER_US: f64 = 1e-5;
 
 /// A half-open interval of scene time within which nothing jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +43,7 @@ impl Block {
     /// Time at `u` in [0, 1]; 0 and 1 are the limits from within: at an edge of a square wave rounding would decide.
     pub fn at(&self, u: f64) -> f64 {
         let t_us = self.start_us + u * (self.end_us - self.start_us);
-        t_us.max(self.start_us + BEFORE_US).min(self.end_us - BEFORE_US)
+        t_us.max(self.start_us + AFTER_US).min(self.end_us - BEFORE_US)
     }
 
     /// Length in microseconds.

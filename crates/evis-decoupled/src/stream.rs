@@ -114,14 +114,14 @@ impl Stream {
     /// # Errors
     /// A camera that loses its pose.
     pub fn next(&mut self, stop: &AtomicBool) -> Result<Option<Piece>, Error> {
-        loop {
+        while !stop.load(Ordering::Relaxed) {
             match self.pieces.recv_timeout(LOOK) {
                 Ok(piece) => return piece.map(Some),
-                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Ok(None),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return Err(Error::Thread(BROKEN.into())),
             }
         }
+        Ok(None)
     }
 }
 

@@ -116,8 +116,8 @@ fn edges_of_square_waves_are_jumps_wherever_rounding_puts_them() {
             assert!(before != after, "{frequency_hz} Hz: an event at {} us, between edges", event.t);
             count += 1;
         }
-        // ln 5 / 0.2 = 8.05 thresholds at each edge.
-        let edges = 0.2 * frequency_hz;
-        assert!((f64::from(count) / 8.0 / edges - 1.0).abs() < 0.1, "{frequency_hz} Hz: {count} events");
+        // ln 5 / 0.2 = 8.05 thresholds at each edge; light that is back at its first level may just reach the eighth or not.
+        let of_edge = f64::from(count) / (0.2 * frequency_hz);
+        assert!((6.7..8.4).contains(&of_edge), "{frequency_hz} Hz: {count} events");
     }
 }
