@@ -88,10 +88,14 @@ def test_ctrl_c_is_seen_at_the_door():
     assert "stopped" in interrupted(script)
 
 
+#: A shell lets its background jobs ignore Ctrl-C, and children inherit that.
+HEED_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+
+
 def interrupted(script: str, *, limit_s: float = 5.0) -> str:
     """Run ``script`` until it says ready, interrupt it, and return what it wrote."""
     process = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(script)],
+        [sys.executable, "-c", HEED_CTRL_C + textwrap.dedent(script)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

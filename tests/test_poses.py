@@ -193,7 +193,7 @@ def test_poses_that_cannot_be_used_are_refused_and_change_nothing(
 
 def test_what_needs_later_poses_is_refused(device: evis.Device):
     for more, message in [
-        ({"method": "evis-paper"}, "keyframes"),
+        ({"method": "evis-paper"}, "come later"),
         ({"frame_rate_hz": 30.0}, "exposures"),
         ({"pose_step_us": 333}, "multiple"),
         ({"poses": ["nobody"]}, "nobody"),

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_door import HEED_CTRL_C
 
 import evis
 
@@ -157,7 +158,9 @@ def test_ctrl_c_leaves_a_whole_file(tmp_path: Path) -> None:
     repeats = 40_000  # No machine is done with them before the signal comes.
     np.save(tmp_path / "in.npy", np.tile(codes(), (repeats, 1, 1)))
     script = "import evis\nevis.video('in.npy', 'out.h5', fps=1000, sensor='v2e-noisy')\n"
-    child = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path, stderr=subprocess.PIPE)
+    child = subprocess.Popen(
+        [sys.executable, "-c", HEED_CTRL_C + script], cwd=tmp_path, stderr=subprocess.PIPE
+    )
     while not (tmp_path / "out.h5").exists():
         assert child.poll() is None, "it ended too early"
         time.sleep(0.005)
