@@ -96,7 +96,13 @@ impl SamplingSettings {
         config.method = Method::Native;
         if self.decoupled || gpu.is_none() {
             match decoupled_limit(scene, &views) {
-                None => config.method = Method::Decoupled,
+                None => {
+                    config.method = Method::Decoupled;
+                    if gpu.is_none() && !self.decoupled {
+                        notes
+                            .push("decoupled sampling on the CPU, since there is no device to render".into());
+                    }
+                }
                 Some(limit) => notes.push(format!("sampled by rendering: decoupled sampling has no {limit}")),
             }
         }

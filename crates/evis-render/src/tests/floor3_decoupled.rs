@@ -159,8 +159,8 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     let (method, step_px, _) = apply(Some(&gpu), &desk, quality(Quality::Standard), base()).unwrap();
     assert!(method == Method::Native && step_px.is_some());
     // Without a device there is nothing else.
-    let (method, ..) = apply(None, &desk, quality(Quality::Standard), base()).unwrap();
-    assert_eq!(method, Method::Decoupled);
+    let (method, _, notes) = apply(None, &desk, quality(Quality::Standard), base()).unwrap();
+    assert!(method == Method::Decoupled && notes.contains("no device"), "{notes}");
     // Settings of instants ask for rendering.
     let by_hand = SamplingRequest { adaptive_px: Some(0.7), ..quality(Quality::High) };
     let (method, step_px, _) = apply(Some(&gpu), &desk, by_hand, base()).unwrap();
