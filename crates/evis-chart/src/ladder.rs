@@ -77,14 +77,11 @@ impl Setting {
 
     /// The same as `config` ran it, which rendered `drawn_hz` whole pictures per simulated second.
     pub fn settled(self, config: &RunConfig, drawn_hz: f64) -> Self {
-        if self.is_decoupled() {
-            return Self { rendered_hz: drawn_hz, ..self };
-        }
-        if self.quality.is_none() && self.adaptive_px.is_none() {
+        let decoupled = config.method == Method::Decoupled;
+        if !decoupled && self.quality.is_none() && self.adaptive_px.is_none() {
             return self;
         }
         let rate_hz = config.rate_hz;
-        let decoupled = config.method == Method::Decoupled;
         let rendered_hz = if decoupled { drawn_hz } else { drawn_hz.min(rate_hz) };
         Self {
             method: config.method.name().into(),

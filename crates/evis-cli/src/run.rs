@@ -746,6 +746,22 @@ impl Report {
         }
     }
 
+    /// `native, 4 samples, 1000 instants`, of a run that drew `drawn` pictures' pixels.
+    fn rendered_line(&self, run: &RunConfig, drawn: f64) -> String {
+        let shaded = if run.antialias == Antialias::Edges { ", 1 in 4 shaded" } else { "" };
+        let rays = if run.shadows == Some(Shadows::Rays) { ", shadows by rays" } else { "" };
+        let mut line = format!("{}, {} samples{shaded}{rays}, ", self.method, run.samples);
+        if let Some(px) = run.adaptive_px {
+            let hz = if self.stream_s > 0.0 { drawn / self.stream_s } else { 0.0 };
+            let curves = if run.takes_curves() { ", curves between them" } else { "" };
+            line += &format!(
+                "every {px} px at up to {} Hz{curves}, {hz:.0} pictures' pixels per second, ",
+                run.rate_hz
+            );
+        }
+        line + &format!("{} instants", text::grouped(self.instants))
+    }
+
     /// `native, 1000 instants`, `splat 30 Hz ×8, 31 keyframes, 241 instants, 17 pixels unknown`.
     fn method_line(&self) -> String {
         let instants = text::grouped(self.instants);
@@ -754,24 +770,10 @@ impl Report {
                 let run = &self.settings.run;
                 let drawn =
                     self.drawn_pixels as f64 / self.views.iter().map(ViewTally::pixels).sum::<f64>().max(1.0);
-                let shaded = if run.antialias == Antialias::Edges { ", 1 in 4 shaded" } else { "" };
-                let rays = if run.shadows == Some(Shadows::Rays) { ", shadows by rays" } else { "" };
-                let mut line = format!("{}, {} samples{shaded}{rays}, ", self.method, run.samples);
-                if run.method == Method::Decoupled {
-                    line = format!("{}, {drawn:.0} evaluations of a pixel on average, ", self.method);
-                }
-                if let Some(px) = run.adaptive_px {
-                    let hz = if self.stream_s > 0.0 { drawn / self.stream_s } else { 0.0 };
-                    let curves = if run.takes_curves() { ", curves between them" } else { "" };
-                    line += &format!(
-                        "every {px} px at up to {} Hz{curves}, {hz:.0} pictures' pixels per second, ",
-                        run.rate_hz
-                    );
-                }
-                line += &if run.method == Method::Decoupled {
-                    "each at its own times".to_owned()
+                let mut line = if run.method == Method::Decoupled {
+                    format!("{}, {drawn:.0} evaluations of a pixel, each at its own times", self.method)
                 } else {
-                    format!("{instants} instants")
+                    self.rendered_line(run, drawn)
                 };
                 if let Some(quality) = run.quality {
                     line +=

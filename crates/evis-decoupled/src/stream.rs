@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -17,6 +17,9 @@ use crate::{Error, unsupported};
 
 /// How often a reader that waits looks whether it should stop.
 const LOOK: Duration = Duration::from_millis(20);
+
+/// Pieces that are simulated ahead of a slow reader, beside the one in work.
+const AHEAD: usize = 2;
 
 /// One camera of one environment.
 #[derive(Clone, Debug)]
@@ -57,7 +60,9 @@ pub struct Piece {
 pub struct Stream {
     /// Stream times up to which events are wanted.
     wanted: Option<Sender<i64>>,
-    pieces: Receiver<Result<Piece, Error>>,
+    /// The latest of them.
+    horizon_us: i64,
+    pieces: Option<Receiver<Result<Piece, Error>>>,
     reference_luminance: f32,
     abort: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -78,7 +83,7 @@ impl Stream {
         }
         let settings = settings.clone();
         let (wanted, horizons) = channel();
-        let (send, pieces) = channel();
+        let (send, pieces) = sync_channel(AHEAD);
         let (ready, prepared) = channel();
         let abort = Arc::new(AtomicBool::new(false));
         let aborted = Arc::clone(&abort);
@@ -95,7 +100,14 @@ impl Stream {
             .spawn(work)
             .map_err(|e| Error::Thread(e.to_string()))?;
         let reference_luminance = prepared.recv().unwrap_or_else(|_| Err(Error::Thread(BROKEN.into())))?;
-        Ok(Self { wanted: Some(wanted), pieces, reference_luminance, abort, thread: Some(thread) })
+        Ok(Self {
+            wanted: Some(wanted),
+            horizon_us: 0,
+            pieces: Some(pieces),
+            reference_luminance,
+            abort,
+            thread: Some(thread),
+        })
     }
 
     /// The `Y_ref` in force.
@@ -103,10 +115,13 @@ impl Stream {
         self.reference_luminance
     }
 
-    /// Asks for everything before `until_us` of stream time. Nothing is simulated that nobody asked for.
-    pub fn want(&self, until_us: i64) {
-        // A thread that is gone has left an error.
-        let _ = self.wanted.as_ref().map(|wanted| wanted.send(until_us));
+    /// Requests everything before `until_us` of stream time; the thread simulates no block that begins later.
+    pub fn want(&mut self, until_us: i64) {
+        if until_us > self.horizon_us {
+            self.horizon_us = until_us;
+            // A thread that is gone has left an error.
+            let _ = self.wanted.as_ref().map(|wanted| wanted.send(until_us));
+        }
     }
 
     /// The next piece; waits for it. `None` where `stop` is set meanwhile: the piece comes with a later call.
@@ -114,8 +129,9 @@ impl Stream {
     /// # Errors
     /// A camera that loses its pose.
     pub fn next(&mut self, stop: &AtomicBool) -> Result<Option<Piece>, Error> {
+        let Some(pieces) = &self.pieces else { return Ok(None) };
         while !stop.load(Ordering::Relaxed) {
-            match self.pieces.recv_timeout(LOOK) {
+            match pieces.recv_timeout(LOOK) {
                 Ok(piece) => return piece.map(Some),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return Err(Error::Thread(BROKEN.into())),
@@ -131,6 +147,8 @@ impl Drop for Stream {
     fn drop(&mut self) {
         self.abort.store(true, Ordering::Relaxed);
         self.wanted = None;
+        // The thread must not wait for a reader that is gone.
+        self.pieces = None;
         if let Some(thread) = self.thread.take() {
             // A panic there was a broken invariant; it has printed itself.
             let _ = thread.join();
@@ -145,7 +163,7 @@ fn follow(
     settings: &StreamSettings,
     ready: &Sender<Result<f32, Error>>,
     horizons: &Receiver<i64>,
-    pieces: &Sender<Result<Piece, Error>>,
+    pieces: &SyncSender<Result<Piece, Error>>,
     abort: &AtomicBool,
 ) -> Result<(), Error> {
     let usual = Settings::default();

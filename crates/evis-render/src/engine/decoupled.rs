@@ -20,8 +20,10 @@ use crate::world::view::View;
 pub struct Decoupled {
     scene: Arc<Scene>,
     views: Vec<View>,
+    /// The same, as `evis-decoupled` has them.
+    seen: Vec<evis_decoupled::View>,
     stream: Stream,
-    /// Renders labels and frames, where any are asked for.
+    /// Renders labels and frames, where there are any.
     pictures: Option<Engine>,
     poses: CameraPoses,
     arrived: Vec<Arrived>,
@@ -35,7 +37,7 @@ pub struct Decoupled {
 }
 
 impl Decoupled {
-    /// Prepares `views`, and `gpu` where pictures are asked for.
+    /// Prepares `views`, and `gpu` where there are labels or frames.
     ///
     /// # Errors
     /// A scene or a sensor that this method cannot show, and pictures without a device.
@@ -55,12 +57,13 @@ impl Decoupled {
             start_us: config.start_us,
             reference_luminance: config.reference_luminance,
         };
-        let seen = views.iter().map(|view| {
+        let of = |view: &View| {
             let camera = scene.camera(&cameras[view.camera].name)?;
             let variant = (!scene.variants.is_empty()).then_some(view.environment);
             Ok(evis_decoupled::View { camera, variant, sensor: view.sensor.clone() })
-        });
-        let stream = Stream::new(Arc::clone(&scene), seen.collect::<Result<_, EngineError>>()?, &settings)?;
+        };
+        let seen: Vec<_> = views.iter().map(of).collect::<Result<_, EngineError>>()?;
+        let stream = Stream::new(Arc::clone(&scene), seen.clone(), &settings)?;
         config.reference_luminance = Some(stream.reference_luminance());
         let pictures = match gpu.filter(|_| pictured) {
             Some(gpu) => Some(gpu.guarded(|| Engine::new(gpu, Arc::clone(&scene), views.clone(), config))?),
@@ -76,6 +79,7 @@ impl Decoupled {
             caused: config.labels.contains(&LabelKind::Cause),
             scene,
             views,
+            seen,
             stream,
             pictures,
         })
@@ -93,12 +97,12 @@ impl Decoupled {
 
     /// See [`Engine::luminance`]; by this method.
     pub fn luminance(&self, view: usize, t_us: i64, config: &RunConfig) -> Result<Vec<f64>, EngineError> {
-        let Some(of) = self.views.get(view) else {
+        let Some(of) = self.seen.get(view) else {
             return Err(EngineError::Device(format!("there is no view {view}")));
         };
-        let camera = self.scene.cameras.iter().position(|camera| camera.node == of.node).unwrap_or(0);
-        let settings = evis_decoupled::Settings { camera, size: config.size, ..Default::default() };
-        let variant = self.scene.variants.get(of.environment);
+        let settings =
+            evis_decoupled::Settings { camera: of.camera, size: config.size, ..Default::default() };
+        let variant = of.variant.and_then(|index| self.scene.variants.get(index));
         let t_us = (config.start_us + t_us) as f64;
         Ok(evis_decoupled::luminance_of(&self.scene, variant, &settings, t_us)?)
     }
