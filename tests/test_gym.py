@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from test_readme import blocks, run_code
 
 import evis
 from evis.motion import Placement
@@ -195,18 +194,9 @@ def test_what_cannot_be_used_is_refused(device: evis.Device) -> None:
 
 @pytest.mark.parametrize("page", ["gym", "hosts"])
 def test_code_of_the_documents_runs(device: evis.Device, page: str, tmp_path: Path) -> None:
-    text = (ROOT / f"docs/{page}.md").read_text("utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-    assert blocks
-    for code in blocks:
-        (tmp_path / "snippet.py").write_text(code, "utf-8")
-        done = subprocess.run(
-            [sys.executable, "snippet.py"],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
+    codes = blocks(ROOT / f"docs/{page}.md", "python")
+    assert codes
+    for code in codes:
+        done = run_code(code, tmp_path)
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.splitlines()) >= 2

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_readme import blocks, run_code
 
 import evis
 from evis.representations import Dense
@@ -376,18 +377,9 @@ def test_representations_are_checked_when_they_are_named(
 
 
 def test_code_of_the_document_runs(device: evis.Device, tmp_path: Path) -> None:
-    text = (ROOT / "docs/torch.md").read_text("utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-    assert len(blocks) >= 3
-    for code in blocks:
-        (tmp_path / "snippet.py").write_text(code, "utf-8")
-        done = subprocess.run(
-            [sys.executable, "snippet.py"],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
+    codes = blocks(ROOT / "docs/torch.md", "python")
+    assert len(codes) >= 3
+    for code in codes:
+        done = run_code(code, tmp_path)
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.splitlines()) >= 2

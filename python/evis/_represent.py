@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from . import _check, _evis
 from ._evis import ConfigError
+from ._tensors import tensors_of_columns
 
 Polarity: TypeAlias = Literal["signed", "split"]
 """What becomes of polarities in a voxel grid: ON minus OFF, or a grid each."""
@@ -433,9 +434,7 @@ class Representable:
         ImportError
             If PyTorch is not installed.
         """
-        from .torch import event_tensors
-
-        return event_tensors(self._raw((None, None))[0])
+        return tensors_of_columns(self._raw((None, None))[0])
 
 
 def _time_or_none(what: str, value: int | None) -> int | None:

@@ -26,6 +26,7 @@ from ._evis import ConfigError
 from ._files import RecordedView, Recording, load
 from ._packets import Packet
 from ._simulator import Simulator
+from ._tensors import tensors_of_columns
 from .representations import Dense, dense
 
 __all__ = [
@@ -88,10 +89,7 @@ def event_tensors(events: npt.ArrayLike) -> dict[str, torch.Tensor]:
     ConfigError
         If ``events`` cannot be read as events.
     """
-    array = as_event_cd(events)
-    if not array.flags.writeable:
-        array = array.copy()
-    return {name: torch.from_numpy(array[name]) for name in "txyp"}
+    return tensors_of_columns(as_event_cd(events))
 
 
 class EventDataset(Dataset[Any]):
