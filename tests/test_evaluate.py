@@ -334,7 +334,7 @@ def test_grids_are_padded_and_pictures_cut(network: Callable[[str], Path]):
     assert (where[0].start, where[1].start) == (8, 4)
 
 
-def test_states_are_handed_on_and_begin_anew(network: Callable[[str], Path]):
+def test_states_are_handed_on_and_reset(network: Callable[[str], Path]):
     model = _networks.VoxelNetwork(network("integrator"), 10, 12)
     grid = np.ones((BINS, 10, 12), np.float32)
     first, second = model.run(grid)[0], model.run(grid)[0]

@@ -167,7 +167,7 @@ def test_dense_arrays_hold_the_events_of_the_gap_or_the_window() -> None:
     assert not gap.output["event_counts"][1].any()
 
 
-def test_chosen_environments_begin_anew() -> None:
+def test_chosen_environments_are_reset() -> None:
     own, still_going = pipeline(3), pipeline(3)
     for k in range(3):
         own.push(sliding(k, 3), 8000 * k)
@@ -273,7 +273,7 @@ def test_tensors_and_proxies_fire_as_arrays_do() -> None:
         first = plain.push(outputs, 8000 * k)
         as_tensors = {name: torch.from_numpy(array) for name, array in outputs.items()}
         as_tensors["rgb_radiance"].requires_grad_()
-        # Four channels, as annotators give light: the fourth is not looked at.
+        # Four channels, as annotators give light: the fourth is ignored.
         rgba = np.concatenate(
             [outputs["rgb_radiance"], np.full((2, HEIGHT, WIDTH, 1), 7, np.float32)], axis=-1
         )

@@ -1,4 +1,4 @@
-"""Environments begin anew one by one, with their pixel memory; the others do not change by a byte."""
+"""Single environments are reset with their pixel memory; the bytes of the others do not change."""
 
 from __future__ import annotations
 

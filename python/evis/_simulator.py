@@ -424,7 +424,7 @@ class Simulator:
         seed: int | Sequence[int] | None = None,
         poses: Mapping[str, ArrayLike] | None = None,
     ) -> None:
-        """Let environments begin anew at `now_us`, with their pixel memory; the time goes on.
+        """Reset environments and their pixel memory at `now_us`; the time goes on.
 
         What the pixels of these environments see at `now_us` becomes their reference, as at the start of a
         stream; filters rest at it, no pixel is refractory, and no event of theirs from before is still to

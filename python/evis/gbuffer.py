@@ -270,7 +270,7 @@ class EventPipeline:
             ``distance_to_image_plane`` or ``depth``, float32 (N, H, W, 1) or (N, H, W), metres, +inf where
             nothing is (leave it out in all keyframes where there is none); ``motion_vectors``, float32
             (N, H, W, 2): pixels from each place to where its surface was at the last keyframe, x right,
-            y down, after ``motion_scale``. Others are not looked at.
+            y down, after ``motion_scale``. Others are ignored.
         t_us : int
             Time in microseconds, above that of the last keyframe.
         motion_vectors : array_like, optional
@@ -350,7 +350,7 @@ class EventPipeline:
         self._recorder = recorder
 
     def reset(self, env_ids: Any = None) -> None:
-        """Let environments begin anew with their next keyframe, and end their episodes.
+        """Reset environments with their next keyframe, and end their episodes.
 
         Parameters
         ----------

@@ -202,7 +202,7 @@ def _classes() -> tuple[Any, Any]:
             super().update(dt, True)
 
         def reset(self, env_ids: Any = None, *args: Any, **kwargs: Any) -> None:
-            """Let environments begin anew: with the first picture that is rendered later."""
+            """Reset environments, with the first picture that is rendered later."""
             super().reset(env_ids, *args, **kwargs)
             mask = args[0] if args else kwargs.get("env_mask")
             if mask is not None:

@@ -17,7 +17,7 @@ use crate::path::PixelPath;
 use crate::pixel::{Evaluator, UNITS, Work};
 use crate::world::World;
 
-/// What is asked for.
+/// Settings of a run.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// Thresholds and `eps`.

@@ -1,4 +1,4 @@
-//! A stream's events are those of a run at once, whatever is asked for in which steps.
+//! A stream's events are those of one run, whatever its steps.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -86,7 +86,7 @@ fn environments_run_on_their_own_clocks() {
 fn a_reader_that_stops_misses_nothing_and_one_that_goes_ends_the_thread() {
     let settings = StreamSettings { size: SIZE, start_us: 0, reference_luminance: Some(0.5) };
     let mut stream = Stream::new(Arc::new(spinner()), vec![view(None, 0.2)], &settings).unwrap();
-    // Nothing is asked for: nothing comes, and waiting ends.
+    // Nothing was requested: nothing comes, and waiting ends.
     assert!(stream.next(&AtomicBool::new(true)).unwrap().is_none());
     stream.want(1);
     let piece = stream.next(&AtomicBool::new(false)).unwrap().unwrap();

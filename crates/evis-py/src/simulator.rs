@@ -276,7 +276,7 @@ impl Simulator {
         packet::convert(py, packet, &sizes(&self.cameras))
     }
 
-    /// Lets environments begin anew. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w).
+    /// Resets environments. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w).
     #[pyo3(signature = (environments, seeds, poses))]
     fn reset(
         &self,

@@ -1,4 +1,4 @@
-//! Environments that begin anew while the others go on.
+//! Resets of single environments; the others continue.
 
 use evis_core::ConfigError;
 use evis_core::random::Key;
@@ -15,7 +15,7 @@ use crate::world::view::View;
 use super::Engine;
 
 impl Engine {
-    /// Whether environments may begin anew at the stream's present.
+    /// Whether environments can be reset at the stream's present time.
     ///
     /// # Errors
     /// A method with keyframes, pixels that see frames, and a present that lies between two samples or behind one.
@@ -44,7 +44,7 @@ impl Engine {
         Ok(())
     }
 
-    /// Lets environments begin anew at the stream's present: their pixels take what they see there for their reference, and
+    /// Resets environments at the stream's present time: their pixels take the light of that time as their reference, and
     /// what they had, or had on their way, is gone. `seeds`: of what is random in them from now on, as they are drawn for a
     /// simulator of this seed; the old ones where it is empty. Nothing of other environments changes.
     ///
@@ -72,7 +72,7 @@ impl Engine {
         Ok(())
     }
 
-    /// Lets those views of `group` that `beginning` names begin anew; with other keys where they are `reseeded`.
+    /// Resets the views of `group` that `beginning` names; with other keys where they are `reseeded`.
     fn begin_views(&mut self, group: usize, beginning: Vec<bool>, reseeded: bool) -> Result<(), EngineError> {
         let views = self.groups[group].views.clone();
         for (view, _) in views.iter().zip(&beginning).filter(|(_, begins)| **begins) {
@@ -86,7 +86,7 @@ impl Engine {
             let (size, reference) = ([targets.width, targets.height], self.context.reference_luminance);
             if reseeded {
                 let fresh = GroupChain::new(&self.context.gpu, &passes.plan, size, &own, reference);
-                chain.begin_anew(fresh, &beginning);
+                chain.reset_views(fresh, &beginning);
             } else {
                 // What is frozen stays, and noise is a function of time.
                 chain.clear_wires(&own, &beginning);

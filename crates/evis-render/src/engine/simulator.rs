@@ -225,10 +225,10 @@ impl Simulator {
         Ok(packet)
     }
 
-    /// Lets environments begin anew at the stream's present, with their pixel memory: what their pixels see now is their
+    /// Resets environments and their pixel memory at the stream's present time: what their pixels see now is their
     /// reference, and no event of theirs from before is still to come. Events of other environments do not change by a byte.
     /// `seeds`: per environment, of what is random in it from now on, as in a simulator of that seed; empty to keep it.
-    /// `poses`: where a host's nodes jump to, without any event: environment, node, and a pose, whose time is not looked at.
+    /// `poses`: where a host's nodes jump to, without any event: environment, node, and a pose, whose time is ignored.
     ///
     /// # Errors
     /// Environments that do not exist or are named twice, poses that cannot be used, methods with keyframes, sensors with

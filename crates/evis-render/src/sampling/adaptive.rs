@@ -241,7 +241,7 @@ impl AdaptiveRoom {
         let frame_group =
             context.upload_frames_as(&views, &times, Upload { trail: true, ..Default::default() });
         let kept = self.kept.remove(&group.views[0]);
-        // Views that do not begin anew show again what they showed at this instant.
+        // Views that are not reset show again what they showed at this instant.
         let again = i64::from(!group.beginning.is_empty());
         let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first + again);
         let kept = kept.map(|(_, texture)| texture);

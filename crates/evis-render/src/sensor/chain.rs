@@ -383,7 +383,7 @@ impl GroupChain {
 
     /// Takes over noise, wires and what is frozen from `fresh`, which was made for the same views; those views that
     /// `beginning` does not name keep their noise and their wires.
-    pub fn begin_anew(&mut self, mut fresh: Self, beginning: &[bool]) {
+    pub fn reset_views(&mut self, mut fresh: Self, beginning: &[bool]) {
         for (view, _) in beginning.iter().enumerate().filter(|(_, begins)| !**begins) {
             if let (Some(new), Some(old)) = (fresh.noises.get_mut(view), self.noises.get_mut(view)) {
                 std::mem::swap(new, old);

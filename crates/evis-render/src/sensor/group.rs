@@ -95,7 +95,7 @@ pub struct Group {
     pub chain: Option<GroupChain>,
     /// For the prefix within blocks.
     pub block_params: wgpu::Buffer,
-    /// Of each view, whether it begins anew at the one instant of the submission in work; empty but for a reset.
+    /// Of each view, whether it is reset at the one instant of the submission in work; empty where none is.
     pub beginning: Vec<bool>,
     /// First instant that was not submitted yet.
     pub next: i64,
@@ -197,7 +197,7 @@ impl Group {
         unit.first == 0 || !self.beginning.is_empty()
     }
 
-    /// Records that the views that begin anew keep what the trigger has just written, and the others what they had.
+    /// Records that views that are reset keep what the trigger has just written, and the others what they had.
     pub fn keep_beginning(&self, encoder: &mut wgpu::CommandEncoder) {
         let (old, new) = (self.memory[self.parity].texture(), self.memory[1 - self.parity].texture());
         let views = self.views.len();

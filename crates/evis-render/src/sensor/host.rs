@@ -71,7 +71,7 @@ impl HostWalk {
         Ok(Self { emulators, settings, samples, free: Vec::new() })
     }
 
-    /// Lets the pixels of view `index` begin anew with the next light, with the randomness that `view` has.
+    /// Resets the pixels of view `index`: the next light is their reference, and their noise that of `view`.
     ///
     /// # Errors
     /// None that [`HostWalk::new`] does not have.
@@ -147,7 +147,7 @@ impl HostWalk {
                 .enumerate()
                 .filter_map(|(view, emulator)| {
                     let place = group.views.iter().position(|v| *v == view)?;
-                    // At a reset, those that do not begin anew have felt this instant.
+                    // At a reset, the other views have taken this instant already.
                     let feels = group.beginning.get(place) != Some(&false);
                     Some((view, place, emulator.as_mut().filter(|_| feels)?))
                 })
