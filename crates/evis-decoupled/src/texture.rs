@@ -11,14 +11,17 @@ use std::sync::OnceLock;
 
 use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3, DVec4, Vec4};
 
-/// Strips per texel, beyond one; of two lines each.
-const STRIPS: f64 = 1.0;
-/// Most strips of each part of a footprint.
-const MOST_STRIPS: f64 = 32.0;
-/// From the middle of a strip to either of the two points of Gauss, in its height.
-const GAUSS: f64 = 0.288_675_134_594_812_9;
+/// How often ends that lean are read, over what that is off by: the higher, the more accurate.
+const CUTS: f64 = 10.0;
+/// Part of its height by which a footprint's other side may lead down and count as level.
+const UPRIGHT: f64 = 0.01;
+/// Texels between cuts, where ends lean by more; and most cuts of a line.
+const SPACING: f64 = 1.2;
+const MOST_CUTS: f64 = 16.0;
+/// A footprint is no longer than this many texels; a smaller level is read in its place.
+const MOST_LINES: f64 = 128.0;
 /// A footprint of less than this many texels is a point.
 const POINT: f64 = 0.3;
 /// Places per texel along either axis, beyond one, where places are read.
@@ -45,9 +48,9 @@ struct Sums {
     period: i32,
     lines: i32,
     wrap: Wrap,
-    means: Vec<[f32; 4]>,
-    /// Per line: of the first k texels, and the first two once more.
-    sums: Vec<[f32; 4]>,
+    means: Vec<Vec4>,
+    /// Per line: of the first k texels, and the first three once more.
+    sums: Vec<Vec4>,
 }
 
 impl Sums {
@@ -62,55 +65,148 @@ impl Sums {
             let texel = |k: i32| {
                 let k = wrap_index(k, length, along) as i32;
                 let (x, y) = if across { (line, k) } else { (k, line) };
-                level.texels[(y * level.width + x) as usize].map(f64::from)
+                DVec4::from_array(level.texels[(y * level.width + x) as usize].map(f64::from))
             };
-            let mut mean = [0.0; 4];
-            for k in 0..period {
-                let t = texel(k);
-                (0..4).for_each(|c| mean[c] += t[c] / f64::from(period));
-            }
-            let mean = mean.map(|v| v as f32);
-            let mut sum = [0.0; 4];
+            let mean = (0..period).map(texel).sum::<DVec4>() / f64::from(period);
+            let mean = mean.as_vec4();
+            let mut sum = DVec4::ZERO;
             for k in 0..period + 3 {
                 if k == period {
                     // But for rounding this is 0.
-                    sum = [0.0; 4];
+                    sum = DVec4::ZERO;
                 }
-                out.sums.push(sum.map(|v| v as f32));
-                let t = texel(k);
-                (0..4).for_each(|c| sum[c] += t[c] - f64::from(mean[c]));
+                out.sums.push(sum.as_vec4());
+                sum += texel(k) - mean.as_dvec4();
             }
             out.means.push(mean);
         }
         out
     }
 
-    /// Adds `scale` times the integral over [`from`, `to`] along the line at `line`; both count from the first texel's middle.
+    /// Sums of a line, and its mean.
     #[inline(always)]
-    fn add(&self, line: f64, [from, to]: [f64; 2], scale: f32, out: &mut [f32; 4]) {
-        let first = floor(line);
-        let weight = (line - f64::from(first)) as f32;
-        let ends = [from, to].map(|x| {
-            let k = floor(x);
-            let w = (x - f64::from(k)) as f32;
-            // Of the integral of straight lines between texels: a quadratic B-spline of their sums.
-            let b = [0.5 * (1.0 - w) * (1.0 - w), 0.5 + w - w * w, 0.5 * w * w];
-            let k = if (0..self.period).contains(&k) { k } else { k.rem_euclid(self.period) };
-            (k as usize, b)
-        });
-        let length = (to - from) as f32;
-        for (offset, weight) in [(0, scale * (1.0 - weight)), (1, scale * weight)] {
-            let line = wrap_index(first.wrapping_add(offset), self.lines, self.wrap);
-            let row = &self.sums[line * (self.period as usize + 3)..][..self.period as usize + 3];
-            let mean = &self.means[line];
-            let [(i, a), (j, b)] = ends;
-            let (lower, upper) = (&row[i..i + 3], &row[j..j + 3]);
-            for c in 0..4 {
-                let low = a[0] * lower[0][c] + a[1] * lower[1][c] + a[2] * lower[2][c];
-                let high = b[0] * upper[0][c] + b[1] * upper[1][c] + b[2] * upper[2][c];
-                out[c] += weight * (high - low + length * mean[c]);
+    fn line(&self, line: i32) -> (&[Vec4], Vec4) {
+        let line = wrap_index(line, self.lines, self.wrap);
+        let length = self.period as usize + 3;
+        (&self.sums[line * length..][..length], self.means[line])
+    }
+
+    /// Integral of straight lines between texels from the first one's middle to `x`, which is not negative: a quadratic
+    /// B-spline of their sums.
+    #[inline(always)]
+    fn upto(&self, line: &[Vec4], x: f64) -> Vec4 {
+        let k = x as u32;
+        let w = (x - f64::from(k)) as f32;
+        let v = 1.0 - w;
+        let mut k = k as usize;
+        let period = self.period as usize;
+        if k >= period {
+            k -= period;
+            if k >= period {
+                k %= period;
             }
         }
+        let sums = &line[k..k + 3];
+        sums[0] * (0.5 * v * v) + sums[1] * (0.5 + w * v) + sums[2] * (0.5 * w * w)
+    }
+
+    /// The interpolant's integral over a trapezium, whose ends on a line are cut as often as `accuracy` says.
+    #[inline(always)]
+    fn over(&self, piece: &Trapezium, accuracy: f64) -> Vec4 {
+        let [from, to] = piece.y;
+        let mut sum = Vec4::ZERO;
+        for line in floor(from)..=floor(to).saturating_add(1) {
+            // A line counts up to the next ones on either side, as a tent.
+            let range = [from - f64::from(line), to - f64::from(line)].map(|z| z.clamp(-1.0, 1.0));
+            let tent = Tent::over(range);
+            let (sums, mean) = self.line(line);
+            // Where the ends are at the line's own height.
+            let above = f64::from(line) - from;
+            let [left, right] = [0, 1].map(|k| piece.start[k] + piece.slope[k] * above);
+            let wanted = accuracy * tent.weight * (range[1] - range[0]) * (range[1] - range[0]);
+            sum += self.end(sums, right, piece.slope[1], &range, &tent, wanted)
+                - self.end(sums, left, piece.slope[0], &range, &tent, wanted);
+            let length = (right - left) + (piece.slope[1] - piece.slope[0]) * tent.mean;
+            sum += mean * (length * tent.weight) as f32;
+        }
+        sum
+    }
+
+    /// [`Sums::upto`] an end at `at` + `slope` z, integrated under the part `range` of a tent. It is read at as many places as
+    /// the root of `wanted` times the slope squared says, up to one in each part of [`SPACING`] texels.
+    #[inline(always)]
+    fn end(&self, sums: &[Vec4], at: f64, slope: f64, range: &[f64; 2], tent: &Tent, wanted: f64) -> Vec4 {
+        let squared = slope * slope * wanted;
+        if squared <= 1.0 {
+            return self.upto(sums, at + slope * tent.mean) * tent.weight as f32;
+        }
+        let length = range[1] - range[0];
+        let count = squared.sqrt().min(1.0 + slope.abs() * length * (1.0 / SPACING)).min(MOST_CUTS).ceil();
+        if count <= 2.0 {
+            let (low, high) = (tent.mean - tent.deviation(), tent.mean + tent.deviation());
+            let both = self.upto(sums, at + slope * low) + self.upto(sums, at + slope * high);
+            return both * (0.5 * tent.weight) as f32;
+        }
+        let step = length / count;
+        let mut integral = Vec4::ZERO;
+        let mut below = Tent::upto(range[0]);
+        for k in 1..=count as u32 {
+            let above = Tent::upto(range[0] + f64::from(k) * step);
+            let weight = (above[0] - below[0]).max(1e-30);
+            let mean = (above[1] - below[1]) / weight;
+            integral += self.upto(sums, at + slope * mean) * weight as f32;
+            below = above;
+        }
+        integral
+    }
+}
+
+/// Part of a footprint between two heights, with straight ends.
+struct Trapezium {
+    y: [f64; 2],
+    /// Where its left and its right end begin, and how they go on.
+    start: [f64; 2],
+    slope: [f64; 2],
+}
+
+impl Trapezium {
+    /// From the ends at two heights.
+    fn between(y: [f64; 2], start: [f64; 2], stop: [f64; 2]) -> Self {
+        let inverse = 1.0 / (y[1] - y[0]);
+        Self { y, start, slope: [(stop[0] - start[0]) * inverse, (stop[1] - start[1]) * inverse] }
+    }
+}
+
+/// The tent 1 - |z| over a part of [-1, 1]: its integral, mean and mean square.
+struct Tent {
+    weight: f64,
+    mean: f64,
+    square: f64,
+}
+
+impl Tent {
+    /// Integrals of 1, z and z z under the tent, from 0.
+    #[inline(always)]
+    fn upto(z: f64) -> [f64; 3] {
+        let (a, s) = (z.abs(), z * z);
+        [z * (1.0 - 0.5 * a), s * (0.5 - a * (1.0 / 3.0)), z * s * (1.0 / 3.0 - 0.25 * a)]
+    }
+
+    #[inline(always)]
+    fn over([from, to]: [f64; 2]) -> Self {
+        if from == -1.0 && to == 1.0 {
+            return Self { weight: 1.0, mean: 0.0, square: 1.0 / 6.0 };
+        }
+        let (p, q) = (Self::upto(from), Self::upto(to));
+        let weight = (q[0] - p[0]).max(1e-30);
+        let inverse = 1.0 / weight;
+        Self { weight, mean: (q[1] - p[1]) * inverse, square: (q[2] - p[2]) * inverse }
+    }
+
+    /// Standard deviation of z.
+    #[inline(always)]
+    fn deviation(&self) -> f64 {
+        (self.square - self.mean * self.mean).max(0.0).sqrt()
     }
 }
 
@@ -166,7 +262,7 @@ impl Textures {
         // The shorter axis of the ellipse with the parallelogram's variance limits the blur that a level may add.
         let (xx, xy, yy) = (p[0] * p[0] + q[0] * q[0], p[0] * p[1] + q[0] * q[1], p[1] * p[1] + q[1] * q[1]);
         let shorter = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-        let level = if texture.nearest { 0 } else { level_of(shorter, chain.len()) };
+        let level = if texture.nearest { 0 } else { level_of(shorter, xx + yy, chain.len()) };
         let source = &chain[level];
         let scale = [
             f64::from(source.width) / f64::from(chain[0].width),
@@ -199,52 +295,54 @@ impl Textures {
         }
         let sums =
             self.sums[number][level][usize::from(across)].get_or_init(|| Sums::new(source, texture, across));
-        // x = s p + t q along lines, y = s p' + t q' from line to line, with s and t in [-1/2, 1/2].
-        let (mut p, mut q) = ([axes[0][x], axes[0][y]], [axes[1][x], axes[1][y]]);
-        if p[1].abs() > q[1].abs() {
+        // The sides p and q, halved, q the one that leads on farther from line to line, both downwards.
+        let half = |axis: [f64; 2]| {
+            let sign = 0.5_f64.copysign(axis[y]);
+            [axis[x] * sign, axis[y] * sign]
+        };
+        let (mut p, mut q) = (half(axes[0]), half(axes[1]));
+        if p[1] > q[1] {
             (p, q) = (q, p);
         }
-        // A footprint along a line still has a breadth.
-        let drop = if q[1].abs() < 1e-6 { 1e-6_f64.copysign(q[1]) } else { q[1] };
-        let half = [0.5 * drop.abs(), 0.5 * p[1].abs()];
-        let lean = q[0] / drop;
-        let along = p[0] - p[1] * lean;
-        // Its ends slant; between them it is as broad everywhere.
-        let (inner, outer) = (half[0] - half[1], half[0] + half[1]);
-        let mut sum = [0.0_f32; 4];
-        let mut breadth = 0.0;
-        for [from, to] in [[-outer, -inner], [-inner, inner], [inner, outer]] {
-            if to - from < 1e-6 {
-                continue;
-            }
-            let count = (STRIPS * (to - from) + 1.0).ceil().clamp(1.0, MOST_STRIPS);
-            let height = (to - from) / count;
-            for strip in 0..2 * count as usize {
-                // Two points of Gauss in each strip.
-                let side = if strip % 2 == 0 { -GAUSS } else { GAUSS };
-                let y_here = from + ((strip / 2) as f64 + 0.5 + side) * height;
-                // Where t = (y - s p') / q' is in its range.
-                let (mut low, mut high) = (-0.5, 0.5);
-                if half[1] > 1e-9 {
-                    let (a, b) = ((y_here - half[0]) / p[1], (y_here + half[0]) / p[1]);
-                    low = a.min(b).max(-0.5);
-                    high = a.max(b).min(0.5);
-                }
-                let (a, b) = (low * along, high * along);
-                let (left, right) = (a.min(b), a.max(b));
-                if high < low || right - left < 1e-9 {
-                    continue;
-                }
-                let start = middle[x] + y_here * lean;
-                sums.add(middle[y] + y_here, [start + left, start + right], height as f32, &mut sum);
-                breadth += height * (right - left);
-            }
+        // What is all but upright is upright.
+        if p[1] < UPRIGHT * q[1] {
+            p[1] = 0.0;
         }
-        if breadth < 1e-6 {
+        // A footprint along a line still has a breadth.
+        q[1] = q[1].max(1e-6);
+        let lean = q[0] / q[1];
+        let breadth = 2.0 * (p[0] - p[1] * lean);
+        let area = 2.0 * q[1] * breadth.abs();
+        if area.is_nan() || area < 1e-6 || p[1] + q[1] > MOST_LINES {
             return source.places(middle, axes, texture);
         }
-        let inverse = 1.0 / breadth as f32;
-        sum.map(|v| v * inverse)
+        // Whole periods away it is the same.
+        let period = f64::from(sums.period);
+        let reach = p[0].abs() + q[0].abs() + 1.0;
+        let centre = middle[x] - period * ((middle[x] - reach) / period).floor();
+        // Between its corners the ends are straight.
+        let top = centre - p[0] - q[0];
+        let turns = [top + 2.0 * p[1] * lean, centre + p[0] - q[0]];
+        let ends = [turns[0] + 2.0 * (q[1] - p[1]) * lean, turns[1] + 2.0 * (q[1] - p[1]) * lean];
+        let bottom = centre + p[0] + q[0];
+        let sorted = |e: [f64; 2]| if breadth < 0.0 { [e[1], e[0]] } else { e };
+        let (outer, inner) = (q[1] + p[1], q[1] - p[1]);
+        let at = [-outer, -inner, inner, outer].map(|v| middle[y] + v);
+        // What ends are off by adds up from line to line.
+        let accuracy = CUTS * (q[1] + p[1] + 1.0).sqrt() / area;
+        let mut sum = Vec4::ZERO;
+        for (k, [start, stop]) in
+            [[[top; 2], sorted(turns)], [sorted(turns), sorted(ends)], [sorted(ends), [bottom; 2]]]
+                .into_iter()
+                .enumerate()
+        {
+            if at[k + 1] - at[k] < 1e-7 {
+                continue;
+            }
+            let piece = Trapezium::between([at[k], at[k + 1]], start, stop);
+            sum += sums.over(&piece, accuracy);
+        }
+        (sum * (1.0 / area as f32)).to_array()
     }
 }
 
@@ -263,7 +361,7 @@ impl Textures {
     pub fn reader(&self, number: usize, shorter: f64) -> Option<Reader<'_>> {
         let texture = self.textures.get(number).filter(|t| !t.nearest)?;
         let chain = self.chains.get(texture.image).filter(|c| !c.is_empty())?;
-        let level = &chain[level_of(shorter, chain.len())];
+        let level = &chain[level_of(shorter, 0.0, chain.len())];
         let scale = [
             f64::from(level.width) / f64::from(chain[0].width),
             f64::from(level.height) / f64::from(chain[0].height),
@@ -404,15 +502,16 @@ impl Level {
     }
 }
 
-/// The smallest level whose blur is at most that of a footprint whose shorter axis squared is `shorter`.
+/// The smallest level whose blur is at most that of a footprint whose shorter axis squared is `shorter`, unless its
+/// longest, whose square is at most `longer`, would have too many texels there.
 #[inline(always)]
-fn level_of(shorter: f64, levels: usize) -> usize {
-    let texel = (shorter.max(0.0) * BLUR / 3.0 + 1.0).sqrt();
+fn level_of(shorter: f64, longer: f64, levels: usize) -> usize {
+    let texel = (shorter.max(0.0) * BLUR / 3.0 + 1.0).max(longer / (MOST_LINES * MOST_LINES));
     let mut level = 0;
-    let mut size = 2.0;
-    while size <= texel && level + 1 < levels {
+    let mut squared = 4.0;
+    while squared <= texel && level + 1 < levels {
         level += 1;
-        size *= 2.0;
+        squared *= 4.0;
     }
     level
 }
