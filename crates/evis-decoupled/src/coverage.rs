@@ -9,31 +9,29 @@ use crate::mask;
 /// Most corners of a region.
 const MAX_CORNERS: usize = 14;
 
+/// Corners of a convex polygon in the pixel, clockwise on the screen.
+pub type Corners = [[f64; 2]];
+
 /// A convex polygon in the pixel.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Polygon {
     corners: [[f64; 2]; MAX_CORNERS],
     count: usize,
 }
 
-impl Polygon {
-    /// The whole pixel.
-    pub const PIXEL: Self = {
-        let mut corners = [[0.0; 2]; MAX_CORNERS];
-        corners[0] = [-0.5, -0.5];
-        corners[1] = [0.5, -0.5];
-        corners[2] = [0.5, 0.5];
-        corners[3] = [-0.5, 0.5];
-        Self { corners, count: 4 }
-    };
+/// Corners of the whole pixel.
+pub const PIXEL: [[f64; 2]; 4] = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
 
-    /// Its corners, clockwise on the screen.
-    pub fn corners(&self) -> &[[f64; 2]] {
-        &self.corners[..self.count]
-    }
-
-    fn empty() -> Self {
+impl Default for Polygon {
+    fn default() -> Self {
         Self { corners: [[0.0; 2]; MAX_CORNERS], count: 0 }
+    }
+}
+
+impl Polygon {
+    /// Its corners.
+    pub fn corners(&self) -> &Corners {
+        &self.corners[..self.count]
     }
 
     #[inline(always)]
@@ -45,66 +43,175 @@ impl Polygon {
         }
     }
 
-    /// The parts where `line` is not negative and where it is.
+    /// The part of the pixel inside all of `lines`.
+    pub fn within<'l>(lines: impl IntoIterator<Item = &'l Line>) -> Self {
+        let mut polygon = Self::default();
+        PIXEL.into_iter().for_each(|p| polygon.push(p));
+        let mut outside = Self::default();
+        for line in lines {
+            let whole = polygon.clone();
+            cut(whole.corners(), line, &mut polygon, &mut outside);
+        }
+        polygon
+    }
+}
+
+/// Whether any corner lies inside `line`, where it is not negative, and whether any lies outside.
+#[inline(always)]
+fn sides(corners: &Corners, line: &Line) -> (bool, bool) {
+    let (mut inside, mut outside) = (false, false);
+    for corner in corners {
+        let is_in = line.at(*corner) >= 0.0;
+        inside |= is_in;
+        outside |= !is_in;
+    }
+    (inside, outside)
+}
+
+/// The parts of a polygon inside and outside of `line`.
+#[inline(always)]
+fn cut(corners: &Corners, line: &Line, inside: &mut Polygon, outside: &mut Polygon) {
+    (inside.count, outside.count) = (0, 0);
+    let Some(&last) = corners.last() else { return };
+    let (mut a, mut va) = (last, line.at(last));
+    for &b in corners {
+        let vb = line.at(b);
+        if (va >= 0.0) != (vb >= 0.0) {
+            let w = va / (va - vb);
+            let p = [a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1])];
+            inside.push(p);
+            outside.push(p);
+        }
+        if vb >= 0.0 {
+            inside.push(b);
+        } else {
+            outside.push(b);
+        }
+        (a, va) = (b, vb);
+    }
+}
+
+/// Area of a polygon.
+#[inline(always)]
+pub fn area(corners: &Corners) -> f64 {
+    let Some(&last) = corners.last() else { return 0.0 };
+    let (mut area, mut a) = (0.0, last);
+    for &b in corners {
+        area += a[0] * b[1] - b[0] * a[1];
+        a = b;
+    }
+    0.5 * area
+}
+
+/// Area and moments of a polygon.
+#[inline(always)]
+pub fn moments(corners: &Corners) -> Moments {
+    let mut m = Moments::default();
+    let Some(&last) = corners.last() else { return m };
+    let mut a = last;
+    for &b in corners {
+        let cross = a[0] * b[1] - b[0] * a[1];
+        m.area += 0.5 * cross;
+        m.first[0] += cross * (a[0] + b[0]) / 6.0;
+        m.first[1] += cross * (a[1] + b[1]) / 6.0;
+        m.second[0] += cross * (a[0] * a[0] + a[0] * b[0] + b[0] * b[0]) / 12.0;
+        m.second[1] += cross * (a[0] * b[1] + 2.0 * (a[0] * a[1] + b[0] * b[1]) + b[0] * a[1]) / 24.0;
+        m.second[2] += cross * (a[1] * a[1] + a[1] * b[1] + b[1] * b[1]) / 12.0;
+        a = b;
+    }
+    m
+}
+
+/// Polygons in one store of corners, each with the number of its owner.
+#[derive(Clone, Debug, Default)]
+pub struct Polygons {
+    corners: Vec<[f64; 2]>,
+    /// Owner, and where its corners end.
+    items: Vec<(u32, u32)>,
+}
+
+impl Polygons {
+    /// Removes all.
+    pub fn clear(&mut self) {
+        self.corners.clear();
+        self.items.clear();
+    }
+
+    /// Adds one, unless it has no area.
     #[inline(always)]
-    pub fn split(&self, line: &Line) -> (Self, Self) {
-        let (mut some_in, mut some_out) = (false, false);
-        for corner in self.corners() {
-            let inside = line.at(*corner) >= 0.0;
-            some_in |= inside;
-            some_out |= !inside;
-        }
-        match (some_in, some_out) {
-            (true, true) => self.cut(line),
-            (true, false) => (*self, Self::empty()),
-            _ => (Self::empty(), *self),
+    pub fn push(&mut self, owner: u32, corners: &Corners) {
+        if corners.len() >= 3 {
+            self.corners.extend_from_slice(corners);
+            self.items.push((owner, self.corners.len() as u32));
         }
     }
 
-    fn cut(&self, line: &Line) -> (Self, Self) {
-        let (mut inside, mut outside) = (Self::empty(), Self::empty());
-        let Some(&last) = self.corners().last() else { return (inside, outside) };
-        let (mut a, mut va) = (last, line.at(last));
-        for &b in self.corners() {
-            let vb = line.at(b);
-            if (va >= 0.0) != (vb >= 0.0) {
-                let w = va / (va - vb);
-                let p = [a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1])];
-                inside.push(p);
-                outside.push(p);
-            }
-            if vb >= 0.0 {
-                inside.push(b);
-            } else {
-                outside.push(b);
-            }
-            (a, va) = (b, vb);
-        }
-        (inside, outside)
-    }
-
-    /// Whether it has an area.
+    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.count < 3
+        self.items.is_empty()
     }
 
-    /// Area and moments.
+    /// Owners and corners.
+    pub fn iter(&self) -> impl Iterator<Item = (u32, &Corners)> {
+        let mut start = 0;
+        self.items.iter().map(move |&(owner, end)| {
+            let corners = &self.corners[start..end as usize];
+            start = end as usize;
+            (owner, corners)
+        })
+    }
+}
+
+/// Room for cutting one polygon after another.
+#[derive(Clone, Debug, Default)]
+pub struct Cutter {
+    inside: [Polygon; 2],
+    outside: Polygon,
+}
+
+impl Cutter {
+    /// What of a polygon lies inside all of `lines`; what does not goes to `rest`, in the name of `owner`. A polygon of which
+    /// nothing is inside goes there as it is.
     #[inline(always)]
-    pub fn moments(&self) -> Moments {
-        let mut m = Moments::default();
-        let Some(&last) = self.corners().last() else { return m };
-        let mut a = last;
-        for &b in self.corners() {
-            let cross = a[0] * b[1] - b[0] * a[1];
-            m.area += 0.5 * cross;
-            m.first[0] += cross * (a[0] + b[0]) / 6.0;
-            m.first[1] += cross * (a[1] + b[1]) / 6.0;
-            m.second[0] += cross * (a[0] * a[0] + a[0] * b[0] + b[0] * b[0]) / 12.0;
-            m.second[1] += cross * (a[0] * b[1] + 2.0 * (a[0] * a[1] + b[0] * b[1]) + b[0] * a[1]) / 24.0;
-            m.second[2] += cross * (a[1] * a[1] + a[1] * b[1] + b[1] * b[1]) / 12.0;
-            a = b;
+    pub fn cut<'s>(
+        &'s mut self,
+        corners: &'s Corners,
+        lines: &[Line],
+        (owner, rest): (u32, &mut Polygons),
+    ) -> &'s Corners {
+        let mut crossing = false;
+        for line in lines {
+            let (inside, outside) = sides(corners, line);
+            if !inside {
+                rest.push(owner, corners);
+                return &[];
+            }
+            crossing |= outside;
         }
-        m
+        if !crossing {
+            return corners;
+        }
+        let [current, next] = &mut self.inside;
+        let (mut current, mut next) = (current, next);
+        let mut whole = true;
+        for line in lines {
+            let from = if whole { corners } else { current.corners() };
+            match sides(from, line) {
+                (true, true) => {
+                    cut(from, line, next, &mut self.outside);
+                    rest.push(owner, self.outside.corners());
+                    std::mem::swap(&mut current, &mut next);
+                    whole = false;
+                }
+                (true, false) => {}
+                // Nothing of it is inside.
+                _ => {
+                    rest.push(owner, from);
+                    return &[];
+                }
+            }
+        }
+        if current.count < 3 { &[] } else { current.corners() }
     }
 }
 
@@ -156,27 +263,21 @@ impl Moments {
     }
 }
 
-/// What of a pixel one fragment covers, or the background where `fragment` is `None`.
-#[derive(Clone, Copy, Debug)]
-pub struct Region {
-    /// Index into the fragments.
-    pub fragment: Option<usize>,
-    /// Where.
-    pub polygon: Polygon,
-}
-
 /// Fragments above which masks first decide which are seen.
 pub const FEW: usize = 24;
+/// Owner of what no fragment covers.
+pub const NOBODY: u32 = u32::MAX;
 
 /// Room for the work on one pixel, kept between pixels.
 #[derive(Default)]
 pub struct Regions {
-    /// Regions; they tile the pixel.
-    pub regions: Vec<Region>,
+    /// Convex regions, which tile the pixel; their owners are the fragments' numbers, or [`NOBODY`].
+    pub regions: Polygons,
     order: Vec<usize>,
-    before: Vec<Region>,
-    uncovered: Vec<Polygon>,
-    rest: Vec<Polygon>,
+    before: Polygons,
+    uncovered: Polygons,
+    rest: Polygons,
+    cutter: Cutter,
 }
 
 impl Regions {
@@ -195,63 +296,42 @@ impl Regions {
         });
         self.regions.clear();
         self.uncovered.clear();
-        self.uncovered.push(Polygon::PIXEL);
+        self.uncovered.push(NOBODY, &PIXEL);
         for k in 0..self.order.len() {
             self.insert(fragments, self.order[k], k);
         }
-        for polygon in self.uncovered.drain(..) {
-            self.regions.push(Region { fragment: None, polygon });
+        for (_, polygon) in self.uncovered.iter() {
+            self.regions.push(NOBODY, polygon);
         }
     }
 
     fn insert(&mut self, fragments: &[Fragment], index: usize, earlier: usize) {
         let fragment = &fragments[index];
+        let own = index as u32;
         // What is already covered, but perhaps by something behind this.
         let behind = |other: &usize| fragment.before(&fragments[*other]).1 >= 0;
         if self.order[..earlier].iter().any(behind) {
-            self.before.clear();
-            self.before.append(&mut self.regions);
-            for k in 0..self.before.len() {
-                let region = self.before[k];
-                let Some(owner) = region.fragment else { continue };
-                let (line, side) = fragment.before(&fragments[owner]);
+            std::mem::swap(&mut self.before, &mut self.regions);
+            self.regions.clear();
+            let mut lines = [Line::default(); 6];
+            let count = fragment.crossing().len();
+            lines[..count].copy_from_slice(fragment.crossing());
+            for (owner, polygon) in self.before.iter() {
+                let (line, side) = fragment.before(&fragments[owner as usize]);
                 if side < 0 {
-                    self.regions.push(region);
+                    self.regions.push(owner, polygon);
                     continue;
                 }
-                let mut inside = region.polygon;
-                for edge in fragment.crossing() {
-                    let (kept, cut) = inside.split(edge);
-                    if !cut.is_empty() {
-                        self.regions.push(Region { polygon: cut, ..region });
-                    }
-                    inside = kept;
-                }
-                if side == 0 {
-                    let (kept, cut) = inside.split(&line);
-                    if !cut.is_empty() {
-                        self.regions.push(Region { polygon: cut, ..region });
-                    }
-                    inside = kept;
-                }
-                if !inside.is_empty() {
-                    self.regions.push(Region { fragment: Some(index), polygon: inside });
-                }
+                lines[count] = line;
+                let lines = &lines[..count + usize::from(side == 0)];
+                let inside = self.cutter.cut(polygon, lines, (owner, &mut self.regions));
+                self.regions.push(own, inside);
             }
         }
         self.rest.clear();
-        for k in 0..self.uncovered.len() {
-            let mut inside = self.uncovered[k];
-            for edge in fragment.crossing() {
-                let (kept, cut) = inside.split(edge);
-                if !cut.is_empty() {
-                    self.rest.push(cut);
-                }
-                inside = kept;
-            }
-            if !inside.is_empty() {
-                self.regions.push(Region { fragment: Some(index), polygon: inside });
-            }
+        for (owner, polygon) in self.uncovered.iter() {
+            let inside = self.cutter.cut(polygon, fragment.crossing(), (owner, &mut self.rest));
+            self.regions.push(own, inside);
         }
         std::mem::swap(&mut self.uncovered, &mut self.rest);
     }

@@ -17,7 +17,7 @@ use glam::{DMat3, DMat4, DVec2, DVec3};
 
 use crate::Error;
 use crate::blocks::{Block, Clock};
-use crate::coverage::{Moments, Polygon, Region};
+use crate::coverage::{Moments, Polygon, Polygons};
 use crate::fragment::{Line, Sight};
 use crate::keyframe::{Footprint, Keyframe};
 use crate::lists::{Entry, Record, TILE};
@@ -725,11 +725,7 @@ impl<'a> Lighting<'a> {
         for sight in self.receivers(record, tile.centre).into_iter().flatten() {
             let Some(fragment) = sight.at(index, [0.0; 2], false) else { continue };
             front = sight.front;
-            let mut polygon = Polygon::PIXEL;
-            for edge in fragment.crossing() {
-                polygon = polygon.split(edge).0;
-            }
-            for corner in polygon.corners() {
+            for corner in Polygon::within(fragment.crossing()).corners() {
                 let place = sight.place(*corner);
                 for k in 0..2 {
                     let p = place[k].clamp(0.0, 1.0);
@@ -1119,7 +1115,7 @@ pub struct Part<'a> {
     /// How much is seen.
     pub moments: &'a Moments,
     /// Where it is seen, and its number there; all of the pixel where this is `None`.
-    pub regions: Option<(&'a [Region], usize)>,
+    pub regions: Option<(&'a Polygons, u32)>,
     /// Number of the pixel in its tile.
     pub pixel: usize,
     /// Its centre from the tile's.
@@ -1181,6 +1177,7 @@ fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coverage::area;
     use crate::lists::Lists;
 
     #[test]
@@ -1216,16 +1213,18 @@ mod tests {
                 let kept: Vec<u32> = near.map(|o| o.1).collect();
                 let dark = shade.dark >> pixel & 1 == 1;
                 // Only the facet's own part: beyond it its plane may run through anything.
-                let polygon = fragment.crossing().iter().fold(Polygon::PIXEL, |p, e| p.split(e).0);
-                if polygon.moments().area < 0.05 {
+                let polygon = Polygon::within(fragment.crossing());
+                if area(polygon.corners()) < 0.05 {
                     continue;
                 }
                 let lines =
                     |id: &u32| lighting.occluder(*id).lines(lamp, &sight.inverse_depth, tile.centre, u);
                 let darkens = |id: &u32| {
-                    let cut = |s: crate::shadow::Shadow| s.lines().iter().fold(polygon, |p, l| p.split(l).0);
-                    crate::shadow::Shadow::at(&lines(id), offset)
-                        .is_some_and(|s| cut(s).moments().area > 1e-4)
+                    let shadow = crate::shadow::Shadow::at(&lines(id), offset);
+                    shadow.is_some_and(|s| {
+                        let lines = fragment.crossing().iter().chain(s.lines());
+                        area(Polygon::within(lines).corners()) > 1e-4
+                    })
                 };
                 let others = || (0..world.facets.len() as u32).filter(|id| *id != record.facet);
                 let missing: Vec<u32> = others()
@@ -1235,7 +1234,8 @@ mod tests {
                 assert!(missing.is_empty(), "facet {} at {offset:?} lacks {missing:?}", record.facet);
                 // Both sides of solids darken what the near ones do.
                 let part = |some: Vec<u32>| {
-                    let regions = [Region { fragment: Some(0), polygon }];
+                    let mut regions = Polygons::default();
+                    regions.push(0, polygon.corners());
                     let some: Vec<[Line; 5]> = some.iter().map(lines).collect();
                     Lit::default().part(Some((&regions, 0)), some.iter(), offset)
                 };

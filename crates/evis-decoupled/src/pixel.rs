@@ -6,7 +6,7 @@
 use std::time::Instant as Timer;
 
 use crate::blocks::Block;
-use crate::coverage::{Moments, Regions};
+use crate::coverage::{self, Moments, Regions};
 use crate::fragment::{Fragment, Sight};
 use crate::light::{Instant, Lighting, Part, TileLight};
 use crate::lists::{Entry, Lists, TILE};
@@ -251,9 +251,9 @@ impl Evaluator<'_> {
             work.regions.cut(&work.fragments);
             work.areas.clear();
             work.areas.resize(work.fragments.len() + 1, Moments::default());
-            for region in &work.regions.regions {
-                let owner = region.fragment.unwrap_or(work.fragments.len());
-                work.areas[owner].add(&region.polygon.moments());
+            for (owner, polygon) in work.regions.regions.iter() {
+                let owner = (owner as usize).min(work.fragments.len());
+                work.areas[owner].add(&coverage::moments(polygon));
             }
         }
         let covered = timer.map(|t| (t.elapsed().as_secs_f64(), Timer::now()));
@@ -264,7 +264,7 @@ impl Evaluator<'_> {
             if moments.area > 1e-9
                 && let Known::Seen(sight) = &work.sights[first + slot]
             {
-                let regions = (!whole).then_some((&work.regions.regions[..], k));
+                let regions = (!whole).then_some((&work.regions.regions, k as u32));
                 let pixel = work.pixel;
                 let index = fragment.record;
                 let record = &self.lists.records[index as usize];

@@ -7,7 +7,7 @@
 
 use glam::DVec3;
 
-use crate::coverage::{Polygon, Region};
+use crate::coverage::{Corners, Cutter, PIXEL, Polygons, area};
 use crate::fragment::Line;
 use crate::lists::{TILE, powers};
 use crate::mask;
@@ -120,34 +120,26 @@ impl Occluder {
             };
             lines[k] = found;
         }
-        // Most miss the tile as a whole.
+        // Most miss the tile as a whole, and most edges of the others do not cross it.
         let over_time: [[Line; 3]; 5] = std::array::from_fn(|i| [lines[0][i], lines[1][i], lines[2][i]]);
-        for at in over_time {
+        let mut crossing = [false; 5];
+        for (at, crossing) in over_time.iter().zip(&mut crossing) {
             let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN / tile);
-            let v = at.map(|l| l.c);
+            let [a, b, c] = [at[0].c, at[1].c, at[2].c];
             // The bend of a line's value anywhere in the tile.
             let bend = |k: [f64; 3]| (k[0] - 2.0 * k[1] + k[2]).abs();
-            let bend = bend(v) + 0.5 * (bend(at.map(|l| l.a)) + bend(at.map(|l| l.b)));
-            if v[0].max(v[1]).max(v[2]) + reach + bend < 0.0 {
+            let slack = reach
+                + bend([a, b, c])
+                + 0.5 * (bend([at[0].a, at[1].a, at[2].a]) + bend([at[0].b, at[1].b, at[2].b]));
+            if a.max(b).max(c) + slack < 0.0 {
                 return nowhere;
             }
+            *crossing = a.min(b).min(c) < slack && at.iter().any(|l| *l != Line::default());
         }
         let (mut touches, mut darkens) = (u64::MAX, u64::MAX);
         let mut motion_px = 0.0_f64;
-        for at in over_time {
-            if at.iter().all(|l| *l == Line::default()) {
-                continue;
-            }
-            let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN) / tile;
-            let (mut some, mut whole) = (0_u64, 0_u64);
-            for pixel in 0..TILE * TILE {
-                let place = [pixel % TILE, pixel / TILE].map(|v| (v as f64 + 0.5) / tile - 0.5);
-                let v = at.map(|l| l.at(place));
-                let slack = reach + (v[0] - 2.0 * v[1] + v[2]).abs();
-                let (low, high) = (v[0].min(v[1]).min(v[2]), v[0].max(v[1]).max(v[2]));
-                some |= u64::from(high >= -slack) << pixel;
-                whole |= u64::from(low >= slack) << pixel;
-            }
+        for (at, _) in over_time.iter().zip(crossing).filter(|(_, crossing)| *crossing) {
+            let (some, whole) = pixels_of_line(at);
             touches &= some;
             darkens &= whole;
             if touches == 0 {
@@ -162,6 +154,34 @@ impl Occluder {
         }
         Reach { touches, darkens, motion_px }
     }
+}
+
+/// Pixels of a tile that may lie inside a line at some of three times, and those that lie inside it at all of them; in
+/// units of the tile's side.
+fn pixels_of_line(at: &[Line; 3]) -> (u64, u64) {
+    let tile = TILE as f64;
+    let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN) / tile;
+    // What rounding to 32 bits may add.
+    let reach = (reach * 1.0001) as f32;
+    let [p, q, r] = at.map(|l| [l.a / tile, l.b / tile, l.c].map(|v| v as f32));
+    let (mut most, mut least) = ([0.0_f32; TILE * TILE], [0.0_f32; TILE * TILE]);
+    for y in 0..TILE {
+        let down = y as f32 + 0.5 - 0.5 * TILE as f32;
+        let start = [p, q, r].map(|l| l[2] + l[1] * down);
+        for x in 0..TILE {
+            let across = x as f32 + 0.5 - 0.5 * TILE as f32;
+            let a = start[0] + p[0] * across;
+            let b = start[1] + q[0] * across;
+            let c = start[2] + r[0] * across;
+            let slack = reach + (a - 2.0 * b + c).abs();
+            most[y * TILE + x] = a.max(b).max(c) + slack;
+            least[y * TILE + x] = a.min(b).min(c) - slack;
+        }
+    }
+    let bits = |values: &[f32; TILE * TILE]| {
+        values.iter().enumerate().fold(0_u64, |m, (k, v)| m | u64::from(*v >= 0.0) << k)
+    };
+    (bits(&most), bits(&least))
 }
 
 /// Where in a tile a shadow may come.
@@ -285,8 +305,9 @@ impl ScreenLamp {
 #[derive(Default)]
 pub struct Lit {
     shadows: Vec<Shadow>,
-    lit: Vec<Polygon>,
-    rest: Vec<Polygon>,
+    lit: Polygons,
+    rest: Polygons,
+    cutter: Cutter,
 }
 
 impl Lit {
@@ -294,7 +315,7 @@ impl Lit {
     /// reaches; `shadows` are their half planes.
     pub fn part<'o>(
         &mut self,
-        regions: Option<(&[Region], usize)>,
+        regions: Option<(&Polygons, u32)>,
         shadows: impl Iterator<Item = &'o [Line; 5]>,
         offset: [f64; 2],
     ) -> f64 {
@@ -314,36 +335,38 @@ impl Lit {
             return self.counted(regions);
         }
         self.lit.clear();
-        match regions {
-            None => self.lit.push(Polygon::PIXEL),
-            Some((regions, own)) => {
-                self.lit.extend(regions.iter().filter(|r| r.fragment == Some(own)).map(|r| r.polygon));
+        let whole = match regions {
+            None => {
+                self.lit.push(0, &PIXEL);
+                1.0
             }
-        }
-        let area = |polygons: &[Polygon]| polygons.iter().map(|p| p.moments().area).sum::<f64>();
-        let whole = area(&self.lit);
+            Some((regions, own)) => {
+                for (_, polygon) in regions.iter().filter(|r| r.0 == own) {
+                    self.lit.push(0, polygon);
+                }
+                self.lit.iter().map(|p| area(p.1)).sum::<f64>()
+            }
+        };
         for shadow in &self.shadows {
             self.rest.clear();
-            for polygon in &self.lit {
-                let mut inside = *polygon;
-                for line in shadow.lines() {
-                    let (kept, cut) = inside.split(line);
-                    if !cut.is_empty() {
-                        self.rest.push(cut);
-                    }
-                    inside = kept;
-                }
+            for (_, polygon) in self.lit.iter() {
+                // What is inside all of them is dark.
+                self.cutter.cut(polygon, shadow.lines(), (0, &mut self.rest));
             }
             std::mem::swap(&mut self.lit, &mut self.rest);
+            if self.lit.is_empty() {
+                return 0.0;
+            }
         }
-        (area(&self.lit) / whole.max(1e-12)).clamp(0.0, 1.0)
+        let lit: f64 = self.lit.iter().map(|p| area(p.1)).sum();
+        (lit / whole.max(1e-12)).clamp(0.0, 1.0)
     }
 
     /// The same by samples.
-    fn counted(&self, regions: Option<(&[Region], usize)>) -> f64 {
+    fn counted(&self, regions: Option<(&Polygons, u32)>) -> f64 {
         let own = regions.map_or(u64::MAX, |(regions, own)| {
-            let of = |r: &Region| mask::of_polygon(r.polygon.corners());
-            regions.iter().filter(|r| r.fragment == Some(own)).fold(0, |m, r| m | of(r))
+            let of = |corners: &Corners| mask::of_polygon(corners);
+            regions.iter().filter(|r| r.0 == own).fold(0, |m, r| m | of(r.1))
         });
         let dark = |shadow: &Shadow| shadow.lines().iter().fold(u64::MAX, |m, line| m & mask::of_line(line));
         let lit = self.shadows.iter().fold(own, |m, shadow| m & !dark(shadow));
