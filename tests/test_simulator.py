@@ -298,12 +298,27 @@ def test_ctrl_c_ends_a_long_step_and_loses_nothing(device: evis.Device):
 def test_a_preset_and_its_settings_by_hand_or_by_file_fire_the_same(device: evis.Device, tmp_path: Path):
     scene = evis.Scene.builtin("spinner")
     standard = evis.Simulator(scene, size=(48, 36))
-    assert (standard.method, standard.quality, standard.notes) == ("native", "standard", ())
-    packet = standard.step(40_000)
-    assert packet.report.drawn_pixels > 0
-    assert len(packet.view.events) > 50
+    method = "decoupled" if device.kind == "cpu" else "native"
+    assert (standard.method, standard.quality, standard.notes) == (method, "standard", ())
+    usual = standard.step(40_000)
+    assert usual.report.drawn_pixels > 0
+    assert len(usual.view.events) > 50
     held = tomllib.loads(standard.config_toml)["run"]
     assert held["quality"] == "standard"
+    if method == "decoupled":
+        by_hand = evis.Simulator(scene, size=(48, 36), method=method, adaptive_px=held["adaptive_px"])
+        assert by_hand.quality is None
+        assert np.array_equal(by_hand.step(40_000).view.events, usual.view.events)
+        settings = tmp_path / "decoupled.toml"
+        settings.write_text(standard.config_toml)
+        again = evis.Simulator(scene, settings=settings)
+        assert np.array_equal(again.step(40_000).view.events, usual.view.events)
+        with pytest.raises(evis.ConfigError, match=r"samples is '?36.*decoupled"):
+            evis.Simulator(scene, settings=settings, samples=36)
+    draft = evis.Simulator(scene, size=(48, 36), quality="draft")
+    packet = draft.step(40_000)
+    assert not np.array_equal(packet.view.events, usual.view.events)
+    held = tomllib.loads(draft.config_toml)["run"]
     by_hand = evis.Simulator(
         scene,
         size=(48, 36),
@@ -318,14 +333,12 @@ def test_a_preset_and_its_settings_by_hand_or_by_file_fire_the_same(device: evis
     assert np.array_equal(by_hand.step(40_000).view.events, packet.view.events)
     # What a recording stores runs again; arguments stand over it.
     settings = tmp_path / "settings.toml"
-    settings.write_text(standard.config_toml)
+    settings.write_text(draft.config_toml)
     again = evis.Simulator(scene, settings=settings)
-    assert again.config_toml == standard.config_toml
+    assert again.config_toml == draft.config_toml
     assert np.array_equal(again.step(40_000).view.events, packet.view.events)
     other = evis.Simulator(scene, settings=settings, samples=36, seed=3)
     assert (tomllib.loads(other.config_toml)["run"]["samples"], other.seed) == (36, 3)
-    draft = evis.Simulator(scene, size=(48, 36), quality="draft")
-    assert not np.array_equal(draft.step(40_000).view.events, packet.view.events)
 
 
 def test_sampling_that_contradicts_itself_is_refused(device: evis.Device, tmp_path: Path):

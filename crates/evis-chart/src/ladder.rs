@@ -138,7 +138,8 @@ impl Setting {
             return quality.name().into();
         }
         if self.is_decoupled() {
-            return self.method.clone();
+            let step = self.adaptive_px.map_or_else(String::new, |px| format!(" {} px", number(px)));
+            return format!("{}{step}", self.method);
         }
         let mut label = String::new();
         if let Some(px) = self.adaptive_px {

@@ -776,8 +776,11 @@ impl Report {
                     self.rendered_line(run, drawn)
                 };
                 if let Some(quality) = run.quality {
-                    line +=
-                        &format!("\n                   quality {}: {}", quality.name(), quality.measured());
+                    line += &format!(
+                        "\n                   quality {}: {}",
+                        quality.name(),
+                        quality.measured(&run.method)
+                    );
                 }
                 line
             }

@@ -66,17 +66,26 @@ fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes()
     let settings = &standard["settings"]["run"];
     assert_eq!(settings["quality"], "standard");
     assert!(standard["drawn_pixels"].as_u64().unwrap() > 0 && standard["events"].as_u64().unwrap() > 100);
+    if settings["method"] == "decoupled" {
+        let by_hand = run("own", &format!("--method decoupled --adaptive {}", settings["adaptive_px"]));
+        assert!(by_hand["settings"]["run"]["quality"].is_null());
+        assert_eq!(counts(&by_hand), counts(&standard));
+        let finer = run("half", "--method decoupled --adaptive 0.3");
+        assert_ne!(finer["drawn_pixels"], standard["drawn_pixels"], "canary");
+    }
+    let draft = run("draft", "--quality draft --threshold-on 0.3 --seed 5");
+    let settings = &draft["settings"]["run"];
     let (rate, step, taps) = (&settings["rate_hz"], &settings["adaptive_px"], &settings["texture_taps"]);
     let by_hand = run(
         "hand",
         &format!(
-            "--rate {rate} --adaptive {step} --between curve --aa edges --samples {} --texture-taps {taps}",
+            "--rate {rate} --adaptive {step} --between curve --aa edges --samples {} --texture-taps {taps} \
+             --threshold-on 0.3 --seed 5",
             settings["samples"]
         ),
     );
     assert!(by_hand["settings"]["run"]["quality"].is_null());
-    assert_eq!(counts(&by_hand), counts(&standard));
-    let draft = run("draft", "--quality draft --threshold-on 0.3 --seed 5");
+    assert_eq!(counts(&by_hand), counts(&draft));
     assert_ne!(counts(&draft), counts(&standard), "canary");
     // Flags stand over a recording's settings.
     let again = run("again", "--settings draft.h5");

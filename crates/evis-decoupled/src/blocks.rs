@@ -28,6 +28,9 @@ const BEFORE_US: f64 = 1e-3;
 /// How long after a border its right-hand limit is taken: beyond rounding, and too short for anything to move.
 const AFTER_US: f64 = 1e-5;
 
+/// A stream's first block ends at a multiple of this, in microseconds.
+const FIRST_US: f64 = 4096.0;
+
 /// A half-open interval of scene time within which nothing jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Block {
@@ -93,11 +96,18 @@ pub struct Blocks<'w, 'a> {
 
 impl<'w, 'a> Blocks<'w, 'a> {
     /// From `start_us` on; borders are multiples of `most_us`, or of a shorter length where motion is fast
-    /// ([`World::block_us`]), and what [`breaks`] finds.
+    /// ([`World::block_us`]), what [`breaks`] finds, and the first multiple of [`FIRST_US`].
     pub fn new(world: &'w World<'a>, start_us: i64, most_us: i64) -> Self {
         let length_us = world.block_us(most_us);
         let mut made = Self { world, length_us, found: VecDeque::new() };
         made.find(start_us as f64);
+        // What comes first is waited for: it takes a block of its own.
+        let whole = made.found[0];
+        let border = ((whole.start_us / FIRST_US).floor() + 1.0) * FIRST_US;
+        if border + FIRST_US < whole.end_us {
+            made.found[0] = Block { start_us: border, jump: false, ..whole };
+            made.found.push_front(Block { end_us: border, ..whole });
+        }
         made
     }
 

@@ -9,8 +9,8 @@ use crate::blocks::Block;
 use crate::events::{Piece, Reference, Thresholds};
 use crate::pixel::{Pace, UNITS};
 
-/// Length of an interval, in pixels of motion.
-const STEP_PX: f64 = 1.0;
+/// Length of an interval where nobody says, in pixels of motion.
+pub const STEP_PX: f64 = 1.0;
 /// Intervals are halved down to this many pixels of motion.
 const LEAST_PX: f64 = 0.05;
 /// Parts of a sine's period that an interval may be long at most, and at least.
@@ -30,6 +30,13 @@ const LEAST_PARTS: u32 = 1;
 struct Point {
     t_us: f64,
     luminance: f64,
+}
+
+/// The least 2^n or 3 2^n that is not below `wanted`: intervals that pixels of a tile share, about as long as each wants.
+fn whole_parts(wanted: u32) -> u32 {
+    let power = wanted.next_power_of_two();
+    let parts = if power >= 4 && 3 * (power / 4) >= wanted { 3 * (power / 4) } else { power };
+    parts.min(UNITS / 2)
 }
 
 /// What a pixel remembers between blocks.
@@ -128,18 +135,19 @@ impl PixelPath {
     }
 
     /// Follows the pixel through a block; `light` evaluates it at parts of the block in [`UNITS`], `fire` takes events in
-    /// order. Returns how often it was evaluated.
+    /// order. What it sees moves by at most `step_px` in an interval. Returns how often it was evaluated.
     pub fn walk(
         &mut self,
         thresholds: &Thresholds,
         block: Block,
+        step_px: f64,
         pace: &Pace,
         light: impl FnMut(u32) -> f64,
         fire: impl FnMut(f64, evis_core::Polarity),
     ) -> u64 {
         let units = |px: f64| (px / pace.motion_px.max(1e-9) * f64::from(UNITS)).min(f64::from(UNITS)) as u32;
         let of_period = f64::from(UNITS) / (pace.periods * LEAST_PERIOD_PARTS).max(1.0);
-        let least = units(LEAST_PX).min(of_period as u32).max(1);
+        let least = units(LEAST_PX.min(0.5 * step_px)).min(of_period as u32).max(1);
         let mut walk = Walk { thresholds, block, least, light, fire, evaluations: 0 };
         if self.last.t_us != block.start_us {
             // What went before was still.
@@ -164,9 +172,8 @@ impl PixelPath {
             self.before = None;
             return walk.evaluations;
         }
-        let parts = (pace.motion_px / STEP_PX).max(pace.periods * PERIOD_PARTS).ceil();
-        let parts = (parts.min(f64::from(UNITS)) as u32).max(LEAST_PARTS);
-        let parts = parts.next_power_of_two().min(UNITS / 2);
+        let parts = (pace.motion_px / step_px).max(pace.periods * PERIOD_PARTS).ceil();
+        let parts = whole_parts((parts.min(f64::from(UNITS)) as u32).max(LEAST_PARTS));
         let length = UNITS / parts;
         for part in 0..parts {
             let to = (part + 1) * length;

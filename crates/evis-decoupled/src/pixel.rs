@@ -14,8 +14,8 @@ use crate::world::World;
 
 /// Every so many evaluations are timed.
 const TIMED: u64 = 64;
-/// A pixel may be evaluated at multiples of this part of a block.
-pub const UNITS: u32 = 1024;
+/// A pixel may be evaluated at multiples of this part of a block: it has thirds, and halves of them and of itself.
+pub const UNITS: u32 = 3072;
 
 /// What evaluations of one block need.
 pub struct Evaluator<'a> {

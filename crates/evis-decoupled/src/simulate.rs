@@ -13,9 +13,13 @@ use crate::blocks::{Block, Blocks, Clock, blocks};
 use crate::events::Thresholds;
 use crate::light::Lighting;
 use crate::lists::{Entry, Lists, TILE};
-use crate::path::PixelPath;
+use crate::path::{PixelPath, STEP_PX};
 use crate::pixel::{Evaluator, UNITS, Work};
 use crate::world::World;
+
+/// Limits of [`Settings::step_px`].
+const LEAST_STEP_PX: f64 = 0.05;
+const MOST_STEP_PX: f64 = 8.0;
 
 /// Settings of a run.
 #[derive(Clone, Debug)]
@@ -32,6 +36,9 @@ pub struct Settings {
     pub duration_us: i64,
     /// Length of a block in microseconds, a power of two.
     pub block_us: i64,
+    /// Pixels by which anything that a pixel sees moves in an interval, at most: light is a quadratic there, and intervals
+    /// in which a threshold may be crossed are halved as often as it takes.
+    pub step_px: f64,
     /// `Y_ref`; `None` takes the luminance that brings the picture's log-mean at the start to 0.18.
     pub reference_luminance: Option<f64>,
 }
@@ -45,6 +52,7 @@ impl Default for Settings {
             start_us: 0,
             duration_us: 250_000,
             block_us: 32_768,
+            step_px: STEP_PX,
             reference_luminance: None,
         }
     }
@@ -62,6 +70,10 @@ impl Settings {
         if !(64..=1 << 20).contains(&self.block_us) || self.block_us.count_ones() != 1 {
             let remedy = "a power of two between 64 and 1048576 microseconds";
             return Err(ConfigError::new("block_us", self.block_us, remedy).into());
+        }
+        if !(LEAST_STEP_PX..=MOST_STEP_PX).contains(&self.step_px) {
+            let remedy = format!("between {LEAST_STEP_PX} and {MOST_STEP_PX} pixels");
+            return Err(ConfigError::new("adaptive_px", self.step_px, remedy).into());
         }
         if !(1..=86_400_000_000).contains(&self.duration_us) {
             return Err(ConfigError::new("duration_us", self.duration_us, "above 0 and at most a day").into());
@@ -120,13 +132,14 @@ struct Row {
 pub(crate) struct Pixels {
     rows: Vec<Row>,
     thresholds: Thresholds,
+    step_px: f64,
     start_us: i64,
     report: Report,
 }
 
 impl Pixels {
-    /// Pixels that first see light at `start_us` of scene time.
-    pub(crate) fn new(world: &World, sensor: &SensorConfig, reference_luminance: f64, start_us: i64) -> Self {
+    /// Pixels that first see light at the start of `settings`.
+    pub(crate) fn new(world: &World, settings: &Settings, reference_luminance: f64) -> Self {
         let rows = (world.lens.height as usize).div_ceil(TILE);
         let columns = (world.lens.width as usize).div_ceil(TILE);
         let new_row = |_| Row {
@@ -137,8 +150,9 @@ impl Pixels {
         };
         Self {
             rows: (0..rows).map(new_row).collect(),
-            thresholds: Thresholds::new(sensor, reference_luminance),
-            start_us,
+            thresholds: Thresholds::new(&settings.sensor, reference_luminance),
+            step_px: settings.step_px,
+            start_us: settings.start_us,
             report: Report::default(),
         }
     }
@@ -162,12 +176,12 @@ impl Pixels {
         let started = Instant::now();
         lighting.prepare(&mut clock, &block)?;
         self.report.light_s += started.elapsed().as_secs_f64();
-        let (thresholds, start_us) = (&self.thresholds, self.start_us);
+        let (thresholds, step_px, start_us) = (&self.thresholds, self.step_px, self.start_us);
         let lighting = &*lighting;
         self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
             if !stop.load(Ordering::Relaxed) {
                 let evaluator = Evaluator { world, lists: &lists, lighting, block };
-                row.follow(&evaluator, thresholds, index, start_us);
+                row.follow(&evaluator, thresholds, step_px, index, start_us);
             }
         });
         if stop.load(Ordering::Relaxed) {
@@ -211,7 +225,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
         Some(y) => y,
         None => reference_luminance(&world, &mut lighting, blocks.peek())?,
     };
-    let mut pixels = Pixels::new(&world, &settings.sensor, reference, settings.start_us);
+    let mut pixels = Pixels::new(&world, settings, reference);
     let mut events = Vec::new();
     while blocks.peek().start_us < end_us {
         events.extend(
@@ -228,13 +242,20 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
 }
 
 impl Row {
-    fn follow(&mut self, evaluator: &Evaluator, thresholds: &Thresholds, row: usize, start_us: i64) {
+    fn follow(
+        &mut self,
+        evaluator: &Evaluator,
+        thresholds: &Thresholds,
+        step_px: f64,
+        row: usize,
+        start_us: i64,
+    ) {
         let started = Instant::now();
         let tiles = evaluator.lists.row(row);
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate() {
-            self.tile(evaluator, thresholds, tile, [column, row], start_us);
+            self.tile(evaluator, thresholds, step_px, tile, [column, row], start_us);
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();
     }
@@ -243,6 +264,7 @@ impl Row {
         &mut self,
         evaluator: &Evaluator,
         thresholds: &Thresholds,
+        step_px: f64,
         entries: &[Entry],
         [column, row]: [usize; 2],
         start_us: i64,
@@ -264,15 +286,16 @@ impl Row {
             let path =
                 self.paths[slot].get_or_insert_with(|| PixelPath::new(block.start_us, light(0), thresholds));
             let events = &mut self.events;
-            self.report.evaluations += path.walk(thresholds, block, &pace, light, |t_us, polarity| {
-                let t = t_us.floor() as i64 - start_us;
-                events.push(Event::new(t, x as u16, y as u16, polarity));
-            });
+            self.report.evaluations +=
+                path.walk(thresholds, block, step_px, &pace, light, |t_us, polarity| {
+                    let t = t_us.floor() as i64 - start_us;
+                    events.push(Event::new(t, x as u16, y as u16, polarity));
+                });
         }
     }
 }
 
-/// Mean luminance of every pixel at `t_us` of scene time (rounded to 1/1024 of a block), row by row: what [`simulate`] crosses thresholds with.
+/// Mean luminance of every pixel at `t_us` of scene time (rounded to 1/3072 of a block), row by row: what [`simulate`] crosses thresholds with.
 ///
 /// # Errors
 /// As [`simulate`].

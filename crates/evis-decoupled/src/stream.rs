@@ -41,6 +41,23 @@ pub struct StreamSettings {
     pub start_us: i64,
     /// `Y_ref`; `None` takes the luminance that brings the log-mean of the first view's picture at the start to 0.18.
     pub reference_luminance: Option<f32>,
+    /// See [`Settings::step_px`].
+    pub step_px: f64,
+}
+
+impl Default for StreamSettings {
+    fn default() -> Self {
+        let Settings { size, start_us, step_px, .. } = Settings::default();
+        Self { size, start_us, step_px, reference_luminance: None }
+    }
+}
+
+impl StreamSettings {
+    fn of(&self, view: &View) -> Settings {
+        let (sensor, camera) = (view.sensor.clone(), view.camera);
+        let Self { size, start_us, step_px, .. } = *self;
+        Settings { sensor, camera, size, start_us, step_px, ..Settings::default() }
+    }
 }
 
 /// Events of one view, as far as they are known.
@@ -75,8 +92,7 @@ impl Stream {
     /// A setting or a camera that cannot be used, and a scene that this method cannot show.
     pub fn new(scene: Arc<Scene>, views: Vec<View>, settings: &StreamSettings) -> Result<Self, Error> {
         for view in &views {
-            Settings { sensor: view.sensor.clone(), start_us: settings.start_us, ..Settings::default() }
-                .check()?;
+            settings.of(view).check()?;
         }
         if let Some(limit) = unsupported(&scene) {
             return Err(Error::Unsupported(limit));
@@ -185,7 +201,7 @@ fn follow(
     let mut pixels: Vec<Pixels> = views
         .iter()
         .zip(&worlds)
-        .map(|(view, world)| Pixels::new(world, &view.sensor, f64::from(reference), start_us))
+        .map(|(view, world)| Pixels::new(world, &settings.of(view), f64::from(reference)))
         .collect();
     // Nobody waits for it: then the wanted times end, too.
     let _ = ready.send(Ok(reference));

@@ -24,7 +24,7 @@ fn view(variant: Option<usize>, threshold: f32) -> View {
 
 /// Per view: everything before `end_us`, wanted up to each of `steps`.
 fn streamed(scene: Scene, views: Vec<View>, start_us: i64, steps: &[i64]) -> (f32, Vec<Vec<Event>>) {
-    let settings = StreamSettings { size: SIZE, start_us, reference_luminance: None };
+    let settings = StreamSettings { size: SIZE, start_us, ..StreamSettings::default() };
     let mut complete = vec![0; views.len()];
     let mut events = vec![Vec::new(); views.len()];
     let mut stream = Stream::new(Arc::new(scene), views, &settings).unwrap();
@@ -75,16 +75,24 @@ fn environments_run_on_their_own_clocks() {
     scene.variants = vec![Variant::default(), Variant { time_offset_s: 0.032_768, ..Variant::default() }];
     let (reference, events) = streamed(scene, vec![view(Some(0), 0.2), view(Some(1), 0.2)], 0, &[65_536]);
     assert_eq!(events[0], at_once(&spinner(), 0.2, 0, 65_536, reference));
-    // A block's length ahead: the events of the scene a block later, but for rounding of times to f64.
+    // A block's length ahead: the events of the scene a block later, but for rounding, which may halve an interval more.
     let later = at_once(&spinner(), 0.2, 32_768, 65_536, reference);
     let differ = events[1].iter().zip(&later).filter(|(a, b)| a != b).count();
-    assert!(differ * 100 <= later.len() && events[1].len() == later.len(), "{differ} of {}", later.len());
+    assert!(differ * 20 <= later.len() && events[1].len() == later.len(), "{differ} of {}", later.len());
+    let by_pixel = |events: &[Event]| {
+        let mut events = events.to_vec();
+        events.sort_by_key(|e| (e.y, e.x, e.t));
+        events
+    };
+    for (a, b) in by_pixel(&events[1]).iter().zip(&by_pixel(&later)) {
+        assert!((a.t - b.t).abs() <= 50 && (a.x, a.y, a.p) == (b.x, b.y, b.p), "{a:?} {b:?}");
+    }
     assert_ne!(events[0], events[1]);
 }
 
 #[test]
 fn a_reader_that_stops_misses_nothing_and_one_that_goes_ends_the_thread() {
-    let settings = StreamSettings { size: SIZE, start_us: 0, reference_luminance: Some(0.5) };
+    let settings = StreamSettings { size: SIZE, reference_luminance: Some(0.5), ..StreamSettings::default() };
     let mut stream = Stream::new(Arc::new(spinner()), vec![view(None, 0.2)], &settings).unwrap();
     // Nothing was requested: nothing comes, and waiting ends.
     assert!(stream.next(&AtomicBool::new(true)).unwrap().is_none());
@@ -98,7 +106,7 @@ fn a_reader_that_stops_misses_nothing_and_one_that_goes_ends_the_thread() {
 
 #[test]
 fn what_cannot_be_used_is_refused() {
-    let settings = StreamSettings { size: SIZE, start_us: 0, reference_luminance: None };
+    let settings = StreamSettings { size: SIZE, ..StreamSettings::default() };
     let refused = |scene: Scene, view: View| match Stream::new(Arc::new(scene), vec![view], &settings) {
         Ok(_) => panic!("nothing is refused"),
         Err(error) => error.to_string(),

@@ -150,9 +150,9 @@ pub struct RunConfig {
     pub quality: Option<Quality>,
     /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
     pub rate_hz: f64,
-    /// Of `native`: every tile of the picture is rendered no more often than that nothing it may show
-    /// moves farther than so many pixels between two of its samples, and `rate_hz` at most. `None` renders everything at
-    /// `rate_hz`.
+    /// Pixels that anything may move between two samples. Of `native`: every tile of the picture is rendered no more often
+    /// than that, and `rate_hz` at most; `None` renders everything at `rate_hz`. Of `decoupled`: the length of a pixel's
+    /// intervals, halved where a threshold is near; 1 where it is `None`.
     pub adaptive_px: Option<f64>,
     /// With `adaptive_px`: how light runs between two samples.
     #[serde(skip_serializing_if = "is_line")]
@@ -374,8 +374,8 @@ impl RunConfig {
             warp.check_scene()?;
         }
         if let Some(px) = self.adaptive_px {
-            if !self.method.has_adaptive_time() {
-                return Err(ConfigError::new("adaptive_px", px, "set with native only"));
+            if self.method.keyframes().is_some() {
+                return Err(ConfigError::new("adaptive_px", px, "set with native and decoupled only"));
             }
             if !(px.is_finite() && px > 0.0) {
                 return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));

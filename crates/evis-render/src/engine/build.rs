@@ -146,8 +146,8 @@ impl Samples {
         let grid = config.coverage_grid();
         let rendered = if coverage { LayerUse::Resolved(grid) } else { LayerUse::Rendered };
         let (layers, made) = match (&config.method, config.adaptive_px) {
-            (Method::Splat(_), _) | (_, Some(_)) => (1, LayerUse::Computed),
-            (_, None) => (offsets.len() as u32, rendered),
+            (Method::Splat(_), _) | (Method::Native, Some(_)) => (1, LayerUse::Computed),
+            (Method::Decoupled, _) | (_, None) => (offsets.len() as u32, rendered),
         };
         Self { offsets, grid, rendered, layers, made }
     }
@@ -249,11 +249,11 @@ fn sampling(
 ) -> Sampling {
     match (&config.method, config.adaptive_px) {
         (Method::Splat(splat), _) => Sampling::Splat(Box::new(SplatRoom::new(context, constants, splat))),
-        (_, Some(step_px)) => {
+        (Method::Native, Some(step_px)) => {
             let (block, rendered) = (config.block(), samples.rendered);
             Sampling::Adaptive(Box::new(AdaptiveRoom::new(context, step_px, block, rendered, config.audit)))
         }
-        (_, None) => Sampling::Native(NativeRoom::default()),
+        (Method::Decoupled, _) | (_, None) => Sampling::Native(NativeRoom::default()),
     }
 }
 

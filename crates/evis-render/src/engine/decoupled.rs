@@ -56,6 +56,7 @@ impl Decoupled {
             size: config.size,
             start_us: config.start_us,
             reference_luminance: config.reference_luminance,
+            step_px: config.adaptive_px.unwrap_or(StreamSettings::default().step_px),
         };
         let of = |view: &View| {
             let camera = scene.camera(&cameras[view.camera].name)?;

@@ -38,6 +38,8 @@ pub struct SamplingRequest {
     pub shadows: Option<Shadows>,
 }
 
+const NO_INSTANTS: &str = "left out: decoupled sampling evaluates each pixel at its own times";
+
 impl SamplingRequest {
     /// The first setting that was given by hand, and its value.
     fn by_hand(&self) -> Option<(&'static str, String)> {
@@ -55,9 +57,9 @@ impl SamplingRequest {
         .find_map(|(name, value)| Some((name, value?)))
     }
 
-    /// The first setting of instants that was given by hand, and its value.
+    /// The first setting of rendered instants that was given by hand, and its value.
     fn of_instants(&self) -> Option<(&'static str, String)> {
-        self.by_hand().filter(|(name, _)| ["rate", "adaptive_px", "between"].contains(name))
+        Self { adaptive_px: None, ..self.clone() }.by_hand()
     }
 
     /// Checks what contradicts itself, without scene or device.
@@ -83,8 +85,7 @@ impl SamplingRequest {
             ));
         }
         if decoupled && let Some((name, value)) = self.of_instants() {
-            let remedy = "left out: decoupled sampling evaluates each pixel at its own times";
-            return Err(ConfigError::new(name, value, remedy));
+            return Err(ConfigError::new(name, value, NO_INSTANTS));
         }
         if let (Some(method), Some(rate_hz)) = (keyframes, self.rate_hz) {
             let remedy =
@@ -125,6 +126,11 @@ impl SamplingRequest {
             config.quality = self.by_hand().is_none().then_some(quality);
         } else if let Some(method) = self.method {
             config.method = method;
+        }
+        if config.method == Method::Decoupled
+            && let Some((name, value)) = self.of_instants()
+        {
+            return Err(ConfigError::new(name, value, NO_INSTANTS).into());
         }
         let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
         set(&mut config.rate_hz, self.rate_hz);

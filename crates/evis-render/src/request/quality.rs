@@ -21,19 +21,26 @@ impl Quality {
     pub const fn sampling(self) -> SamplingSettings {
         match self {
             Self::Draft => SamplingSettings::coverage(1.0, 16, 2),
-            Self::Standard => SamplingSettings::coverage(0.5, 16, 4),
-            Self::High => SamplingSettings { decoupled: true, ..SamplingSettings::with_rays(0.3, 144) },
+            Self::Standard => SamplingSettings {
+                decoupled: Some(Decoupled { step_px: 1.0, beside_gpu: false }),
+                ..SamplingSettings::coverage(0.5, 16, 4)
+            },
+            Self::High => SamplingSettings {
+                decoupled: Some(Decoupled { step_px: 0.5, beside_gpu: true }),
+                ..SamplingSettings::with_rays(0.3, 144)
+            },
             Self::Reference => SamplingSettings { rate_hz: 8000.0, ..SamplingSettings::with_rays(0.15, 256) },
         }
     }
 
-    /// F1 within 1 ms that it reached, and where: measured, not promised.
-    pub const fn measured(self) -> &'static str {
-        match self {
-            Self::Draft => "F1 (1 ms) 0.77 to 0.97 on the built-in scenes at 640x480",
-            Self::Standard => "F1 (1 ms) 0.88 to 0.98 on the built-in scenes at 640x480",
-            Self::High => "F1 (1 ms) 0.97 to 0.99 on the built-in scenes at 640x480",
-            Self::Reference => "F1 (1 ms) above 0.98 on the built-in scenes at 640x480",
+    /// F1 within 1 ms that it reached by `method`, and where: measured, not promised.
+    pub const fn measured(self, method: &Method) -> &'static str {
+        match (self, method) {
+            (_, Method::Decoupled) => "F1 (1 ms) 0.98 to 0.99 on the built-in scenes at 640x480",
+            (Self::Draft, _) => "F1 (1 ms) 0.77 to 0.97 on the built-in scenes at 640x480",
+            (Self::Standard, _) => "F1 (1 ms) 0.88 to 0.98 on the built-in scenes at 640x480",
+            (Self::High, _) => "F1 (1 ms) 0.98 to 0.99 on the built-in scenes at 640x480",
+            (Self::Reference, _) => "F1 (1 ms) above 0.98 on the built-in scenes at 640x480",
         }
     }
 }
@@ -53,8 +60,17 @@ pub struct SamplingSettings {
     pub texture_taps: u32,
     /// Whether shadow borders are found by rays, where the user leaves that open and the scene allows it.
     pub rays: bool,
-    /// Whether [`Method::Decoupled`] takes the place of all that, where scene and sensors allow it.
-    pub decoupled: bool,
+    /// Where [`Method::Decoupled`] takes the place of all that, if scene and sensors allow it.
+    pub decoupled: Option<Decoupled>,
+}
+
+/// Decoupled sampling of a preset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decoupled {
+    /// [`RunConfig::adaptive_px`].
+    pub step_px: f64,
+    /// It takes the place of rendering on a graphics card, too, not only of a software driver.
+    pub beside_gpu: bool,
 }
 
 impl SamplingSettings {
@@ -67,7 +83,7 @@ impl SamplingSettings {
             samples,
             texture_taps,
             rays: false,
-            decoupled: false,
+            decoupled: None,
         }
     }
 
@@ -78,7 +94,7 @@ impl SamplingSettings {
 
     /// The same, by rendering.
     pub const fn rendered(self) -> Self {
-        Self { decoupled: false, ..self }
+        Self { decoupled: None, ..self }
     }
 
     /// Sets them in `config`, as far as `scene` and device allow. Returns what differs and why, for the user.
@@ -94,15 +110,19 @@ impl SamplingSettings {
         let (views, _) = view::views(scene, config)?;
         let mut notes = Vec::new();
         config.method = Method::Native;
-        if self.decoupled || gpu.is_none() {
+        let software = gpu.is_none_or(|gpu| gpu.summary().kind == "cpu");
+        let decoupled = self.decoupled.filter(|decoupled| software || decoupled.beside_gpu);
+        if decoupled.is_some() || gpu.is_none() {
             match decoupled_limit(scene, &views) {
                 None => {
                     config.method = Method::Decoupled;
-                    if gpu.is_none() && !self.decoupled {
+                    if decoupled.is_none() {
                         notes
                             .push("decoupled sampling on the CPU, since there is no device to render".into());
                     }
                 }
+                // What renders on graphics cards anyway says nothing.
+                Some(_) if decoupled.is_some_and(|decoupled| !decoupled.beside_gpu) => {}
                 Some(limit) => notes.push(format!("sampled by rendering: decoupled sampling has no {limit}")),
             }
         }
@@ -111,7 +131,8 @@ impl SamplingSettings {
         config.samples = self.samples;
         config.texture_taps = Some(self.texture_taps);
         let step_px = self.step_px.filter(|_| config.method == Method::Native);
-        config.adaptive_px = step_px;
+        let own = decoupled.filter(|_| config.method == Method::Decoupled);
+        config.adaptive_px = step_px.or(own.map(|own| own.step_px));
         config.between = if step_px.is_some() { Between::Curve } else { Between::Line };
         if config.method == Method::Native
             && !views.is_empty()

@@ -155,14 +155,20 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     let desk = scene("desk");
     let base = || RunConfig { size: Some((40, 30)), ..RunConfig::default() };
     let (method, step_px, _) = apply(Some(&gpu), &desk, quality(Quality::High), base()).unwrap();
-    assert_eq!((method, step_px), (Method::Decoupled, None));
+    assert_eq!((method, step_px), (Method::Decoupled, Some(0.5)));
+    // Rendering by software is slower.
     let (method, step_px, _) = apply(Some(&gpu), &desk, quality(Quality::Standard), base()).unwrap();
-    assert!(method == Method::Native && step_px.is_some());
+    let software = gpu.summary().kind == "cpu";
+    let expected = if software { (Method::Decoupled, Some(1.0)) } else { (Method::Native, Some(0.5)) };
+    assert_eq!((method, step_px), expected);
     // Without a device there is nothing else.
-    let (method, _, notes) = apply(None, &desk, quality(Quality::Standard), base()).unwrap();
+    let (method, _, notes) = apply(None, &desk, quality(Quality::Draft), base()).unwrap();
     assert!(method == Method::Decoupled && notes.contains("no device"), "{notes}");
-    // Settings of instants ask for rendering.
+    // Intervals can be set; settings of instants ask for rendering.
     let by_hand = SamplingRequest { adaptive_px: Some(0.7), ..quality(Quality::High) };
+    let (method, step_px, _) = apply(Some(&gpu), &desk, by_hand.clone(), base()).unwrap();
+    assert_eq!((method, step_px), (Method::Decoupled, Some(0.7)));
+    let by_hand = SamplingRequest { samples: Some(64), ..by_hand };
     let (method, step_px, _) = apply(Some(&gpu), &desk, by_hand, base()).unwrap();
     assert_eq!((method, step_px), (Method::Native, Some(0.7)));
     let mut masked = (*desk).clone();
@@ -182,5 +188,10 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     assert!(refused(&masked, base()).contains("holes") && refused(&desk, v2e).contains("thresholds"));
     let told = |request: SamplingRequest| apply(Some(&gpu), &desk, request, base()).unwrap_err().to_string();
     assert!(told(SamplingRequest { rate_hz: Some(100.0), ..by_name() }).contains("rate is 100"));
+    let step = SamplingRequest { adaptive_px: Some(0.01), ..by_name() };
+    let mut config = base();
+    step.apply(Some(&gpu), &desk, &mut config).unwrap();
+    let refused = Simulator::new(&gpu, desk.clone(), config).err().unwrap().to_string();
+    assert!(refused.contains("adaptive_px") && refused.contains("0.05"), "{refused}");
     assert!(told(SamplingRequest { quality: Some(Quality::High), ..by_name() }).contains("high"));
 }

@@ -119,7 +119,7 @@ fn presets_are_the_same_for_every_scene_but_for_what_it_does_not_allow() {
 fn a_preset_by_name_and_its_settings_by_hand_give_the_same_bytes() {
     let Some(gpu) = super::device() else { return };
     let spinner = scene("spinner");
-    let (named, _) = preset(&gpu, &spinner, Quality::Standard, &base());
+    let (named, _) = preset(&gpu, &spinner, Quality::Draft, &base());
     let by_hand = RunConfig { quality: None, ..named.clone() };
     let expected = events(&gpu, &spinner, by_hand.clone(), 20_000);
     assert!(events(&gpu, &spinner, named, 20_000) == expected && expected.len() > 100);

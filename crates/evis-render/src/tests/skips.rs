@@ -177,7 +177,8 @@ fn presets_agree_with_every_instant_rendered_everywhere_on_random_scenes() {
             let scene = Arc::new(random_scenes::scene(seed));
             let mut config =
                 RunConfig { quality: Some(quality), reference_luminance: Some(0.5), ..RunConfig::default() };
-            crate::request::quality::settle(&gpu, &scene, &mut config).unwrap();
+            // By rendering: decoupled sampling has tests of its own.
+            quality.sampling().rendered().apply(Some(&gpu), &scene, &mut config).unwrap();
             let fired = |every_instant: bool| {
                 let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
                 simulator.restart(0, Vec::new(), every_instant).unwrap();
