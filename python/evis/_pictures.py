@@ -17,7 +17,7 @@ Picture = npt.NDArray[np.uint8]
 Float = npt.NDArray[np.float32]
 
 BACKGROUND, OFF, ON = (255, 255, 255), (0, 66, 120), (230, 159, 0)
-"""Colours of `evis preview`, which tell polarities apart in grey prints and with every common colour vision."""
+"""Colours of ``evis preview``: polarities differ in grey prints and with every common colour vision."""
 
 DARK_OFF, DARK_ON = (60, 130, 200), (240, 228, 66)
 """The same before a dark background."""
@@ -51,7 +51,7 @@ def last_polarity(events: Events, size: tuple[int, int]) -> npt.NDArray[np.uint8
 
 def polarity_picture(events: Events, size: tuple[int, int]) -> Picture:
     """Return `last_polarity` in the colours of ``evis preview``."""
-    return POLARITY_COLORS[last_polarity(events, size)]
+    return np.asarray(POLARITY_COLORS[last_polarity(events, size)])
 
 
 def surface_picture(surface: Float) -> Picture:
@@ -64,7 +64,7 @@ def surface_picture(surface: Float) -> Picture:
     """
     share = surface.max(axis=0)[..., None]
     color = POLARITY_COLORS[1:][(surface[1] >= surface[0]).astype(np.uint8)]
-    return np.rint((1 - share) * POLARITY_COLORS[0] + share * color).astype(np.uint8)
+    return np.asarray(np.rint((1 - share) * POLARITY_COLORS[0] + share * color), np.uint8)
 
 
 def srgb(linear: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -101,7 +101,7 @@ def tone_mapped(image: Float, reference: float) -> npt.NDArray[np.uint8]:
         uint8 of that shape.
     """
     c = np.clip(np.nan_to_num(image / np.float32(reference), nan=0.0), 0, 4)
-    return np.rint(255 * srgb(np.clip(c * (1 + c / 16) / (1 + c), 0, 1))).astype(np.uint8)
+    return np.asarray(np.rint(255 * srgb(np.clip(c * (1 + c / 16) / (1 + c), 0, 1))), np.uint8)
 
 
 def flow_picture(flow: Float, valid: npt.NDArray[np.uint8] | None, full: float) -> Picture:
@@ -125,7 +125,7 @@ def flow_picture(flow: Float, valid: npt.NDArray[np.uint8] | None, full: float) 
     share = np.minimum(np.hypot(x, y) / full, 1) if full > 0 else np.zeros_like(x)
     # A. R. Smith, Color gamut transform pairs, 1978: hue to red, green and blue, at full value.
     wheel = np.clip(np.abs((6 * hue[..., None] + (0, 4, 2)) % 6 - 3) - 1, 0, 1)
-    colors = np.rint(255 * (1 - share[..., None] * (1 - wheel))).astype(np.uint8)
+    colors = np.asarray(np.rint(255 * (1 - share[..., None] * (1 - wheel))), np.uint8)
     colors[~known] = 0
     return colors
 

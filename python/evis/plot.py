@@ -1,7 +1,7 @@
 """Plots of events: rates, intervals, maps, thumbnails, time surfaces, x-y-t clouds, and films of them.
 
-Needs Matplotlib: ``pip install 'evis[plot]'``; films need imageio-ffmpeg: ``pip install 'evis[plot,video]'``.
-Each function returns a figure of Matplotlib; ``figure.savefig("plot.png")`` writes it. docs/view.md shows them.
+Needs Matplotlib: ``pip install 'evis[plot]'``; films need imageio-ffmpeg too: ``'evis[plot,video]'``. Each
+function returns a figure of Matplotlib, which ``figure.savefig("plot.png")`` writes. docs/view.md shows them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _ON, _OFF = ("#{:02x}{:02x}{:02x}".format(*color) for color in (ON, OFF))
 _GREY = "#666666"
 
 
-def _figure(width: float, height: float) -> Any:
+def _figure(width: float, height: float) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -61,8 +61,8 @@ def _events(source: Source) -> EventArray:
         source = source._event_array()
     if not isinstance(source, EventArray):
         raise ConfigError(
-            f"events are {_check.shown(source)}; they must be an evis.EventArray, something of one camera that has "
-            "events, or the path of a file"
+            f"events are {_check.shown(source)}; they must be an evis.EventArray, something of one camera "
+            "that has events, or the path of a file"
         )
     if not len(source):
         raise ConfigError("there are no events; choose another recording, camera or part of it")
@@ -85,6 +85,8 @@ class _Axis:
         self.origin_us = start_us if abs(start_us) > 100 * span and abs(start_us) > 3_600_000_000 else 0
         units = ((1e6, "s"), (1e3, "ms"), (1.0, "us"))
         self.us, self.unit = next((u for u in units if span >= 2 * u[0]), units[-1])
+        # A thousandth of the span can be told.
+        self._decimals = max(0, int(np.ceil(-np.log10(span / (1000 * self.us)))))
         after = f" after {self.origin_us} us" if self.origin_us else ""
         self.label = f"time{after} ({self.unit})"
 
@@ -92,7 +94,7 @@ class _Axis:
         return (np.asarray(t_us, np.int64) - self.origin_us) / self.us
 
     def text(self, t_us: int) -> str:
-        return f"{float(self(t_us)):.6g}"
+        return f"{float(self(t_us)):.{self._decimals if self.us > 1 else 0}f}"
 
 
 def _plain(axes: Any) -> None:
@@ -104,7 +106,9 @@ def _plain(axes: Any) -> None:
 
 def _nice(value: float) -> int:
     """Return the whole number 1, 2 or 5 times a power of ten that is next above ``value``."""
-    power = 10 ** int(np.floor(np.log10(max(value, 1.0))))
+    power = 1
+    while 10 * power <= value:
+        power *= 10
     return next(step * power for step in (1, 2, 5, 10) if step * power >= value)
 
 
@@ -123,13 +127,13 @@ def _draw_rates(axes: Any, events: EventArray, bin_us: int | None) -> None:
     for name, color, polarity in (("ON", _ON, 1), ("OFF", _OFF, 0)):
         bins = events.t[events.p == polarity] // width - first
         count = np.bincount(bins, minlength=len(edges) - 1)
-        axes.stairs(count / (width * 1e-6), axis(edges), color=color, label=name, linewidth=1.2)
+        rate = count / (width * 1e-6)
+        axes.stairs(rate, axis(edges), baseline=None, color=color, label=name, linewidth=1.2)
     axes.set_xlim(axis(edges[0]), axis(edges[-1]))
     axes.set_ylim(0)
     axes.set_xlabel(axis.label)
     axes.set_ylabel("events per second")
-    bins_are = _Axis(0, width)
-    axes.set_title(f"Event rate, bins of {bins_are.text(width)} {bins_are.unit}")
+    axes.set_title(f"Event rate, bins of {width / 1000:g} ms")
     axes.legend(frameon=False, ncols=2)
     _plain(axes)
 
@@ -163,8 +167,8 @@ def _draw_intervals(axes: Any, events: EventArray) -> None:
         ("other polarity", "#009e73", ~alike),
     ):
         count, _ = np.histogram(np.maximum(gaps[kept], 0.7), edges)
-        axes.stairs(count, edges, color=color, label=name, linewidth=1.2)
-    axes.set_xlim(edges[0], edges[-1])
+        axes.stairs(count, edges, baseline=None, color=color, label=name, linewidth=1.2)
+    axes.set_xlim(edges[max(0, np.searchsorted(edges, gaps.min(), side="right") - 2)], edges[-1])
     axes.set_ylim(0.7)
     axes.legend(frameon=False)
 
@@ -213,7 +217,7 @@ def rates(events: Source, *, bin_us: int | None = None) -> Figure:
     """
     array, figure = _events(events), _figure(8, 3)
     _draw_rates(figure.subplots(), array, bin_us)
-    return figure  # type: ignore[no-any-return]
+    return figure
 
 
 def intervals(events: Source) -> Figure:
@@ -240,7 +244,7 @@ def intervals(events: Source) -> Figure:
     """
     array, figure = _events(events), _figure(8, 3)
     _draw_intervals(figure.subplots(), array)
-    return figure  # type: ignore[no-any-return]
+    return figure
 
 
 def rate_map(events: Source) -> Figure:
@@ -263,7 +267,7 @@ def rate_map(events: Source) -> Figure:
     """
     array, figure = _events(events), _figure(6, 4.2)
     _draw_rate_map(figure, figure.subplots(), array)
-    return figure  # type: ignore[no-any-return]
+    return figure
 
 
 def polarity(events: Source) -> Figure:
@@ -292,7 +296,7 @@ def polarity(events: Source) -> Figure:
     axes.set_title(
         f"{len(array)} events, {axis.text(start)} to {axis.text(end)} {axis.unit}; ON orange, OFF blue"
     )
-    return figure  # type: ignore[no-any-return]
+    return figure
 
 
 def surface(events: Source, *, tau_us: float = 30_000, at_us: int | None = None) -> Figure:
@@ -329,7 +333,7 @@ def surface(events: Source, *, tau_us: float = 30_000, at_us: int | None = None)
     axes.set_title(
         f"Time surface at {axis.text(at)} {axis.unit}, tau {tau_us / 1000:g} ms; ON orange, OFF blue"
     )
-    return figure  # type: ignore[no-any-return]
+    return figure
 
 
 def _tiles(events: EventArray, count: int, window_us: int | None) -> list[tuple[int, int]]:
@@ -349,7 +353,7 @@ def _draw_thumbnails(figure: Any, events: EventArray, count: int, window_us: int
     rows = figure.subplots(3, count, squeeze=False)
     for k, ((start, end), window) in enumerate(zip(tiles, windows, strict=True)):
         rows[0, k].set_title(f"{axis.text(start)} to {axis.text(end)} {axis.unit}", fontsize=9)
-        shown = _imshow(rows[0, k], counts[k], vmin=0, vmax=most, cmap="magma_r")
+        shown = _imshow(rows[0, k], np.ma.masked_equal(counts[k], 0), vmin=0, vmax=most, cmap="magma_r")
         age = events.time_surface(max(1, (end - start) / 2), at_us=end - 1)
         _imshow(rows[1, k], surface_picture(age))
         _imshow(rows[2, k], polarity_picture(window.to_numpy(), (events.width, events.height)))
@@ -386,11 +390,13 @@ def thumbnails(events: Source, *, count: int = 4, window_us: int | None = None) 
     length = None if window_us is None else _check.whole("window_us", window_us, 1, unit=" microseconds")
     figure = _figure(1 + 2.2 * count, 0.6 + 3 * 2.2 * array.height / array.width)
     _draw_thumbnails(figure, array, count, length)
-    return figure  # type: ignore[no-any-return]
+    return figure
 
 
 def _draw_cloud(axes: Any, events: Events, size: tuple[int, int], most: int, axis: _Axis) -> None:
     """Draw events as points, time to the right, the sensor upright."""
+    from matplotlib.ticker import MaxNLocator
+
     width, height = size
     if len(events) > most:
         # The same events each time, and evenly in time, where every k-th might follow the rows.
@@ -398,20 +404,22 @@ def _draw_cloud(axes: Any, events: Events, size: tuple[int, int], most: int, axi
         events = events[np.sort(kept)]
     colors = np.where(events["p"] == 1, _ON, _OFF)
     points = axis(events["t"]), events["x"], events["y"]
-    axes.scatter(*points, c=colors, s=2.5, linewidths=0, depthshade=False, rasterized=True)
+    axes.scatter(*points, c=colors, s=2, linewidths=0, depthshade=False, rasterized=True)
     axes.set_ylim(0, width)
     # Rows run down.
     axes.set_zlim(height, 0)
-    axes.set_box_aspect((2.2, 1, height / width), zoom=1.25)
+    axes.set_box_aspect((2.2, 1, height / width), zoom=1.3)
+    axes.yaxis.set_major_locator(MaxNLocator(3))
+    axes.zaxis.set_major_locator(MaxNLocator(4))
     axes.view_init(elev=18, azim=-62)
     for pane in (axes.xaxis, axes.yaxis, axes.zaxis):
         pane.set_pane_color((0.97, 0.97, 0.97, 1))
-    axes.set_xlabel(axis.label, labelpad=14)
+    axes.set_xlabel(axis.label, labelpad=12)
     axes.set_ylabel("x (px)")
     axes.set_zlabel("y (px)")
 
 
-def xyt(events: Source, *, most: int = 30_000) -> Figure:
+def xyt(events: Source, *, most: int = 20_000) -> Figure:
     """Draw events in space and time: time to the right, the sensor upright, ON orange, OFF dark blue.
 
     Parameters
@@ -433,13 +441,14 @@ def xyt(events: Source, *, most: int = 30_000) -> Figure:
     """
     array = _events(events)
     most = _check.whole("most", most, 1)
-    figure = _figure(8, 4.6)
-    axes = figure.add_subplot(projection="3d")
+    figure = _figure(8, 4.2)
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0, 0, 0.97, 0.97), projection="3d")
     axis = _Axis(*_span_us(array))
     _draw_cloud(axes, array.to_numpy(), (array.width, array.height), most, axis)
     some = f"{most} of {len(array)} events" if len(array) > most else f"{len(array)} events"
-    axes.set_title(f"{some}; ON orange, OFF blue")
-    return figure  # type: ignore[no-any-return]
+    figure.suptitle(f"{some}; ON orange, OFF blue", y=0.97)
+    return figure
 
 
 def summary(events: Source) -> Figure:
@@ -470,7 +479,7 @@ def summary(events: Source) -> Figure:
     _draw_intervals(left, array)
     _draw_rate_map(below, right, array)
     _draw_thumbnails(bottom, array, 4, None)
-    return figure  # type: ignore[no-any-return]
+    return figure
 
 
 KINDS: dict[str, Callable[..., Figure]] = {
@@ -495,12 +504,13 @@ _CLOUD = 4_000
 """Points of a film's clouds."""
 
 
-def _stamp(figure: Any, caption: float) -> Any:
-    """Write the legend of a film, and return the text that tells the time."""
+def _stamp(figure: Any, caption: float, width: int) -> Any:
+    """Write the legend of a film ``width`` pixels wide, and return the text that tells the time."""
     middle = caption / 2
-    for place, name, color in ((0.985, "OFF", _OFF), (0.885, "ON", _ON)):
+    for right, name, color in ((8, "OFF", _OFF), (52, "ON", _ON)):
+        place = 1 - right / width
         figure.text(place, middle, name, ha="right", va="center", color=color, weight="bold", fontsize=11)
-    return figure.text(0.015, middle, "", va="center", color=_GREY, fontsize=11)
+    return figure.text(8 / width, middle, "", va="center", color=_GREY, fontsize=11)
 
 
 def _frames(
@@ -517,7 +527,7 @@ def _frames(
     figure.set_layout_engine("none")
     canvas = _canvas(figure)
     caption = _CAPTION / (sides[1] + _CAPTION)
-    stamp = _stamp(figure, caption)
+    stamp = _stamp(figure, caption, sides[0])
     last_us = np.full((2, height, width), -(1 << 62), np.int64)
     if kind == "xyt":
         axes = figure.add_axes((0.0, caption, 1.0, 1 - caption), projection="3d")
@@ -541,6 +551,7 @@ def _frames(
             axes.clear()
             _draw_cloud(axes, array[begin:until], (width, height), _CLOUD, axis)
             axes.set_xlim(axis(end - window_us), axis(end))
+            axes.set_xlabel("")
         stamp.set_text(f"{axis.text(end)} {axis.unit}")
         canvas.draw()
         yield np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])

@@ -52,15 +52,16 @@ def _rerun() -> Any:
     return rerun
 
 
-def _opened(source: Source) -> Recording:
+def _opened(source: Source, camera: str | None) -> Recording:
     if isinstance(source, Recording):
         return source
     if isinstance(source, EventArray):
         return recording_of(source)
     if isinstance(source, (str, PathLike)):
-        return load(source)
+        return load(source, camera=camera)
     raise ConfigError(
-        f"source is {_check.shown(source)}; it must be an evis.Recording, an evis.EventArray or the path of a file"
+        f"source is {_check.shown(source)}; it must be an evis.Recording, an evis.EventArray or the path of "
+        "a file"
     )
 
 
@@ -116,8 +117,8 @@ def _windows(events: EventArray, limits: tuple[int, int], window_us: int) -> npt
     count = last - first + 1
     if count > _MOST_WINDOWS:
         raise ConfigError(
-            f"window_us is {window_us}: the events span {count} windows; choose a longer window, or a part with "
-            f"start_us and end_us (at most {_MOST_WINDOWS} windows)"
+            f"window_us is {window_us}: the events span {count} windows; choose a longer window, or a part "
+            f"of the recording (at most {_MOST_WINDOWS} windows)"
         )
     edges = anchor + window_us * np.arange(first, first + count + 1, dtype=np.int64)
     return np.minimum(edges, limits[1])
@@ -284,7 +285,7 @@ def log(
     OSError, FormatError
         If the file cannot be read.
     """
-    recording = _opened(source)
+    recording = _opened(source, camera)
     window_us = _check.whole("window_us", window_us, 1, _check.MOST_US, " microseconds")
     limits = (
         -_check.MOST_US if start_us is None else _check.time_us("start_us", start_us),
@@ -305,9 +306,10 @@ def log(
         _log_labels(to, recording, view, image, progress)
         cameras.append((name, image, place))
     if not to.rows:
-        part = "" if start_us is end_us is None else f" from start_us={start_us} to end_us={end_us}"
+        part = "" if start_us is end_us is None else f" with start_us={start_us} and end_us={end_us}"
         raise ConfigError(
-            f"there is nothing to show{part}: no event, no label image, no pose; choose another recording or part"
+            f"there is nothing to show{part}: no event, no label image, no pose; choose another recording or "
+            "part of it"
         )
     stream.send_blueprint(_layout(to, cameras))
     return to.rows
@@ -356,7 +358,7 @@ def view(
         )
     if path is not None and path.suffix.lower() != ".rrd":
         raise ConfigError(f"save is {_check.shown(str(path))}; files for Rerun's viewer end with .rrd")
-    recording = _opened(source)
+    recording = _opened(source, camera)
     stream = rerun.RecordingStream("evis")
     stream.send_recording_name(Path(source).name if isinstance(source, (str, PathLike)) else "events")
     options = {"window_us": window_us, "camera": camera, "start_us": start_us, "end_us": end_us}
