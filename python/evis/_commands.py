@@ -210,8 +210,8 @@ def _events_of(given: argparse.Namespace) -> EventArray:
     if not len(events):
         first, last = (int(view.events.t[at]) / 1e6 for at in (0, -1))
         raise ConfigError(
-            f"{given.file}: camera '{view.camera.name}' has no events in that part, but from {first} s to {last} "
-            "s; choose another --start or --duration"
+            f"{given.file}: camera '{view.camera.name}' has no events in that part, but from {first} s to "
+            f"{last} s; choose another --start or --duration"
         )
     return events
 

@@ -152,25 +152,6 @@ def _log_events(log: _Log, view: RecordedView, image: str, rates: str, window_us
         log.columns(path, edges[1:], rr.Scalars.columns(scalars=count / seconds))
 
 
-def _log_camera(log: _Log, view: RecordedView, camera: str, image: str, track: str) -> None:
-    """Log lens, poses, and the path that they make."""
-    rr, lens = log.rr, view.camera
-    if np.isfinite([lens.fx, lens.fy, lens.cx, lens.cy]).all():
-        # Both count from the picture's corner: the first pixel's centre is at 0.5.
-        matrix = [[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]]
-        axes = rr.ViewCoordinates.RUB
-        log.always(
-            image,
-            rr.Pinhole(image_from_camera=matrix, resolution=[lens.width, lens.height], camera_xyz=axes),
-        )
-    poses = view.poses
-    kept = log.within(poses.t_us)
-    if len(kept):
-        where, turned = poses.position[kept], poses.rotation[kept]
-        log.columns(camera, poses.t_us[kept], rr.Transform3D.columns(translation=where, quaternion=turned))
-        log.always(track, rr.LineStrips3D([where], colors=[(150, 150, 150)]))
-
-
 def _finite_range(labels: RecordedLabels, kept: npt.NDArray[np.intp]) -> tuple[float, float]:
     """Return the least and largest finite depth of about ten images."""
     low, high = np.inf, 0.0
@@ -179,7 +160,27 @@ def _finite_range(labels: RecordedLabels, kept: npt.NDArray[np.intp]) -> tuple[f
         finite = depth[np.isfinite(depth)]
         if finite.size:
             low, high = min(low, float(finite.min())), max(high, float(finite.max()))
-    return (low, high) if low < high else (0.0, 1.0)
+    return (low, max(high, 1.001 * low)) if np.isfinite(low) else (1.0, 2.0)
+
+
+def _log_camera(log: _Log, view: RecordedView, camera: str, image: str, track: str) -> None:
+    """Log lens, poses, and the path that they make."""
+    rr, lens, depth = log.rr, view.camera, view.labels.get("depth")
+    if np.isfinite([lens.fx, lens.fy, lens.cx, lens.cy]).all():
+        # Both count from the picture's corner: the first pixel's centre is at 0.5.
+        matrix = [[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]]
+        size, axes = [lens.width, lens.height], rr.ViewCoordinates.RUB
+        log.always(image, rr.Pinhole(image_from_camera=matrix, resolution=size, camera_xyz=axes))
+        if depth is not None and len(depth):
+            # The frustum ends well before what the camera sees.
+            nearest = _finite_range(depth, np.arange(len(depth)))[0]
+            log.always(image, rr.Pinhole.from_fields(image_plane_distance=0.4 * nearest))
+    poses = view.poses
+    kept = log.within(poses.t_us)
+    if len(kept):
+        where, turned = poses.position[kept], poses.rotation[kept]
+        log.columns(camera, poses.t_us[kept], rr.Transform3D.columns(translation=where, quaternion=turned))
+        log.always(track, rr.LineStrips3D([where], colors=[(150, 150, 150)]))
 
 
 def _log_labels(log: _Log, recording: Recording, view: RecordedView, image: str, shown: bool) -> None:
@@ -192,7 +193,8 @@ def _log_labels(log: _Log, recording: Recording, view: RecordedView, image: str,
             labels, path = view.labels[kind], f"{image}/{kind}"
             if kind == "depth":
                 spread = _finite_range(labels, known[kind])
-                log.always(path, rr.DepthImage.from_fields(meter=1.0, depth_range=spread))
+                how = {"meter": 1.0, "colormap": rr.components.Colormap.Viridis, "depth_range": spread}
+                log.always(path, rr.DepthImage.from_fields(**how))
             speed = full_speed(view, kind) if kind in _FLOWS else 0.0
             reference = reference_of(recording, labels[int(known[kind][0])]) if kind in _FRAMES else 1.0
             for index in known[kind].tolist():
@@ -237,9 +239,8 @@ def _layout(log: _Log, cameras: Sequence[tuple[str, str, str]]) -> Any:
     whole = [rrb.Horizontal(*top)] if top else []
     if any(path.startswith("/rates/") for path in log.rows):
         whole.append(rrb.TimeSeriesView(origin="/rates", name="event rate"))
-    # The timeline's name is what makes the viewer choose it, also where there is a log time.
-    panel = rrb.TimePanel(timeline=TIMELINE)
-    return rrb.Blueprint(rrb.Vertical(*whole, row_shares=[4, 1][: len(whole)]), panel)
+    sides = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
+    return rrb.Blueprint(rrb.Vertical(*whole, row_shares=[4, 1][: len(whole)]), *sides)
 
 
 def log(
