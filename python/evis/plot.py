@@ -191,7 +191,8 @@ def _draw_rate_map(figure: Any, axes: Any, events: EventArray) -> None:
     )
     axes.set_facecolor("#eeeeee")
     y, x = np.unravel_index(int(rate.argmax()), rate.shape)
-    axes.set_title(f"Rate per pixel, up to {high:.3g}/s at ({x}, {y})")
+    most = f"{high:.0f}" if high >= 100 else f"{high:.3g}"
+    axes.set_title(f"Rate per pixel, up to {most}/s at ({x}, {y})")
     figure.colorbar(shown, ax=axes, label="events per second")
 
 
