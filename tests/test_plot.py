@@ -32,7 +32,7 @@ ORANGE, BLUE = (230, 159, 0), (0, 66, 120)
 
 
 def scattered(count: int = 3000, first_us: int = 0, length_us: int = 60_000) -> evis.EventArray:
-    """Events anywhere but in the last row, more of them ON than OFF and more at the left, some in the same microsecond."""
+    """Events anywhere but in the last row, more ON than OFF and more at the left, some in one microsecond."""
     rng = np.random.default_rng(7)
     t = first_us + np.sort(rng.integers(0, length_us, count))
     t[10:20] = t[10]
