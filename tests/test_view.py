@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_readme import blocks, run_code
 
 import evis
 from evis import _commands
@@ -353,3 +354,15 @@ def test_the_command_writes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit) as ended:
         _commands.run("view", [])
     assert ended.value.code == 2
+
+
+def test_code_of_the_page_runs(device: evis.Device, tmp_path: Path):
+    _, code = blocks(Path(__file__).resolve().parent.parent / "docs/view.md", "python")
+    done = run_code(code, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("10 pictures of events\n")
+    rows = read(tmp_path / "mine.rrd")
+    assert [t for t, _ in rows["/battery"]["Scalars:scalars"]] == [10_000, 20_000]
+    assert len(images(rows, f"{IMAGE}/events")) == 10
+    # Canary: code that is out of date does not pass.
+    assert run_code(code.replace("window_us=", "window="), tmp_path).returncode != 0

@@ -51,7 +51,9 @@ def _figure(width: float, height: float) -> Figure:
     except ImportError as error:
         raise ConfigError("plots are not drawn without Matplotlib; pip install 'evis[plot]'") from error
     # Without pyplot: no window, and nothing that outlives the figure.
-    return Figure(figsize=(width, height), dpi=100, layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=100, layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
+    return figure
 
 
 def _events(source: Source) -> EventArray:
@@ -113,6 +115,8 @@ def _nice(value: float) -> int:
 
 
 def _draw_rates(axes: Any, events: EventArray, bin_us: int | None) -> None:
+    from matplotlib.ticker import EngFormatter
+
     start, end = _span_us(events)
     width = (
         _nice((end - start) / 200)
@@ -131,6 +135,7 @@ def _draw_rates(axes: Any, events: EventArray, bin_us: int | None) -> None:
         axes.stairs(rate, axis(edges), baseline=None, color=color, label=name, linewidth=1.2)
     axes.set_xlim(axis(edges[0]), axis(edges[-1]))
     axes.set_ylim(0)
+    axes.yaxis.set_major_formatter(EngFormatter())
     axes.set_xlabel(axis.label)
     axes.set_ylabel("events per second")
     axes.set_title(f"Event rate, bins of {width / 1000:g} ms")
@@ -346,6 +351,8 @@ def _tiles(events: EventArray, count: int, window_us: int | None) -> list[tuple[
 
 
 def _draw_thumbnails(figure: Any, events: EventArray, count: int, window_us: int | None) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     tiles = _tiles(events, count, window_us)
     windows = [events.slice_time(*tile) for tile in tiles]
     counts = [window.counts().sum(axis=0) for window in windows]
@@ -360,7 +367,7 @@ def _draw_thumbnails(figure: Any, events: EventArray, count: int, window_us: int
         _imshow(rows[2, k], polarity_picture(window.to_numpy(), (events.width, events.height)))
     for row, name in zip(rows[:, 0], ("counts", "time surface", "polarity"), strict=True):
         row.set_ylabel(name)
-    figure.colorbar(shown, ax=list(rows[0]), label="events")
+    figure.colorbar(shown, ax=list(rows[0]), label="events", ticks=MaxNLocator(5, integer=True))
 
 
 def thumbnails(events: Source, *, count: int = 4, window_us: int | None = None) -> Figure:
