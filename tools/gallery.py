@@ -84,11 +84,13 @@ def keep(figure: Figure, name: str, dpi: int = 100) -> None:
 
 def store(picture: Any, name: str) -> None:
     """Write a picture; photographs as JPEG, else PNG with a palette, whose colours are few."""
+    from PIL import Image
+
     path = OUT / name
     if path.suffix == ".jpg":
         picture.save(path, quality=75, optimize=True, progressive=True)
     else:
-        picture.quantize(200, dither=0).save(path, optimize=True)
+        picture.quantize(200, method=Image.Quantize.MAXCOVERAGE, dither=0).save(path, optimize=True)
     print(f"{path.relative_to(ROOT)}  {path.stat().st_size // 1000} kB", flush=True)
 
 
@@ -196,6 +198,7 @@ def sensors(folder: Path) -> None:
             counts = np.bincount(events.t[events.p == polarity] // 1000, minlength=100)
             rate.stairs(counts / 1e-3 / 1e6, baseline=None, color=color)
         rate.set_ylim(0, 0.8)
+        rate.set_yticks([0, 0.2, 0.4, 0.6] if column == 0 else [])
         rate.set_xticks([0, 50, 100])
         rate.set_xlabel("ms", fontsize=8)
         rate.tick_params(labelsize=8)

@@ -72,8 +72,12 @@ def _events(source: Source) -> EventArray:
 
 
 def _span_us(events: EventArray) -> tuple[int, int]:
-    """Return the first microsecond, and one past the last."""
-    return int(events.t[0]), int(events.t[-1]) + 1
+    """Return the first microsecond, and one past the last.
+
+    Streams start at 0: where the first event comes soon after, that is the first microsecond.
+    """
+    start, end = int(events.t[0]), int(events.t[-1]) + 1
+    return (0 if 0 <= start < 0.05 * end else start), end
 
 
 class _Axis:
