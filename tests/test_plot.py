@@ -287,6 +287,15 @@ def test_surfaces_of_films_are_those_of_the_events():
         )
 
 
+def test_the_same_events_give_the_same_film(tmp_path: Path):
+    pytest.importorskip("imageio_ffmpeg")
+    for name, events in (("a", scattered()), ("b", scattered()), ("other", scattered(2000))):
+        plot.video(events, tmp_path / f"{name}.mp4", fps=50)
+    a, b, other = (path.read_bytes() for path in sorted(tmp_path.iterdir()))
+    assert a == b
+    assert a != other, "canary"
+
+
 def test_films_of_clouds_have_even_sides(tmp_path: Path):
     pytest.importorskip("imageio_ffmpeg")
     assert plot.video(scattered(), tmp_path / "cloud.mp4", kind="xyt", fps=50) == 3

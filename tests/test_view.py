@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections import defaultdict
@@ -74,8 +75,10 @@ def recording(device: evis.Device, tmp_path_factory: pytest.TempPathFactory) -> 
         evis.Scene.builtin("spinner"),
         size=SIZE,
         quality="draft",
-        labels=["depth", "flow", "hdr", "instance"],
+        labels=["depth", "flow", "hdr", "instance", "semantic"],
         label_rate_hz=100,
+        frame_rate_hz=100,
+        exposure_us=2000,
     )
     evis.save(path, sim.stream(duration=0.05))
     return evis.load(path)
@@ -181,13 +184,20 @@ def test_label_images_are_the_recordings(recording: evis.Recording, rows: Rows):
     for image, held in zip(frames.values(), labels["hdr"], strict=True):
         assert np.array_equal(image, tone_mapped(held, reference))
     assert not np.array_equal(frames[0], tone_mapped(labels["hdr"][-1], reference)), "canary: another frame"
+    grey, exposed = images(rows, f"{IMAGE}/frame"), reference_of(recording, labels["frame"][0])
+    assert list(grey) == labels["frame"].t_us.tolist()
+    for image, held in zip(grey.values(), labels["frame"], strict=True):
+        assert np.array_equal(image, tone_mapped(held, exposed))
     for kind in ("flow_forward", "flow_backward"):
         speed = full_speed(recording.view, kind)
         assert 10 < speed < 1000, "pixels per second"
         for index, image in enumerate(images(rows, f"{IMAGE}/{kind}").values()):
             assert np.array_equal(image, flow_of(recording.view, kind, index, speed))
-    ids = images(rows, f"{IMAGE}/instance", np.uint16)
-    assert np.array_equal(ids[0], labels["instance"][0])
+    for kind in ("instance", "semantic"):
+        for image, held in zip(
+            images(rows, f"{IMAGE}/{kind}", np.uint16).values(), labels[kind], strict=True
+        ):
+            assert np.array_equal(image, held)
 
 
 # Events alone.
@@ -332,14 +342,21 @@ def test_the_viewer_opens_where_there_is_a_display(monkeypatch: pytest.MonkeyPat
     spawned = []
 
     def spawn(stream: Any) -> None:
+        assert os.environ["PATH"].startswith(str(Path(sys.executable).parent)), "where pip puts the viewer"
         spawned.append(stream)
         stream.save(tmp_path / "shown.rrd")
+
+    def failing(stream: Any) -> None:
+        raise RuntimeError("no viewer\nand much more")
 
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
     counts = evis_rerun.view(scattered())
     spawned[0].disconnect()
     assert len(images(read(tmp_path / "shown.rrd"), f"{IMAGE}/events")) == counts[f"{IMAGE}/events"] == 6
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", failing)
+    with pytest.raises(evis.ConfigError, match="the viewer did not open: no viewer; write a file instead"):
+        evis_rerun.view(scattered())
 
 
 def test_the_command_writes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

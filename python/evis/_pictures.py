@@ -74,7 +74,7 @@ def srgb(linear: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 def reference_of(recording: Recording, image: Float) -> float:
     """Return the luminance that counts as 1: the recording's, or what brings ``image``'s log-mean to 0.18."""
-    stored = re.search(r"^reference_luminance = ([-+.\de]+)$", recording.config_toml, re.MULTILINE)
+    stored = re.search(r"(?m)^reference_luminance = (\d+(\.\d+)?(e[-+]?\d+)?)$", recording.config_toml)
     if stored and 0 < float(stored[1]) < np.inf:
         return float(stored[1])
     light = image @ _LUMINANCE if image.ndim == 3 else image
@@ -138,6 +138,7 @@ def full_speed(view: RecordedView, kind: str) -> float:
         seconds = flow_seconds(labels.interval_us(index))
         valid = _valid(view, kind, index)
         flow = labels[index] if valid is None else labels[index][valid != 0]
+        flow = flow[np.isfinite(flow).all(axis=-1)]
         if seconds > 0 and flow.size:
             speeds.append(float(np.percentile(np.hypot(flow[..., 0], flow[..., 1]), 95)) / seconds)
     return max(speeds, default=0.0)

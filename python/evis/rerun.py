@@ -316,6 +316,21 @@ def log(
     return to.rows
 
 
+def _spawn(stream: Any) -> None:
+    """Open the viewer, which is installed beside Python, also where that folder is not on PATH."""
+    before = os.environ.get("PATH", "")
+    os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), before])
+    try:
+        stream.spawn()
+    except RuntimeError as error:
+        reason = str(error).partition("\n")[0]
+        raise ConfigError(
+            f"the viewer did not open: {reason}; write a file instead, with --save OUT.rrd"
+        ) from error
+    finally:
+        os.environ["PATH"] = before
+
+
 def view(
     source: Source,
     *,
@@ -352,7 +367,8 @@ def view(
     """
     rerun = _rerun()
     path = None if save is None else Path(save)
-    if path is None and sys.platform == "linux" and not (os.environ.keys() & {"DISPLAY", "WAYLAND_DISPLAY"}):
+    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if path is None and sys.platform == "linux" and not display:
         raise ConfigError(
             "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set); write a file instead, with "
             "--save OUT.rrd, and open it where there is one"
@@ -362,10 +378,11 @@ def view(
     recording = _opened(source, camera)
     stream = rerun.RecordingStream("evis")
     stream.send_recording_name(Path(source).name if isinstance(source, (str, PathLike)) else "events")
-    options = {"window_us": window_us, "camera": camera, "start_us": start_us, "end_us": end_us}
+    options: dict[str, Any] = {"window_us": window_us, "camera": camera, "progress": progress}
+    options |= {"start_us": start_us, "end_us": end_us}
     if path is None:
-        stream.spawn()
-        rows = log(stream, recording, **options, progress=progress)  # type: ignore[arg-type]
+        _spawn(stream)
+        rows = log(stream, recording, **options)
         stream.flush()
         return rows
     part = path.with_name(f"{path.name}.part")
@@ -373,7 +390,7 @@ def view(
     part.open("wb").close()
     try:
         stream.save(part)
-        rows = log(stream, recording, **options, progress=progress)  # type: ignore[arg-type]
+        rows = log(stream, recording, **options)
         stream.disconnect()
         part.replace(path)
     except BaseException:
