@@ -61,6 +61,15 @@ def last_codes(events: evis.EventArray) -> np.ndarray:
     return codes
 
 
+def view_names(path: Path) -> set[str]:
+    """What the viewer's layout shows, by title."""
+    reader = chunk.RrdReader(str(path))
+    (layout,) = reader.blueprints()
+    batches = [part.to_record_batch() for part in reader.stream(store=layout)]
+    name = "ViewBlueprint:display_name"
+    return {b.column(name).to_pylist()[0][0] for b in batches if name in b.schema.names}
+
+
 def scattered(count: int = 4000, first_us: int = 0) -> evis.EventArray:
     rng = np.random.default_rng(3)
     t = first_us + np.sort(rng.integers(0, 55_000, count))
@@ -92,7 +101,9 @@ def rows(recording: evis.Recording, tmp_path_factory: pytest.TempPathFactory) ->
     for entity, count in counts.items():
         timed = {len([t for t, _ in values if t is not None]) for values in found[entity].values()} - {0}
         assert timed == {count}, entity
-    assert len(list(chunk.RrdReader(str(path)).blueprints())) == 1
+    kinds = [entity.split("/")[-1] for entity in counts if "/image/" in entity]
+    assert view_names(path) == {"world", "camera: event rate", *(f"camera: {kind}" for kind in kinds)}
+    assert len(kinds) == 8
     return found
 
 
@@ -249,6 +260,8 @@ def test_cameras_are_told_apart(tmp_path: Path):
     evis.save(tmp_path / "two.h5", {"left": left, "right": right})
     both = evis_rerun.view(tmp_path / "two.h5", save=tmp_path / "x.rrd")
     assert {entity.split("/")[2] for entity in both if entity.startswith("/rates")} == {"left", "right"}
+    titles = {f"{name}: {what}" for name in ("left", "right") for what in ("events", "event rate")}
+    assert view_names(tmp_path / "x.rrd") == titles, "no poses, no world"
     shown = images(read(tmp_path / "x.rrd"), "/world/cameras/right/image/events")
     assert np.array_equal(shown[10_000], last_codes(right.slice_time(0, 10_000)))
     one = evis_rerun.view(tmp_path / "two.h5", save=tmp_path / "x.rrd", camera="left")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -148,7 +148,7 @@ def _log_events(log: _Log, view: RecordedView, image: str, rates: str, window_us
     on, all_events = np.diff(before_on), np.diff(at)
     for name, color, count in (("ON", DARK_ON, on), ("OFF", DARK_OFF, all_events - on)):
         path = f"{rates}/{name}"
-        log.always(path, rr.SeriesLines(colors=[color], names=[f"{view.camera.name} {name}, events/s"]))
+        log.always(path, rr.SeriesLines(colors=[color], names=[f"{name}, events/s"]))
         log.columns(path, edges[1:], rr.Scalars.columns(scalars=count / seconds))
 
 
@@ -213,34 +213,32 @@ def _log_labels(log: _Log, recording: Recording, view: RecordedView, image: str,
                 progress.advance()
 
 
-def _layout(log: _Log, cameras: Sequence[tuple[str, str, str]]) -> Any:
-    """Lay the viewer out: space at the left, pictures beside it, rates below."""
+def _layout(log: _Log, names: Sequence[str]) -> Any:
+    """Lay the viewer out: space at the left, a grid of pictures per camera beside it, rates below."""
     import rerun.blueprint as rrb
 
-    def pictures(name: str, image: str) -> Iterator[Any]:
-        for kind in ("events", *_FRAMES, "depth", *_FLOWS, *_IDS):
-            path = f"{image}/{kind}"
-            if path in log.rows:
-                yield rrb.Spatial2DView(origin=image, contents=[path], name=f"{name}: {kind}")
-
-    views = [view for name, image, _ in cameras for view in pictures(name, image)]
-    # One picture on each camera's frustum is enough: the first of these that there is.
-    flat = (*_FRAMES, "events", *_FLOWS, *_IDS)
-    behind = [
-        f"- {path}"
-        for _, image, _ in cameras
-        for path in [f"{image}/{kind}" for kind in flat if f"{image}/{kind}" in log.rows][1:]
-    ]
-    rows = rrb.Grid(*views) if len(views) > 1 else views[0] if views else None
-    top = [rows] if rows is not None else []
-    if any(path in log.rows for _, _, path in cameras):
-        space = rrb.Spatial3DView(origin="/world", contents=["+ /world/**", *behind], name="world")
-        top.insert(0, space)
-    whole = [rrb.Horizontal(*top)] if top else []
-    if any(path.startswith("/rates/") for path in log.rows):
-        whole.append(rrb.TimeSeriesView(origin="/rates", name="event rate"))
+    grids, behind, rates, posed = [], [], [], False
+    for name in names:
+        camera, rate = log.path("world", "cameras", name), log.path("rates", name)
+        paths = {kind: f"{camera}/image/{kind}" for kind in ("events", *_FRAMES, "depth", *_FLOWS, *_IDS)}
+        shown = {kind: path for kind, path in paths.items() if path in log.rows}
+        pictures = [
+            rrb.Spatial2DView(origin=f"{camera}/image", contents=[path], name=f"{name}: {kind}")
+            for kind, path in shown.items()
+        ]
+        if pictures:
+            grids.append(rrb.Grid(*pictures))
+        # One picture on each camera's frustum is enough: the first of these that there is.
+        flat = [kind for kind in (*_FRAMES, "events", *_FLOWS, *_IDS) if kind in shown]
+        behind += [f"- {shown[kind]}" for kind in flat[1:]]
+        posed |= camera in log.rows
+        if f"{rate}/ON" in log.rows:
+            rates.append(rrb.TimeSeriesView(origin=rate, name=f"{name}: event rate"))
+    space = rrb.Spatial3DView(origin="/world", contents=["+ /world/**", *behind], name="world")
+    above = [space] * posed + [rrb.Vertical(*grids)] * bool(grids)
+    rows = [rrb.Horizontal(*views) for views in (above, rates) if views]
     sides = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
-    return rrb.Blueprint(rrb.Vertical(*whole, row_shares=[4, 1][: len(whole)]), *sides)
+    return rrb.Blueprint(rrb.Vertical(*rows, row_shares=[4, 1][: len(rows)]), *sides)
 
 
 def log(
@@ -296,7 +294,6 @@ def log(
         raise ConfigError(f"end_us is {end_us}; it must be above start_us, {start_us}")
     to = _Log(stream, limits)
     views = list(recording.values()) if camera is None else [recording[camera]]
-    cameras = []
     to.always("world", to.rr.ViewCoordinates.RIGHT_HAND_Y_UP)
     for view in views:
         name = view.camera.name
@@ -305,14 +302,13 @@ def log(
         _log_camera(to, view, place, image, to.path("world", "tracks", name))
         _log_events(to, view, f"{image}/events", to.path("rates", name), window_us, progress)
         _log_labels(to, recording, view, image, progress)
-        cameras.append((name, image, place))
     if not to.rows:
         part = "" if start_us is end_us is None else f" with start_us={start_us} and end_us={end_us}"
         raise ConfigError(
             f"there is nothing to show{part}: no event, no label image, no pose; choose another recording or "
             "part of it"
         )
-    stream.send_blueprint(_layout(to, cameras))
+    stream.send_blueprint(_layout(to, [view.camera.name for view in views]))
     return to.rows
 
 
