@@ -115,6 +115,7 @@ def test_intervals_are_those_of_each_pixel():
         inside = [sum(low <= max(gap, 0.7) < high for gap in wanted) for low, high in zip(edges, edges[1:])]  # noqa: B905, RUF007
         assert count.tolist() == inside
         assert count.sum() == len(wanted)
+        assert (edges[1:] == np.rint(edges[1:])).all(), "no bin that no interval can fall into"
     assert drawn["same polarity"][0].tolist() != drawn["other polarity"][0].tolist(), "canary"
 
 

@@ -167,9 +167,9 @@ def _draw_intervals(axes: Any, events: EventArray) -> None:
     if not len(gaps):
         axes.text(0.5, 0.5, "no pixel fired twice", transform=axes.transAxes, ha="center", color=_GREY)
         return
-    # Ten bins per decade; the first one holds events of the same microsecond.
+    # Ten bins per decade, but none without a whole microsecond; the first one holds intervals of 0.
     decades = np.arange(0, np.log10(max(int(gaps.max()), 1)) + 0.1001, 0.1)
-    edges = np.concatenate([[0.5], 10**decades])
+    edges = np.concatenate([[0.5], np.unique(np.rint(10**decades))])
     edges[-1] = max(edges[-1], gaps.max() + 1)
     for name, color, kept in (
         ("same polarity", "#333333", alike),
@@ -244,8 +244,8 @@ def intervals(events: Source) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        One axes, with a step line each; both scales are logarithmic, ten bins per decade. The first bin holds
-        pairs within one microsecond.
+        One axes, with a step line each; both scales are logarithmic, ten bins per decade, fewer below 10 us.
+        The first bin holds pairs of the same microsecond.
 
     Raises
     ------
