@@ -299,6 +299,7 @@ def test_rows_go_to_a_stream_of_the_users_own(tmp_path: Path):
     [
         ({"window_us": 0}, "window_us is 0"),
         ({"window_us": 1.5}, "window_us is 1.5"),
+        ({"window_us": 1 << 60}, f"window_us is {1 << 60}"),
         ({"start_us": 5, "end_us": 5}, "end_us is 5; it must be above start_us"),
         ({"start_us": "a"}, "start_us is 'a'"),
         ({"start_us": 10**9}, "there is nothing to show with start_us=1000000000"),

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from . import _check
 from ._events import EventArray
-from ._evis import ConfigError
+from ._evis import MOST_T_US, ConfigError
 from ._files import RecordedLabels, RecordedView, Recording, load, recording_of
 from ._pictures import (
     DARK_OFF,
@@ -111,7 +111,7 @@ def _windows(events: EventArray, limits: tuple[int, int], window_us: int) -> npt
     """Return the edges of windows, from the first event's to the last one's; none without events."""
     if not len(events):
         return np.empty(0, np.int64)
-    # Times of windows do not depend on the first event, unless that lies before the stream's start.
+    # Windows are counted from the part's start, or from 0, so that the first event does not move them.
     anchor = limits[0] if limits[0] > -_check.MOST_US else 0
     first, last = ((int(events.t[at]) - anchor) // window_us for at in (0, -1))
     count = last - first + 1
@@ -285,7 +285,7 @@ def log(
         If the file cannot be read.
     """
     recording = _opened(source, camera)
-    window_us = _check.whole("window_us", window_us, 1, _check.MOST_US, " microseconds")
+    window_us = _check.whole("window_us", window_us, 1, MOST_T_US, " microseconds")
     limits = (
         -_check.MOST_US if start_us is None else _check.time_us("start_us", start_us),
         _check.MOST_US if end_us is None else _check.time_us("end_us", end_us),
