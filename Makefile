@@ -35,7 +35,7 @@ DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch check check-long format bench chart accuracy wheel smoke docs bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch check check-long format bench chart accuracy gallery wheel smoke docs bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -112,6 +112,10 @@ chart: wheel ## Measure speed against accuracy on the built-in scenes; redraws d
 accuracy: wheel ## Measure what limits accuracy; refills the tables of docs/accuracy.md.
 	tools/install "$(BIN)"
 	$(BIN)/python tools/accuracy.py $(BIN)/evis
+
+gallery: wheel ## Draw the pictures of docs/gallery.md.
+	tools/install "$(BIN)" plot view
+	$(BIN)/python tools/gallery.py
 
 wheel: setup ## Build the abi3 wheel into dist/.
 	rm -f dist/evis-*.whl

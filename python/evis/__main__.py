@@ -13,9 +13,6 @@ from . import _commands, _evis
 
 def main() -> int:
     """Run the command line and return its exit code."""
-    # The program looks for Ctrl-C itself; Python's handler would only report it once more afterwards.
-    with contextlib.suppress(ValueError):
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
     if sys.platform == "linux":
         # Mesa's drivers complain where this is missing, as in containers; nothing of ours is put there.
         os.environ.setdefault("XDG_RUNTIME_DIR", tempfile.gettempdir())
@@ -26,8 +23,11 @@ def main() -> int:
 
             os.environ["EVIS_FFMPEG"] = imageio_ffmpeg.get_ffmpeg_exe()
     arguments = sys.argv[1:]
-    if arguments[:1] == ["evaluate"]:
-        return _commands.run_evaluate(arguments[1:])
+    if arguments and arguments[0] in _commands.COMMANDS:
+        return _commands.run(arguments[0], arguments[1:])
+    # The program looks for Ctrl-C itself; Python's handler would only report it once more afterwards.
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     code = _evis.run_cli(["evis", *arguments])
     if arguments in (["--help"], ["-h"], ["help"]):
         print(_commands.HELP, end="")

@@ -1,4 +1,4 @@
-"""The commands of ``evis`` that are written in Python: ``evis evaluate``."""
+"""The commands of ``evis`` that are written in Python: ``evaluate``, ``view`` and ``plot``."""
 
 from __future__ import annotations
 
@@ -6,13 +6,19 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
-from . import evaluate
-from ._evis import EvisError
+from . import _check, evaluate, plot, rerun
+from ._events import EventArray
+from ._evis import ConfigError, EvisError
+from ._files import load
 
 HELP = """
 Commands in Python:
   evaluate   Ask networks whether they accept a recording's events: reconstruction, flow, matching
+  view       Show a recording in the viewer Rerun, or write a file for it
+  plot       Draw event rates, intervals, thumbnails, x-y-t clouds, and films
 """
 """What ``evis --help`` says beside the help of ``evis-rs``."""
 
@@ -97,3 +103,185 @@ def run_evaluate(arguments: Sequence[str]) -> int:
         print(f"error: these controls do not fail: {', '.join(wrong)}", file=sys.stderr)
         return 1
     return 0
+
+
+def _seconds(text: str) -> int:
+    """Return microseconds of an argument in seconds."""
+    with suppress(ValueError):
+        time_us = float(text) * 1e6
+        if abs(time_us) < 2**52:
+            return round(time_us)
+    raise argparse.ArgumentTypeError(f"it is {text!r}; it must be a time in seconds, such as 0.5")
+
+
+def _part(parser: argparse.ArgumentParser, camera: str) -> None:
+    """Add the options that choose a part of a recording."""
+    parser.add_argument("--camera", metavar="NAME", help=f"the camera ({camera})")
+    parser.add_argument("--start", type=_seconds, metavar="S", help="where to start, seconds (at the start)")
+    parser.add_argument("--duration", type=_seconds, metavar="S", help="how much, seconds (to the end)")
+
+
+def _end_us(given: argparse.Namespace) -> int | None:
+    """Return one past the last microsecond that is asked for."""
+    if given.duration is None:
+        return None
+    if given.duration <= 0:
+        raise ConfigError(f"--duration is {given.duration / 1e6:g}; it must be above 0 seconds")
+    return int((given.start or 0) + given.duration)
+
+
+def _view_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="evis view",
+        description="Show a recording in the viewer Rerun: events, frames, depth, flow, camera and poses on "
+        "one timeline; of files of other programs, events.",
+        epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package, no display).",
+    )
+    parser.add_argument("file", metavar="FILE", help="a file of events of any format")
+    parser.add_argument("--save", metavar="OUT.rrd", help="write a file for the viewer; needs no display")
+    parser.add_argument(
+        "--window-ms", type=_milliseconds, default=10_000, metavar="MS", help="events per picture (10)"
+    )
+    _part(parser, "all")
+    return parser
+
+
+def run_view(arguments: Sequence[str]) -> int:
+    """Run ``evis view`` and return its exit code."""
+    given = _view_parser().parse_args(arguments)
+    rows = rerun.view(
+        given.file,
+        save=given.save,
+        window_us=given.window_ms,
+        camera=given.camera,
+        start_us=given.start,
+        end_us=_end_us(given),
+        progress=True,
+    )
+    if given.save:
+        print(given.save)
+    for path, count in rows.items():
+        print(f"{count:8}  {path}")
+    return 0
+
+
+_PICTURES = (".png", ".jpg", ".svg", ".pdf")
+_WINDOWS = {"thumbnails": "window_us", "surface": "tau_us", "rates": "bin_us"}
+"""What ``--window-ms`` is to each plot that has such a time."""
+
+
+def _plot_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="evis plot",
+        description="Draw the events of a recording, as a picture or as a film.",
+        epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package).",
+    )
+    parser.add_argument("file", metavar="FILE", help="a file of events of any format")
+    parser.add_argument("-o", "--output", metavar="OUT", help=f"the picture: {', '.join(_PICTURES)}")
+    parser.add_argument("--video", metavar="OUT.mp4", help="the film")
+    parser.add_argument(
+        "--kind",
+        choices=list(plot.KINDS),
+        help=f"what is drawn (summary; films: {', '.join(plot.FILMS)}, of which the first)",
+    )
+    parser.add_argument(
+        "--window-ms",
+        type=_milliseconds,
+        metavar="MS",
+        help="events per frame or thumbnail; time in which a surface fades to 1/e; bin of rates",
+    )
+    parser.add_argument("--fps", type=float, help="frames per second of a film (30)")
+    parser.add_argument("--slow", type=float, metavar="N", help="so many times slower (1)")
+    _part(parser, "the first")
+    return parser
+
+
+def _events_of(given: argparse.Namespace) -> EventArray:
+    """Read the events that are asked for."""
+    end_us = _end_us(given)
+    recording = load(given.file, camera=given.camera)
+    view = next(iter(recording.values())) if given.camera is None else recording[given.camera]
+    if not len(view):
+        raise ConfigError(
+            f"{given.file}: camera '{view.camera.name}' has no events; there is nothing to draw"
+        )
+    start_us = -_check.MOST_US if given.start is None else given.start
+    events = view.slice_time(start_us, _check.MOST_US if end_us is None else end_us)
+    if not len(events):
+        first, last = (int(view.events.t[at]) / 1e6 for at in (0, -1))
+        raise ConfigError(
+            f"{given.file}: camera '{view.camera.name}' has no events in that part, but from {first} s to "
+            f"{last} s; choose another --start or --duration"
+        )
+    return events
+
+
+def _same_file(a: str, b: str) -> bool:
+    with suppress(OSError):
+        return Path(a).samefile(b)
+    return False
+
+
+def _draw(given: argparse.Namespace) -> str:
+    """Write a picture, and say what it shows."""
+    path, kind = Path(given.output), given.kind or "summary"
+    options: dict[str, Any] = {}
+    if path.suffix.lower() not in _PICTURES:
+        raise ConfigError(f"--output is {given.output}; it must end with {', '.join(_PICTURES)}")
+    if given.window_ms is not None and not given.video:
+        if kind not in _WINDOWS:
+            raise ConfigError(
+                f"--window-ms says nothing for --kind {kind}; it does for {', '.join(_WINDOWS)} and films, "
+                "and --start and --duration choose a part"
+            )
+        options[_WINDOWS[kind]] = given.window_ms
+    events = _events_of(given)
+    figure = plot.KINDS[kind](events, **options)
+    part = path.with_name(f"{path.name}.part")
+    try:
+        figure.savefig(part, format=path.suffix[1:].lower())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return f"{kind} of {len(events)} events"
+
+
+def run_plot(arguments: Sequence[str]) -> int:
+    """Run ``evis plot`` and return its exit code."""
+    parser = _plot_parser()
+    given = parser.parse_args(arguments)
+    if not given.output and not given.video:
+        parser.error("nothing is asked for; name a picture, -o OUT.png, or a film, --video OUT.mp4")
+    if not given.video and (given.fps is not None or given.slow is not None):
+        parser.error("--fps and --slow are for films; add --video OUT.mp4")
+    for option, out in (("--output", given.output), ("--video", given.video)):
+        if out and _same_file(given.file, out):
+            raise ConfigError(f"{option} is the recording itself; choose another name")
+    if given.output:
+        print(f"{given.output}  {_draw(given)}")
+    if given.video:
+        options = {"fps": given.fps, "slow": given.slow, "window_us": given.window_ms, "kind": given.kind}
+        chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+        count = plot.video(_events_of(given), given.video, progress=True, **chosen)
+        print(f"{given.video}  {count} frames")
+    return 0
+
+
+COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
+    "evaluate": run_evaluate,
+    "view": run_view,
+    "plot": run_plot,
+}
+"""What runs each command, and returns its exit code."""
+
+
+def run(name: str, arguments: Sequence[str]) -> int:
+    """Run a command and return its exit code: 2 for input that can be put right, 130 after Ctrl-C."""
+    try:
+        return COMMANDS[name](arguments)
+    except (EvisError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130

@@ -102,6 +102,11 @@ def camera_of(events: EventArray, name: str) -> dict[str, Any]:
     return asdict(CameraInfo(name, events.width, events.height, unknown, unknown, unknown, unknown))
 
 
+def recording_of(events: EventArray) -> Recording:
+    """Return events as a recording of one camera."""
+    return Recording(_ArraySource(events))
+
+
 class RecordedLabels(Sequence[npt.NDArray[Any]]):
     """Label images of one kind in a file; each is read when it is asked for.
 
