@@ -36,7 +36,7 @@ const WARM_UP_US: i64 = 16_000;
 /// What is tried, the cheapest first.
 const CANDIDATES: [SamplingSettings; 8] = [
     Quality::Draft.sampling(),
-    Quality::Standard.sampling(),
+    Quality::Standard.sampling().rendered(),
     SamplingSettings::coverage(0.4, 36, 4),
     SamplingSettings::coverage(0.4, 64, 4),
     SamplingSettings::with_rays(0.4, 100),
