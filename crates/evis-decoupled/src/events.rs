@@ -121,7 +121,8 @@ impl Piece {
             loop {
                 let (level, polarity) = if end >= reference.above {
                     (reference.above, Polarity::On)
-                } else if end <= reference.below {
+                // A polynomial may fall below darkness, where levels crowd without end; light does not.
+                } else if end <= reference.below && reference.below > 0.0 {
                     (reference.below, Polarity::Off)
                 } else {
                     break;
@@ -170,6 +171,22 @@ mod tests {
         }
         // Canary: a straight line between the same ends is silent.
         assert!(events(Piece { bend: 0.0, ..piece }).is_empty());
+    }
+
+    #[test]
+    fn what_falls_below_darkness_fires_down_to_it() {
+        let t = thresholds();
+        let piece = Piece { t_us: 0.0, length_us: 1000.0, start: 1.0, end: 1.0, bend: 1.2e-5 };
+        assert!(piece.value(500.0) < -1.0);
+        let mut reference = Reference::at(t.log(piece.start), &t);
+        let mut fired = Vec::new();
+        piece.cross(&mut reference, &t, |t, p| {
+            assert!(fired.len() < 1000, "without end");
+            fired.push((t, p));
+        });
+        let down = ((t.log(1.0) - t.log(0.0)) / 0.2_f32 as f64).floor() as usize;
+        assert_eq!(fired.iter().filter(|f| f.1 == Polarity::Off).count(), down);
+        assert!(fired.is_sorted_by(|a, b| a.0 <= b.0) && fired.len() >= 2 * down - 1);
     }
 
     #[test]

@@ -9,6 +9,7 @@ pub mod blocks;
 pub mod coverage;
 pub mod events;
 pub mod fragment;
+mod hash;
 pub mod keyframe;
 pub mod light;
 mod limits;

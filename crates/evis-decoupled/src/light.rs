@@ -7,10 +7,9 @@
 //! a shadow into a cell is found once, where lamp, surface and what throws it are still.
 
 use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
+use std::hash::{BuildHasher, Hasher};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use evis_core::random::mix;
 use evis_scene::motion::{WaveShape, Waveform};
 use evis_scene::{ShadingModel, TextureRef};
 use glam::{DMat3, DMat4, DVec2, DVec3};
@@ -19,6 +18,7 @@ use crate::Error;
 use crate::blocks::{Block, Clock};
 use crate::coverage::{Moments, Polygon, Polygons};
 use crate::fragment::{Line, Sight};
+use crate::hash::Words;
 use crate::keyframe::{Footprint, Keyframe};
 use crate::lists::{Entry, Record, TILE};
 use crate::material::{self, Lamp, Point, Response, respond};
@@ -88,33 +88,7 @@ impl Key {
     }
 }
 
-/// FNV-1a is slow on long keys; this mixes words (the finaliser of SplitMix64).
-#[derive(Default)]
-struct Mix(u64);
-
-impl Hasher for Mix {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        for chunk in bytes.chunks(8) {
-            let mut word = [0; 8];
-            word[..chunk.len()].copy_from_slice(chunk);
-            self.write_u64(u64::from_le_bytes(word));
-        }
-    }
-
-    fn write_u64(&mut self, word: u64) {
-        self.0 = mix((self.0 ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15));
-    }
-
-    fn write_u32(&mut self, word: u32) {
-        self.write_u64(word.into());
-    }
-}
-
-type Map<T> = Mutex<HashMap<Key, Arc<T>, BuildHasherDefault<Mix>>>;
+type Map<T> = Mutex<HashMap<Key, Arc<T>, Words>>;
 
 /// World corners and normals of a moving surface's vertices, at both ends of a block.
 type Corners = Vec<(DVec3, DVec3)>;
@@ -1124,7 +1098,7 @@ pub struct Part<'a> {
 
 fn shard_of(key: &Key) -> usize {
     use std::hash::Hash;
-    let mut hasher = Mix::default();
+    let mut hasher = Words::default().build_hasher();
     key.hash(&mut hasher);
     (hasher.finish() >> 32) as usize % SHARDS
 }

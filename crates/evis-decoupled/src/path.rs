@@ -1,9 +1,9 @@
 //! A pixel's light over time: evaluated where it must be, a quadratic between evaluations.
 //!
-//! A block is cut into equal intervals in which what the pixel sees moves by less than a part of it. Each is evaluated in
-//! its middle and at its end. Through these runs a quadratic; how far the next point before is from a cubic through all
-//! says how far it may be off. An interval in which it may cross a threshold, and is not known well enough to say when,
-//! is halved.
+//! A block is cut into equal intervals in which what the pixel sees moves by about a pixel. Each is evaluated in its middle
+//! and at its end. Through these and the middle before runs a cubic; how far it is from the quadratic without that one bounds
+//! how far it is off. An interval in which it may cross a threshold, and is not known well enough to say when, is
+//! halved. Thresholds are crossed on two quadratics that meet the cubic at both ends and in the middle of either half.
 
 use crate::blocks::Block;
 use crate::events::{Piece, Reference, Thresholds};
@@ -22,6 +22,8 @@ const INSTANT_US: f64 = 2.0;
 const TOLERANCE: f64 = 0.004;
 /// A quadratic's estimated error times this, and this part of its range, is what it may be off by between evaluations.
 const MARGIN: [f64; 2] = [4.0, 0.5];
+/// How much longer than asked for an interval may be, so that pixels of a tile share them.
+const ROUNDING: f64 = 1.2;
 /// Least intervals in a block where light changes without motion.
 const LEAST_PARTS: u32 = 1;
 
@@ -32,8 +34,9 @@ struct Point {
     luminance: f64,
 }
 
-/// The least 2^n or 3 2^n that is not below `wanted`: intervals that pixels of a tile share, about as long as each wants.
-fn whole_parts(wanted: u32) -> u32 {
+/// The least 2^n or 3 2^n that is not below `wanted` but for [`ROUNDING`]: intervals that pixels of a tile share.
+fn whole_parts(wanted: f64) -> u32 {
+    let wanted = (wanted / ROUNDING).ceil().clamp(f64::from(LEAST_PARTS), f64::from(UNITS / 2)) as u32;
     let power = wanted.next_power_of_two();
     let parts = if power >= 4 && 3 * (power / 4) >= wanted { 3 * (power / 4) } else { power };
     parts.min(UNITS / 2)
@@ -84,14 +87,11 @@ impl<L: FnMut(u32) -> f64, F: FnMut(f64, evis_core::Polarity)> Walk<'_, L, F> {
         let middle = self.at(from + half);
         let quadratic = bend(&start, &middle, &end);
         let h = 0.5 * (end.t_us - start.t_us);
+        let third = path
+            .before
+            .map(|before| (quadratic - bend(&before, &start, &middle)) / (end.t_us - before.t_us));
         // The remainder of a quadratic through three points h apart is at most 0.385 h^3 times the third difference.
-        let error = match path.before {
-            Some(before) => {
-                let third = (quadratic - bend(&before, &start, &middle)) / (end.t_us - before.t_us);
-                0.385 * h * h * h * third.abs()
-            }
-            None => 0.5 * h * h * quadratic.abs(),
-        };
+        let error = third.map_or(0.5 * h * h * quadratic.abs(), |third| 0.385 * h * h * h * third.abs());
         // Extremes of the quadratic.
         let (mut low, mut high) = (start.luminance, start.luminance);
         for v in [middle.luminance, end.luminance] {
@@ -111,7 +111,11 @@ impl<L: FnMut(u32) -> f64, F: FnMut(f64, evis_core::Polarity)> Walk<'_, L, F> {
             self.interval(path, [from + half, to], end);
             return;
         }
-        self.cross(path, start, end, quadratic);
+        // The cubic is the quadratic and third t (t - m) (t - l), which is bent by this in either half.
+        let third = third.unwrap_or(0.0);
+        let (m, l) = (middle.t_us - start.t_us, end.t_us - start.t_us);
+        self.cross(path, start, middle, quadratic - third * (l - 0.5 * m));
+        self.cross(path, middle, end, quadratic + third * 0.5 * (m + l));
         (path.before, path.last) = (Some(middle), end);
     }
 
@@ -172,8 +176,7 @@ impl PixelPath {
             self.before = None;
             return walk.evaluations;
         }
-        let parts = (pace.motion_px / step_px).max(pace.periods * PERIOD_PARTS).ceil();
-        let parts = whole_parts((parts.min(f64::from(UNITS)) as u32).max(LEAST_PARTS));
+        let parts = whole_parts((pace.motion_px / step_px).max(pace.periods * PERIOD_PARTS));
         let length = UNITS / parts;
         for part in 0..parts {
             let to = (part + 1) * length;

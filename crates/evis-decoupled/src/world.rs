@@ -8,6 +8,7 @@ use evis_scene::{AlphaMode, Lens, Motion, Primitive, Scene, SceneState, Variant,
 use glam::{DMat4, DVec3};
 
 use crate::Error;
+use crate::hash::Words;
 
 /// Facets that are culled together.
 const CLUSTER: usize = 64;
@@ -299,7 +300,7 @@ fn facets(primitive: &Primitive, surface: u32, merge: bool) -> Vec<Facet> {
     let triangles: Vec<[u32; 3]> = (primitive.indices.as_chunks::<3>().0.iter().copied())
         .filter(|corners| corners.iter().all(|c| (*c as usize) < count))
         .collect();
-    let mut by_edge: HashMap<[u32; 2], usize> = HashMap::new();
+    let mut by_edge: HashMap<[u32; 2], usize, Words> = HashMap::default();
     if merge {
         for (index, t) in triangles.iter().enumerate() {
             for k in 0..3 {
@@ -368,7 +369,7 @@ fn one_polygon(primitive: &Primitive, corners: [u32; 4]) -> bool {
 
 /// Whether each directed edge, by the positions of its ends, has one against it.
 fn is_closed(primitive: &Primitive) -> bool {
-    let mut open: HashMap<[[u32; 3]; 2], i64> = HashMap::new();
+    let mut open: HashMap<[[u32; 3]; 2], i64, Words> = HashMap::default();
     // -0 and 0 are one place.
     let place = |i: u32| primitive.positions.get(i as usize).map(|p| p.map(|v| (v + 0.0).to_bits()));
     for t in primitive.indices.as_chunks::<3>().0 {
