@@ -3,7 +3,7 @@
 //! Everything here is conservative: over a block an edge function is a quartic in time, and lies within the hull of its
 //! Bernstein coefficients; what these keep out of a pixel never comes into it. Order is that of facets.
 
-use glam::DVec3;
+use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
 use crate::Error;
@@ -354,24 +354,28 @@ impl Record {
 fn pixels_of_edge(edge: &[DVec3; 5], left: f64, top: f64) -> (u64, u64) {
     // What rounding to 32 bits may add; edges are of unit gradient, about.
     const SLACK: f32 = 1e-4;
-    let mut most = [f32::NEG_INFINITY; TILE * TILE];
-    let mut least = [f32::INFINITY; TILE * TILE];
+    let mut most = [Vec4::NEG_INFINITY; TILE * TILE / 4];
+    let mut least = [Vec4::INFINITY; TILE * TILE / 4];
     for e in edge {
         let corner = e.dot(DVec3::new(left + 0.5, top + 0.5, 1.0)) as f32;
         let (a, b) = (e.x as f32, e.y as f32);
         let reach = 0.5 * (a.abs() + b.abs());
+        let across = Vec4::new(0.0, 1.0, 2.0, 3.0) * a;
         for y in 0..TILE {
             let start = corner + b * y as f32;
-            for x in 0..TILE {
-                let value = start + a * x as f32;
-                let slot = y * TILE + x;
+            for (half, across) in [across, across + 4.0 * a].into_iter().enumerate() {
+                let value = start + across;
+                let slot = 2 * y + half;
                 most[slot] = most[slot].max(value + reach);
                 least[slot] = least[slot].min(value - reach);
             }
         }
     }
-    let bits = |test: &dyn Fn(usize) -> bool| (0..TILE * TILE).fold(0, |m, p| m | u64::from(test(p)) << p);
-    (bits(&|p| most[p] >= -SLACK), bits(&|p| least[p] >= SLACK))
+    let bits = |values: &[Vec4; TILE * TILE / 4], least: f32| {
+        let of = |(k, v): (usize, &Vec4)| u64::from(v.cmpge(Vec4::splat(least)).bitmask()) << (4 * k);
+        values.iter().enumerate().map(of).fold(0, |a, b| a | b)
+    };
+    (bits(&most, -SLACK), bits(&least, SLACK))
 }
 
 /// Box around the image of a hull; `None` where all of it is nearer than `near`.

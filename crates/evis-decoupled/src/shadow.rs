@@ -5,7 +5,7 @@
 //! h = d / q(d) that a receiver of inverse depth q shows at d = (x, y, 1), n . h - n . a >= 0 is
 //! n . d - (n . a) q(d) >= 0. So shadows are cut like facets, exactly and in continuous time.
 
-use glam::DVec3;
+use glam::{DVec3, Vec4};
 
 use crate::coverage::{Corners, Cutter, PIXEL, Polygons, area};
 use crate::fragment::Line;
@@ -164,24 +164,24 @@ fn pixels_of_line(at: &[Line; 3]) -> (u64, u64) {
     // What rounding to 32 bits may add.
     let reach = (reach * 1.0001) as f32;
     let [p, q, r] = at.map(|l| [l.a / tile, l.b / tile, l.c].map(|v| v as f32));
-    let (mut most, mut least) = ([0.0_f32; TILE * TILE], [0.0_f32; TILE * TILE]);
+    let (mut some, mut whole) = (0, 0);
     for y in 0..TILE {
         let down = y as f32 + 0.5 - 0.5 * TILE as f32;
         let start = [p, q, r].map(|l| l[2] + l[1] * down);
-        for x in 0..TILE {
-            let across = x as f32 + 0.5 - 0.5 * TILE as f32;
+        for half in 0..2 {
+            let across = Vec4::new(-3.5, -2.5, -1.5, -0.5) + 4.0 * half as f32;
             let a = start[0] + p[0] * across;
             let b = start[1] + q[0] * across;
             let c = start[2] + r[0] * across;
             let slack = reach + (a - 2.0 * b + c).abs();
-            most[y * TILE + x] = a.max(b).max(c) + slack;
-            least[y * TILE + x] = a.min(b).min(c) - slack;
+            let most = a.max(b).max(c) + slack;
+            let least = a.min(b).min(c) - slack;
+            let place = TILE * y + 4 * half;
+            some |= u64::from(most.cmpge(Vec4::ZERO).bitmask()) << place;
+            whole |= u64::from(least.cmpge(Vec4::ZERO).bitmask()) << place;
         }
     }
-    let bits = |values: &[f32; TILE * TILE]| {
-        values.iter().enumerate().fold(0_u64, |m, (k, v)| m | u64::from(*v >= 0.0) << k)
-    };
-    (bits(&most), bits(&least))
+    (some, whole)
 }
 
 /// Where in a tile a shadow may come.
