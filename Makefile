@@ -32,10 +32,13 @@ CHART_ARGS ?=
 DEMO_SCENE ?= warehouse
 DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 
+# What builds the site; the extra `docs` names the same.
+SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2mathml>=3.77"
+
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch check check-long format bench chart accuracy gallery wheel smoke docs bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch check check-long format bench chart accuracy gallery real-recording wheel smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -117,6 +120,11 @@ gallery: wheel ## Draw the pictures of docs/gallery.md.
 	tools/install "$(BIN)" plot view
 	$(BIN)/python tools/gallery.py
 
+real-recording: wheel ## Set a real recording from EVIS_ASSETS beside a simulation; refills docs/real-recording.md.
+	tools/install "$(BIN)" plot
+	$(BIN)/python -c 'import PIL' 2>/dev/null || $(BIN)/python -m pip install --quiet pillow
+	$(BIN)/python tools/real_recording.py "$(EVIS_ASSETS)"
+
 wheel: setup ## Build the abi3 wheel into dist/.
 	rm -f dist/evis-*.whl
 	$(BIN)/maturin build --release --locked --out dist --interpreter "$(PYO3_PYTHON)"
@@ -124,8 +132,13 @@ wheel: setup ## Build the abi3 wheel into dist/.
 smoke: wheel ## Install the wheel into a clean environment and stream events from it.
 	tools/smoke "$(PYTHON)" dist/evis-*.whl
 
-docs: setup ## Rust documentation, warnings are errors.
+docs: setup site ## Rust documentation in target/doc and the site in out/site, warnings are errors.
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --locked --no-deps
+
+# Reads docstrings from the sources, so that it needs no wheel.
+site: setup ## The docs site in out/site; nothing is fetched when it is viewed.
+	$(BIN)/python -m pip install --quiet $(SITE_PACKAGES)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 bless: wheel ## Accept the snapshots that the tests see now.
 	tools/install "$(BIN)" test

@@ -31,12 +31,13 @@ OTHER_OPTIONS = {
     "crates/evis-render/benches/native.rs": {"--memory-of-seconds"},
     "git": {"--always", "--dirty"},
     "mypy": {"--strict"},
+    "v2e": {"--dvs346"},
 }
 
 # Files of other projects that comments cite, by project.
 OTHER_PATHS = {
     "dv-processing": {"aedat2_output.py"},
-    "v2e": {"emulator_utils.py"},
+    "v2e": {"emulator_utils.py", "v2e.py"},
 }
 
 # Types of other projects that comments cite, by project.
