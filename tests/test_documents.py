@@ -31,6 +31,7 @@ OTHER_OPTIONS = {
     "crates/evis-render/benches/native.rs": {"--memory-of-seconds"},
     "git": {"--always", "--dirty"},
     "mypy": {"--strict"},
+    "ray": {"--head"},
     "v2e": {"--dvs346"},
 }
 

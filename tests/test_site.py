@@ -152,7 +152,7 @@ def test_formulas_and_docstrings_are_there(site: Path) -> None:
     reference = (site / "api" / "simulate.html").read_text("utf-8")
     for name in ("evis.Simulator.stream", "evis.SceneBuilder.box", "evis.motion.Keys"):
         assert f'id="{name}"' in reference, name
-    assert 'id="evis.Simulator.no_such"' not in reference  # canary
+    assert 'id="evis.Simulator.fly"' not in reference  # canary
     assert "Rust documentation" in (site / "project.html").read_text("utf-8")
 
 

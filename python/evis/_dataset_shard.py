@@ -203,7 +203,8 @@ def write(
         draft = drafts / f"{shard.name}.h5"
         _join(shard, drafts, draft, described)
         _read_back(draft, described)
-        with draft.open("rb") as file:
+        _opened.cache_clear()
+        with draft.open("r+b") as file:
             os.fsync(file.fileno())
         text = {
             "layout": LAYOUT,
@@ -354,7 +355,7 @@ def camera_name(index: int, camera: str) -> str:
 
 
 @lru_cache(maxsize=64)
-def _opened(path: Path, process: int) -> _evis.Recording:
+def _opened(path: Path, process: int, place: tuple[int, int]) -> _evis.Recording:
     return _evis.Recording(path)
 
 
@@ -374,7 +375,9 @@ class _PartSource:
 
     @property
     def _file(self) -> _evis.Recording:
-        return _opened(self._path, os.getpid())
+        state = self._path.stat()
+        # A shard that is made again has another place on the disk.
+        return _opened(self._path, os.getpid(), (state.st_ino, state.st_mtime_ns))
 
     @cached_property
     def _numbers(self) -> list[int]:

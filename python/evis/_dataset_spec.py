@@ -264,7 +264,9 @@ class Spec:
             "trajectory": {
                 "motion": trajectory.motion,
                 "sha256": trajectory.sha256,
-                "speed_px_per_s": drawn.get("camera_speed_px_per_s", trajectory.speed_px_per_s),
+                "speed_px_per_s": drawn.get("camera_speed_px_per_s", trajectory.speed_px_per_s)
+                if trajectory.motion not in (None, "none")
+                else None,
             },
             "speed": drawn.get("speed", 1.0),
             "start_s": start_s + drawn.get("start_s", 0.0),

@@ -47,7 +47,7 @@ class Meter:
     def line(self, elapsed_s: float) -> str:
         """Return what is said after so many seconds."""
         per_s = self._done / max(elapsed_s, 1e-9)
-        left = round((self._total - self._done) / max(per_s, 1e-9))
+        left = round(max(self._total - self._done, 0) / max(per_s, 1e-9))
         return (
             f"{self._done} of {self._total} recordings, {60 * per_s:.1f} a minute, "
             f"{self._events / max(elapsed_s, 1e-9) / 1e6:.3f} million events/s, "
