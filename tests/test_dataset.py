@@ -280,6 +280,7 @@ def test_a_killed_run_goes_on_and_a_lost_worker_is_replaced(device: evis.Device,
     assert "14 recordings" in out
     assert {name: (place / name).stat().st_mtime_ns for name in finished} == kept
     assert hashes(dataset.load(tmp_path / "out")) == hashes(reference)
+    assert not list(place.glob("*.part"))
 
 
 def test_a_ray_cluster_that_loses_a_worker_makes_the_same(device: evis.Device, tmp_path: Path) -> None:
@@ -295,7 +296,8 @@ def test_a_ray_cluster_that_loses_a_worker_makes_the_same(device: evis.Device, t
         _temp_dir=str(Path("/tmp") / f"evis-ray-{os.getpid()}"),
     )
     try:
-        killed = []
+        killed: list[int] = []
+        left_behind: list[Path] = []
 
         class Killer(Meter):
             """Kills a worker that simulates, after the first shard."""
@@ -304,6 +306,7 @@ def test_a_ray_cluster_that_loses_a_worker_makes_the_same(device: evis.Device, t
                 super().recorded(events)
                 if not killed:
                     killed.append(kill_a_worker())
+                    left_behind.extend((tmp_path / "out" / "shards").glob("*.part"))
 
         def kill_a_worker() -> int:
             until = time.monotonic() + 30
@@ -328,6 +331,7 @@ def test_a_ray_cluster_that_loses_a_worker_makes_the_same(device: evis.Device, t
             _dataset_workers.Meter = original  # type: ignore[misc]
         assert killed[0] > 0, "no worker was found to kill"
         assert not Path(f"/proc/{killed[0]}").exists()
+        assert left_behind, "it was in a shard"
     finally:
         ray.shutdown()
         shutil.rmtree(Path("/tmp") / f"evis-ray-{os.getpid()}", ignore_errors=True)

@@ -171,6 +171,8 @@ def make(
             with contextlib.closing(made):
                 for described in made:
                     found[described["name"]] = described
+        # What lost workers left.
+        _clean(shards, place)
         _dataset_shard.write_json(folder / MANIFEST, _manifest(spec, [found[shard.name] for shard in shards]))
     return load(folder)
 
