@@ -18,8 +18,10 @@ DOCUMENTS += [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.par
 
 
 def blocks(document: Path, language: str) -> list[str]:
-    """The code of every fenced block of `language`."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", document.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    """The code of every fenced block of `language`, with or without a title."""
+    return re.findall(
+        rf"^```{language}(?: [^\n]*)?\n(.*?)^```$", document.read_text("utf-8"), re.DOTALL | re.MULTILINE
+    )
 
 
 def shell_lines(document: Path) -> list[list[str]]:

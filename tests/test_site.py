@@ -12,6 +12,7 @@ import pytest
 from test_readme import blocks, run_code
 
 import evis
+from evis.dataset import read_spec
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -69,9 +70,9 @@ def test_specifications_of_the_page_are_read(tmp_path: Path) -> None:
     (tmp_path / "pictures" / "a.png").write_bytes(b"")
     (tmp_path / "sensor.toml").write_text("threshold_on = 0.3\n", "utf-8")
     with pytest.raises(evis.EvisError, match=r"line \d+: .*a.png"):
-        evis.dataset.read_spec(_written(tmp_path, text))
+        read_spec(_written(tmp_path, text))
     (tmp_path / "spec.toml").write_text(text.replace('images = "pictures", ', ""), "utf-8")
-    spec = evis.dataset.read_spec(tmp_path / "spec.toml")
+    spec = read_spec(tmp_path / "spec.toml")
     assert len(spec.recordings()) == 4 * 2 * (1 + 1 + 50)
     # Every key of the tables is a key that is known, and the other way round.
     from evis import _dataset_spec as known
