@@ -271,10 +271,6 @@ def _join(shard: ShardPlan, drafts: Path, path: Path, described: Sequence[Mappin
         raise ConfigError(
             f"shard {shard.name} has recordings with the labels {sorted(kinds)}; they must be equal"
         )
-    settings = {
-        f"r{index:04d}": {"id": each["id"], "settings": each["settings_toml"]}
-        for index, each in enumerate(described)
-    }
     cameras = [
         {**camera, "name": camera_name(index, camera["name"])}
         for index, each in enumerate(described)
@@ -286,7 +282,7 @@ def _join(shard: ShardPlan, drafts: Path, path: Path, described: Sequence[Mappin
         seed=0,
         method=described[0]["method"],
         environment=0,
-        config_toml=_toml.document({"recordings": settings}),
+        config_toml="\n".join(_settings(index, each) for index, each in enumerate(described)),
         duration_us=max(each["duration_us"] for each in described),
         t_offset_us=0,
         labels=list(described[0]["labels"]),
@@ -302,6 +298,13 @@ def _join(shard: ShardPlan, drafts: Path, path: Path, described: Sequence[Mappin
     except BaseException:
         writer.abandon()
         raise
+
+
+def _settings(index: int, described: Mapping[str, Any]) -> str:
+    """Return the settings of a recording as its shard keeps them: TOML within TOML."""
+    text = described["settings_toml"]
+    literal = f"'''\n{text}'''" if "'''" not in text else _toml.value("settings", text)
+    return f"[recordings.r{index:04d}]\nid = {_toml.value('id', described['id'])}\nsettings = {literal}\n"
 
 
 def _copy(view: RecordedView, duration_us: int, writer: _evis.Writer, camera: int) -> None:

@@ -180,7 +180,35 @@ class ShardPlan:
 
 @dataclass(frozen=True)
 class Spec:
-    """A checked specification; see `evis.dataset.read_spec`."""
+    """A checked specification; `evis.dataset.read_spec` makes it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the data set.
+    seed : int
+        What all draws and seeds are made of.
+    duration_us : int
+        Length of each recording, microseconds.
+    seeds : tuple of int
+        One recording of each combination per seed.
+    recordings_per_shard : int
+        Recordings in a file, at most.
+    licence : str or None
+        Licence of the data set.
+    shares : dict of str to float
+        Share of each split.
+    simulator : dict
+        Arguments of `evis.Simulator`.
+    scenes, trajectories, sensors
+        What is combined; sensors as TOML by name.
+    ranges, sensor_ranges : dict
+        What is drawn at random.
+    base : Path
+        Folder at which relative paths start.
+    text : str
+        The specification itself.
+    """
 
     name: str
     seed: int

@@ -50,7 +50,7 @@ class Meter:
         left = round(max(self._total - self._done, 0) / max(per_s, 1e-9))
         return (
             f"{self._done} of {self._total} recordings, {60 * per_s:.1f} a minute, "
-            f"{self._events / max(elapsed_s, 1e-9) / 1e6:.3f} million events/s, "
+            f"{self._events / max(elapsed_s, 1e-9):.0f} events/s, "
             f"{left // 60}:{left % 60:02d} left"
         )
 
