@@ -38,7 +38,7 @@ SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch check check-long format bench chart accuracy gallery real-recording wheel smoke docs site bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench chart accuracy gallery real-recording wheel smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -65,7 +65,7 @@ else
 endif
 
 test-python: wheel
-	tools/install "$(BIN)" test
+	tools/install "$(BIN)" test docs
 	$(BIN)/python -m pytest
 
 test-readers: wheel ## Hold files and dense arrays of events against other programs'.
@@ -87,7 +87,11 @@ check: setup ## Formatting, lints, types, stubs, and the tests that need no devi
 
 test-torch: wheel ## Hold the data sets against PyTorch, which it installs (the CPU's build where pip finds one).
 	tools/install "$(BIN)" test torch
-	$(BIN)/python -m pytest tests/test_torch.py
+	$(BIN)/python -m pytest tests/test_torch.py tests/test_dataset.py tests/test_site.py
+
+test-ray: wheel ## Kill a worker of a Ray cluster, which it starts, while it simulates a data set.
+	tools/install "$(BIN)" test ray
+	$(BIN)/python -m pytest tests/test_dataset.py
 
 check-long: setup ## What takes long: hundreds of random scenes.
 	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture

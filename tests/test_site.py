@@ -90,6 +90,18 @@ def _written(folder: Path, text: str) -> Path:
 # The site.
 
 
+def requirements(text: str) -> set[str]:
+    return set(re.findall(r'"([^"]+)"', text))
+
+
+def test_what_builds_the_site_is_named_once_more_in_the_makefile() -> None:
+    makefile = re.findall(r"(?m)^SITE_PACKAGES := (.*)$", (ROOT / "Makefile").read_text("utf-8"))[0]
+    extra = re.findall(r"(?m)^docs = \[(.*)\]$", (ROOT / "pyproject.toml").read_text("utf-8"))[0]
+    assert requirements(makefile) == requirements(extra)
+    assert len(requirements(extra)) == 3
+    assert requirements(makefile.replace("10", "9")) != requirements(extra)  # canary
+
+
 def fetched(text: str) -> list[str]:
     """Scripts, styles, fonts and pictures that a page or a style sheet takes from elsewhere."""
     found = re.findall(r'<(?:script|img|iframe|source)[^>]*\ssrc="((?:https?:)?//[^"]*)"', text)
