@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import subprocess
 import sys
@@ -155,6 +156,19 @@ def test_every_page_is_in_the_site(site: Path) -> None:
         assert (site / f"{name}.html").exists()
     home = (site / "index.html").read_text("utf-8")
     assert "tutorials/scene-to-network.html" in home
+
+
+def test_the_search_runs_where_pages_are_opened_as_files(site: Path) -> None:
+    """The index is a script, and what stands in for a worker comes before the theme's own script."""
+    held = json.loads((site / "search" / "search_index.json").read_text("utf-8"))
+    assert len(held["docs"]) > 500
+    script = (site / "search" / "search_index.js").read_text("utf-8")
+    assert script.startswith("var __index = {")
+    assert json.loads(script.removeprefix("var __index = ")) == held
+    for page in ("index.html", "migrate/v2e.html"):
+        scripts = re.findall(r'<script src="([^"]+)"', (site / page).read_text("utf-8"))
+        assert [Path(name).name.split(".")[0] for name in scripts] == ["search-from-files", "bundle"]
+        assert all(((site / page).parent / name).exists() for name in scripts)
 
 
 def test_formulas_and_docstrings_are_there(site: Path) -> None:

@@ -1,4 +1,4 @@
-"""Hooks of the docs site: pages of the root, links to sources, and formulas as MathML.
+"""Hooks of the docs site: pages of the root, links to sources, formulas as MathML, search from files.
 
 The repository's own pages are used as they are: those of the root become pages of the site, and links to
 files that are no pages become their names. Formulas are MathML, which browsers draw without a script.
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from latex2mathml.converter import convert
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File
 
 # MkDocs takes a README for the index of its folder, which is another page.
@@ -68,6 +69,22 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     text = "".join(hold(part) if index % 2 else part for index, part in enumerate(parts))
     text = LINK.sub(rewritten, text)
     return re.sub(r"\x00(\d+)\x00", lambda found: held[int(found[1])], text)
+
+
+def on_post_page(output: str, page: Any, config: Any) -> str:
+    """Let the search run where pages are opened as files: before the theme starts its worker."""
+    shim = posixpath.relpath("assets/search-from-files.js", posixpath.dirname(page.file.dest_uri) or ".")
+    return re.sub(
+        r'(<script src="[^"]*bundle\.[^"]*"></script>)', rf'<script src="{shim}"></script>\1', output
+    )
+
+
+@event_priority(-100)
+def on_post_build(config: Any) -> None:
+    """Write the search index as a script: pages that are opened as files may read no other kind of file."""
+    folder = Path(config.site_dir) / "search"
+    index = (folder / "search_index.json").read_text("utf-8")
+    (folder / "search_index.js").write_text(f"var __index = {index}", "utf-8")
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Any) -> str:
