@@ -106,6 +106,9 @@ def test_a_data_set_holds_what_its_specification_says(made: dataset.Dataset) -> 
         assert 0.1 <= evis.Sensor.from_toml(info.sensor_toml).threshold_on <= 0.3
         assert "threshold_on" in info.settings_toml
     assert not list((made.folder / "shards").glob("*.part"))
+    shard = json.loads((made.folder / "shards" / "test-00000.json").read_text("utf-8"))
+    assert shard["seconds"]["wall"] > 0
+    assert shard["seconds"]["cpu"] > 0
 
 
 def test_recordings_are_those_of_a_simulator(made: dataset.Dataset) -> None:

@@ -8,6 +8,7 @@ import json
 import os
 import platform
 import shutil
+import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -188,6 +189,7 @@ def write(
     """
     drafts = folder / f"{shard.name}.{uuid.uuid4().hex[:12]}.part"
     drafts.mkdir()
+    begun, worked = time.monotonic(), time.process_time()
     try:
         described: list[dict[str, Any]] = []
         device: dict[str, Any] = {}
@@ -214,6 +216,7 @@ def write(
             "key": shard.key(_evis.__version__),
             "bytes": draft.stat().st_size,
             "events": sum(each["events"] for each in described),
+            "seconds": {"wall": time.monotonic() - begun, "cpu": time.process_time() - worked},
             "versions": versions(),
             "device": {name: device[name] for name in ("name", "backend", "kind", "driver")},
             "recordings": described,

@@ -77,7 +77,7 @@ def read_spec(source: str | PathLike[str]) -> Spec:
     >>> from evis.dataset import read_spec
     >>> spec = read_spec("objects2d")
     >>> len(spec.recordings()), len(spec.shards())
-    (1000, 64)
+    (1000, 65)
     """
     path = Path(source)
     if not path.exists() and (text := shipped().get(str(source))) is not None:
