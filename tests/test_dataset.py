@@ -343,6 +343,18 @@ def test_a_ray_cluster_that_loses_a_worker_makes_the_same(device: evis.Device, t
     made.check()
 
 
+def test_progress_tells_throughput_and_the_time_left() -> None:
+    meter = Meter(10, shown=False)
+    for events in (100, 300):
+        meter.recorded(events)
+    assert meter.line(4.0) == "2 of 10 recordings, 30.0 a minute, 100 events/s, 0:16 left"
+    assert "20.0 a minute, 67 events/s" in meter.line(6.0)
+    # A shard that is begun again counts its recordings again.
+    for _ in range(10):
+        meter.recorded(0)
+    assert meter.line(4.0).endswith("0:00 left")
+
+
 WRONG = [
     ("duration_s = 0.03", "duration_s = 0", r"line 5: duration_s is 0; it must be above 0 seconds"),
     (

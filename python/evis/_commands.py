@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -319,11 +320,13 @@ def run_dataset(arguments: Sequence[str]) -> int:
         return 0
     if not given.output:
         parser.error("no folder is given; write -o DIR, or --dry-run to list what would be simulated")
+    begun = time.monotonic()
     made = dataset.make(
         spec, given.output, workers=given.workers, ray=given.ray, overwrite=given.force, progress=True
     )
     events, size = made.manifest["events"], made.manifest["bytes"]
-    print(f"{made.folder}  {len(made)} recordings, {events} events, {size / 1e6:.1f} MB")
+    seconds = time.monotonic() - begun
+    print(f"{made.folder}  {len(made)} recordings, {events} events, {size / 1e6:.1f} MB, {seconds:.1f} s")
     return 0
 
 

@@ -38,8 +38,8 @@ class Meter:
         """Count a recording."""
         self._done += 1
         self._events += events
-        self._bar.advance()
         now = time.monotonic()
+        self._bar.advance(1, self.rates(now - self._begin))
         if self._shown and not sys.stderr.isatty() and now - self._said > _LINE_S:
             self._said = now
             self.say(self.line(now - self._begin))
@@ -49,10 +49,14 @@ class Meter:
         per_s = self._done / max(elapsed_s, 1e-9)
         left = round(max(self._total - self._done, 0) / max(per_s, 1e-9))
         return (
-            f"{self._done} of {self._total} recordings, {60 * per_s:.1f} a minute, "
-            f"{self._events / max(elapsed_s, 1e-9):.0f} events/s, "
+            f"{self._done} of {self._total} recordings, {self.rates(elapsed_s)}, "
             f"{left // 60}:{left % 60:02d} left"
         )
+
+    def rates(self, elapsed_s: float) -> str:
+        """Return the throughput after so many seconds."""
+        seconds = max(elapsed_s, 1e-9)
+        return f"{60 * self._done / seconds:.1f} a minute, {self._events / seconds:.0f} events/s"
 
     def say(self, text: str) -> None:
         """Print a line."""
