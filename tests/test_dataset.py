@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -131,6 +132,11 @@ def test_recordings_are_those_of_a_simulator(made: dataset.Dataset) -> None:
 
 
 def test_splits_share_no_scene(made: dataset.Dataset) -> None:
+    for split in dataset.SPLITS:
+        alone = dataset.load(made.folder, split)
+        assert [info.id for info in alone.info] == [info.id for info in made.split(split).info]
+    with pytest.raises(evis.ConfigError, match="split is 'dev'; it must be 'train' or"):
+        dataset.load(made.folder, "dev")
     by_split: dict[str, set[str]] = {}
     for info in made.info:
         by_split.setdefault(info.split, set()).add("/".join(info.id.split("/")[:2]))
@@ -296,7 +302,7 @@ def test_a_ray_cluster_that_loses_a_worker_makes_the_same(device: evis.Device, t
         include_dashboard=False,
         log_to_driver=False,
         logging_level="error",
-        _temp_dir=str(Path("/tmp") / f"evis-ray-{os.getpid()}"),
+        _temp_dir=str(Path(tempfile.gettempdir()) / f"evis-ray-{os.getpid()}"),
     )
     try:
         killed: list[int] = []
@@ -337,7 +343,7 @@ def test_a_ray_cluster_that_loses_a_worker_makes_the_same(device: evis.Device, t
         assert left_behind, "it was in a shard"
     finally:
         ray.shutdown()
-        shutil.rmtree(Path("/tmp") / f"evis-ray-{os.getpid()}", ignore_errors=True)
+        shutil.rmtree(Path(tempfile.gettempdir()) / f"evis-ray-{os.getpid()}", ignore_errors=True)
     assert hashes(made) == hashes(reference)
     assert not list((tmp_path / "out" / "shards").glob("*.part"))
     made.check()
@@ -490,6 +496,7 @@ def test_the_command_makes_checks_and_lists(made: dataset.Dataset, tmp_path: Pat
     (tmp_path / "out" / "shards" / "test-00000.h5").write_bytes(b"no HDF5")
     assert run("--check", "out")[0] == 2
     assert run("spec.toml")[0] == 2
+    assert "takes 'spec.toml' for its address" in run("--ray", "spec.toml", "-o", "x")[2]
     assert run("no.toml", "-o", "x")[0] == 2
     code, out, _ = run("objects2d", "--print")
     assert code == 0

@@ -305,6 +305,8 @@ def run_dataset(arguments: Sequence[str]) -> int:
         print(f"{held.folder}  {len(held)} recordings are what was made")
         return 0
     if not given.spec:
+        if isinstance(given.ray, str) and given.ray.endswith(".toml"):
+            parser.error(f"--ray takes '{given.ray}' for its address; write the specification before --ray")
         parser.error("no specification is given; name a TOML file, or one of " + ", ".join(dataset.shipped()))
     spec = dataset.read_spec(given.spec)
     if given.print:

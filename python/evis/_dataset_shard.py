@@ -135,7 +135,8 @@ def scene_of(settings: Mapping[str, Any], base: Path) -> Scene:
         names = [name for name in files if dealt[name] == split]
         if not names:
             raise ConfigError(
-                f"{given['images']} has {len(files)} pictures, too few for the split {split}: add some"
+                f"{given['images']} has {len(files)} pictures, none of them for the split {split}; "
+                "add pictures, or give the split a share in [split]"
             )
         given["images"] = [files[name] for name in names]
     return recipes.RECIPES[own["what"]](own["seed"], **given)

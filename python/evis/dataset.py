@@ -413,12 +413,8 @@ class Dataset(Sequence[Recording]):
         ConfigError
             If there is no such split, or nothing in it.
         """
-        if name not in SPLITS:
-            raise ConfigError(f"split is {_check.shown(name)}; it must be {_check.one_of(SPLITS)}")
+        _check_split(name, list(dict.fromkeys(info.split for info in self.info)))
         places = [place for place, info in zip(self._places, self.info, strict=True) if info.split == name]
-        if not places:
-            there = ", ".join(dict.fromkeys(info.split for info in self.info))
-            raise ConfigError(f"split is '{name}'; this data set has {there}")
         return Dataset(self.folder, self.manifest, places)
 
     def torch(self, **options: Any) -> EventDataset:
@@ -512,7 +508,15 @@ def load(folder: str | PathLike[str], split: str | None = None) -> Dataset:
     try:
         manifest = json.loads(path.read_text("utf-8"))
         layout, shards = manifest["layout"], manifest["shards"]
-        places = [(shard["name"], index) for shard in shards for index in range(shard["recordings"])]
+        places = {
+            name: [
+                (shard["name"], i)
+                for shard in shards
+                if shard["split"] == name
+                for i in range(shard["recordings"])
+            ]
+            for name in SPLITS
+        }
     except (ValueError, TypeError, KeyError) as error:
         raise FormatError(
             f"{path} is damaged ({error}); make the data set again: what is finished is kept"
@@ -521,5 +525,14 @@ def load(folder: str | PathLike[str], split: str | None = None) -> Dataset:
         raise FormatError(
             f"{path} has layout {layout}; this version reads {_dataset_shard.LAYOUT}: update EVIS"
         )
-    found = Dataset(folder, manifest, places)
-    return found if split is None else found.split(split)
+    if split is None:
+        return Dataset(folder, manifest, [place for name in SPLITS for place in places[name]])
+    _check_split(split, [name for name in SPLITS if places[name]])
+    return Dataset(folder, manifest, places[split])
+
+
+def _check_split(name: str, there: Sequence[str]) -> None:
+    if name not in SPLITS:
+        raise ConfigError(f"split is {_check.shown(name)}; it must be {_check.one_of(SPLITS)}")
+    if name not in there:
+        raise ConfigError(f"split is '{name}'; this data set has {', '.join(there)}")
