@@ -227,7 +227,8 @@ def on_ray(
     if begun:
         options: dict[str, Any] = {"log_to_driver": False, "logging_level": "warning"}
         if address is None:
-            options |= {"num_cpus": workers, "include_dashboard": False}
+            # Only plans and descriptions pass through the store, whose usual size is a third of the memory.
+            options |= {"num_cpus": workers, "include_dashboard": False, "object_store_memory": 100 * 2**20}
         try:
             ray.init(address=address, **options)
         except ConnectionError as error:
