@@ -293,7 +293,7 @@ def test_a_killed_run_goes_on_and_a_lost_worker_is_replaced(device: evis.Device,
 
 
 def test_a_ray_cluster_that_loses_a_worker_makes_the_same(device: evis.Device, tmp_path: Path) -> None:
-    ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'evis[ray]'")
+    ray = pytest.importorskip("ray", reason="Ray is not installed: make test-ray")
     spec_in(tmp_path, LONG)
     reference = dataset.make(tmp_path / "spec.toml", tmp_path / "reference", workers=0)
     ray.init(
@@ -359,6 +359,20 @@ def test_progress_tells_throughput_and_the_time_left() -> None:
     for _ in range(10):
         meter.recorded(0)
     assert meter.line(4.0).endswith("0:00 left")
+
+
+def test_the_command_starts_a_cluster_of_its_own(made: dataset.Dataset, tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="Ray is not installed: make test-ray")
+    spec_in(tmp_path)
+    run = command("spec.toml", "-o", "out", "--ray", "--workers", "2", folder=tmp_path)
+    _, err = run.communicate(timeout=180)
+    assert run.returncode == 0, err
+    assert hashes(dataset.load(tmp_path / "out")) == hashes(made)
+    # Canary: an address at which there is no cluster is said, and nothing hangs.
+    run = command("spec.toml", "-o", "none", "--ray", "127.0.0.1:1", folder=tmp_path)
+    _, err = run.communicate(timeout=180)
+    assert run.returncode == 2, err
+    assert "127.0.0.1:1" in err
 
 
 WRONG = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import socket
 import sys
 import time
 from collections.abc import Generator, Sequence
@@ -193,6 +194,20 @@ def _ray() -> Any:
     return ray
 
 
+def _check_address(address: str) -> None:
+    """Find out whether somebody listens at an address, for which Ray itself waits for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdecimal():
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+    except (OSError, OverflowError) as error:
+        raise ConfigError(
+            f"there is no Ray cluster at {address} ({error}); start one with ray start --head, and give the "
+            "address that it prints"
+        ) from None
+
+
 def _remote_shard(shard: ShardPlan, folder: str, base: str) -> dict[str, Any]:
     """Simulate a shard in a worker of a Ray cluster."""
     _dataset_shard.single_threaded()
@@ -229,6 +244,8 @@ def on_ray(
         if address is None:
             # Only plans and descriptions pass through the store, whose usual size is a third of the memory.
             options |= {"num_cpus": workers, "include_dashboard": False, "object_store_memory": 100 * 2**20}
+        else:
+            _check_address(address)
         try:
             ray.init(address=address, **options)
         except ConnectionError as error:
