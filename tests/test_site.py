@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,35 @@ def test_specifications_of_the_page_are_read(tmp_path: Path) -> None:
 def _written(folder: Path, text: str) -> Path:
     (folder / "spec.toml").write_text(text, "utf-8")
     return folder / "spec.toml"
+
+
+def sensor_keys(text: str) -> dict[str, dict[str, object]]:
+    """Keys and defaults of each stage, as a page has them; thresholds have no stage."""
+    found: dict[str, dict[str, object]] = {}
+    for title, part in re.findall(r"(?ms)^## `?\[?(\w+)\]?`?$(.*?)(?=^## |\Z)", text):
+        for key, default in re.findall(r"(?m)^\| `(\w+)` \| `?([^`|]+?)`? \| ", part):
+            found.setdefault(title, {})[key] = json.loads(default)
+    return found
+
+
+def test_the_page_of_sensor_keys_has_every_key_with_its_default() -> None:
+    page = sensor_keys((DOCS / "sensor-keys.md").read_text("utf-8"))
+    sensor = evis.Sensor()
+    plain = {field.name: getattr(sensor, field.name) for field in fields(sensor)}
+    stages = {name: value for name, value in plain.items() if is_dataclass(value)}
+    del plain["diffusion"]
+    assert page.pop("Thresholds") == {name: value for name, value in plain.items() if name not in stages}
+    assert page == {
+        name: {f.name: getattr(stage, f.name) for f in fields(stage)} for name, stage in stages.items()
+    }
+    assert sum(map(len, page.values())) == 48
+    # Canary.
+    assert sensor_keys("## `[noise]`\n| `leak_hz` | 0.1 | Hz | x |\n") == {"noise": {"leak_hz": 0.1}}
+
+
+def test_the_sensor_of_the_page_is_read() -> None:
+    (text,) = blocks(DOCS / "sensor-keys.md", "toml")
+    assert evis.Sensor.from_toml(text).noise.leak_hz == 0.1
 
 
 # The site.
