@@ -32,10 +32,13 @@ CHART_ARGS ?=
 DEMO_SCENE ?= warehouse
 DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 
+# What builds the site; the extra `docs` names the same.
+SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2mathml>=3.77"
+
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch check check-long format bench chart accuracy gallery wheel smoke docs bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench chart accuracy gallery real-recording wheel smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -62,7 +65,7 @@ else
 endif
 
 test-python: wheel
-	tools/install "$(BIN)" test
+	tools/install "$(BIN)" test docs
 	$(BIN)/python -m pytest
 
 test-readers: wheel ## Hold files and dense arrays of events against other programs'.
@@ -84,7 +87,11 @@ check: setup ## Formatting, lints, types, stubs, and the tests that need no devi
 
 test-torch: wheel ## Hold the data sets against PyTorch, which it installs (the CPU's build where pip finds one).
 	tools/install "$(BIN)" test torch
-	$(BIN)/python -m pytest tests/test_torch.py
+	$(BIN)/python -m pytest tests/test_torch.py tests/test_dataset.py tests/test_site.py
+
+test-ray: wheel ## Kill a worker of a Ray cluster, which it starts, while it simulates a data set.
+	tools/install "$(BIN)" test ray
+	$(BIN)/python -m pytest tests/test_dataset.py
 
 check-long: setup ## What takes long: hundreds of random scenes.
 	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture
@@ -117,6 +124,11 @@ gallery: wheel ## Draw the pictures of docs/gallery.md.
 	tools/install "$(BIN)" plot view
 	$(BIN)/python tools/gallery.py
 
+real-recording: wheel ## Set a real recording from EVIS_ASSETS beside a simulation; refills docs/real-recording.md.
+	tools/install "$(BIN)" plot
+	$(BIN)/python -c 'import PIL' 2>/dev/null || $(BIN)/python -m pip install --quiet pillow
+	$(BIN)/python tools/real_recording.py "$(EVIS_ASSETS)"
+
 wheel: setup ## Build the abi3 wheel into dist/.
 	rm -f dist/evis-*.whl
 	$(BIN)/maturin build --release --locked --out dist --interpreter "$(PYO3_PYTHON)"
@@ -124,8 +136,13 @@ wheel: setup ## Build the abi3 wheel into dist/.
 smoke: wheel ## Install the wheel into a clean environment and stream events from it.
 	tools/smoke "$(PYTHON)" dist/evis-*.whl
 
-docs: setup ## Rust documentation, warnings are errors.
+docs: setup site ## Rust documentation in target/doc and the site in out/site, warnings are errors.
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --locked --no-deps
+
+# Reads docstrings from the sources, so that it needs no wheel.
+site: setup ## The docs site in out/site; nothing is fetched when it is viewed.
+	$(BIN)/python -m pip install --quiet $(SITE_PACKAGES)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 bless: wheel ## Accept the snapshots that the tests see now.
 	tools/install "$(BIN)" test

@@ -31,12 +31,14 @@ OTHER_OPTIONS = {
     "crates/evis-render/benches/native.rs": {"--memory-of-seconds"},
     "git": {"--always", "--dirty"},
     "mypy": {"--strict"},
+    "ray": {"--head"},
+    "v2e": {"--dvs346"},
 }
 
 # Files of other projects that comments cite, by project.
 OTHER_PATHS = {
     "dv-processing": {"aedat2_output.py"},
-    "v2e": {"emulator_utils.py"},
+    "v2e": {"emulator_utils.py", "v2e.py"},
 }
 
 # Types of other projects that comments cite, by project.
@@ -168,7 +170,7 @@ def wrong_paths(text: str) -> list[str]:
 
 def quoted(text: str) -> str:
     """The code spans and link targets of a Markdown page, a line each; fenced blocks whole."""
-    fenced = re.findall(r"(?ms)^```\w*\n(.*?)^```", text)
+    fenced = re.findall(r"(?ms)^```\w*(?: [^\n]*)?\n(.*?)^```", text)
     rest = re.sub(r"(?ms)^```.*?^```", "", text)
     links = [target.split("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", rest) if "://" not in target]
     return "\n".join([*re.findall(r"`([^`\n]+)`", rest), *links, *fenced])

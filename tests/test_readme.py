@@ -14,12 +14,14 @@ import evis
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")]
-DOCUMENTS += sorted((ROOT / "docs").glob("*.md"))
+DOCUMENTS += [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent.name != "notes"]
 
 
 def blocks(document: Path, language: str) -> list[str]:
-    """The code of every fenced block of `language`."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", document.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    """The code of every fenced block of `language`, with or without a title."""
+    return re.findall(
+        rf"^```{language}(?: [^\n]*)?\n(.*?)^```$", document.read_text("utf-8"), re.DOTALL | re.MULTILINE
+    )
 
 
 def shell_lines(document: Path) -> list[list[str]]:
@@ -110,7 +112,7 @@ def test_options_of_the_documents_exist() -> None:
     checked = 0
     for document in DOCUMENTS:
         for words in shell_lines(document):
-            if words[0] != "evis-rs":
+            if words[0] != "evis-rs" and words[:2] != ["evis", "dataset"]:
                 continue
             known = options(words[1])
             used = {word for word in words[2:] if word.startswith("-")}

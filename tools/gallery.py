@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import evis
-from evis import plot
+from evis import plot, recipes
 from evis import rerun as evis_rerun
 from evis._pictures import flow_of, full_speed, polarity_picture, reference_of, surface_picture, tone_mapped
 from evis.motion import Placement, Spin
@@ -206,6 +206,21 @@ def sensors(folder: Path) -> None:
     keep(figure, "sensors.png")
 
 
+def objects2d(folder: Path) -> None:
+    """Draw scenes of the recipe objects2d: a frame and 10 ms of events each."""
+    figure, axes = sheet(2, 4, width=9)
+    for column, seed in enumerate((1, 2, 3, 4)):
+        scene = recipes.objects2d(seed, size=SIZE, duration=1.0)
+        recording = recorded(folder, scene, labels=["hdr"], start=0.3)
+        put(axes[0, column], f"seed {seed}", frame_of(recording, 3))
+        put(
+            axes[1, column],
+            f"{len(recording.events) / 100:.0f} thousand events/s",
+            events_of(recording, 60_000, 10_000),
+        )
+    keep(figure, "objects2d.jpg")
+
+
 def viewer(folder: Path) -> None:
     """Take a picture of the viewer itself, which newer ones allow without a display."""
     from PIL import Image
@@ -238,7 +253,8 @@ def viewer(folder: Path) -> None:
 
 
 PICTURES: dict[str, Callable[[Path], None]] = {
-    each.__name__: each for each in (scenes, labels, cloud, summary, surface, dense, sensors, viewer)
+    each.__name__: each
+    for each in (scenes, labels, cloud, summary, surface, dense, sensors, objects2d, viewer)
 }
 
 

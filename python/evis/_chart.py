@@ -204,6 +204,8 @@ class Recommendation:
 class Chart:
     """Cost against error of many settings; made by `chart`, `from_json` or `load`.
 
+    Examples
+    --------
     >>> import evis
     >>> made = evis.chart(evis.Scene.builtin("spinner"), size=(32, 24), duration=0.05, truth_pixels=200,
     ...                   rates_hz=[500], samples=[4], edges=False, published=False,

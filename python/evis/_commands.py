@@ -1,15 +1,16 @@
-"""The commands of ``evis`` that are written in Python: ``evaluate``, ``view`` and ``plot``."""
+"""The commands of ``evis`` that are written in Python: ``evaluate``, ``view``, ``plot`` and ``dataset``."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from . import _check, evaluate, plot, rerun
+from . import _check, dataset, evaluate, plot, rerun
 from ._events import EventArray
 from ._evis import ConfigError, EvisError
 from ._files import load
@@ -19,6 +20,7 @@ Commands in Python:
   evaluate   Ask networks whether they accept a recording's events: reconstruction, flow, matching
   view       Show a recording in the viewer Rerun, or write a file for it
   plot       Draw event rates, intervals, thumbnails, x-y-t clouds, and films
+  dataset    Simulate a data set of many recordings, on several processes or a Ray cluster
 """
 """What ``evis --help`` says beside the help of ``evis-rs``."""
 
@@ -267,10 +269,74 @@ def run_plot(arguments: Sequence[str]) -> int:
     return 0
 
 
+def _dataset_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="evis dataset",
+        description="Simulate a data set: scenes x trajectories x sensors x seeds, in sharded HDF5 files "
+        "with a manifest. After a kill the same command goes on; finished shards are not simulated again.",
+        epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package); 130 interrupted. "
+        f"Specifications that come with EVIS: {', '.join(dataset.shipped())}.",
+    )
+    parser.add_argument("spec", metavar="SPEC", nargs="?", help="a TOML file, or the name of a shipped one")
+    parser.add_argument("-o", "--output", metavar="DIR", help="the folder of the data set")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes (one per CPU); 0: this one")
+    parser.add_argument(
+        "--ray",
+        nargs="?",
+        const=True,
+        default=False,
+        metavar="ADDRESS",
+        help="simulate on a Ray cluster, auto or ray://HOST:10001; without ADDRESS one on this machine",
+    )
+    parser.add_argument("--force", action="store_true", help="replace shards of another specification")
+    parser.add_argument("--dry-run", action="store_true", help="check, and list what would be simulated")
+    parser.add_argument("--print", action="store_true", help="print the specification")
+    parser.add_argument("--check", metavar="DIR", help="compare a data set with the hashes in its manifest")
+    return parser
+
+
+def run_dataset(arguments: Sequence[str]) -> int:
+    """Run ``evis dataset`` and return its exit code."""
+    parser = _dataset_parser()
+    given = parser.parse_args(arguments)
+    if given.check:
+        held = dataset.load(given.check)
+        held.check()
+        print(f"{held.folder}  {len(held)} recordings are what was made")
+        return 0
+    if not given.spec:
+        if isinstance(given.ray, str) and given.ray.endswith(".toml"):
+            parser.error(f"--ray takes '{given.ray}' for its address; write the specification before --ray")
+        parser.error("no specification is given; name a TOML file, or one of " + ", ".join(dataset.shipped()))
+    spec = dataset.read_spec(given.spec)
+    if given.print:
+        print(spec.text, end="")
+        return 0
+    if given.dry_run:
+        shards = spec.shards()
+        for split in dataset.SPLITS:
+            own = [shard for shard in shards if shard.split == split]
+            print(
+                f"{split:10} {sum(len(shard.recordings) for shard in own):8} recordings {len(own):6} shards"
+            )
+        return 0
+    if not given.output:
+        parser.error("no folder is given; write -o DIR, or --dry-run to list what would be simulated")
+    begun = time.monotonic()
+    made = dataset.make(
+        spec, given.output, workers=given.workers, ray=given.ray, overwrite=given.force, progress=True
+    )
+    events, size = made.manifest["events"], made.manifest["bytes"]
+    seconds = time.monotonic() - begun
+    print(f"{made.folder}  {len(made)} recordings, {events} events, {size / 1e6:.1f} MB, {seconds:.1f} s")
+    return 0
+
+
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "evaluate": run_evaluate,
     "view": run_view,
     "plot": run_plot,
+    "dataset": run_dataset,
 }
 """What runs each command, and returns its exit code."""
 

@@ -29,10 +29,12 @@ class Progress:
         self._shown = shown and sys.stderr is not None and sys.stderr.isatty()
         self._start = self._drawn = time.monotonic()
         self._done = 0
+        self._note = ""
 
-    def advance(self, units: int = 1) -> None:
-        """Count ``units`` of work as done."""
+    def advance(self, units: int = 1, note: str = "") -> None:
+        """Count ``units`` of work as done; ``note`` stands behind the bar, such as a rate."""
         self._done += units
+        self._note = f", {note}" if note else ""
         now = time.monotonic()
         if self._shown and (now - self._drawn > _EVERY_S or self._done >= self._total):
             self._drawn = now
@@ -44,7 +46,7 @@ class Progress:
         filled = int(share * _CELLS)
         left = round(elapsed_s * (1 - share) / share) if share > 0 else 0
         bar = "#" * filled + "-" * (_CELLS - filled)
-        return f"{bar} {share:4.0%}  {self._done} {self._what}  {left // 60}:{left % 60:02d} left"
+        return f"{bar} {share:4.0%}  {self._done} {self._what}{self._note}  {left // 60}:{left % 60:02d} left"
 
     def __enter__(self) -> Progress:
         """Return the bar."""

@@ -155,6 +155,8 @@ def statistics(source: Source, *, duration: float | None = None) -> Statistics:
     duration : float, optional
         Seconds from the start that are used.
 
+    Examples
+    --------
     >>> import evis
     >>> events = evis.static_scene("gen4-like", 64, 48, duration=2.0)
     >>> 0 <= evis.statistics(events).cold_rate_hz < 1
@@ -420,6 +422,8 @@ def compare(a: Source, b: Source, *, duration: float | None = None) -> Compariso
     duration : float, optional
         Seconds of each that are used; the Fano factor and the share of hot pixels depend on the length.
 
+    Examples
+    --------
     >>> import evis
     >>> a, b = (evis.static_scene(name, 64, 48, duration=1.0) for name in ("v2e-noisy", "dvxplorer-like"))
     >>> comparison = evis.compare(a, b)

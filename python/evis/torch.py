@@ -217,7 +217,9 @@ class EventDataset(Dataset[Any]):
         for index in range(len(self._sources)):
             view = self._view(index)
             sizes.setdefault((view.camera.width, view.camera.height), self._name(index))
-            found = _rows(view.slice_time(-_EVER_US, _EVER_US), how)
+            # Windows of time whose ends are known do not depend on the events.
+            known = count is None and start_us is not None and end_us is not None
+            found = _rows(view.slice_time(*((0, 0) if known else (-_EVER_US, _EVER_US))), how)
             if drop_last and found and _is_short(found[-1], time_us, count):
                 found.pop()
             self._check_labels(index, found)
