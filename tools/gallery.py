@@ -128,6 +128,36 @@ def labels(folder: Path) -> None:
     keep(figure, "labels.jpg")
 
 
+def moving(folder: Path) -> None:
+    """Show frame, events and depth of the warehouse side by side, ten times slower than real time."""
+    from PIL import Image
+
+    step_us = 10_000
+    recording = recorded(folder, "warehouse", 0.4, labels=["hdr", "depth"], label_rate_hz=1e6 / step_us)
+    held = recording.labels
+    depths = np.stack([held["depth"][index] for index in range(len(held["depth"]))])
+    near, far = np.log(np.percentile(depths[np.isfinite(depths)], [1, 99]))
+    pictures = []
+    for index in range(1, len(held["hdr"])):
+        depth = np.nan_to_num(np.log(depths[index]), posinf=far)
+        shade = np.clip((far - depth) / (far - near), 0, 1) * 255
+        panels = [
+            as_bytes(frame_of(recording, index)),
+            as_bytes(events_of(recording, index * step_us, step_us)),
+            np.repeat(shade.astype(np.uint8)[..., None], 3, axis=2),
+        ]
+        pictures.append(Image.fromarray(np.hstack(panels)).quantize(64, dither=0))
+    path = OUT / "moving.gif"
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=100, loop=0, optimize=True)
+    print(f"{path.relative_to(ROOT)}  {path.stat().st_size // 1000} kB", flush=True)
+
+
+def as_bytes(picture: Any) -> Any:
+    """Return a picture of bytes, whatever it was of."""
+    picture = np.asarray(picture)[..., :3]
+    return picture if picture.dtype == np.uint8 else np.clip(picture * 255, 0, 255).astype(np.uint8)
+
+
 def cloud(folder: Path) -> None:
     """Draw a bar that turns twice a second, in space and time."""
     builder = evis.SceneBuilder("propeller", ambient=(1, 1, 1))
@@ -254,7 +284,7 @@ def viewer(folder: Path) -> None:
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     each.__name__: each
-    for each in (scenes, labels, cloud, summary, surface, dense, sensors, objects2d, viewer)
+    for each in (scenes, labels, moving, cloud, summary, surface, dense, sensors, objects2d, viewer)
 }
 
 
