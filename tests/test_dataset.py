@@ -403,6 +403,17 @@ WRONG = [
     ("speed = [1.0, 3.0]", "speed = [3.0, 1.0]", r"line 36: speed is \[3.0, 1.0\]; it must be \[low, high\]"),
     ("noise.shot_hz", "noise.shoot_hz", r"line 38: .*noise.shoot_hz.* path"),
     (
+        "[randomise.sensor]\nthreshold_on = [0.1, 0.3]\nnoise.shot_hz = [0.0, 5.0]",
+        "sensor = 3",
+        r"line 38: sensor is 3; it must be a table of ranges",
+    ),
+    (
+        "threshold_on = [0.1, 0.3]",
+        "threshold_on = 0.2",
+        r"line 3[89]: threshold_on is 0.2; it must be a sequence",
+    ),
+    ('licence = "MIT"', "licence = 3", r"line 24: licence is 3; it must be text"),
+    (
         "variants = 3",
         "variants = 1",
         r"validation is 0.25; 2 scenes that share nothing are too few|test is 0.25",

@@ -731,8 +731,8 @@ def _randomise(
                     f"{key} is {_check.shown(value)}; it must be [low, high], from {least:g} upwards"
                 )
             ranges[key] = (ends[0], ends[1])
-    sensor_ranges = _flat(table.values.get("sensor", {}))
     with table.at("sensor"):
+        sensor_ranges = _flat(table.values.get("sensor", {}))
         for text in sensors.values() if sensor_ranges else ():
             sensor = Sensor.from_toml(text)
             # Several draws: most sensors that cannot be are found before anything is simulated.
