@@ -11,7 +11,7 @@ pixel; polarity is ON = 1, OFF = 0.
 10000 int64 ('x', 'y', 'p', 't')
 """
 
-from . import metrics, motion, representations
+from . import lens, metrics, motion, representations
 from ._builder import SceneBuilder
 from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
 from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, MotionCheck, check_motion

@@ -38,7 +38,7 @@ impl Drop for Folder {
 }
 
 fn camera(name: &str, width: u32, height: u32) -> CameraInfo {
-    CameraInfo { name: name.into(), width, height, fx: 50.5, fy: 51.0, cx: 8.25, cy: 4.0 }
+    CameraInfo { name: name.into(), width, height, fx: 50.5, fy: 51.0, cx: 8.25, cy: 4.0, distortion: None }
 }
 
 fn header(cameras: Vec<CameraInfo>) -> RecordingHeader {

@@ -1,12 +1,15 @@
 //! Views: environment x camera, the engine's unit of work.
 
+use std::sync::Arc;
+
 use evis_core::random::Key;
-use evis_core::{CameraInfo, SensorConfig};
+use evis_core::{CameraInfo, ConfigError, LensDistortion, SensorConfig};
 use evis_scene::{Camera, Lens, Scene};
 use glam::{DMat4, DVec3, DVec4};
 
-use crate::config::{self, RunConfig};
+use crate::config::{self, Method, RunConfig};
 use crate::error::EngineError;
+use crate::world::distorted::Distorted;
 
 /// One camera of one environment.
 #[derive(Clone, Debug)]
@@ -21,16 +24,24 @@ pub struct View {
     pub sensor: SensorConfig,
     /// Of everything random here. It depends on the camera's place in the scene, not among those that are rendered.
     pub key: Key,
-    /// Pixels and lens.
+    /// Pixels and lens of what is rendered: of the picture without distortion, where the camera's lens is distorted.
     pub lens: PixelLens,
+    /// The camera's own lens, where it is distorted.
+    pub distorted: Option<Arc<Distorted>>,
 }
 
 impl View {
+    /// Pixels per row, and rows, of the camera.
+    pub fn size(&self) -> (u32, u32) {
+        self.distorted.as_ref().map_or((self.lens.width, self.lens.height), |own| own.size.into())
+    }
+
     /// Whether it can share passes, targets and submissions with `other`: of its size, with a sensor that differs in
-    /// thresholds at most.
+    /// thresholds at most. A distorted lens is shared by views that have it.
     pub fn is_alike(&self, other: &Self) -> bool {
-        let size = |view: &Self| (view.lens.width, view.lens.height);
-        size(self) == size(other) && self.sensor.is_alike(&other.sensor)
+        self.size() == other.size()
+            && self.distorted == other.distorted
+            && self.sensor.is_alike(&other.sensor)
     }
 }
 
@@ -138,6 +149,7 @@ impl PixelLens {
             fy: self.focal[1],
             cx: self.center[0],
             cy: self.center[1],
+            distortion: None,
         }
     }
 }
@@ -183,8 +195,14 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
                 return Err(evis_core::ConfigError::new(what, value, "between 1 and 8192 pixels").into());
             }
         }
-        infos.push(lens.info(&camera.name));
-        lenses.push(lens);
+        let mut info = lens.info(&camera.name);
+        let distorted = distorted(scene, index, &lens)?;
+        info.distortion = scene.distortions.get(&camera.name).map(|distortion| LensDistortion {
+            model: distortion.name().to_owned(),
+            coefficients: distortion.coefficients(),
+        });
+        infos.push(info);
+        lenses.push((distorted.as_ref().map_or(lens, |own| own.picture), distorted));
         let sensor = config.sensor_of(&camera.name).clone();
         let threshold_on = camera.threshold_on.unwrap_or(sensor.threshold_on);
         let threshold_off = camera.threshold_off.unwrap_or(sensor.threshold_off);
@@ -200,11 +218,49 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
                 node: scene.cameras[index].node,
                 sensor: sensors[slot].clone(),
                 key: Key::new(config.seed, environment as u32, index as u32),
-                lens: lenses[slot],
+                lens: lenses[slot].0,
+                distorted: lenses[slot].1.clone(),
             });
         }
     }
     Ok((views, infos))
+}
+
+/// Camera `index` of `scene`, whose pixels are those of `lens`, where its lens is distorted.
+fn distorted(scene: &Scene, index: usize, lens: &PixelLens) -> Result<Option<Arc<Distorted>>, EngineError> {
+    let camera = &scene.cameras[index];
+    if !scene.distortions.contains_key(&camera.name) {
+        return Ok(None);
+    }
+    let size = [lens.width, lens.height];
+    let own = scene.calibrated_lens(index, lens.width, lens.height)?;
+    Ok(Some(Arc::new(Distorted::new(&camera.name, own, size, camera.near)?)))
+}
+
+/// Whether `config` can show the cameras `cameras` of `views`, some of which may have distorted lenses.
+///
+/// # Errors
+/// A method, adaptive time or frames with a distorted lens.
+pub fn check_distorted(
+    views: &[View],
+    cameras: &[CameraInfo],
+    config: &RunConfig,
+) -> Result<(), ConfigError> {
+    let Some(view) = views.iter().find(|view| view.distorted.is_some()) else { return Ok(()) };
+    let name = cameras.get(view.camera).map_or("", |camera| &camera.name);
+    let because = format!("camera '{name}' has a distorted lens");
+    if config.method != Method::Native {
+        return Err(ConfigError::new("method", config.method.name(), format!("native: {because}")));
+    }
+    if let Some(px) = config.adaptive_px {
+        let remedy = format!("left out: {because}, and every pixel of it is sampled at a fixed rate");
+        return Err(ConfigError::new("adaptive_px", px, remedy));
+    }
+    if let Some(rate_hz) = config.frame_rate_hz {
+        let remedy = format!("left out: {because}, and frames are for pinholes");
+        return Err(ConfigError::new("frame_rate", rate_hz, remedy));
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ use self::keys::{Keys, Source, locate};
 use crate::builder::{
     ColorSpace, EnvironmentSettings, EventCamera, Labels, Placement, Sampling, SceneBuilder, ShapeSettings,
 };
+use crate::distortion::Distortion;
 use crate::error::SceneError;
 use crate::model::{
     AlphaMode, CameraSensor, Lens, Light, LightKind, Material, Scene, SensorKind, ShadingModel, TextureRef,
@@ -365,11 +366,27 @@ fn camera(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
     } else if let Some(degrees) = keys.number("fov_y_degrees")? {
         camera = camera.fov_y_degrees(degrees);
     }
+    camera.distortion = distortion(keys)?;
     camera.near = keys.number_or("near", camera.near)?;
     camera.thresholds =
         [keys.number("threshold_on")?.map(|c| c as f32), keys.number("threshold_off")?.map(|c| c as f32)];
     camera.sensor = sensor(keys)?;
     Ok((camera.name.clone(), Box::new(move |scene, placement| scene.camera(camera, placement))))
+}
+
+/// The table under `distortion`: a model and its coefficients.
+fn distortion(keys: &mut Keys<'_>) -> Result<Option<Distortion>, SceneError> {
+    let Some(mut table) = keys.table("distortion")? else { return Ok(None) };
+    let model = table.choice("model", &[("radtan", "radtan"), ("fisheye", "fisheye")])?;
+    let model = table.needs("model", model)?;
+    let names = Distortion::names(model);
+    let mut coefficients = Vec::with_capacity(names.len());
+    for &name in names {
+        coefficients.push(table.number_or(name, 0.0)?);
+    }
+    let distortion = Distortion::from_coefficients(model, &coefficients).map_err(|e| table.locate(e))?;
+    table.finish()?;
+    Ok(Some(distortion))
 }
 
 /// The sensor under `sensor`: a preset's name, a TOML file, or a table.

@@ -94,6 +94,11 @@ impl RecordingHeader {
         for camera in &self.cameras {
             fnv.write(&[camera.width, camera.height].map(u32::to_le_bytes).concat());
             fnv.write(&[camera.fx, camera.fy, camera.cx, camera.cy].map(f64::to_le_bytes).concat());
+            if let Some(distortion) = &camera.distortion {
+                fnv.write(distortion.model.as_bytes());
+                let bytes: Vec<u8> = distortion.coefficients.iter().flat_map(|c| c.to_le_bytes()).collect();
+                fnv.write(&bytes);
+            }
         }
         fnv.write(&self.seed.to_le_bytes());
         fnv.write(&self.environment.to_le_bytes());

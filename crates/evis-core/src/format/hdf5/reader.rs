@@ -12,7 +12,7 @@ use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 use super::{LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
 use crate::format::{FormatError, check_events};
-use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
+use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, LensDistortion, PoseSample};
 
 /// Events that are decoded at once: bounds what a read needs beside its result.
 const EVENTS_AT_ONCE: u64 = 1 << 20;
@@ -483,6 +483,29 @@ impl Source<'_> {
             .map_err(|_| self.damaged(format!("{name} is no UTF-8 text")))
     }
 
+    /// The distortion of camera `camera`, where the file has one.
+    fn distortion(&self, camera: &str) -> Result<Option<LensDistortion>, FormatError> {
+        let group = self.check(camera, self.file.root_group().group(camera))?;
+        let group = self.check(camera, group.group("intrinsics"))?;
+        let names = self.check(camera, group.dataset_names())?;
+        if !names.iter().any(|name| name == "distortion_model") {
+            return Ok(None);
+        }
+        let place = format!("{camera}/intrinsics/distortion_model");
+        let models = self.check(&place, self.dataset(&place)?.read_vlen_strings())?;
+        let place = format!("{camera}/intrinsics/distortion_coefficients");
+        let dataset = self.dataset(&place)?;
+        let count = self.rows(&dataset, &place)?;
+        let coefficients: Vec<f64> = self.slice(&dataset, 0, count)?;
+        let [model] = models.as_slice() else {
+            return Err(self.damaged(format!("camera {camera} has {} distortion models", models.len())));
+        };
+        if count > 14 || !coefficients.iter().all(|value| value.is_finite()) {
+            return Err(self.damaged(format!("camera {camera} has the distortion {coefficients:?}")));
+        }
+        Ok(Some(LensDistortion { model: model.clone(), coefficients }))
+    }
+
     fn header(&self) -> Result<RecordingHeader, FormatError> {
         let evis = self.file.root_group().group("evis").map_err(|_| {
             FormatError::corrupt(self.path, "it has no group evis", "give a recording that evis-rs wrote")
@@ -503,7 +526,9 @@ impl Source<'_> {
                     .ok_or_else(|| self.damaged(format!("camera {name} has a {which} of {value}")))
             };
             let number = |which: &str| self.scalar::<f64>(&format!("{name}/intrinsics/{which}"));
+            let distortion = self.distortion(&name)?;
             cameras.push(CameraInfo {
+                distortion,
                 width: side("width")?,
                 height: side("height")?,
                 fx: number("fx")?,

@@ -723,6 +723,13 @@ fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) 
     }
     scalar(&intrinsics, "width", width)?;
     scalar(&intrinsics, "height", height)?;
+    if let Some(distortion) = &camera.distortion {
+        intrinsics.write_vlen_strings("distortion_model", &[&distortion.model])?;
+        let count = distortion.coefficients.len();
+        let coefficients =
+            intrinsics.new_dataset::<f64>().shape([count]).create("distortion_coefficients")?;
+        coefficients.write_raw(&distortion.coefficients)?;
+    }
 
     let poses = group.create_group("poses")?;
     rows::<i64>(&poses, "t_us", ROWS_PER_CHUNK, &[])?;
@@ -785,8 +792,16 @@ mod tests {
     #[test]
     fn a_recording_with_events_that_cannot_be_is_refused() {
         let path = std::env::temp_dir().join(format!("evis-writer-{}.h5", std::process::id()));
-        let camera =
-            CameraInfo { name: "c".into(), width: 40, height: 30, fx: 40.0, fy: 40.0, cx: 20.0, cy: 15.0 };
+        let camera = CameraInfo {
+            name: "c".into(),
+            width: 40,
+            height: 30,
+            fx: 40.0,
+            fy: 40.0,
+            cx: 20.0,
+            cy: 15.0,
+            distortion: None,
+        };
         let header = RecordingHeader {
             cameras: vec![camera],
             seed: 3,
