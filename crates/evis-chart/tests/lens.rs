@@ -29,7 +29,7 @@ fn spinner(focal: f64, distortion: Option<Distortion>) -> Scene {
 }
 
 fn truth_of(scene: &Scene) -> Truth {
-    let pixels = PixelChoice::Count(400);
+    let pixels = PixelChoice::Count(1200);
     let settings = TruthSettings { duration_us: DURATION_US, pixels, ..TruthSettings::default() };
     truth(scene, &settings, &|_| true).unwrap()
 }

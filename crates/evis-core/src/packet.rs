@@ -136,6 +136,17 @@ pub struct LabelFrame {
     pub data: LabelData,
 }
 
+/// What an inertial measurement unit measures at one time, in its own axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImuSample {
+    /// Microseconds.
+    pub t_us: i64,
+    /// Specific force in m/s^2: acceleration less gravity. At rest it points up, and is as long as gravity.
+    pub accelerometer: [f64; 3],
+    /// Angular rate in rad/s.
+    pub gyroscope: [f64; 3],
+}
+
 /// Pose of a camera or body at one time: `world_from_body`, metres, glTF axes (+Y up, cameras look along -Z).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseSample {

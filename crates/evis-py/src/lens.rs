@@ -1,11 +1,14 @@
-//! Calibrated lenses: points to pixels, and back.
+//! Calibrated lenses: points to pixels, and back; rigs and their calibration files.
 
-use evis_scene::{CalibratedLens, Distortion, SceneError};
+use std::path::PathBuf;
+
+use evis_scene::{CalibratedLens, CalibrationFormat, Distortion, Rig, SceneError};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use crate::door::EnterEngine;
+use crate::errors::Failure;
 
 /// fx, fy, cx, cy.
 type Intrinsics = (f64, f64, f64, f64);
@@ -62,4 +65,30 @@ pub(crate) fn lens_unproject<'py>(
         Ok::<_, SceneError>(directions)
     })?;
     Ok(directions.into_pyarray(py))
+}
+
+fn json(rig: &Rig) -> Result<String, Failure> {
+    serde_json::to_string(rig).map_err(|error| Failure::Engine(format!("a rig cannot be written: {error}")))
+}
+
+/// A calibration file's rig, as JSON.
+#[pyfunction]
+pub(crate) fn load_rig(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+    py.enter_alone(|| json(&Rig::load(&path)?))
+}
+
+/// The rig of such a file's text, as JSON.
+#[pyfunction]
+pub(crate) fn parse_rig(py: Python<'_>, text: &str) -> PyResult<String> {
+    py.enter_alone(|| json(&Rig::parse(text)?))
+}
+
+/// The text of a calibration file, of a rig as JSON.
+#[pyfunction]
+pub(crate) fn rig_text(py: Python<'_>, json: &str, format: &str) -> PyResult<String> {
+    py.enter_alone(|| {
+        let rig: Rig =
+            serde_json::from_str(json).map_err(|e| Failure::Config(format!("a rig cannot be read: {e}")))?;
+        Ok::<_, Failure>(rig.text(CalibrationFormat::from_name(format)?)?)
+    })
 }

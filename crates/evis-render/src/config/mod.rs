@@ -361,6 +361,19 @@ impl RunConfig {
         }
     }
 
+    /// Pixels of the picture without distortion along each side of a pixel of a camera with a distorted lens: as many as give
+    /// it four by four areas over which textures are read. With fewer, areas that lie across the border of a pixel blur it.
+    pub(crate) fn picture_density(&self) -> f64 {
+        let areas = match self.antialias {
+            Antialias::Edges => self.coverage_grid(),
+            Antialias::Samples => (1..=self.samples)
+                .rev()
+                .find(|n| self.samples.is_multiple_of(*n) && n * n <= self.samples)
+                .unwrap_or(1),
+        };
+        (4.0 / f64::from(areas.max(1))).max(1.0)
+    }
+
     /// Checks every value that can be checked without a scene or a device.
     ///
     /// # Errors

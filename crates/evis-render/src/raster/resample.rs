@@ -6,11 +6,12 @@ use std::sync::Arc;
 use wgpu::util::DeviceExt as _;
 
 use crate::error::EngineError;
+use crate::frame::pattern;
 use crate::gpu::sizes::DeviceLimits;
-use crate::pass::resample::{COVERAGE_BINDINGS, SAMPLES_BINDINGS, coverage, samples};
+use crate::pass::resample::{self, COVERAGE_BINDINGS, SAMPLES_BINDINGS};
 use crate::pass::{self, Binding, ComputePass};
 use crate::raster::layers::{LayerUse, Layers};
-use crate::world::distorted::{Distorted, EDGE_BITS, SamplePlace};
+use crate::world::distorted::{Distorted, EDGE_BITS, PictureSamples, SamplePlace};
 
 /// Bits of a texel's x and y in an entry for coverage samples, of which a texel has four.
 const COVERAGE_EDGE_BITS: u32 = 13;
@@ -31,19 +32,25 @@ pub struct Resampler {
     entries: wgpu::Buffer,
 }
 
-/// Places of the samples of a texel, and bits for an edge in the entries of a footprint, where samples have `offsets` and are
-/// rendered as `made` says.
-pub fn places(offsets: &[[f32; 2]], made: LayerUse) -> (Vec<SamplePlace>, u32) {
+/// The samples of a picture, where samples have `offsets` and are rendered as `made` says.
+pub fn picture_samples(offsets: &[[f32; 2]], made: LayerUse) -> PictureSamples {
     match made {
-        LayerUse::Resolved(_) => {
+        LayerUse::Resolved(grid) => {
             let place = |(index, at): (u32, [f64; 2])| SamplePlace { within: at.map(|v| v / 16.0), index };
-            ((0..).zip(COVERAGE_PLACES).map(place).collect(), COVERAGE_EDGE_BITS)
+            let places = (0..).zip(COVERAGE_PLACES).map(place).collect();
+            PictureSamples { places, grid, edge_bits: COVERAGE_EDGE_BITS, cell: [1.0 / f64::from(grid); 2] }
         }
         LayerUse::Rendered | LayerUse::Computed => {
             // A picture that is moved by an offset is sampled at the opposite place.
             let place =
                 |(index, o): (u32, &[f32; 2])| SamplePlace { within: o.map(|v| 0.5 - f64::from(v)), index };
-            ((0..).zip(offsets).map(place).collect(), EDGE_BITS)
+            let cell = pattern::grid(offsets.len()).map(|n| 1.0 / n as f64);
+            PictureSamples {
+                places: (0..).zip(offsets).map(place).collect(),
+                grid: 1,
+                edge_bits: EDGE_BITS,
+                cell,
+            }
         }
     }
 }
@@ -60,8 +67,8 @@ impl Resampler {
         made: LayerUse,
         limits: DeviceLimits,
     ) -> Result<Self, EngineError> {
-        let grid = if let LayerUse::Resolved(grid) = made { grid } else { 1 };
-        let (places, edge_bits) = places(offsets, made);
+        let samples = picture_samples(offsets, made);
+        let (grid, edge_bits) = (samples.grid, samples.edge_bits);
         let [width, height] = [camera.picture.width, camera.picture.height];
         let edge = width.max(height) * grid;
         let most = limits.texture_edge.min(1 << edge_bits);
@@ -72,7 +79,7 @@ impl Resampler {
                  longer edge, and {most} fit; choose a smaller --size or fewer --samples"
             )));
         }
-        let footprints = camera.footprints(&places, grid, edge_bits);
+        let footprints = camera.footprints(&samples);
         let bytes = 8 * footprints.entries.len() as u64;
         if bytes > limits.storage_binding {
             return Err(EngineError::Device(format!(
@@ -91,8 +98,10 @@ impl Resampler {
         let entries: &[[u32; 2]] =
             if footprints.entries.is_empty() { &[[0; 2]] } else { &footprints.entries };
         let (pass, bindings) = match made {
-            LayerUse::Resolved(_) => (coverage(device, edge_bits), COVERAGE_BINDINGS),
-            LayerUse::Rendered | LayerUse::Computed => (samples(device, edge_bits), SAMPLES_BINDINGS),
+            LayerUse::Resolved(_) => (resample::coverage(device, edge_bits), COVERAGE_BINDINGS),
+            LayerUse::Rendered | LayerUse::Computed => {
+                (resample::samples(device, edge_bits), SAMPLES_BINDINGS)
+            }
         };
         Ok(Self {
             picture: Layers::new(device, width, height, layers, made),

@@ -10,7 +10,7 @@ use crate::gpu::Gpu;
 use crate::gpu::sizes::DeviceLimits;
 use crate::pass::raster::LUMINANCE_FORMAT;
 use crate::raster::layers::{LayerUse, Layers};
-use crate::raster::resample::{Resampler, places};
+use crate::raster::resample::{Resampler, picture_samples};
 use crate::world::distorted::Distorted;
 
 use super::random_scenes::Dice;
@@ -18,7 +18,7 @@ use super::random_scenes::Dice;
 fn camera() -> Arc<Distorted> {
     let distortion = Distortion::from_coefficients("radtan", &[-0.35, 0.1, 2e-3, -1e-3]).unwrap();
     let lens = CalibratedLens::new([60.0, 61.0], [31.0, 25.5], Some(distortion)).unwrap();
-    Arc::new(Distorted::new("eye", lens, [65, 49], 0.1).unwrap())
+    Arc::new(Distorted::new("eye", lens, [65, 49], 0.1, 1.0).unwrap())
 }
 
 /// Records `resampler`'s pixels and reads them back.
@@ -74,8 +74,8 @@ fn gathered_samples_equal_their_twin() {
         );
     }
     let found = gathered(&gpu, &resampler, gpu.device.create_command_encoder(&Default::default()));
-    let (places, edge_bits) = places(&offsets, made);
-    let footprints = camera.footprints(&places, 1, edge_bits);
+    let samples = picture_samples(&offsets, made);
+    let (footprints, edge_bits) = (camera.footprints(&samples), samples.edge_bits);
     let twin = |shift: u32| {
         resample(&footprints, edge_bits, |x, y, s| {
             light[((s + shift) % 7) as usize][(y * width + x) as usize]
@@ -138,8 +138,8 @@ fn coverage_samples_lie_where_footprints_have_them() {
     });
     let mut encoder = device.create_command_encoder(&Default::default());
     {
-        let samples = resampler.picture.multisampled.as_ref().unwrap();
-        let color = crate::frame::draw::attachment(samples, wgpu::Color::BLACK);
+        let color = resampler.picture.multisampled.as_ref().unwrap();
+        let color = crate::frame::draw::attachment(color, wgpu::Color::BLACK);
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             color_attachments: &[Some(color)],
             ..Default::default()
@@ -148,12 +148,12 @@ fn coverage_samples_lie_where_footprints_have_them() {
         pass.draw(0..3, 0..1);
     }
     let found = gathered(&gpu, &resampler, encoder);
-    let (places, edge_bits) = places(&[[0.0; 2]], made);
-    let footprints = camera.footprints(&places, grid, edge_bits);
+    let samples = picture_samples(&[[0.0; 2]], made);
+    let (footprints, edge_bits) = (camera.footprints(&samples), samples.edge_bits);
     let size = [resampler.picture.width, resampler.picture.height].map(|edge| f64::from(edge * grid));
     let twin = |mirrored: bool| {
         resample(&footprints, edge_bits, |x, y, s| {
-            let [u, v] = places[s as usize].within;
+            let [u, v] = samples.places[s as usize].within;
             let u = if mirrored { 1.0 - u } else { u };
             (3.0 * (f64::from(x) + u) / size[0] + (f64::from(y) + v) / size[1]) as f32
         })

@@ -3,7 +3,13 @@
 use std::sync::Arc;
 
 use evis_core::{Event, LabelData, LabelKind, Warp};
-use evis_scene::{Camera, Distortion, Lens, Scene, SceneState, rigid};
+use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder};
+use evis_scene::motion::Path;
+use evis_scene::primitive::Shape;
+use evis_scene::procedural::{Pattern, Procedural};
+use evis_scene::{Camera, Distortion, Lens, Material, Rig, Scene, SceneState, Trs, rigid};
+use glam::{DVec2, DVec3};
+
 use evis_truth::rays::{Geometry, Options, Pinhole, RayCaster, SceneCamera, Textures};
 
 use crate::config::{Antialias, Method, Quality, RunConfig};
@@ -186,4 +192,75 @@ fn what_a_distorted_lens_cannot_have_is_refused_and_presets_avoid_it() {
         assert!(notes.iter().any(|note| note.contains("distorted")), "{quality:?}: {notes:?}");
         assert!(config.method == Method::Native && config.adaptive_px.is_none(), "{quality:?}");
     }
+}
+
+/// A textured card that moves across before a distorted stereo pair.
+fn stereo_scene(rig: &Rig) -> Scene {
+    let mut s = SceneBuilder::new("stereo");
+    let noise =
+        s.procedural("noise", &Procedural::new(Pattern::Checker, 64, 3), Sampling::default()).unwrap();
+    let card = s.material(Material::unlit("card").textured(noise)).unwrap();
+    let start = Trs { translation: DVec3::new(-0.1, 0.05, 0.0), ..Trs::default() };
+    let path = Path::ConstantVelocity { start, velocity: DVec3::new(0.8, 0.5, 0.6) };
+    s.shape("card", Shape::Card { size: [1.1, 0.9] }, card, Placement::along(path)).unwrap();
+    s.rig("head", rig, Placement::at(DVec3::new(0.0, 0.0, 2.0))).unwrap();
+    s.build().unwrap()
+}
+
+#[test]
+fn disparity_is_the_shift_of_the_point_that_fires() {
+    let Some(gpu) = super::device() else { return };
+    let distortion = Distortion::from_coefficients("radtan", &[-0.3, 0.1, 1e-3, -1e-3]).unwrap();
+    let camera =
+        EventCamera::new("camera").size(96, 72).intrinsics(90.0, 90.0, 47.0, 36.5).distortion(distortion);
+    let rig = Rig::stereo(0.12, &camera).unwrap();
+    let scene = Arc::new(stereo_scene(&rig));
+    let config = RunConfig {
+        rate_hz: 2000.0,
+        antialias: Antialias::Edges,
+        samples: 16,
+        labels: vec![LabelKind::Depth],
+        label_rate_hz: 100.0,
+        reference_luminance: Some(0.4),
+        ..RunConfig::default()
+    };
+    let mut simulator = Simulator::new(&gpu, Arc::clone(&scene), config).unwrap();
+    let mut packet = simulator.step(50_000).unwrap();
+    let right = packet.views.remove(1).events;
+    let left = packet.views.remove(0);
+    let lenses = [0, 1].map(|camera| scene.calibrated_lens(camera, 96, 72).unwrap());
+    let baseline = DVec3::new(0.12, 0.0, 0.0);
+    // Events of the left camera, by the depth label nearest in time: where the same point lies in the right one.
+    let mut shifted = Vec::new();
+    for event in &left.events {
+        let labels = left.labels.iter().filter(|label| label.kind == LabelKind::Depth);
+        let Some(label) = labels.min_by_key(|label| (label.t_us - event.t).abs()) else { continue };
+        let LabelData::F32(depth) = &label.data else { panic!() };
+        let depth = f64::from(depth[usize::from(event.y) * 96 + usize::from(event.x)]);
+        let pixel = DVec2::new(f64::from(event.x) + 0.5, f64::from(event.y) + 0.5);
+        if depth.is_finite() {
+            let ray = lenses[0].unproject(pixel).unwrap();
+            let point = ray * (depth / -ray.z) - baseline;
+            shifted.extend(lenses[1].project(point).map(|there| (event, pixel, there)));
+        }
+    }
+    assert!(shifted.len() > 1000, "{}", shifted.len());
+    // The share that has an event of the same polarity of the right camera there, within a pixel and 2 ms.
+    let share = |place: &dyn Fn(DVec2, DVec2) -> DVec2| {
+        let matched = shifted.iter().filter(|(event, here, there)| {
+            let at = place(*here, *there);
+            right.iter().any(|other| {
+                let center = DVec2::new(f64::from(other.x) + 0.5, f64::from(other.y) + 0.5);
+                other.p == event.p
+                    && (other.t - event.t).abs() < 2000
+                    && (center - at).abs().max_element() <= 1.0
+            })
+        });
+        matched.count() as f64 / shifted.len() as f64
+    };
+    let found = share(&|_, there| there);
+    let none = share(&|here, _| here);
+    let other_way = share(&|here, there| 2.0 * here - there);
+    assert!(found > 0.93, "{found}");
+    assert!(none < found - 0.2 && other_way < found - 0.2, "canary: {none} and {other_way}");
 }

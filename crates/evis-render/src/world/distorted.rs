@@ -31,6 +31,22 @@ pub struct Distorted {
     pub picture: PixelLens,
 }
 
+/// The samples that are rendered of a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureSamples {
+    /// In every texel.
+    pub places: Vec<SamplePlace>,
+    /// Texels along each side of a pixel.
+    pub grid: u32,
+    /// Bits of a texel's x and y in an entry.
+    pub edge_bits: u32,
+    /// Width and height of the area over which a sample reads textures, in pixels of the picture.
+    pub cell: [f64; 2],
+}
+
+/// Second moments of the area of a pixel.
+const BOX: DMat2 = DMat2::from_cols_array(&[1.0 / 12.0, 0.0, 0.0, 1.0 / 12.0]);
+
 /// Where a sample lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SamplePlace {
@@ -59,11 +75,18 @@ pub const fn pack(x: u32, y: u32, index: u32, edge_bits: u32) -> u32 {
 }
 
 impl Distorted {
-    /// The picture that serves `lens` with `size` pixels, for camera `name`.
+    /// The picture that serves `lens` with `size` pixels, for camera `name`. Along each side, a pixel of the camera meets at
+    /// least `density` of its pixels, or as many as a large picture can have.
     ///
     /// # Errors
     /// A lens too wide for one picture.
-    pub fn new(name: &str, lens: CalibratedLens, size: [u32; 2], near: f64) -> Result<Self, SceneError> {
+    pub fn new(
+        name: &str,
+        lens: CalibratedLens,
+        size: [u32; 2],
+        near: f64,
+        density: f64,
+    ) -> Result<Self, SceneError> {
         let refuse = |text: String| SceneError::Rule(format!("camera '{name}': {text}"));
         let corners: Vec<DVec2> =
             (0..=size[1]).flat_map(|y| (0..=size[0]).map(move |x| DVec2::new(x.into(), y.into()))).collect();
@@ -98,6 +121,8 @@ impl Distorted {
         let focal = seen.iter().map(|(_, scale)| *scale).fold(0.0, f64::max);
         let low = seen.iter().fold(DVec2::INFINITY, |low, (at, _)| low.min(*at));
         let high = seen.iter().fold(DVec2::NEG_INFINITY, |high, (at, _)| high.max(*at));
+        let largest = (high - low).max_element() * focal + 2.0 * MARGIN_PX + 1.0;
+        let focal = focal * density.min(LARGEST_EDGE / largest).max(1.0);
         // y points up in the scene and down in the picture.
         let center = DVec2::new(-low.x, high.y) * focal + MARGIN_PX;
         let extent = ((high - low) * focal + 2.0 * MARGIN_PX).ceil();
@@ -130,9 +155,9 @@ impl Distorted {
         self.picture.project(seen)
     }
 
-    /// The samples of every pixel, where each pixel of the picture has `grid` by `grid` texels, and each of these a sample
-    /// at every one of `places`. A pixel that the lens shows nothing in has none.
-    pub fn footprints(&self, places: &[SamplePlace], grid: u32, edge_bits: u32) -> Footprints {
+    /// The samples of every pixel. A pixel that the lens shows nothing in has none.
+    pub fn footprints(&self, rendered: &PictureSamples) -> Footprints {
+        let PictureSamples { ref places, grid, edge_bits, cell } = *rendered;
         let [width, height] = self.size;
         let columns = self.picture.width * grid;
         let found = |y: u32| {
@@ -174,7 +199,9 @@ impl Distorted {
                 let center = DVec2::new((p as u32 % width).into(), (p as u32 / width).into()) + 0.5;
                 footprints.entries.extend(self.nearest(center, grid, places, edge_bits));
             } else {
-                let weights = weights(own.iter().map(|(_, off)| *off));
+                let center = DVec2::new((p as u32 % width).into(), (p as u32 / width).into()) + 0.5;
+                let spread = BOX - self.cell_spread(center, cell);
+                let weights = weights(own.iter().map(|(_, off)| *off), spread);
                 footprints
                     .entries
                     .extend(own.iter().zip(weights).map(|((texel, _), w)| [*texel, w.to_bits()]));
@@ -182,6 +209,16 @@ impl Distorted {
             footprints.starts.push(footprints.entries.len() as u32);
         }
         footprints
+    }
+
+    /// The second moments, in pixels of the camera, of the area of the picture over which a sample reads textures: `cell`
+    /// pixels of it, around `pixel`.
+    fn cell_spread(&self, pixel: DVec2, cell: [f64; 2]) -> DMat2 {
+        let Some((_, [dx, dy])) = self.lens.planar_ray(pixel) else { return DMat2::ZERO };
+        let scale = DVec2::new(self.picture.focal[0], -self.picture.focal[1]);
+        let picture_per_pixel = DMat2::from_cols(scale * dx, scale * dy);
+        let side = picture_per_pixel.inverse() * DMat2::from_diagonal(cell.into());
+        side * side.transpose() * (1.0 / 12.0)
     }
 
     /// The first sample of the texel at a pixel's centre: what a pixel sees that no sample has met.
@@ -200,26 +237,60 @@ fn largest_scale(m: DMat2) -> f64 {
     (mean + spread).sqrt()
 }
 
-/// Weights of samples `off` from the centre of their pixel: as equal as can be where their sum is 1 and their mean place
-/// the centre. An edge then passes at the time at which it passes the pixel, wherever the samples happen to lie.
-fn weights(off: impl ExactSizeIterator<Item = [f32; 2]> + Clone) -> Vec<f32> {
+/// Weights of samples `off` from the centre of their pixel: as equal as can be where their sum is 1, their mean place the
+/// centre, and their second moments `spread`. An edge then passes at the time at which it passes the pixel, and textures keep
+/// the contrast that they have in the box of a pixel, wherever the samples happen to lie.
+///
+/// A sample is the mean of a texture over an area, so that the filter of a pixel is that of the weights, made wider by the area:
+/// `spread` is what the box has beyond it.
+fn weights(off: impl ExactSizeIterator<Item = [f32; 2]> + Clone, spread: DMat2) -> Vec<f32> {
     let count = off.len() as f64;
     let places = off.map(|o| DVec2::new(o[0].into(), o[1].into()));
-    let mean = places.clone().sum::<DVec2>() / count;
-    let mut spread = DMat2::ZERO;
-    for place in places.clone() {
-        let d = place - mean;
-        spread += DMat2::from_cols(d * d.x, d * d.y) * (1.0 / count);
+    let terms = |p: DVec2| [1.0, p.x, p.y, p.x * p.x, p.x * p.y, p.y * p.y];
+    let wanted = [1.0, 0.0, 0.0, spread.x_axis.x, spread.x_axis.y, spread.y_axis.y];
+    // Beside too few samples, or samples on a line, fewer moments are asked for.
+    for (used, least) in [(6, LEAST_WEIGHT), (3, 0.0)] {
+        let mut moments = [[0.0; 7]; 6];
+        for place in places.clone() {
+            let terms = terms(place);
+            for (row, a) in moments.iter_mut().zip(terms) {
+                row.iter_mut().zip(terms).for_each(|(sum, b)| *sum += a * b / count);
+            }
+        }
+        for (row, wanted) in moments.iter_mut().zip(wanted) {
+            row[used] = wanted;
+        }
+        let Some(solution) = solved(&mut moments, used) else { continue };
+        let weight = |p: DVec2| terms(p).iter().zip(&solution).map(|(t, s)| t * s).sum::<f64>();
+        let own: Vec<f64> = places.clone().map(weight).collect();
+        if own.iter().all(|w| *w > least) {
+            return own.into_iter().map(|w| (w / count) as f32).collect();
+        }
     }
-    let steady = spread.determinant() > 1e-4;
-    let slope = if steady { spread.inverse() * mean } else { DVec2::ZERO };
-    let own: Vec<f64> = places.map(|place| (1.0 - slope.dot(place - mean)) / count).collect();
-    // Far to one side, equal weights are safer than some below 0.
-    if own.iter().all(|w| *w > 0.0) {
-        own.into_iter().map(|w| w as f32).collect()
-    } else {
-        vec![(1.0 / count) as f32; own.len()]
+    vec![(1.0 / count) as f32; places.len()]
+}
+
+/// A sample's weight over that of equal ones, at least.
+const LEAST_WEIGHT: f64 = -0.5;
+
+/// The solution of `n` equations, whose right sides stand in column `n` (Gaussian elimination with pivots); `None` where they
+/// are nearly dependent.
+fn solved(rows: &mut [[f64; 7]; 6], n: usize) -> Option<[f64; 6]> {
+    for k in 0..n {
+        let pivot = (k..n).max_by(|&a, &b| rows[a][k].abs().total_cmp(&rows[b][k].abs()))?;
+        rows.swap(k, pivot);
+        let row = rows[k];
+        if row[k].abs() < 1e-6 {
+            return None;
+        }
+        for other in (0..n).filter(|other| *other != k) {
+            let factor = rows[other][k] / row[k];
+            rows[other].iter_mut().zip(row).for_each(|(value, own)| *value -= factor * own);
+        }
     }
+    let mut solution = [0.0; 6];
+    (0..n).for_each(|k| solution[k] = rows[k][n] / rows[k][k]);
+    Some(solution)
 }
 
 #[cfg(test)]
@@ -231,12 +302,13 @@ mod tests {
     fn distorted(model: &str, coefficients: &[f64]) -> Distorted {
         let distortion = Distortion::from_coefficients(model, coefficients).unwrap();
         let lens = CalibratedLens::new([60.0, 58.0], [33.0, 23.0], Some(distortion)).unwrap();
-        Distorted::new("eye", lens, [64, 48], 0.1).unwrap()
+        Distorted::new("eye", lens, [64, 48], 0.1, 1.0).unwrap()
     }
 
-    fn grid(n: u32) -> Vec<SamplePlace> {
+    fn grid(n: u32) -> PictureSamples {
         let at = |i: u32| (f64::from(i) + 0.5) / f64::from(n);
-        (0..n * n).map(|i| SamplePlace { within: [at(i % n), at(i / n)], index: i }).collect()
+        let places = (0..n * n).map(|i| SamplePlace { within: [at(i % n), at(i / n)], index: i }).collect();
+        PictureSamples { places, grid: 1, edge_bits: EDGE_BITS, cell: [1.0 / f64::from(n); 2] }
     }
 
     #[test]
@@ -263,8 +335,8 @@ mod tests {
     #[test]
     fn every_pixel_has_samples_around_its_own_centre() {
         let camera = distorted("radtan", &[-0.3, 0.1, 1e-3, -1e-3]);
-        let places = grid(4);
-        let footprints = camera.footprints(&places, 1, EDGE_BITS);
+        let samples = grid(4);
+        let footprints = camera.footprints(&samples);
         assert_eq!(footprints.starts.len(), 64 * 48 + 1);
         let mean = |p: usize, weighted: bool| {
             let own = &footprints.entries[footprints.starts[p] as usize..footprints.starts[p + 1] as usize];
@@ -272,7 +344,7 @@ mod tests {
             let mut sum = (0.0, DVec2::ZERO);
             for [texel, bits] in own {
                 let (x, y, s) = (texel & 0xFFF, texel >> 12 & 0xFFF, texel >> 24);
-                let within = places[s as usize].within;
+                let within = samples.places[s as usize].within;
                 let at = camera.pixel([f64::from(x) + within[0], f64::from(y) + within[1]]).unwrap();
                 let weight = if weighted { f64::from(f32::from_bits(*bits)) } else { 1.0 / own.len() as f64 };
                 sum = (sum.0 + weight, sum.1 + at * weight);
@@ -297,7 +369,7 @@ mod tests {
         let fisheye = Distortion::from_coefficients("fisheye", &[]).unwrap();
         let new = |focal: f64| {
             let lens = CalibratedLens::new([focal; 2], [32.0, 24.0], Some(fisheye)).unwrap();
-            Distorted::new("wide", lens, [64, 48], 0.1)
+            Distorted::new("wide", lens, [64, 48], 0.1, 1.0)
         };
         let error = new(20.0).unwrap_err().to_string();
         assert!(error.contains("'wide'") && error.contains("150"), "{error}");
@@ -308,8 +380,8 @@ mod tests {
     fn pixels_outside_of_the_region_of_the_lens_have_no_samples() {
         let barrel = Distortion::from_coefficients("radtan", &[-0.4]).unwrap();
         let lens = CalibratedLens::new([30.0; 2], [32.0, 24.0], Some(barrel)).unwrap();
-        let camera = Distorted::new("eye", lens, [64, 48], 0.1).unwrap();
-        let footprints = camera.footprints(&grid(3), 1, EDGE_BITS);
+        let camera = Distorted::new("eye", lens, [64, 48], 0.1, 1.0).unwrap();
+        let footprints = camera.footprints(&grid(3));
         let count = |x: usize, y: usize| footprints.starts[y * 64 + x + 1] - footprints.starts[y * 64 + x];
         assert_eq!(count(0, 0), 0);
         assert!(count(32, 24) > 4);

@@ -196,7 +196,7 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
             }
         }
         let mut info = lens.info(&camera.name);
-        let distorted = distorted(scene, index, &lens)?;
+        let distorted = distorted(scene, index, &lens, config.picture_density())?;
         info.distortion = scene.distortions.get(&camera.name).map(|distortion| LensDistortion {
             model: distortion.name().to_owned(),
             coefficients: distortion.coefficients(),
@@ -227,14 +227,19 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
 }
 
 /// Camera `index` of `scene`, whose pixels are those of `lens`, where its lens is distorted.
-fn distorted(scene: &Scene, index: usize, lens: &PixelLens) -> Result<Option<Arc<Distorted>>, EngineError> {
+fn distorted(
+    scene: &Scene,
+    index: usize,
+    lens: &PixelLens,
+    density: f64,
+) -> Result<Option<Arc<Distorted>>, EngineError> {
     let camera = &scene.cameras[index];
     if !scene.distortions.contains_key(&camera.name) {
         return Ok(None);
     }
     let size = [lens.width, lens.height];
     let own = scene.calibrated_lens(index, lens.width, lens.height)?;
-    Ok(Some(Arc::new(Distorted::new(&camera.name, own, size, camera.near)?)))
+    Ok(Some(Arc::new(Distorted::new(&camera.name, own, size, camera.near, density)?)))
 }
 
 /// Whether `config` can show the cameras `cameras` of `views`, some of which may have distorted lenses.

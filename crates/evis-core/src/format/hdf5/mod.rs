@@ -54,7 +54,7 @@ const GZIP_LEVEL: u32 = 2;
 /// Deflate expands at most 1032 times; a data set that promises more than this cannot be in the file.
 const LARGEST_EXPANSION: u64 = 1100;
 /// Names that a camera may not have, since the root group uses them.
-const RESERVED_NAMES: [&str; 5] = ["events", "ms_to_idx", "t_offset", "evis", "truth"];
+const RESERVED_NAMES: [&str; 6] = ["events", "ms_to_idx", "t_offset", "evis", "truth", "imus"];
 
 /// What a recording says about itself; written when it is created.
 #[derive(Clone, Debug, PartialEq)]
