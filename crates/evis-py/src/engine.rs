@@ -218,7 +218,7 @@ pub(crate) fn with_cameras(
     Ok(scene)
 }
 
-fn find_node(scene: &evis_scene::Scene, name: &str) -> Result<usize, SceneError> {
+pub(crate) fn find_node(scene: &evis_scene::Scene, name: &str) -> Result<usize, SceneError> {
     let mut found = scene.nodes.iter().enumerate().filter(|(_, node)| node.name == name);
     match (found.next(), found.next()) {
         (Some((index, _)), None) => Ok(index),

@@ -6,19 +6,15 @@ use std::sync::Arc;
 use wgpu::util::DeviceExt as _;
 
 use crate::error::EngineError;
-use crate::frame::pattern;
+use crate::frame::pattern::{self, Share};
 use crate::gpu::sizes::DeviceLimits;
 use crate::pass::resample::{self, COVERAGE_BINDINGS, SAMPLES_BINDINGS};
 use crate::pass::{self, Binding, ComputePass};
 use crate::raster::layers::{LayerUse, Layers};
-use crate::world::distorted::{Distorted, EDGE_BITS, PictureSamples, SamplePlace};
+use crate::world::distorted::{Cell, Distorted, EDGE_BITS, PictureSamples};
 
-/// Bits of a texel's x and y in an entry for coverage samples, of which a texel has four.
+/// Bits of a texel's x and y in an entry, where a texel is one cell of four coverage samples.
 const COVERAGE_EDGE_BITS: u32 = 13;
-
-/// Places of a texel's four coverage samples, in sixteenths (Vulkan 1.3, "Standard sample locations"; Direct3D and Metal have
-/// the same).
-const COVERAGE_PLACES: [[f64; 2]; 4] = [[6.0, 2.0], [14.0, 6.0], [2.0, 10.0], [10.0, 14.0]];
 
 /// What makes the luminance of one lens.
 pub struct Resampler {
@@ -28,6 +24,13 @@ pub struct Resampler {
     pub picture: Layers,
     pass: ComputePass,
     bindings: &'static [Binding],
+    /// As many rows of the camera at once as fit a binding.
+    bands: Vec<Band>,
+}
+
+/// Some rows of a camera.
+struct Band {
+    rows: u32,
     starts: wgpu::Buffer,
     entries: wgpu::Buffer,
 }
@@ -35,22 +38,23 @@ pub struct Resampler {
 /// The samples of a picture, where samples have `offsets` and are rendered as `made` says.
 pub fn picture_samples(offsets: &[[f32; 2]], made: LayerUse) -> PictureSamples {
     match made {
-        LayerUse::Resolved(grid) => {
-            let place = |(index, at): (u32, [f64; 2])| SamplePlace { within: at.map(|v| v / 16.0), index };
-            let places = (0..).zip(COVERAGE_PLACES).map(place).collect();
-            PictureSamples { places, grid, edge_bits: COVERAGE_EDGE_BITS, cell: [1.0 / f64::from(grid); 2] }
-        }
+        // The mean of four coverage samples, which are shaded once.
+        LayerUse::Resolved(grid) => PictureSamples {
+            cells: vec![Cell { middle: [0.5; 2], index: 0 }],
+            grid,
+            edge_bits: COVERAGE_EDGE_BITS,
+            size: [1.0 / f64::from(grid); 2],
+        },
         LayerUse::Rendered | LayerUse::Computed => {
             // A picture that is moved by an offset is sampled at the opposite place.
-            let place =
-                |(index, o): (u32, &[f32; 2])| SamplePlace { within: o.map(|v| 0.5 - f64::from(v)), index };
-            let cell = pattern::grid(offsets.len()).map(|n| 1.0 / n as f64);
-            PictureSamples {
-                places: (0..).zip(offsets).map(place).collect(),
-                grid: 1,
-                edge_bits: EDGE_BITS,
-                cell,
-            }
+            let places: Vec<[f32; 2]> = offsets.iter().map(|o| o.map(|v| -v)).collect();
+            let share = |(index, (place, share)): (u32, (&[f32; 2], Share))| Cell {
+                middle: [0, 1].map(|axis| 0.5 + f64::from(place[axis]) + f64::from(share.shift[axis])),
+                index,
+            };
+            let cells = (0..).zip(places.iter().zip(pattern::shares(&places))).map(share).collect();
+            let size = pattern::grid(offsets.len()).map(|n| 1.0 / n as f64);
+            PictureSamples { cells, grid: 1, edge_bits: EDGE_BITS, size }
         }
     }
 }
@@ -80,14 +84,6 @@ impl Resampler {
             )));
         }
         let footprints = camera.footprints(&samples);
-        let bytes = 8 * footprints.entries.len() as u64;
-        if bytes > limits.storage_binding {
-            return Err(EngineError::Device(format!(
-                "the samples of a distorted lens take {bytes} bytes, and a binding of this device holds {}; choose a \
-                 smaller --size or fewer --samples",
-                limits.storage_binding
-            )));
-        }
         let buffer = |label, contents: &[u8]| {
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some(label),
@@ -95,22 +91,29 @@ impl Resampler {
                 usage: wgpu::BufferUsages::STORAGE,
             })
         };
-        let entries: &[[u32; 2]] =
-            if footprints.entries.is_empty() { &[[0; 2]] } else { &footprints.entries };
+        let bands = footprints.bands(camera.size[0], limits.storage_binding).ok_or_else(|| {
+            EngineError::Device(format!(
+                "the samples of a row of a camera with a distorted lens exceed a binding of this device, {} bytes; choose a \
+                 smaller --size or fewer --samples",
+                limits.storage_binding
+            ))
+        })?;
+        let band = |(starts, range): (Vec<u32>, std::ops::Range<usize>)| {
+            let entries: &[[u32; 2]] = if range.is_empty() { &[[0; 2]] } else { &footprints.entries[range] };
+            Band {
+                rows: (starts.len() as u32 - 2) / camera.size[0],
+                starts: buffer("starts of footprints", bytemuck::cast_slice(&starts)),
+                entries: buffer("samples of footprints", bytemuck::cast_slice(entries)),
+            }
+        };
+        let bands = bands.into_iter().map(band).collect();
         let (pass, bindings) = match made {
             LayerUse::Resolved(_) => (resample::coverage(device, edge_bits), COVERAGE_BINDINGS),
             LayerUse::Rendered | LayerUse::Computed => {
                 (resample::samples(device, edge_bits), SAMPLES_BINDINGS)
             }
         };
-        Ok(Self {
-            picture: Layers::new(device, width, height, layers, made),
-            pass,
-            bindings,
-            starts: buffer("starts of footprints", bytemuck::cast_slice(&footprints.starts)),
-            entries: buffer("samples of footprints", bytemuck::cast_slice(entries)),
-            camera,
-        })
+        Ok(Self { picture: Layers::new(device, width, height, layers, made), pass, bindings, bands, camera })
     }
 
     /// Records the mean of the samples of every pixel into `layer`.
@@ -121,17 +124,18 @@ impl Resampler {
         layer: &wgpu::TextureView,
     ) {
         let pictures = self.picture.multisampled.as_ref().unwrap_or(&self.picture.array);
-        let resources = vec![
-            self.starts.as_entire_binding(),
-            self.entries.as_entire_binding(),
-            wgpu::BindingResource::TextureView(pictures),
-            wgpu::BindingResource::TextureView(layer),
-        ];
-        let group = pass::group(device, "resample", &self.pass.layout, self.bindings, resources);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&self.pass.pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        let [width, height] = self.camera.size;
-        pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
+        for band in &self.bands {
+            let resources = vec![
+                band.starts.as_entire_binding(),
+                band.entries.as_entire_binding(),
+                wgpu::BindingResource::TextureView(pictures),
+                wgpu::BindingResource::TextureView(layer),
+            ];
+            let group = pass::group(device, "resample", &self.pass.layout, self.bindings, resources);
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            pass.set_pipeline(&self.pass.pipeline);
+            pass.set_bind_group(0, &group, &[]);
+            pass.dispatch_workgroups(self.camera.size[0].div_ceil(8), band.rows.div_ceil(8), 1);
+        }
     }
 }
