@@ -29,7 +29,7 @@ fn spinner(focal: f64, distortion: Option<Distortion>) -> Scene {
 }
 
 fn truth_of(scene: &Scene) -> Truth {
-    let pixels = PixelChoice::Count(1200);
+    let pixels = PixelChoice::Count(500);
     let settings = TruthSettings { duration_us: DURATION_US, pixels, ..TruthSettings::default() };
     truth(scene, &settings, &|_| true).unwrap()
 }
@@ -46,10 +46,10 @@ fn events(gpu: &Gpu, scene: Scene, truth: &Truth, antialias: Antialias) -> Vec<E
     simulator.step(DURATION_US).unwrap().views.remove(0).events
 }
 
-/// F1 within 1 ms.
+/// F1 within 1 ms, scaled by image speed as everywhere.
 fn f1(events: &[Event], truth: &Truth) -> f64 {
     let settings = ScoreSettings { tolerances_us: vec![1000], ..ScoreSettings::default() };
-    score(events, truth, &settings).unwrap().at(1000).unwrap().plain.f1
+    score(events, truth, &settings).unwrap().at(1000).unwrap().scaled.f1
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn distorted_lenses_are_as_near_to_the_truth_as_a_pinhole() {
     let fisheye = Distortion::from_coefficients("fisheye", &[0.05, -0.02, 0.01, -0.002]).unwrap();
     let focal = 80.0;
     let pinhole = truth_of(&spinner(focal, None));
-    assert!(pinhole.events.len() > 1000, "{} events in truth", pinhole.events.len());
+    assert!(pinhole.events.len() > 800, "{} events in truth", pinhole.events.len());
     for antialias in [Antialias::Edges, Antialias::Samples] {
         let plain = events(&gpu, spinner(focal, None), &pinhole, antialias);
         let expected = f1(&plain, &pinhole);
