@@ -37,8 +37,8 @@ class EventCamera:
     fx, fy, cx, cy : float, optional
         Intrinsics in pixels, all four, for this width and height; pixel centres lie at +0.5.
     distortion : RadialTangential or Fisheye, optional
-        Distortion of the lens, from `evis.lens`; a pinhole where not given. Events and labels are then those of
-        distorted pixels.
+        Distortion of the lens, from `evis.lens`; a pinhole where not given. Events and labels are then those
+        of distorted pixels.
     pose : Placement
         Where it is, what carries it, and how it moves; ``parent_from_camera``.
     near : float, optional

@@ -1,7 +1,7 @@
 """Inertial measurement units: what an accelerometer and a gyroscope on a node of a scene measure.
 
-Derivatives are central differences of fourth order of the exact poses, 1 ms apart. Near the ends of a recorded
-trajectory, within 2 ms, they meet its rest.
+Derivatives are central differences of fourth order of the exact poses, 1 ms apart. Near the ends of a
+recorded trajectory, within 2 ms, they meet its rest.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def simulate(
     scene : Scene
         The scene; nothing of it is rendered.
     node : str
-        Name of a node, such as a rig's body, or of a camera. The unit has its axes: glTF's, so that a camera's
-        unit has x right, y up and z back.
+        Name of a node, such as a rig's body, or of a camera. The unit has its axes: glTF's, so that the unit
+        of a camera has x right, y up and z back.
     duration : float
         Seconds.
     rate_hz : float
@@ -138,7 +138,9 @@ def simulate(
     return ImuSamples(*columns)
 
 
-def columns_of(samples: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def columns_of(
+    samples: Any,
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return the columns of samples as files take them."""
     return (
         np.ascontiguousarray(samples.t_us, np.int64),

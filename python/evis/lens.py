@@ -97,7 +97,10 @@ def distortion_of(model: str, coefficients: Sequence[float]) -> Distortion:
     ConfigError
         If the model does not exist or has fewer coefficients.
     """
-    kinds: dict[str, type[RadialTangential] | type[Fisheye]] = {"radtan": RadialTangential, "fisheye": Fisheye}
+    kinds: dict[str, type[RadialTangential] | type[Fisheye]] = {
+        "radtan": RadialTangential,
+        "fisheye": Fisheye,
+    }
     if model not in kinds:
         raise ConfigError(f"the distortion model is {model!r}; it must be 'radtan' or 'fisheye'")
     kind = kinds[model]

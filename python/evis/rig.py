@@ -116,9 +116,8 @@ class Rig:
             raise ConfigError(f"baseline is {baseline}; it must be above 0 metres")
         width, height = camera.width, camera.height
         fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
-        if None in (width, height, fx):
+        if width is None or height is None or fx is None:
             raise ConfigError("a stereo pair takes a camera with width, height and fx")
-        assert width is not None and height is not None and fx is not None
         left = RigCamera(
             name="left",
             width=width,
@@ -239,7 +238,9 @@ class Rig:
                     cy=camera.cy,
                     distortion=camera.distortion,
                     pose=Placement(
-                        position=tuple(map(float, pose[:3, 3])), rotation=_quaternion(pose[:3, :3]), parent=parent
+                        position=tuple(map(float, pose[:3, 3])),
+                        rotation=_quaternion(pose[:3, :3]),
+                        parent=parent,
                     ),
                     **settings,
                 )
