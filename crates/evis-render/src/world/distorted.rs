@@ -11,7 +11,7 @@ use evis_scene::{CalibratedLens, SceneError};
 use glam::{DMat2, DVec2, DVec3, Vec2};
 use rayon::prelude::*;
 
-use crate::world::view::PixelLens;
+use crate::world::pixel_lens::PixelLens;
 
 /// The widest field of view that one pinhole picture serves, in degrees: beyond it the picture grows without bound.
 const WIDEST_DEGREES: f64 = 150.0;
