@@ -160,7 +160,7 @@ impl Imu {
         }
         let draw = |draw| self.key.draw(0, StreamId::Imu, self.next, draw);
         let mut normal = [0.0; 12];
-        for (words, normal) in (0..6).map(|i| draw(i)).zip(normal.as_chunks_mut::<2>().0) {
+        for (words, normal) in (0..6).map(draw).zip(normal.as_chunks_mut::<2>().0) {
             (normal[0], normal[1]) = normals(words[0], words[1]);
         }
         let vector = |i: usize| DVec3::new(normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]);
@@ -169,8 +169,8 @@ impl Imu {
         let white = [noise.accelerometer_noise_density, noise.gyroscope_noise_density];
         let walk = [noise.accelerometer_random_walk, noise.gyroscope_random_walk];
         let values = [0, 1].map(|i| self.bias[i] + vector(i) * white[i] * root);
-        for i in 0..2 {
-            self.bias[i] += vector(2 + i) * walk[i] / root;
+        for (i, (bias, walk)) in self.bias.iter_mut().zip(walk).enumerate() {
+            *bias += vector(2 + i) * walk / root;
         }
         values
     }

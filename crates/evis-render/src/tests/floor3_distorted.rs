@@ -70,7 +70,7 @@ fn packets_and_neighbours_change_no_byte_of_a_distorted_camera() {
             let config = RunConfig { cameras: vec![camera.into()], ..config.clone() };
             assert_eq!(
                 events(&gpu, &scene, &config, 20_000),
-                [events_beside.clone()],
+                std::slice::from_ref(events_beside),
                 "{camera} {antialias:?}"
             );
         }
