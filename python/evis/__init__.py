@@ -11,7 +11,7 @@ pixel; polarity is ON = 1, OFF = 0.
 10000 int64 ('x', 'y', 'p', 't')
 """
 
-from . import metrics, motion, representations
+from . import imu, lens, metrics, motion, representations, rig
 from ._builder import SceneBuilder
 from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
 from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, MotionCheck, check_motion
@@ -147,6 +147,8 @@ __all__ = [
     "devices",
     "formats",
     "frames",
+    "imu",
+    "lens",
     "limits",
     "load",
     "load_truth",
@@ -154,6 +156,7 @@ __all__ = [
     "motion",
     "open",
     "representations",
+    "rig",
     "save",
     "scenes",
     "set_limits",

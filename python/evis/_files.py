@@ -22,6 +22,7 @@ from ._evis import ConfigError, EvisError, FormatError
 from ._packets import CAUSE, LABEL_KINDS, CameraInfo, Packet, Poses
 from ._represent import Limits, Raw
 from ._simulator import Simulator, Stream
+from .imu import ImuSamples, columns_of
 
 HDF5_ENDINGS = (".h5", ".hdf5")
 
@@ -282,6 +283,14 @@ class Recording(EventCarrier, Mapping[str, RecordedView]):
         return len(self._views)
 
     @property
+    def imus(self) -> Mapping[str, ImuSamples]:
+        """Samples of inertial measurement units by name; empty where there are none."""
+        source = self._source
+        if not isinstance(source, _evis.Recording):
+            return {}
+        return {name: ImuSamples(*source.imu(name)) for name in source.imus()}
+
+    @property
     def view(self) -> RecordedView:
         """The one camera's part.
 
@@ -487,6 +496,8 @@ class Writer:
         uint32 (as DSEC does) where they fit, else as int64.
     overwrite : bool
         Replace files that exist.
+    imus : sequence of str
+        Names of inertial measurement units that `write_imu` brings samples of; HDF5 only.
 
     Raises
     ------
@@ -514,9 +525,13 @@ class Writer:
         *,
         duration_us: int | None = None,
         overwrite: bool = False,
+        imus: Sequence[str] = (),
     ) -> None:
         path = Path(path)
         self._format = _io.format_for(path)
+        self._imus = [str(name) for name in imus]
+        if self._imus and self._format != "hdf5":
+            raise ConfigError(f"{path.suffix} holds no inertial samples; write to .h5")
         if not isinstance(simulator, Simulator):
             raise ConfigError(
                 f"simulator is {_check.shown(simulator)}; it must be the evis.Simulator of the packets"
@@ -563,6 +578,7 @@ class Writer:
                     t_offset_us=0,
                     labels=list(self._simulator.labels),
                     overwrite=self._overwrite,
+                    imus=self._imus,
                 )
             )
         return self._writers
@@ -576,6 +592,32 @@ class Writer:
                 _evis.EventFileWriter(path, format=self._format, size=size, overwrite=self._overwrite)
             )
         return self._event_writers
+
+    def write_imu(self, name: str, samples: ImuSamples, *, environment: int = 0) -> None:
+        """Append samples of an inertial measurement unit, which continue those written before.
+
+        Parameters
+        ----------
+        name : str
+            One of `imus`.
+        samples : ImuSamples
+            From `evis.imu.simulate`.
+        environment : int
+            Whose file.
+
+        Raises
+        ------
+        OSError
+            If the disk refuses.
+        ConfigError
+            If there is no such unit or environment.
+        FormatError
+            If times go back, or a value is not finite.
+        """
+        if name not in self._imus:
+            raise ConfigError(f"imus has no {name!r}; it has {', '.join(self._imus) or 'none'}")
+        environment = _check.whole("environment", environment, 0, len(self._paths) - 1)
+        self._open()[environment].write_imu(self._imus.index(name), *columns_of(samples))
 
     def write(self, packet: Packet) -> None:
         """Append a packet; packets are written in order.

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from . import _evis
 from ._events import EventArray, EventCarrier, EventCD, Events
 from ._evis import ConfigError, EvisError
+from .lens import Lens, distortion_of
 
 CAUSE = "cause"
 
@@ -27,7 +28,7 @@ LABEL_KINDS: Mapping[str, tuple[np.dtype[Any], int]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class CameraInfo:
-    """A rendered camera: a pinhole with pixel centres at +0.5.
+    """A rendered camera; pixel centres lie at +0.5.
 
     Attributes
     ----------
@@ -39,6 +40,10 @@ class CameraInfo:
         Focal lengths in pixels.
     cx, cy : float
         Principal point in pixels from the left and the top edge; OpenCV, ROS and DSEC want 0.5 less.
+    distortion_model : str, optional
+        ``radtan`` or ``fisheye``; None for a pinhole.
+    distortion_coefficients : tuple of float
+        In OpenCV's order; empty for a pinhole.
     """
 
     name: str
@@ -48,6 +53,16 @@ class CameraInfo:
     fy: float
     cx: float
     cy: float
+    distortion_model: str | None = None
+    distortion_coefficients: tuple[float, ...] = ()
+
+    @property
+    def lens(self) -> Lens:
+        """The lens, which projects points and unprojects pixels."""
+        distortion = None
+        if self.distortion_model is not None:
+            distortion = distortion_of(self.distortion_model, self.distortion_coefficients)
+        return Lens(fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, distortion=distortion)
 
     @property
     def matrix(self) -> npt.NDArray[np.float64]:

@@ -16,14 +16,15 @@ import numpy.typing as npt
 from . import _check, _evis, _toml
 from ._evis import ConfigError
 from ._sensor import Sensor
+from .lens import Distortion, Fisheye, RadialTangential
 from .motion import HERE, Placement, fields_of, table_of
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EventCamera:
-    """An event camera: a pinhole that looks along its -Z, with +Y up (glTF axes), in metres.
+    """An event camera that looks along its -Z, with +Y up (glTF axes), in metres.
 
-    The lens is a vertical field of view or pinhole intrinsics, not both.
+    The lens is a vertical field of view or intrinsics, not both; with intrinsics it may have a distortion.
 
     Attributes
     ----------
@@ -35,6 +36,9 @@ class EventCamera:
         Vertical field of view; 60 where neither it nor intrinsics are given.
     fx, fy, cx, cy : float, optional
         Intrinsics in pixels, all four, for this width and height; pixel centres lie at +0.5.
+    distortion : RadialTangential or Fisheye, optional
+        Distortion of the lens, from `evis.lens`; a pinhole where not given. Events and labels are then those
+        of distorted pixels.
     pose : Placement
         Where it is, what carries it, and how it moves; ``parent_from_camera``.
     near : float, optional
@@ -53,6 +57,7 @@ class EventCamera:
     fy: float | None = None
     cx: float | None = None
     cy: float | None = None
+    distortion: Distortion | None = None
     pose: Placement = HERE
     near: float | None = None
     threshold_on: float | None = None
@@ -67,6 +72,13 @@ class EventCamera:
             raise ConfigError(f"camera '{self.name}' has a width or a height alone; it takes both or none")
         if width is not None:
             table["size"] = (width, height)
+        if self.distortion is not None:
+            if not isinstance(self.distortion, RadialTangential | Fisheye):
+                raise ConfigError(
+                    f"camera '{self.name}' has the distortion {_check.shown(self.distortion)}; it must be "
+                    "evis.lens.RadialTangential or evis.lens.Fisheye"
+                )
+            table["distortion"] = self.distortion.table()
         if isinstance(self.sensor, Sensor):
             table["sensor"] = json.loads(self.sensor._json())
         return {**table_of(self.name, table.pop("pose", None)), **table}

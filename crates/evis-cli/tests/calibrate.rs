@@ -23,6 +23,7 @@ fn save(path: &Path, events: &[Event], duration_us: i64) {
         fy: f64::NAN,
         cx: f64::NAN,
         cy: f64::NAN,
+        distortion: None,
     };
     let header = RecordingHeader {
         cameras: vec![camera],

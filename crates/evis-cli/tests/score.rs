@@ -20,6 +20,7 @@ fn truth(change: impl FnOnce(&mut Truth)) -> Truth {
         fy: 40.0,
         cx: 24.0,
         cy: 16.0,
+        distortion: None,
     };
     let mut truth = Truth::from_events(events(), camera, SensorConfig::default(), 1.0, 200_000);
     let region = |e: &Event| if e.p == 1 { Region::Interior } else { Region::ShadowEdge };

@@ -73,6 +73,7 @@ fn main() {
             fy: 1.0,
             cx: 0.0,
             cy: 0.0,
+            distortion: None,
         },
         sensor: SensorConfig::default(),
         reference_luminance: 1.0,

@@ -75,6 +75,7 @@ fn write() -> Result<(), Box<dyn std::error::Error>> {
                 fy: 500.0,
                 cx: 320.0,
                 cy: 240.0,
+                distortion: None,
             })
             .collect(),
         seed: 7,

@@ -25,7 +25,7 @@ pub use emulator::{
 };
 pub use event::{Cause, Event, Polarity};
 pub use evis_limits as limits;
-pub use packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
+pub use packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, LensDistortion, PoseSample};
 pub use sensor::{ConfigError, Exposure, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;
 pub use truth::{Region, RegionSpan, Truth};

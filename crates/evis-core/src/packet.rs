@@ -22,6 +22,18 @@ pub struct CameraInfo {
     pub cx: f64,
     /// Principal point, pixels from the top edge.
     pub cy: f64,
+    /// Distortion of the lens; `None` for a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<LensDistortion>,
+}
+
+/// How a lens departs from a pinhole: a model, and its coefficients in OpenCV's order.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LensDistortion {
+    /// `radtan` (k1 k2 p1 p2 k3 k4 k5 k6) or `fisheye` (Kannala-Brandt, k1 to k4).
+    pub model: String,
+    /// As many as the model has; missing ones at the end are 0.
+    pub coefficients: Vec<f64>,
 }
 
 /// Which label an image carries. Labels are one sample at the pixel's centre.
@@ -122,6 +134,17 @@ pub struct LabelFrame {
     pub t_other_us: i64,
     /// Pixels, `height * width * kind.channels()` of them.
     pub data: LabelData,
+}
+
+/// What an inertial measurement unit measures at one time, in its own axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImuSample {
+    /// Microseconds.
+    pub t_us: i64,
+    /// Specific force in m/s^2: acceleration less gravity. At rest it points up, and is as long as gravity.
+    pub accelerometer: [f64; 3],
+    /// Angular rate in rad/s.
+    pub gyroscope: [f64; 3],
 }
 
 /// Pose of a camera or body at one time: `world_from_body`, metres, glTF axes (+Y up, cameras look along -Z).

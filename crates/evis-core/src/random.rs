@@ -46,6 +46,8 @@ pub enum StreamId {
     Sample = 10,
     /// Noise of the photoreceptor.
     Receptor = 11,
+    /// Noise and bias of inertial measurement units.
+    Imu = 12,
 }
 
 /// The key of one camera of one environment.

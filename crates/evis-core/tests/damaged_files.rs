@@ -211,8 +211,16 @@ fn numpy_headers() {
 }
 
 fn recording(path: &std::path::Path) {
-    let camera =
-        CameraInfo { name: "camera".into(), width: 40, height: 30, fx: 40.0, fy: 40.0, cx: 20.0, cy: 15.0 };
+    let camera = CameraInfo {
+        name: "camera".into(),
+        width: 40,
+        height: 30,
+        fx: 40.0,
+        fy: 40.0,
+        cx: 20.0,
+        cy: 15.0,
+        distortion: None,
+    };
     let header = RecordingHeader {
         cameras: vec![camera],
         seed: 3,

@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use evis_core::event::slice_time;
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter, repair};
-use evis_core::{CameraInfo, Event, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
+use evis_core::{
+    CameraInfo, Event, ImuSample, LabelData, LabelFrame, LabelKind, LensDistortion, Polarity, PoseSample,
+};
 
 /// A folder that goes away with the test.
 struct Folder(PathBuf);
@@ -38,7 +40,7 @@ impl Drop for Folder {
 }
 
 fn camera(name: &str, width: u32, height: u32) -> CameraInfo {
-    CameraInfo { name: name.into(), width, height, fx: 50.5, fy: 51.0, cx: 8.25, cy: 4.0 }
+    CameraInfo { name: name.into(), width, height, fx: 50.5, fy: 51.0, cx: 8.25, cy: 4.0, distortion: None }
 }
 
 fn header(cameras: Vec<CameraInfo>) -> RecordingHeader {
@@ -559,4 +561,47 @@ fn a_recording_is_written_behind_a_link() {
         let real = Recording::open(&folder.file("disk/real.h5")).unwrap();
         assert_eq!(real.event_count(0).unwrap(), count as u64);
     }
+}
+
+#[test]
+fn distortions_and_inertial_samples_come_back() {
+    let folder = Folder::new("distorted");
+    let path = folder.file("a.h5");
+    let distortion = LensDistortion { model: "fisheye".into(), coefficients: vec![0.1, -0.02, 3e-3, 0.0] };
+    let bent = CameraInfo { distortion: Some(distortion.clone()), ..camera("bent", 16, 8) };
+    let header = header(vec![bent, camera("plain", 16, 8)]);
+    let names = ["body".to_owned(), "head".to_owned()];
+    let sample = |k: i64| ImuSample {
+        t_us: 5000 * k,
+        accelerometer: [0.1 * k as f64, 9.8, -1.5],
+        gyroscope: [k as f64, 0.0, -0.25],
+    };
+    let samples: Vec<ImuSample> = (0..3000).map(sample).collect();
+    let mut writer = RecordingWriter::create_with_imus(&path, &header, &names, false).unwrap();
+    writer.write_imu(1, &samples[..7]).unwrap();
+    writer.write_events(0, &events(100, 16, 8, 3)).unwrap();
+    writer.write_imu(1, &samples[7..]).unwrap();
+    for (index, wrong) in
+        [(2, sample(9000)), (1, sample(0)), (1, ImuSample { gyroscope: [f64::NAN; 3], ..sample(9000) })]
+    {
+        assert!(writer.write_imu(index, &[wrong]).is_err(), "{index} {wrong:?}");
+    }
+    writer.finish("{}").unwrap();
+    let recording = Recording::open(&path).unwrap();
+    assert_eq!(recording.header().cameras[0].distortion, Some(distortion));
+    assert_eq!(recording.header().cameras[1].distortion, None);
+    assert_eq!(recording.imus().unwrap(), names);
+    assert_eq!(recording.imu("head").unwrap(), samples);
+    assert_ne!(recording.imu("head").unwrap(), samples[1..], "canary");
+    assert!(recording.imu("body").unwrap().is_empty());
+    assert!(recording.imu("tail").unwrap_err().to_string().contains("body, head"));
+    recording.verify().unwrap();
+    for name in ["", "a/b"] {
+        let names = [name.to_owned()];
+        assert!(RecordingWriter::create_with_imus(&folder.file("b.h5"), &header, &names, false).is_err());
+    }
+    // A file without any has none.
+    let plain = folder.file("plain.h5");
+    RecordingWriter::create(&plain, &header, false).unwrap().finish("{}").unwrap();
+    assert!(Recording::open(&plain).unwrap().imus().unwrap().is_empty());
 }

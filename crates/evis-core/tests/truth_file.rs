@@ -33,7 +33,16 @@ impl Drop for Folder {
 }
 
 fn camera() -> CameraInfo {
-    CameraInfo { name: "left".into(), width: 40, height: 30, fx: 50.5, fy: 51.0, cx: 20.0, cy: 15.0 }
+    CameraInfo {
+        name: "left".into(),
+        width: 40,
+        height: 30,
+        fx: 50.5,
+        fy: 51.0,
+        cx: 20.0,
+        cy: 15.0,
+        distortion: None,
+    }
 }
 
 fn sensor() -> SensorConfig {

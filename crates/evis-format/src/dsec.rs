@@ -138,7 +138,11 @@ pub fn export_dsec(path: &Path, folder: &Path, overwrite: bool) -> Result<DsecEx
         let own = folder.join("events").join(eye);
         make_folder(&own)?;
         export.events += write_events(&recording, camera, info, &own.join("events.h5"))?;
-        write_map(&own.join("rectify_map.h5"), info)?;
+        if info.distortion.is_none() {
+            write_map(&own.join("rectify_map.h5"), info)?;
+        } else {
+            export.notes.push(format!("no rectify_map.h5 of {}: its lens is distorted", info.name));
+        }
         export.cameras.push((info.name.clone(), eye));
     }
     let Some(&left) = order.first() else { return Ok(export) };
@@ -203,7 +207,7 @@ fn write_events(
     Ok(written)
 }
 
-/// EVIS's recordings have no distortion: every pixel lies where it is.
+/// Of a pinhole: every pixel lies where it is.
 fn write_map(path: &Path, info: &CameraInfo) -> Result<(), FormatError> {
     let (width, height) = (info.width as usize, info.height as usize);
     let map: Vec<f32> =
@@ -343,6 +347,8 @@ impl Pair {
             && self.baseline() > 0.0
             && aside < 1.0e-3 * self.baseline()
             && (a.fx, a.fy, a.cx, a.cy) == (b.fx, b.fy, b.cx, b.cy)
+            && a.distortion.is_none()
+            && b.distortion.is_none()
     }
 }
 
@@ -394,10 +400,17 @@ fn calibration_yaml(cameras: &[&CameraInfo], pair: Option<&Pair>) -> String {
         let Some(c) = camera else { continue };
         // Pixel centres lie at whole numbers there.
         let (cx, cy) = (c.cx - 0.5, c.cy - 0.5);
+        let (model, coefficients) = match &c.distortion {
+            Some(of) if !name.starts_with("camRect") => (
+                if of.model == "fisheye" { "equidistant" } else { of.model.as_str() },
+                of.coefficients.clone(),
+            ),
+            _ => ("radtan", vec![0.0; 4]),
+        };
         let _ = writeln!(
             text,
             "  {name}:\n    camera_model: pinhole\n    camera_matrix: [{:?}, {:?}, {cx:?}, {cy:?}]\n    \
-             distortion_coeffs: [0.0, 0.0, 0.0, 0.0]\n    distortion_model: radtan\n    resolution: [{}, {}]",
+             distortion_coeffs: {coefficients:?}\n    distortion_model: {model}\n    resolution: [{}, {}]",
             c.fx, c.fy, c.width, c.height
         );
     }

@@ -342,6 +342,7 @@ impl Hdf5Writer {
             fy: unknown,
             cx: unknown,
             cy: unknown,
+            distortion: None,
         };
         let header = RecordingHeader {
             cameras: vec![camera],

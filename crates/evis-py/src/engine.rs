@@ -4,13 +4,13 @@ use std::path::Path;
 use std::time::Duration;
 
 use evis_core::format::hdf5::Recording;
-use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Polarity};
+use evis_core::{CameraInfo, ConfigError, Event, LabelKind, LensDistortion, Polarity};
 use evis_render::settings::SettingsFile;
 use evis_render::{Antialias, Between, DeviceSummary, EngineError, Method, Quality, RunConfig, Shadows};
 use evis_scene::{AppliedMotion, Image, SceneError};
 use half::f16;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 use crate::door::EnterEngine;
 use crate::errors::Failure;
@@ -96,11 +96,24 @@ pub(crate) fn camera_dict<'py>(py: Python<'py>, camera: &CameraInfo) -> PyResult
     dict.set_item("fy", camera.fy)?;
     dict.set_item("cx", camera.cx)?;
     dict.set_item("cy", camera.cy)?;
+    if let Some(distortion) = &camera.distortion {
+        dict.set_item("distortion_model", &distortion.model)?;
+        dict.set_item("distortion_coefficients", PyTuple::new(py, &distortion.coefficients)?)?;
+    }
     Ok(dict)
 }
 
 pub(crate) fn camera_info(dict: &Bound<'_, PyDict>) -> PyResult<CameraInfo> {
+    let coefficients = || -> PyResult<Vec<f64>> {
+        dict.get_item("distortion_coefficients")?.map_or(Ok(Vec::new()), |v| v.extract())
+    };
+    let model: Option<String> = dict.get_item("distortion_model")?.map_or(Ok(None), |v| v.extract())?;
+    let distortion = match model {
+        Some(model) => Some(LensDistortion { model, coefficients: coefficients()? }),
+        None => None,
+    };
     Ok(CameraInfo {
+        distortion,
         name: dict.as_any().get_item("name")?.extract()?,
         width: dict.as_any().get_item("width")?.extract()?,
         height: dict.as_any().get_item("height")?.extract()?,
@@ -197,12 +210,15 @@ pub(crate) fn with_cameras(
         let parent = parent.as_deref().map(|name| find_node(&scene, name)).transpose()?;
         let node = added.nodes.get(camera.node).cloned().unwrap_or_default();
         let node = scene.add_node(evis_scene::Node { parent, ..node });
+        if let Some(distortion) = added.distortions.get(&camera.name) {
+            scene.distortions.insert(camera.name.clone(), *distortion);
+        }
         scene.cameras.push(evis_scene::Camera { node, ..camera });
     }
     Ok(scene)
 }
 
-fn find_node(scene: &evis_scene::Scene, name: &str) -> Result<usize, SceneError> {
+pub(crate) fn find_node(scene: &evis_scene::Scene, name: &str) -> Result<usize, SceneError> {
     let mut found = scene.nodes.iter().enumerate().filter(|(_, node)| node.name == name);
     match (found.next(), found.next()) {
         (Some((index, _)), None) => Ok(index),

@@ -14,6 +14,7 @@ use crate::door::{EnterEngine, Owned, lock, usable};
 use crate::engine;
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
+use crate::lens;
 use crate::packet;
 
 /// Events of a file, with pixels per row and rows.
@@ -51,7 +52,8 @@ impl Writer {
 impl Writer {
     #[new]
     #[pyo3(signature = (
-        path, *, cameras, seed, method, environment, config_toml, duration_us, t_offset_us, labels, overwrite
+        path, *, cameras, seed, method, environment, config_toml, duration_us, t_offset_us, labels, overwrite,
+        imus=Vec::new()
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per field of the header")]
     fn new(
@@ -66,6 +68,7 @@ impl Writer {
         t_offset_us: i64,
         labels: Vec<String>,
         overwrite: bool,
+        imus: Vec<String>,
     ) -> PyResult<Self> {
         let header = RecordingHeader {
             cameras: cameras.iter().map(engine::camera_info).collect::<PyResult<_>>()?,
@@ -77,7 +80,8 @@ impl Writer {
             t_offset_us,
             labels: engine::labels(&labels)?,
         };
-        let writer = py.enter_engine(|| RecordingWriter::create(&path, &header, overwrite))?;
+        let writer =
+            py.enter_engine(|| RecordingWriter::create_with_imus(&path, &header, &imus, overwrite))?;
         Ok(Self { writer: Owned::new(Mutex::new(Some(writer))) })
     }
 
@@ -131,6 +135,19 @@ impl Writer {
             .collect::<Option<_>>()
             .ok_or_else(|| Failure::Config("poses take positions (N, 3) and rotations (N, 4)".into()))?;
         self.with(py, |writer| poses.iter().try_for_each(|pose| writer.write_pose(camera, pose)))
+    }
+
+    /// Appends samples of inertial measurement unit `index`: times (N,), specific force (N, 3), angular rate (N, 3).
+    fn write_imu(
+        &self,
+        py: Python<'_>,
+        index: usize,
+        t_us: PyReadonlyArray1<'_, i64>,
+        accelerometer: PyReadonlyArray2<'_, f64>,
+        gyroscope: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<()> {
+        let samples = lens::imu_samples(&t_us, &accelerometer, &gyroscope)?;
+        self.with(py, |writer| writer.write_imu(index, &samples))
     }
 
     /// Writes the report and closes the file.
@@ -249,6 +266,16 @@ impl Recording {
         let frame = py.enter_alone(|| self.0.label(camera, kind, index))?;
         let size = self.0.header().cameras.get(camera).map_or((0, 0), |info| (info.width, info.height));
         packet::label(py, frame, size)
+    }
+
+    /// Names of inertial measurement units.
+    fn imus(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        py.enter_alone(|| self.0.imus())
+    }
+
+    /// Samples of the inertial measurement unit `name`.
+    fn imu<'py>(&self, py: Python<'py>, name: &str) -> PyResult<lens::ImuColumns<'py>> {
+        Ok(lens::imu_columns(py, &py.enter_alone(|| self.0.imu(name))?))
     }
 
     fn poses(&self, py: Python<'_>, camera: usize) -> PyResult<Py<PyAny>> {

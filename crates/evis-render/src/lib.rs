@@ -45,6 +45,6 @@ pub use engine::{PacketStream, Simulator};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
-pub use output::{Packet, PacketReport, StageTimes, ViewPacket};
+pub use output::{Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes, ViewPacket};
 pub use request::{SamplingRequest, quality, settings};
 pub use sampling::audit;

@@ -25,6 +25,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
+use crate::distortion::Distortion;
 use crate::environment::Environment;
 use crate::error::SceneError;
 use crate::model::{
@@ -182,6 +183,8 @@ pub struct EventCamera {
     pub lens: Lens,
     /// Pixels; `None` leaves it to the run.
     pub size: Option<[u32; 2]>,
+    /// Distortion of the lens, which then has [`Lens::Intrinsics`]; `None` for a pinhole.
+    pub distortion: Option<Distortion>,
     /// Near plane, metres.
     pub near: f64,
     /// ON and OFF thresholds; `None` takes the run's.
@@ -197,6 +200,7 @@ impl EventCamera {
             name: name.into(),
             lens: Lens::FieldOfView { fov_y: PI / 3.0 },
             size: None,
+            distortion: None,
             near: 0.05,
             thresholds: [None; 2],
             sensor: None,
@@ -218,6 +222,12 @@ impl EventCamera {
     /// Pinhole intrinsics in pixels, pixel centres at +0.5.
     pub fn intrinsics(mut self, fx: f64, fy: f64, cx: f64, cy: f64) -> Self {
         self.lens = Lens::Intrinsics { fx, fy, cx, cy };
+        self
+    }
+
+    /// Distortion of the lens, for [`EventCamera::intrinsics`].
+    pub fn distortion(mut self, distortion: Distortion) -> Self {
+        self.distortion = Some(distortion);
         self
     }
 
@@ -740,6 +750,8 @@ impl SceneBuilder {
             }
             node
         }));
+        let distortions = scene.distortions.into_iter();
+        own.distortions.extend(distortions.map(|(camera, of)| (format!("{name}/{camera}"), of)));
         own.cameras.extend(scene.cameras.into_iter().map(|mut camera| {
             camera.name = format!("{name}/{}", camera.name);
             camera.node += nodes;
@@ -780,6 +792,9 @@ impl SceneBuilder {
             return rule(format!("two cameras are named '{}'; each needs its own name", camera.name));
         }
         let node = self.place(camera.name.clone(), &placement, Node::default())?;
+        if let Some(distortion) = camera.distortion {
+            self.scene.distortions.insert(camera.name.clone(), distortion);
+        }
         self.scene.cameras.push(Camera {
             name: camera.name,
             node,
@@ -1010,7 +1025,7 @@ fn check_light(light: &Light) -> Result<(), SceneError> {
     check().map_err(|error| in_object(&light.name, error))
 }
 
-fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {
+pub(crate) fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {
     let check = || {
         match camera.lens {
             Lens::FieldOfView { fov_y } => {
@@ -1026,6 +1041,15 @@ fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {
                 positive("fy", fy, "pixels")?;
                 finite("cx", cx)?;
                 finite("cy", cy)?;
+            }
+        }
+        if let Some(distortion) = &camera.distortion {
+            distortion.check()?;
+            if !matches!(camera.lens, Lens::Intrinsics { .. }) {
+                return rule(
+                    "distortion is given without focal lengths; it takes fx (and fy, cx, cy) in place of a field of view"
+                        .into(),
+                );
             }
         }
         if let Some(size) = camera.size

@@ -1,8 +1,11 @@
 //! The scene as plain data. Indices refer to the vectors of [`Scene`]; parents come before children.
 
+use std::collections::BTreeMap;
+
 use glam::DMat4;
 use half::f16;
 
+use crate::distortion::Distortion;
 use crate::error::SceneError;
 use crate::motion::{Motion, Waveform};
 
@@ -29,6 +32,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Event cameras, in the order in which they are rendered.
     pub cameras: Vec<Camera>,
+    /// Distortion of cameras, by name; a camera that is not in here is a pinhole.
+    pub distortions: BTreeMap<String, Distortion>,
     /// Image-based light and sky.
     pub environment: Option<crate::environment::Environment>,
     /// Colour where nothing is hit and no environment is shown; linear RGB.

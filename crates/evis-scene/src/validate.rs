@@ -232,10 +232,26 @@ impl Scene {
                 return Err(format!("{label} has threshold {c}; it must be above 0"));
             }
         }
+        self.check_distortions()?;
         match self.duration_s.filter(|d| !(d.is_finite() && *d >= 0.0)) {
             Some(d) => Err(format!("duration_s is {d}; it must be 0 or more")),
             None => Ok(()),
         }
+    }
+
+    fn check_distortions(&self) -> Check {
+        for (name, distortion) in &self.distortions {
+            let Some(camera) = self.cameras.iter().find(|camera| camera.name == *name) else {
+                return Err(format!("there is a distortion for a camera '{name}', and no such camera"));
+            };
+            if !matches!(camera.lens, Lens::Intrinsics { .. }) {
+                return Err(format!(
+                    "camera '{name}' has a distortion and no focal lengths; give it intrinsics"
+                ));
+            }
+            distortion.check().map_err(|error| format!("camera '{name}': {error}"))?;
+        }
+        Ok(())
     }
 
     fn check_variants(&self) -> Check {

@@ -2,10 +2,12 @@
 
 use std::sync::{Arc, OnceLock};
 
-use evis_scene::{Lens, Motion, Scene, SceneError, SceneState, rigid};
+use evis_scene::{CalibratedLens, Lens, Motion, Scene, SceneError, SceneState, rigid};
 use glam::DVec3;
 
-use crate::rays::{Geometry, Matter, Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
+use crate::rays::{
+    Geometry, Matter, Options, Pinhole, RayCaster, SceneCamera, SplitSum, TextureFilter, Textures,
+};
 use crate::settings::TruthSettings;
 
 /// Rays as the oracle casts them: textures are their base level, shadows are sharp.
@@ -21,6 +23,7 @@ pub struct Clock<'a> {
     moves: Vec<bool>,
     camera: usize,
     pinhole: Pinhole,
+    lens: Option<CalibratedLens>,
     start_us: i64,
     /// Times that every pixel looks at, in order, each prepared when it is first asked for.
     shared: Vec<(i64, OnceLock<Arc<Moment<'a>>>)>,
@@ -31,7 +34,7 @@ pub struct Moment<'a> {
     /// Casts rays.
     pub caster: RayCaster<'a>,
     /// Where the camera is.
-    pub camera: Pinhole,
+    pub camera: SceneCamera,
 }
 
 impl<'a> Clock<'a> {
@@ -50,8 +53,9 @@ impl<'a> Clock<'a> {
         let moves = moving_nodes(scene);
         let matter = Arc::new(Matter::new(scene, &state, |node| moves[node]));
         let pinhole = pinhole(scene, camera, settings)?;
+        let lens = distorted_lens(scene, camera, &pinhole)?;
         let start_us = settings.start_us;
-        Ok(Self { scene, textures, matter, moves, camera, pinhole, start_us, shared: Vec::new() })
+        Ok(Self { scene, textures, matter, moves, camera, pinhole, lens, start_us, shared: Vec::new() })
     }
 
     /// From now on, the scene at `times`, which ascend, is prepared once and kept.
@@ -83,7 +87,7 @@ impl<'a> Clock<'a> {
             self.scene.world_from_camera(self.camera, &state).unwrap_or(self.pinhole.world_from_camera);
         Moment {
             caster: RayCaster::with_geometry(self.scene, &state, self.textures, OPTIONS, geometry),
-            camera: Pinhole { world_from_camera, ..self.pinhole },
+            camera: SceneCamera { pinhole: Pinhole { world_from_camera, ..self.pinhole }, lens: self.lens },
         }
     }
 
@@ -183,4 +187,26 @@ fn pinhole(scene: &Scene, camera: usize, settings: &TruthSettings) -> Result<Pin
         height: height as usize,
         near: camera.near,
     })
+}
+
+/// The lens of camera `camera`, where it is distorted.
+fn distorted_lens(
+    scene: &Scene,
+    camera: usize,
+    pinhole: &Pinhole,
+) -> Result<Option<CalibratedLens>, SceneError> {
+    let name = &scene.cameras[camera].name;
+    if !scene.distortions.contains_key(name) {
+        return Ok(None);
+    }
+    let lens = scene.calibrated_lens(camera, pinhole.width as u32, pinhole.height as u32)?;
+    for (x, y) in (0..=pinhole.height).flat_map(|y| (0..=pinhole.width).map(move |x| (x, y))) {
+        if lens.planar_ray([x as f64, y as f64].into()).is_none() {
+            return Err(SceneError::Rule(format!(
+                "camera '{name}': its lens sees nothing at pixel ({x}, {y}), or behind its own plane; truth takes a lens \
+                 that covers the picture, below 180 degrees: choose a smaller picture or a longer focal length"
+            )));
+        }
+    }
+    Ok(Some(lens))
 }

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use evis_core::{CameraInfo, Event, SensorConfig, Truth};
+use evis_core::{CameraInfo, Event, LensDistortion, SensorConfig, Truth};
 use evis_scene::{Scene, SceneError};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -130,10 +130,10 @@ pub fn truth(
         seconds: started.elapsed().as_secs_f64(),
     };
     let provenance = serde_json::to_string(&provenance).unwrap_or_default();
-    Ok(assemble(camera_info(&info.name, &pinhole), rules, pixels, &walked, provenance))
+    Ok(assemble(camera_info(scene, &info.name, &pinhole), rules, pixels, &walked, provenance))
 }
 
-fn camera_info(name: &str, pinhole: &Pinhole) -> CameraInfo {
+fn camera_info(scene: &Scene, name: &str, pinhole: &Pinhole) -> CameraInfo {
     CameraInfo {
         name: name.to_owned(),
         width: pinhole.width as u32,
@@ -142,6 +142,10 @@ fn camera_info(name: &str, pinhole: &Pinhole) -> CameraInfo {
         fy: pinhole.focal[1],
         cx: pinhole.center[0],
         cy: pinhole.center[1],
+        distortion: scene.distortions.get(name).map(|distortion| LensDistortion {
+            model: distortion.name().to_owned(),
+            coefficients: distortion.coefficients(),
+        }),
     }
 }
 
@@ -181,7 +185,7 @@ fn assemble(
 
 /// `Y_ref` that brings the log-mean of what is lit to 0.18, from all pixels at `moment`.
 fn reference(moment: &Moment) -> f64 {
-    let camera = &moment.camera;
+    let (camera, picture) = (&moment.camera, &moment.camera.pinhole);
     // Few points for every pixel. Where light varies within a pixel at random, the logarithm of their mean lies below that
     // of the whole area's by half of its relative variance: some of the pixels are asked with many, too.
     let few: Vec<[f64; 2]> = (0..13)
@@ -190,13 +194,13 @@ fn reference(moment: &Moment) -> f64 {
     let many = Lattice::First.offsets(0);
     let block = REFERENCE_BLOCK * REFERENCE_BLOCK;
     // How far apart, in a block, those pixels are.
-    let apart = (camera.width * camera.height).div_ceil(REFERENCE_PIXELS).clamp(1, block);
-    let blocks = [camera.width, camera.height].map(|size| size.div_ceil(REFERENCE_BLOCK));
+    let apart = (picture.width * picture.height).div_ceil(REFERENCE_PIXELS).clamp(1, block);
+    let blocks = [picture.width, picture.height].map(|size| size.div_ceil(REFERENCE_BLOCK));
     let (sum, lit, lift, asked) = (0..blocks[0] * blocks[1])
         .into_par_iter()
         .map(|i| {
             let corner = [i % blocks[0], i / blocks[0]].map(|k| k * REFERENCE_BLOCK);
-            let end = [camera.width, camera.height].map(|size| size as f64);
+            let end = [picture.width, picture.height].map(|size| size as f64);
             let low = corner.map(|v| v as f64);
             let high = [0, 1].map(|k| (low[k] + REFERENCE_BLOCK as f64).min(end[k]));
             let beam = Beam::new(&moment.caster, camera, low, high);

@@ -6,8 +6,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::clock::{Clock, Moment};
-use crate::rays::Beam;
 use crate::rays::caster::seen_from;
+use crate::rays::{Beam, Projection};
 use crate::signal::at;
 
 /// Pixels of motion between two looks at a pixel.
@@ -149,7 +149,7 @@ impl<'c, 'a> Pace<'c, 'a> {
         let reach = 0.5 + local.reach_px;
         let beam =
             Beam::wide(&window.now.caster, &window.now.camera, at(x, y, [-reach; 2]), at(x, y, [reach; 2]));
-        let later = (window.later.caster.geometry(), &window.later.camera);
+        let later: (_, &dyn Projection) = (window.later.caster.geometry(), &window.later.camera);
         // What is too much to look through, or has a shadow that moves, goes at the pace of the fastest.
         let Some(moved) = beam.fastest(later, &window.boxes) else { return self.shortest_us };
         let wanted = wanted_us(moved / APART_US * 1e6);

@@ -3,8 +3,8 @@
 use evis_core::Region;
 
 use crate::clock::{Clock, Moment};
-use crate::rays::Hit;
 use crate::rays::caster::{Kind, seen_from};
+use crate::rays::{Hit, Projection};
 use crate::signal::at;
 
 /// Rays per probe, along each side of the pixel.
@@ -73,8 +73,8 @@ pub fn probe(clock: &Clock, now: &Moment, t_us: f64, x: u16, y: u16) -> Probe {
         None => {
             let direction = now.camera.ray(at(x, y, [0.0, 0.0])).direction;
             past.camera.project_direction(direction).is_none_or(|[u, v]| {
-                let inside = (0.0..past.camera.width as f64).contains(&u)
-                    && (0.0..past.camera.height as f64).contains(&v);
+                let inside = (0.0..past.camera.pinhole.width as f64).contains(&u)
+                    && (0.0..past.camera.pinhole.height as f64).contains(&v);
                 !inside || past.caster.hit_at(&past.camera, [u, v]).is_some()
             })
         }

@@ -301,6 +301,7 @@ fn header(stream: &VideoStream, duration_us: Option<i64>) -> Result<RecordingHea
         fy: unknown,
         cx: unknown,
         cy: unknown,
+        distortion: None,
     };
     Ok(RecordingHeader {
         cameras: vec![camera],

@@ -95,6 +95,7 @@ fn camera(name: &str) -> CameraInfo {
         fy: 40.0,
         cx: f64::from(WIDTH) / 2.0,
         cy: f64::from(HEIGHT) / 2.0,
+        distortion: None,
     }
 }
 

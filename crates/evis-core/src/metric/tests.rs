@@ -33,6 +33,7 @@ fn truth(size: [u16; 2], duration_us: i64, mut events: Vec<Event>) -> Truth {
             fy: 1.0,
             cx: 0.0,
             cy: 0.0,
+            distortion: None,
         },
         sensor: SensorConfig::default(),
         reference_luminance: 1.0,

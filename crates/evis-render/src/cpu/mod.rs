@@ -4,5 +4,6 @@
 //! geometry in f64, ray by ray.
 
 pub mod audit;
+pub mod resample;
 pub mod splat;
 pub mod trigger;

@@ -24,6 +24,7 @@ use crate::pass::{self, sky};
 use crate::raster::context::Context;
 use crate::raster::layers::LayerUse;
 use crate::raster::readback::measure_reference;
+use crate::raster::resample::Resampler;
 use crate::raster::shadow_maps::ShadowRoom;
 use crate::raster::shadows::draw_still_maps;
 use crate::sampling::Sampling;
@@ -36,7 +37,7 @@ use crate::sensor::host::HostWalk;
 use crate::sensor::passes::{Blocks, TriggerPasses};
 use crate::sensor::targets::Targets;
 use crate::world::gpu_scene::GpuScene;
-use crate::world::view::{PixelLens, View};
+use crate::world::view::View;
 
 use super::{Arrived, Engine, SUBMISSION_MS};
 
@@ -59,6 +60,7 @@ impl Engine {
         let classes = classes(&views);
         // The scene on the device, its shadows, and the pipelines that draw it.
         let (mut context, constants) = context(gpu, scene, views, config, &samples)?;
+        context.resamplers = resamplers(&context, &samples, device_limits)?;
         draw_still_maps(&mut context)?;
         let label_room = LabelRoom::new(
             &gpu.device,
@@ -94,7 +96,7 @@ impl Engine {
             sampling,
             label_room,
             exposure_room: ExposureRoom::new(&context, config, samples.rendered)?,
-            host_walk: HostWalk::new(&context.views, reference, samples.layers, caused)?,
+            host_walk: HostWalk::new(&context.views, reference, caused)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             block,
             in_flight: VecDeque::new(),
@@ -150,6 +152,11 @@ impl Samples {
             (Method::Decoupled, _) | (_, None) => (offsets.len() as u32, rendered),
         };
         Self { offsets, grid, rendered, layers, made }
+    }
+
+    /// Layers of an instant of `view`, and how they come to be.
+    fn of(&self, view: &View) -> (u32, LayerUse) {
+        if view.distorted.is_some() { (1, LayerUse::Computed) } else { (self.layers, self.made) }
     }
 
     fn count(&self) -> u32 {
@@ -217,6 +224,7 @@ fn context(
         luminance: luminance_pipelines,
         sky,
         background: sky::background(device, background_luminance, rasterized),
+        resamplers: Vec::new(),
         surroundings,
         background_luminance,
         reference_luminance: 1.0,
@@ -229,16 +237,36 @@ fn context(
     Ok((context, constants))
 }
 
+/// What renders the distorted lenses of the views.
+fn resamplers(
+    context: &Context,
+    samples: &Samples,
+    limits: DeviceLimits,
+) -> Result<Vec<Resampler>, EngineError> {
+    let mut found: Vec<Resampler> = Vec::new();
+    for view in &context.views {
+        let Some(own) = view.distorted.as_ref().filter(|own| found.iter().all(|of| of.camera != **own))
+        else {
+            continue;
+        };
+        let device = &context.gpu.device;
+        let resampler = Resampler::new(device, Arc::clone(own), &samples.offsets, samples.rendered, limits)?;
+        found.push(resampler);
+    }
+    Ok(found)
+}
+
 fn trigger_passes(
     context: &Context,
     config: &RunConfig,
     samples: &Samples,
     classes: &[Vec<usize>],
 ) -> TriggerPasses {
-    let sensors: Vec<&SensorConfig> = classes.iter().map(|of| &context.views[of[0]].sensor).collect();
+    let views = classes.iter().map(|of| &context.views[of[0]]);
+    let sensors: Vec<(&SensorConfig, u32)> = views.map(|view| (&view.sensor, samples.of(view).0)).collect();
     let unknown = matches!(&config.method, Method::Splat(warp) if warp.variant == WarpVariant::Splat);
     let blocks = Blocks { instants: config.block(), between: config.between };
-    TriggerPasses::new(&context.gpu.device, &sensors, samples.layers, unknown, blocks)
+    TriggerPasses::new(&context.gpu.device, &sensors, unknown, blocks)
 }
 
 fn sampling(
@@ -275,7 +303,8 @@ fn targets(
     let limits = DeviceLimits { texture_edge: limits.texture_edge / samples.grid, ..limits };
     let (mut targets, mut members) = (Vec::new(), Vec::new());
     for (class, views) in classes.into_iter().enumerate() {
-        let PixelLens { width, height, .. } = context.views[views[0]].lens;
+        let (width, height) = context.views[views[0]].size();
+        let (layers, made) = samples.of(&context.views[views[0]]);
         let needs = match &config.method {
             Method::Native | Method::Decoupled => MethodNeeds { block, ..Default::default() },
             Method::Splat(splat) => SplatRoom::needs(splat, width, height, &limits)
@@ -292,15 +321,14 @@ fn targets(
             }
         };
         let count = views.len() as u32;
-        let plan =
-            sizes::plan(width, height, samples.layers, count, most, needs, limits).ok_or_else(|| {
-                EngineError::Device(format!(
-                    "{width}x{height} pixels with {} samples do not fit this device \
+        let plan = sizes::plan(width, height, layers, count, most, needs, limits).ok_or_else(|| {
+            EngineError::Device(format!(
+                "{width}x{height} pixels with {} samples do not fit this device \
                      (edge {}, layers {}, binding {} bytes); choose a smaller --size or fewer --samples",
-                    config.samples, limits.texture_edge, limits.texture_layers, limits.storage_binding
-                ))
-            })?;
-        let own = Targets::new(&context.gpu.device, width, height, plan, samples.made, chain, block);
+                config.samples, limits.texture_edge, limits.texture_layers, limits.storage_binding
+            ))
+        })?;
+        let own = Targets::new(&context.gpu.device, width, height, plan, made, chain, block);
         match sampling {
             Sampling::Splat(room) => room.add_class(context, &own, samples.rendered),
             Sampling::Adaptive(room) => room.add_class(context, &own),

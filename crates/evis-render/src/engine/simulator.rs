@@ -97,6 +97,7 @@ impl Simulator {
         config.check()?;
         let gpu = gpu.into();
         let (views, cameras) = view::views(&scene, &config)?;
+        view::check_distorted(&views, &cameras, &config)?;
         // Each camera's first view has its sensor.
         config.tell_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
         let environments = scene.variants.len().max(1);

@@ -1,5 +1,7 @@
 //! Labels: their targets, their submissions, and the images that come back.
 
+use std::sync::Arc;
+
 use evis_core::{LabelData, LabelFrame, LabelKind, TimeGrid};
 use evis_scene::Scene;
 
@@ -17,6 +19,7 @@ use crate::raster::context::Context;
 use crate::raster::geometry::{GeometryPass, GeometryRoom, NO_FLOW, sky_flow};
 use crate::raster::shadows::MovingShadows;
 use crate::sensor::group::Group;
+use crate::world::distorted::Distorted;
 use crate::world::gpu_scene::GpuScene;
 use crate::world::view::View;
 
@@ -28,6 +31,8 @@ pub struct LabelRoom {
     appearance: Pipelines,
     sky_color: Option<wgpu::RenderPipeline>,
     background: [f64; 3],
+    /// One for each distorted lens.
+    maps: Vec<Arc<LabelMap>>,
 }
 
 /// One label instant of one group, on its way back.
@@ -43,6 +48,8 @@ pub struct LabelJob {
     pub staging: wgpu::Buffer,
     width: u32,
     height: u32,
+    /// Where pixels are in it, where the lens is distorted.
+    map: Option<Arc<LabelMap>>,
 }
 
 /// A target's pixels within a staging buffer.
@@ -72,6 +79,7 @@ impl LabelRoom {
             return Ok(None);
         }
         for view in views {
+            // Of a distorted lens, the picture that is rendered.
             let edge = view.lens.width.max(view.lens.height);
             if edge > limits.texture_edge {
                 let text =
@@ -119,7 +127,26 @@ impl LabelRoom {
             appearance,
             sky_color,
             background: scene.background.map(f64::from),
+            maps: Vec::new(),
         }))
+    }
+
+    /// Where the pixels of `views`, which have one lens, lie in a picture without distortion, where the lens is distorted.
+    fn map(&mut self, views: &[View], limits: DeviceLimits) -> Option<Arc<LabelMap>> {
+        let camera = views[0].distorted.as_ref()?;
+        if let Some(known) = self.maps.iter().find(|map| map.camera == *camera) {
+            return Some(Arc::clone(known));
+        }
+        let [width, height] = [camera.picture.width, camera.picture.height];
+        let fits = |scale: &u32| {
+            let (_, bytes) = self.planes(width * scale, height * scale, 0);
+            let edge = width.max(height) * scale;
+            bytes * views.len() as u64 <= DENSE_BYTES && edge <= limits.texture_edge
+        };
+        let scale = (1..=DENSEST).rev().find(fits).unwrap_or(1);
+        let map = Arc::new(LabelMap::new(Arc::clone(camera), scale));
+        self.maps.push(Arc::clone(&map));
+        Some(map)
     }
 
     /// Targets in order: geometry, then appearance; `None` where absent.
@@ -157,7 +184,9 @@ impl LabelRoom {
         grid: &TimeGrid,
     ) -> (LabelJob, wgpu::SubmissionIndex) {
         let views = context.views_at(&group.views);
-        let (width, height) = (views[0].lens.width, views[0].lens.height);
+        let map = self.map(&views, DeviceLimits::of(&context.gpu.device));
+        let scale = map.as_ref().map_or(1, |map| map.scale);
+        let [width, height] = [views[0].lens.width, views[0].lens.height].map(|edge| edge * scale);
         let t_us = grid.instant_us(index);
         let next_us = grid.instant_us(index + 1);
         let last_us = (index > 0).then(|| grid.instant_us(index - 1));
@@ -167,7 +196,7 @@ impl LabelRoom {
         let label = LabelUniform {
             next_offset: objects,
             last_offset: 2 * objects,
-            half_size: [width as f32 / 2.0, height as f32 / 2.0],
+            half_size: [views[0].lens.width, views[0].lens.height].map(|edge| edge as f32 / 2.0),
         };
         let others = [next_us, last_us.unwrap_or(t_us)];
         let skies: Vec<_> = views.iter().map(|view| sky_flow(context, view, others)).collect();
@@ -242,7 +271,10 @@ impl LabelRoom {
             }
         }
         let submission = context.gpu.queue.submit([encoder.finish()]);
-        (LabelJob { group: group_index, index, t_us, next_us, last_us, staging, width, height }, submission)
+        (
+            LabelJob { group: group_index, index, t_us, next_us, last_us, staging, width, height, map },
+            submission,
+        )
     }
 
     fn encode_appearance(
@@ -299,7 +331,8 @@ impl LabelRoom {
         for (slot, &view) in group.views.iter().enumerate() {
             let (planes, _) = self.planes(job.width, job.height, slot);
             let [inverse_depth, flow, ids, color, normal] = planes.map(|plane| {
-                plane.map(|p| Pixels { bytes: &bytes, plane: p, width: job.width, height: job.height })
+                let (width, height, map) = (job.width, job.height, job.map.as_deref());
+                plane.map(|plane| Pixels { bytes: &bytes, plane, width, height, map })
             });
             let frames = self.kinds.iter().filter_map(|&kind| {
                 let forward = matches!(kind, LabelKind::FlowForward | LabelKind::FlowForwardValid);
@@ -317,17 +350,14 @@ impl LabelRoom {
                     ),
                     LabelKind::FlowForward | LabelKind::FlowBackward => LabelData::F32(
                         flow.as_ref()?
-                            .texels::<[f32; 4]>()
+                            .flows()
                             .flat_map(
                                 |v| if defined && is_flow(v[at]) { [v[at], v[at + 1]] } else { [0.0; 2] },
                             )
                             .collect(),
                     ),
                     LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid => LabelData::U8(
-                        flow.as_ref()?
-                            .texels::<[f32; 4]>()
-                            .map(|v| u8::from(defined && is_flow(v[at])))
-                            .collect(),
+                        flow.as_ref()?.flows().map(|v| u8::from(defined && is_flow(v[at]))).collect(),
                     ),
                     LabelKind::Instance => {
                         LabelData::U32(ids.as_ref()?.texels::<[u32; 2]>().map(|v| v[0]).collect())
@@ -368,15 +398,86 @@ struct Pixels<'a> {
     plane: Plane,
     width: u32,
     height: u32,
+    map: Option<&'a LabelMap>,
 }
 
 impl<'a> Pixels<'a> {
+    /// The texel of every pixel; zeros where a lens shows nothing.
     fn texels<T: bytemuck::AnyBitPattern>(&self) -> impl Iterator<Item = T> + use<'a, T> {
-        let (bytes, width, texel) = (self.bytes, self.width as usize, self.plane.texel as usize);
+        let (bytes, texel) = (self.bytes, self.plane.texel as usize);
         let (offset, row) = (self.plane.offset as usize, self.plane.row as usize);
-        (0..self.height as usize).flat_map(move |y| {
-            let start = offset + y * row;
-            bytes[start..start + width * texel].chunks_exact(texel).map(bytemuck::pod_read_unaligned)
+        let read = move |x: usize, y: usize| {
+            let start = offset + y * row + x * texel;
+            bytemuck::pod_read_unaligned(&bytes[start..start + texel])
+        };
+        let map = self.map;
+        let [columns, rows] = map.map_or([self.width, self.height], |map| map.camera.size);
+        (0..rows as usize).flat_map(move |y| {
+            (0..columns as usize).map(move |x| match map {
+                None => read(x, y),
+                Some(map) => match map.texels[y * columns as usize + x] {
+                    Some([x, y]) => read(x.into(), y.into()),
+                    None => T::zeroed(),
+                },
+            })
         })
+    }
+
+    /// Flow of every pixel, forward and backward, in pixels of the camera.
+    fn flows(&self) -> impl Iterator<Item = [f32; 4]> + use<'a> {
+        let map = self.map;
+        (0..).zip(self.texels::<[f32; 4]>()).map(move |(pixel, flow)| match map {
+            None => flow,
+            Some(map) => map.flow(pixel, flow),
+        })
+    }
+}
+
+/// Texels of the label pictures of a distorted lens along each side of a pixel, at most: a label is that of the nearest one to
+/// the pixel's centre, at most an eighth of a pixel away along either axis.
+const DENSEST: u32 = 4;
+
+/// Bytes of label pictures of a distorted lens on their way to the host, at most, where they need not be larger.
+const DENSE_BYTES: u64 = 128 << 20;
+
+/// Where the pixels of a camera with a distorted lens lie in a label picture without distortion.
+struct LabelMap {
+    camera: Arc<Distorted>,
+    /// Texels along each side of a pixel of the picture.
+    scale: u32,
+    /// Per pixel of the camera; `None` where its lens shows nothing.
+    texels: Vec<Option<[u16; 2]>>,
+}
+
+impl LabelMap {
+    fn new(camera: Arc<Distorted>, scale: u32) -> Self {
+        let [width, height] = camera.size;
+        let end = [camera.picture.width * scale - 1, camera.picture.height * scale - 1];
+        let texel = |x: u32, y: u32| {
+            let at = camera.source([f64::from(x) + 0.5, f64::from(y) + 0.5].into())?;
+            Some([0, 1].map(|k| ((at[k] * f64::from(scale)).max(0.0) as u32).min(end[k]) as u16))
+        };
+        let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let texels = texels.map(|(x, y)| texel(x, y)).collect();
+        Self { camera, scale, texels }
+    }
+
+    /// Flow in pixels of the camera, of flow in the picture.
+    fn flow(&self, pixel: usize, flow: [f32; 4]) -> [f32; 4] {
+        let Some(texel) = self.texels[pixel] else { return [NO_FLOW; 4] };
+        let here = texel.map(|v| (f64::from(v) + 0.5) / f64::from(self.scale));
+        let from = self.camera.pixel(here);
+        let way = |[x, y]: [f32; 2]| {
+            if !is_flow(x) {
+                return [NO_FLOW; 2];
+            }
+            let there = self.camera.pixel([here[0] + f64::from(x), here[1] + f64::from(y)]);
+            match (from, there) {
+                (Some(from), Some(there)) => (there - from).to_array().map(|v| v as f32),
+                _ => [NO_FLOW; 2],
+            }
+        };
+        let ([a, b], [c, d]) = (way([flow[0], flow[1]]), way([flow[2], flow[3]]));
+        [a, b, c, d]
     }
 }

@@ -1,8 +1,10 @@
 //! What a run delivers: packets of events, with labels and frames.
 
 pub mod frames;
+pub mod imu;
 pub mod labels;
 pub mod packet;
 pub mod poses;
 
+pub use imu::{Imu, ImuConfig, ImuNoise};
 pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};

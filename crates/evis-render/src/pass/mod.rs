@@ -3,6 +3,7 @@
 pub mod adaptive;
 pub mod labels;
 pub mod raster;
+pub mod resample;
 pub mod shadow_map;
 pub mod sky;
 pub mod splat;

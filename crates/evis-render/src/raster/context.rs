@@ -11,6 +11,7 @@ use crate::frame::{FrameData, FrameRequest};
 use crate::gpu::Gpu;
 use crate::pass::ComputePass;
 use crate::pass::raster::{Pipelines, SurfaceLayouts};
+use crate::raster::resample::Resampler;
 use crate::raster::shadow_maps::ShadowRoom;
 use crate::shadow::plan::ShadowPlan;
 use crate::world::gpu_scene::GpuScene;
@@ -46,6 +47,8 @@ pub struct Context {
     pub(crate) background: wgpu::RenderPipeline,
     /// Averages coverage samples.
     pub(crate) resolve: ComputePass,
+    /// One for each distorted lens.
+    pub(crate) resamplers: Vec<Resampler>,
     pub(crate) surroundings: wgpu::BindGroup,
     pub(crate) background_luminance: f64,
     /// `Y_ref` of every pixel.
@@ -61,6 +64,12 @@ impl Context {
     /// Scene time of stream time `t_us`, in seconds.
     pub(crate) fn scene_time_s(&self, t_us: i64) -> f64 {
         (self.start_us + t_us) as f64 * 1e-6
+    }
+
+    /// What renders `view`, where its lens is distorted.
+    pub(crate) fn resampler(&self, view: &View) -> Option<&Resampler> {
+        let own = view.distorted.as_ref()?;
+        self.resamplers.iter().find(|resampler| resampler.camera == *own)
     }
 
     /// First record of frame `frame`.

@@ -70,6 +70,11 @@ impl Layers {
 }
 
 impl Layers {
+    /// Pixels of a layer.
+    pub fn pixels(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+
     /// Bytes of `count` layers in a buffer.
     pub fn host_bytes(&self, count: u32) -> u64 {
         u64::from(row_bytes(self.width)) * u64::from(self.height) * u64::from(count)

@@ -5,6 +5,7 @@ use crate::pass;
 use crate::pass::trigger::RESOLVE_BINDINGS;
 use crate::raster::context::Context;
 use crate::raster::layers::Layers;
+use crate::raster::resample::Resampler;
 use crate::world::gpu_scene::{DrawItem, Part};
 use crate::world::image_bounds::Rect;
 
@@ -91,6 +92,24 @@ pub fn encode_sample(
             pass.draw(0..3, 0..1);
         }
     }
+}
+
+/// Renders `frame`, of a camera whose lens `resampler` distorts, into `layer`: the mean over the samples of each pixel.
+pub fn encode_distorted(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    resampler: &Resampler,
+    frame_group: &wgpu::BindGroup,
+    frame: u32,
+    layer: &wgpu::TextureView,
+) {
+    let picture = &resampler.picture;
+    let whole = Rect::whole(picture.width, picture.height);
+    let parts = [(whole, &context.frame_data.visible[frame as usize][..])];
+    for sample in 0..context.offsets.len() as u32 {
+        encode_sample(context, encoder, (picture, sample), frame_group, (frame, sample), &parts);
+    }
+    resampler.encode_gather(&context.gpu.device, encoder, layer);
 }
 
 fn encode_resolve(

@@ -5,5 +5,6 @@ pub mod geometry;
 pub mod layers;
 pub mod luminance;
 pub mod readback;
+pub mod resample;
 pub mod shadow_maps;
 pub mod shadows;

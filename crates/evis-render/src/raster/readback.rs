@@ -5,10 +5,11 @@ use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::texture::row_bytes;
 use crate::raster::context::Context;
 use crate::raster::layers::{LayerUse, Layers};
-use crate::raster::luminance::encode_luminance;
+use crate::raster::luminance::{encode_distorted, encode_luminance};
 use crate::raster::shadows::MovingShadows;
 
-/// Renders view `view` at stream time `t_us` and reads it back: mean over the samples, row-major from the top.
+/// Renders view `view` at stream time `t_us` and reads it back: mean over the samples, row-major from the top. `layers` has
+/// its size, and a layer for every sample, or one where its lens is distorted.
 pub fn mean_luminance(
     context: &mut Context,
     layers: &Layers,
@@ -20,6 +21,11 @@ pub fn mean_luminance(
     let device = &context.gpu.device;
     let mut encoder = device.create_command_encoder(&Default::default());
     MovingShadows::new(&frame_group, &view, 1).show(context, &mut encoder, 0, 0);
+    if let Some(resampler) = context.resampler(&view[0]) {
+        encode_distorted(context, &mut encoder, resampler, &frame_group, 0, &layers.each[0]);
+        let mean = read_layers(context, encoder, layers, 1)?;
+        return Ok(mean.into_iter().flatten().map(f64::from).collect());
+    }
     encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0, None);
     read_mean(context, encoder, layers)
 }
@@ -68,8 +74,10 @@ pub fn read_layers(
 
 /// `Y_ref` that brings the log-mean of the first camera's lit pixels at the start to 0.18 (Reinhard's middle grey).
 pub fn measure_reference(context: &mut Context, samples: u32, made: LayerUse) -> Result<f32, EngineError> {
-    let Some(lens) = context.views.first().map(|view| view.lens) else { return Ok(1.0) };
-    let layers = Layers::new(&context.gpu.device, lens.width, lens.height, samples, made);
+    let Some(view) = context.views.first() else { return Ok(1.0) };
+    let (width, height) = view.size();
+    let (samples, made) = if view.distorted.is_some() { (1, LayerUse::Computed) } else { (samples, made) };
+    let layers = Layers::new(&context.gpu.device, width, height, samples, made);
     let image = mean_luminance(context, &layers, 0, 0)?;
     let (mut sum, mut lit) = (0.0, 0u64);
     for luminance in image {

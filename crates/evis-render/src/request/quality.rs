@@ -27,9 +27,14 @@ impl Quality {
             },
             Self::High => SamplingSettings {
                 decoupled: Some(Decoupled { step_px: 0.5, beside_gpu: true }),
+                fixed_rate_hz: 2000.0,
                 ..SamplingSettings::with_rays(0.3, 144)
             },
-            Self::Reference => SamplingSettings { rate_hz: 8000.0, ..SamplingSettings::with_rays(0.15, 256) },
+            Self::Reference => SamplingSettings {
+                rate_hz: 8000.0,
+                fixed_rate_hz: 4000.0,
+                ..SamplingSettings::with_rays(0.15, 256)
+            },
         }
     }
 
@@ -52,6 +57,8 @@ pub struct SamplingSettings {
     pub step_px: Option<f64>,
     /// The finest rate.
     pub rate_hz: f64,
+    /// The rate at which everything is sampled where tiles cannot have rates of their own: with distorted lenses.
+    pub fixed_rate_hz: f64,
     /// What a sample is.
     pub antialias: Antialias,
     /// Samples per pixel.
@@ -79,6 +86,7 @@ impl SamplingSettings {
         Self {
             step_px: Some(step_px),
             rate_hz: 4000.0,
+            fixed_rate_hz: 1000.0,
             antialias: Antialias::Edges,
             samples,
             texture_taps,
@@ -134,7 +142,14 @@ impl SamplingSettings {
         let own = decoupled.filter(|_| config.method == Method::Decoupled);
         config.adaptive_px = step_px.or(own.map(|own| own.step_px));
         config.between = if step_px.is_some() { Between::Curve } else { Between::Line };
-        if config.method == Method::Native
+        if config.method == Method::Native && views.iter().any(|view| view.distorted.is_some()) {
+            (config.adaptive_px, config.between) = (None, Between::Line);
+            config.rate_hz = self.fixed_rate_hz;
+            notes.push(format!(
+                "every pixel is sampled {} times per second: a camera has a distorted lens",
+                self.fixed_rate_hz
+            ));
+        } else if config.method == Method::Native
             && !views.is_empty()
             && views.iter().all(|view| view.sensor.walks_on_host())
         {
@@ -181,6 +196,9 @@ pub fn settle<'a>(
 /// What decoupled sampling lacks of `scene` and its sensors; `None` where it has everything.
 fn decoupled_limit(scene: &Scene, views: &[View]) -> Option<String> {
     let sensor = |view: &View| view.sensor.is_ideal() && view.sensor.trigger == TriggerRule::Crossing;
+    if views.iter().any(|view| view.distorted.is_some()) {
+        return Some("distorted lenses".into());
+    }
     if !views.iter().all(sensor) {
         return Some("sensor with more than thresholds".into());
     }
@@ -190,6 +208,7 @@ fn decoupled_limit(scene: &Scene, views: &[View]) -> Option<String> {
 /// The finest grid of [`Antialias::Edges`] whose pictures fit.
 fn largest_grid(views: &[View], texture_edge: u32) -> u32 {
     let fits = |view: &View| {
+        // Of a distorted lens, this is the picture that is rendered.
         let (width, height) = (view.lens.width, view.lens.height);
         let by_bytes = COVERAGE_BYTES / (4 * 8 * u64::from(width) * u64::from(height)).max(1);
         (texture_edge / width.max(height)).min(by_bytes.isqrt() as u32)

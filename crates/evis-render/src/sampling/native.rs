@@ -2,7 +2,7 @@
 
 use crate::frame::changes::Change;
 use crate::raster::context::{Context, Upload};
-use crate::raster::luminance::{copy_layers, encode_luminance};
+use crate::raster::luminance::{copy_layers, encode_distorted, encode_luminance};
 use crate::raster::shadows::MovingShadows;
 use crate::sensor::group::{Group, Unit};
 use crate::sensor::targets::Targets;
@@ -30,10 +30,11 @@ impl NativeRoom {
         let views = context.views_at(&group.views);
         let times: Vec<i64> =
             (0..unit.instants).map(|k| context.grid.instant_us(unit.first + i64::from(k))).collect();
-        let samples = context.offsets.len() as u32;
+        let samples = targets.samples;
         let layers = &targets.layers;
         // Coverage samples are averaged over whole layers, and are few: not worth a way of their own.
-        let watches = context.skips_still && layers.multisampled.is_none();
+        let distorted = views[0].distorted.is_some();
+        let watches = context.skips_still && (distorted || layers.multisampled.is_none());
         let first_view = group.views[0];
         // Where everything is, at every instant.
         let watch = watches.then_some((first_view, unit.first));
@@ -52,6 +53,15 @@ impl NativeRoom {
                     _ => (&layers.texture, first.saturating_sub(samples)),
                 };
                 let change = context.frame_data.changes.get(frame as usize).filter(|_| watches);
+                // A distorted lens shows no rectangle as one: its pictures are drawn as a whole.
+                if let Some(resampler) = context.resampler(&views[view as usize])
+                    && !matches!(change, Some(Change::Nothing))
+                {
+                    let layer = &layers.each[first as usize];
+                    encode_distorted(context, encoder, resampler, &frame_group, frame, layer);
+                    self.drawn_pixels += resampler.picture.pixels();
+                    continue;
+                }
                 let copied = match change {
                     None | Some(Change::All) => {
                         encode_luminance(context, encoder, layers, &frame_group, frame, first, None);

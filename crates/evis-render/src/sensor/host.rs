@@ -35,7 +35,6 @@ pub struct HostWalk {
     emulators: Vec<Option<EventEmulator>>,
     /// What they are made with, beside their views.
     settings: EmulatorConfig,
-    samples: u32,
     /// Buffers that no submission uses.
     free: Vec<wgpu::Buffer>,
 }
@@ -51,24 +50,18 @@ pub struct Felt {
 }
 
 impl HostWalk {
-    /// For those of `views` whose sensor it walks. `samples`: layers per view and instant; `causes`: whether events say why
-    /// they fired.
+    /// For those of `views` whose sensor it walks. `causes`: whether events say why they fired.
     ///
     /// # Errors
     /// A sensor or size that the emulator cannot have.
-    pub fn new(
-        views: &[View],
-        reference_luminance: f32,
-        samples: u32,
-        causes: bool,
-    ) -> Result<Self, EngineError> {
+    pub fn new(views: &[View], reference_luminance: f32, causes: bool) -> Result<Self, EngineError> {
         let walked = |view: &&View| view.sensor.walks_on_host();
         // Views go side by side; where they are few, each shares its own pixels out.
         let threads = rayon::current_num_threads().div_ceil(views.iter().filter(walked).count().max(1));
         let settings = EmulatorConfig { reference_luminance, threads, causes, ..EmulatorConfig::default() };
         let make = |view| Some(view).filter(walked).map(|view| walker(&settings, view)).transpose();
         let emulators = views.iter().map(make).collect::<Result<_, _>>()?;
-        Ok(Self { emulators, settings, samples, free: Vec::new() })
+        Ok(Self { emulators, settings, free: Vec::new() })
     }
 
     /// Resets the pixels of view `index`: the next light is their reference, and their noise that of `view`.
@@ -95,7 +88,7 @@ impl HostWalk {
         unit: Unit,
     ) -> Result<Looks, EngineError> {
         let (width, height) = (targets.width, targets.height);
-        let layers = group.views.len() as u32 * unit.instants * self.samples;
+        let layers = group.views.len() as u32 * unit.instants * targets.samples;
         let bytes = targets.layers.host_bytes(layers);
         let most = gpu.device.limits().max_buffer_size;
         if bytes > most {
@@ -133,7 +126,7 @@ impl HostWalk {
         looks: Looks,
     ) -> Result<Vec<Felt>, EngineError> {
         let Looks { unit, staging } = looks;
-        let (instants, samples) = (unit.instants as usize, self.samples as usize);
+        let (instants, samples) = (unit.instants as usize, targets.samples as usize);
         let layer_bytes = targets.layers.host_bytes(1) as usize;
         let felt = {
             let bytes = staging
@@ -182,7 +175,7 @@ impl HostWalk {
 
 /// The emulator of a view's pixels.
 fn walker(settings: &EmulatorConfig, view: &View) -> Result<EventEmulator, ConfigError> {
-    let (width, height) = (view.lens.width, view.lens.height);
+    let (width, height) = view.size();
     let config = EmulatorConfig { width, height, sensor: view.sensor.clone(), ..settings.clone() };
     emulator(config, view.key)
 }

@@ -74,23 +74,23 @@ pub struct TriggerPasses {
 }
 
 impl TriggerPasses {
-    /// Builds them for the rules of `sensors`, one per class of views, and `samples` layers per instant.
+    /// Builds them for the rules of `sensors`, one per class of views, each with its layers per instant.
     ///
     /// `unknown`: whether a luminance below 0 stands for one that is not known.
     pub fn new(
         device: &wgpu::Device,
-        sensors: &[&SensorConfig],
-        samples: u32,
+        sensors: &[(&SensorConfig, u32)],
         unknown: bool,
         blocks: Blocks,
     ) -> Self {
         let mut walks: Vec<Arc<WalkPasses>> = Vec::with_capacity(sensors.len());
-        for sensor in sensors {
+        for (sensor, samples) in sensors {
             // Classes of other sizes have the same rules.
-            let known = sensors.iter().zip(&walks).find(|(other, _)| other.is_alike(sensor));
+            let alike = |other: &(&SensorConfig, u32)| other.1 == *samples && other.0.is_alike(sensor);
+            let known = sensors.iter().zip(&walks).find(|(other, _)| alike(other));
             let walk = known.map(|(_, walk)| walk.clone());
             walks.push(
-                walk.unwrap_or_else(|| Arc::new(WalkPasses::new(device, sensor, samples, unknown, blocks))),
+                walk.unwrap_or_else(|| Arc::new(WalkPasses::new(device, sensor, *samples, unknown, blocks))),
             );
         }
         Self {

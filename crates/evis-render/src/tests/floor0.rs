@@ -15,7 +15,7 @@ use crate::gpu::uniforms;
 use crate::gpu::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
 use crate::pass::raster::SURROUNDINGS_BINDINGS;
 use crate::pass::shadow_map::RESTORE_BINDINGS;
-use crate::pass::{Access, Binding, adaptive, labels, splat, trigger};
+use crate::pass::{Access, Binding, adaptive, labels, resample, splat, trigger};
 
 fn every_feature() -> SurfaceVariant {
     SurfaceVariant {
@@ -61,6 +61,8 @@ fn entries() -> Vec<(&'static str, Groups)> {
         ("splat/index.wgsl", &[splat::INDEX_BINDINGS]),
         ("splat/resolve.wgsl", &[splat::RESOLVE_BINDINGS]),
         ("splat/show.wgsl", &[splat::SHOW_BINDINGS]),
+        ("resample/samples.wgsl", &[resample::SAMPLES_BINDINGS]),
+        ("resample/coverage.wgsl", &[resample::COVERAGE_BINDINGS]),
         ("trigger/count.wgsl", &[trigger::COUNT_BINDINGS]),
         ("trigger/block.wgsl", &[trigger::BLOCK_BINDINGS]),
         ("trigger/scan.wgsl", &[trigger::SCAN_BINDINGS]),

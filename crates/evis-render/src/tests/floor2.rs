@@ -128,7 +128,7 @@ fn run_unit(
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors, None);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, ..Default::default() };
-    let passes = TriggerPasses::new(&gpu.device, &[&rules], samples, unknown, blocks);
+    let passes = TriggerPasses::new(&gpu.device, &[(&rules, samples)], unknown, blocks);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, unit, &slot);
     encode_trigger(&mut encoder, &steps);

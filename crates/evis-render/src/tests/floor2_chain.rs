@@ -67,6 +67,7 @@ fn view(index: usize, sensor: &SensorConfig) -> View {
         sensor: sensor.clone(),
         key: Key::new(SEED, index as u32, 0),
         lens: PixelLens { width: WIDTH, height: HEIGHT, focal: [50.0; 2], center: [30.0; 2], near: 0.1 },
+        distorted: None,
     }
 }
 
@@ -94,7 +95,7 @@ fn run_with_lists(
 ) -> Ran {
     let longest = cuts.iter().copied().max().unwrap();
     let plan = Plan { views_per_group: VIEWS as u32, instants: longest, layers: VIEWS as u32 * longest };
-    let passes = TriggerPasses::new(&gpu.device, &[sensor], 1, true, Blocks::NONE);
+    let passes = TriggerPasses::new(&gpu.device, &[(sensor, 1)], true, Blocks::NONE);
     let chain = passes.chain(0).expect("more than thresholds");
     let mut targets =
         Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, Some(&chain.plan), 1);

@@ -1,7 +1,9 @@
 //! The scene on the device, and where its parts lie in a picture.
 
+pub mod distorted;
 pub mod gpu_scene;
 pub mod image_bounds;
+pub mod pixel_lens;
 pub mod tiles;
 pub mod transform;
 pub mod view;

@@ -127,6 +127,13 @@ impl<'a> Keys<'a> {
         self.read(key, "a text in quotes", Value::as_str)
     }
 
+    /// A list of texts.
+    pub fn texts(&mut self, key: &'static str) -> Result<Option<Vec<String>>, SceneError> {
+        self.read(key, "a list of texts in quotes", |v| {
+            v.as_array()?.iter().map(|text| text.as_str().map(str::to_owned)).collect()
+        })
+    }
+
     /// Linear RGB, or an sRGB colour as "#rrggbb".
     pub fn color(&mut self, key: &'static str) -> Result<Option<[f32; 3]>, SceneError> {
         self.read(key, "three linear numbers in brackets, or an sRGB colour as \"#rrggbb\"", color)

@@ -17,6 +17,7 @@ use self::keys::{Keys, Source, locate};
 use crate::builder::{
     ColorSpace, EnvironmentSettings, EventCamera, Labels, Placement, Sampling, SceneBuilder, ShapeSettings,
 };
+use crate::distortion::Distortion;
 use crate::error::SceneError;
 use crate::model::{
     AlphaMode, CameraSensor, Lens, Light, LightKind, Material, Scene, SensorKind, ShadingModel, TextureRef,
@@ -24,6 +25,7 @@ use crate::model::{
 };
 use crate::primitive::Shape;
 use crate::procedural::{PATTERNS, Procedural};
+use crate::rig::Rig;
 
 /// Most environments of one file.
 const MAX_ENVIRONMENTS: u64 = 65_536;
@@ -193,8 +195,14 @@ type Add = Box<dyn FnOnce(&mut SceneBuilder, Placement) -> Result<usize, SceneEr
 /// Reads what is special about one kind of object.
 type Read = fn(&mut Keys<'_>) -> Result<(String, Add), SceneError>;
 
-const OBJECTS: [(&str, Read); 5] =
-    [("nodes", node), ("gltf", gltf), ("primitives", primitive), ("lights", light), ("cameras", camera)];
+const OBJECTS: [(&str, Read); 6] = [
+    ("nodes", node),
+    ("gltf", gltf),
+    ("primitives", primitive),
+    ("lights", light),
+    ("cameras", camera),
+    ("rigs", rig),
+];
 
 /// An object that has been read and not yet been added.
 struct Object {
@@ -342,8 +350,45 @@ fn light(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
     Ok((name, Box::new(move |scene, placement| scene.light(light, placement))))
 }
 
+/// Cameras on one body: of a calibration file, or two that are parallel.
+fn rig(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
+    let name = needed_name(keys)?;
+    keys.at_most_one(&["calibration", "baseline"])?;
+    let names: Option<Vec<String>> = keys.texts("cameras")?;
+    let mut rig = if let Some(baseline) = keys.number("baseline")? {
+        let camera = lens_and_sensor(keys, EventCamera::new("camera"))?;
+        let rig = Rig::stereo(baseline, &camera).map_err(|e| keys.locate(e))?;
+        (rig, camera)
+    } else {
+        let file = keys.file("calibration")?;
+        let file = keys.needs("calibration", file)?;
+        let mut camera = EventCamera::new("camera");
+        camera.near = keys.number_or("near", camera.near)?;
+        camera.sensor = sensor(keys)?;
+        (Rig::load(&file)?, camera)
+    };
+    if let Some(names) = names {
+        if names.len() != rig.0.cameras.len() {
+            return Err(keys.error(format!(
+                "cameras has {} names; the rig has {} cameras",
+                names.len(),
+                rig.0.cameras.len()
+            )));
+        }
+        rig.0.cameras.iter_mut().zip(names).for_each(|(camera, name)| camera.name = name);
+    }
+    let (rig, like) = rig;
+    Ok((name.clone(), Box::new(move |scene, placement| scene.rig_like(name, &rig, &like, placement))))
+}
+
 fn camera(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
-    let mut camera = EventCamera::new(needed_name(keys)?);
+    let camera = EventCamera::new(needed_name(keys)?);
+    let camera = lens_and_sensor(keys, camera)?;
+    Ok((camera.name.clone(), Box::new(move |scene, placement| scene.camera(camera, placement))))
+}
+
+/// `camera` with what the table says of it.
+fn lens_and_sensor(keys: &mut Keys<'_>, mut camera: EventCamera) -> Result<EventCamera, SceneError> {
     camera.size = keys.pair("size")?;
     let intrinsics = ["fx", "fy", "cx", "cy"];
     if intrinsics.iter().any(|key| keys.has(key)) {
@@ -365,11 +410,27 @@ fn camera(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
     } else if let Some(degrees) = keys.number("fov_y_degrees")? {
         camera = camera.fov_y_degrees(degrees);
     }
+    camera.distortion = distortion(keys)?;
     camera.near = keys.number_or("near", camera.near)?;
     camera.thresholds =
         [keys.number("threshold_on")?.map(|c| c as f32), keys.number("threshold_off")?.map(|c| c as f32)];
     camera.sensor = sensor(keys)?;
-    Ok((camera.name.clone(), Box::new(move |scene, placement| scene.camera(camera, placement))))
+    Ok(camera)
+}
+
+/// The table under `distortion`: a model and its coefficients.
+fn distortion(keys: &mut Keys<'_>) -> Result<Option<Distortion>, SceneError> {
+    let Some(mut table) = keys.table("distortion")? else { return Ok(None) };
+    let model = table.choice("model", &[("radtan", "radtan"), ("fisheye", "fisheye")])?;
+    let model = table.needs("model", model)?;
+    let names = Distortion::names(model);
+    let mut coefficients = Vec::with_capacity(names.len());
+    for &name in names {
+        coefficients.push(table.number_or(name, 0.0)?);
+    }
+    let distortion = Distortion::from_coefficients(model, &coefficients).map_err(|e| table.locate(e))?;
+    table.finish()?;
+    Ok(Some(distortion))
 }
 
 /// The sensor under `sensor`: a preset's name, a TOML file, or a table.

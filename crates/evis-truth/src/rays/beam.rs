@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::bvh::{HalfSpace, before};
 use super::caster::{Kind, RayCaster, Shortlist};
 use super::geometry::{Candidate, Geometry, Hit, Place};
-use super::pinhole::{Pinhole, Ray};
+use super::pinhole::{Projection, Ray};
 use super::shade::Lamp;
 
 /// With more triangles than this in a beam, a tree finds them faster than a list.
@@ -20,7 +20,7 @@ const SLACK_PX: f64 = 1e-6;
 /// The rays of `camera` through a rectangle of the picture.
 pub struct Beam<'c, 's> {
     caster: &'c RayCaster<'s>,
-    camera: &'c Pinhole,
+    camera: &'c dyn Projection,
     corners: [Ray; 4],
     sides: [HalfSpace; 4],
     /// What they can meet, by least depth; `None` where a tree is asked instead.
@@ -37,24 +37,30 @@ struct Blockers {
 
 impl<'c, 's> Beam<'c, 's> {
     /// The beam through image points from `low` to `high`.
-    pub fn new(caster: &'c RayCaster<'s>, camera: &'c Pinhole, low: [f64; 2], high: [f64; 2]) -> Self {
+    pub fn new(caster: &'c RayCaster<'s>, camera: &'c dyn Projection, low: [f64; 2], high: [f64; 2]) -> Self {
         Self::limited(caster, camera, [low, high], LIMIT)
     }
 
     /// As [`Beam::new`], for more of the picture than a few pixels.
-    pub fn wide(caster: &'c RayCaster<'s>, camera: &'c Pinhole, low: [f64; 2], high: [f64; 2]) -> Self {
+    pub fn wide(
+        caster: &'c RayCaster<'s>,
+        camera: &'c dyn Projection,
+        low: [f64; 2],
+        high: [f64; 2],
+    ) -> Self {
         Self::limited(caster, camera, [low, high], WIDE_LIMIT)
     }
 
     fn limited(
         caster: &'c RayCaster<'s>,
-        camera: &'c Pinhole,
+        camera: &'c dyn Projection,
         [low, high]: [[f64; 2]; 2],
         limit: usize,
     ) -> Self {
         let [x0, y0] = low.map(|v| v - SLACK_PX);
         let [x1, y1] = high.map(|v| v + SLACK_PX);
-        let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(|at| camera.ray(at));
+        let known = camera.corners([x0, y0], [x1, y1]);
+        let corners = known.unwrap_or_else(|| [camera.ray([0.5 * (x0 + x1), 0.5 * (y0 + y1)]); 4]);
         let origin = corners[0].origin;
         let middle = corners.iter().map(|c| c.direction).sum::<DVec3>();
         let sides = [0, 1, 2, 3].map(|k| {
@@ -62,8 +68,9 @@ impl<'c, 's> Beam<'c, 's> {
             let inward = if normal.dot(middle) < 0.0 { -normal } else { normal };
             HalfSpace::through(origin, inward)
         });
-        let forward = camera.world_from_camera.transform_vector3(DVec3::NEG_Z);
+        let forward = camera.pinhole().world_from_camera.transform_vector3(DVec3::NEG_Z);
         let depth = HalfSpace::through(origin, forward);
+        let near = camera.pinhole().near;
         let ends = corners.map(|c| c.origin + c.direction);
         let judge = |candidate: &Candidate| {
             if beside(candidate, &|edge| (edge[0] - origin).cross(edge[1] - origin), &ends, 0.0) {
@@ -71,12 +78,12 @@ impl<'c, 's> Beam<'c, 's> {
             }
             let shut = corners.iter().try_fold(0.0_f64, |shut, ray| {
                 let hit = candidate.meet(ray.origin, ray.direction)?;
-                let closed = hit.distance >= camera.near && caster.closes(&hit, ray);
+                let closed = hit.distance >= near && caster.closes(&hit, ray);
                 closed.then_some(shut.max(hit.distance))
             });
             shut.map_or(Place::Inside, |shut| Place::Across(shut * (1.0 + 1e-9)))
         };
-        let seen = caster.geometry().within(&sides, &depth, limit, judge);
+        let seen = known.and_then(|_| caster.geometry().within(&sides, &depth, limit, judge));
         Self { caster, camera, corners, sides, seen, blockers: RefCell::default() }
     }
 
@@ -85,7 +92,7 @@ impl<'c, 's> Beam<'c, 's> {
     /// through which something moves, may throw a shadow into it.
     pub fn fastest(
         &self,
-        (geometry, camera): (&Geometry, &Pinhole),
+        (geometry, camera): (&Geometry, &dyn Projection),
         boxes: &[(DVec3, DVec3)],
     ) -> Option<f64> {
         let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
@@ -95,8 +102,10 @@ impl<'c, 's> Beam<'c, 's> {
             let here = self.camera.project_direction(ray.direction)?;
             most = most.max(apart(here, camera.project_direction(ray.direction)?));
         }
-        let front =
-            HalfSpace::through(self.corners[0].origin + self.camera.near * self.forward(), self.forward());
+        let front = HalfSpace::through(
+            self.corners[0].origin + self.camera.pinhole().near * self.forward(),
+            self.forward(),
+        );
         for candidate in self.seen.as_ref()? {
             let corners = candidate.triangle.corners();
             let part = self.sides.iter().chain([&front]).fold(corners.to_vec(), |p, side| clipped(&p, side));
@@ -122,7 +131,7 @@ impl<'c, 's> Beam<'c, 's> {
     }
 
     fn forward(&self) -> DVec3 {
-        self.camera.world_from_camera.transform_vector3(DVec3::NEG_Z)
+        self.camera.pinhole().world_from_camera.transform_vector3(DVec3::NEG_Z)
     }
 
     /// As [`RayCaster::look`], for an image point of the beam.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::bvh::enter_box;
 use super::geometry::{Geometry, Hit, Object};
-use super::pinhole::{Pinhole, Ray};
+use super::pinhole::{Projection, Ray};
 use super::shade::{self, Lamp, Surface, rgb};
 use super::split_sum::{self, SplitSum};
 use super::texture::{TextureFilter, Textures};
@@ -111,7 +111,7 @@ impl<'a> RayCaster<'a> {
     }
 
     /// Mean linear RGB per pixel over samples at `offsets` from its centre, in pixels, row-major from the top.
-    pub fn color(&self, camera: &Pinhole, offsets: &[[f64; 2]]) -> Vec<DVec3> {
+    pub fn color(&self, camera: &dyn Projection, offsets: &[[f64; 2]]) -> Vec<DVec3> {
         self.for_pixels(camera, |center| {
             let sum: DVec3 =
                 offsets.iter().map(|o| self.radiance_at(camera, [center[0] + o[0], center[1] + o[1]])).sum();
@@ -120,12 +120,12 @@ impl<'a> RayCaster<'a> {
     }
 
     /// Mean luminance per pixel; the mean is taken in linear light.
-    pub fn luminance(&self, camera: &Pinhole, offsets: &[[f64; 2]]) -> Vec<f64> {
+    pub fn luminance(&self, camera: &dyn Projection, offsets: &[[f64; 2]]) -> Vec<f64> {
         self.color(camera, offsets).into_iter().map(|c| c.dot(LUMINANCE_WEIGHTS)).collect()
     }
 
     /// Linear RGB at one image point.
-    pub fn radiance_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> DVec3 {
+    pub fn radiance_at(&self, camera: &dyn Projection, pixel: [f64; 2]) -> DVec3 {
         let ray = camera.ray(pixel);
         match self.visible(camera, &ray, None) {
             Some(hit) => self.shade(&hit, &ray, self.shadows_at(&hit, &ray), None),
@@ -134,13 +134,13 @@ impl<'a> RayCaster<'a> {
     }
 
     /// Luminance at one image point, and of what kind it is.
-    pub fn look(&self, camera: &Pinhole, pixel: [f64; 2]) -> (f64, Kind) {
+    pub fn look(&self, camera: &dyn Projection, pixel: [f64; 2]) -> (f64, Kind) {
         self.look_in(camera, pixel, None)
     }
 
     pub(super) fn look_in(
         &self,
-        camera: &Pinhole,
+        camera: &dyn Projection,
         pixel: [f64; 2],
         list: Option<&dyn Shortlist>,
     ) -> (f64, Kind) {
@@ -156,11 +156,16 @@ impl<'a> RayCaster<'a> {
     }
 
     /// Of what kind one image point is; the same as of [`RayCaster::look`], for less.
-    pub fn kind(&self, camera: &Pinhole, pixel: [f64; 2]) -> Kind {
+    pub fn kind(&self, camera: &dyn Projection, pixel: [f64; 2]) -> Kind {
         self.kind_in(camera, pixel, None)
     }
 
-    pub(super) fn kind_in(&self, camera: &Pinhole, pixel: [f64; 2], list: Option<&dyn Shortlist>) -> Kind {
+    pub(super) fn kind_in(
+        &self,
+        camera: &dyn Projection,
+        pixel: [f64; 2],
+        list: Option<&dyn Shortlist>,
+    ) -> Kind {
         let ray = camera.ray(pixel);
         let hit = self.visible(camera, &ray, list);
         hit.map_or(Kind::default(), |hit| self.kind_of(&hit, self.shadows_of(&hit, &ray, list)))
@@ -189,7 +194,7 @@ impl<'a> RayCaster<'a> {
     }
 
     /// What is seen at one image point; the hit's distance is planar depth.
-    pub fn hit_at(&self, camera: &Pinhole, pixel: [f64; 2]) -> Option<Hit> {
+    pub fn hit_at(&self, camera: &dyn Projection, pixel: [f64; 2]) -> Option<Hit> {
         self.visible(camera, &camera.ray(pixel), None)
     }
 
@@ -217,7 +222,7 @@ impl<'a> RayCaster<'a> {
 
     /// Whether the ray through an image point, up to what it hits, or any ray from there to a lamp that throws shadows,
     /// passes one of `boxes` (low, high).
-    pub fn passes(&self, camera: &Pinhole, pixel: [f64; 2], boxes: &[(DVec3, DVec3)]) -> bool {
+    pub fn passes(&self, camera: &dyn Projection, pixel: [f64; 2], boxes: &[(DVec3, DVec3)]) -> bool {
         let ray = camera.ray(pixel);
         let hit = self.visible(camera, &ray, None);
         let far = hit.map_or(f64::INFINITY, |h| h.distance);
@@ -238,9 +243,10 @@ impl<'a> RayCaster<'a> {
 
     /// Whether `target`, a point of triangle `triangle`, is seen from `camera`: inside the picture, in front of the
     /// near plane, with nothing before it.
-    pub fn sees(&self, camera: &Pinhole, triangle: usize, target: DVec3) -> bool {
+    pub fn sees(&self, camera: &dyn Projection, triangle: usize, target: DVec3) -> bool {
         let Some([x, y]) = camera.project(target) else { return false };
-        if !(0.0..camera.width as f64).contains(&x) || !(0.0..camera.height as f64).contains(&y) {
+        let picture = camera.pinhole();
+        if !(0.0..picture.width as f64).contains(&x) || !(0.0..picture.height as f64).contains(&y) {
             return false;
         }
         let ray = camera.ray([x, y]);
@@ -252,7 +258,7 @@ impl<'a> RayCaster<'a> {
     }
 
     /// Labels of every pixel.
-    pub fn labels(&self, camera: &Pinhole) -> Labels {
+    pub fn labels(&self, camera: &dyn Projection) -> Labels {
         let mut labels = Labels::default();
         for hit in self.for_pixels(camera, |center| self.hit_at(camera, center)) {
             let object = hit.map(|hit| self.object(&hit));
@@ -268,7 +274,12 @@ impl<'a> RayCaster<'a> {
     /// Per pixel, how far in pixels (x right, y down) what is seen at its centre moves until `other` and
     /// `other_camera`, which are this scene at another time: the same point of the same triangle, projected.
     /// The sky moves with rotation. `None` where the point is then not in front of the camera.
-    pub fn flow(&self, camera: &Pinhole, other: &Geometry, other_camera: &Pinhole) -> Vec<Option<[f64; 2]>> {
+    pub fn flow(
+        &self,
+        camera: &dyn Projection,
+        other: &Geometry,
+        other_camera: &dyn Projection,
+    ) -> Vec<Option<[f64; 2]>> {
         self.for_pixels(camera, |center| {
             let ray = camera.ray(center);
             let there = seen_from(self.visible(camera, &ray, None), &ray, other, other_camera)?;
@@ -276,19 +287,23 @@ impl<'a> RayCaster<'a> {
         })
     }
 
-    fn for_pixels<T: Send>(&self, camera: &Pinhole, f: impl Fn([f64; 2]) -> T + Sync) -> Vec<T> {
-        let width = camera.width.max(1);
-        (0..camera.width * camera.height)
+    fn for_pixels<T: Send>(&self, camera: &dyn Projection, f: impl Fn([f64; 2]) -> T + Sync) -> Vec<T> {
+        let picture = camera.pinhole();
+        let width = picture.width.max(1);
+        (0..picture.width * picture.height)
             .into_par_iter()
             .map(|i| f([(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]))
             .collect()
     }
 
-    fn visible(&self, camera: &Pinhole, ray: &Ray, list: Option<&dyn Shortlist>) -> Option<Hit> {
+    fn visible(&self, camera: &dyn Projection, ray: &Ray, list: Option<&dyn Shortlist>) -> Option<Hit> {
         let mut accept = |hit: &Hit| self.accepts(hit, ray);
         match list {
-            Some(list) => list.nearest(ray, camera.near, &mut accept),
-            None => self.geometry.nearest(ray.origin, ray.direction, camera.near, f64::INFINITY, accept),
+            Some(list) => list.nearest(ray, camera.pinhole().near, &mut accept),
+            None => {
+                let near = camera.pinhole().near;
+                self.geometry.nearest(ray.origin, ray.direction, near, f64::INFINITY, accept)
+            }
         }
     }
 
@@ -487,7 +502,12 @@ impl<'a> RayCaster<'a> {
 
 /// Image point, for `camera` and `geometry` of another time, of what `ray` sees: the same point of matter, or the same
 /// direction of the sky. `None` where that is not in front of the camera.
-pub fn seen_from(hit: Option<Hit>, ray: &Ray, geometry: &Geometry, camera: &Pinhole) -> Option<[f64; 2]> {
+pub fn seen_from(
+    hit: Option<Hit>,
+    ray: &Ray,
+    geometry: &Geometry,
+    camera: &dyn Projection,
+) -> Option<[f64; 2]> {
     match hit {
         Some(hit) => camera.project(geometry.position(hit.triangle, hit.barycentric)),
         None => camera.project_direction(ray.direction),

@@ -16,6 +16,6 @@ pub mod texture;
 pub use beam::Beam;
 pub use caster::{Labels, Options, RayCaster};
 pub use geometry::{Geometry, Hit, Matter};
-pub use pinhole::{Pinhole, Ray};
+pub use pinhole::{Pinhole, Projection, Ray, SceneCamera};
 pub use split_sum::SplitSum;
 pub use texture::{TextureFilter, Textures};

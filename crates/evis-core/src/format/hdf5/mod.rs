@@ -54,7 +54,7 @@ const GZIP_LEVEL: u32 = 2;
 /// Deflate expands at most 1032 times; a data set that promises more than this cannot be in the file.
 const LARGEST_EXPANSION: u64 = 1100;
 /// Names that a camera may not have, since the root group uses them.
-const RESERVED_NAMES: [&str; 5] = ["events", "ms_to_idx", "t_offset", "evis", "truth"];
+const RESERVED_NAMES: [&str; 6] = ["events", "ms_to_idx", "t_offset", "evis", "truth", "imus"];
 
 /// What a recording says about itself; written when it is created.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,6 +94,11 @@ impl RecordingHeader {
         for camera in &self.cameras {
             fnv.write(&[camera.width, camera.height].map(u32::to_le_bytes).concat());
             fnv.write(&[camera.fx, camera.fy, camera.cx, camera.cy].map(f64::to_le_bytes).concat());
+            if let Some(distortion) = &camera.distortion {
+                fnv.write(distortion.model.as_bytes());
+                let bytes: Vec<u8> = distortion.coefficients.iter().flat_map(|c| c.to_le_bytes()).collect();
+                fnv.write(&bytes);
+            }
         }
         fnv.write(&self.seed.to_le_bytes());
         fnv.write(&self.environment.to_le_bytes());

@@ -12,7 +12,7 @@ use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 use super::{LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
 use crate::format::{FormatError, check_events};
-use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
+use crate::packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, LensDistortion, PoseSample};
 
 /// Events that are decoded at once: bounds what a read needs beside its result.
 const EVENTS_AT_ONCE: u64 = 1 << 20;
@@ -240,6 +240,56 @@ impl Recording {
         })
     }
 
+    /// Names of the inertial measurement units.
+    ///
+    /// # Errors
+    /// A file that can no longer be read.
+    pub fn imus(&self) -> Result<Vec<String>, FormatError> {
+        with_file(&self.path, |source| {
+            let root = source.file.root_group();
+            if !source.check("/", root.group_names())?.iter().any(|name| name == "imus") {
+                return Ok(Vec::new());
+            }
+            let group = source.check("imus", root.group("imus"))?;
+            source.check("imus", group.group_names())
+        })
+    }
+
+    /// The samples of the inertial measurement unit `name`.
+    ///
+    /// # Errors
+    /// No such unit, or a file that can no longer be read.
+    pub fn imu(&self, name: &str) -> Result<Vec<ImuSample>, FormatError> {
+        let known = self.imus()?;
+        if !known.iter().any(|other| other == name) {
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            let what = format!("there is no inertial measurement unit {name:?}");
+            return Err(FormatError::invalid(&self.path, what, format!("it has {known}")));
+        }
+        with_file(&self.path, |source| {
+            let times = source.dataset(&format!("imus/{name}/t_us"))?;
+            let values =
+                ["accelerometer", "gyroscope"].map(|part| source.dataset(&format!("imus/{name}/{part}")));
+            let [accelerometer, gyroscope] = values;
+            let (accelerometer, gyroscope) = (accelerometer?, gyroscope?);
+            let mut count = source.rows(&times, name)?;
+            for dataset in [&accelerometer, &gyroscope] {
+                if dataset.shape().get(1..) != Some([3].as_slice()) {
+                    return Err(source.damaged(format!("the samples of {name} have another shape")));
+                }
+                count = count.min(source.rows(dataset, name)?);
+            }
+            let rows = usize::try_from(count).unwrap_or(usize::MAX);
+            source.fits(count.saturating_mul(2 * size_of::<ImuSample>() as u64), "its list of samples")?;
+            let times: Vec<i64> = source.slice(&times, 0, count)?;
+            let force: Vec<f64> = source.check(name, accelerometer.read_slice(&[0, 0], &[rows, 3]))?;
+            let rate: Vec<f64> = source.check(name, gyroscope.read_slice(&[0, 0], &[rows, 3]))?;
+            let samples = times.iter().zip(force.as_chunks().0).zip(rate.as_chunks().0);
+            let sample = |((&t_us, &accelerometer), &gyroscope)| ImuSample { t_us, accelerometer, gyroscope };
+            Ok(samples.map(sample).collect())
+        })
+    }
+
     /// The report that the writer left at the end, as JSON; `None` where it never got there.
     ///
     /// # Errors
@@ -283,6 +333,9 @@ impl Recording {
                 }
             }
             self.poses(index)?;
+        }
+        for name in self.imus()? {
+            self.imu(&name)?;
         }
         self.report().map(|_| ())
     }
@@ -483,6 +536,29 @@ impl Source<'_> {
             .map_err(|_| self.damaged(format!("{name} is no UTF-8 text")))
     }
 
+    /// The distortion of camera `camera`, where the file has one.
+    fn distortion(&self, camera: &str) -> Result<Option<LensDistortion>, FormatError> {
+        let group = self.check(camera, self.file.root_group().group(camera))?;
+        let group = self.check(camera, group.group("intrinsics"))?;
+        let names = self.check(camera, group.dataset_names())?;
+        if !names.iter().any(|name| name == "distortion_model") {
+            return Ok(None);
+        }
+        let place = format!("{camera}/intrinsics/distortion_model");
+        let models = self.check(&place, self.dataset(&place)?.read_vlen_strings())?;
+        let place = format!("{camera}/intrinsics/distortion_coefficients");
+        let dataset = self.dataset(&place)?;
+        let count = self.rows(&dataset, &place)?;
+        let coefficients: Vec<f64> = self.slice(&dataset, 0, count)?;
+        let [model] = models.as_slice() else {
+            return Err(self.damaged(format!("camera {camera} has {} distortion models", models.len())));
+        };
+        if count > 14 || !coefficients.iter().all(|value| value.is_finite()) {
+            return Err(self.damaged(format!("camera {camera} has the distortion {coefficients:?}")));
+        }
+        Ok(Some(LensDistortion { model: model.clone(), coefficients }))
+    }
+
     fn header(&self) -> Result<RecordingHeader, FormatError> {
         let evis = self.file.root_group().group("evis").map_err(|_| {
             FormatError::corrupt(self.path, "it has no group evis", "give a recording that evis-rs wrote")
@@ -503,7 +579,9 @@ impl Source<'_> {
                     .ok_or_else(|| self.damaged(format!("camera {name} has a {which} of {value}")))
             };
             let number = |which: &str| self.scalar::<f64>(&format!("{name}/intrinsics/{which}"));
+            let distortion = self.distortion(&name)?;
             cameras.push(CameraInfo {
+                distortion,
                 width: side("width")?,
                 height: side("height")?,
                 fx: number("fx")?,

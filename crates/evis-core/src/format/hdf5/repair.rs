@@ -405,8 +405,16 @@ mod tests {
 
     /// 150 000 events of a camera named cam.
     fn record(path: &Path) -> Vec<Event> {
-        let camera =
-            CameraInfo { name: "cam".into(), width: 9, height: 9, fx: 1.0, fy: 1.0, cx: 1.0, cy: 1.0 };
+        let camera = CameraInfo {
+            name: "cam".into(),
+            width: 9,
+            height: 9,
+            fx: 1.0,
+            fy: 1.0,
+            cx: 1.0,
+            cy: 1.0,
+            distortion: None,
+        };
         let header = RecordingHeader {
             cameras: vec![camera],
             seed: 0,

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::event::{Cause, Event};
 use crate::format::FormatError;
-use crate::packet::{CameraInfo, LabelData, LabelFrame, LabelKind, PoseSample};
+use crate::packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, PoseSample};
 
 /// Time between automatic flushes; below the promised second by what a flush may take.
 const FLUSH_EVERY: Duration = Duration::from_millis(800);
@@ -41,6 +41,7 @@ const LARGEST_SIDE: u32 = 65_536;
 pub struct RecordingWriter {
     store: Store,
     cameras: Vec<CameraColumns>,
+    imus: Vec<ImuColumns>,
     report: Column,
     last_flush: Instant,
     state: WriterState,
@@ -72,6 +73,13 @@ struct CameraColumns {
     rotation: Column,
 }
 
+struct ImuColumns {
+    t: Column,
+    accelerometer: Column,
+    gyroscope: Column,
+    last_t: Option<i64>,
+}
+
 struct LabelColumns {
     kind: LabelKind,
     data: Column,
@@ -91,6 +99,41 @@ impl RecordingWriter {
     /// image, a negative duration). Then the file at `path` is what it was before.
     pub fn create(path: &Path, header: &RecordingHeader, overwrite: bool) -> Result<Self, FormatError> {
         Self::create_with(path, header, overwrite, |_| Ok(()))
+    }
+
+    /// The same, with inertial measurement units of these names.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::create`]; names that are empty, taken or have a slash.
+    pub fn create_with_imus(
+        path: &Path,
+        header: &RecordingHeader,
+        imus: &[String],
+        overwrite: bool,
+    ) -> Result<Self, FormatError> {
+        for (i, name) in imus.iter().enumerate() {
+            if name.is_empty()
+                || name.contains(['/', '\0'])
+                || name == "."
+                || name == ".."
+                || name.len() > 255
+            {
+                let what = format!("{name:?} cannot name an inertial measurement unit");
+                return Err(FormatError::invalid(path, what, "use a name without slash"));
+            }
+            if imus.iter().take(i).any(|other| other == name) {
+                let what = format!("two inertial measurement units are named {name:?}");
+                return Err(FormatError::invalid(path, what, "give each its own name"));
+            }
+        }
+        let mut writer = Self::create_with(path, header, overwrite, |file| lay_out_imus(file, imus))?;
+        for name in imus {
+            let mut column = |part: &str| Column::open(&mut writer.store, &format!("imus/{name}/{part}"));
+            let (t, accelerometer, gyroscope) =
+                (column("t_us")?, column("accelerometer")?, column("gyroscope")?);
+            writer.imus.push(ImuColumns { t, accelerometer, gyroscope, last_t: None });
+        }
+        Ok(writer)
     }
 
     /// The same for a file that has more than a recording, which `extra` lays out.
@@ -146,7 +189,14 @@ impl RecordingWriter {
             .collect::<Result<_, _>>()?;
         let report = Column::open(&mut store, "evis/report_json")?;
         store.publish(FileState::Open)?;
-        Ok(Self { store, cameras, report, last_flush: Instant::now(), state: WriterState::Writing })
+        Ok(Self {
+            store,
+            cameras,
+            imus: Vec::new(),
+            report,
+            last_flush: Instant::now(),
+            state: WriterState::Writing,
+        })
     }
 
     /// Appends `events` of camera `camera_index`, which continue those written before.
@@ -268,6 +318,37 @@ impl RecordingWriter {
             columns.position.push(&little_endian(&pose.position, f64::to_le_bytes));
             columns.rotation.push(&little_endian(&pose.rotation, f64::to_le_bytes));
         }
+        self.store_full_chunks()?;
+        self.flush_if_due()
+    }
+
+    /// Appends samples of inertial measurement unit `index`, which continue those written before.
+    ///
+    /// # Errors
+    /// No such unit, a time that goes back, values that are not finite; then none of `samples` is written. Failed writes as in
+    /// [`RecordingWriter::write_events`].
+    pub fn write_imu(&mut self, index: usize, samples: &[ImuSample]) -> Result<(), FormatError> {
+        self.check_usable()?;
+        let (count, path) = (self.imus.len(), self.store.path().to_path_buf());
+        let Some(columns) = self.imus.get_mut(index) else {
+            let what = format!("there is no inertial measurement unit {index}");
+            return Err(FormatError::invalid(&path, what, format!("give an index below {count}")));
+        };
+        let mut last_t = columns.last_t;
+        for sample in samples {
+            let finite = sample.accelerometer.iter().chain(&sample.gyroscope).all(|v| v.is_finite());
+            if !finite || last_t.is_some_and(|last| sample.t_us < last) {
+                let what = format!("an inertial sample is {sample:?}");
+                return Err(FormatError::invalid(&path, what, "give finite numbers in order of time"));
+            }
+            last_t = Some(sample.t_us);
+        }
+        for sample in samples {
+            columns.t.push(&sample.t_us.to_le_bytes());
+            columns.accelerometer.push(&little_endian(&sample.accelerometer, f64::to_le_bytes));
+            columns.gyroscope.push(&little_endian(&sample.gyroscope, f64::to_le_bytes));
+        }
+        columns.last_t = last_t;
         self.store_full_chunks()?;
         self.flush_if_due()
     }
@@ -396,6 +477,7 @@ impl RecordingWriter {
         self.guarded(|writer| {
             let mut columns: Vec<&mut Column> =
                 writer.cameras.iter_mut().flat_map(CameraColumns::all).collect();
+            columns.extend(writer.imus.iter_mut().flat_map(ImuColumns::all));
             columns.push(&mut writer.report);
             columns.retain(|c| c.full_chunks() > 0);
             if columns.is_empty() {
@@ -428,6 +510,7 @@ impl RecordingWriter {
         let path = store.path().to_path_buf();
         // `ms_to_idx` is the last to grow: what it points to is there.
         let mut columns: Vec<&mut Column> = self.cameras.iter_mut().flat_map(CameraColumns::all).collect();
+        columns.extend(self.imus.iter_mut().flat_map(ImuColumns::all));
         columns.push(&mut self.report);
 
         let tails = columns
@@ -459,6 +542,13 @@ impl Drop for RecordingWriter {
         } else if self.state == WriterState::Failed {
             let _ = self.store.close_as_committed();
         }
+    }
+}
+
+impl ImuColumns {
+    /// All columns, in the order in which a commit extends them.
+    fn all(&mut self) -> [&mut Column; 3] {
+        [&mut self.accelerometer, &mut self.gyroscope, &mut self.t]
     }
 }
 
@@ -581,7 +671,7 @@ fn check_header(path: &Path, header: &RecordingHeader) -> Result<(), FormatError
         if !usable {
             return invalid(
                 format!("{name:?} cannot name a camera"),
-                "use a name without slash, other than events, ms_to_idx, t_offset, truth and evis",
+                "use a name without slash, other than events, ms_to_idx, t_offset, truth, imus and evis",
             );
         }
         if header.cameras.iter().take(i).any(|other| other.name == *name) {
@@ -723,6 +813,13 @@ fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) 
     }
     scalar(&intrinsics, "width", width)?;
     scalar(&intrinsics, "height", height)?;
+    if let Some(distortion) = &camera.distortion {
+        intrinsics.write_vlen_strings("distortion_model", &[&distortion.model])?;
+        let count = distortion.coefficients.len();
+        let coefficients =
+            intrinsics.new_dataset::<f64>().shape([count]).create("distortion_coefficients")?;
+        coefficients.write_raw(&distortion.coefficients)?;
+    }
 
     let poses = group.create_group("poses")?;
     rows::<i64>(&poses, "t_us", ROWS_PER_CHUNK, &[])?;
@@ -747,6 +844,20 @@ fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) 
         if kind == LabelKind::Frame {
             rows::<i64>(&labels, "frame_t_end_us", ROWS_PER_CHUNK, &[])?;
         }
+    }
+    Ok(())
+}
+
+fn lay_out_imus(file: &H5File, names: &[String]) -> Result<(), Hdf5Error> {
+    if names.is_empty() {
+        return Ok(());
+    }
+    let imus = file.create_group("imus")?;
+    for name in names {
+        let group = imus.create_group(name)?;
+        rows::<i64>(&group, "t_us", ROWS_PER_CHUNK, &[])?;
+        rows::<f64>(&group, "accelerometer", ROWS_PER_CHUNK, &[3])?;
+        rows::<f64>(&group, "gyroscope", ROWS_PER_CHUNK, &[3])?;
     }
     Ok(())
 }
@@ -785,8 +896,16 @@ mod tests {
     #[test]
     fn a_recording_with_events_that_cannot_be_is_refused() {
         let path = std::env::temp_dir().join(format!("evis-writer-{}.h5", std::process::id()));
-        let camera =
-            CameraInfo { name: "c".into(), width: 40, height: 30, fx: 40.0, fy: 40.0, cx: 20.0, cy: 15.0 };
+        let camera = CameraInfo {
+            name: "c".into(),
+            width: 40,
+            height: 30,
+            fx: 40.0,
+            fy: 40.0,
+            cx: 20.0,
+            cy: 15.0,
+            distortion: None,
+        };
         let header = RecordingHeader {
             cameras: vec![camera],
             seed: 3,

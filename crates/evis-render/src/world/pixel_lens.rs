@@ -1,0 +1,173 @@
+//! A pinhole lens in pixels: of what is rendered.
+
+use evis_core::CameraInfo;
+use evis_scene::{Camera, Lens};
+use glam::{DMat4, DVec3, DVec4};
+
+use crate::config::RunConfig;
+
+/// Pinhole intrinsics in pixels, for a given image size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelLens {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Focal lengths.
+    pub focal: [f64; 2],
+    /// Principal point, pixel centres at +0.5.
+    pub center: [f64; 2],
+    /// Near plane in metres.
+    pub near: f64,
+}
+
+impl PixelLens {
+    /// Intrinsics of `camera` at the size that `config`, the camera or the defaults say.
+    pub fn new(camera: &Camera, config: &RunConfig) -> Self {
+        let (width, height) = match (config.size, camera.width, camera.height) {
+            (Some(size), ..) => size,
+            (None, Some(width), Some(height)) => (width, height),
+            _ => {
+                let aspect = camera.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
+                (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
+            }
+        };
+        let (w, h) = (f64::from(width), f64::from(height));
+        let (focal, center) = match camera.lens {
+            Lens::FieldOfView { fov_y } => {
+                let f = h / 2.0 / (fov_y / 2.0).tan();
+                ([f, f], [w / 2.0, h / 2.0])
+            }
+            Lens::Intrinsics { fx, fy, cx, cy } => {
+                // Intrinsics belong to the camera's own size; another size sees the same field.
+                let sx = w / f64::from(camera.width.unwrap_or(width));
+                let sy = h / f64::from(camera.height.unwrap_or(height));
+                ([fx * sx, fy * sy], [cx * sx, cy * sy])
+            }
+        };
+        Self { width, height, focal, center, near: camera.near }
+    }
+
+    /// Reverse z, infinite far plane: z_ndc = near / distance.
+    pub fn clip_from_camera(&self) -> DMat4 {
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let [fx, fy] = self.focal;
+        let [cx, cy] = self.center;
+        DMat4::from_cols(
+            DVec4::new(2.0 * fx / w, 0.0, 0.0, 0.0),
+            DVec4::new(0.0, 2.0 * fy / h, 0.0, 0.0),
+            DVec4::new(1.0 - 2.0 * cx / w, 2.0 * cy / h - 1.0, 0.0, -1.0),
+            DVec4::new(0.0, 0.0, self.near, 0.0),
+        )
+    }
+
+    /// Camera-space direction (x, y, -1) = ndc * (x, y) + (z, w).
+    pub fn ray(&self) -> [f64; 4] {
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let scale = [w / (2.0 * self.focal[0]), h / (2.0 * self.focal[1])];
+        [
+            scale[0],
+            scale[1],
+            (1.0 - 2.0 * self.center[0] / w) * scale[0],
+            (2.0 * self.center[1] / h - 1.0) * scale[1],
+        ]
+    }
+
+    /// Whether a sphere in camera space may touch the image. A pixel's margin covers sample offsets and rounding.
+    pub fn may_see(&self, center: DVec3, radius: f64) -> bool {
+        let [cx, cy] = self.center;
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let depth = -center.z;
+        // Tangents of the field to each side; the sphere is outside where it lies beyond one of the planes.
+        let sides = [
+            (center.x, (w - cx + 1.0) / self.focal[0]),
+            (-center.x, (cx + 1.0) / self.focal[0]),
+            (center.y, (cy + 1.0) / self.focal[1]),
+            (-center.y, (h - cy + 1.0) / self.focal[1]),
+        ];
+        let outside = |(across, tangent): (f64, f64)| across - depth * tangent > radius * tangent.hypot(1.0);
+        // The comparison is false for NaN: what cannot be placed is drawn.
+        !(depth + radius < self.near || sides.into_iter().any(outside))
+    }
+
+    /// Pixel coordinates of a point in camera space; `None` behind the camera.
+    pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
+        (point.z < 0.0).then(|| {
+            [
+                self.center[0] + self.focal[0] * point.x / -point.z,
+                self.center[1] - self.focal[1] * point.y / -point.z,
+            ]
+        })
+    }
+
+    /// What a recording says of the camera.
+    pub fn info(&self, name: &str) -> CameraInfo {
+        CameraInfo {
+            name: name.to_owned(),
+            width: self.width,
+            height: self.height,
+            fx: self.focal[0],
+            fy: self.focal[1],
+            cx: self.center[0],
+            cy: self.center[1],
+            distortion: None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lens() -> PixelLens {
+        PixelLens { width: 640, height: 480, focal: [500.0, 510.0], center: [300.0, 250.0], near: 0.1 }
+    }
+
+    #[test]
+    fn clip_space_agrees_with_the_pinhole_formula() {
+        let lens = lens();
+        for point in [DVec3::new(0.3, -0.2, -2.0), DVec3::new(-1.0, 0.7, -5.0)] {
+            let clip = lens.clip_from_camera() * point.extend(1.0);
+            let ndc = clip / clip.w;
+            let pixel = [(ndc.x + 1.0) / 2.0 * 640.0, (1.0 - ndc.y) / 2.0 * 480.0];
+            let expected = lens.project(point).unwrap();
+            assert!((pixel[0] - expected[0]).abs() < 1e-9 && (pixel[1] - expected[1]).abs() < 1e-9);
+            assert!((clip.w + point.z).abs() < 1e-12, "w is planar depth");
+            assert!((ndc.z - lens.near / -point.z).abs() < 1e-12, "reverse z");
+        }
+    }
+
+    #[test]
+    fn a_sphere_is_culled_only_where_no_pixel_sees_it() {
+        let lens = lens();
+        let mut culled = 0;
+        for i in 0..4000 {
+            let f = |k: i32| f64::from((i * k) % 997) / 997.0 * 2.0 - 1.0;
+            let (center, radius) = (DVec3::new(f(31) * 4.0, f(17) * 4.0, f(7) * 4.0), 0.05 + f(3).abs());
+            // Points on the sphere and inside it.
+            let seen = (0..200).any(|j| {
+                let (a, b) = (f64::from(j) * 2.399_963, 1.0 - f64::from(j) / 99.5);
+                let ring = (1.0 - b * b).max(0.0).sqrt();
+                let p = center + radius * DVec3::new(ring * a.cos(), b, ring * a.sin());
+                -p.z > lens.near
+                    && lens
+                        .project(p)
+                        .is_some_and(|[x, y]| (0.0..640.0).contains(&x) && (0.0..480.0).contains(&y))
+            });
+            let kept = lens.may_see(center, radius);
+            assert!(kept || !seen, "{center} {radius}");
+            culled += usize::from(!kept);
+        }
+        assert!(culled > 1000, "culls something: {culled}");
+    }
+
+    #[test]
+    fn rays_go_through_their_pixels() {
+        let lens = lens();
+        let [sx, sy, ox, oy] = lens.ray();
+        let point = DVec3::new(0.4, 0.1, -1.0);
+        let clip = lens.clip_from_camera() * point.extend(1.0);
+        let ndc = clip / clip.w;
+        assert!((ndc.x * sx + ox - 0.4).abs() < 1e-12 && (ndc.y * sy + oy - 0.1).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,191 @@
+"""Lenses against OpenCV, rigs and calibration files, inertial measurement units."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import evis
+from evis.imu import ImuNoise, simulate
+from evis.lens import Fisheye, Lens, RadialTangential, distortion_of
+from evis.rig import Rig
+
+RADTAN = RadialTangential(k1=-0.31, k2=0.09, p1=1.1e-3, p2=-7e-4, k3=-0.01)
+RATIONAL = RadialTangential(k1=0.3, k2=-0.1, p1=5e-4, p2=1e-3, k3=0.01, k4=0.55, k5=-0.03, k6=0.02)
+FISHEYE = Fisheye(k1=0.02, k2=-0.011, k3=0.004, k4=-0.0007)
+K = {"fx": 310.0, "fy": 305.5, "cx": 172.3, "cy": 131.9}
+
+
+def points(reach: float = 0.45) -> npt.NDArray[np.float64]:
+    """Points before the camera, in EVIS's axes."""
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(-reach, reach, (500, 2))
+    return np.column_stack([xy, -np.ones(500)]) * rng.uniform(0.5, 4.0, (500, 1))
+
+
+@pytest.mark.parametrize("distortion", [None, RADTAN, RATIONAL, FISHEYE])
+def test_projection_is_opencvs(distortion: RadialTangential | Fisheye | None) -> None:
+    """Within a hundredth of a pixel, with pixel centres half a pixel apart, and axes turned round."""
+    cv2 = pytest.importorskip("cv2")
+    ours = Lens(**K, distortion=distortion)
+    seen = points()
+    matrix = np.array([[K["fx"], 0, K["cx"] - 0.5], [0, K["fy"], K["cy"] - 0.5], [0, 0, 1]])
+    theirs_points = (seen * [1.0, -1.0, -1.0]).reshape(-1, 1, 3)
+    zero = np.zeros(3)
+    if isinstance(distortion, Fisheye):
+        theirs, _ = cv2.fisheye.projectPoints(
+            theirs_points, zero, zero, matrix, np.array(distortion.coefficients)
+        )
+    else:
+        coefficients = np.zeros(8) if distortion is None else np.array(distortion.coefficients)
+        theirs, _ = cv2.projectPoints(theirs_points, zero, zero, matrix, coefficients)
+    found = ours.project(seen)
+    apart = np.abs(found - 0.5 - theirs.reshape(-1, 2)).max()
+    assert apart < 1e-6
+    other = Lens(**K, distortion=Fisheye(k1=0.5)).project(seen)
+    assert np.nanmax(np.abs(other - 0.5 - theirs.reshape(-1, 2))) > 0.01, "canary"
+
+
+@pytest.mark.parametrize("distortion", [None, RADTAN, RATIONAL, FISHEYE])
+def test_pixels_go_there_and_back(distortion: RadialTangential | Fisheye | None) -> None:
+    """`unproject` inverts `project`, and shapes are checked."""
+    lens = Lens(**K, distortion=distortion)
+    pixels = lens.project(points())
+    assert np.isfinite(pixels).all()
+    directions = lens.unproject(pixels)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(lens.project(directions * 2.5), pixels, atol=1e-7)
+    assert np.isnan(lens.project([[0.0, 0.0, 1.0]])).all() or isinstance(distortion, Fisheye)
+    with pytest.raises(evis.ConfigError, match=r"\(3,\)"):
+        lens.project([0.0, 0.0, 1.0])
+    with pytest.raises(evis.ConfigError, match="-1"):
+        Lens(fx=-1.0, fy=1.0, cx=0.0, cy=0.0).project(points())
+
+
+def test_distortions_have_opencvs_order() -> None:
+    """Lists of coefficients, short ones too."""
+    assert distortion_of("radtan", [-0.3, 0.1, 1e-3]) == RadialTangential(k1=-0.3, k2=0.1, p1=1e-3)
+    assert RADTAN.coefficients == (-0.31, 0.09, 1.1e-3, -7e-4, -0.01, 0.0, 0.0, 0.0)
+    with pytest.raises(evis.ConfigError, match="'omni'"):
+        distortion_of("omni", [])
+    with pytest.raises(evis.ConfigError, match="5"):
+        distortion_of("fisheye", [0.0] * 5)
+
+
+def camera(**more: object) -> evis.EventCamera:
+    """Small, with a distorted lens."""
+    return evis.EventCamera(
+        name="bent",
+        width=64,
+        height=48,
+        fx=56.0,
+        distortion=RADTAN,
+        pose=evis.Placement(position=(0, 0, 1.5)),
+        **more,
+    )  # type: ignore[arg-type]
+
+
+def test_a_distorted_camera_streams_and_is_stored(tmp_path: Path) -> None:
+    """Scene, simulator, file: the lens goes all the way, with inertial samples beside."""
+    scene = evis.Scene.builtin("spinner").with_cameras([camera()])
+    assert pickle.loads(pickle.dumps(scene)).cameras == scene.cameras
+    sim = evis.Simulator(scene, cameras=["bent"], method="native", rate_hz=500, labels=("depth",))
+    lens = sim.cameras[0].lens
+    assert lens == Lens(fx=56.0, fy=56.0, cx=32.0, cy=24.0, distortion=RADTAN)
+    path = tmp_path / "bent.h5"
+    samples = simulate(
+        scene, "bent", duration=0.02, rate_hz=1000, noise=ImuNoise(gyroscope_noise_density=1e-3)
+    )
+    with evis.Writer(path, sim, imus=["head"]) as writer, sim.stream(duration=0.02) as stream:
+        for packet in stream:
+            writer.write(packet)
+        writer.write_imu("head", samples)
+        with pytest.raises(evis.ConfigError, match="'tail'"):
+            writer.write_imu("tail", samples)
+    recording = evis.load(path)
+    assert recording.cameras[0].lens == lens
+    assert len(recording.events) > 50
+    np.testing.assert_array_equal(recording.imus["head"].gyroscope, samples.gyroscope)
+    np.testing.assert_array_equal(recording.imus["head"].t_us, np.arange(20) * 1000)
+
+
+def test_what_a_distorted_camera_cannot_have_is_refused() -> None:
+    """Methods and settings by name; lenses without focal lengths, and too wide ones."""
+    scene = evis.Scene.builtin("spinner").with_cameras([camera()])
+    for method in ("splat", "decoupled"):
+        with pytest.raises(evis.ConfigError, match="'bent' has a distorted lens"):
+            evis.Simulator(scene, cameras=["bent"], method=method)
+    wrong = evis.EventCamera(name="wrong", fov_y_degrees=60, distortion=FISHEYE)
+    with pytest.raises(evis.FormatError, match="focal"):
+        evis.Scene.builtin("spinner").with_cameras([wrong])
+    wide = evis.EventCamera(name="wide", width=64, height=48, fx=20.0, distortion=Fisheye())
+    with pytest.raises(evis.ConfigError, match="150"):
+        evis.Simulator(evis.Scene.builtin("spinner").with_cameras([wide]), cameras=["wide"], method="native")
+    with pytest.raises(evis.ConfigError, match=r"evis\.lens"):
+        evis.EventCamera(name="c", fx=1.0, distortion=[0.1]).table()  # type: ignore[arg-type]
+
+
+def test_rigs_survive_files_and_become_cameras(tmp_path: Path) -> None:
+    """Kalibr's and DSEC's files; the cameras of a scene are where the rig has them."""
+    like = evis.EventCamera(
+        name="c", width=64, height=48, fx=55.0, fy=56.0, cx=31.0, cy=24.5, distortion=FISHEYE
+    )
+    rig = Rig.stereo(0.12, like)
+    for format in ("kalibr", "dsec"):
+        path = tmp_path / f"{format}.yaml"
+        rig.save(path, format)  # type: ignore[arg-type]
+        read = Rig.load(path).cameras
+        first, last = read[0], read[-1]
+        assert (first.fx, first.cx, first.distortion) == (55.0, 31.0, FISHEYE)
+        np.testing.assert_allclose(last.pose[:3, 3], [0.12, 0.0, 0.0], atol=1e-12)
+    assert "intrinsics: [55.0, 56.0, 30.5, 24.0]" in rig.text(), "OpenCV's centre is half a pixel less"
+    builder = evis.SceneBuilder("rig", ambient=(1, 1, 1))
+    builder.material("white")
+    builder.card("wall", size=(2, 2), material="white")
+    builder.node("head", pose=evis.Placement(position=(0, 0, 2), rotation_degrees=(0, 20, 0)))
+    for each in rig.event_cameras("head", near=0.2):
+        builder.camera(each)
+    assert builder.build().cameras == ("left", "right")
+    with pytest.raises(evis.ConfigError, match="baseline"):
+        Rig.stereo(-1.0, like)
+    with pytest.raises(evis.ConfigError, match="'ros'"):
+        rig.text("ros")  # type: ignore[arg-type]
+    with pytest.raises(evis.ConfigError, match="left, right"):
+        rig.camera("middle")
+    with pytest.raises(FileNotFoundError):
+        Rig.load(tmp_path / "none.yaml")
+    (tmp_path / "bad.yaml").write_text("cam0: [1, 2]\n")
+    with pytest.raises(evis.FormatError, match="camchain"):
+        Rig.load(tmp_path / "bad.yaml")
+
+
+def test_a_unit_that_spins_measures_its_rate_and_the_centripetal_force() -> None:
+    """In the axes of the node; noise by its seed."""
+    builder = evis.SceneBuilder("imu")
+    builder.material("white")
+    builder.card("wall", size=(2, 2), material="white")
+    spin = evis.motion.Spin(axis=(0, 1, 0), degrees_per_s=90)
+    builder.node("arm", pose=evis.Placement(motion=spin))
+    builder.node("body", pose=evis.Placement(position=(2, 0, 0), parent="arm"))
+    builder.camera(evis.EventCamera(name="eye"))
+    scene = builder.build()
+    samples = simulate(scene, "body", duration=0.5, rate_hz=100)
+    rate = math.pi / 2
+    assert len(samples) == 50
+    np.testing.assert_allclose(samples.gyroscope, np.tile([0, rate, 0], (50, 1)), atol=1e-8)
+    np.testing.assert_allclose(samples.accelerometer, np.tile([-2 * rate**2, 9.80665, 0], (50, 1)), atol=1e-6)
+    noise = ImuNoise(accelerometer_noise_density=0.01)
+    noisy = [
+        simulate(scene, "body", duration=0.5, noise=noise, seed=seed).accelerometer for seed in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(noisy[0], noisy[1])
+    assert (noisy[0] != noisy[2]).any(), "canary"
+    with pytest.raises(evis.ConfigError, match="'nowhere'"):
+        simulate(scene, "nowhere", duration=1.0)
+    with pytest.raises(evis.ConfigError, match="-5"):
+        simulate(scene, "body", duration=1.0, rate_hz=-5)
