@@ -9,11 +9,11 @@ use evis_chart::{
 };
 use evis_render::Gpu;
 
-use crate::args::{ChartArgs, MeasuringArgs};
+use crate::args::{ChartArgs, MeasuringArgs, to_us};
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::check_parent;
 use crate::progress::{Progress, WHOLE};
-use crate::run::{check_parent, to_us};
 use crate::{scene_source, text};
 
 /// F1 that is recommended for, unless another is asked for.

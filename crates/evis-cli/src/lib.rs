@@ -2,7 +2,6 @@
 
 mod args;
 mod calibrate;
-mod camera_args;
 mod chart;
 mod compare;
 mod convert;
@@ -11,6 +10,7 @@ mod failure;
 mod info;
 mod interrupt;
 mod list;
+mod outputs;
 mod picture;
 mod preview;
 mod progress;
@@ -24,6 +24,7 @@ mod truth;
 mod tune;
 mod verify;
 mod video;
+mod warnings;
 
 use clap::{CommandFactory, FromArgMatches};
 

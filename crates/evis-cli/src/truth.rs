@@ -5,11 +5,11 @@ use evis_render::scene_sensors;
 use evis_scene::Scene;
 use evis_truth::{Audit, TruthError, TruthSettings};
 
-use crate::args::TruthArgs;
+use crate::args::{TruthArgs, to_us};
 use crate::chart::cache_folder;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::{check_free, check_output};
 use crate::progress::{Progress, WHOLE};
-use crate::run::{check_free, check_output, to_us};
 use crate::{scene_source, text};
 
 /// Computes and writes.

@@ -11,12 +11,12 @@ use evis_chart::verify::{
 use evis_chart::{ChartError, PictureKind, Stage};
 use evis_render::Gpu;
 
-use crate::args::VerifyArgs;
+use crate::args::{VerifyArgs, to_us};
 use crate::chart::cache_folder;
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::check_parent;
 use crate::progress::{Progress, WHOLE};
-use crate::run::{check_parent, to_us};
 use crate::{scene_source, text};
 
 /// Exit code where theory and measurement differ.

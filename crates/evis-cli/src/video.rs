@@ -8,10 +8,10 @@ use evis_video::{
     Clock, FrameSource, SourceConfig, VideoConfig, VideoReport, VideoStream, clock_of, convert,
 };
 
-use crate::args::VideoArgs;
+use crate::args::{VideoArgs, to_us};
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::{check_free, check_output, check_report};
 use crate::progress::Progress;
-use crate::run::{check_free, check_output, check_report, to_us};
 use crate::{sensor_source, text};
 
 /// Converts and tells.

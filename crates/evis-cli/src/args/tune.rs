@@ -1,0 +1,63 @@
+//! `tune`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::camera::CameraArgs;
+use super::choices::ShadowsArg;
+use super::values::{size, speed, start_seconds};
+
+/// `tune`.
+#[derive(Debug, Args)]
+pub(crate) struct TuneArgs {
+    /// A built-in scene (see `scenes`), a .toml, .gltf or .glb file, or a still picture (.png, .jpg, .hdr, .exr, .tif).
+    pub(crate) scene: String,
+
+    #[command(flatten)]
+    pub(crate) camera_motion: CameraArgs,
+
+    /// The settings file to write.
+    #[arg(short, long, value_name = "SETTINGS.toml")]
+    pub(crate) output: PathBuf,
+
+    /// F1 within 1 ms, beside much finer settings, that is enough.
+    #[arg(long, value_name = "F1", default_value_t = 0.98, allow_hyphen_values = true)]
+    pub(crate) target_f1: f64,
+
+    /// Milliseconds of work per simulated second that are allowed; candidates are timed [default: no limit].
+    #[arg(long, value_name = "MS", allow_hyphen_values = true)]
+    pub(crate) budget: Option<f64>,
+
+    /// A camera to render; repeat for several [default: all].
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Vec<String>,
+
+    /// Pixels of every camera [default: the camera's own, else 640x480, or its aspect at 480 lines].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// How fast everything in the scene moves and changes [default: 1].
+    #[arg(long, value_name = "FACTOR", value_parser = speed, allow_hyphen_values = true)]
+    pub(crate) speed: Option<f64>,
+
+    /// Scene time in seconds at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Sensor whose thresholds count: a preset or a TOML file [default: what the scene gives each camera, else ideal].
+    #[arg(long, value_name = "[CAMERA=]PRESET|FILE")]
+    pub(crate) sensor: Vec<String>,
+
+    /// Shadows by maps or by rays [default: whatever is accurate enough].
+    #[arg(long, value_enum)]
+    pub(crate) shadows: Option<ShadowsArg>,
+
+    /// Device, by its index or a part of its name (see `devices`) [default: the fastest kind].
+    #[arg(long, value_name = "DEVICE")]
+    pub(crate) device: Option<String>,
+
+    /// Replace the output if it exists.
+    #[arg(long)]
+    pub(crate) force: bool,
+}

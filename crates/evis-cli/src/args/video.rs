@@ -1,0 +1,77 @@
+//! `video`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use evis_core::Transfer;
+
+use super::values::{positive, positive_seconds, rate_hz, seed, size, start_seconds, transfer};
+
+/// Presets of converters that take the stored values of a film for light.
+const LIKE: [&str; 8] =
+    ["v2e", "v2e-clean", "v2e-noisy", "esim", "openeb", "pix2nvs", "davis346", "davis240"];
+
+/// `video`.
+#[derive(Debug, Args)]
+pub(crate) struct VideoArgs {
+    /// A film that ffmpeg plays, a folder of PNG, EXR or TIFF pictures, or a .npy stack (T, H, W[, 3]).
+    pub(crate) input: PathBuf,
+
+    /// The HDF5 file to write.
+    #[arg(short, long, value_name = "OUT.h5")]
+    pub(crate) output: PathBuf,
+
+    /// The sensor: a preset (ideal, evis, v2e, ...; see docs/sensor.md) or a TOML file [default: ideal].
+    #[arg(long, value_name = "PRESET|FILE")]
+    pub(crate) sensor: Option<String>,
+
+    /// As another converter has it: its preset, and --transfer linear, since these tools take stored values for light, which
+    /// gives fewer events (docs/video.md says how many).
+    #[arg(long, value_name = "PRESET", value_parser = LIKE, conflicts_with_all = ["sensor", "transfer"])]
+    pub(crate) like: Option<String>,
+
+    /// Seed of everything random [default: 0].
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    pub(crate) seed: Option<u64>,
+
+    /// Curve between stored values and light: srgb, rec709, gamma:G, linear [default: rec709 for films, else srgb; 32-bit
+    /// floats are light already]. linear imitates v2e, vid2e and OpenEB; --like sets it with their preset.
+    #[arg(long, value_name = "CURVE", value_parser = transfer)]
+    pub(crate) transfer: Option<Transfer>,
+
+    /// Frames per second, whatever the input says [default: a film's own times, a folder's timestamps.txt].
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, conflicts_with = "timestamps")]
+    pub(crate) fps: Option<f64>,
+
+    /// A text file of times, one per frame and line: seconds, or below a line `# unit: us` (s, ms, ns) that unit.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) timestamps: Option<PathBuf>,
+
+    /// Pixels of the sensor; frames are averaged to it in linear light [default: the frames' own].
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// Seconds after the first frame at which the stream starts [default: 0].
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    pub(crate) start: Option<f64>,
+
+    /// Seconds to convert [default: all].
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    pub(crate) duration: Option<f64>,
+
+    /// Y_ref in ln(Y / Y_ref + eps); white of integer frames is 1 [default: 1].
+    #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
+    pub(crate) reference_luminance: Option<f32>,
+
+    /// Overwrite the output if it exists.
+    #[arg(long)]
+    pub(crate) force: bool,
+
+    /// Write the report as JSON to this file too. Refused if it exists, unless --force is given.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) report: Option<PathBuf>,
+
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
