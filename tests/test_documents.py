@@ -29,7 +29,7 @@ OTHER_OPTIONS = {
     "cargo's test harness": {"--nocapture"},
     "clap, in a comment on its messages": {"--flag"},
     "crates/evis-render/benches/native.rs": {"--memory-of-seconds"},
-    "git": {"--always", "--dirty"},
+    "git": {"--always", "--dirty", "--git-path", "--short"},
     "mypy": {"--strict"},
 }
 

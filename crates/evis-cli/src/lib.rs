@@ -4,6 +4,7 @@ mod args;
 mod calibrate;
 mod chart;
 mod compare;
+mod completions;
 mod convert;
 mod extent;
 mod failure;
@@ -26,7 +27,7 @@ mod verify;
 mod video;
 mod warnings;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::FromArgMatches;
 
 use crate::args::{Cli, Command};
 
@@ -64,7 +65,9 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Calibrate(args) => calibrate::calibrate(&args),
         Command::Compare(args) => compare::compare(&args),
         Command::Scenes(args) => list::scenes(&args),
+        Command::Sensors(args) => list::sensors(&args),
         Command::Devices(args) => list::devices(&args),
+        Command::Completions(args) => completions::completions(&args, program),
     };
     match done {
         Ok(code) => code,
@@ -82,6 +85,10 @@ fn parse(args: Vec<String>) -> Result<(Cli, &'static str), clap::Error> {
         .and_then(|program| std::path::Path::new(program).file_stem())
         .is_some_and(|stem| stem == "evis");
     let name = if called_evis { "evis" } else { "evis-rs" };
-    let matches = Cli::command().name(name).try_get_matches_from(args)?;
+    let mut command = args::help::command(name);
+    if args.iter().any(|arg| arg == "-h") {
+        command = args::help::with_short_help(command);
+    }
+    let matches = command.try_get_matches_from(args)?;
     Ok((Cli::from_arg_matches(&matches)?, name))
 }

@@ -53,6 +53,25 @@ pub(crate) fn short(value: f64) -> String {
     format!("{scaled:.decimals$}{unit}")
 }
 
+/// `text` in lines of 100 columns at most, each `indent` columns in.
+pub(crate) fn wrapped(text: &str, indent: usize) -> String {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let last = lines.len() - 1;
+        let line = &mut lines[last];
+        if line.is_empty() {
+            line.push_str(word);
+        } else if indent + line.chars().count() + 1 + word.chars().count() <= 100 {
+            line.push(' ');
+            line.push_str(word);
+        } else {
+            lines.push(word.to_owned());
+        }
+    }
+    let margin = " ".repeat(indent);
+    lines.iter().map(|line| format!("{margin}{line}")).collect::<Vec<_>>().join("\n")
+}
+
 /// Microseconds as seconds, without trailing zeros.
 pub(crate) fn seconds(t_us: i64) -> String {
     format!("{} s", t_us as f64 / 1.0e6)
@@ -66,6 +85,14 @@ pub(crate) fn percent(part: u64, whole: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn text_is_wrapped_at_100_columns() {
+        let text = wrapped(&"word ".repeat(60), 4);
+        assert!(text.lines().count() == 4 && text.lines().all(|line| line.len() <= 100), "{text}");
+        assert_eq!(text.split_whitespace().count(), 60);
+        assert_eq!(wrapped("a", 2), "  a");
+    }
 
     #[test]
     fn numbers_read_well() {

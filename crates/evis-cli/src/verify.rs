@@ -116,7 +116,7 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
         samples,
         camera: common.camera.clone(),
         size: common.size.or(default.size),
-        at_us: args.at.map_or(default.at_us, |ms| to_us(ms * 1.0e-3)),
+        at_us: args.at.map_or(default.at_us, to_us),
         shadows: args.shadows.map_or(default.shadows, Into::into),
         worst: default.worst,
     };
@@ -188,7 +188,7 @@ fn settings(args: &VerifyArgs) -> SceneSettings {
         },
         camera: common.camera.clone(),
         size: common.size.or(default.size),
-        duration_us: args.duration_ms.map_or(default.duration_us, |ms| to_us(ms * 1.0e-3).max(1)),
+        duration_us: args.duration.map_or(default.duration_us, |s| to_us(s).max(1)),
         pixels: args.pixels.unwrap_or(default.pixels),
         ..default
     }

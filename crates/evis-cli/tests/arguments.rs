@@ -58,7 +58,7 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--settings no.toml", ["no.toml", "cannot", "read"]),
         ("--adaptive 0", ["adaptive_px", "0", "above 0"]),
         ("--adaptive nan", ["adaptive_px", "NaN", "above 0"]),
-        ("--samples 6 --aa edges", ["samples", "6", "36"]),
+        ("--samples 6 --antialias edges", ["samples", "6", "36"]),
         ("--adaptive 0.3 --method splat", ["adaptive_px", "0.3", "native"]),
         ("--method fast", ["--method", "'fast'", "native"]),
         ("--labels depth,color", ["--labels", "'color'", "hdr"]),

@@ -8,7 +8,7 @@ use common::{Folder, code, evis, json, no_device, stderr, stdout};
 use evis_core::Truth;
 
 const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --repetitions 2 \
-                    --truth-pixels 120 --no-floor --cache cache --threshold-on 0.05 --threshold-off 0.05";
+                    --pixels 120 --no-floor --cache cache --threshold-on 0.05 --threshold-off 0.05";
 
 fn refused(folder: &Folder, line: &str, told: &[&str]) {
     let before = folder.names();
@@ -31,7 +31,7 @@ fn bad_input_is_told_before_any_work() {
     refused(&folder, "chart spiner -o x.png", &["spiner", "spinner"]);
     refused(&folder, "chart spinner -o x.pdf", &["x.pdf", ".svg"]);
     refused(&folder, "chart spinner -o no/x.png", &["no/x.png", "create it"]);
-    refused(&folder, "chart spinner -o x.png --json no/r.json", &["--json", "no/r.json"]);
+    refused(&folder, "chart spinner -o x.png --report no/r.json", &["--report", "no/r.json"]);
     refused(&folder, "chart spinner --camera nobody", &["nobody"]);
     refused(&folder, "chart spinner --from newer.json", &["--from"]);
     refused(&folder, "chart --from newer.json --size 32x24", &["--from", "--size"]);
@@ -47,7 +47,7 @@ fn bad_input_is_told_before_any_work() {
         ("--rates 100,0", ["--rates", "'0'", "above 0"]),
         ("--samples 0", ["--samples", "'0'", "from 1 to 256"]),
         ("--repetitions 0", ["--repetitions", "'0'", "from 1"]),
-        ("--truth-pixels none", ["--truth-pixels", "'none'", "all"]),
+        ("--pixels none", ["--pixels", "'none'", "all"]),
     ] {
         refused(&folder, &format!("chart spinner {arguments}"), &told);
     }
@@ -61,7 +61,7 @@ fn a_scene_is_charted_and_drawn_again() {
     }
     let output = evis(
         &folder,
-        &format!("chart spinner -o a.png -o a.svg --json r.json --no-splat --no-adaptive {TINY}"),
+        &format!("chart spinner -o a.png -o a.svg --report r.json --no-splat --no-adaptive {TINY}"),
     );
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     let told = stdout(&output);

@@ -79,7 +79,7 @@ fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes()
     let by_hand = run(
         "hand",
         &format!(
-            "--rate {rate} --adaptive {step} --between curve --aa edges --samples {} --texture-taps {taps} \
+            "--rate {rate} --adaptive {step} --between curve --antialias edges --samples {} --texture-taps {taps} \
              --threshold-on 0.3 --seed 5",
             settings["samples"]
         ),

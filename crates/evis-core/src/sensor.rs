@@ -210,6 +210,39 @@ impl SensorConfig {
         stages.into_iter().filter(|(_, off)| !off).map(|(name, _)| name).collect()
     }
 
+    /// What it models, in the terms of the field, with the numbers that say how much.
+    pub fn models(&self) -> Vec<String> {
+        if let Some(diffusion) = &self.diffusion {
+            return vec![format!(
+                "Brownian motion with drift and first-passage times (k1 {}, ...)",
+                diffusion.k1
+            )];
+        }
+        let Self { photoreceptor, pattern, noise, readout, .. } = self;
+        let mut models = vec![format!("thresholds {} / {}", self.threshold_on, self.threshold_off)];
+        let mut add = |on: bool, text: String| {
+            if on {
+                models.push(text);
+            }
+        };
+        add(self.trigger == TriggerRule::Latch, "latch".into());
+        add(self.trigger == TriggerRule::Difference, "frame differences".into());
+        add(pattern.sigma > 0.0, format!("threshold mismatch (sigma {})", pattern.sigma));
+        add(!self.exposure.is_off(), format!("exposure of {} us", self.exposure.time_us));
+        let cutoff_hz = photoreceptor.cutoff_hz;
+        add(cutoff_hz > 0.0, format!("photoreceptor bandwidth ({cutoff_hz} Hz)"));
+        add(photoreceptor.noise > 0.0, "photoreceptor noise".into());
+        add(noise.leak_hz > 0.0, format!("leak ({:.2} Hz)", noise.leak_hz));
+        add(noise.shot_hz > 0.0, format!("shot noise ({} Hz)", noise.shot_hz));
+        add(noise.hot_share > 0.0, format!("hot pixels ({} %)", noise.hot_share * 100.0));
+        add(pattern.dead_share > 0.0, format!("dead pixels ({} %)", pattern.dead_share * 100.0));
+        let period_us = self.refractory.period_us;
+        add(period_us > 0, format!("refractory period ({period_us} us)"));
+        add(readout.latency_us > 0.0 || readout.latency_light_us > 0.0, "latency".into());
+        add(readout.row_ns > 0 || readout.event_ns > 0 || readout.rate_limit_hz > 0.0, "readout bus".into());
+        models
+    }
+
     /// Whether the engine leaves its pixels to the emulator: what they see has to come to the host.
     pub fn walks_on_host(&self) -> bool {
         self.diffusion.is_some()
@@ -324,6 +357,23 @@ mod tests {
         );
         assert_eq!(sensor.unwrap().stages(), ["most_events", "noise", "refractory"]);
         assert_eq!(SensorConfig::preset("davis346").unwrap().stages(), ["diffusion"]);
+    }
+
+    #[test]
+    fn what_a_sensor_models_is_named() {
+        let models = |name| SensorConfig::preset(name).unwrap().models().join(", ");
+        assert_eq!(models("ideal"), "thresholds 0.2 / 0.2");
+        assert!(
+            models("evis").contains("latch") && models("evis").contains("hot pixels (0.01 %)"),
+            "{}",
+            models("evis")
+        );
+        assert!(
+            models("v2e").contains("leak (0.01 Hz)") && models("v2e").contains("(500 us)"),
+            "{}",
+            models("v2e")
+        );
+        assert!(models("davis346").starts_with("Brownian"));
     }
 
     #[test]

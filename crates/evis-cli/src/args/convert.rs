@@ -14,49 +14,52 @@ pub(crate) struct ConvertArgs {
     /// The file to write: .raw (EVT 3.0), .dat, .aedat4, .aedat, .txt, .zip, .npz, .npy, .h5, .mcap or .es.
     pub(crate) output: PathBuf,
 
-    /// The format of the output, where its name does not tell: evt3, evt2, dat, aedat4, aedat2, text, text-zip, npz, npy,
-    /// hdf5, mcap, es; dsec makes a folder of a recording of EVIS.
-    #[arg(long, value_name = "FORMAT", value_parser = format)]
+    /// The format of the output, where its name does not tell
+    ///
+    /// evt3, evt2, dat, aedat4, aedat2, text, text-zip, npz, npy, hdf5, mcap, es; dsec makes a folder of a recording of EVIS.
+    #[arg(long, value_name = "FORMAT", value_parser = format, help_heading = "Output")]
     pub(crate) format: Option<Format>,
 
-    /// The camera, where the input has several.
-    #[arg(long, value_name = "NAME")]
+    /// The camera, where the input has several
+    #[arg(long, value_name = "NAME", help_heading = "Input")]
     pub(crate) camera: Option<String>,
 
-    /// The sensor's size, where the input does not say [default: the smallest that holds all events].
-    #[arg(long, value_name = "WxH", value_parser = size)]
+    /// The sensor's size, where the input does not say
+    ///
+    /// [default: the smallest that holds all events]
+    #[arg(long, value_name = "WxH", value_parser = size, help_heading = "Input")]
     pub(crate) size: Option<(u32, u32)>,
 
-    /// Keep events from this second on.
-    #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
+    /// Keep events from this second on
+    #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true, help_heading = "Events")]
     pub(crate) start: Option<i64>,
 
-    /// Keep events before this second.
-    #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
+    /// Keep events before this second
+    #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true, help_heading = "Events")]
     pub(crate) end: Option<i64>,
 
-    /// Count times from --start, or from the first event where there is none.
-    #[arg(long)]
+    /// Count times from --start, or from the first event where there is none
+    #[arg(long, help_heading = "Events")]
     pub(crate) rebase: bool,
 
-    /// Keep a part of the sensor: its left column, top row, width and height in pixels.
-    #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
+    /// Keep a part of the sensor: left column, top row, width, height
+    #[arg(long, value_name = "X,Y,W,H", value_parser = crop, help_heading = "Events")]
     pub(crate) crop: Option<[u32; 4]>,
 
-    /// Mirror the sensor, after the crop: x left and right, y top and bottom, xy both.
-    #[arg(long, value_name = "x|y|xy", value_parser = ["x", "y", "xy"])]
+    /// Mirror the sensor, after the crop: x left and right, y top and bottom, xy both
+    #[arg(long, value_name = "x|y|xy", value_parser = ["x", "y", "xy"], help_heading = "Events")]
     pub(crate) flip: Option<String>,
 
-    /// Leave out triggers, frames and inertial samples.
-    #[arg(long)]
+    /// Leave out triggers, frames and inertial samples
+    #[arg(long, help_heading = "Events")]
     pub(crate) events_only: bool,
 
-    /// Replace the output if it exists.
-    #[arg(long)]
+    /// Replace the output if it exists
+    #[arg(long, help_heading = "Output")]
     pub(crate) force: bool,
 
-    /// Print JSON.
-    #[arg(long)]
+    /// Print JSON
+    #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
 }
 

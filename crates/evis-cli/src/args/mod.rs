@@ -4,6 +4,7 @@ mod camera;
 mod chart;
 mod choices;
 mod convert;
+pub(crate) mod help;
 mod preview;
 mod recording;
 mod run;
@@ -14,6 +15,7 @@ mod verify;
 mod video;
 
 use clap::{Args, Parser, Subcommand};
+use clap_complete::Shell;
 
 pub(crate) use chart::{ChartArgs, MeasuringArgs};
 pub(crate) use choices::{Background, MethodArg, label_kinds};
@@ -31,7 +33,7 @@ pub(crate) use video::VideoArgs;
 #[derive(Debug, Parser)]
 #[command(
     name = "evis-rs",
-    version,
+    version = env!("EVIS_VERSION"),
     about = "Event-camera simulator: moving 3D scenes in, labelled (t, x, y, p) events out.",
     after_help = "Exit codes: 0 done; 2 bad input (arguments, files, no usable device, no space); \
                   1 failure; 130 interrupted, the file is finished and readable.",
@@ -42,12 +44,14 @@ pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
 
-    /// Memory that a file may take, such as 8G or 500M; unless given 4G, or half of the machine's memory where that is less
-    #[arg(long, global = true, value_name = "SIZE", value_parser = memory_size)]
+    /// Memory that a file may take, such as 8G or 500M [default: 4G]
+    ///
+    /// Half of the machine's memory where that is less than 4G.
+    #[arg(long, global = true, value_name = "SIZE", value_parser = memory_size, help_heading = "Limits", hide_short_help = true)]
     pub(crate) memory_limit: Option<u64>,
 
     /// Let glTF files refer to files outside of their folder
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = "Limits", hide_short_help = true)]
     pub(crate) allow_outside: bool,
 }
 
@@ -88,7 +92,7 @@ pub(crate) enum Command {
     Verify(Box<VerifyArgs>),
     /// Write a file of events in another format: Prophesee RAW and DAT, AEDAT, text, NumPy, HDF5, ROS 2 bags, DSEC.
     Convert(Box<ConvertArgs>),
-    /// Tell what a recording or a file of events holds; repair a recording that was cut off.
+    /// Show what a recording or a file of events holds; repair a recording that was cut off.
     Info(InfoArgs),
     /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
     Score(ScoreArgs),
@@ -98,15 +102,26 @@ pub(crate) enum Command {
     Compare(CompareArgs),
     /// List the built-in scenes.
     Scenes(ListArgs),
+    /// List the sensor presets: name, source, what each models.
+    Sensors(ListArgs),
     /// List the devices that can run the engine.
     Devices(ListArgs),
+    /// Print a script that completes commands and options in a shell.
+    Completions(CompletionsArgs),
 }
 
-/// `scenes`, `devices`.
+/// `completions`.
+#[derive(Debug, Args)]
+pub(crate) struct CompletionsArgs {
+    /// The shell: bash, zsh, fish, …
+    pub(crate) shell: Shell,
+}
+
+/// `scenes`, `sensors`, `devices`.
 #[derive(Debug, Args)]
 pub(crate) struct ListArgs {
-    /// Print JSON.
-    #[arg(long)]
+    /// Print JSON
+    #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
 }
 
@@ -116,7 +131,6 @@ mod tests {
 
     #[test]
     fn the_command_line_is_consistent() {
-        use clap::CommandFactory;
-        Cli::command().debug_assert();
+        help::command("evis-rs").debug_assert();
     }
 }

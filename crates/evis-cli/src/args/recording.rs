@@ -12,17 +12,17 @@ use super::values::{positive_seconds, seed, start_seconds, stimulus, tolerance_u
 pub(crate) struct InfoArgs {
     /// A recording, or a file of events of any format that is read.
     pub(crate) input: PathBuf,
-    /// The camera, of a file of another program that has several.
-    #[arg(long, value_name = "NAME", conflicts_with = "repair")]
+    /// The camera, of a file of another program that has several
+    #[arg(long, value_name = "NAME", conflicts_with = "repair", help_heading = "Input")]
     pub(crate) camera: Option<String>,
-    /// Make a file that was cut off readable for every reader, keeping what it holds.
-    #[arg(long)]
+    /// Make a file that was cut off readable for every reader, keeping what it holds
+    #[arg(long, help_heading = "Input")]
     pub(crate) repair: bool,
-    /// Read everything that the file holds, and name what is damaged.
-    #[arg(long, conflicts_with = "repair")]
+    /// Read everything that the file holds, and name what is damaged
+    #[arg(long, conflicts_with = "repair", help_heading = "Input")]
     pub(crate) check: bool,
-    /// Print JSON.
-    #[arg(long)]
+    /// Print JSON
+    #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
 }
 
@@ -31,17 +31,17 @@ pub(crate) struct InfoArgs {
 pub(crate) struct ScoreArgs {
     /// The recording to score.
     pub(crate) events: PathBuf,
-    /// A truth file, or a recording that is taken as truth.
-    #[arg(long, value_name = "TRUTH.h5")]
+    /// A truth file, or a recording that is taken as truth
+    #[arg(long, value_name = "TRUTH.h5", help_heading = "Input")]
     pub(crate) truth: PathBuf,
-    /// Camera to score [default: the only one, or the truth's].
-    #[arg(long, value_name = "NAME")]
+    /// Camera to score [default: the only one, or the truth's]
+    #[arg(long, value_name = "NAME", help_heading = "Input")]
     pub(crate) camera: Option<String>,
-    /// Tolerance of a match in microseconds, 1 to 1000000; several separated by commas [default: 1000,300,100].
-    #[arg(long, value_name = "US", value_delimiter = ',', value_parser = tolerance_us, allow_hyphen_values = true)]
+    /// Tolerances of a match in microseconds, 1 to 1000000 [default: 1000,300,100]
+    #[arg(long, value_name = "US", value_delimiter = ',', value_parser = tolerance_us, allow_hyphen_values = true, help_heading = "Score")]
     pub(crate) tolerance_us: Vec<i64>,
-    /// Print JSON.
-    #[arg(long)]
+    /// Print JSON
+    #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
 }
 
@@ -52,40 +52,42 @@ pub(crate) struct CalibrateArgs {
     #[arg(required = true)]
     pub(crate) recordings: Vec<PathBuf>,
 
-    /// Light of the recording was mean (1 + CONTRAST sin(2 pi HZ t)) on all pixels; once per recording.
-    #[arg(long, value_name = "HZ,CONTRAST", value_parser = stimulus)]
+    /// Light of the recording was mean (1 + CONTRAST sin(2 pi HZ t)); once per recording
+    #[arg(long, value_name = "HZ,CONTRAST", value_parser = stimulus, help_heading = "Input")]
     pub(crate) stimulus: Vec<Stimulus>,
 
-    /// The TOML file to write the sensor to.
-    #[arg(short, long, value_name = "SENSOR.toml")]
+    /// The TOML file to write the sensor to
+    #[arg(short, long, value_name = "SENSOR.toml", help_heading = "Output")]
     pub(crate) output: Option<PathBuf>,
 
-    /// The sensor that has what the recording does not tell: a preset or a TOML file [default: ideal].
-    #[arg(long, value_name = "PRESET|FILE")]
+    /// The sensor that has what the recording does not tell [default: ideal]
+    ///
+    /// A preset or a TOML file.
+    #[arg(long, value_name = "PRESET|FILE", help_heading = "Sensor")]
     pub(crate) base: Option<String>,
 
-    /// The camera [default: the only one].
-    #[arg(long, value_name = "NAME")]
+    /// The camera [default: the only one]
+    #[arg(long, value_name = "NAME", help_heading = "Input")]
     pub(crate) camera: Option<String>,
 
-    /// Seconds after the recording's start from which it is used [default: 0].
-    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    /// Seconds after the recording's start from which it is used [default: 0]
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true, help_heading = "Input")]
     pub(crate) start: Option<f64>,
 
-    /// Seconds to use [default: all].
-    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    /// Seconds to use [default: all]
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true, help_heading = "Input")]
     pub(crate) duration: Option<f64>,
 
-    /// Seed of the simulations that a fit is corrected by [default: 0].
-    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    /// Seed of the simulations that a fit is corrected by [default: 0]
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true, help_heading = "Sensor", hide_short_help = true)]
     pub(crate) seed: Option<u64>,
 
-    /// Overwrite the output if it exists.
-    #[arg(long)]
+    /// Overwrite the output if it exists
+    #[arg(long, help_heading = "Output")]
     pub(crate) force: bool,
 
-    /// Print the result as JSON.
-    #[arg(long)]
+    /// Print the result as JSON
+    #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
 }
 
@@ -98,23 +100,23 @@ pub(crate) struct CompareArgs {
     /// Another one.
     pub(crate) b: PathBuf,
 
-    /// Draw the figure to this file, .png or .svg.
-    #[arg(short, long, value_name = "FIGURE")]
+    /// Draw the figure to this file, .png or .svg
+    #[arg(short, long, value_name = "FIGURE", help_heading = "Output")]
     pub(crate) output: Option<PathBuf>,
 
-    /// The camera of both [default: the only one].
-    #[arg(long, value_name = "NAME")]
+    /// The camera of both [default: the only one]
+    #[arg(long, value_name = "NAME", help_heading = "Input")]
     pub(crate) camera: Option<String>,
 
-    /// Seconds after each recording's start from which it is used [default: 0].
-    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    /// Seconds after each recording's start from which it is used [default: 0]
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true, help_heading = "Input")]
     pub(crate) start: Option<f64>,
 
-    /// Seconds of each to use; figures that depend on length are compared best over the same [default: all].
-    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    /// Seconds of each to use; figures that depend on length are compared best over the same [default: all]
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true, help_heading = "Input")]
     pub(crate) duration: Option<f64>,
 
-    /// Print the statistics as JSON.
-    #[arg(long)]
+    /// Print the statistics as JSON
+    #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
 }

@@ -69,18 +69,6 @@ pub(super) fn window_ms(text: &str) -> Result<f64, String> {
     })
 }
 
-pub(super) fn start_ms(text: &str) -> Result<f64, String> {
-    checked(text, "a number of milliseconds from 0 to 2678400000, such as 40", |v| {
-        (0.0..=MAX_SECONDS * 1.0e3).contains(&v)
-    })
-}
-
-pub(super) fn duration_ms(text: &str) -> Result<f64, String> {
-    checked(text, "a number of milliseconds from 0.001 to 1000000, such as 100", |v| {
-        (1.0e-3..=1.0e6).contains(&v)
-    })
-}
-
 pub(super) fn fps(text: &str) -> Result<f64, String> {
     checked(text, "a number of frames per second from 0.1 to 1000, such as 30", |v| {
         (0.1..=1000.0).contains(&v)

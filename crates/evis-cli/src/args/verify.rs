@@ -7,7 +7,9 @@ use evis_truth::PixelChoice;
 
 use super::camera::CameraArgs;
 use super::choices::{ShadowsArg, VariantArg};
-use super::values::{duration_ms, rate_hz, sample_count, seed, size, start_ms, threshold, truth_pixels};
+use super::values::{
+    positive_seconds, rate_hz, sample_count, seed, size, start_seconds, threshold, truth_pixels,
+};
 
 /// `verify`.
 #[derive(Debug, Args)]
@@ -15,28 +17,30 @@ pub(crate) struct VerifyArgs {
     #[command(flatten)]
     pub(crate) what: VerifyWhat,
 
-    /// With --failures: methods to measure [default: all; docs/failures.md lists them].
-    #[arg(long, value_name = "NAME,…", value_delimiter = ',', requires = "failures", conflicts_with_all = ["scene", "light"])]
+    /// With --failures: methods to measure [default: all; docs/failures.md lists them]
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',', requires = "failures", conflicts_with_all = ["scene", "light"], help_heading = "Failures", hide_short_help = true)]
     pub(crate) methods: Vec<String>,
 
-    /// With --failures: failures to measure [default: all; docs/failures.md lists them].
-    #[arg(long, value_name = "ID,…", value_delimiter = ',', requires = "failures", conflicts_with_all = ["scene", "light"])]
+    /// With --failures: failures to measure [default: all; docs/failures.md lists them]
+    #[arg(long, value_name = "ID,…", value_delimiter = ',', requires = "failures", conflicts_with_all = ["scene", "light"], help_heading = "Failures", hide_short_help = true)]
     pub(crate) only: Vec<String>,
 
-    /// With --light: scene time in milliseconds [default: 0].
-    #[arg(long, value_name = "MS", value_parser = start_ms, requires = "light", conflicts_with_all = ["scene", "failures"], allow_hyphen_values = true)]
+    /// With --light: scene time in seconds [default: 0]
+    #[arg(long, value_name = "S", value_parser = start_seconds, requires = "light", conflicts_with_all = ["scene", "failures"], allow_hyphen_values = true, help_heading = "Light")]
     pub(crate) at: Option<f64>,
 
-    /// With --light: how shadows are told from light [default: maps].
-    #[arg(long, value_enum, requires = "light", conflicts_with_all = ["scene", "failures"])]
+    /// With --light: how shadows are told from light [default: maps]
+    #[arg(long, value_enum, requires = "light", conflicts_with_all = ["scene", "failures"], help_heading = "Light", hide_short_help = true)]
     pub(crate) shadows: Option<ShadowsArg>,
 
-    /// Print the report as JSON.
-    #[arg(long)]
+    /// Print the report as JSON
+    #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
 
-    /// Picture to write, .png or .svg; repeat for several. An existing one is replaced.
-    #[arg(short, long, value_name = "X.{png,svg}")]
+    /// Picture to write, .png or .svg; repeat for several
+    ///
+    /// An existing one is replaced.
+    #[arg(short, long, value_name = "X.{png,svg}", help_heading = "Output")]
     pub(crate) output: Vec<PathBuf>,
 
     #[command(flatten)]
@@ -55,19 +59,23 @@ pub(crate) struct VerifyArgs {
 #[derive(Debug, Args)]
 #[group(id = "measured", multiple = false)]
 pub(crate) struct VerifyWhat {
-    /// Measure the engine on a scene (built-in, .toml, .gltf or .glb) against the converged oracle, instead of the
-    /// trigger on closed forms.
-    #[arg(long)]
+    /// The engine's events on a scene, against the converged oracle
+    ///
+    /// A built-in scene, a .toml, .gltf or .glb file. Without --scene, --light or --failures the trigger is checked on closed forms.
+    #[arg(long, help_heading = "What")]
     pub(crate) scene: Option<String>,
 
-    /// Measure every method on small scenes that are known to break methods: keyframe bursts, disocclusion, rotation,
-    /// thin and fast objects, shadows, camera cuts, … Ends with 1 where something that is claimed does not hold.
-    #[arg(long)]
+    /// Every method on small scenes that are known to break methods
+    ///
+    /// Keyframe bursts, disocclusion, rotation, thin and fast objects, shadows, camera cuts, … Ends with 1 where something that is
+    /// claimed does not hold.
+    #[arg(long, help_heading = "What")]
     pub(crate) failures: bool,
 
-    /// Compare the engine's light on a scene with the oracle's at one instant (--at), pixel by pixel: by region, by object,
-    /// and the worst pixels; with -o a picture of the differences.
-    #[arg(long, value_name = "SCENE")]
+    /// The engine's light at one instant (--at), pixel by pixel, against the oracle's
+    ///
+    /// By region, by object, and the worst pixels; with -o a picture of the differences.
+    #[arg(long, value_name = "SCENE", help_heading = "What")]
     pub(crate) light: Option<String>,
 }
 
@@ -75,28 +83,34 @@ pub(crate) struct VerifyWhat {
 #[derive(Debug, Args)]
 #[group(id = "measuring", multiple = true, requires = "measured")]
 pub(crate) struct VerifyCommonArgs {
-    /// Pixels of the camera [default: 160x120].
-    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true, conflicts_with = "failures")]
+    /// Pixels of the camera [default: 160x120]
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true, conflicts_with = "failures", help_heading = "Scene")]
     pub(crate) size: Option<(u32, u32)>,
 
-    /// Samples per pixel [default: 1,4,16,64; with --light 16].
-    #[arg(long, value_name = "N,…", value_parser = sample_count, value_delimiter = ',', allow_hyphen_values = true, conflicts_with = "failures")]
+    /// Samples per pixel [default: 1,4,16,64; with --light 16]
+    #[arg(long, value_name = "N,…", value_parser = sample_count, value_delimiter = ',', allow_hyphen_values = true, conflicts_with = "failures", help_heading = "Quality", hide_short_help = true)]
     pub(crate) samples: Vec<u32>,
 
-    /// The camera [default: the first].
-    #[arg(long, value_name = "NAME", conflicts_with = "failures")]
+    /// The camera [default: the first]
+    #[arg(long, value_name = "NAME", conflicts_with = "failures", help_heading = "Scene")]
     pub(crate) camera: Option<String>,
 
-    /// Folder that keeps truths for the next time [default: the user's cache folder].
-    #[arg(long, value_name = "DIR", conflicts_with = "light")]
+    /// Folder that keeps truths for the next time [default: the user's cache folder]
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with = "light",
+        help_heading = "Truth",
+        hide_short_help = true
+    )]
     pub(crate) cache: Option<PathBuf>,
 
-    /// Device by index or by a part of its name (see `devices`) [default: the fastest kind].
-    #[arg(long, value_name = "NAME|INDEX")]
+    /// Device by index or by a part of its name (see `devices`) [default: the fastest]
+    #[arg(long, value_name = "NAME|INDEX", help_heading = "Device")]
     pub(crate) device: Option<String>,
 
-    /// Seed of built-in scenes [default: 0].
-    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true, conflicts_with = "failures")]
+    /// Seed of built-in scenes [default: 0]
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true, conflicts_with = "failures", help_heading = "Scene", hide_short_help = true)]
     pub(crate) seed: Option<u64>,
 }
 
@@ -104,28 +118,35 @@ pub(crate) struct VerifyCommonArgs {
 #[derive(Debug, Args)]
 #[group(id = "verifying", multiple = true, requires = "scene", conflicts_with_all = ["failures", "light"])]
 pub(crate) struct VerifySceneArgs {
-    /// Milliseconds to simulate [default: 100].
-    #[arg(long, value_name = "MS", value_parser = duration_ms, allow_hyphen_values = true)]
-    pub(crate) duration_ms: Option<f64>,
+    /// Seconds to simulate [default: 0.1]
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true, help_heading = "Scene")]
+    pub(crate) duration: Option<f64>,
 
-    /// Pixels that truth is made for, spread over the picture; `all` for all [default: 400].
-    #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true)]
+    /// Pixels that truth is made for, spread over the picture; `all` for all [default: 400]
+    #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true, help_heading = "Truth")]
     pub(crate) pixels: Option<PixelChoice>,
 
-    /// Sampled instants per second [default: 250,500,1000,2000,4000].
-    #[arg(long, value_name = "HZ,…", value_parser = rate_hz, value_delimiter = ',', allow_hyphen_values = true)]
+    /// Sampled instants per second [default: 250,500,1000,2000,4000]
+    #[arg(long, value_name = "HZ,…", value_parser = rate_hz, value_delimiter = ',', allow_hyphen_values = true, help_heading = "Quality", hide_short_help = true)]
     pub(crate) rates: Vec<f64>,
 
     /// Triggers; the first is measured with every number of samples, the others with the largest
     /// [default: crossing,light,latch].
-    #[arg(long, value_enum, value_name = "T,…", value_delimiter = ',')]
+    #[arg(
+        long,
+        value_enum,
+        value_name = "T,…",
+        value_delimiter = ',',
+        help_heading = "Sensor",
+        hide_short_help = true
+    )]
     pub(crate) triggers: Vec<VariantArg>,
 
-    /// Rise of log intensity that fires an ON event [default: 0.2].
-    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    /// Rise of log intensity that fires an ON event [default: 0.2]
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true, help_heading = "Sensor", hide_short_help = true)]
     pub(crate) threshold_on: Option<f32>,
 
-    /// Fall of log intensity that fires an OFF event, a magnitude [default: 0.2].
-    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true)]
+    /// Fall of log intensity that fires an OFF event, a magnitude [default: 0.2]
+    #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true, help_heading = "Sensor", hide_short_help = true)]
     pub(crate) threshold_off: Option<f32>,
 }

@@ -17,61 +17,70 @@ pub(crate) struct VideoArgs {
     /// A film that ffmpeg plays, a folder of PNG, EXR or TIFF pictures, or a .npy stack (T, H, W[, 3]).
     pub(crate) input: PathBuf,
 
-    /// The HDF5 file to write.
-    #[arg(short, long, value_name = "OUT.h5")]
+    /// The HDF5 file to write; refused if it exists
+    #[arg(short, long, value_name = "OUT.h5", help_heading = "Output")]
     pub(crate) output: PathBuf,
 
-    /// The sensor: a preset (ideal, evis, v2e, ...; see docs/sensor.md) or a TOML file [default: ideal].
-    #[arg(long, value_name = "PRESET|FILE")]
+    /// A preset (`sensors` lists them) or a TOML file [default: ideal]
+    #[arg(long, value_name = "PRESET|FILE", help_heading = "Sensor")]
     pub(crate) sensor: Option<String>,
 
-    /// As another converter has it: its preset, and --transfer linear, since these tools take stored values for light, which
-    /// gives fewer events (docs/video.md says how many).
-    #[arg(long, value_name = "PRESET", value_parser = LIKE, conflicts_with_all = ["sensor", "transfer"])]
+    /// As another converter has it: its preset, and --transfer linear
+    ///
+    /// These tools take stored values for light, which gives fewer events (docs/video.md says how many).
+    #[arg(long, value_name = "PRESET", value_parser = LIKE, conflicts_with_all = ["sensor", "transfer"], help_heading = "Sensor")]
     pub(crate) like: Option<String>,
 
-    /// Seed of everything random [default: 0].
-    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true)]
+    /// Seed of everything random [default: 0]
+    #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true, help_heading = "Sensor")]
     pub(crate) seed: Option<u64>,
 
-    /// Curve between stored values and light: srgb, rec709, gamma:G, linear [default: rec709 for films, else srgb; 32-bit
-    /// floats are light already]. linear imitates v2e, vid2e and OpenEB; --like sets it with their preset.
-    #[arg(long, value_name = "CURVE", value_parser = transfer)]
+    /// Curve from stored values to light: srgb, rec709, gamma:G, linear
+    ///
+    /// linear imitates v2e, vid2e and OpenEB; --like sets it with their preset.
+    /// [default: rec709 for films, else srgb; 32-bit floats are light already]
+    #[arg(long, value_name = "CURVE", value_parser = transfer, help_heading = "Input")]
     pub(crate) transfer: Option<Transfer>,
 
-    /// Frames per second, whatever the input says [default: a film's own times, a folder's timestamps.txt].
-    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, conflicts_with = "timestamps")]
+    /// Frames per second, whatever the input says [default: its own times]
+    ///
+    /// A film has times of its own, a folder has them in its timestamps.txt.
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, conflicts_with = "timestamps", help_heading = "Input")]
     pub(crate) fps: Option<f64>,
 
-    /// A text file of times, one per frame and line: seconds, or below a line `# unit: us` (s, ms, ns) that unit.
-    #[arg(long, value_name = "FILE")]
+    /// A text file of times, one per frame and line, in seconds
+    ///
+    /// Below a line `# unit: us` (s, ms, ns) that unit.
+    #[arg(long, value_name = "FILE", help_heading = "Input")]
     pub(crate) timestamps: Option<PathBuf>,
 
-    /// Pixels of the sensor; frames are averaged to it in linear light [default: the frames' own].
-    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true)]
+    /// Pixels of the sensor [default: the frames' own]
+    ///
+    /// Frames are averaged to it in linear light.
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true, help_heading = "Input")]
     pub(crate) size: Option<(u32, u32)>,
 
-    /// Seconds after the first frame at which the stream starts [default: 0].
-    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true)]
+    /// Seconds after the first frame to start at [default: 0]
+    #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true, help_heading = "Input")]
     pub(crate) start: Option<f64>,
 
-    /// Seconds to convert [default: all].
-    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true)]
+    /// Seconds to convert [default: all]
+    #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true, help_heading = "Input")]
     pub(crate) duration: Option<f64>,
 
-    /// Y_ref in ln(Y / Y_ref + eps); white of integer frames is 1 [default: 1].
-    #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true)]
+    /// Y_ref in ln(Y / Y_ref + eps); white of integer frames is 1 [default: 1]
+    #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true, help_heading = "Sensor", hide_short_help = true)]
     pub(crate) reference_luminance: Option<f32>,
 
-    /// Overwrite the output if it exists.
-    #[arg(long)]
+    /// Overwrite the output if it exists
+    #[arg(long, help_heading = "Output")]
     pub(crate) force: bool,
 
-    /// Write the report as JSON to this file too. Refused if it exists, unless --force is given.
-    #[arg(long, value_name = "FILE")]
+    /// Write the report as JSON to this file too. Refused if it exists, unless --force is given
+    #[arg(long, value_name = "FILE", help_heading = "Output", hide_short_help = true)]
     pub(crate) report: Option<PathBuf>,
 
-    /// Print the report as JSON.
-    #[arg(long)]
+    /// Print the report as JSON
+    #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(crate) json: bool,
 }

@@ -204,7 +204,7 @@ fn config(
         adaptive_px: args.adaptive,
         between: args.between.map(Into::into),
         samples: args.samples,
-        antialias: args.aa.map(Into::into),
+        antialias: args.antialias.map(Into::into),
         texture_taps: args.texture_taps,
         shadows: args.shadows.map(Into::into),
     };
