@@ -31,6 +31,17 @@ OTHER_OPTIONS = {
     "crates/evis-render/benches/native.rs": {"--memory-of-seconds"},
     "git": {"--always", "--dirty", "--git-path", "--short"},
     "mypy": {"--strict"},
+    "v2e": {
+        "--dvs1024",
+        "--dvs128",
+        "--dvs240",
+        "--dvs346",
+        "--dvs640",
+        "--hdr",
+        "--input",
+        "--overwrite",
+        "--scidvs",
+    },
 }
 
 # Files of other projects that comments cite, by project.

@@ -200,7 +200,7 @@ fn settings(args: &MeasuringArgs) -> ChartSettings {
         size: args.size.or(default.size),
         start_us: to_us(args.start.unwrap_or(0.0)),
         duration_us: args.duration.map_or(default.duration_us, |s| to_us(s).max(1)),
-        pixels: args.pixels.unwrap_or(default.pixels),
+        pixels: args.truth_pixels.unwrap_or(default.pixels),
         reference_luminance: None,
         floor: !args.no_floor,
         cache: cache_folder(args.cache.as_deref()),

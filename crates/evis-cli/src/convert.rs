@@ -1,6 +1,6 @@
 //! `convert`: event files of one program for another; `info` of files that are no recordings of EVIS.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evis_format::{
     ConvertOptions, EventReader, Extent, Format, FormatError, ReadOptions, WriteOptions, measure, open,
@@ -97,6 +97,27 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
 }
 
+/// Writes the events of the recording `input` in the format that the name of `output` says. Returns a line about it.
+pub(crate) fn export(input: &Path, output: &Path, overwrite: bool) -> anyhow::Result<String> {
+    let format = format_of(output)?;
+    let reader = open(input, &ReadOptions::default())?;
+    let size = reader.info().size.unwrap_or((1, 1));
+    let writer = evis_format::create(output, format, &WriteOptions { size, overwrite })?;
+    let options = ConvertOptions { events_only: true, ..ConvertOptions::default() };
+    let converted = evis_format::convert(reader, writer, size, &options, |_| true)?;
+    Ok(format!("{}  {format}, {} events", output.display(), text::grouped(converted.events)))
+}
+
+/// The format that the name of `path` says.
+pub(crate) fn format_of(path: &Path) -> anyhow::Result<Format> {
+    Format::of_ending(path).ok_or_else(|| {
+        bad_input(format!(
+            "--output {}: its name tells no format; end it with .h5, .raw, .dat, .aedat4, .txt, .npz, .npy, .mcap or .es",
+            path.display()
+        ))
+    })
+}
+
 /// `, 3 triggers, 2 frames`, of what there is.
 fn others(triggers: u64, frames: u64, imu: u64) -> String {
     [(triggers, "triggers"), (frames, "frames"), (imu, "inertial samples")]
@@ -156,7 +177,7 @@ struct FileInfo {
 }
 
 /// Whether a file of HDF5 has a layout of another program.
-pub(crate) fn reads(path: &std::path::Path) -> bool {
+pub(crate) fn reads(path: &Path) -> bool {
     // A file of several cameras is read once one is chosen.
     match open(path, &ReadOptions::default()) {
         Ok(_) => true,
@@ -166,7 +187,7 @@ pub(crate) fn reads(path: &std::path::Path) -> bool {
 }
 
 /// Describes a file of another program.
-pub(crate) fn info(path: &std::path::Path, camera: Option<&str>, json: bool) -> anyhow::Result<i32> {
+pub(crate) fn info(path: &Path, camera: Option<&str>, json: bool) -> anyhow::Result<i32> {
     let read = ReadOptions { camera: camera.map(str::to_owned), size: None };
     let mut reader = open(path, &read)?;
     let (extent, damage) = measured(&mut *reader);

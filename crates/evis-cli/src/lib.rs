@@ -8,6 +8,8 @@ mod completions;
 mod convert;
 mod extent;
 mod failure;
+mod flags;
+mod from_v2e;
 mod info;
 mod interrupt;
 mod list;
@@ -19,7 +21,6 @@ mod run;
 mod scene_source;
 mod score;
 mod sensor_source;
-mod settings_source;
 mod text;
 mod truth;
 mod tune;
@@ -55,6 +56,7 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Run(args) => run::run(&args),
         Command::Tune(args) => tune::tune(&args),
         Command::Video(args) => video::video(&args),
+        Command::FromV2e(args) => from_v2e::from_v2e(&args, program),
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),
         Command::Truth(args) => truth::truth(&args),

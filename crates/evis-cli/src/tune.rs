@@ -26,7 +26,7 @@ pub(crate) fn tune(args: &TuneArgs) -> anyhow::Result<i32> {
     let mut config = RunConfig {
         sensor: asked.all.unwrap_or_default(),
         sensors: asked.of,
-        shadows: args.shadows.map(Into::into),
+        shadows: args.shadows,
         cameras: args.camera.clone(),
         size: args.size,
         start_us: to_us(args.start.unwrap_or(0.0)),

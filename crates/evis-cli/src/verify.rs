@@ -117,7 +117,7 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
         camera: common.camera.clone(),
         size: common.size.or(default.size),
         at_us: args.at.map_or(default.at_us, to_us),
-        shadows: args.shadows.map_or(default.shadows, Into::into),
+        shadows: args.shadows.unwrap_or(default.shadows),
         worst: default.worst,
     };
     let camera_motion = args.camera_motion.settings(settings.size, settings.camera.as_ref());
@@ -181,15 +181,11 @@ fn settings(args: &VerifyArgs) -> SceneSettings {
         sensor,
         rates_hz: or(&args.rates, default.rates_hz),
         samples: if common.samples.is_empty() { default.samples } else { common.samples.clone() },
-        triggers: if args.triggers.is_empty() {
-            default.triggers
-        } else {
-            args.triggers.iter().copied().map(Into::into).collect()
-        },
+        triggers: if args.triggers.is_empty() { default.triggers } else { args.triggers.clone() },
         camera: common.camera.clone(),
         size: common.size.or(default.size),
         duration_us: args.duration.map_or(default.duration_us, |s| to_us(s).max(1)),
-        pixels: args.pixels.unwrap_or(default.pixels),
+        pixels: args.truth_pixels.unwrap_or(default.pixels),
         ..default
     }
 }

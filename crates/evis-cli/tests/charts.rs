@@ -8,7 +8,7 @@ use common::{Folder, code, evis, json, no_device, stderr, stdout};
 use evis_core::Truth;
 
 const TINY: &str = "--size 32x24 --duration 0.02 --rates 100,500 --samples 4 --no-edges --repetitions 2 \
-                    --pixels 120 --no-floor --cache cache --threshold-on 0.05 --threshold-off 0.05";
+                    --truth-pixels 120 --no-floor --cache cache --threshold-on 0.05 --threshold-off 0.05";
 
 fn refused(folder: &Folder, line: &str, told: &[&str]) {
     let before = folder.names();
@@ -47,7 +47,7 @@ fn bad_input_is_told_before_any_work() {
         ("--rates 100,0", ["--rates", "'0'", "above 0"]),
         ("--samples 0", ["--samples", "'0'", "from 1 to 256"]),
         ("--repetitions 0", ["--repetitions", "'0'", "from 1"]),
-        ("--pixels none", ["--pixels", "'none'", "all"]),
+        ("--truth-pixels none", ["--truth-pixels", "'none'", "all"]),
     ] {
         refused(&folder, &format!("chart spinner {arguments}"), &told);
     }
@@ -79,6 +79,10 @@ fn a_scene_is_charted_and_drawn_again() {
     // Two rates, and the five published settings.
     assert_eq!(points, 7);
 
+    // The same as JSON on standard output, and nothing beside it.
+    let printed = evis(&folder, "chart --from r.json --json");
+    assert_eq!(json(&printed), read("r.json"));
+
     // A heavier renderer, from the same measurement.
     let output = evis(&folder, "chart --from r.json -o b.svg --render-ms 10 --budget 1e9");
     assert_eq!(code(&output), 0, "{}", stderr(&output));
@@ -107,7 +111,7 @@ fn truth_becomes_a_file_that_scores_a_run() {
         ("truth spiner -o t.h5", ["spiner", "spinner"]),
         ("truth spinner -o t.h5 --camera nobody --cache cache", ["camera", "nobody"]),
         ("truth spinner -o t.h5 --crop 1,2,3", ["--crop", "such as 40,30,80,60"]),
-        ("truth spinner -o t.h5 --crop 0,0,9,9 --pixels 5", ["--crop", "--pixels"]),
+        ("truth spinner -o t.h5 --crop 0,0,9,9 --truth-pixels 5", ["--crop", "--truth-pixels"]),
         ("truth spinner -o t.h5 --sampled 0", ["--sampled", "such as 1000"]),
         ("truth spinner -o t.h5 --trigger latch", ["--trigger", "--sampled"]),
     ] {
@@ -169,7 +173,8 @@ threshold_off = 0.17
 "#;
     std::fs::write(folder.file("scene.toml"), scene).unwrap();
     let made = |flags: &str| {
-        let line = "truth scene.toml -o t.h5 --force --size 8x6 --duration 0.001 --pixels 2 --cache cache";
+        let line =
+            "truth scene.toml -o t.h5 --force --size 8x6 --duration 0.001 --truth-pixels 2 --cache cache";
         let output = evis(&folder, &format!("{line} {flags}"));
         assert_eq!(code(&output), 0, "{}", stderr(&output));
         let sensor = Truth::read(&folder.file("t.h5")).unwrap().sensor;

@@ -95,7 +95,7 @@ fn a_scene_is_verified() {
         return;
     }
     // The built-in sensor is not keen, so that a picture of 32x24 needs time to fire.
-    let line = "verify --scene spinner --size 32x24 --duration 0.04 --pixels 100 --rates 250,1000 --samples 4 \
+    let line = "verify --scene spinner --size 32x24 --duration 0.04 --truth-pixels 100 --rates 250,1000 --samples 4 \
                 --triggers crossing,latch --cache cache";
     let output = evis(&folder, &format!("{line} --json -o a.svg"));
     assert_eq!(code(&output), 0, "{}", stderr(&output));

@@ -5,9 +5,11 @@ mod noise_law;
 mod preset;
 mod sample;
 mod stages;
+mod text;
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::error::ConfigError;
 pub use exposure::Exposure;
 pub use noise_law::NoiseLaw;
 pub use preset::{PRESETS, Preset};
@@ -20,25 +22,6 @@ pub use stages::{
 /// Most events that one pixel fires in one interval; more are clamped and reported, the reference then
 /// moves to the signal. With thresholds of at least 0.001 only a step of e^65 gets here.
 pub const MAX_EVENTS_PER_INTERVAL: u32 = 65_535;
-
-/// A configuration value that cannot be used: which one, what it was, and what would work.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{what} is {value}; it must be {remedy}")]
-pub struct ConfigError {
-    /// Name of the setting, as the user wrote it.
-    pub what: String,
-    /// The refused value.
-    pub value: String,
-    /// What would work.
-    pub remedy: String,
-}
-
-impl ConfigError {
-    /// An error about setting `what` with `value`; `remedy` completes "it must be …".
-    pub fn new(what: &str, value: impl std::fmt::Display, remedy: impl Into<String>) -> Self {
-        Self { what: what.into(), value: value.to_string(), remedy: remedy.into() }
-    }
-}
 
 /// How a pixel turns a change of log intensity into events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,6 +36,12 @@ pub enum TriggerRule {
     /// forgotten (PIX2NVS).
     Difference,
 }
+
+crate::words!(TriggerRule {
+    Self::Crossing => "crossing", "every threshold crossing, at its own time";
+    Self::Latch => "latch", "at most one event per pixel and sample, at the sample's time";
+    Self::Difference => "difference", "every crossing between two samples, counted from the first of them";
+});
 
 /// When the events of one interval happen (`crossing` only).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -144,28 +133,6 @@ impl Default for SensorConfig {
 }
 
 impl SensorConfig {
-    /// Reads the TOML of a sensor.
-    ///
-    /// # Errors
-    /// Text that is no TOML, an unknown key, a value that cannot be used.
-    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
-        let config: Self = toml::from_str(text).map_err(|error| {
-            ConfigError::new(
-                "the sensor's TOML",
-                format!("not usable ({})", error.message()),
-                "as docs/sensor.md shows",
-            )
-        })?;
-        Sensor::new(config.clone())?;
-        Ok(config)
-    }
-
-    /// The sensor as TOML; [`Self::from_toml`] gives it back.
-    pub fn to_toml(&self) -> String {
-        // Plain numbers, names and tables: TOML has them all.
-        toml::to_string(self).unwrap_or_default()
-    }
-
     /// Whether `other` differs from this one in its thresholds at most.
     pub fn is_alike(&self, other: &Self) -> bool {
         let Self { threshold_on, threshold_off, .. } = *other;

@@ -11,6 +11,7 @@ mod metrics;
 mod packet;
 mod recording;
 mod representation;
+mod request;
 mod scene;
 mod simulator;
 mod stats;

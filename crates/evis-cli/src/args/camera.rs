@@ -11,12 +11,7 @@ pub(crate) struct CameraArgs {
     ///
     /// orbit goes around the model, dolly to and fro, shake as a hand or an eye does. A file has rows of t x y z qx qy qz qw.
     /// [default: none; orbit for a file with neither a camera nor any motion; shake for a picture]
-    #[arg(
-        long,
-        value_name = "none|orbit|dolly|shake|FILE.csv",
-        allow_hyphen_values = true,
-        help_heading = "Scene"
-    )]
+    #[arg(long, value_name = "MOTION", allow_hyphen_values = true, help_heading = "Scene")]
     pub(crate) camera_motion: Option<CameraMotion>,
 
     /// Mean image speed of that motion in pixels per second [default: 100]

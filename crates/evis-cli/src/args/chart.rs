@@ -128,7 +128,7 @@ pub(crate) struct MeasuringArgs {
 
     /// Pixels that truth is made for, spread over the picture; `all` for all [default: 1000]
     #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true, help_heading = "Truth")]
-    pub(crate) pixels: Option<PixelChoice>,
+    pub(crate) truth_pixels: Option<PixelChoice>,
 
     /// Do not make truth once more, for a quarter of its pixels, to know its own error
     #[arg(long, help_heading = "Truth", hide_short_help = true)]

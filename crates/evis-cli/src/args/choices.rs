@@ -1,150 +1,48 @@
-//! Words that options take.
+//! Words that options take: those of the values they stand for.
 
-use clap::ValueEnum;
-use evis_core::closed_form::convergence::Variant;
-use evis_core::{LabelKind, TriggerRule};
-use evis_render::{Antialias, Between, Quality, Shadows};
-use evis_truth::Lattice;
+use std::marker::PhantomData;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum MethodArg {
-    /// Instants are rendered.
-    Native,
-    /// Surfaces are followed in continuous time, on the CPU; each pixel is evaluated at its own times.
-    Decoupled,
-    /// Keyframes are rendered; what lies between is splatted from both.
-    Splat,
-    /// As the EVIS paper publishes it: linear motion, colours, latch, black holes.
-    EvisPaper,
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Command, ValueEnum};
+use evis_core::{LabelKind, Word};
+
+/// Takes the words of `T`.
+pub(super) fn words<T: Word + Send + Sync>() -> Words<T> {
+    Words(PhantomData)
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum QualityArg {
-    /// A sample per pixel of motion, 16 coverage samples.
-    Draft,
-    /// A sample per half pixel of motion, 16 coverage samples.
-    Standard,
-    /// A sample per 0.3 pixels of motion, 144 coverage samples, shadow rays where the scene allows them.
-    High,
-    /// A sample per 0.15 pixels of motion, 256 coverage samples, shadow rays where the scene allows them.
-    Reference,
-}
+/// See [`words`].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Words<T>(PhantomData<T>);
 
-impl From<QualityArg> for Quality {
-    fn from(quality: QualityArg) -> Self {
-        match quality {
-            QualityArg::Draft => Self::Draft,
-            QualityArg::Standard => Self::Standard,
-            QualityArg::High => Self::High,
-            QualityArg::Reference => Self::Reference,
-        }
+impl<T: Word + Send + Sync> Words<T> {
+    fn known() -> Vec<PossibleValue> {
+        T::ALL.iter().map(|value| PossibleValue::new(value.word()).help(value.about())).collect()
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum TriggerArg {
-    /// Every threshold crossing, at its own time.
-    Crossing,
-    /// At most one event per pixel and sample, at the sample's time.
-    Latch,
-    /// Every crossing between two samples, counted from the first of them.
-    Difference,
-}
+impl<T: Word + Send + Sync> TypedValueParser for Words<T> {
+    type Value = T;
 
-impl From<TriggerArg> for TriggerRule {
-    fn from(arg: TriggerArg) -> Self {
-        match arg {
-            TriggerArg::Crossing => Self::Crossing,
-            TriggerArg::Latch => Self::Latch,
-            TriggerArg::Difference => Self::Difference,
-        }
+    fn parse_ref(
+        &self,
+        command: &Command,
+        arg: Option<&Arg>,
+        value: &std::ffi::OsStr,
+    ) -> Result<T, clap::Error> {
+        let word = PossibleValuesParser::new(Self::known()).parse_ref(command, arg, value)?;
+        T::of_word("value", &word)
+            .map_err(|error| clap::Error::raw(clap::error::ErrorKind::InvalidValue, error.to_string()))
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(Self::known().into_iter()))
     }
 }
 
-/// Triggers that `verify` knows.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum VariantArg {
-    /// Every crossing, by linear interpolation of log luminance.
-    Crossing,
-    /// At most one event per pixel and sample, at the sample's time.
-    Latch,
-}
-
-impl From<VariantArg> for Variant {
-    fn from(arg: VariantArg) -> Self {
-        match arg {
-            VariantArg::Crossing => Self::Crossing,
-            VariantArg::Latch => Self::Latch,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum AntialiasArg {
-    /// Visibility and shading at every sample.
-    Samples,
-    /// Visibility at every sample, shading at one in four.
-    Edges,
-}
-
-impl From<AntialiasArg> for Antialias {
-    fn from(arg: AntialiasArg) -> Self {
-        match arg {
-            AntialiasArg::Samples => Self::Samples,
-            AntialiasArg::Edges => Self::Edges,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum BetweenArg {
-    /// Straight.
-    Line,
-    /// Along a cubic that also goes by the sample before and the one after.
-    Curve,
-}
-
-impl From<BetweenArg> for Between {
-    fn from(arg: BetweenArg) -> Self {
-        match arg {
-            BetweenArg::Line => Self::Line,
-            BetweenArg::Curve => Self::Curve,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum ShadowsArg {
-    /// By maps fitted to the world.
-    Maps,
-    /// By rays along their borders.
-    Rays,
-}
-
-impl From<ShadowsArg> for Shadows {
-    fn from(arg: ShadowsArg) -> Self {
-        match arg {
-            ShadowsArg::Maps => Self::Maps,
-            ShadowsArg::Rays => Self::Rays,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum LatticeArg {
-    /// One family of samples.
-    First,
-    /// Another one, independent of it.
-    Second,
-}
-
-impl From<LatticeArg> for Lattice {
-    fn from(arg: LatticeArg) -> Self {
-        match arg {
-            LatticeArg::First => Self::First,
-            LatticeArg::Second => Self::Second,
-        }
-    }
+/// Takes the words of labels.
+pub(super) fn labels() -> PossibleValuesParser {
+    PossibleValuesParser::new(LabelKind::WORDS.map(|(word, about)| PossibleValue::new(word).help(about)))
 }
 
 /// Tolerances that scores are made for.
@@ -172,50 +70,6 @@ impl ToleranceArg {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum LabelArg {
-    /// Planar depth in metres.
-    Depth,
-    /// Optical flow, forward and backward, with masks.
-    Flow,
-    /// Instance ids.
-    Instance,
-    /// Semantic ids.
-    Semantic,
-    /// Surface normals in world axes.
-    Normal,
-    /// Linear RGB frames.
-    Hdr,
-    /// Why each event fired: signal, leak, shot noise or hot pixel; a column beside the events.
-    Cause,
-}
-
-impl LabelArg {
-    /// The label images that this word stands for.
-    pub(crate) const fn kinds(self) -> &'static [LabelKind] {
-        match self {
-            Self::Depth => &[LabelKind::Depth],
-            Self::Flow => &[
-                LabelKind::FlowForward,
-                LabelKind::FlowForwardValid,
-                LabelKind::FlowBackward,
-                LabelKind::FlowBackwardValid,
-            ],
-            Self::Instance => &[LabelKind::Instance],
-            Self::Semantic => &[LabelKind::Semantic],
-            Self::Normal => &[LabelKind::Normal],
-            Self::Hdr => &[LabelKind::Hdr],
-            Self::Cause => &[LabelKind::Cause],
-        }
-    }
-}
-
-/// Kinds of `labels` in file order, each once.
-pub(crate) fn label_kinds(labels: &[LabelArg]) -> Vec<LabelKind> {
-    let all = LabelKind::ALL.into_iter().chain([LabelKind::Cause]);
-    all.filter(|kind| labels.iter().any(|l| l.kinds().contains(kind))).collect()
-}
-
 /// Background of the event picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Background {
@@ -227,20 +81,20 @@ pub(crate) enum Background {
 
 #[cfg(test)]
 mod tests {
+    use evis_render::{Method, Quality};
+
     use super::*;
 
     #[test]
-    fn flow_means_both_directions_and_their_masks() {
-        assert_eq!(label_kinds(&[]), []);
-        assert_eq!(
-            label_kinds(&[LabelArg::Hdr, LabelArg::Flow, LabelArg::Hdr]),
-            [
-                LabelKind::FlowForward,
-                LabelKind::FlowForwardValid,
-                LabelKind::FlowBackward,
-                LabelKind::FlowBackwardValid,
-                LabelKind::Hdr
-            ]
-        );
+    fn words_are_taken_and_near_ones_suggested() {
+        let command = Command::new("x")
+            .arg(Arg::new("q").long("quality").value_parser(words::<Quality>()))
+            .arg(Arg::new("m").long("method").value_parser(words::<Method>()));
+        let of = |line: &str| command.clone().try_get_matches_from(line.split(' '));
+        let taken = of("x --quality high --method evis-paper").unwrap();
+        assert_eq!(taken.get_one::<Quality>("q"), Some(&Quality::High));
+        assert_eq!(taken.get_one::<Method>("m").unwrap().name(), "evis-paper");
+        let error = of("x --quality hihg").unwrap_err().to_string();
+        assert!(error.contains("'hihg'") && error.contains("high") && error.contains("draft"), "{error}");
     }
 }

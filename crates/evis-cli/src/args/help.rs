@@ -13,7 +13,7 @@ const COLUMNS: usize = 100;
 const SHORT_LINES: usize = 30;
 
 /// Examples of each command, without the program's name. The last thing that a help text shows.
-const EXAMPLES: [(&str, &[&str]); 15] = [
+const EXAMPLES: [(&str, &[&str]); 16] = [
     (
         "run",
         &[
@@ -29,10 +29,11 @@ const EXAMPLES: [(&str, &[&str]); 15] = [
         &[
             "video in.mp4 -o events.h5",
             "video in.mp4 -o events.h5 --like v2e --size 346x260",
-            "video frames/ -o events.h5 --fps 240 --sensor davis346",
+            "video frames/ -o events.h5 -o events.raw --fps 240 --sensor davis346",
             "video stack.npy -o events.h5 --fps 1000 --transfer linear",
         ],
     ),
+    ("from-v2e", &["from-v2e -- --input in.mp4 --pos_thres 0.15 --cutoff_hz 30 --dvs346"]),
     (
         "preview",
         &["preview events.h5 -o sheet.png", "preview events.h5 -o film.mp4 --slow 4 --background dark"],
@@ -48,7 +49,7 @@ const EXAMPLES: [(&str, &[&str]); 15] = [
     (
         "truth",
         &[
-            "truth spinner -o truth.h5 --size 160x120 --duration 0.1 --pixels 300",
+            "truth spinner -o truth.h5 --size 160x120 --duration 0.1 --truth-pixels 300",
             "score events.h5 --truth truth.h5",
         ],
     ),
@@ -107,9 +108,14 @@ fn short_help(sub: &Command) -> StyledStr {
     let mut sub = sub.clone().term_width(COLUMNS).mut_args(|arg| arg.hide_possible_values(true));
     let name = sub.get_bin_name().unwrap_or_else(|| sub.get_name()).to_owned();
     let all = sub.get_opts().count();
-    let text = sub.render_help().ansi().to_string();
-    // Headings stand out by themselves; an empty line after each would double the height.
-    let lines = text.lines().filter(|line| !line.trim().is_empty()).map(|line| format!("{line}\n"));
+    let help = sub.render_help();
+    let (styled, plain) = (help.ansi().to_string(), help.to_string());
+    // Headings stand out by themselves; an empty line after each would double the height. What asks for help has it.
+    let shown = |line: &&str| {
+        !line.trim().is_empty() && *line != "Options:" && !line.trim_start().starts_with("-h, --help")
+    };
+    let lines = styled.lines().zip(plain.lines()).filter(|(_, plain)| shown(plain));
+    let lines = lines.map(|(styled, _)| format!("{styled}\n"));
     let more = format!("{name} --help explains all {all} options.\n");
     StyledStr::from(lines.chain([more]).collect::<String>())
 }

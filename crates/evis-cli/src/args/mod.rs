@@ -18,7 +18,7 @@ use clap::{Args, Parser, Subcommand};
 use clap_complete::Shell;
 
 pub(crate) use chart::{ChartArgs, MeasuringArgs};
-pub(crate) use choices::{Background, MethodArg, label_kinds};
+pub(crate) use choices::Background;
 pub(crate) use convert::ConvertArgs;
 pub(crate) use preview::PreviewArgs;
 pub(crate) use recording::{CalibrateArgs, CompareArgs, InfoArgs, ScoreArgs};
@@ -27,7 +27,7 @@ pub(crate) use truth::TruthArgs;
 pub(crate) use tune::TuneArgs;
 pub(crate) use values::{Scale, to_us};
 pub(crate) use verify::VerifyArgs;
-pub(crate) use video::VideoArgs;
+pub(crate) use video::{FromV2eArgs, VideoArgs};
 
 /// EVIS: moving 3D scenes in, labelled event streams out.
 #[derive(Debug, Parser)]
@@ -82,6 +82,9 @@ pub(crate) enum Command {
     Tune(Box<TuneArgs>),
     /// Turn a film, a folder of pictures or an array of frames into events, and write them to an HDF5 file.
     Video(Box<VideoArgs>),
+    /// Print the command of `video` that does what a command line of v2e does.
+    #[command(name = "from-v2e")]
+    FromV2e(FromV2eArgs),
     /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4).
     Preview(PreviewArgs),
     /// Measure settings on a scene: draw speed against accuracy, and recommend one.

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use evis_core::{Warp, WarpVariant};
+use evis_core::TriggerRule;
+use evis_render::{Antialias, Between, Method, Quality, Shadows};
 
 use super::camera::CameraArgs;
-use super::choices::{AntialiasArg, BetweenArg, LabelArg, MethodArg, QualityArg, ShadowsArg, TriggerArg};
+use super::choices::{labels, words};
 use super::values::{
     margin_pixels, positive, positive_seconds, rate_hz, sample_count, seed, shadow_map, size, speed,
     start_seconds, step_count, texture_taps, threshold, window_ms,
@@ -67,6 +68,10 @@ pub(crate) struct RunArgs {
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(crate) json: bool,
 
+    /// Print device, method, views and milliseconds per stage too
+    #[arg(long, short, help_heading = "Output", hide_short_help = true)]
+    pub(crate) verbose: bool,
+
     /// Frames per second to write beside the events [default: none]
     ///
     /// A frame is mean linear light over an exposure.
@@ -80,21 +85,27 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "MS", value_parser = window_ms, allow_hyphen_values = true, help_heading = "Output", hide_short_help = true)]
     pub(crate) exposure_ms: Option<f64>,
 
-    /// Labels, separated by commas: depth, flow, instance, normal, ... [default: none]
+    /// Labels: depth,flow,instance,normal,hdr,... [default: none]
     ///
     /// flow means forward and backward, with their masks.
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "KINDS", help_heading = "Labels")]
-    pub(crate) labels: Vec<LabelArg>,
+    #[arg(long, value_parser = labels(), value_delimiter = ',', value_name = "KINDS", help_heading = "Labels")]
+    pub(crate) labels: Vec<String>,
 
     /// Label images and camera poses per second [default: 50]
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, help_heading = "Labels")]
     pub(crate) label_rate: Option<f64>,
 
-    /// A preset (`sensors` lists them) or a TOML file [default: the scene's, else ideal]
+    /// Preset (see `sensors`) or TOML file [default: the scene's, or ideal]
     ///
     /// CAMERA=PRESET or CAMERA=FILE is for one camera; repeat it for another. The flags below override it.
     #[arg(long, value_name = "SENSOR", help_heading = "Sensor")]
     pub(crate) sensor: Vec<String>,
+
+    /// A value of the sensor, such as noise.shot_hz=1; repeat for several
+    ///
+    /// docs/sensor.md lists the keys. It stands over the preset, the file or the scene.
+    #[arg(long, value_name = "KEY=VALUE", help_heading = "Sensor")]
+    pub(crate) set: Vec<String>,
 
     /// Rise of log intensity that fires an ON event [default: 0.2]
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true, help_heading = "Sensor", hide_short_help = true)]
@@ -117,8 +128,8 @@ pub(crate) struct RunArgs {
     /// How a change of brightness becomes events [default: the sensor's]
     ///
     /// Without a sensor: crossing, or latch for evis-paper.
-    #[arg(long, value_enum, value_name = "RULE", help_heading = "Sensor", hide_short_help = true)]
-    pub(crate) trigger: Option<TriggerArg>,
+    #[arg(long, value_parser = words::<TriggerRule>(), value_name = "RULE", help_heading = "Sensor", hide_short_help = true)]
+    pub(crate) trigger: Option<TriggerRule>,
 
     /// Seed of everything random [default: 0]
     #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true, help_heading = "Sensor")]
@@ -127,16 +138,16 @@ pub(crate) struct RunArgs {
     /// draft, standard, high or reference [default: standard]
     ///
     /// Fixed settings of sampling, the same for every scene. standard is in force unless sampling is set by hand.
-    #[arg(long, value_enum, value_name = "PRESET", help_heading = "Quality")]
-    pub(crate) quality: Option<QualityArg>,
+    #[arg(long, value_parser = words::<Quality>(), value_name = "PRESET", help_heading = "Quality")]
+    pub(crate) quality: Option<Quality>,
 
-    /// Settings from `tune`, or those of a recording (.h5); flags override them
+    /// Settings from `tune` or of a recording; options override them
     #[arg(long, value_name = "FILE", help_heading = "Quality")]
     pub(crate) settings: Option<PathBuf>,
 
     /// How instants are sampled [default: native]
-    #[arg(long, value_enum, value_name = "METHOD", help_heading = "Quality", hide_short_help = true)]
-    pub(crate) method: Option<MethodArg>,
+    #[arg(long, value_parser = words::<Method>(), value_name = "METHOD", help_heading = "Quality", hide_short_help = true)]
+    pub(crate) method: Option<Method>,
 
     /// Sampled instants per second, for --method native [default: 1000]
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, help_heading = "Quality", hide_short_help = true)]
@@ -158,8 +169,8 @@ pub(crate) struct RunArgs {
     /// With --adaptive: how log light runs between two samples [default: line]
     ///
     /// For a sensor of thresholds alone.
-    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Quality", hide_short_help = true)]
-    pub(crate) between: Option<BetweenArg>,
+    #[arg(long, value_parser = words::<Between>(), value_name = "CURVE", help_heading = "Quality", hide_short_help = true)]
+    pub(crate) between: Option<Between>,
 
     /// Samples per pixel and instant, 1 to 256 [default: 4]
     #[arg(long, value_name = "N", value_parser = sample_count, allow_hyphen_values = true, help_heading = "Quality", hide_short_help = true)]
@@ -168,8 +179,8 @@ pub(crate) struct RunArgs {
     /// How a pixel's area is sampled [default: samples]
     ///
     /// edges takes --samples 4, 16, 36, 64, ...: they lie on a grid.
-    #[arg(long, value_enum, value_name = "HOW", help_heading = "Quality", hide_short_help = true)]
-    pub(crate) antialias: Option<AntialiasArg>,
+    #[arg(long, value_parser = words::<Antialias>(), value_name = "HOW", help_heading = "Quality", hide_short_help = true)]
+    pub(crate) antialias: Option<Antialias>,
 
     /// Places at which a sample reads a texture, along each side, 1 to 16 [default: 2 to 4]
     ///
@@ -178,8 +189,8 @@ pub(crate) struct RunArgs {
     pub(crate) texture_taps: Option<u32>,
 
     /// How shadows are found [default: the preset's; maps without one]
-    #[arg(long, value_enum, value_name = "HOW", help_heading = "Quality", hide_short_help = true)]
-    pub(crate) shadows: Option<ShadowsArg>,
+    #[arg(long, value_parser = words::<Shadows>(), value_name = "HOW", help_heading = "Quality", hide_short_help = true)]
+    pub(crate) shadows: Option<Shadows>,
 
     /// Texels of a shadow map's edge, 64 to 16384 [default: by the picture's size]
     ///
@@ -203,13 +214,13 @@ pub(crate) struct RunArgs {
     #[command(flatten)]
     pub(crate) splat: SplatArgs,
 
-    /// Device by index or by a part of its name (see `devices`) [default: the fastest]
+    /// Index or part of a name (see `devices`) [default: the fastest]
     #[arg(long, value_name = "DEVICE", help_heading = "Device")]
     pub(crate) device: Option<String>,
 }
 
 /// Options of methods with keyframes; the defaults named are those of `splat`.
-#[derive(Debug, Default, Args)]
+#[derive(Debug, Args)]
 pub(crate) struct SplatArgs {
     /// With --method splat or evis-paper: keyframes per second [default: 125]
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, help_heading = "Quality", hide_short_help = true)]
@@ -222,22 +233,4 @@ pub(crate) struct SplatArgs {
     /// With --method splat or evis-paper: pixels beyond each border, 0 to 512 [default: 32]
     #[arg(long, value_name = "PX", value_parser = margin_pixels, allow_hyphen_values = true, help_heading = "Quality", hide_short_help = true)]
     pub(crate) margin: Option<u32>,
-}
-impl SplatArgs {
-    /// `variant` with what was given.
-    pub(crate) fn warp(&self, variant: WarpVariant) -> Warp {
-        let Self { keyframe_rate, steps, margin } = *self;
-        Warp { variant, keyframe_hz: keyframe_rate, steps, margin, ..Warp::default() }
-    }
-
-    /// The first flag that was given.
-    pub(crate) fn given(&self) -> Option<&'static str> {
-        [
-            (self.keyframe_rate.is_some(), "--keyframe-rate"),
-            (self.steps.is_some(), "--steps"),
-            (self.margin.is_some(), "--margin"),
-        ]
-        .into_iter()
-        .find_map(|(given, flag)| given.then_some(flag))
-    }
 }

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use evis_truth::PixelChoice;
+use evis_core::TriggerRule;
+use evis_truth::{Lattice, PixelChoice};
 
 use super::camera::CameraArgs;
-use super::choices::{LatticeArg, TriggerArg};
+use super::choices::words;
 use super::values::{
     crop, positive, positive_seconds, rate_hz, seed, size, speed, start_seconds, threshold, truth_pixels,
 };
@@ -48,10 +49,10 @@ pub(crate) struct TruthArgs {
 
     /// Pixels to make truth for, spread over the picture; `all` for all [default: 1000]
     #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true, help_heading = "Truth")]
-    pub(crate) pixels: Option<PixelChoice>,
+    pub(crate) truth_pixels: Option<PixelChoice>,
 
     /// Make truth for a rectangle instead: first column, first row, columns, rows
-    #[arg(long, value_name = "X,Y,W,H", value_parser = crop, allow_hyphen_values = true, conflicts_with = "pixels", help_heading = "Truth")]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = crop, allow_hyphen_values = true, conflicts_with = "truth_pixels", help_heading = "Truth")]
     pub(crate) crop: Option<PixelChoice>,
 
     /// The trigger on exact light at so many instants per second, not truth
@@ -61,12 +62,12 @@ pub(crate) struct TruthArgs {
     pub(crate) sampled: Option<f64>,
 
     /// With --sampled: when events fire [default: what the scene gives the camera, else crossing]
-    #[arg(long, value_enum, requires = "sampled", help_heading = "Sensor", hide_short_help = true)]
-    pub(crate) trigger: Option<TriggerArg>,
+    #[arg(long, value_parser = words::<TriggerRule>(), value_name = "RULE", requires = "sampled", help_heading = "Sensor", hide_short_help = true)]
+    pub(crate) trigger: Option<TriggerRule>,
 
     /// Which samples; truths of both, scored against each other, tell their own error [default: first]
-    #[arg(long, value_enum, help_heading = "Truth", hide_short_help = true)]
-    pub(crate) lattice: Option<LatticeArg>,
+    #[arg(long, value_parser = words::<Lattice>(), value_name = "WHICH", help_heading = "Truth", hide_short_help = true)]
+    pub(crate) lattice: Option<Lattice>,
 
     /// Rise of log intensity that fires an ON event [default: what the scene gives the camera, else 0.2]
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true, help_heading = "Sensor", hide_short_help = true)]

@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use evis_render::Shadows;
 
 use super::camera::CameraArgs;
-use super::choices::ShadowsArg;
+use super::choices::words;
 use super::values::{size, speed, start_seconds};
 
 /// `tune`.
@@ -62,8 +63,8 @@ pub(crate) struct TuneArgs {
     pub(crate) sensor: Vec<String>,
 
     /// Shadows by maps or by rays [default: whatever is accurate enough]
-    #[arg(long, value_enum, help_heading = "Quality", hide_short_help = true)]
-    pub(crate) shadows: Option<ShadowsArg>,
+    #[arg(long, value_parser = words::<Shadows>(), help_heading = "Quality", hide_short_help = true)]
+    pub(crate) shadows: Option<Shadows>,
 
     /// Device by index or by a part of its name (see `devices`) [default: the fastest]
     #[arg(long, value_name = "DEVICE", help_heading = "Device")]

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use evis_core::closed_form::convergence::Variant;
+use evis_render::Shadows;
 use evis_truth::PixelChoice;
 
 use super::camera::CameraArgs;
-use super::choices::{ShadowsArg, VariantArg};
+use super::choices::words;
 use super::values::{
     positive_seconds, rate_hz, sample_count, seed, size, start_seconds, threshold, truth_pixels,
 };
@@ -30,8 +32,8 @@ pub(crate) struct VerifyArgs {
     pub(crate) at: Option<f64>,
 
     /// With --light: how shadows are told from light [default: maps]
-    #[arg(long, value_enum, requires = "light", conflicts_with_all = ["scene", "failures"], help_heading = "Light", hide_short_help = true)]
-    pub(crate) shadows: Option<ShadowsArg>,
+    #[arg(long, value_parser = words::<Shadows>(), value_name = "HOW", requires = "light", conflicts_with_all = ["scene", "failures"], help_heading = "Light", hide_short_help = true)]
+    pub(crate) shadows: Option<Shadows>,
 
     /// Print the report as JSON
     #[arg(long, help_heading = "Output")]
@@ -124,23 +126,23 @@ pub(crate) struct VerifySceneArgs {
 
     /// Pixels that truth is made for, spread over the picture; `all` for all [default: 400]
     #[arg(long, value_name = "N|all", value_parser = truth_pixels, allow_hyphen_values = true, help_heading = "Truth")]
-    pub(crate) pixels: Option<PixelChoice>,
+    pub(crate) truth_pixels: Option<PixelChoice>,
 
     /// Sampled instants per second [default: 250,500,1000,2000,4000]
     #[arg(long, value_name = "HZ,…", value_parser = rate_hz, value_delimiter = ',', allow_hyphen_values = true, help_heading = "Quality", hide_short_help = true)]
     pub(crate) rates: Vec<f64>,
 
     /// Triggers; the first is measured with every number of samples, the others with the largest
-    /// [default: crossing,light,latch].
+    /// [default: crossing,latch].
     #[arg(
         long,
-        value_enum,
+        value_parser = words::<Variant>(),
         value_name = "T,…",
         value_delimiter = ',',
         help_heading = "Sensor",
         hide_short_help = true
     )]
-    pub(crate) triggers: Vec<VariantArg>,
+    pub(crate) triggers: Vec<Variant>,
 
     /// Rise of log intensity that fires an ON event [default: 0.2]
     #[arg(long, value_name = "C", value_parser = threshold, allow_hyphen_values = true, help_heading = "Sensor", hide_short_help = true)]

@@ -17,9 +17,11 @@ pub(crate) struct VideoArgs {
     /// A film that ffmpeg plays, a folder of PNG, EXR or TIFF pictures, or a .npy stack (T, H, W[, 3]).
     pub(crate) input: PathBuf,
 
-    /// The HDF5 file to write; refused if it exists
-    #[arg(short, long, value_name = "OUT.h5", help_heading = "Output")]
-    pub(crate) output: PathBuf,
+    /// File to write, .h5 for a recording; repeat for other formats; refused if it exists
+    ///
+    /// .raw (EVT 3.0), .dat, .aedat4, .aedat, .txt, .zip, .npz, .npy, .mcap and .es hold the events of the recording.
+    #[arg(short, long, value_name = "OUT", required = true, help_heading = "Output")]
+    pub(crate) output: Vec<PathBuf>,
 
     /// A preset (`sensors` lists them) or a TOML file [default: ideal]
     #[arg(long, value_name = "PRESET|FILE", help_heading = "Sensor")]
@@ -30,6 +32,12 @@ pub(crate) struct VideoArgs {
     /// These tools take stored values for light, which gives fewer events (docs/video.md says how many).
     #[arg(long, value_name = "PRESET", value_parser = LIKE, conflicts_with_all = ["sensor", "transfer"], help_heading = "Sensor")]
     pub(crate) like: Option<String>,
+
+    /// A value of the sensor, such as noise.shot_hz=1; repeat for several
+    ///
+    /// docs/sensor.md lists the keys. It stands over the preset or the file.
+    #[arg(long, value_name = "KEY=VALUE", help_heading = "Sensor")]
+    pub(crate) set: Vec<String>,
 
     /// Seed of everything random [default: 0]
     #[arg(long, value_name = "N", value_parser = seed, allow_hyphen_values = true, help_heading = "Sensor")]
@@ -83,4 +91,12 @@ pub(crate) struct VideoArgs {
     /// Print the report as JSON
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(crate) json: bool,
+}
+
+/// `from-v2e`.
+#[derive(Debug, Args)]
+pub(crate) struct FromV2eArgs {
+    /// v2e's own command line, behind --
+    #[arg(last = true, required = true, num_args = 1.., allow_hyphen_values = true)]
+    pub(crate) line: Vec<String>,
 }

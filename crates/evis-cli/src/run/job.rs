@@ -5,17 +5,36 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_render::{Packet, Simulator};
+use evis_render::{Packet, RunConfig, Simulator};
 
 use super::settings::PACKET_US;
 use super::tally::Tally;
 use crate::interrupt::Interrupt;
-use crate::progress::Progress;
+use crate::progress::{Forecast, Measured, Progress};
 use crate::text;
 
 /// A killed process loses at most what came since the last flush. By the clock: each one stores unfinished chunks anew, so
 /// that flushing a fast run for each part of its stream would fill the disk.
 const FLUSH_EVERY: Duration = Duration::from_millis(400);
+
+/// What is in force, how long it takes by what was measured, and the preset that takes less.
+fn forecast_line(config: &RunConfig, measured: &Measured, duration_us: i64) -> String {
+    let force = config.quality.map_or_else(
+        || format!("{}, set by hand", config.method.name()),
+        |quality| format!("quality {} ({})", quality.name(), config.method.name()),
+    );
+    let cheaper = config
+        .quality
+        .and_then(|quality| quality.cheaper())
+        .map_or_else(String::new, |quality| format!("; --quality {} takes less", quality.name()));
+    format!(
+        "{force}: about {} for {} of stream, by what {} to {} took{cheaper}",
+        text::about(measured.total),
+        text::seconds(duration_us),
+        text::seconds(measured.from_us),
+        text::seconds(measured.until_us)
+    )
+}
 
 /// The stream on its way into the files.
 pub(super) struct Job {
@@ -34,13 +53,19 @@ impl Job {
     pub(super) fn stream(&mut self, simulator: Simulator, duration_us: i64) -> anyhow::Result<bool> {
         let interrupt = Interrupt::listen();
         let progress = Progress::new(u64::try_from(duration_us).unwrap_or(0));
+        let mut forecast = Forecast::default();
         let started = Instant::now();
+        let config = simulator.config().clone();
         for packet in simulator.stream(duration_us, PACKET_US)? {
             let packet = packet?;
             let writing = Instant::now();
             self.write(&packet)?;
             self.tally.add(&packet, writing.elapsed());
-            progress.stream(packet.end_us, self.tally.report.events, started.elapsed());
+            let elapsed = started.elapsed();
+            if let Some(measured) = forecast.at(packet.end_us, elapsed, duration_us) {
+                progress.line(&forecast_line(&config, &measured, duration_us));
+            }
+            progress.stream(packet.end_us, self.tally.report.events, elapsed);
             if interrupt.asked() {
                 break;
             }
@@ -108,5 +133,26 @@ impl Job {
         }
         let until = text::seconds(self.tally.end_us);
         error.context(format!("{} ended before its time, at about {until}", kept.join(", ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use evis_render::Quality;
+
+    #[test]
+    fn a_forecast_names_what_is_in_force_and_what_takes_less() {
+        let measured = Measured { from_us: 10_000, until_us: 30_000, total: Duration::from_secs(150) };
+        let line = |quality| {
+            let config = RunConfig { quality, ..RunConfig::default() };
+            forecast_line(&config, &measured, 2_000_000)
+        };
+        assert_eq!(
+            line(Some(Quality::Standard)),
+            "quality standard (native): about 2 min for 2 s of stream, by what 0.01 s to 0.03 s took; --quality draft takes less"
+        );
+        assert!(!line(Some(Quality::Draft)).contains("takes less"), "nothing is cheaper than draft");
+        assert!(line(None).starts_with("native, set by hand: about 2 min"));
     }
 }

@@ -10,20 +10,16 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Context;
-use evis_core::{SensorConfig, TriggerRule, WarpVariant};
-use evis_render::config::EVIS_PAPER_LOG_EPS;
-use evis_render::settings::SettingsFile;
-use evis_render::{
-    DeviceSummary, Gpu, Method, PacketReport, RunConfig, SamplingRequest, Simulator, scene_sensors,
-};
+use evis_core::Word;
+use evis_render::{DeviceSummary, Gpu, PacketReport, RunRequest, SamplingRequest, Simulator};
 use evis_scene::{Scene, SceneState};
 
-use crate::args::{self, MethodArg, RunArgs, to_us};
+use crate::args::{RunArgs, to_us};
 use crate::failure::bad_input;
 use crate::interrupt::EXIT_INTERRUPTED;
 use crate::outputs::{check_free, check_output, check_report, output_paths};
 use crate::warnings::Warnings;
-use crate::{scene_source, sensor_source, settings_source, text};
+use crate::{flags, scene_source, sensor_source, text};
 
 use job::Job;
 use report::Report;
@@ -45,30 +41,16 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     if let Some(report) = &args.report {
         check_report(report, args.force, &taken)?;
     }
-    let asked = sensor_source::asked(&args.sensor)?;
-    let settings = args.settings.as_deref().map(settings_source::load).transpose()?;
-    // A recording's settings hold every camera's sensor.
-    let for_all = asked.all.is_some() || settings.as_ref().is_some_and(|file| file.gives("sensor"));
-    let (mut config, sampling) = config(args, settings, asked)?;
-    config.check()?;
-    sampling.check()?;
-    let camera_motion = args.camera_motion.settings(config.size, config.cameras.first());
-    let scene = scene_source::open(&args.scene, config.seed, args.speed, camera_motion)?;
-    for name in config.cameras.iter().chain(config.sensors.keys()) {
-        scene.camera(name)?;
-    }
-    if !for_all {
-        for (camera, mut sensor) in scene_sensors(&scene, &config.cameras)? {
-            adjust(args, &mut sensor);
-            config.sensors.entry(camera).or_insert(sensor);
-        }
-        config.check()?;
-    }
+    let mut settled = request(args)?.settle().map_err(flags::named)?;
+    let (seed, motion) = (settled.config().seed, settled.camera_motion());
+    let scene = scene_source::open(&args.scene, seed, args.speed, motion)?;
+    settled.take_sensors(&scene).map_err(flags::named)?;
     let environments = scene.variants.len().max(1);
     let outputs = output_paths(&args.output, environments);
     for output in &outputs {
         check_free(output, args.force)?;
     }
+    let config = settled.config();
     for sensor in config.sensors.values().chain([&config.sensor]) {
         sensor.warnings().into_iter().for_each(|warning| warnings.add(warning));
     }
@@ -81,7 +63,8 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let gpu = Gpu::open_any(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let device = gpu.as_ref().map_or_else(DeviceSummary::none, |gpu| gpu.summary().clone());
     let scene = Arc::new(scene);
-    for note in sampling.apply(gpu.as_ref(), &scene, &mut config)? {
+    let (config, notes) = settled.configure(gpu.as_ref(), &scene).map_err(flags::named)?;
+    for note in notes {
         text::complain(&format!("quality: {note}"));
     }
     let simulator = Simulator::new(gpu.as_ref(), scene, config)?;
@@ -142,7 +125,10 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     if args.json {
         text::say_json(&report)?
     } else {
-        text::say(&report.summary())
+        text::say(&report.summary());
+        if args.verbose {
+            text::say(&report.details());
+        }
     }
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
 }
@@ -167,104 +153,53 @@ fn audit_warnings(report: &PacketReport) -> Vec<String> {
     warnings
 }
 
-/// Single settings of the sensor, over what preset, file or scene say.
-fn adjust(args: &RunArgs, sensor: &mut SensorConfig) {
-    let set = |to: &mut f32, from: Option<f32>| *to = from.unwrap_or(*to);
-    set(&mut sensor.threshold_on, args.threshold_on);
-    set(&mut sensor.threshold_off, args.threshold_off);
-    set(&mut sensor.log_eps, args.log_eps);
-    if let Some(trigger) = args.trigger {
-        sensor.trigger = trigger.into();
-    }
-}
-
-/// The run's settings, flags over a settings file's or defaults, and what is asked of sampling.
-fn config(
-    args: &RunArgs,
-    settings: Option<SettingsFile>,
-    asked: sensor_source::Asked,
-) -> anyhow::Result<(RunConfig, SamplingRequest)> {
-    let mut config = settings.map_or_else(RunConfig::default, SettingsFile::into_config);
-    let method = method(args)?;
-    config.sensors.extend(asked.of);
-    if let Some(sensor) = asked.all {
-        config.sensor = sensor;
-    } else if args.method == Some(MethodArg::EvisPaper) {
-        config.sensor.trigger = TriggerRule::Latch;
-        config.sensor.log_eps = EVIS_PAPER_LOG_EPS;
-    }
-    for sensor in config.sensors.values_mut().chain([&mut config.sensor]) {
-        adjust(args, sensor);
-    }
-    let sampling = SamplingRequest {
-        quality: args.quality.map(Into::into),
-        from_settings: args.settings.is_some(),
-        method,
-        rate_hz: args.rate,
-        adaptive_px: args.adaptive,
-        between: args.between.map(Into::into),
-        samples: args.samples,
-        antialias: args.antialias.map(Into::into),
-        texture_taps: args.texture_taps,
-        shadows: args.shadows.map(Into::into),
-    };
-    config.shadow_map = args.shadow_map.or(config.shadow_map);
-    if !args.camera.is_empty() {
-        config.cameras.clone_from(&args.camera);
-    }
-    config.size = args.size.or(config.size);
-    config.start_us = args.start.map_or(config.start_us, to_us);
-    config.seed = args.seed.unwrap_or(config.seed);
-    if !args.labels.is_empty() {
-        config.labels = args::label_kinds(&args.labels);
-    }
-    config.label_rate_hz = args.label_rate.unwrap_or(config.label_rate_hz);
-    config.reference_luminance = args.reference_luminance.or(config.reference_luminance);
-    config.frame_rate_hz = args.frame_rate.or(config.frame_rate_hz);
-    config.audit = args.audit.unwrap_or(config.audit);
-    if let Some(exposure_ms) = args.exposure_ms {
-        if args.frame_rate.is_none() {
-            return Err(bad_input(format!(
-                "--exposure-ms {exposure_ms} exposes no frame; add --frame-rate HZ"
-            )));
-        }
+/// What the arguments ask for.
+fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
+    let asked = sensor_source::asked(&args.sensor)?;
+    let single = [
+        ("threshold_on", args.threshold_on.map(|value| value.to_string())),
+        ("threshold_off", args.threshold_off.map(|value| value.to_string())),
+        ("log_eps", args.log_eps.map(|value| value.to_string())),
+        ("trigger", args.trigger.map(|trigger| trigger.word().to_owned())),
+    ];
+    let single = single.into_iter().filter_map(|(key, value)| Some(format!("{key}={}", value?)));
+    Ok(RunRequest {
+        settings: args.settings.clone(),
+        sensor: asked.all,
+        sensors: asked.of,
+        set: args.set.iter().cloned().chain(single).collect(),
+        sampling: SamplingRequest {
+            quality: args.quality,
+            from_settings: args.settings.is_some(),
+            method: args.method,
+            rate_hz: args.rate,
+            adaptive_px: args.adaptive,
+            between: args.between,
+            samples: args.samples,
+            antialias: args.antialias,
+            texture_taps: args.texture_taps,
+            shadows: args.shadows,
+        },
+        keyframe_hz: args.splat.keyframe_rate,
+        steps: args.splat.steps,
+        margin: args.splat.margin,
+        shadow_map: args.shadow_map,
+        audit: args.audit,
+        cameras: args.camera.clone(),
+        size: args.size,
+        start_us: args.start.map(to_us),
+        seed: args.seed,
+        labels: args.labels.clone(),
+        label_rate_hz: args.label_rate,
+        frame_rate_hz: args.frame_rate,
         // Even, so that the middle is a whole microsecond; never longer than was asked for, but for rounding.
-        config.exposure_us = (exposure_ms * 500.0 + 1e-6).floor() as i64 * 2;
-        if config.exposure_us < 2 {
-            return Err(bad_input(format!("--exposure-ms {exposure_ms}: the shortest exposure is 0.002 ms")));
-        }
-    } else if args.frame_rate.is_some() {
-        config.exposure_us = RunConfig::usual_exposure_us(args.frame_rate);
-    }
-    if args.between.is_some() && args.adaptive.is_none() && args.quality.is_none() && args.settings.is_none()
-    {
-        return Err(bad_input(
-            "--between: tiles are sampled at rates of their own only with --adaptive PX; add it",
-        ));
-    }
-    Ok((config, sampling))
-}
-
-/// The method with its flags, if one is given; flags of another method are refused, they would be ignored.
-fn method(args: &RunArgs) -> anyhow::Result<Option<Method>> {
-    let variant = match args.method {
-        None | Some(MethodArg::Native | MethodArg::Decoupled) if let Some(flag) = args.splat.given() => {
-            return Err(bad_input(format!(
-                "{flag} needs keyframes; add --method splat or --method evis-paper"
-            )));
-        }
-        None => return Ok(None),
-        Some(MethodArg::Native) => return Ok(Some(Method::Native)),
-        Some(MethodArg::Decoupled) => return Ok(Some(Method::Decoupled)),
-        Some(MethodArg::Splat) => WarpVariant::Splat,
-        Some(MethodArg::EvisPaper) => WarpVariant::EvisPaper,
-    };
-    if let Some(rate) = args.rate {
-        return Err(bad_input(format!(
-            "--rate {rate}: a method with keyframes has --keyframe-rate times --steps instants per second; give those"
-        )));
-    }
-    Ok(Some(Method::Splat(args.splat.warp(variant))))
+        exposure_us: args.exposure_ms.map(|ms| (ms * 500.0 + 1e-6).floor() as i64 * 2),
+        camera_motion: args.camera_motion.camera_motion.clone(),
+        camera_speed: args.camera_motion.camera_speed,
+        reference_luminance: args.reference_luminance,
+        poses: Vec::new(),
+        pose_step_us: None,
+    })
 }
 
 /// How long to stream; says where the number comes from, and where the scene's motion ends before it.

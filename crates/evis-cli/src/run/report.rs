@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::job::Job;
 use super::settings::Settings;
 use super::tally::ViewTally;
-use crate::text;
 use crate::warnings::Warnings;
+use crate::{scene_source, text};
 
 /// Milliseconds of work per stage, summed over the run.
 #[derive(Debug, Serialize)]
@@ -64,7 +64,7 @@ pub(super) struct Report {
     pub(super) packets: u64,
     /// Beside the events, of all views.
     pub(super) frames: u64,
-    pub(super) milliseconds: Milliseconds,
+    milliseconds: Milliseconds,
     pub(super) views: Vec<ViewTally>,
     pub(super) warnings: Vec<String>,
 }
@@ -149,19 +149,11 @@ impl Report {
                 let run = &self.settings.run;
                 let drawn =
                     self.drawn_pixels as f64 / self.views.iter().map(ViewTally::pixels).sum::<f64>().max(1.0);
-                let mut line = if run.method == Method::Decoupled {
+                if run.method == Method::Decoupled {
                     format!("{}, {drawn:.0} evaluations of a pixel, each at its own times", self.method)
                 } else {
                     self.rendered_line(run, drawn)
-                };
-                if let Some(quality) = run.quality {
-                    line += &format!(
-                        "\n                   quality {}: {}",
-                        quality.name(),
-                        quality.measured(&run.method)
-                    );
                 }
-                line
             }
             Some((keyframe_hz, steps)) => format!(
                 "{} {keyframe_hz} Hz ×{steps}, {} keyframes, {instants} instants, {} pixels unknown",
@@ -172,42 +164,86 @@ impl Report {
         }
     }
 
-    /// The same for people.
+    /// What matters, in four lines.
     pub(super) fn summary(&self) -> String {
-        let mut lines = Vec::new();
-        for (environment, output) in self.outputs.iter().enumerate() {
-            let of = self.views.iter().filter(|v| v.environment == environment);
-            let cameras: Vec<_> = of
-                .map(|v| format!("{} {}x{}: {} events", v.camera, v.width, v.height, text::grouped(v.events)))
-                .collect();
-            lines.push(format!("{}  ({})", output.display(), cameras.join(", ")));
-        }
-        let stopped = if self.interrupted { " (interrupted; the file is complete up to here)" } else { "" };
-        lines.push(format!("device             {}", self.device.name));
-        lines.push(format!("method             {}", self.method_line()));
-        lines.push(format!("stream             {} s{stopped}", self.stream_s));
-        lines.push(format!(
-            "events             {}  ({:.1} % ON)",
+        let lines = [self.files_line(), self.events_line(), self.time_line(), self.quality_line()];
+        lines.join("\n")
+    }
+
+    fn files_line(&self) -> String {
+        let file = match self.outputs.as_slice() {
+            [first, .., last] => {
+                format!("{} to {} ({} files)", first.display(), last.display(), self.outputs.len())
+            }
+            outputs => outputs.iter().map(|output| output.display().to_string()).collect(),
+        };
+        let first = self.views.iter().filter(|view| view.environment == 0);
+        let cameras: Vec<_> =
+            first.map(|view| format!("{} {}x{}", view.camera, view.width, view.height)).collect();
+        format!("file     {file}  ({})", cameras.join(", "))
+    }
+
+    fn events_line(&self) -> String {
+        format!(
+            "events   {}, {}/s of stream, {:.1} % ON",
             text::grouped(self.events),
+            text::short(self.events_per_stream_second),
             text::percent(self.on, self.events)
-        ));
+        )
+    }
+
+    fn time_line(&self) -> String {
+        let stopped = if self.interrupted { " (interrupted; the file is complete up to here)" } else { "" };
+        let factor = text::significant(self.real_time_factor);
+        format!(
+            "time     {} s of stream{stopped} in {:.1} s, {factor} × real time",
+            self.stream_s, self.wall_s
+        )
+    }
+
+    /// What is in force, and what was measured for it: on this scene, or nothing.
+    fn quality_line(&self) -> String {
+        let run = &self.settings.run;
+        let Some(quality) = run.quality else {
+            return format!("quality  {}, set by hand", self.method);
+        };
+        let scene = &self.settings.scene;
+        let built_in = scene_source::builtins().iter().any(|(name, _)| name == scene);
+        let measured = if built_in && self.settings.speed == 1.0 {
+            quality.measured(&run.method).to_owned()
+        } else {
+            format!("not measured on this scene; `chart {scene}` measures it")
+        };
+        format!("quality  {} ({}); {measured}", quality.name(), self.method)
+    }
+
+    /// Everything else, for `--verbose`.
+    pub(super) fn details(&self) -> String {
+        let mut lines = Vec::new();
+        for view in &self.views {
+            lines.push(format!(
+                "view     {}, {} {}x{}: {} events, {} label images",
+                view.environment,
+                view.camera,
+                view.width,
+                view.height,
+                text::grouped(view.events),
+                text::grouped(view.labels)
+            ));
+        }
+        lines.push(format!("device   {}", self.device.name));
+        lines.push(format!("method   {}", self.method_line()));
         if let Some(rate_hz) = self.settings.run.frame_rate_hz {
             lines.push(format!(
-                "frames             {}, each {} ms at {rate_hz} Hz",
+                "frames   {}, each {} ms at {rate_hz} Hz",
                 text::grouped(self.frames),
                 self.settings.run.exposure_us as f64 * 1e-3
             ));
         }
-        lines.push(format!(
-            "events per second  {} of work, {} of stream",
-            text::short(self.events_per_second),
-            text::short(self.events_per_stream_second)
-        ));
-        lines
-            .push(format!("real-time factor   {:.4}  ({:.1} s of work)", self.real_time_factor, self.wall_s));
+        lines.push(format!("work     {} events per second", text::short(self.events_per_second)));
         let ms = &self.milliseconds;
         lines.push(format!(
-            "milliseconds       setup {:.0}, host {:.0}, device wait {:.0}, pack {:.0}, write {:.0}",
+            "stages   setup {:.0} ms, host {:.0} ms, device wait {:.0} ms, pack {:.0} ms, write {:.0} ms",
             ms.setup, ms.host, ms.device_wait, ms.pack, ms.write
         ));
         lines.join("\n")
