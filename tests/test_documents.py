@@ -47,7 +47,7 @@ OTHER_OPTIONS = {
 # Files of other projects that comments cite, by project.
 OTHER_PATHS = {
     "dv-processing": {"aedat2_output.py"},
-    "v2e": {"emulator_utils.py"},
+    "v2e": {"emulator_utils.py", "v2e.py", "v2ecore/v2e_args.py"},
 }
 
 # Types of other projects that comments cite, by project.

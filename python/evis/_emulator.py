@@ -292,8 +292,7 @@ class EventEmulator(Generic[Out]):
             changed then.
         """
         array, copied = _as_array(frames)
-        image = (self.height, self.width)
-        array, copied = _without_alpha(array, copied, image if self.batch is None else (self.batch, *image))
+        array, copied = _without_alpha(array, copied, self._shape())
         channels = self._channels(array)
         if transfer is None:
             transfer = "linear" if array.dtype == np.float32 else "srgb"
@@ -538,9 +537,13 @@ class EventEmulator(Generic[Out]):
                 stacklevel=3,
             )
 
-    def _channels(self, array: npt.NDArray[Any]) -> int:
+    def _shape(self) -> tuple[int, ...]:
+        """Return the shape of frames of one channel."""
         image: tuple[int, ...] = (self.height, self.width)
-        wanted: tuple[int, ...] = image if self.batch is None else (self.batch, *image)
+        return image if self.batch is None else (self.batch, *image)
+
+    def _channels(self, array: npt.NDArray[Any]) -> int:
+        wanted: tuple[int, ...] = self._shape()
         if array.shape == wanted:
             return 1
         if array.shape == (*wanted, 3):
