@@ -134,7 +134,6 @@ struct Line {
     start: Option<String>,
     slow: Option<String>,
     fps: Option<String>,
-    shot_hz: Option<String>,
     photoreceptor_noise: bool,
     without_slomo: bool,
     force: bool,
@@ -184,11 +183,7 @@ impl Line {
             Missing(instead) => self.notes.push(format!("{name} is left out: {instead}")),
             Set(key, factor) => {
                 let number = number(name, &value)?;
-                if key == "noise.shot_hz" {
-                    self.shot_hz = Some(value.clone());
-                }
-                let scaled = if factor == 1.0 { value } else { rounded(number * factor) };
-                self.set.push(format!("{key}={scaled}"));
+                self.set.push(format!("{key}={}", rounded(number * factor)));
             }
             Same(option) => {
                 number(name, &value)?;
@@ -372,7 +367,7 @@ mod tests {
         );
         assert_eq!(
             line,
-            "video in.mp4 -o out/events.h5 --like v2e --set threshold_on=.15 --set threshold_off=.25 --set pattern.sigma=0.03 \
+            "video in.mp4 -o out/events.h5 --like v2e --set threshold_on=0.15 --set threshold_off=0.25 --set pattern.sigma=0.03 \
              --set photoreceptor.cutoff_hz=30 --set noise.leak_hz=0.10268644 --set refractory.period_us=1000 --size 346x260 \
              --start 1 --duration 2.5 --seed 7 --force"
         );
