@@ -111,7 +111,7 @@ chart: wheel ## Measure speed against accuracy on the built-in scenes; redraws d
 	tools/install "$(BIN)"
 	mkdir -p docs/chart docs/images
 	for scene in $(CHART_SCENES); do \
-	  $(BIN)/evis chart "$$scene" $(CHART_ARGS) --json "docs/chart/$$scene.json" -o "docs/images/chart-$$scene.png"; \
+	  $(BIN)/evis chart "$$scene" $(CHART_ARGS) --report "docs/chart/$$scene.json" -o "docs/images/chart-$$scene.png"; \
 	done
 	$(BIN)/evis chart $(CHART_SCENES:%=--from docs/chart/%.json) -o docs/images/chart-builtin.svg
 	$(BIN)/evis chart $(CHART_SCENES:%=--from docs/chart/%.json) --render-ms 10 -o docs/images/chart-builtin-10ms.svg

@@ -29,16 +29,26 @@ OTHER_OPTIONS = {
     "cargo's test harness": {"--nocapture"},
     "clap, in a comment on its messages": {"--flag"},
     "crates/evis-render/benches/native.rs": {"--memory-of-seconds"},
-    "git": {"--always", "--dirty"},
+    "git": {"--always", "--dirty", "--git-path", "--short"},
     "mypy": {"--strict"},
     "ray": {"--head"},
-    "v2e": {"--dvs346"},
+    "v2e": {
+        "--dvs1024",
+        "--dvs128",
+        "--dvs240",
+        "--dvs346",
+        "--dvs640",
+        "--hdr",
+        "--input",
+        "--overwrite",
+        "--scidvs",
+    },
 }
 
 # Files of other projects that comments cite, by project.
 OTHER_PATHS = {
     "dv-processing": {"aedat2_output.py"},
-    "v2e": {"emulator_utils.py", "v2e.py"},
+    "v2e": {"emulator_utils.py", "v2e.py", "v2ecore/v2e_args.py"},
 }
 
 # Types of other projects that comments cite, by project.

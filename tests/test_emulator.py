@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -275,14 +276,38 @@ def test_a_scenes_cameras_bring_their_sensor(tmp_path: Path) -> None:
 
 GOOD = np.full((3, 4), 0.5, np.float32)
 
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float64])
+def test_other_floats_and_alpha_are_taken_with_a_copy(dtype: Any) -> None:
+    rng = np.random.default_rng(5)
+    frames = rng.integers(1, 100, (3, 3, 4, 3)).astype(np.float32) / 128
+    wanted, other = evis.EventEmulator(4, 3), evis.EventEmulator(4, 3)
+    for k, frame in enumerate(frames):
+        alpha = rng.random((3, 4, 1)).astype(dtype)
+        events = other.push(np.concatenate([frame.astype(dtype), alpha], -1), 1000 * k)
+        exact = wanted.push(frame, 1000 * k)
+        assert (events.to_numpy() == exact.to_numpy()).all()
+        assert (other.report.copies, wanted.report.copies) == (1, 0)
+    assert len(exact) > 0
+
+
+def test_floats_that_are_hardly_light_are_asked_about() -> None:
+    with pytest.warns(UserWarning, match=r"frames are 128 on average.*are they 0 to 255"):
+        evis.EventEmulator(4, 3).push(np.full((3, 4), 128.0, np.float32), 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        evis.EventEmulator(4, 3, reference_luminance=100.0).push(np.full((3, 4), 128.0, np.float32), 0)
+        evis.EventEmulator(4, 3).push(np.full((3, 4), 128, np.uint8), 0)
+
+
 BAD_FRAMES: list[tuple[Any, dict[str, Any], str]] = [
-    (GOOD.astype(np.float64), {}, "float64"),
+    (GOOD.astype(np.int64), {}, "int64"),
     (GOOD.astype(np.int32), {}, "int32"),
     (GOOD.astype(">f4"), {}, ">f4"),
     (GOOD[:2], {}, r"\(2, 4\)"),
     (GOOD.T, {}, r"\(4, 3\)"),
     (GOOD[None], {}, r"\(1, 3, 4\)"),
-    (np.stack([GOOD] * 4, -1), {}, r"\(3, 4, 4\)"),
+    (np.stack([GOOD] * 5, -1), {}, r"\(3, 4, 5\)"),
     (np.where(np.eye(3, 4) > 0, np.inf, GOOD).astype(np.float32), {}, r"pixel \(0, 0\).* inf"),
     (GOOD - 1, {}, "-0.5"),
     (GOOD, {"transfer": "srgb"}, "srgb"),

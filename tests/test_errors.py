@@ -82,12 +82,12 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: simulator(seed=2**70), r"seed is 1180591620717411303424; .*2\*\*63 - 1"),
     (lambda: simulator(quality=3), "quality is '3'; it must be 'draft'"),
     (lambda: simulator(labels=3), "labels is 3; it must be a sequence"),
-    (lambda: simulator(labels=["frame"]), "label is 'frame'; .*frame_rate_hz"),
+    (lambda: simulator(labels=["frame"]), "labels is 'frame'; .*frame_rate_hz"),
     (lambda: simulator(cameras=3), r"cameras is 3; it must be a sequence, such as \['camera'\]"),
     (lambda: simulator(method=E.Warp(steps=-1)), "steps is -1; it must not be negative"),
     (lambda: simulator(method=E.Warp(variant="x")), "variant is 'x'; it must be 'splat' or 'evis-paper'"),
     (lambda: simulator(method=E.Warp(step_px=0.5)), "step_px is set; it must be not set"),
-    (lambda: simulator(exposure_us=4), "exposure_us is 4; it exposes no frame: give frame_rate_hz"),
+    (lambda: simulator(exposure_us=4), "exposure_us is 4 us; .*frame_rate_hz"),
     (lambda: E.chart(SPINNER, samples=3), "samples is 3; it must be a sequence"),
     (lambda: E.chart(SPINNER, duration=-1), "duration is -1; it must be above 0 seconds"),
     (
@@ -141,7 +141,7 @@ def test_numbers_of_numpy_are_numbers():
 def test_the_refused_labels_name_those_that_are_taken():
     taken = {name for name, _, _ in _evis.label_kinds()} - {"frame"} | {"flow", "cause"}
     assert set(get_args(LabelName)) == taken
-    with pytest.raises(evis.ConfigError, match="label is 'zz'") as caught:
+    with pytest.raises(evis.ConfigError, match="labels is 'zz'") as caught:
         simulator(labels=["zz"])
     assert set(re.findall(r"'(\w+)'", str(caught.value))) - {"zz"} == taken
 

@@ -398,7 +398,7 @@ GOOD = sliding(0)
 def bad_pushes() -> Iterator[tuple[dict[str, Any], str]]:
     yield {"t_us": 10}, "t_us is 10"
     yield {"t_us": 9}, "t_us is 9"
-    yield {"hdr": GOOD["hdr"].astype(np.float64)}, "dtype of hdr is float64"
+    yield {"hdr": GOOD["hdr"].astype(np.int64)}, "dtype of hdr is int64"
     yield {"hdr": (GOOD["hdr"] * 255).astype(np.int8)}, "dtype of hdr is int8.*uint16"
     yield {"transfer": "log"}, "logarithms"
     yield {"transfer": "srgb"}, "transfer is srgb.*float32"
@@ -414,7 +414,7 @@ def bad_pushes() -> Iterator[tuple[dict[str, Any], str]]:
     yield {"motion_steps": GOOD["motion_vectors"]}, r"motion_steps has shape \(72, 96, 2\).*\(K, 72, 96, 2\)"
     yield {"motion_steps": GOOD["motion_vectors"][None, :0]}, r"motion_steps has shape \(1, 0, 96, 2\)"
     yield {"motion_steps": np.zeros((0, 72, 96, 2), np.float32)}, "K at least 1"
-    yield {"motion_steps": np.zeros((1, 72, 96, 2))}, "dtype of motion_steps is float64"
+    yield {"motion_steps": np.zeros((1, 72, 96, 2), int)}, "dtype of motion_steps is int64"
     yield {"motion_forward": GOOD["depth"]}, "motion_forward has shape"
     yield {"depth": Tensor(GOOD["depth"], (2, 0))}, "depth: on DLPack device 2:0.*CPU"
     yield {"cut": [True, False]}, "cut is"

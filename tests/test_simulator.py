@@ -15,6 +15,7 @@ import tomllib
 from test_door import interrupted
 
 import evis
+from evis._progress import TimeLeft
 
 SMALL: dict[str, Any] = {"size": (64, 48), "rate_hz": 500.0, "samples": 1}
 
@@ -179,14 +180,14 @@ def test_the_stream_renders_ahead(spinner: evis.Scene):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"rate_hz": 0.0}, "rate is 0"),
+        ({"rate_hz": 0.0}, "rate_hz is 0"),
         ({"samples": 0}, "samples is 0"),
         ({"samples": -1}, "samples is -1"),
         ({"size": (0, 48)}, "width is 0"),
         ({"start": -1.0}, "start is -1"),
         ({"start": float("nan")}, "start is nan"),
         ({"seed": -1}, "seed is -1"),
-        ({"label_rate_hz": 0.0}, "label_rate is 0"),
+        ({"label_rate_hz": 0.0}, "label_rate_hz is 0"),
         ({"labels": ["colour"]}, "'depth' or"),
         ({"labels": "depth"}, "sequences"),
         ({"antialias": "none"}, "'samples' or 'edges'"),
@@ -539,3 +540,27 @@ def test_labels_say_what_they_hold_in_a_line(spinner: evis.Scene):
     assert repr(evis.Simulator(spinner, **SMALL, labels=["depth"]).step(1).labels["depth"]).startswith(
         "Labels('depth', 1 images, 64x48, t_us 0 to 0"
     )
+
+
+def test_progress_is_told_after_every_packet(spinner: evis.Scene, capsys: pytest.CaptureFixture[str]) -> None:
+    seen: list[Any] = []
+    sim = evis.Simulator(spinner, **SMALL)
+    with sim.stream(duration=0.03, progress=seen.append) as stream:
+        events = [packet.report.events for packet in stream]
+    assert [told.t_us for told in seen] == [10_000, 20_000, 30_000]
+    assert [told.events for told in seen] == np.cumsum(events).tolist()
+    assert {(told.start_us, told.end_us) for told in seen} == {(0, 30_000)}
+    assert all(told.left_s is None for told in seen if told.elapsed_s < 1)
+    with evis.Simulator(spinner, **SMALL).stream(duration=0.02, progress=True) as stream:
+        assert sum(packet.report.events for packet in stream) == sum(events[:2]), "a bar changes nothing"
+    assert capsys.readouterr().err == "", "no terminal, and no ten seconds"
+
+
+def test_the_time_left_never_rises() -> None:
+    left = TimeLeft()
+    assert left.after(0.5, 0.5) is None
+    assert [left.after(*at) for at in ((2.0, 0.5), (10.0, 0.6), (10.0, 0.9))] == [
+        2.0,
+        2.0,
+        pytest.approx(10 / 9),
+    ]

@@ -18,12 +18,12 @@ OUTPUTS = ROOT / "docs" / "accuracy"
 
 COMMANDS = {
     "closed-forms": "verify -o docs/images/verify-closed-forms.png",
-    "spinner-640x480": "verify --scene spinner --size 640x480 --pixels 1000 --rates 250,480,1000,2000 "
+    "spinner-640x480": "verify --scene spinner --size 640x480 --truth-pixels 1000 --rates 250,480,1000,2000 "
     "--samples 1,4,16 -o docs/images/verify-spinner-640x480.png",
     "spinner-160x120": "verify --scene spinner -o docs/images/verify-spinner-160x120.png",
     "spinner-256-samples": "verify --scene spinner --rates 1000 --samples 256 --triggers crossing",
-    "spinner-low-threshold": "verify --scene spinner --size 640x480 --pixels 200 --rates 1000 --samples 16 "
-    "--triggers crossing,latch --threshold-on 0.1 --threshold-off 0.1",
+    "spinner-low-threshold": "verify --scene spinner --size 640x480 --truth-pixels 200 --rates 1000 "
+    "--samples 16 --triggers crossing,latch --threshold-on 0.1 --threshold-off 0.1",
     "failures": "verify --failures -o docs/images/verify-failures.png",
 }
 

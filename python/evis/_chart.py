@@ -223,7 +223,7 @@ class Chart:
 
     @classmethod
     def from_json(cls, text: str) -> Chart:
-        """Read what `to_json` or ``evis chart --json`` wrote.
+        """Read what `to_json` or ``evis chart --report`` wrote.
 
         Raises
         ------
@@ -234,7 +234,7 @@ class Chart:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Chart:
-        """Read a file that ``evis chart --json`` or `to_json` wrote.
+        """Read a file that ``evis chart --report`` or `to_json` wrote.
 
         Raises
         ------

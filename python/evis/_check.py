@@ -78,6 +78,11 @@ def number_or_none(what: str, value: Any, unit: str = "") -> float | None:
     return None if value is None else number(what, value, unit)
 
 
+def whole_or_none(what: str, value: Any) -> int | None:
+    """Return an integer, and None as it is."""
+    return None if value is None else whole(what, value)
+
+
 def micros(what: str, seconds: Any) -> int:
     """Round ``seconds`` to whole microseconds."""
     given = number(what, seconds, " seconds")

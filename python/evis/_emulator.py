@@ -25,6 +25,9 @@ Transfer: TypeAlias = Literal["linear", "log", "srgb", "rec709", "gamma"]
 
 Out = TypeVar("Out", EventArray, list[EventArray])
 
+#: Floats whose mean is so many times the reference are hardly linear light.
+_MOST_MEAN = 16
+
 _CPU = 1  # kDLCPU
 
 
@@ -263,9 +266,11 @@ class EventEmulator(Generic[Out]):
         Parameters
         ----------
         frames : array_like or DLPack tensor on the CPU
-            Shape (H, W) or (H, W, 3); with a batch (N, H, W) or (N, H, W, 3). dtype float32 (linear light, or
-            its logarithm), uint8 or uint16. C-contiguous arrays are not copied; others are, which `report`
-            counts. NaN means unknown: the pixel keeps its state.
+            Shape (H, W), (H, W, 3) or (H, W, 4), whose alpha is left out; with a batch (N, ...). dtype
+            float32 (linear light, or its logarithm), uint8 or uint16. C-contiguous arrays of these are not
+            copied; others, float16, float64 and arrays with alpha are, which `report` counts. NaN means
+            unknown: the pixel keeps its state. A warning asks whether floats are 0 to 255 where the first
+            ones are beyond 16 times ``reference_luminance`` on average.
         t_us : int
             Time in microseconds, above that of the last push.
         transfer : {"linear", "log", "srgb", "rec709", "gamma"}, optional
@@ -287,9 +292,12 @@ class EventEmulator(Generic[Out]):
             changed then.
         """
         array, copied = _as_array(frames)
+        array, copied = _without_alpha(array, copied, self._shape())
         channels = self._channels(array)
         if transfer is None:
             transfer = "linear" if array.dtype == np.float32 else "srgb"
+        if self.now_us is None and array.dtype == np.float32 and transfer == "linear":
+            self._doubt(array)
         lists = self._emulator.push(
             array.reshape(-1),
             _check.time_us("t_us", t_us),
@@ -516,9 +524,26 @@ class EventEmulator(Generic[Out]):
         batch = "" if self.batch is None else f", batch of {self.batch}"
         return f"EventEmulator({self.width}x{self.height}{batch}, now_us={self.now_us})"
 
-    def _channels(self, array: npt.NDArray[Any]) -> int:
+    def _doubt(self, array: npt.NDArray[Any]) -> None:
+        """Ask whether floats are 0 to 255."""
+        known = array[np.isfinite(array)]
+        mean = float(known.mean(dtype=np.float64)) if known.size else 0.0
+        reference = float(self._settings["reference_luminance"])
+        if mean > _MOST_MEAN * reference:
+            warnings.warn(
+                f"frames are {mean:.3g} on average, more than {_MOST_MEAN} times reference_luminance "
+                f"({reference:g}); are they 0 to 255? Floats are linear light with white at 1: push "
+                "uint8, or divide by 255 and decode the curve",
+                stacklevel=3,
+            )
+
+    def _shape(self) -> tuple[int, ...]:
+        """Return the shape of frames of one channel."""
         image: tuple[int, ...] = (self.height, self.width)
-        wanted: tuple[int, ...] = image if self.batch is None else (self.batch, *image)
+        return image if self.batch is None else (self.batch, *image)
+
+    def _channels(self, array: npt.NDArray[Any]) -> int:
+        wanted: tuple[int, ...] = self._shape()
         if array.shape == wanted:
             return 1
         if array.shape == (*wanted, 3):
@@ -654,12 +679,23 @@ def _picture(
 ) -> tuple[npt.NDArray[Any], int]:
     """View one picture per environment as a contiguous array; say how many copies that took."""
     array, copied = _as_array(values, what, dtypes)
+    if 3 in channels:
+        array, copied = _without_alpha(array, copied, shape)
     wanted = [(*shape, number) for number in channels]
     if 1 in channels:
         wanted.insert(0, shape)
     if array.shape not in wanted:
         raise ConfigError(f"{what} has shape {array.shape}; it must have {' or '.join(map(str, wanted))}")
     return array, int(copied)
+
+
+def _without_alpha(
+    array: npt.NDArray[Any], copied: bool, shape: tuple[int, ...]
+) -> tuple[npt.NDArray[Any], bool]:
+    """Leave alpha out of pictures of this shape; say whether anything was copied."""
+    if array.shape == (*shape, 4):
+        return np.ascontiguousarray(array[..., :3]), True
+    return array, copied
 
 
 def _motion_steps(values: Any, shape: tuple[int, ...]) -> tuple[npt.NDArray[Any], int]:
@@ -685,10 +721,14 @@ def _as_array(
                 "it must be on the CPU (tensor.cpu())"
             )
         frames = np.from_dlpack(frames)
-    array: npt.NDArray[Any] = np.asarray(frames)
+    given: npt.NDArray[Any] = np.asarray(frames)
+    array = given
+    if array.dtype in (np.float16, np.float64) and np.float32 in dtypes:
+        with np.errstate(over="ignore"):
+            array = given.astype(np.float32)
     if array.dtype not in dtypes:
         *others, last = (np.dtype(dtype).name for dtype in dtypes)
         wanted = f"{', '.join(others)} or {last}" if others else last
         raise ConfigError(f"dtype of {what} is {array.dtype}; it must be {wanted}")
     contiguous = np.ascontiguousarray(array)
-    return contiguous, not np.may_share_memory(contiguous, array)
+    return contiguous, not np.may_share_memory(contiguous, given)

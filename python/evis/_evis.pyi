@@ -1,10 +1,12 @@
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 import numpy.typing as npt
+
+from ._request import Request
 
 __all__ = [
     "MOST_T_US",
@@ -106,6 +108,7 @@ def convert_video(
     seed: int,
     reference_luminance: float,
     overwrite: bool,
+    progress: Callable[[int, int, int], object] | None,
 ) -> str: ...
 
 @final
@@ -341,41 +344,7 @@ class Packet:
 
 @final
 class Simulator:
-    def __new__(
-        cls,
-        scene: Scene,
-        *,
-        sensor: str | None,
-        for_all: bool,
-        sensors: dict[str, str],
-        method: str | None,
-        splat: str | None,
-        quality: str | None,
-        settings: str | None,
-        rate_hz: float | None,
-        adaptive_px: float | None,
-        between: str | None,
-        samples: int | None,
-        antialias: str | None,
-        texture_taps: int | None,
-        shadows: str | None,
-        shadow_map: int | None,
-        audit: float | None,
-        cameras: list[str],
-        size: tuple[int, int] | None,
-        start_us: int | None,
-        seed: int | None,
-        labels: list[str],
-        label_rate_hz: float,
-        frame_rate_hz: float | None,
-        exposure_us: int | None,
-        camera_motion: str | None,
-        camera_speed: float | None,
-        reference_luminance: float | None,
-        poses: list[str],
-        pose_step_us: int | None,
-        device: str | None,
-    ) -> Simulator: ...
+    def __new__(cls, scene: Scene, request: Request, device: str | None) -> Simulator: ...
     @property
     def scene(self) -> Scene: ...
     @property

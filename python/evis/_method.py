@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from . import _check
-from ._evis import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,19 +53,6 @@ class Warp:
 
 
 Method: TypeAlias = Literal["native", "decoupled", "splat", "evis-paper"] | Warp
-
-
-def chosen(method: Method) -> Warp | None:
-    """Return the warp that ``method`` stands for, None where it is none."""
-    if isinstance(method, Warp):
-        return method
-    if method in ("native", "decoupled"):
-        return None
-    if method in ("splat", "evis-paper"):
-        return Warp(variant=method)
-    raise ConfigError(
-        f"method is {method!r}; it must be 'native', 'decoupled', 'splat', 'evis-paper' or a Warp"
-    )
 
 
 def as_json(warp: Warp | None) -> str | None:

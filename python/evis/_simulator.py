@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from ._evis import ConfigError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
 from ._poses import node_jumps, node_poses
+from ._progress import Progress, TimeLeft
+from ._request import Request
 from ._scene import EventCamera, Scene, motion_text, moved_scene, raw_of
 from ._sensor import Sensor, sensor_of
 
@@ -36,10 +39,6 @@ LabelName: TypeAlias = Literal[
     "hdr",
     "cause",
 ]
-
-
-#: Time between two poses of a host, where none is given.
-USUAL_POSE_STEP_US = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +139,8 @@ class Simulator:
         Any of ``depth``, ``flow``, ``instance``, ``semantic``, ``normal``, ``hdr``; ``flow`` stands for
         ``flow_forward`` and ``flow_backward`` with their validity masks. ``cause`` is no image: it tells why
         each event fired (`View.causes`).
-    label_rate_hz : float
-        Label images and poses per second.
+    label_rate_hz : float, optional
+        Label images and poses per second; 50 where not given.
     frame_rate_hz : float, optional
         Frames per second beside the events, as ``labels["frame"]``: float32 (H, W), mean linear luminance
         over an exposure; ``t_us`` is its middle, `start_us` and `end_us` its ends. None if not given.
@@ -210,7 +209,7 @@ class Simulator:
         cameras: Sequence[str | EventCamera] | None = None,
         size: tuple[int, int] | None = None,
         labels: Iterable[LabelName] = (),
-        label_rate_hz: float = 50.0,
+        label_rate_hz: float | None = None,
         frame_rate_hz: float | None = None,
         exposure_us: int | None = None,
         camera_motion: str | PathLike[str] | None = None,
@@ -222,13 +221,8 @@ class Simulator:
         pose_step_us: int | None = None,
         device: Device | str | int | None = None,
     ) -> None:
-        splat = None if method is None else _method.chosen(method)
         raw_of(scene)
         self._driven = [str(name) for name in _check.items("poses", poses, "['a node', 'a camera']")]
-        if pose_step_us is not None and not self._driven:
-            raise ConfigError(
-                "pose_step_us is given without poses; name the nodes that a host moves: poses=[...]"
-            )
         names: list[str] = []
         if cameras is not None:
             cameras = _check.items("cameras", cameras, f"{list(scene.cameras)}")
@@ -237,49 +231,44 @@ class Simulator:
             added = [camera for camera in cameras if isinstance(camera, EventCamera)]
             scene = scene.with_cameras(added) if added else scene
             names = [camera.name if isinstance(camera, EventCamera) else str(camera) for camera in cameras]
-        for_all = not (sensor is None or isinstance(sensor, Mapping))
-        sensors: dict[str, str] = {}
-        own: Sensor | None = None
-        if sensor is None or isinstance(sensor, Mapping):
-            sensors = _by_camera(sensor or {})
-            if splat is not None and splat.variant == "evis-paper":
-                own = Sensor(trigger="latch", log_eps=1e-5)
-        else:
+        own = None
+        if not (sensor is None or isinstance(sensor, Mapping)):
             own = sensor_of(sensor)
             own.check()
-        self._engine = _evis.Simulator(
-            scene._raw,
-            sensor=None if own is None else own._json(),
-            for_all=for_all,
-            sensors=sensors,
-            method=None if method is None else str(method) if splat is None else "splat",
-            splat=_method.as_json(splat),
-            quality=None if quality is None else str(quality),
+        warp = method if isinstance(method, _method.Warp) else None
+        request = Request(
             settings=None if settings is None else fspath(settings),
+            sensor=None if own is None else own._json(),
+            sensors=_by_camera(sensor) if isinstance(sensor, Mapping) else {},
+            quality=_word(quality),
+            method=None if warp else _word(method),
+            warp=_method.as_json(warp),
             rate_hz=_check.number_or_none("rate_hz", rate_hz),
             adaptive_px=_check.number_or_none("adaptive_px", adaptive_px),
-            between=None if between is None else str(between),
-            samples=None if samples is None else _check.whole("samples", samples),
-            antialias=None if antialias is None else str(antialias),
-            texture_taps=None if texture_taps is None else _check.whole("texture_taps", texture_taps),
-            shadows=None if shadows is None else str(shadows),
-            shadow_map=None if shadow_map is None else _check.whole("shadow_map", shadow_map),
+            between=_word(between),
+            samples=_check.whole_or_none("samples", samples),
+            antialias=_word(antialias),
+            texture_taps=_check.whole_or_none("texture_taps", texture_taps),
+            shadows=_word(shadows),
+            shadow_map=_check.whole_or_none("shadow_map", shadow_map),
             audit=_check.number_or_none("audit", audit),
             cameras=names,
             size=None if size is None else _check.size(size),
             start_us=None if start is None else _check.micros("start", start),
             seed=None if seed is None else _check.whole("seed", seed, 0, 2**63 - 1),
-            labels=_labels(labels),
-            label_rate_hz=_check.number("label_rate_hz", label_rate_hz),
+            labels=[str(label) for label in _check.items("labels", labels, "['depth', 'flow']")],
+            label_rate_hz=_check.number_or_none("label_rate_hz", label_rate_hz),
             frame_rate_hz=_check.number_or_none("frame_rate_hz", frame_rate_hz),
-            exposure_us=_exposure(exposure_us, frame_rate_hz),
+            exposure_us=None
+            if exposure_us is None
+            else _check.whole("exposure_us", exposure_us, 0, _check.MOST_US, " microseconds"),
             camera_motion=motion_text(camera_motion),
             camera_speed=_check.number_or_none("camera_speed", camera_speed, " pixels per second"),
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             poses=list(self._driven),
-            pose_step_us=_pose_step(pose_step_us, self._driven),
-            device=_selector(device),
+            pose_step_us=None if pose_step_us is None else _check.time_us("pose_step_us", pose_step_us),
         )
+        self._engine = _evis.Simulator(scene._raw, request, _selector(device))
         raw = self._engine.scene
         applied = raw.camera_motion
         if applied is None or applied == scene._raw.camera_motion:
@@ -476,7 +465,13 @@ class Simulator:
         jumps = [] if poses is None else node_jumps(self._driven, environments, poses)
         self._engine.reset(environments, seeds, jumps)
 
-    def stream(self, *, duration: float | None = None, packet_us: int = 10_000) -> Stream:
+    def stream(
+        self,
+        *,
+        duration: float | None = None,
+        packet_us: int = 10_000,
+        progress: bool | Callable[[StreamProgress], object] = False,
+    ) -> Stream:
         """Stream packets, rendered ahead while Python works.
 
         The stream takes the engine: afterwards this simulator neither steps nor streams. Events and labels
@@ -488,6 +483,9 @@ class Simulator:
             Seconds from now; to the end of the scene's motion where not given.
         packet_us : int
             Length of a packet in microseconds; the last one may be shorter.
+        progress : bool or callable
+            True shows a bar with the time left on standard error, or a line every ten seconds where that is
+            no terminal. A callable is given a `StreamProgress` after every packet.
 
         Returns
         -------
@@ -513,7 +511,8 @@ class Simulator:
         else:
             left_us = _check.duration_us("duration", duration)
         end_us = self.now_us + left_us
-        return Stream(self, self._engine.stream(left_us, _check.time_us("packet_us", packet_us)), end_us)
+        engine = self._engine.stream(left_us, _check.time_us("packet_us", packet_us))
+        return Stream(self, engine, end_us, progress)
 
     def __repr__(self) -> str:
         """Say what renders where."""
@@ -521,10 +520,44 @@ class Simulator:
         return f"Simulator({self._scene.name!r}, {self.environments} x [{cameras}] on {self.device.name})"
 
 
+@dataclass(frozen=True, slots=True)
+class StreamProgress:
+    """How far a stream has come.
+
+    Attributes
+    ----------
+    t_us, start_us, end_us : int
+        Stream time that is reached, and that the stream starts and ends at, in microseconds.
+    events : int
+        Events so far, of all cameras and environments.
+    elapsed_s : float
+        Seconds since the stream was asked for.
+    left_s : float, optional
+        Seconds left by what was measured so far; it never rises. None in the first second.
+    """
+
+    t_us: int
+    start_us: int
+    end_us: int
+    events: int
+    elapsed_s: float
+    left_s: float | None
+
+
 class Stream(Iterator[Packet]):
     """Packets in order, made by `Simulator.stream`. Leaving it, by ``with`` or `close`, stops the engine."""
 
-    def __init__(self, simulator: Simulator, engine: _evis.Stream, end_us: int) -> None:
+    def __init__(
+        self,
+        simulator: Simulator,
+        engine: _evis.Stream,
+        end_us: int,
+        progress: bool | Callable[[StreamProgress], object] = False,
+    ) -> None:
+        self._start_us = simulator.now_us
+        self._told = progress if callable(progress) else None
+        self._bar = Progress(end_us - self._start_us, "us of stream") if progress is True else None
+        self._began, self._left, self._count = time.monotonic(), TimeLeft(), 0
         self._simulator = simulator
         self._end_us = end_us
         self._engine = engine
@@ -546,6 +579,8 @@ class Stream(Iterator[Packet]):
         try:
             raw = next(self._engine)
         except StopIteration:
+            if self._bar is not None:
+                self._bar.close()
             if self._last_us == self._end_us and self._events == 0:
                 warnings.warn(NO_EVENT, stacklevel=2)
                 self._events = None
@@ -554,10 +589,22 @@ class Stream(Iterator[Packet]):
         if self._events is not None:
             self._events += packet.report.events
         self._last_us = packet.end_us
+        self._count += packet.report.events
+        if self._bar is not None:
+            self._bar.reach(packet.end_us - self._start_us)
+        if self._told is not None:
+            self._told(self._progress(packet.end_us))
         return packet
+
+    def _progress(self, t_us: int) -> StreamProgress:
+        elapsed_s = time.monotonic() - self._began
+        left_s = self._left.after(elapsed_s, (t_us - self._start_us) / max(self._end_us - self._start_us, 1))
+        return StreamProgress(t_us, self._start_us, self._end_us, self._count, elapsed_s, left_s)
 
     def close(self) -> None:
         """Stop the engine after the interval in work; closing twice does nothing."""
+        if self._bar is not None:
+            self._bar.close()
         self._engine.close()
 
     def __enter__(self) -> Stream:
@@ -569,12 +616,6 @@ class Stream(Iterator[Packet]):
     ) -> None:
         """Stop the engine."""
         self.close()
-
-
-def _pose_step(pose_step_us: int | None, driven: Sequence[str]) -> int | None:
-    if pose_step_us is not None:
-        return _check.time_us("pose_step_us", pose_step_us)
-    return USUAL_POSE_STEP_US if driven else None
 
 
 def _simulator(cls: type[Simulator], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Simulator:
@@ -618,26 +659,8 @@ def _by_camera(sensors: Mapping[str, Sensor | str]) -> dict[str, str]:
     return checked
 
 
-def _labels(labels: Iterable[LabelName]) -> list[str]:
-    names = get_args(LabelName)
-    asked = _check.items("labels", labels, "['depth', 'flow']")
-    for label in asked:
-        if label == "frame":
-            raise ConfigError("label is 'frame'; frames come with frame_rate_hz=, and need no label")
-        if label not in names:
-            raise ConfigError(f"label is {_check.shown(label)}; it must be {_check.one_of(names)}")
-    return asked
-
-
-def _exposure(exposure_us: int | None, frame_rate_hz: float | None) -> int | None:
-    """Return the exposure of frames, if one is given."""
-    if exposure_us is None:
-        return None
-    if frame_rate_hz is None:
-        raise ConfigError(
-            f"exposure_us is {_check.shown(exposure_us)}; it exposes no frame: give frame_rate_hz too"
-        )
-    return _check.whole("exposure_us", exposure_us, 0, _check.MOST_US, " microseconds")
+def _word(value: object) -> str | None:
+    return None if value is None else str(value)
 
 
 def _selector(device: Device | str | int | None) -> str | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from . import _check, _evis
 from ._evis import ConfigError
+from ._progress import Progress, TimeLeft
 from ._sensor import Sensor, sensor_of
 
 
@@ -100,6 +102,31 @@ class VideoReport:
     warnings: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class VideoProgress:
+    """How far `video` has come.
+
+    Attributes
+    ----------
+    t_us : int
+        Microseconds after the first frame that are converted.
+    duration_us : int, optional
+        Microseconds in all; None where the source does not say.
+    events : int
+        Events so far.
+    elapsed_s : float
+        Seconds of work.
+    left_s : float, optional
+        Seconds left by what was measured so far; it never rises. None where nothing is known.
+    """
+
+    t_us: int
+    duration_us: int | None
+    events: int
+    elapsed_s: float
+    left_s: float | None
+
+
 def video(
     source: str | PathLike[str],
     output: str | PathLike[str],
@@ -114,6 +141,7 @@ def video(
     duration: float | None = None,
     reference_luminance: float = 1.0,
     overwrite: bool = False,
+    progress: bool | Callable[[VideoProgress], object] = False,
 ) -> VideoReport:
     """Turn a film, a folder of pictures or an array of frames into a recording.
 
@@ -149,6 +177,9 @@ def video(
         Y_ref of the sensor's formula; white of integer frames is 1.
     overwrite : bool
         Replace a file that exists.
+    progress : bool or callable
+        True shows a bar with the time left on standard error, or a line every ten seconds where that is no
+        terminal. A callable is given a `VideoProgress`, ten times per second at most.
 
     Raises
     ------
@@ -175,6 +206,19 @@ def video(
         raise ConfigError(f"output ends with '{Path(output).suffix}'; it must end with .h5 or .hdf5")
     sensor = sensor_of(sensor)
     sensor.check()
+    began, left = time.monotonic(), TimeLeft()
+    bar: Progress | None = None
+
+    def told(t_us: int, duration_us: int, events: int) -> None:
+        nonlocal bar
+        if progress is True:
+            bar = bar or Progress(duration_us, "us of frames")
+            bar.reach(t_us)
+        elif callable(progress):
+            elapsed_s = time.monotonic() - began
+            left_s = left.after(elapsed_s, t_us / duration_us) if duration_us else None
+            progress(VideoProgress(t_us, duration_us or None, events, elapsed_s, left_s))
+
     text = _evis.convert_video(
         _wanted(source, transfer, fps, timestamps, size, start, duration),
         Path(output),
@@ -182,7 +226,10 @@ def video(
         seed=_check.whole("seed", seed, 0, 2**63 - 1),
         reference_luminance=_check.number("reference_luminance", reference_luminance),
         overwrite=overwrite,
+        progress=told if progress else None,
     )
+    if bar is not None:
+        bar.close()
     held = json.loads(text)
     # Interrupted, this function has raised KeyboardInterrupt.
     del held["interrupted"]

@@ -123,8 +123,9 @@ class Trajectory(_Motion):
     ----------
     file : path
         The file.
-    time_unit : {"s", "ms", "us", "ns"}
-        Unit of its times.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        Unit of its times; what a line ``# unit: ns`` of the file says, else seconds. Poses more than 10 s
+        apart on average are refused unless the unit is said.
     from_zero : bool
         Whether its first pose is taken as time 0.
     time_offset_s : float
@@ -137,7 +138,7 @@ class Trajectory(_Motion):
 
     kind: ClassVar[str] = "trajectory"
     file: str | PathLike[str]
-    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
     from_zero: bool = True
     time_offset_s: float = 0.0
     axes: Literal["opengl", "opencv"] = "opengl"

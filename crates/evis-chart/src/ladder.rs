@@ -223,7 +223,7 @@ impl Setting {
         }
         match self.antialias {
             Antialias::Samples => flags += &format!(" --samples {}", self.samples),
-            Antialias::Edges => flags += " --aa edges",
+            Antialias::Edges => flags += " --antialias edges",
         }
         // The paper's method latches unless it is told otherwise.
         let paper = self.method == "evis-paper";
@@ -443,7 +443,7 @@ mod tests {
         let run = edges.run_config(&base).unwrap();
         assert_eq!((run.rate_hz, run.antialias, run.size), (250.0, Antialias::Edges, Some((8, 6))));
         assert_eq!(edges.label(), "250 Hz edges");
-        assert_eq!(edges.run_flags(), "--rate 250 --aa edges");
+        assert_eq!(edges.run_flags(), "--rate 250 --antialias edges");
         let warp = &published()[1];
         assert_eq!(warp.label(), "evis-paper 250×4 Hz ×4 latch");
         assert_eq!(

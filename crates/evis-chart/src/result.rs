@@ -226,7 +226,7 @@ impl ChartResult {
         let value: serde_json::Value =
             serde_json::from_str(text).map_err(|e| invalid(format!("this is no JSON: {e}")))?;
         let version = value.get("evis_chart").and_then(serde_json::Value::as_u64).ok_or_else(|| {
-            invalid("this is no chart; `evis chart SCENE --json R.json` writes one".to_owned())
+            invalid("this is no chart; `evis chart SCENE --report R.json` writes one".to_owned())
         })?;
         if version != u64::from(VERSION) {
             return Err(invalid(format!(

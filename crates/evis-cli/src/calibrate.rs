@@ -8,7 +8,7 @@ use evis_core::stats::{Calibration, FlickerFit, calibrate as fit, calibrate_flic
 
 use crate::args::CalibrateArgs;
 use crate::failure::bad_input;
-use crate::run::{check_free, check_parent};
+use crate::outputs::{check_free, check_parent};
 use crate::{extent, sensor_source, text};
 
 /// Fits, tells and writes.

@@ -9,11 +9,11 @@ use evis_chart::{
 };
 use evis_render::Gpu;
 
-use crate::args::{ChartArgs, MeasuringArgs};
+use crate::args::{ChartArgs, MeasuringArgs, to_us};
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::check_parent;
 use crate::progress::{Progress, WHOLE};
-use crate::run::{check_parent, to_us};
 use crate::{scene_source, text};
 
 /// F1 that is recommended for, unless another is asked for.
@@ -29,8 +29,8 @@ pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
         PictureKind::of(output)?;
         check_parent(output, "--output")?;
     }
-    if let Some(json) = &args.json {
-        check_parent(json, "--json")?;
+    if let Some(report) = &args.report {
+        check_parent(report, "--report")?;
     }
     let (chart, ended) = if args.from.is_empty() { measure(args)? } else { (read(&args.from)?, None) };
     if chart.scenes.is_empty() {
@@ -38,36 +38,50 @@ pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
     }
 
     // What was measured is kept first: whatever fails later can be done again from it.
-    if let Some(path) = &args.json {
+    let say = |line: &str| {
+        if !args.json {
+            text::say(line);
+        }
+    };
+    if let Some(path) = &args.report {
         let json = chart.to_json()? + "\n";
         evis_core::limits::write_whole(path, json.as_bytes())
             .with_context(|| format!("cannot write {}", path.display()))?;
-        text::say(&format!("{}", path.display()));
+        say(&format!("{}", path.display()));
+    }
+    if args.json {
+        text::say(&chart.to_json()?);
     }
     for output in &args.output {
         evis_chart::draw::save(&chart, &Look { lens }, output)?;
-        text::say(&format!("{}", output.display()));
+        say(&format!("{}", output.display()));
     }
-    let recommended = recommend(args, &chart, lens, program);
+    let recommended = recommend(args, &chart, lens, program, &say);
     ended.unwrap_or(recommended)
 }
 
 /// One sentence and one command per scene and goal. A goal that the user set and that is out of reach is an error.
-fn recommend(args: &ChartArgs, chart: &ChartResult, lens: Lens, program: &str) -> anyhow::Result<i32> {
+fn recommend(
+    args: &ChartArgs,
+    chart: &ChartResult,
+    lens: Lens,
+    program: &str,
+    say: &impl Fn(&str),
+) -> anyhow::Result<i32> {
     let asked = [args.budget.map(Goal::Budget), args.target_f1.map(Goal::TargetF1)];
     let usual = [Goal::Budget(REAL_TIME_MS), Goal::TargetF1(TARGET_F1)];
     let goals: Vec<_> = asked.into_iter().flatten().collect();
     let (goals, asked) = if goals.is_empty() { (usual.to_vec(), false) } else { (goals, true) };
     let mut failed = None;
     for scene in &chart.scenes {
-        text::say(&format!("{}: {}", scene.scene, measured(scene)));
+        say(&format!("{}: {}", scene.scene, measured(scene)));
         for goal in &goals {
             match scene.recommend(*goal, lens) {
                 Ok(found) => {
                     let command = found.command.replacen("evis ", &format!("{program} "), 1);
-                    text::say(&format!("  {}\n    {command}", found.sentence));
+                    say(&format!("  {}\n    {command}", found.sentence));
                 }
-                Err(error @ ChartError::Unreachable(_)) if !asked => text::say(&format!("  {error}")),
+                Err(error @ ChartError::Unreachable(_)) if !asked => say(&format!("  {error}")),
                 Err(error) => failed = Some(error),
             }
         }

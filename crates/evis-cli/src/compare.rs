@@ -6,7 +6,7 @@ use evis_chart::PictureKind;
 use evis_core::stats::{Comparison, Named, stats};
 
 use crate::args::CompareArgs;
-use crate::run::check_parent;
+use crate::outputs::check_parent;
 use crate::{extent, text};
 
 /// Counts, prints and draws.

@@ -1,98 +1,16 @@
 //! `convert`: event files of one program for another; `info` of files that are no recordings of EVIS.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::Args;
 use evis_format::{
     ConvertOptions, EventReader, Extent, Format, FormatError, ReadOptions, WriteOptions, measure, open,
 };
 use serde::Serialize;
 
+use crate::args::ConvertArgs;
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
 use crate::text;
-
-/// `convert`.
-#[derive(Debug, Args)]
-pub(crate) struct ConvertArgs {
-    /// A file of events of any format that is read, or a folder in DSEC's layout; its content tells which.
-    pub(crate) input: PathBuf,
-
-    /// The file to write: .raw (EVT 3.0), .dat, .aedat4, .aedat, .txt, .zip, .npz, .npy, .h5, .mcap or .es.
-    pub(crate) output: PathBuf,
-
-    /// The format of the output, where its name does not tell: evt3, evt2, dat, aedat4, aedat2, text, text-zip, npz, npy,
-    /// hdf5, mcap, es; dsec makes a folder of a recording of EVIS.
-    #[arg(long, value_name = "FORMAT", value_parser = format)]
-    pub(crate) format: Option<Format>,
-
-    /// The camera, where the input has several.
-    #[arg(long, value_name = "NAME")]
-    pub(crate) camera: Option<String>,
-
-    /// The sensor's size, where the input does not say [default: the smallest that holds all events].
-    #[arg(long, value_name = "WxH", value_parser = size)]
-    pub(crate) size: Option<(u32, u32)>,
-
-    /// Keep events from this second on.
-    #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
-    pub(crate) start: Option<i64>,
-
-    /// Keep events before this second.
-    #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
-    pub(crate) end: Option<i64>,
-
-    /// Count times from --start, or from the first event where there is none.
-    #[arg(long)]
-    pub(crate) rebase: bool,
-
-    /// Keep a part of the sensor: its left column, top row, width and height in pixels.
-    #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
-    pub(crate) crop: Option<[u32; 4]>,
-
-    /// Mirror the sensor, after the crop: x left and right, y top and bottom, xy both.
-    #[arg(long, value_name = "x|y|xy", value_parser = ["x", "y", "xy"])]
-    pub(crate) flip: Option<String>,
-
-    /// Leave out triggers, frames and inertial samples.
-    #[arg(long)]
-    pub(crate) events_only: bool,
-
-    /// Replace the output if it exists.
-    #[arg(long)]
-    pub(crate) force: bool,
-
-    /// Print JSON.
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
-fn format(name: &str) -> Result<Format, String> {
-    let names: Vec<_> = Format::ALL.iter().map(|format| format.name()).collect();
-    Format::of_name(name).ok_or_else(|| format!("it must be one of {}", names.join(", ")))
-}
-
-fn size(text: &str) -> Result<(u32, u32), String> {
-    let side = |side: &str| side.parse::<u32>().ok().filter(|side| (1..=1 << 16).contains(side));
-    let sides = text.split_once('x').and_then(|(width, height)| side(width).zip(side(height)));
-    sides.ok_or_else(|| "it must be width x height in pixels, such as 1280x720".into())
-}
-
-/// Seconds as microseconds.
-fn seconds(text: &str) -> Result<i64, String> {
-    let seconds: Option<f64> = text.parse().ok().filter(|s: &f64| s.abs() < 9.0e12);
-    seconds.map(|s| (s * 1.0e6).round() as i64).ok_or_else(|| "it must be a number of seconds".into())
-}
-
-fn crop(text: &str) -> Result<[u32; 4], String> {
-    let numbers: Vec<u32> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
-    match numbers.as_slice() {
-        &[x, y, width, height] if width > 0 && height > 0 && text.split(',').count() == 4 => {
-            Ok([x, y, width, height])
-        }
-        _ => Err("it must be four whole numbers, such as 100,50,640,480".into()),
-    }
-}
 
 #[derive(Serialize)]
 struct Report {
@@ -179,6 +97,27 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
 }
 
+/// Writes the events of the recording `input` in the format that the name of `output` says. Returns a line about it.
+pub(crate) fn export(input: &Path, output: &Path, overwrite: bool) -> anyhow::Result<String> {
+    let format = format_of(output)?;
+    let reader = open(input, &ReadOptions::default())?;
+    let size = reader.info().size.unwrap_or((1, 1));
+    let writer = evis_format::create(output, format, &WriteOptions { size, overwrite })?;
+    let options = ConvertOptions { events_only: true, ..ConvertOptions::default() };
+    let converted = evis_format::convert(reader, writer, size, &options, |_| true)?;
+    Ok(format!("{}  {format}, {} events", output.display(), text::grouped(converted.events)))
+}
+
+/// The format that the name of `path` says.
+pub(crate) fn format_of(path: &Path) -> anyhow::Result<Format> {
+    Format::of_ending(path).ok_or_else(|| {
+        bad_input(format!(
+            "--output {}: its name tells no format; end it with .h5, .raw, .dat, .aedat4, .txt, .npz, .npy, .mcap or .es",
+            path.display()
+        ))
+    })
+}
+
 /// `, 3 triggers, 2 frames`, of what there is.
 fn others(triggers: u64, frames: u64, imu: u64) -> String {
     [(triggers, "triggers"), (frames, "frames"), (imu, "inertial samples")]
@@ -238,7 +177,7 @@ struct FileInfo {
 }
 
 /// Whether a file of HDF5 has a layout of another program.
-pub(crate) fn reads(path: &std::path::Path) -> bool {
+pub(crate) fn reads(path: &Path) -> bool {
     // A file of several cameras is read once one is chosen.
     match open(path, &ReadOptions::default()) {
         Ok(_) => true,
@@ -248,7 +187,7 @@ pub(crate) fn reads(path: &std::path::Path) -> bool {
 }
 
 /// Describes a file of another program.
-pub(crate) fn info(path: &std::path::Path, camera: Option<&str>, json: bool) -> anyhow::Result<i32> {
+pub(crate) fn info(path: &Path, camera: Option<&str>, json: bool) -> anyhow::Result<i32> {
     let read = ReadOptions { camera: camera.map(str::to_owned), size: None };
     let mut reader = open(path, &read)?;
     let (extent, damage) = measured(&mut *reader);
@@ -325,14 +264,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn arguments_are_numbers_or_say_what_works() {
-        assert_eq!(crop("1, 2,3,4"), Ok([1, 2, 3, 4]));
-        assert_eq!((size("640x480"), seconds("-1.5")), (Ok((640, 480)), Ok(-1_500_000)));
-        assert_eq!(format("evt3"), Ok(Format::Evt3));
-        for wrong in [crop("1,2,3").err(), crop("1,2,0,4").err(), size("640").err(), seconds("x").err()] {
-            assert!(wrong.is_some_and(|error| error.starts_with("it must be")));
-        }
-        assert!(format("evt9").is_err_and(|error| error.contains("aedat4")));
+    fn what_a_file_has_beside_events_is_counted() {
         assert_eq!(others(2, 0, 1), ", 2 triggers, 1 inertial samples");
+        assert_eq!(others(0, 0, 0), "");
     }
 }

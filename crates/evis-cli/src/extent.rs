@@ -7,8 +7,8 @@ use evis_core::format::hdf5::Recording;
 use evis_core::format::{EventFile, read_events};
 use std::path::Path;
 
+use crate::args::to_us;
 use crate::failure::bad_input;
-use crate::run::to_us;
 
 /// Events are read in pieces of this length, so that memory does not grow with the recording.
 const PIECE_US: i64 = 1_000_000;

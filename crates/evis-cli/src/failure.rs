@@ -71,7 +71,11 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
                     | ChartError::Invalid { .. }
             )
         )
-        || matches!(cause.downcast_ref(), Some(EngineError::Config(_) | EngineError::Scene(_)))
+        || match cause.downcast_ref() {
+            Some(EngineError::Format(error)) => is_bad_input(error),
+            Some(error) => matches!(error, EngineError::Config(_) | EngineError::Scene(_)),
+            None => false,
+        }
         || cause.downcast_ref::<std::io::Error>().is_some_and(|io| {
             matches!(
                 io.kind(),

@@ -2,15 +2,18 @@
 
 mod args;
 mod calibrate;
-mod camera_args;
 mod chart;
 mod compare;
+mod completions;
 mod convert;
 mod extent;
 mod failure;
+mod flags;
+mod from_v2e;
 mod info;
 mod interrupt;
 mod list;
+mod outputs;
 mod picture;
 mod preview;
 mod progress;
@@ -18,14 +21,14 @@ mod run;
 mod scene_source;
 mod score;
 mod sensor_source;
-mod settings_source;
 mod text;
 mod truth;
 mod tune;
 mod verify;
 mod video;
+mod warnings;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::FromArgMatches;
 
 use crate::args::{Cli, Command};
 
@@ -53,6 +56,7 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Run(args) => run::run(&args),
         Command::Tune(args) => tune::tune(&args),
         Command::Video(args) => video::video(&args),
+        Command::FromV2e(args) => from_v2e::from_v2e(&args, program),
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),
         Command::Truth(args) => truth::truth(&args),
@@ -63,7 +67,9 @@ pub fn run(args: Vec<String>) -> i32 {
         Command::Calibrate(args) => calibrate::calibrate(&args),
         Command::Compare(args) => compare::compare(&args),
         Command::Scenes(args) => list::scenes(&args),
+        Command::Sensors(args) => list::sensors(&args),
         Command::Devices(args) => list::devices(&args),
+        Command::Completions(args) => completions::completions(&args, program),
     };
     match done {
         Ok(code) => code,
@@ -81,6 +87,10 @@ fn parse(args: Vec<String>) -> Result<(Cli, &'static str), clap::Error> {
         .and_then(|program| std::path::Path::new(program).file_stem())
         .is_some_and(|stem| stem == "evis");
     let name = if called_evis { "evis" } else { "evis-rs" };
-    let matches = Cli::command().name(name).try_get_matches_from(args)?;
+    let mut command = args::help::command(name);
+    if args.iter().any(|arg| arg == "-h") {
+        command = args::help::with_short_help(command);
+    }
+    let matches = command.try_get_matches_from(args)?;
     Ok((Cli::from_arg_matches(&matches)?, name))
 }

@@ -1,5 +1,6 @@
-//! `scenes` and `devices`.
+//! `scenes`, `sensors` and `devices`.
 
+use evis_core::sensor::PRESETS;
 use serde::Serialize;
 
 use crate::args::ListArgs;
@@ -52,6 +53,38 @@ fn triangles(scene: &evis_scene::Scene) -> usize {
         scene.meshes.get(index).map_or(0, |mesh| mesh.primitives.iter().map(|p| p.indices.len() / 3).sum())
     };
     scene.nodes.iter().filter_map(|node| node.mesh).map(of_mesh).sum()
+}
+
+#[derive(Serialize)]
+struct SensorLine {
+    name: &'static str,
+    source: &'static str,
+    models: Vec<String>,
+}
+
+/// Lists the sensor presets.
+pub(crate) fn sensors(args: &ListArgs) -> anyhow::Result<i32> {
+    let lines: Vec<_> = PRESETS
+        .iter()
+        .map(|preset| SensorLine {
+            name: preset.name,
+            source: preset.source,
+            models: preset.sensor().models(),
+        })
+        .collect();
+    if args.json {
+        text::say_json(&lines)?;
+        return Ok(0);
+    }
+    for line in lines {
+        text::say(&format!(
+            "{}\n{}",
+            line.name,
+            text::wrapped(&format!("models {}", line.models.join(", ")), 4)
+        ));
+        text::say(&text::wrapped(&format!("source: {}", line.source), 4));
+    }
+    Ok(0)
 }
 
 /// Lists the devices.

@@ -1,5 +1,7 @@
 //! Where scenes come from: the only file that calls the loaders.
 
+use std::path::Path;
+
 use evis_scene::source::Opening;
 use evis_scene::{CameraMotionSettings, Scene, SceneError, builtin, source};
 
@@ -16,7 +18,23 @@ pub(crate) fn open(
     speed: Option<f64>,
     camera_motion: CameraMotionSettings,
 ) -> Result<Scene, SceneError> {
+    if is_film(source) {
+        return Err(SceneError::Rule(format!(
+            "{source} is a film, or frames, and no scene; `video {source} -o OUT.h5` turns it into events"
+        )));
+    }
     source::open(source, &Opening { seed, speed, camera_motion })
+}
+
+/// Endings of films, and of arrays of frames.
+const FILMS: [&str; 12] =
+    ["mp4", "m4v", "mov", "avi", "mkv", "webm", "mpg", "mpeg", "wmv", "ogv", "gif", "npy"];
+
+/// Whether `source` is what `video` takes and no scene.
+fn is_film(source: &str) -> bool {
+    let path = Path::new(source);
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    ending.is_some_and(|ending| FILMS.contains(&ending.as_str())) || path.is_dir()
 }
 
 /// What is said of a scene in which nothing changes for `cameras` (all, if empty).

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use evis_core::SensorConfig;
 use evis_core::sensor::PRESETS;
+use evis_core::words::did_you_mean;
 
 use crate::failure::bad_input;
 
@@ -18,7 +19,8 @@ pub(crate) fn load(flag: &str, name: &str) -> anyhow::Result<SensorConfig> {
     if !is_file {
         let names: Vec<_> = PRESETS.iter().map(|preset| preset.name).collect();
         return Err(bad_input(format!(
-            "{flag} {name}: neither a preset nor a file; presets are {}, or name a TOML file",
+            "{flag} {name}: neither a preset nor a file{}; presets are {}, or name a TOML file",
+            did_you_mean(name, names.iter().copied()),
             names.join(", ")
         )));
     }

@@ -53,9 +53,44 @@ pub(crate) fn short(value: f64) -> String {
     format!("{scaled:.decimals$}{unit}")
 }
 
+/// `text` in lines of 100 columns at most, each `indent` columns in.
+pub(crate) fn wrapped(text: &str, indent: usize) -> String {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let last = lines.len() - 1;
+        let line = &mut lines[last];
+        if line.is_empty() {
+            line.push_str(word);
+        } else if indent + line.chars().count() + 1 + word.chars().count() <= 100 {
+            line.push(' ');
+            line.push_str(word);
+        } else {
+            lines.push(word.to_owned());
+        }
+    }
+    let margin = " ".repeat(indent);
+    lines.iter().map(|line| format!("{margin}{line}")).collect::<Vec<_>>().join("\n")
+}
+
 /// Microseconds as seconds, without trailing zeros.
 pub(crate) fn seconds(t_us: i64) -> String {
     format!("{} s", t_us as f64 / 1.0e6)
+}
+
+/// A length of time as people say it: `45 s`, `3 min`, `2.5 h`.
+pub(crate) fn about(time: std::time::Duration) -> String {
+    match time.as_secs_f64() {
+        s if s < 9.95 => format!("{s:.1} s"),
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+/// Two significant digits of what is below 10, else whole.
+pub(crate) fn significant(value: f64) -> String {
+    let decimals = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 6.0) } else { 0.0 };
+    format!("{value:.0$}", decimals as usize)
 }
 
 /// `part` of `whole` in percent.
@@ -66,6 +101,26 @@ pub(crate) fn percent(part: u64, whole: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn text_is_wrapped_at_100_columns() {
+        let text = wrapped(&"word ".repeat(60), 4);
+        assert!(text.lines().count() == 4 && text.lines().all(|line| line.len() <= 100), "{text}");
+        assert_eq!(text.split_whitespace().count(), 60);
+        assert_eq!(wrapped("a", 2), "  a");
+    }
+
+    #[test]
+    fn lengths_of_time_read_well() {
+        let of = |s: f64| about(std::time::Duration::from_secs_f64(s));
+        assert_eq!([of(0.2), of(45.4), of(150.0), of(9000.0)], ["0.2 s", "45 s", "2 min", "2.5 h"]);
+    }
+
+    #[test]
+    fn factors_have_two_digits() {
+        let of = [0.0049, 0.123, 1.26, 34.5, 0.0].map(significant);
+        assert_eq!(of, ["0.0049", "0.12", "1.3", "34", "0"]);
+    }
 
     #[test]
     fn numbers_read_well() {

@@ -5,11 +5,11 @@ use evis_render::scene_sensors;
 use evis_scene::Scene;
 use evis_truth::{Audit, TruthError, TruthSettings};
 
-use crate::args::TruthArgs;
+use crate::args::{TruthArgs, to_us};
 use crate::chart::cache_folder;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::{check_free, check_output};
 use crate::progress::{Progress, WHOLE};
-use crate::run::{check_free, check_output, to_us};
 use crate::{scene_source, text};
 
 /// Computes and writes.
@@ -108,14 +108,14 @@ fn settings(args: &TruthArgs, sensor: SensorConfig) -> TruthSettings {
     set(&mut settings.sensor.threshold_on, args.threshold_on);
     set(&mut settings.sensor.threshold_off, args.threshold_off);
     set(&mut settings.sensor.log_eps, args.log_eps);
-    settings.sensor.trigger = args.trigger.map_or(settings.sensor.trigger, Into::into);
+    settings.sensor.trigger = args.trigger.unwrap_or(settings.sensor.trigger);
     settings.sampled_hz = args.sampled;
     settings.camera.clone_from(&args.camera);
     settings.size = args.size;
     settings.start_us = args.start.map_or(0, to_us);
     settings.duration_us = args.duration.map_or(settings.duration_us, |s| to_us(s).max(1));
-    settings.pixels = args.crop.or(args.pixels).unwrap_or(settings.pixels);
-    settings.lattice = args.lattice.map_or(settings.lattice, Into::into);
+    settings.pixels = args.crop.or(args.truth_pixels).unwrap_or(settings.pixels);
+    settings.lattice = args.lattice.unwrap_or(settings.lattice);
     settings.reference_luminance = args.reference_luminance;
     settings
 }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use evis_render::tune::{Goal, tune as search};
 use evis_render::{EngineError, Gpu, RunConfig, scene_sensors};
 
-use crate::args::TuneArgs;
+use crate::args::{TuneArgs, to_us};
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::{check_free, check_parent};
 use crate::progress::{Progress, WHOLE};
-use crate::run::{check_free, check_parent, to_us};
 use crate::{scene_source, sensor_source, text};
 
 /// Searches and writes.
@@ -26,7 +26,7 @@ pub(crate) fn tune(args: &TuneArgs) -> anyhow::Result<i32> {
     let mut config = RunConfig {
         sensor: asked.all.unwrap_or_default(),
         sensors: asked.of,
-        shadows: args.shadows.map(Into::into),
+        shadows: args.shadows,
         cameras: args.camera.clone(),
         size: args.size,
         start_us: to_us(args.start.unwrap_or(0.0)),

@@ -11,12 +11,12 @@ use evis_chart::verify::{
 use evis_chart::{ChartError, PictureKind, Stage};
 use evis_render::Gpu;
 
-use crate::args::VerifyArgs;
+use crate::args::{VerifyArgs, to_us};
 use crate::chart::cache_folder;
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::check_parent;
 use crate::progress::{Progress, WHOLE};
-use crate::run::{check_parent, to_us};
 use crate::{scene_source, text};
 
 /// Exit code where theory and measurement differ.
@@ -116,8 +116,8 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
         samples,
         camera: common.camera.clone(),
         size: common.size.or(default.size),
-        at_us: args.at.map_or(default.at_us, |ms| to_us(ms * 1.0e-3)),
-        shadows: args.shadows.map_or(default.shadows, Into::into),
+        at_us: args.at.map_or(default.at_us, to_us),
+        shadows: args.shadows.unwrap_or(default.shadows),
         worst: default.worst,
     };
     let camera_motion = args.camera_motion.settings(settings.size, settings.camera.as_ref());
@@ -181,15 +181,11 @@ fn settings(args: &VerifyArgs) -> SceneSettings {
         sensor,
         rates_hz: or(&args.rates, default.rates_hz),
         samples: if common.samples.is_empty() { default.samples } else { common.samples.clone() },
-        triggers: if args.triggers.is_empty() {
-            default.triggers
-        } else {
-            args.triggers.iter().copied().map(Into::into).collect()
-        },
+        triggers: if args.triggers.is_empty() { default.triggers } else { args.triggers.clone() },
         camera: common.camera.clone(),
         size: common.size.or(default.size),
-        duration_us: args.duration_ms.map_or(default.duration_us, |ms| to_us(ms * 1.0e-3).max(1)),
-        pixels: args.pixels.unwrap_or(default.pixels),
+        duration_us: args.duration.map_or(default.duration_us, |s| to_us(s).max(1)),
+        pixels: args.truth_pixels.unwrap_or(default.pixels),
         ..default
     }
 }

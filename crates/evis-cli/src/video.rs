@@ -1,28 +1,36 @@
 //! `video`: frames that somebody else made go in, a recording comes out.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
 use evis_core::{SensorConfig, Transfer};
+use evis_format::Format;
 use evis_video::{
     Clock, FrameSource, SourceConfig, VideoConfig, VideoReport, VideoStream, clock_of, convert,
 };
 
-use crate::args::VideoArgs;
+use crate::args::{VideoArgs, to_us};
+use crate::convert::{export, format_of};
+use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::outputs::{check_free, check_output, check_parent, check_report};
 use crate::progress::Progress;
-use crate::run::{check_free, check_output, check_report, to_us};
-use crate::{sensor_source, text};
+use crate::{flags, sensor_source, text};
 
 /// Converts and tells.
 pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
-    check_output(&args.output)?;
+    let outputs = Outputs::of(&args.output)?;
     if let Some(report) = &args.report {
-        check_report(report, args.force, &[("--output", &args.output), ("the input", &args.input)])?;
+        let mut taken: Vec<_> = args.output.iter().map(|output| ("--output", output.as_path())).collect();
+        taken.push(("the input", &args.input));
+        check_report(report, args.force, &taken)?;
     }
-    check_free(&args.output, args.force)?;
+    for output in &args.output {
+        check_free(output, args.force)?;
+    }
     let defaults = VideoConfig::default();
-    let config = VideoConfig {
+    let mut config = VideoConfig {
         sensor: match (&args.sensor, &args.like) {
             (Some(name), _) => sensor_source::load("--sensor", name)?,
             (None, Some(name)) => SensorConfig::preset(name)?,
@@ -32,6 +40,9 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
         reference_luminance: args.reference_luminance.unwrap_or(defaults.reference_luminance),
         ..VideoConfig::default()
     };
+    for assignment in &args.set {
+        config.sensor.set(assignment).map_err(|error| flags::named(error.into()))?;
+    }
     let clock = match (args.fps, &args.timestamps) {
         (Some(fps), _) => Clock::rate(fps)?,
         (None, Some(path)) => clock_of(path)?,
@@ -51,11 +62,14 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
     let progress =
         Progress::new(stream.source().duration_us().and_then(|us| u64::try_from(us).ok()).unwrap_or(0));
     let started = Instant::now();
-    let report = convert(stream, &args.output, args.force, |at| {
+    // A recording that nobody asked for is written over, should a killed process have left one.
+    let force = args.force || outputs.is_temporary;
+    let report = convert(stream, &outputs.recording, force, |at| {
         progress.stream(at.t_us, at.events, started.elapsed());
         !interrupt.asked()
     })?;
     drop(progress);
+    let exported = outputs.export(args.force)?;
     for warning in &report.warnings {
         text::complain(&format!("warning: {warning}"));
     }
@@ -67,36 +81,102 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
     if args.json {
         text::say_json(&report)?;
     } else {
-        text::say(&summary(&report));
+        text::say(&summary(&report, outputs.is_temporary));
+        exported.iter().for_each(|line| text::say(line));
     }
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
 }
 
-/// The report for people.
-fn summary(report: &VideoReport) -> String {
+/// The files to write.
+struct Outputs {
+    /// The first HDF5 file, or one that goes when the others are written.
+    recording: PathBuf,
+    is_temporary: bool,
+    others: Vec<PathBuf>,
+}
+
+impl Outputs {
+    /// Refuses what cannot be written.
+    fn of(outputs: &[PathBuf]) -> anyhow::Result<Self> {
+        let mut recording = None;
+        let mut others = Vec::new();
+        for output in outputs {
+            if outputs.iter().filter(|other| *other == output).count() > 1 {
+                return Err(bad_input(format!(
+                    "--output {} is given twice; leave one out",
+                    output.display()
+                )));
+            }
+            match format_of(output)? {
+                Format::Hdf5 if recording.is_some() => {
+                    let output = output.display();
+                    return Err(bad_input(format!(
+                        "--output {output}: there is a recording already; leave one out"
+                    )));
+                }
+                Format::Hdf5 => {
+                    check_output(output)?;
+                    recording = Some(output.clone());
+                }
+                _ => {
+                    check_parent(output, "--output")?;
+                    others.push(output.clone());
+                }
+            }
+        }
+        let is_temporary = recording.is_none();
+        let beside = || {
+            let name =
+                others.first().and_then(|other| other.file_name()).unwrap_or_default().to_string_lossy();
+            let first = others.first().map_or_else(PathBuf::new, Clone::clone);
+            first.with_file_name(format!(".{name}.{}.h5", std::process::id()))
+        };
+        Ok(Self { recording: recording.unwrap_or_else(beside), is_temporary, others })
+    }
+
+    /// Writes the other formats. Returns a line about each.
+    fn export(&self, force: bool) -> anyhow::Result<Vec<String>> {
+        self.others.iter().map(|other| export(&self.recording, other, force)).collect()
+    }
+}
+
+impl Drop for Outputs {
+    fn drop(&mut self) {
+        if self.is_temporary {
+            // Where nothing was written there is nothing to remove.
+            let _ = std::fs::remove_file(&self.recording);
+        }
+    }
+}
+
+/// The report for people: four lines, and what went amiss.
+fn summary(report: &VideoReport, is_temporary: bool) -> String {
     let VideoReport { width, height, frames, stream_s, wall_s, events, .. } = report;
     let per = |seconds: f64| text::short(if seconds > 0.0 { *events as f64 / seconds } else { 0.0 });
     let stopped = if report.interrupted { " (interrupted; the file is complete up to here)" } else { "" };
+    let file = if is_temporary { "no recording".into() } else { report.output.display().to_string() };
     let mut lines = vec![
-        format!("{}  ({width}x{height})", report.output.display()),
-        format!("frames             {}, {}, curve {}", text::grouped(*frames), report.kind, report.transfer),
-        format!("stream             {stream_s} s{stopped}"),
+        format!("file     {file}  ({width}x{height})"),
         format!(
-            "events             {}  ({:.1} % ON)",
+            "events   {}, {}/s of stream, {:.1} % ON",
             text::grouped(*events),
+            per(*stream_s),
             text::percent(report.on, *events)
         ),
-        format!("events per second  {} of work, {} of stream", per(*wall_s), per(*stream_s)),
-        format!("real-time factor   {:.4}  ({wall_s:.1} s of work)", stream_s / wall_s.max(1.0e-9)),
+        format!(
+            "time     {stream_s} s of stream{stopped} in {wall_s:.1} s, {} × real time",
+            text::significant(stream_s / wall_s.max(1.0e-9))
+        ),
+        format!("frames   {}, {}, curve {}", text::grouped(*frames), report.kind, report.transfer),
     ];
     for (what, count) in [
         ("unknown pixels", report.unknown),
         ("clamped pixels", report.clamped),
-        ("refractory", report.suppressed),
-        ("dropped", report.dropped),
+        ("lost to the refractory period", report.suppressed),
+        ("dropped by the readout", report.dropped),
     ] {
         if count > 0 {
-            lines.push(format!("{what:<18} {}", text::grouped(count)));
+            lines.push(format!("         {} {what}", text::grouped(count)));
         }
     }
     lines.join("\n")

@@ -56,13 +56,16 @@ fn impossible_numbers_name_flag_value_and_remedy() {
         ("--quality high --method splat", ["quality", "high", "splat"]),
         ("--quality fine", ["--quality", "'fine'", "draft"]),
         ("--settings no.toml", ["no.toml", "cannot", "read"]),
-        ("--adaptive 0", ["adaptive_px", "0", "above 0"]),
-        ("--adaptive nan", ["adaptive_px", "NaN", "above 0"]),
-        ("--samples 6 --aa edges", ["samples", "6", "36"]),
-        ("--adaptive 0.3 --method splat", ["adaptive_px", "0.3", "native"]),
+        ("--adaptive 0", ["--adaptive", "0", "above 0"]),
+        ("--adaptive nan", ["--adaptive", "NaN", "above 0"]),
+        ("--samples 6 --antialias edges", ["samples", "6", "36"]),
+        ("--adaptive 0.3 --method splat", ["--adaptive", "0.3", "native"]),
         ("--method fast", ["--method", "'fast'", "native"]),
         ("--labels depth,color", ["--labels", "'color'", "hdr"]),
-        ("--sensor v2f", ["--sensor", "v2f", "gen4-like"]),
+        ("--sensor v2f", ["did you mean 'v2e'", "v2f", "gen4-like"]),
+        ("--set noise.shot_rate_hz=1", ["--set", "noise.shot_rate_hz=1", "did you mean 'noise.shot_hz'"]),
+        ("--set threshold_on=-1", ["--threshold-on", "-1", "above 0"]),
+        ("--labels dept", ["'dept'", "depth", "a similar value exists"]),
         ("--sensor v2e --sensor evis", ["--sensor evis", "all cameras", "one of them"]),
         ("--sensor camera=v2f", ["--sensor", "v2f", "gen4-like"]),
         ("--sensor nobody=v2e", ["'nobody'", "no camera", "there is"]),
@@ -126,7 +129,7 @@ fn sensor_files_name_the_stage_that_is_wrong() {
     let folder = Folder::new("sensors");
     for (text, told) in [
         ("[noise]\nleak_hz = -1", ["s.toml", "noise.leak_hz", "-1"]),
-        ("[noise]\nleek_hz = 1", ["s.toml", "leek_hz", "docs/sensor.md"]),
+        ("[noise]\nleek_hz = 1", ["s.toml", "line 2", "did you mean 'leak_hz'"]),
         ("[refractory]\nrule = \"wait\"", ["s.toml", "wait", "hold"]),
         ("[photoreceptor]\ncutoff_hz = 1e6", ["s.toml", "photoreceptor.cutoff_hz", "500000"]),
         ("[readout]\nrow_ns = 2000000", ["s.toml", "readout.row_ns", "1000000"]),
@@ -171,7 +174,8 @@ fn scenes_and_cameras_that_do_not_exist_are_listed() {
     let known = json(&evis(&folder, "scenes --json"));
     let known: Vec<_> = known.as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
     assert!(!known.is_empty());
-    refused(&folder, "run werehouse -o x.h5", &["werehouse", known[0], ".glb"]);
+    refused(&folder, "run werehouse -o x.h5", &["werehouse", known[0], ".glb", "did you mean 'warehouse'"]);
+    refused(&folder, "run in.mp4 -o x.h5", &["in.mp4", "is a film", "`video in.mp4"]);
     refused(&folder, "run none.glb -o x.h5", &["none.glb"]);
     refused(&folder, "run none.toml -o x.h5", &["none.toml"]);
     refused(&folder, "run broken.glb -o x.h5", &["broken.glb"]);
@@ -224,4 +228,29 @@ fn help_shows_the_name_that_the_program_was_called_by() {
         let output = std::process::Command::new(link).arg("--version").output().unwrap();
         assert!(stdout(&output).starts_with("evis "), "{}", stdout(&output));
     }
+}
+
+#[test]
+fn short_help_completions_sensors_and_the_command_of_v2e_are_printed() {
+    let folder = Folder::new("printed");
+    let short = stdout(&evis(&folder, "run -h"));
+    assert!(short.contains("Examples:\n  evis-rs run ") && short.lines().count() <= 30, "{short}");
+    assert!(!short.contains("--texture-taps"), "{short}");
+    for shell in ["bash", "zsh", "fish"] {
+        let script = stdout(&evis(&folder, &format!("completions {shell}")));
+        assert!(script.contains("evis-rs") && script.contains("label-rate"), "{shell}");
+    }
+    let sensors = json(&evis(&folder, "sensors --json"));
+    let v2e = sensors.as_array().unwrap().iter().find(|sensor| sensor["name"] == "v2e").unwrap();
+    assert!(v2e["source"].as_str().unwrap().contains("command-line defaults"), "{v2e}");
+    assert!(v2e["models"].to_string().contains("leak (0.01 Hz)"), "{v2e}");
+    let output = evis(&folder, "from-v2e -- v2e.py -i in.mp4 --pos_thres 0.15 --crop (1,1,0,0)");
+    assert_eq!(
+        stdout(&output).trim(),
+        "evis-rs video in.mp4 -o events.h5 --like v2e --set threshold_on=0.15"
+    );
+    assert!(stderr(&output).contains("--crop is left out"), "{}", stderr(&output));
+    refused(&folder, "from-v2e -- -i in.mp4 --pos_tres 1", &["--pos_tres", "did you mean '--pos_thres'"]);
+    let version = stdout(&evis(&folder, "--version"));
+    assert!(version.starts_with(&format!("evis-rs {}", env!("CARGO_PKG_VERSION"))), "{version}");
 }

@@ -31,7 +31,7 @@ fn bad_input_is_told_before_any_work() {
     refused(&folder, "chart spiner -o x.png", &["spiner", "spinner"]);
     refused(&folder, "chart spinner -o x.pdf", &["x.pdf", ".svg"]);
     refused(&folder, "chart spinner -o no/x.png", &["no/x.png", "create it"]);
-    refused(&folder, "chart spinner -o x.png --json no/r.json", &["--json", "no/r.json"]);
+    refused(&folder, "chart spinner -o x.png --report no/r.json", &["--report", "no/r.json"]);
     refused(&folder, "chart spinner --camera nobody", &["nobody"]);
     refused(&folder, "chart spinner --from newer.json", &["--from"]);
     refused(&folder, "chart --from newer.json --size 32x24", &["--from", "--size"]);
@@ -61,7 +61,7 @@ fn a_scene_is_charted_and_drawn_again() {
     }
     let output = evis(
         &folder,
-        &format!("chart spinner -o a.png -o a.svg --json r.json --no-splat --no-adaptive {TINY}"),
+        &format!("chart spinner -o a.png -o a.svg --report r.json --no-splat --no-adaptive {TINY}"),
     );
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     let told = stdout(&output);
@@ -78,6 +78,10 @@ fn a_scene_is_charted_and_drawn_again() {
     let points = read("r.json")["scenes"][0]["points"].as_array().unwrap().len();
     // Two rates, and the five published settings.
     assert_eq!(points, 7);
+
+    // The same as JSON on standard output, and nothing beside it.
+    let printed = evis(&folder, "chart --from r.json --json");
+    assert_eq!(json(&printed), read("r.json"));
 
     // A heavier renderer, from the same measurement.
     let output = evis(&folder, "chart --from r.json -o b.svg --render-ms 10 --budget 1e9");
@@ -107,7 +111,7 @@ fn truth_becomes_a_file_that_scores_a_run() {
         ("truth spiner -o t.h5", ["spiner", "spinner"]),
         ("truth spinner -o t.h5 --camera nobody --cache cache", ["camera", "nobody"]),
         ("truth spinner -o t.h5 --crop 1,2,3", ["--crop", "such as 40,30,80,60"]),
-        ("truth spinner -o t.h5 --crop 0,0,9,9 --pixels 5", ["--crop", "--pixels"]),
+        ("truth spinner -o t.h5 --crop 0,0,9,9 --truth-pixels 5", ["--crop", "--truth-pixels"]),
         ("truth spinner -o t.h5 --sampled 0", ["--sampled", "such as 1000"]),
         ("truth spinner -o t.h5 --trigger latch", ["--trigger", "--sampled"]),
     ] {
@@ -169,7 +173,8 @@ threshold_off = 0.17
 "#;
     std::fs::write(folder.file("scene.toml"), scene).unwrap();
     let made = |flags: &str| {
-        let line = "truth scene.toml -o t.h5 --force --size 8x6 --duration 0.001 --pixels 2 --cache cache";
+        let line =
+            "truth scene.toml -o t.h5 --force --size 8x6 --duration 0.001 --truth-pixels 2 --cache cache";
         let output = evis(&folder, &format!("{line} {flags}"));
         assert_eq!(code(&output), 0, "{}", stderr(&output));
         let sensor = Truth::read(&folder.file("t.h5")).unwrap().sensor;

@@ -21,7 +21,7 @@ fn run_and_truth_find_the_same_reference_luminance() {
     let engine = settings["run"]["reference_luminance"].as_float().unwrap();
     let apart = |size: &str| {
         let file = format!("{size}.h5");
-        done(&format!("truth desk --size {size} --duration 0.001 --pixels 1 --cache cache -o {file}"));
+        done(&format!("truth desk --size {size} --duration 0.001 --truth-pixels 1 --cache cache -o {file}"));
         engine / Truth::read(&folder.file(&file)).unwrap().reference_luminance - 1.0
     };
     let same = apart("160x120");

@@ -151,7 +151,8 @@ fn truth_moves_as_the_engine_does() {
     let folder = folder("truth");
     std::fs::write(folder.file("plain.toml"), PLAIN).unwrap();
     let common = "--size 64x48 --duration 0.1 --camera-speed 40";
-    let output = evis(&folder, &format!("truth plain.toml -o truth.h5 --pixels all --cache cache {common}"));
+    let output =
+        evis(&folder, &format!("truth plain.toml -o truth.h5 --truth-pixels all --cache cache {common}"));
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     assert!(stderr(&output).contains("orbits the model"), "{}", stderr(&output));
     let output = evis(&folder, &format!("run plain.toml -o out.h5 --rate 2000 --samples 16 {common}"));

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Folder, code, evis, json, no_device, stderr};
+use common::{Folder, code, evis, json, no_device, stderr, stdout};
 
 const SMALL: &str = "--size 64x48 --duration 0.05 --samples 1 --rate 500";
 
@@ -47,6 +47,56 @@ fn a_scene_becomes_a_recording() {
 }
 
 #[test]
+fn a_run_prints_four_lines_and_more_when_asked() {
+    let folder = Folder::new("lines");
+    if no_device(&folder) {
+        return;
+    }
+    let short = "--size 32x24 --duration 0.03 --quality draft";
+    let scene = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\nsize = [1, 1, 1]\nmaterial = \"white\"\n[[materials]]\nname = \"white\"\n[[lights]]\nname = \"sun\"\nkind = \"directional\"\n";
+    std::fs::write(folder.file("own.toml"), scene).unwrap();
+    let first_words = |text: &str| -> Vec<String> {
+        text.lines().map(|line| line.split(' ').next().unwrap().to_owned()).collect()
+    };
+    let told = |line: &str| {
+        let output = evis(&folder, line);
+        assert_eq!(code(&output), 0, "{line}: {}", stderr(&output));
+        (stdout(&output), stderr(&output))
+    };
+    let (built_in, forecast) = told(&format!("run spinner -o a.h5 {short}"));
+    assert_eq!(first_words(&built_in), ["file", "events", "time", "quality"], "{built_in}");
+    assert!(built_in.contains("a.h5") && built_in.contains("built-in scenes at 640x480"), "{built_in}");
+    assert!(forecast.contains("quality draft") && forecast.contains("for 0.03 s of stream"), "{forecast}");
+    // What was measured on built-in scenes is not said of another one.
+    let (own, _) = told(&format!("run own.toml -o b.h5 {short}"));
+    assert!(own.contains("not measured on this scene; `chart own.toml`"), "{own}");
+    assert!(!own.contains("built-in scenes"), "{own}");
+    let (by_hand, _) = told(&format!("run spinner -o c.h5 {SMALL} --verbose"));
+    assert!(by_hand.contains("native, set by hand"), "{by_hand}");
+    assert_eq!(first_words(&by_hand)[4..], ["view", "device", "method", "work", "stages"], "{by_hand}");
+}
+
+#[test]
+fn single_values_of_a_sensor_stand_over_preset_and_scene() {
+    let folder = Folder::new("set");
+    if no_device(&folder) {
+        return;
+    }
+    let sensor = |arguments: &str| {
+        let output = evis(&folder, &format!("run spinner -o a.h5 --force --json {SMALL} {arguments}"));
+        assert_eq!(code(&output), 0, "{arguments}: {}", stderr(&output));
+        json(&output)["settings"]["run"]["sensor"].clone()
+    };
+    let set = sensor("--sensor v2e --set noise.shot_hz=2 --set threshold_on=0.3");
+    assert_eq!((&set["noise"]["shot_hz"], &set["refractory"]["period_us"]), (&2.0.into(), &500.into()));
+    std::fs::write(folder.file("s.toml"), "base = \"v2e\"\nthreshold_on = 0.3\n[noise]\nshot_hz = 2\n")
+        .unwrap();
+    assert_eq!(sensor("--sensor s.toml"), set);
+    assert_eq!(sensor("--sensor v2e --set noise.shot_hz=2 --threshold-on 0.3"), set);
+    assert_ne!(sensor("--sensor v2e"), set, "canary");
+}
+
+#[test]
 fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes() {
     let folder = Folder::new("quality");
     if no_device(&folder) {
@@ -79,7 +129,7 @@ fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes()
     let by_hand = run(
         "hand",
         &format!(
-            "--rate {rate} --adaptive {step} --between curve --aa edges --samples {} --texture-taps {taps} \
+            "--rate {rate} --adaptive {step} --between curve --antialias edges --samples {} --texture-taps {taps} \
              --threshold-on 0.3 --seed 5",
             settings["samples"]
         ),

@@ -35,7 +35,7 @@ fn bad_input_is_told_before_any_work() {
         ("verify --scene spinner --rates 0", ["--rates", "'0'"]),
         ("verify --scene spinner --samples 1,0", ["--samples", "'0'"]),
         ("verify --scene spinner --triggers swing", ["--triggers", "crossing, latch"]),
-        ("verify --scene spinner --duration-ms 0", ["--duration-ms", "'0'"]),
+        ("verify --scene spinner --duration 0", ["--duration", "'0'"]),
         ("verify --failures --scene spinner", ["--scene", "cannot be used"]),
         ("verify --failures --size 32x24", ["--size", "cannot be used"]),
         ("verify --failures --methods teleport", ["teleport", "native"]),
@@ -76,7 +76,7 @@ fn failure_modes_are_measured_and_light_is_compared() {
     assert!(report["cells"][0]["limit"]["reason"].is_string() && report["cells"][1]["limit"].is_null());
     assert!(std::fs::read_to_string(folder.file("a.svg")).unwrap().contains("borders without margin"));
 
-    let line = "verify --light spinner --size 32x24 --samples 4 --at 20 --shadows rays -o b.png";
+    let line = "verify --light spinner --size 32x24 --samples 4 --at 0.02 --shadows rays -o b.png";
     let output = evis(&folder, line);
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     let told = stdout(&output);
@@ -95,7 +95,7 @@ fn a_scene_is_verified() {
         return;
     }
     // The built-in sensor is not keen, so that a picture of 32x24 needs time to fire.
-    let line = "verify --scene spinner --size 32x24 --duration-ms 40 --pixels 100 --rates 250,1000 --samples 4 \
+    let line = "verify --scene spinner --size 32x24 --duration 0.04 --truth-pixels 100 --rates 250,1000 --samples 4 \
                 --triggers crossing,latch --cache cache";
     let output = evis(&folder, &format!("{line} --json -o a.svg"));
     assert_eq!(code(&output), 0, "{}", stderr(&output));

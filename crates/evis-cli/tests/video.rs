@@ -119,6 +119,56 @@ fn arrays_give_the_same_events_in_every_dtype() {
 }
 
 #[test]
+fn several_formats_hold_the_same_events() {
+    let folder = Folder::new("video-formats");
+    let all: Vec<u8> = (0..8).flat_map(codes).collect();
+    npy(&folder.file("a.npy"), "|u1", 8, &all);
+    let output = evis(&folder, "video a.npy -o a.h5 -o a.raw -o a.txt --fps 1000");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let count = events(&folder, "a.h5").len() as u64;
+    assert!(count > 500);
+    for name in ["a.raw", "a.txt"] {
+        assert_eq!(json(&evis(&folder, &format!("info {name} --json")))["events"], count, "{name}");
+    }
+    // Without an HDF5 file among them none is left.
+    let output = evis(&folder, "video a.npy -o b.aedat4 --fps 1000");
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    assert_eq!(folder.names(), ["a.h5", "a.npy", "a.raw", "a.txt", "b.aedat4"]);
+    for (line, words) in [
+        ("video a.npy -o c.h5 -o c.h5 --fps 1000", "given twice"),
+        ("video a.npy -o c.h5 -o d.h5 --fps 1000", "a recording already"),
+        ("video a.npy -o c.h5 -o c.xyz --fps 1000", "tells no format"),
+        ("video a.npy -o c.h5 -o a.raw --fps 1000", "--force"),
+        ("video a.npy -o c.h5 --fps 1000 --set noise.shot=1", "did you mean"),
+    ] {
+        let output = evis(&folder, line);
+        assert_eq!(code(&output), 2, "{line}");
+        assert!(stderr(&output).contains(words), "{line}: {}", stderr(&output));
+        assert_eq!(folder.names().len(), 5, "{line} left something behind");
+    }
+}
+
+#[test]
+fn other_floats_and_alpha_are_taken() {
+    let folder = Folder::new("video-floats");
+    let codes: Vec<f32> = (0..8).flat_map(codes).map(|code| f32::from(code) / 256.0).collect();
+    npy(&folder.file("f4.npy"), "<f4", 8, &codes.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>());
+    let wide: Vec<u8> = codes.iter().flat_map(|v| f64::from(*v).to_le_bytes()).collect();
+    npy(&folder.file("f8.npy"), "<f8", 8, &wide);
+    for name in ["f4", "f8"] {
+        let output = evis(&folder, &format!("video {name}.npy -o {name}.h5 --fps 1000"));
+        assert_eq!(code(&output), 0, "{name}: {}", stderr(&output));
+        assert!(!stderr(&output).contains("0 to 255"), "{}", stderr(&output));
+    }
+    assert_eq!(events(&folder, "f8.h5"), events(&folder, "f4.h5"));
+    assert!(events(&folder, "f4.h5").len() > 100);
+    let bright: Vec<u8> = codes.iter().flat_map(|v| (v * 256.0).to_le_bytes()).collect();
+    npy(&folder.file("bright.npy"), "<f4", 8, &bright);
+    let output = evis(&folder, "video bright.npy -o bright.h5 --fps 1000");
+    assert!(stderr(&output).contains("are they 0 to 255?"), "{}", stderr(&output));
+}
+
+#[test]
 fn other_pictures_are_read_too() {
     let folder = Folder::new("video-kinds");
     for (ending, linear) in [("tiff", false), ("exr", true)] {

@@ -5,6 +5,7 @@
 
 pub mod closed_form;
 pub mod emulator;
+mod error;
 pub mod event;
 pub mod fnv;
 pub mod format;
@@ -18,6 +19,7 @@ pub mod stats;
 pub mod time;
 pub mod trigger;
 pub mod truth;
+pub mod words;
 
 pub use emulator::{
     EmulatorConfig, EmulatorReport, EventEmulator, FrameData, Frames, KeyframeReport, Keyframes, MotionCheck,
@@ -29,3 +31,4 @@ pub use packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, LensDi
 pub use sensor::{ConfigError, Exposure, Sensor, SensorConfig, Times, TriggerRule};
 pub use time::TimeGrid;
 pub use truth::{Region, RegionSpan, Truth};
+pub use words::Word;

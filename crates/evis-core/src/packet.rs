@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::ConfigError;
+use crate::words::unknown;
+
 /// A camera of a recording.
 ///
 /// Pixel centres lie at +0.5, so the principal point of a centred camera is (width / 2, height / 2);
@@ -94,6 +97,45 @@ impl LabelKind {
             Self::Frame => "frame",
             Self::Cause => "cause",
         }
+    }
+
+    /// Words that labels are asked for by, with what they mean. `flow` stands for both directions and their masks.
+    pub const WORDS: [(&'static str, &'static str); 11] = [
+        ("depth", "planar depth in metres"),
+        ("flow", "optical flow, forward and backward, with masks"),
+        ("instance", "instance ids"),
+        ("semantic", "semantic ids"),
+        ("normal", "surface normals in world axes"),
+        ("hdr", "linear RGB frames"),
+        ("cause", "why each event fired: signal, leak, shot noise or hot pixel; a column beside the events"),
+        ("flow_forward", "flow to the next label"),
+        ("flow_forward_valid", "where it is defined"),
+        ("flow_backward", "flow back to the label before"),
+        ("flow_backward_valid", "where it is defined"),
+    ];
+
+    /// The kinds that `words` ask for, in file order, each once.
+    ///
+    /// # Errors
+    /// A word that is none of [`Self::WORDS`].
+    pub fn asked(words: &[String]) -> Result<Vec<Self>, ConfigError> {
+        let mut kinds = Vec::new();
+        for word in words {
+            match word.as_str() {
+                "flow" => kinds.extend(Self::ALL.iter().filter(|kind| kind.name().starts_with("flow_"))),
+                "frame" => {
+                    let remedy = "left out: frames come with `frame_rate_hz`, and need no label";
+                    return Err(ConfigError::new("labels", "'frame'", remedy));
+                }
+                word if Self::WORDS.iter().any(|(known, _)| *known == word) => {
+                    kinds.extend(Self::ALL.iter().chain([&Self::Cause]).filter(|kind| kind.name() == word));
+                }
+                word => return Err(unknown("labels", word, &Self::WORDS.map(|(known, _)| known))),
+            }
+        }
+        kinds.sort_unstable();
+        kinds.dedup();
+        Ok(kinds)
     }
 
     /// Whether it is an image.

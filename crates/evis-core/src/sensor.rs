@@ -5,9 +5,11 @@ mod noise_law;
 mod preset;
 mod sample;
 mod stages;
+mod text;
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::error::ConfigError;
 pub use exposure::Exposure;
 pub use noise_law::NoiseLaw;
 pub use preset::{PRESETS, Preset};
@@ -20,25 +22,6 @@ pub use stages::{
 /// Most events that one pixel fires in one interval; more are clamped and reported, the reference then
 /// moves to the signal. With thresholds of at least 0.001 only a step of e^65 gets here.
 pub const MAX_EVENTS_PER_INTERVAL: u32 = 65_535;
-
-/// A configuration value that cannot be used: which one, what it was, and what would work.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{what} is {value}; it must be {remedy}")]
-pub struct ConfigError {
-    /// Name of the setting, as the user wrote it.
-    pub what: String,
-    /// The refused value.
-    pub value: String,
-    /// What would work.
-    pub remedy: String,
-}
-
-impl ConfigError {
-    /// An error about setting `what` with `value`; `remedy` completes "it must be …".
-    pub fn new(what: &str, value: impl std::fmt::Display, remedy: impl Into<String>) -> Self {
-        Self { what: what.into(), value: value.to_string(), remedy: remedy.into() }
-    }
-}
 
 /// How a pixel turns a change of log intensity into events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,6 +36,12 @@ pub enum TriggerRule {
     /// forgotten (PIX2NVS).
     Difference,
 }
+
+crate::words!(TriggerRule {
+    Self::Crossing => "crossing", "every threshold crossing, at its own time";
+    Self::Latch => "latch", "at most one event per pixel and sample, at the sample's time";
+    Self::Difference => "difference", "every crossing between two samples, counted from the first of them";
+});
 
 /// When the events of one interval happen (`crossing` only).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -144,28 +133,6 @@ impl Default for SensorConfig {
 }
 
 impl SensorConfig {
-    /// Reads the TOML of a sensor.
-    ///
-    /// # Errors
-    /// Text that is no TOML, an unknown key, a value that cannot be used.
-    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
-        let config: Self = toml::from_str(text).map_err(|error| {
-            ConfigError::new(
-                "the sensor's TOML",
-                format!("not usable ({})", error.message()),
-                "as docs/sensor.md shows",
-            )
-        })?;
-        Sensor::new(config.clone())?;
-        Ok(config)
-    }
-
-    /// The sensor as TOML; [`Self::from_toml`] gives it back.
-    pub fn to_toml(&self) -> String {
-        // Plain numbers, names and tables: TOML has them all.
-        toml::to_string(self).unwrap_or_default()
-    }
-
     /// Whether `other` differs from this one in its thresholds at most.
     pub fn is_alike(&self, other: &Self) -> bool {
         let Self { threshold_on, threshold_off, .. } = *other;
@@ -208,6 +175,39 @@ impl SensorConfig {
             ("diffusion", diffusion.is_none()),
         ];
         stages.into_iter().filter(|(_, off)| !off).map(|(name, _)| name).collect()
+    }
+
+    /// What it models, in the terms of the field, with the numbers that say how much.
+    pub fn models(&self) -> Vec<String> {
+        if let Some(diffusion) = &self.diffusion {
+            return vec![format!(
+                "Brownian motion with drift and first-passage times (k1 {}, ...)",
+                diffusion.k1
+            )];
+        }
+        let Self { photoreceptor, pattern, noise, readout, .. } = self;
+        let mut models = vec![format!("thresholds {} / {}", self.threshold_on, self.threshold_off)];
+        let mut add = |on: bool, text: String| {
+            if on {
+                models.push(text);
+            }
+        };
+        add(self.trigger == TriggerRule::Latch, "latch".into());
+        add(self.trigger == TriggerRule::Difference, "frame differences".into());
+        add(pattern.sigma > 0.0, format!("threshold mismatch (sigma {})", pattern.sigma));
+        add(!self.exposure.is_off(), format!("exposure of {} us", self.exposure.time_us));
+        let cutoff_hz = photoreceptor.cutoff_hz;
+        add(cutoff_hz > 0.0, format!("photoreceptor bandwidth ({cutoff_hz} Hz)"));
+        add(photoreceptor.noise > 0.0, "photoreceptor noise".into());
+        add(noise.leak_hz > 0.0, format!("leak ({:.2} Hz)", noise.leak_hz));
+        add(noise.shot_hz > 0.0, format!("shot noise ({} Hz)", noise.shot_hz));
+        add(noise.hot_share > 0.0, format!("hot pixels ({} %)", noise.hot_share * 100.0));
+        add(pattern.dead_share > 0.0, format!("dead pixels ({} %)", pattern.dead_share * 100.0));
+        let period_us = self.refractory.period_us;
+        add(period_us > 0, format!("refractory period ({period_us} us)"));
+        add(readout.latency_us > 0.0 || readout.latency_light_us > 0.0, "latency".into());
+        add(readout.row_ns > 0 || readout.event_ns > 0 || readout.rate_limit_hz > 0.0, "readout bus".into());
+        models
     }
 
     /// Whether the engine leaves its pixels to the emulator: what they see has to come to the host.
@@ -324,6 +324,23 @@ mod tests {
         );
         assert_eq!(sensor.unwrap().stages(), ["most_events", "noise", "refractory"]);
         assert_eq!(SensorConfig::preset("davis346").unwrap().stages(), ["diffusion"]);
+    }
+
+    #[test]
+    fn what_a_sensor_models_is_named() {
+        let models = |name| SensorConfig::preset(name).unwrap().models().join(", ");
+        assert_eq!(models("ideal"), "thresholds 0.2 / 0.2");
+        assert!(
+            models("evis").contains("latch") && models("evis").contains("hot pixels (0.01 %)"),
+            "{}",
+            models("evis")
+        );
+        assert!(
+            models("v2e").contains("leak (0.01 Hz)") && models("v2e").contains("(500 us)"),
+            "{}",
+            models("v2e")
+        );
+        assert!(models("davis346").starts_with("Brownian"));
     }
 
     #[test]

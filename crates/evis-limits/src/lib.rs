@@ -47,6 +47,19 @@ pub fn stays_inside(relative: &Path) -> bool {
     true
 }
 
+/// The most similar word, where one is similar at all.
+pub fn nearest<'w>(word: &str, known: impl Iterator<Item = &'w str>) -> Option<&'w str> {
+    // Long strangers are not worth the quadratic comparison.
+    if word.len() > 64 {
+        return None;
+    }
+    known
+        .map(|candidate| (strsim::jaro_winkler(word, candidate), candidate))
+        .filter(|(similarity, _)| *similarity > 0.75)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, candidate)| candidate)
+}
+
 /// `text` as it may be shown on a terminal: control characters, which names in files may hold and terminals obey, are
 /// written as `\\u001b`; line breaks and tabs stay.
 pub fn printable(text: &str) -> Cow<'_, str> {

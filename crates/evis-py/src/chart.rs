@@ -1,4 +1,4 @@
-//! Charts: measured, drawn, recommended from. They cross as JSON, the same as `evis chart --json` writes.
+//! Charts: measured, drawn, recommended from. They cross as JSON, the same as `evis chart --report` writes.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -3,10 +3,8 @@
 use std::path::Path;
 use std::time::Duration;
 
-use evis_core::format::hdf5::Recording;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, LensDistortion, Polarity};
-use evis_render::settings::SettingsFile;
-use evis_render::{Antialias, Between, DeviceSummary, EngineError, Method, Quality, RunConfig, Shadows};
+use evis_render::{DeviceSummary, EngineError, RunConfig};
 use evis_scene::{AppliedMotion, Image, SceneError};
 use half::f16;
 use pyo3::prelude::*;
@@ -16,75 +14,26 @@ use crate::door::EnterEngine;
 use crate::errors::Failure;
 use crate::packet;
 
-/// Looks `name` up in `choices`.
-fn choose<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> Result<T, Failure> {
-    choices.iter().find(|(known, _)| *known == name).map(|(_, value)| *value).ok_or_else(|| {
-        let known: Vec<_> = choices.iter().map(|(known, _)| format!("'{known}'")).collect();
-        ConfigError::new(what, format!("'{name}'"), known.join(" or ")).into()
+/// One kind of label by its name.
+pub(crate) fn label(name: &str) -> Result<LabelKind, Failure> {
+    LabelKind::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
+        let known = LabelKind::ALL.map(|kind| format!("'{}'", kind.name()));
+        ConfigError::new("label", format!("'{name}'"), known.join(" or ")).into()
     })
 }
 
-/// The settings in a TOML file, or those that a recording stores.
-pub(crate) fn settings(path: &Path) -> Result<SettingsFile, Failure> {
-    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_lowercase();
-    if ["h5", "hdf5"].contains(&ending.as_str()) {
-        let recording = Recording::open(path)?;
-        return Ok(SettingsFile::parse(&recording.header().config_toml, &path.display().to_string())?);
-    }
-    Ok(SettingsFile::read(path)?)
-}
-
-/// A quality preset by its name.
-pub(crate) fn quality(name: &str) -> Result<Quality, Failure> {
-    choose("quality", name, &Quality::ALL.map(|quality| (quality.name(), quality)))
-}
-
-/// `native`, `decoupled`, or `splat` with its settings as JSON.
-pub(crate) fn method(name: &str, splat: Option<&str>) -> Result<Method, Failure> {
-    match (name, splat) {
-        ("native", None) => Ok(Method::Native),
-        ("decoupled", None) => Ok(Method::Decoupled),
-        ("splat", Some(json)) => serde_json::from_str(json)
-            .map(Method::Splat)
-            .map_err(|e| ConfigError::new("method", json, format!("settings that splat has ({e})")).into()),
-        _ => Err(ConfigError::new("method", format!("'{name}'"), "'native', 'decoupled' or 'splat'").into()),
-    }
-}
-
-pub(crate) fn shadows(name: &str) -> Result<Shadows, Failure> {
-    choose("shadows", name, &[("maps", Shadows::Maps), ("rays", Shadows::Rays)])
-}
-
-pub(crate) fn antialias(name: &str) -> Result<Antialias, Failure> {
-    choose("antialias", name, &[("samples", Antialias::Samples), ("edges", Antialias::Edges)])
-}
-
-/// [`RunConfig::between`] by its name.
-pub(crate) fn between(name: &str) -> Result<Between, Failure> {
-    choose("between", name, &[("line", Between::Line), ("curve", Between::Curve)])
-}
-
-/// One kind of label by its name.
-pub(crate) fn label(name: &str) -> Result<LabelKind, Failure> {
-    let known: Vec<_> = LabelKind::ALL.iter().map(|kind| (kind.name(), *kind)).collect();
-    choose("label", name, &known)
-}
-
-/// Label names; `flow` stands for both directions and their masks.
+/// Label names of a recording; `flow` stands for both directions and their masks, `frame` for frames.
 pub(crate) fn labels(names: &[String]) -> Result<Vec<LabelKind>, Failure> {
-    let mut kinds = Vec::new();
-    for name in names {
-        if name == "flow" {
-            kinds.extend(LabelKind::ALL.iter().filter(|kind| kind.name().starts_with("flow_")));
-        } else if name == LabelKind::Cause.name() {
-            kinds.push(LabelKind::Cause);
-        } else {
-            kinds.push(label(name)?);
-        }
-    }
+    let (frames, labels): (Vec<_>, Vec<_>) = names.iter().cloned().partition(|name| name == "frame");
+    let mut kinds = LabelKind::asked(&labels)?;
+    kinds.extend(frames.first().map(|_| LabelKind::Frame));
     kinds.sort();
-    kinds.dedup();
     Ok(kinds)
+}
+
+/// A camera motion by its word, or a file of poses.
+pub(crate) fn camera_motion(text: &str) -> Result<evis_scene::CameraMotion, Failure> {
+    text.parse().map_err(|reason| Failure::Config(format!("camera_motion is '{text}'; {reason}")))
 }
 
 pub(crate) fn camera_dict<'py>(py: Python<'py>, camera: &CameraInfo) -> PyResult<Bound<'py, PyDict>> {
@@ -153,11 +102,6 @@ pub(crate) fn load_scene(path: &Path) -> Result<evis_scene::Scene, Failure> {
         )
         .into()),
     }
-}
-
-/// A camera motion by its word, or a file of poses.
-pub(crate) fn camera_motion(text: &str) -> Result<evis_scene::CameraMotion, Failure> {
-    text.parse().map_err(|reason| Failure::Config(format!("camera_motion is '{text}'; {reason}")))
 }
 
 /// The scene of a TOML text, in which textures of these names take these pixels.

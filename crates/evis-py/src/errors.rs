@@ -60,6 +60,7 @@ impl From<EngineError> for Failure {
         match error {
             EngineError::Config(error) => error.into(),
             EngineError::Scene(error) => error.into(),
+            EngineError::Format(error) => error.into(),
             EngineError::Device(message) => Self::Device(message),
             EngineError::Read { path, source } | EngineError::Write { path, source } => {
                 Self::Io { path: Some(path.display().to_string()), source }

@@ -12,6 +12,7 @@ mod metrics;
 mod packet;
 mod recording;
 mod representation;
+mod request;
 mod scene;
 mod simulator;
 mod stats;

@@ -1,16 +1,12 @@
 //! The simulator and its stream.
 
-use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
 use evis_core::CameraInfo;
-use evis_render::settings::SettingsFile;
-use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, SamplingRequest, scene_sensors};
+use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, RunRequest};
 use evis_scene::HostPose;
-use evis_scene::camera_motion::{self, CameraMotionSettings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -19,6 +15,7 @@ use crate::emulator;
 use crate::engine;
 use crate::errors::Failure;
 use crate::packet::{self, Packet};
+use crate::request::Request;
 use crate::scene::Scene;
 
 /// The engine on one scene.
@@ -53,113 +50,17 @@ fn sizes(cameras: &[CameraInfo]) -> Vec<(u32, u32)> {
 #[pymethods]
 impl Simulator {
     #[new]
-    #[pyo3(signature = (
-        scene, *, sensor, for_all, sensors, method, splat, quality, settings, rate_hz, adaptive_px, between, samples, antialias, texture_taps,
-        shadows, shadow_map, audit, cameras, size, start_us, seed, labels, label_rate_hz, frame_rate_hz, exposure_us,
-        camera_motion, camera_speed, reference_luminance, poses, pose_step_us, device
-    ))]
-    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
-    fn new(
-        py: Python<'_>,
-        scene: &Scene,
-        sensor: Option<&str>,
-        for_all: bool,
-        sensors: BTreeMap<String, String>,
-        method: Option<&str>,
-        splat: Option<&str>,
-        quality: Option<&str>,
-        settings: Option<PathBuf>,
-        rate_hz: Option<f64>,
-        adaptive_px: Option<f64>,
-        between: Option<&str>,
-        samples: Option<u32>,
-        antialias: Option<&str>,
-        texture_taps: Option<u32>,
-        shadows: Option<&str>,
-        shadow_map: Option<u32>,
-        audit: Option<f64>,
-        cameras: Vec<String>,
-        size: Option<(u32, u32)>,
-        start_us: Option<i64>,
-        seed: Option<u64>,
-        labels: Vec<String>,
-        label_rate_hz: f64,
-        frame_rate_hz: Option<f64>,
-        exposure_us: Option<i64>,
-        camera_motion: Option<&str>,
-        camera_speed: Option<f64>,
-        reference_luminance: Option<f32>,
-        poses: Vec<String>,
-        pose_step_us: Option<i64>,
-        device: Option<String>,
-    ) -> PyResult<Self> {
-        let file = settings.as_deref().map(engine::settings).transpose()?;
-        // A recording's settings hold every camera's sensor.
-        let for_all = for_all || file.as_ref().is_some_and(|file| file.gives("sensor"));
-        let base = file.map_or_else(RunConfig::default, SettingsFile::into_config);
-        let mut config = RunConfig {
-            sensor: sensor.map_or(Ok(base.sensor.clone()), emulator::from_json)?,
-            shadow_map: shadow_map.or(base.shadow_map),
-            audit: audit.unwrap_or(base.audit),
-            size: size.or(base.size),
-            start_us: start_us.unwrap_or(base.start_us),
-            seed: seed.unwrap_or(base.seed),
-            reference_luminance: reference_luminance.or(base.reference_luminance),
-            pose_step_us: pose_step_us.or(base.pose_step_us),
-            label_rate_hz,
-            frame_rate_hz,
-            exposure_us: exposure_us.unwrap_or_else(|| RunConfig::usual_exposure_us(frame_rate_hz)),
-            labels: engine::labels(&labels)?,
-            ..base
-        };
-        for (camera, json) in sensors {
-            config.sensors.insert(camera, emulator::from_json(&json)?);
-        }
-        if !cameras.is_empty() {
-            config.cameras = cameras;
-        }
-        let sampling = SamplingRequest {
-            quality: quality.map(engine::quality).transpose()?,
-            from_settings: settings.is_some(),
-            method: method.map(|method| engine::method(method, splat)).transpose()?,
-            rate_hz,
-            adaptive_px,
-            between: between.map(engine::between).transpose()?,
-            samples,
-            antialias: antialias.map(engine::antialias).transpose()?,
-            texture_taps,
-            shadows: shadows.map(engine::shadows).transpose()?,
-        };
-        sampling.check().map_err(Failure::from)?;
-        // The view's size and first camera decide how a motion looks, and settings may hold both.
-        let camera_motion = CameraMotionSettings {
-            motion: camera_motion.map(engine::camera_motion).transpose()?,
-            speed_px_per_s: camera_speed,
-            camera: config.cameras.first().cloned(),
-            size: config.size,
-        };
-        let mut own = scene.shared();
-        let start_us = config.start_us;
-        let scene = py.enter_engine(|| {
-            if !poses.is_empty() {
-                let mut driven = evis_scene::Scene::clone(&own);
-                driven.drive(&poses, start_us)?;
-                own = Arc::new(driven);
-            }
-            camera_motion::moved(&own, &camera_motion)
-        })?;
-        if !for_all {
-            for (camera, sensor) in scene_sensors(&scene, &config.cameras).map_err(Failure::from)? {
-                config.sensors.entry(camera).or_insert(sensor);
-            }
-        }
-        config.check().map_err(Failure::from)?;
+    fn new(py: Python<'_>, scene: &Scene, request: Request, device: Option<String>) -> PyResult<Self> {
+        let mut settled = RunRequest::try_from(request)?.settle().map_err(Failure::from)?;
+        let own = scene.shared();
+        let scene = py.enter_engine(|| settled.moved(&own))?;
+        settled.take_sensors(&scene).map_err(Failure::from)?;
         let name = scene.name.clone();
         let moved = Arc::clone(&scene);
         let stopped = AtomicBool::new(false);
         let prepare = || {
             let gpu = Gpu::open_any(device.as_deref())?;
-            let notes = sampling.apply(gpu.as_ref(), &scene, &mut config)?;
+            let (config, notes) = settled.configure(gpu.as_ref(), &scene)?;
             let simulator = evis_render::Simulator::new(gpu.as_ref(), scene, config)?;
             Ok::<_, Failure>(Self {
                 cameras: simulator.cameras().to_vec(),

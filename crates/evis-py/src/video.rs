@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use evis_core::SensorConfig;
 use evis_video::{
@@ -64,7 +65,8 @@ impl Wanted {
 
 /// Converts frames to a recording; returns the report as JSON.
 #[pyfunction]
-#[pyo3(signature = (source, output, *, sensor, seed, reference_luminance, overwrite))]
+#[pyo3(signature = (source, output, *, sensor, seed, reference_luminance, overwrite, progress))]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
 pub(crate) fn convert_video(
     py: Python<'_>,
     source: Wanted,
@@ -73,16 +75,38 @@ pub(crate) fn convert_video(
     seed: u64,
     reference_luminance: f32,
     overwrite: bool,
+    progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
     let sensor: SensorConfig = from_json(sensor)?;
     let config = VideoConfig { sensor, seed, reference_luminance, ..VideoConfig::default() };
     let stop = AtomicBool::new(false);
-    py.enter_engine_for_long(&stop, || {
+    let failed = Mutex::new(None);
+    let json = py.enter_engine_for_long(&stop, || {
         let stream = VideoStream::new(source.open()?, config)?;
-        let report = evis_video::convert(stream, &output, overwrite, |_| !stop.load(Ordering::Relaxed))?;
+        let duration_us = stream.source().duration_us().unwrap_or(0);
+        let mut told = Instant::now();
+        let report = evis_video::convert(stream, &output, overwrite, |at| {
+            if let Some(progress) = progress.as_ref().filter(|_| told.elapsed() >= TOLD_EVERY) {
+                told = Instant::now();
+                let called =
+                    Python::attach(|py| progress.call1(py, (at.t_us, duration_us, at.events)).map(|_| ()));
+                if let Err(error) = called {
+                    *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                    return false;
+                }
+            }
+            !stop.load(Ordering::Relaxed)
+        })?;
         serde_json::to_string(&report).map_err(|error| Failure::Engine(error.to_string()))
-    })
+    });
+    match failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        Some(error) => Err(error),
+        None => json,
+    }
 }
+
+/// Time between two calls of a progress function, at least.
+const TOLD_EVERY: Duration = Duration::from_millis(100);
 
 /// Frames, one after the other.
 #[pyclass(frozen, module = "evis._evis")]

@@ -9,6 +9,9 @@ pub enum EngineError {
     /// The scene cannot be used.
     #[error(transparent)]
     Scene(#[from] evis_scene::SceneError),
+    /// A recording could not be read.
+    #[error(transparent)]
+    Format(#[from] evis_core::format::FormatError),
     /// No usable device, or the device failed.
     #[error("{0}")]
     Device(String),

@@ -46,5 +46,5 @@ pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
 pub use output::{Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes, ViewPacket};
-pub use request::{SamplingRequest, quality, settings};
+pub use request::{RunRequest, SamplingRequest, Settled, quality, settings};
 pub use sampling::audit;

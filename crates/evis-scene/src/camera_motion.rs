@@ -8,6 +8,7 @@ use std::path::{Path as FilePath, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
+use evis_limits::nearest;
 use glam::{DMat4, DVec3};
 
 use crate::builder::still;
@@ -18,7 +19,7 @@ use crate::motion::{AppliedMotion, Harmonic, Motion, Path, PathInterpolation};
 use crate::picture::MARGIN;
 use crate::pose::SceneState;
 use crate::procedural::uniform;
-use crate::toml_scene::{nearest, trajectory};
+use crate::toml_scene::trajectory;
 use crate::visible::{Pinhole, image_speed};
 
 /// Image speed where none is given, in pixels per second.

@@ -26,7 +26,7 @@ pub enum SceneError {
     #[error("scene: {0}")]
     Rule(String),
     /// A name that does not exist; the ones that do are listed.
-    #[error("no {what} named '{name}'; there is {}", if known.is_empty() { "none".to_owned() } else { known.join(", ") })]
+    #[error("no {what} named '{name}'; there is {}{}", listed(known), did_you_mean(name, known))]
     Unknown {
         /// Kind of thing.
         what: &'static str,
@@ -35,6 +35,15 @@ pub enum SceneError {
         /// The names that exist.
         known: Vec<String>,
     },
+}
+
+fn listed(known: &[String]) -> String {
+    if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+}
+
+fn did_you_mean(name: &str, known: &[String]) -> String {
+    let near = evis_limits::nearest(name, known.iter().map(String::as_str));
+    near.map_or_else(String::new, |near| format!(" (did you mean '{near}'?)"))
 }
 
 impl SceneError {

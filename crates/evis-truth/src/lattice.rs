@@ -18,6 +18,11 @@ pub enum Lattice {
     Second,
 }
 
+evis_core::words!(Lattice {
+    Self::First => "first", "one family of samples";
+    Self::Second => "second", "another one, independent of it";
+});
+
 /// Sizes of a family.
 pub const LEVELS: usize = 3;
 

@@ -46,6 +46,8 @@ pub struct VideoStream {
     emulator: Option<EventEmulator>,
     frames: u64,
     end_us: i64,
+    /// What is said of the first frame.
+    doubt: Option<String>,
 }
 
 /// The events up to a frame.
@@ -70,7 +72,7 @@ impl VideoStream {
             let remedy = "between 1e-30 and 1e30";
             return Err(ConfigError::new("reference_luminance", config.reference_luminance, remedy).into());
         }
-        Ok(Self { source, config, emulator: None, frames: 0, end_us: 0 })
+        Ok(Self { source, config, emulator: None, frames: 0, end_us: 0, doubt: None })
     }
 
     /// Where frames come from.
@@ -89,6 +91,9 @@ impl VideoStream {
     /// As [`FrameSource::next_frame`], and frames that the sensor refuses.
     pub fn next_events(&mut self) -> Result<Option<FrameEvents>, VideoError> {
         let Some(TimedFrame { index, t_us, picture }) = self.source.next_frame()? else { return Ok(None) };
+        if self.emulator.is_none() {
+            self.doubt = picture.values.hardly_light(self.config.reference_luminance);
+        }
         let emulator = match &mut self.emulator {
             Some(emulator) => emulator,
             none => none.insert(EventEmulator::new(EmulatorConfig {
@@ -236,6 +241,7 @@ pub fn convert(
     let total = *emulator.total_report();
     let mut warnings = stream.source.warnings();
     warnings.extend(stream.config.sensor.warnings());
+    warnings.extend(stream.doubt.clone());
     if stream.frames == 1 && !interrupted {
         warnings.push("there is only one frame, and events come from changes between frames".into());
     }

@@ -7,28 +7,31 @@ use std::path::{Path, PathBuf};
 use evis_core::format::FormatError;
 use evis_core::format::numpy::NpyHeader;
 use evis_core::limits::{Budget, open_regular};
+use half::f16;
 
 use crate::error::VideoError;
 use crate::picture::{Picture, Values};
 
 /// What works.
-const FORM: &str =
-    "save an array of shape (T, H, W) or (T, H, W, 3) of uint8, uint16 or float32 with numpy.save";
+const FORM: &str = "save an array of shape (T, H, W), (T, H, W, 3) or (T, H, W, 4) of uint8, uint16 or a float with numpy.save";
 
 /// Type of the elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     U8,
     U16,
+    F16,
     F32,
+    F64,
 }
 
 impl Kind {
     const fn bytes(self) -> usize {
         match self {
             Self::U8 => 1,
-            Self::U16 => 2,
+            Self::U16 | Self::F16 => 2,
             Self::F32 => 4,
+            Self::F64 => 8,
         }
     }
 }
@@ -60,7 +63,9 @@ impl Stack {
         let kind = match kind {
             "u1" => Kind::U8,
             "u2" => Kind::U16,
+            "f2" => Kind::F16,
             "f4" => Kind::F32,
+            "f8" => Kind::F64,
             _ => return Err(corrupt(format!("its elements are of dtype '{}'", header.descr))),
         };
         if header.fortran_order {
@@ -69,7 +74,7 @@ impl Stack {
         let shape = &header.shape;
         let (frames, height, width, channels) = match *shape.as_slice() {
             [t, h, w] => (t, h, w, 1),
-            [t, h, w, c @ (1 | 3)] => (t, h, w, c as usize),
+            [t, h, w, c @ (1 | 3 | 4)] => (t, h, w, c as usize),
             _ => return Err(corrupt(format!("its shape is {shape:?}"))),
         };
         let side = |side: u64| u32::try_from(side).ok().filter(|side| (1..=65_536).contains(side));
@@ -102,12 +107,22 @@ impl Stack {
             FormatError::corrupt(&self.path, what, "copy the file again from its source")
         })?;
         let big = self.big_endian;
-        let values = match self.kind {
+        let mut values = match self.kind {
             Kind::U8 => Values::U8(bytes),
             Kind::U16 => {
                 let (pairs, _) = bytes.as_chunks::<2>();
                 let one = |b: &[u8; 2]| if big { u16::from_be_bytes(*b) } else { u16::from_le_bytes(*b) };
                 Values::U16(pairs.iter().map(one).collect())
+            }
+            Kind::F16 => {
+                let (pairs, _) = bytes.as_chunks::<2>();
+                let bits = |b: &[u8; 2]| if big { u16::from_be_bytes(*b) } else { u16::from_le_bytes(*b) };
+                Values::F32(pairs.iter().map(|b| f16::from_bits(bits(b)).to_f32()).collect())
+            }
+            Kind::F64 => {
+                let (eights, _) = bytes.as_chunks::<8>();
+                let one = |b: &[u8; 8]| if big { f64::from_be_bytes(*b) } else { f64::from_le_bytes(*b) };
+                Values::F32(eights.iter().map(|b| one(b) as f32).collect())
             }
             Kind::F32 => {
                 let (fours, _) = bytes.as_chunks::<4>();
@@ -116,6 +131,11 @@ impl Stack {
             }
         };
         self.read += 1;
-        Ok(Some(Picture { width: self.width, height: self.height, channels: self.channels, values }))
+        let mut channels = self.channels;
+        if channels == 4 {
+            values = values.without_alpha();
+            channels = 3;
+        }
+        Ok(Some(Picture { width: self.width, height: self.height, channels, values }))
     }
 }

@@ -2,6 +2,9 @@
 
 use evis_core::{ConfigError, FrameData, Frames, Transfer};
 
+/// Floats whose mean is so many times the reference are hardly linear light.
+const MOST_MEAN: f64 = 16.0;
+
 /// The numbers of a picture, row-major, channels innermost.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
@@ -21,6 +24,41 @@ impl Values {
             Self::U16(values) => values.len(),
             Self::F32(values) => values.len(),
         }
+    }
+
+    /// R, G and B of R, G, B and alpha.
+    pub(crate) fn without_alpha(self) -> Self {
+        fn colors<T: Copy>(values: &[T]) -> Vec<T> {
+            let (pixels, _) = values.as_chunks::<4>();
+            pixels.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect()
+        }
+        match self {
+            Self::U8(values) => Self::U8(colors(&values)),
+            Self::U16(values) => Self::U16(colors(&values)),
+            Self::F32(values) => Self::F32(colors(&values)),
+        }
+    }
+
+    /// The mean of floats that are numbers, where they are floats.
+    fn mean_of_floats(&self) -> Option<f64> {
+        let Self::F32(values) = self else { return None };
+        let (sum, count) = values
+            .iter()
+            .filter(|value| value.is_finite())
+            .fold((0.0, 0_u64), |(sum, count), value| (sum + f64::from(*value), count + 1));
+        (count > 0).then(|| sum / count as f64)
+    }
+
+    /// Asks whether floats are 0 to 255, where their mean is far beyond `reference_luminance`.
+    pub(crate) fn hardly_light(&self, reference_luminance: f32) -> Option<String> {
+        let mean = self.mean_of_floats()?;
+        (mean > MOST_MEAN * f64::from(reference_luminance)).then(|| {
+            format!(
+                "the first frame's floats are {mean:.3} on average, more than {MOST_MEAN} times the reference luminance \
+                 {reference_luminance}; are they 0 to 255? Floats are linear light with white at 1: divide them by 255 and decode \
+                 their curve, or give integers"
+            )
+        })
     }
 
     /// Whether there are none.

@@ -27,6 +27,11 @@ pub enum Variant {
     Crossing,
 }
 
+crate::words!(Variant {
+    Self::Crossing => "crossing", "every crossing, by linear interpolation of log luminance";
+    Self::Latch => "latch", "at most one event per pixel and sample, at the sample's time";
+});
+
 impl Variant {
     /// All of them.
     pub const ALL: [Self; 2] = [Self::Latch, Self::Crossing];

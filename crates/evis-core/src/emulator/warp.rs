@@ -104,6 +104,11 @@ const USUAL_STEPS: u32 = 8;
 const USUAL_MARGIN: u32 = 32;
 
 impl Warp {
+    /// Variant `variant`, everything else where it is used.
+    pub const fn of(variant: WarpVariant) -> Self {
+        Self { variant, keyframe_hz: None, steps: None, margin: None, step_px: None, detect_cuts: None }
+    }
+
     /// As the EVIS paper publishes it, with `steps` instants per gap.
     pub fn evis_paper(steps: u32) -> Self {
         Self { variant: WarpVariant::EvisPaper, steps: Some(steps), ..Self::default() }
@@ -129,7 +134,7 @@ impl Warp {
         self.check_gap()?;
         let (keyframe_hz, steps) = (self.scene_keyframe_hz(), self.scene_steps());
         if !(keyframe_hz.is_finite() && keyframe_hz > 0.0 && keyframe_hz <= 1e6) {
-            return Err(ConfigError::new("keyframe_rate", keyframe_hz, "above 0 and at most 1000000 Hz"));
+            return Err(ConfigError::new("keyframe_hz", keyframe_hz, "above 0 and at most 1000000 Hz"));
         }
         if keyframe_hz * f64::from(steps) > 1e6 {
             let remedy = format!(

@@ -5,6 +5,7 @@ use super::stages::{
     Refractory, RefractoryRule, Start,
 };
 use super::{ConfigError, SensorConfig, Times, TriggerRule};
+use crate::words::did_you_mean;
 
 /// A named sensor.
 #[derive(Clone, Copy, Debug)]
@@ -124,8 +125,9 @@ impl SensorConfig {
     /// A name that is none; the message lists those that are.
     pub fn preset(name: &str) -> Result<Self, ConfigError> {
         PRESETS.iter().find(|preset| preset.name == name).map(Preset::sensor).ok_or_else(|| {
-            let names: Vec<_> = PRESETS.iter().map(|preset| preset.name).collect();
-            ConfigError::new("preset", name, format!("one of {}", names.join(", ")))
+            let names = PRESETS.map(|preset| preset.name);
+            let hint = did_you_mean(name, names.into_iter());
+            ConfigError::new("preset", name, format!("one of {}{hint}", names.join(", ")))
         })
     }
 }

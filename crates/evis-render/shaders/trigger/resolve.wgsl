@@ -1,5 +1,5 @@
 #import common/coverage.wgsl
-// --aa edges: mean of the coverage samples of a pixel, in linear light, into one layer.
+// --antialias edges: mean of the coverage samples of a pixel, in linear light, into one layer.
 @group(0) @binding(0) var samples: texture_multisampled_2d<f32>;
 @group(0) @binding(1) var layer: texture_storage_2d<r32float, write>;
 

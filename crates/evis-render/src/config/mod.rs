@@ -8,7 +8,7 @@ pub use scene_sensor::scene_sensors;
 use std::collections::BTreeMap;
 
 use evis_core::sensor::{SensorConfig, TriggerRule};
-use evis_core::{ConfigError, LabelKind, Sensor, TimeGrid, Warp};
+use evis_core::{ConfigError, LabelKind, Sensor, TimeGrid, Warp, WarpVariant, Word};
 use serde::{Deserialize, Serialize};
 
 use crate::config::grid::SampleGrid;
@@ -43,6 +43,17 @@ pub enum Method {
     /// times of its own (`evis-decoupled`, on the CPU).
     Decoupled,
 }
+
+/// Defaults of a warp, of both variants.
+const SPLAT: Method = Method::Splat(Warp::of(WarpVariant::Splat));
+const EVIS_PAPER: Method = Method::Splat(Warp::of(WarpVariant::EvisPaper));
+
+evis_core::words!(Method {
+    Self::Native => "native", "instants are rendered";
+    Self::Decoupled => "decoupled", "surfaces are followed in continuous time, each pixel is evaluated at its own times, on the CPU";
+    SPLAT => "splat", "keyframes are rendered; what lies between is splatted from both";
+    EVIS_PAPER => "evis-paper", "as the EVIS paper publishes it: linear motion, colours, latch, black holes";
+});
 
 impl Method {
     /// Its name: `native`, `decoupled`, `splat`, or `evis-paper` for `splat` as that paper publishes it.
@@ -83,6 +94,11 @@ pub enum Antialias {
     Edges,
 }
 
+evis_core::words!(Antialias {
+    Self::Samples => "samples", "visibility and shading at every sample";
+    Self::Edges => "edges", "visibility at every sample, shading at one in four";
+});
+
 /// How log light runs between two samples of a tile, in adaptive time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -95,6 +111,11 @@ pub enum Between {
     Curve,
 }
 
+evis_core::words!(Between {
+    Self::Line => "line", "straight";
+    Self::Curve => "curve", "along a cubic that also takes the sample before and the one after";
+});
+
 /// How shadows are told from light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -106,6 +127,11 @@ pub enum Shadows {
     /// work. Casters must be rigid and without holes.
     Rays,
 }
+
+evis_core::words!(Shadows {
+    Self::Maps => "maps", "by shadow maps, soft by a texel";
+    Self::Rays => "rays", "along borders by rays, as sharp as the casters, for up to twice the work";
+});
 
 /// How near to the truth events are, and how much work that is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -122,18 +148,26 @@ pub enum Quality {
     Reference,
 }
 
+evis_core::words!(Quality {
+    Self::Draft => "draft", "a sample per pixel of motion, 16 coverage samples";
+    Self::Standard => "standard", "a sample per half pixel of motion, 16 coverage samples";
+    Self::High => "high", "a sample per 0.3 pixels of motion, 144 coverage samples, shadow rays";
+    Self::Reference => "reference", "a sample per 0.15 pixels of motion, 256 coverage samples, shadow rays";
+});
+
 impl Quality {
     /// All, the cheapest first.
     pub const ALL: [Self; 4] = [Self::Draft, Self::Standard, Self::High, Self::Reference];
 
     /// As users write it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Draft => "draft",
-            Self::Standard => "standard",
-            Self::High => "high",
-            Self::Reference => "reference",
-        }
+    pub fn name(self) -> &'static str {
+        self.word()
+    }
+
+    /// The next cheaper preset, if there is one.
+    pub fn cheaper(self) -> Option<Self> {
+        let at = Self::ALL.iter().position(|quality| *quality == self)?;
+        at.checked_sub(1).and_then(|at| Self::ALL.get(at).copied())
     }
 }
 
@@ -342,19 +376,23 @@ impl RunConfig {
     fn check_frames(&self) -> Result<(), ConfigError> {
         let Some(rate_hz) = self.frame_rate_hz else {
             if self.labels.contains(&LabelKind::Frame) {
-                return Err(ConfigError::new("labels", "frame", "without frame: set a frame rate instead"));
+                return Err(ConfigError::new(
+                    "labels",
+                    "frame",
+                    "without frame: give `frame_rate_hz` instead",
+                ));
             }
             return Ok(());
         };
-        TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate".into(), ..e })?;
+        TimeGrid::new(rate_hz).map_err(|e| ConfigError { what: "frame_rate_hz".into(), ..e })?;
         let longest = longest_exposure_us(rate_hz);
         if longest < 2 {
             let remedy = "500000 frames per second at most: an exposure lasts 2 microseconds and more";
-            return Err(ConfigError::new("frame_rate", rate_hz, remedy));
+            return Err(ConfigError::new("frame_rate_hz", rate_hz, remedy));
         }
         if self.exposure_us % 2 != 0 || !(2..=longest).contains(&self.exposure_us) {
             return Err(ConfigError::new(
-                "exposure",
+                "exposure_us",
                 format!("{} us", self.exposure_us),
                 format!("an even number of microseconds, from 2 to {longest} at {rate_hz} frames per second"),
             ));
@@ -404,24 +442,25 @@ impl RunConfig {
             }
         }
         if self.between == Between::Curve && self.adaptive_px.is_none() {
-            return Err(ConfigError::new("between", "curve", "line, without adaptive time (adaptive_px)"));
+            return Err(ConfigError::new("between", "curve", "line, without adaptive time (`adaptive_px`)"));
         }
         let side = self.coverage_grid();
         if self.antialias == Antialias::Edges && self.samples != 4 * side * side {
-            let remedy = "4, 16, 36, 64, 100, 144, 196 or 256 with antialias = edges: one in four is shaded, on a grid";
+            let remedy = "4, 16, 36, 64, 100, 144, 196 or 256 with `antialias` edges: one in four is shaded, on a grid";
             return Err(ConfigError::new("samples", self.samples, remedy));
         }
         // What a pace may stretch an interval to.
-        let interval_us = self.sample_grid()?.longest_interval_us() * f64::from(self.block());
+        let grid = self.sample_grid().map_err(|e| ConfigError { what: "rate_hz".into(), ..e })?;
+        let interval_us = grid.longest_interval_us() * f64::from(self.block());
         let all_ideal = self.sensors.values().chain([&self.sensor]).all(SensorConfig::is_ideal);
         if !all_ideal && interval_us > f64::from(OLD_US / 2) {
             return Err(ConfigError::new(
-                "rate",
+                "rate_hz",
                 format!("an instant every {:.0} s", interval_us * 1e-6),
                 "one in 268 s at least, for a sensor with more than thresholds",
             ));
         }
-        TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate".into(), ..e })?;
+        TimeGrid::new(self.label_rate_hz).map_err(|e| ConfigError { what: "label_rate_hz".into(), ..e })?;
         self.check_frames()?;
         if !(1..=256).contains(&self.samples) {
             return Err(ConfigError::new("samples", self.samples, "between 1 and 256"));

@@ -25,7 +25,7 @@ pub fn scene_sensors(scene: &Scene, names: &[String]) -> Result<BTreeMap<String,
 fn read(sensor: &CameraSensor) -> Result<SensorConfig, EngineError> {
     let read = match &sensor.kind {
         SensorKind::Preset(name) => SensorConfig::preset(name),
-        SensorKind::Toml(text) => SensorConfig::from_toml(text),
+        SensorKind::Toml(text) => SensorConfig::from_toml_part(text),
     };
     read.map_err(|error| {
         EngineError::Config(evis_core::ConfigError {

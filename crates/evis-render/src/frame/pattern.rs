@@ -38,7 +38,7 @@ pub fn offsets(n: u32) -> Vec<[f32; 2]> {
 
 /// Other offsets than `offsets`, as good and as many, with which an audit looks between them.
 ///
-/// Mirrored, and moved by a quarter: one sample, or the grid of `--aa edges`, is its own mirror image.
+/// Mirrored, and moved by a quarter: one sample, or the grid of `--antialias edges`, is its own mirror image.
 pub fn others(offsets: &[[f32; 2]]) -> Vec<[f32; 2]> {
     match offsets {
         [[x, y]] => vec![[x + 0.25, y + 0.25]],

@@ -1,4 +1,4 @@
-//! `trigger/*.wgsl`: count, prefix, scan, emit; and the resolve of `--aa edges`. Twin: `cpu/trigger.rs`. `chain/walk.wgsl`
+//! `trigger/*.wgsl`: count, prefix, scan, emit; and the resolve of `--antialias edges`. Twin: `cpu/trigger.rs`. `chain/walk.wgsl`
 //! counts and emits where the sensor is more than thresholds. Twin: the emulator of `evis_core`.
 
 use crate::pass::{Access, Binding, ComputePass, bind};

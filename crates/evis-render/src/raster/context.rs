@@ -37,7 +37,7 @@ pub struct Context {
     pub(crate) views: Vec<View>,
     pub(crate) grid: SampleGrid,
     pub(crate) start_us: i64,
-    /// Sample offsets in pixels; one, at the centre, for `--aa edges`, whose places lie on a grid.
+    /// Sample offsets in pixels; one, at the centre, for `--antialias edges`, whose places lie on a grid.
     pub(crate) offsets: Vec<[f32; 2]>,
     /// The offsets of audits that look between them, as many; they are numbered after these.
     pub(crate) other_offsets: Vec<[f32; 2]>,

@@ -17,7 +17,7 @@ pub struct Layers {
     pub each: Vec<wgpu::TextureView>,
     /// Shared by all layers, which are rendered one after another: it stays in the cache.
     pub depth: wgpu::TextureView,
-    /// Four coverage samples, for `--aa edges`: of a picture that is `grid` times as large along each side.
+    /// Four coverage samples, for `--antialias edges`: of a picture that is `grid` times as large along each side.
     pub multisampled: Option<wgpu::TextureView>,
     /// What `multisampled` and `depth` are larger by.
     pub grid: u32,

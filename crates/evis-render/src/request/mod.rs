@@ -1,182 +1,326 @@
-//! From what a user asks of sampling to settings: one policy for the command line, Python and Rust.
+//! From what a user asks to settings: one policy for the command line, Python and Rust.
+//!
+//! [`RunRequest::settle`] puts a request over its settings file or the defaults, and [`Settled::configure`] makes a
+//! configuration of it for a scene and a device. What does not fit is refused here and nowhere else. Errors name settings
+//! by the fields of [`RunRequest`], in remedies between backticks: who shows them may put other names there.
 
 pub mod quality;
+mod sampling;
 pub mod settings;
 
-use evis_core::ConfigError;
-use evis_scene::Scene;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
 
-use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
+use evis_core::{ConfigError, LabelKind, SensorConfig, TriggerRule, Warp, WarpVariant};
+use evis_scene::camera_motion::{self, CameraMotionSettings};
+use evis_scene::{CameraMotion, Scene};
+
+pub use sampling::SamplingRequest;
+
+use crate::config::{EVIS_PAPER_LOG_EPS, Method, RunConfig, scene_sensors};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use settings::SettingsFile;
 
-/// What a user may ask of sampling; `None` where nothing was said.
-///
-/// The base is a preset, a settings file (already in the configuration), or a method with its defaults; whatever is given by
-/// hand stands over it. Without any of them it is [`Quality::Standard`].
+/// Time between two poses of a host, where none is given, in microseconds.
+pub const USUAL_POSE_STEP_US: i64 = 10_000;
+
+/// What a user asks of a run; `None` and empty where nothing was said.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct SamplingRequest {
-    /// A preset.
-    pub quality: Option<Quality>,
-    /// Whether the configuration comes from a settings file.
-    pub from_settings: bool,
-    /// How instants are sampled.
-    pub method: Option<Method>,
-    /// [`RunConfig::rate_hz`].
-    pub rate_hz: Option<f64>,
-    /// [`RunConfig::adaptive_px`].
-    pub adaptive_px: Option<f64>,
-    /// [`RunConfig::between`].
-    pub between: Option<Between>,
-    /// [`RunConfig::samples`].
-    pub samples: Option<u32>,
-    /// [`RunConfig::antialias`].
-    pub antialias: Option<Antialias>,
-    /// [`RunConfig::texture_taps`].
-    pub texture_taps: Option<u32>,
-    /// [`RunConfig::shadows`].
-    pub shadows: Option<Shadows>,
+pub struct RunRequest {
+    /// Settings from a file, or those of a recording; everything else stands over them.
+    pub settings: Option<PathBuf>,
+    /// Sensor of every camera that `sensors` does not name; `None` for what the scene gives each, else an ideal one.
+    pub sensor: Option<SensorConfig>,
+    /// Sensors of single cameras.
+    pub sensors: BTreeMap<String, SensorConfig>,
+    /// Values set in every sensor, those of the scene too: see [`SensorConfig::set`].
+    pub set: Vec<String>,
+    /// How pixels are sampled.
+    pub sampling: SamplingRequest,
+    /// Keyframes per second, of a method that has keyframes.
+    pub keyframe_hz: Option<f64>,
+    /// Instants per gap between keyframes, of a method that has keyframes.
+    pub steps: Option<u32>,
+    /// Pixels that keyframes show beyond each border, of a method that has keyframes.
+    pub margin: Option<u32>,
+    /// [`RunConfig::shadow_map`].
+    pub shadow_map: Option<u32>,
+    /// [`RunConfig::audit`].
+    pub audit: Option<f64>,
+    /// Names of the cameras to render; empty for all.
+    pub cameras: Vec<String>,
+    /// [`RunConfig::size`].
+    pub size: Option<(u32, u32)>,
+    /// [`RunConfig::start_us`].
+    pub start_us: Option<i64>,
+    /// [`RunConfig::seed`].
+    pub seed: Option<u64>,
+    /// Labels, by [`LabelKind::WORDS`].
+    pub labels: Vec<String>,
+    /// [`RunConfig::label_rate_hz`].
+    pub label_rate_hz: Option<f64>,
+    /// [`RunConfig::frame_rate_hz`].
+    pub frame_rate_hz: Option<f64>,
+    /// [`RunConfig::exposure_us`].
+    pub exposure_us: Option<i64>,
+    /// How cameras move that the scene leaves at rest.
+    pub camera_motion: Option<CameraMotion>,
+    /// Image speed of that motion in pixels per second.
+    pub camera_speed: Option<f64>,
+    /// [`RunConfig::reference_luminance`].
+    pub reference_luminance: Option<f32>,
+    /// Names of nodes and cameras that a host moves.
+    pub poses: Vec<String>,
+    /// [`RunConfig::pose_step_us`].
+    pub pose_step_us: Option<i64>,
 }
 
-const NO_INSTANTS: &str = "left out: decoupled sampling evaluates each pixel at its own times";
-
-impl SamplingRequest {
-    /// The first setting that was given by hand, and its value.
-    fn by_hand(&self) -> Option<(&'static str, String)> {
-        let text = |value: Option<f64>| value.map(|value| value.to_string());
-        let whole = |value: Option<u32>| value.map(|value| value.to_string());
-        [
-            ("rate", text(self.rate_hz)),
-            ("adaptive_px", text(self.adaptive_px)),
-            ("between", self.between.map(|value| format!("{value:?}").to_lowercase())),
-            ("samples", whole(self.samples)),
-            ("antialias", self.antialias.map(|value| format!("{value:?}").to_lowercase())),
-            ("texture_taps", whole(self.texture_taps)),
-        ]
-        .into_iter()
-        .find_map(|(name, value)| Some((name, value?)))
-    }
-
-    /// The first setting of rendered instants that was given by hand, and its value.
-    fn of_instants(&self) -> Option<(&'static str, String)> {
-        Self { adaptive_px: None, ..self.clone() }.by_hand()
-    }
-
-    /// Checks what contradicts itself, without scene or device.
+impl RunRequest {
+    /// Puts the request over its settings file or the defaults.
     ///
     /// # Errors
-    /// Names what cannot be had together.
-    pub fn check(&self) -> Result<(), ConfigError> {
-        let keyframes = self.method.filter(|method| method.keyframes().is_some());
-        if let (Some(quality), Some(method)) = (self.quality, keyframes) {
-            let remedy = format!("left out: {} has settings of its own", method.name());
-            return Err(ConfigError::new("quality", quality.name(), remedy));
+    /// A settings file that cannot be used, what contradicts itself, a value that cannot be used.
+    pub fn settle(self) -> Result<Settled, EngineError> {
+        let file = self.settings.as_deref().map(SettingsFile::open).transpose()?;
+        // A recording's settings hold every camera's sensor.
+        let for_all = self.sensor.is_some() || file.as_ref().is_some_and(|file| file.gives("sensor"));
+        let mut config = file.map_or_else(RunConfig::default, SettingsFile::into_config);
+        let sampling = SamplingRequest {
+            from_settings: self.settings.is_some(),
+            method: self.method()?,
+            ..self.sampling.clone()
+        };
+        sampling.check()?;
+
+        config.sensors.extend(self.sensors.clone());
+        if let Some(sensor) = &self.sensor {
+            config.sensor = sensor.clone();
+        } else if is_evis_paper(sampling.method) {
+            config.sensor.trigger = TriggerRule::Latch;
+            config.sensor.log_eps = EVIS_PAPER_LOG_EPS;
         }
-        if let (Some(quality), true) = (self.quality, self.from_settings) {
-            let remedy = "left out: a settings file says how pixels are sampled";
-            return Err(ConfigError::new("quality", quality.name(), remedy));
+        for sensor in config.sensors.values_mut().chain([&mut config.sensor]) {
+            set(sensor, &self.set)?;
         }
-        let decoupled = self.method == Some(Method::Decoupled);
-        if decoupled && let Some(quality) = self.quality {
-            return Err(ConfigError::new(
-                "quality",
-                quality.name(),
-                "left out: decoupled sampling has no presets",
-            ));
+        if !self.cameras.is_empty() {
+            config.cameras.clone_from(&self.cameras);
         }
-        if decoupled && let Some((name, value)) = self.of_instants() {
-            return Err(ConfigError::new(name, value, NO_INSTANTS));
+        if !self.labels.is_empty() {
+            config.labels = LabelKind::asked(&self.labels)?;
         }
-        if let (Some(method), Some(rate_hz)) = (keyframes, self.rate_hz) {
-            let remedy =
-                format!("left out: {} samples keyframe rate times steps instants per second", method.name());
-            return Err(ConfigError::new("rate_hz", rate_hz, remedy));
+        config.shadow_map = self.shadow_map.or(config.shadow_map);
+        config.audit = self.audit.unwrap_or(config.audit);
+        config.size = self.size.or(config.size);
+        config.start_us = self.start_us.unwrap_or(config.start_us);
+        config.seed = self.seed.unwrap_or(config.seed);
+        config.label_rate_hz = self.label_rate_hz.unwrap_or(config.label_rate_hz);
+        config.reference_luminance = self.reference_luminance.or(config.reference_luminance);
+        config.pose_step_us = self.pose_step()?.or(config.pose_step_us);
+        config.frame_rate_hz = self.frame_rate_hz.or(config.frame_rate_hz);
+        match self.exposure_us {
+            Some(exposure_us) if self.frame_rate_hz.is_none() => {
+                let remedy =
+                    "left out, or given with `frame_rate_hz`: without it there are no frames to expose";
+                return Err(ConfigError::new("exposure_us", format!("{exposure_us} us"), remedy).into());
+            }
+            Some(exposure_us) => config.exposure_us = exposure_us,
+            None if self.frame_rate_hz.is_some() => {
+                config.exposure_us = RunConfig::usual_exposure_us(self.frame_rate_hz);
+            }
+            None => {}
         }
-        Ok(())
+        config.check()?;
+        let Self { set, camera_motion, camera_speed, poses, .. } = self;
+        Ok(Settled { config, sampling, for_all, set, camera_motion, camera_speed, poses })
     }
 
-    /// The preset that is in force before anything given by hand.
-    pub fn preset(&self) -> Option<Quality> {
-        let nothing = self.method.is_none() && self.by_hand().is_none() && !self.from_settings;
-        self.quality.or(nothing.then_some(Quality::Standard))
+    /// The method that is asked for, with what is asked of its keyframes.
+    fn method(&self) -> Result<Option<Method>, ConfigError> {
+        let Some(Method::Splat(warp)) = self.sampling.method else {
+            let number = |value: Option<f64>| value.map(|value| value.to_string());
+            let given = [
+                ("keyframe_hz", number(self.keyframe_hz)),
+                ("steps", number(self.steps.map(f64::from))),
+                ("margin", number(self.margin.map(f64::from))),
+            ];
+            if let Some((name, value)) = given.into_iter().find_map(|(name, value)| Some((name, value?))) {
+                let remedy =
+                    "left out, or given with `method` splat or evis-paper: nothing else has keyframes";
+                return Err(ConfigError::new(name, value, remedy));
+            }
+            return Ok(self.sampling.method);
+        };
+        Ok(Some(Method::Splat(Warp {
+            keyframe_hz: self.keyframe_hz.or(warp.keyframe_hz),
+            steps: self.steps.or(warp.steps),
+            margin: self.margin.or(warp.margin),
+            ..warp
+        })))
     }
 
-    /// Sets sampling in `config`, in which all else is set. Returns notes for the user: what a preset could not have. Without a
-    /// device presets take decoupled sampling.
+    fn pose_step(&self) -> Result<Option<i64>, ConfigError> {
+        match self.pose_step_us {
+            Some(step_us) if self.poses.is_empty() => {
+                let remedy = "left out, or given with `poses`: the names of what a host moves";
+                Err(ConfigError::new("pose_step_us", step_us, remedy))
+            }
+            None if !self.poses.is_empty() => Ok(Some(USUAL_POSE_STEP_US)),
+            step_us => Ok(step_us),
+        }
+    }
+}
+
+fn is_evis_paper(method: Option<Method>) -> bool {
+    matches!(method, Some(Method::Splat(Warp { variant: WarpVariant::EvisPaper, .. })))
+}
+
+fn set(sensor: &mut SensorConfig, assignments: &[String]) -> Result<(), ConfigError> {
+    assignments.iter().try_for_each(|assignment| sensor.set(assignment))
+}
+
+/// A request over its settings file or the defaults; scene and device decide the rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settled {
+    config: RunConfig,
+    sampling: SamplingRequest,
+    /// Whether a sensor is given for all cameras, so that the scene's own do not count.
+    for_all: bool,
+    set: Vec<String>,
+    camera_motion: Option<CameraMotion>,
+    camera_speed: Option<f64>,
+    poses: Vec<String>,
+}
+
+impl Settled {
+    /// The settings so far.
+    pub const fn config(&self) -> &RunConfig {
+        &self.config
+    }
+
+    /// How the scene's cameras are to be moved. The first camera and the size decide how a motion looks, and a settings file
+    /// may hold both.
+    pub fn camera_motion(&self) -> CameraMotionSettings {
+        CameraMotionSettings {
+            motion: self.camera_motion.clone(),
+            speed_px_per_s: self.camera_speed,
+            camera: self.config.cameras.first().cloned(),
+            size: self.config.size,
+        }
+    }
+
+    /// `scene` with what is asked of its poses: driven by a host, its cameras moved.
     ///
     /// # Errors
-    /// What contradicts itself, cameras that do not exist or cannot be used.
-    pub fn apply(
-        &self,
+    /// Names that do not exist, a motion that cannot be had.
+    pub fn moved(&self, scene: &Arc<Scene>) -> Result<Arc<Scene>, EngineError> {
+        let mut scene = Arc::clone(scene);
+        if !self.poses.is_empty() {
+            let mut driven = Scene::clone(&scene);
+            driven.drive(&self.poses, self.config.start_us)?;
+            scene = Arc::new(driven);
+        }
+        Ok(camera_motion::moved(&scene, &self.camera_motion())?)
+    }
+
+    /// Takes the sensors that `scene` gives its cameras, where the request has none for all.
+    ///
+    /// # Errors
+    /// Cameras that do not exist, sensors that cannot be used.
+    pub fn take_sensors(&mut self, scene: &Scene) -> Result<(), EngineError> {
+        for name in self.config.cameras.iter().chain(self.config.sensors.keys()) {
+            scene.camera(name)?;
+        }
+        if !self.for_all {
+            for (camera, mut sensor) in scene_sensors(scene, &self.config.cameras)? {
+                set(&mut sensor, &self.set)?;
+                self.config.sensors.entry(camera).or_insert(sensor);
+            }
+        }
+        Ok(self.config.check()?)
+    }
+
+    /// The configuration for `scene` and device, and notes for the user: what a preset could not have.
+    ///
+    /// # Errors
+    /// What contradicts itself, cameras that cannot be used.
+    pub fn configure(
+        mut self,
         gpu: Option<&Gpu>,
         scene: &Scene,
-        config: &mut RunConfig,
-    ) -> Result<Vec<String>, EngineError> {
-        self.check()?;
-        if self.shadows.is_some() {
-            config.shadows = self.shadows;
-        }
-        let mut notes = Vec::new();
-        if let Some(quality) = self.preset() {
-            notes = quality.sampling().apply(gpu, scene, config)?;
-            if config.method == Method::Decoupled && self.of_instants().is_some() {
-                // Settings of instants are for rendered ones.
-                notes = quality.sampling().rendered().apply(gpu, scene, config)?;
-            }
-            config.quality = self.by_hand().is_none().then_some(quality);
-        } else if let Some(method) = self.method {
-            config.method = method;
-        }
-        if config.method == Method::Decoupled
-            && let Some((name, value)) = self.of_instants()
-        {
-            return Err(ConfigError::new(name, value, NO_INSTANTS).into());
-        }
-        let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
-        set(&mut config.rate_hz, self.rate_hz);
-        config.adaptive_px = self.adaptive_px.or(config.adaptive_px);
-        config.between = self.between.unwrap_or(config.between);
-        config.antialias = self.antialias.unwrap_or(config.antialias);
-        config.samples = self.samples.unwrap_or(config.samples);
-        config.texture_taps = self.texture_taps.or(config.texture_taps);
-        config.check()?;
-        Ok(notes)
+    ) -> Result<(RunConfig, Vec<String>), EngineError> {
+        let notes = self.sampling.apply(gpu, scene, &mut self.config)?;
+        Ok((self.config, notes))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use evis_core::Warp;
-
     use super::*;
 
-    #[test]
-    fn what_is_given_by_hand_decides_whether_a_preset_is_in_force() {
-        let nothing = SamplingRequest::default();
-        assert_eq!(nothing.preset(), Some(Quality::Standard));
-        let native = SamplingRequest { method: Some(Method::Native), ..nothing.clone() };
-        assert_eq!(native.preset(), None);
-        let by_hand = SamplingRequest { samples: Some(4), ..nothing.clone() };
-        assert_eq!(by_hand.preset(), None);
-        let over = SamplingRequest { quality: Some(Quality::High), ..by_hand };
-        assert_eq!(over.preset(), Some(Quality::High));
-        let shadows = SamplingRequest { shadows: Some(Shadows::Maps), ..nothing.clone() };
-        assert_eq!(shadows.preset(), Some(Quality::Standard), "shadows alone leave the preset in force");
-        let file = SamplingRequest { from_settings: true, ..nothing };
-        assert_eq!(file.preset(), None);
+    fn refused(request: RunRequest) -> String {
+        request.settle().unwrap_err().to_string()
     }
 
     #[test]
-    fn contradictions_are_named() {
-        let splat = Some(Method::Splat(Warp::default()));
-        let refused = |request: SamplingRequest| request.check().unwrap_err().to_string();
-        let quality = Some(Quality::High);
-        assert!(refused(SamplingRequest { quality, method: splat, ..Default::default() }).contains("high"));
-        assert!(
-            refused(SamplingRequest { quality, from_settings: true, ..Default::default() })
-                .contains("settings file")
-        );
-        let rate_hz = Some(500.0);
-        assert!(refused(SamplingRequest { rate_hz, method: splat, ..Default::default() }).contains("500"));
+    fn what_does_not_fit_is_refused_with_name_value_and_remedy() {
+        let nothing = RunRequest::default;
+        let labels = |word: &str| vec![word.to_owned()];
+        for (request, told) in [
+            (
+                RunRequest { exposure_us: Some(5000), ..nothing() },
+                ["exposure_us is 5000 us", "`frame_rate_hz`"],
+            ),
+            (RunRequest { pose_step_us: Some(7), ..nothing() }, ["pose_step_us is 7", "`poses`"]),
+            (RunRequest { keyframe_hz: Some(30.0), ..nothing() }, ["keyframe_hz is 30", "`method` splat"]),
+            (
+                RunRequest { labels: labels("dept"), ..nothing() },
+                ["labels is 'dept'", "did you mean 'depth'"],
+            ),
+            (RunRequest { labels: labels("frame"), ..nothing() }, ["labels is 'frame'", "`frame_rate_hz`"]),
+            (RunRequest { set: labels("noise.leek_hz=1"), ..nothing() }, ["leek_hz", "leak_hz"]),
+            (RunRequest { set: labels("threshold_on=-1"), ..nothing() }, ["threshold_on is -1", "above 0"]),
+            (RunRequest { audit: Some(2.0), ..nothing() }, ["audit is 2", "from 0 to 1"]),
+        ] {
+            let error = refused(request);
+            assert!(told.iter().all(|word| error.contains(word)), "{error}");
+        }
+        assert!(nothing().settle().is_ok(), "canary");
+    }
+
+    #[test]
+    fn what_is_given_stands_over_the_defaults() {
+        let request = RunRequest {
+            set: vec!["noise.shot_hz=2".into()],
+            frame_rate_hz: Some(30.0),
+            poses: vec!["ball".into()],
+            ..RunRequest::default()
+        };
+        let config = request.settle().unwrap().config().clone();
+        assert_eq!((config.sensor.noise.shot_hz, config.exposure_us), (2.0, 10_000));
+        assert_eq!((config.pose_step_us, config.label_rate_hz), (Some(USUAL_POSE_STEP_US), 50.0));
+        assert_eq!(RunRequest::default().settle().unwrap().config(), &RunConfig::default());
+    }
+
+    #[test]
+    fn the_published_method_has_the_published_sensor_unless_one_is_given() {
+        let method = Some(Method::Splat(Warp::of(WarpVariant::EvisPaper)));
+        let sampling = SamplingRequest { method, ..SamplingRequest::default() };
+        let paper = RunRequest { sampling, ..RunRequest::default() };
+        let config = paper.clone().settle().unwrap().config().clone();
+        assert_eq!((config.sensor.trigger, config.sensor.log_eps), (TriggerRule::Latch, EVIS_PAPER_LOG_EPS));
+        let own = RunRequest { sensor: Some(SensorConfig::default()), ..paper };
+        assert_eq!(own.settle().unwrap().config().sensor, SensorConfig::default());
+    }
+
+    #[test]
+    fn keyframes_are_of_the_method_that_has_them() {
+        let method = Some(Method::Splat(Warp::of(WarpVariant::Splat)));
+        let sampling = SamplingRequest { method, ..SamplingRequest::default() };
+        let request =
+            RunRequest { sampling, keyframe_hz: Some(60.0), steps: Some(4), ..RunRequest::default() };
+        let asked = request.method().unwrap().unwrap();
+        assert_eq!(asked.keyframes(), Some((60.0, 4)));
     }
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use evis_core::ConfigError;
+use evis_core::format::hdf5::Recording;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
@@ -37,6 +38,20 @@ impl SettingsFile {
         let mut run = toml::Table::try_from(config).unwrap_or_default();
         run.retain(|key, _| SAMPLING.contains(&key));
         Self { run, config: config.clone() }
+    }
+
+    /// Reads the settings in `path`: those that a recording (.h5, .hdf5) stores, or a file as [`SettingsFile::read`] does.
+    ///
+    /// # Errors
+    /// As [`SettingsFile::read`]; a recording that cannot be read.
+    pub fn open(path: &Path) -> Result<Self, EngineError> {
+        let is_recording =
+            |ending: &std::ffi::OsStr| ["h5", "hdf5"].iter().any(|known| ending.eq_ignore_ascii_case(known));
+        if path.extension().is_some_and(is_recording) {
+            let recording = Recording::open(path)?;
+            return Ok(Self::parse(&recording.header().config_toml, &path.display().to_string())?);
+        }
+        Self::read(path)
     }
 
     /// Reads a file that [`SettingsFile::write`] wrote, or the settings that a recording stores.

@@ -23,7 +23,7 @@ use evis_truth::rays::{Options, Pinhole, RayCaster, TextureFilter, Textures};
 /// Distance in pixels from an edge within which the device may see the other side.
 const REACH: f64 = 0.02;
 
-/// Coverage samples of `--aa edges`: Vulkan 1.3, table "Standard sample locations", 4 samples.
+/// Coverage samples of `--antialias edges`: Vulkan 1.3, table "Standard sample locations", 4 samples.
 const STANDARD_SAMPLES: [[f64; 2]; 4] = [[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]];
 
 #[derive(Clone, Copy)]

@@ -404,7 +404,7 @@ pub fn wrong_caster(scene: &mut Scene) {
     }
 }
 
-/// Plain colours: what `--aa edges` shows is how much of a pixel each covers.
+/// Plain colours: what `--antialias edges` shows is how much of a pixel each covers.
 pub fn plain() -> Scene {
     let mut s = SceneBuilder::new("plain");
     s.background([0.1, 0.3, 0.2]).unwrap();

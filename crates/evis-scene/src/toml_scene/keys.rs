@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use evis_limits::nearest;
 use toml::{Table, Value};
 
 use crate::error::SceneError;
@@ -251,27 +252,9 @@ pub(super) fn locate(source: &Source<'_>, at: &str, error: SceneError) -> SceneE
             };
             source.error(at, message)
         }
-        unknown @ SceneError::Unknown { .. } => {
-            let SceneError::Unknown { name, known, .. } = &unknown else { return unknown };
-            let near = nearest(name, known.iter().map(String::as_str));
-            let hint = near.map_or_else(String::new, |near| format!(" (did you mean '{near}'?)"));
-            source.error(at, format!("{unknown}{hint}"))
-        }
+        unknown @ SceneError::Unknown { .. } => source.error(at, unknown.to_string()),
         other => other,
     }
-}
-
-/// The most similar word, where one is similar at all.
-pub(crate) fn nearest<'w>(word: &str, known: impl Iterator<Item = &'w str>) -> Option<&'w str> {
-    // Long strangers are not worth the quadratic comparison.
-    if word.len() > 64 {
-        return None;
-    }
-    known
-        .map(|candidate| (strsim::jaro_winkler(word, candidate), candidate))
-        .filter(|(similarity, _)| *similarity > 0.75)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, candidate)| candidate)
 }
 
 fn number(value: &Value) -> Option<f64> {

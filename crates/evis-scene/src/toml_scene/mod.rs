@@ -12,7 +12,6 @@ use std::path::Path;
 use glam::DMat4;
 use toml::{Table, Value};
 
-pub(crate) use self::keys::nearest;
 use self::keys::{Keys, Source, locate};
 use crate::builder::{
     ColorSpace, EnvironmentSettings, EventCamera, Labels, Placement, Sampling, SceneBuilder, ShapeSettings,

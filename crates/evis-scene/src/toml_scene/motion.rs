@@ -138,7 +138,7 @@ fn path(keys: &mut Keys<'_>, start: Trs) -> Result<(Path, bool), SceneError> {
 fn trajectory_file(keys: &mut Keys<'_>) -> Result<Path, SceneError> {
     let file = keys.file("file")?;
     let format = Format {
-        unit_s: keys.choice("time_unit", &trajectory::UNITS)?.unwrap_or(1.0),
+        unit_s: keys.choice("time_unit", &trajectory::UNITS)?,
         from_zero: keys.flag("from_zero")?.unwrap_or(true),
         offset_s: keys.number_or("time_offset_s", 0.0)?,
         opencv_axes: keys.choice("axes", &[("opengl", false), ("opencv", true)])?.unwrap_or(false),

@@ -10,8 +10,8 @@ use crate::motion::{Path, PathInterpolation};
 /// How a file of poses is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Format {
-    /// Seconds per unit of the time column.
-    pub unit_s: f64,
+    /// Seconds per unit of the time column; `None` for seconds, or what a line `# unit: ns` says.
+    pub unit_s: Option<f64>,
     /// Whether the first pose is at scene time 0; else the file's own times count.
     pub from_zero: bool,
     /// Added to every time, seconds.
@@ -24,7 +24,18 @@ pub(super) struct Format {
 
 pub(super) fn load(path: &FilePath, format: Format) -> Result<Path, SceneError> {
     let text = crate::file::text(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
-    parse(&text, format).map_err(|reason| SceneError::invalid(path, reason))
+    timed(&text, format).map_err(|reason| SceneError::invalid(path, reason))
+}
+
+/// Reads poses, whose unit of time the format or the text names; seconds that are none are refused.
+fn timed(text: &str, format: Format) -> Result<Path, String> {
+    let unit_s = format.unit_s.map_or_else(|| unit_of(text), |unit_s| Ok(Some(unit_s)))?;
+    let path = parse(text, Format { unit_s, ..format })?;
+    match &path {
+        Path::Keys { times, .. } if unit_s.is_none() => check_pace(times)?,
+        _ => {}
+    }
+    Ok(path)
 }
 
 /// The poses of a file that nothing else describes: times in seconds, or in the unit that a line `# unit: ns` (s, ms, us,
@@ -32,22 +43,8 @@ pub(super) fn load(path: &FilePath, format: Format) -> Result<Path, SceneError> 
 pub(crate) fn load_plain(path: &FilePath, interpolation: PathInterpolation) -> Result<Path, SceneError> {
     let text =
         std::fs::read_to_string(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
-    let parsed = unit_of(&text).and_then(|unit_s| {
-        let format = Format {
-            unit_s: unit_s.unwrap_or(1.0),
-            from_zero: true,
-            offset_s: 0.0,
-            opencv_axes: false,
-            interpolation,
-        };
-        let path = parse(&text, format)?;
-        match &path {
-            Path::Keys { times, .. } if unit_s.is_none() => check_pace(times)?,
-            _ => {}
-        }
-        Ok(path)
-    });
-    parsed.map_err(|reason| SceneError::invalid(path, reason))
+    let format = Format { unit_s: None, from_zero: true, offset_s: 0.0, opencv_axes: false, interpolation };
+    timed(&text, format).map_err(|reason| SceneError::invalid(path, reason))
 }
 
 /// Seconds per unit of time, where a comment names one.
@@ -77,8 +74,8 @@ fn check_pace(times: &[f64]) -> Result<(), String> {
     let mean_s = (last - first) / (times.len() - 1) as f64;
     if mean_s > LONGEST_MEAN_STEP_S {
         return Err(format!(
-            "its poses are {mean_s} s apart on average; times are seconds: a line '# unit: ns' (or us, ms) names another \
-             unit, '# unit: s' confirms this one"
+            "its poses are {mean_s} s apart on average; is the first column in nanoseconds? A line '# unit: ns' (or us, ms), \
+             or time_unit = \"ns\" in a scene file, says so; unit s confirms seconds"
         ));
     }
     Ok(())
@@ -88,7 +85,7 @@ fn check_pace(times: &[f64]) -> Result<(), String> {
 pub(super) const UNITS: [(&str, f64); 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
 
 /// Poses that are farther apart on average are taken to be in another unit than seconds.
-const LONGEST_MEAN_STEP_S: f64 = 1000.0;
+const LONGEST_MEAN_STEP_S: f64 = 10.0;
 
 /// Column, from 1, at which `part`, a piece of `line`, starts.
 fn column(line: &str, part: &str) -> usize {
@@ -140,7 +137,8 @@ fn parse(text: &str, format: Format) -> Result<Path, String> {
         }
         let stamp = Stamp { whole: fields.first().and_then(|f| f.parse().ok()), value: t };
         let first = *first.get_or_insert(stamp);
-        let time = if format.from_zero { stamp.since(first) } else { t } * format.unit_s + format.offset_s;
+        let time = if format.from_zero { stamp.since(first) } else { t } * format.unit_s.unwrap_or(1.0)
+            + format.offset_s;
         if let Some(last) = times.last()
             && time <= *last
         {
@@ -192,7 +190,7 @@ mod tests {
     use super::*;
 
     const TUM: Format = Format {
-        unit_s: 1.0,
+        unit_s: Some(1.0),
         from_zero: true,
         offset_s: 0.0,
         opencv_axes: false,
@@ -208,12 +206,26 @@ mod tests {
 
     #[test]
     fn commas_spaces_headers_and_units_are_read() {
-        let nanoseconds = Format { unit_s: 1e-9, ..TUM };
+        let nanoseconds = Format { unit_s: Some(1e-9), ..TUM };
         let text =
             "# timestamp, x\n1403636579763555584,1,2,3,0,0,0,1\n1403636579763555585, 1,2,3, 0,0,0,-1\n";
         assert_eq!(times(text, nanoseconds), [0.0, 1e-9], "a nanosecond since 1970 survives");
         assert_eq!(times("t x y z qx qy qz qw\n\n5 1 2 3 0 0 0 1\n5.5\t1 2 3 0 0 0 1", TUM), [0.0, 0.5]);
         assert_eq!(times("5 1 2 3 0 0 0 1", Format { from_zero: false, offset_s: 2.0, ..TUM }), [7.0]);
+    }
+
+    #[test]
+    fn seconds_that_are_hardly_seconds_are_asked_about() {
+        let unsaid = Format { unit_s: None, ..TUM };
+        let text = "0 0 0 0 0 0 0 1\n33333333 0 0 0 0 0 0 1\n";
+        let told = timed(text, unsaid).unwrap_err();
+        assert!(told.contains("33333333 s apart") && told.contains("nanoseconds?"), "{told}");
+        for said in
+            [format!("# unit: s\n{text}"), format!("# unit: ns\n{text}"), text.replace("33333333", "9.5")]
+        {
+            assert!(timed(&said, unsaid).is_ok(), "{said}");
+        }
+        assert!(timed(text, TUM).is_ok(), "a unit that the scene file names is taken");
     }
 
     #[test]

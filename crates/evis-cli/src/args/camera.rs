@@ -7,15 +7,17 @@ use evis_scene::{CameraMotion, CameraMotionSettings};
 /// How cameras move that the scene leaves at rest.
 #[derive(Debug, Default, Args)]
 pub(crate) struct CameraArgs {
-    /// Move cameras that rest: none, orbit (around the model), dolly (to and fro), shake (a hand or an eye), or a file of
-    /// poses, rows of t x y z qx qy qz qw [default: none; for a file with neither a camera nor any motion orbit, for a
-    /// picture shake].
-    #[arg(long, value_name = "none|orbit|dolly|shake|FILE.csv", allow_hyphen_values = true)]
+    /// Move cameras that rest: none, orbit, dolly, shake or a file of poses
+    ///
+    /// orbit goes around the model, dolly to and fro, shake as a hand or an eye does. A file has rows of t x y z qx qy qz qw.
+    /// [default: none; orbit for a file with neither a camera nor any motion; shake for a picture]
+    #[arg(long, value_name = "MOTION", allow_hyphen_values = true, help_heading = "Scene")]
     pub(crate) camera_motion: Option<CameraMotion>,
 
-    /// Mean speed, at the centre of the picture, of what the camera shows while it orbits, dollies or shakes
-    /// [default: 100].
-    #[arg(long, value_name = "PX_PER_S", value_parser = speed, allow_hyphen_values = true)]
+    /// Mean image speed of that motion in pixels per second [default: 100]
+    ///
+    /// At the centre of the picture, of what the camera shows while it orbits, dollies or shakes.
+    #[arg(long, value_name = "PX_PER_S", value_parser = speed, allow_hyphen_values = true, help_heading = "Scene", hide_short_help = true)]
     pub(crate) camera_speed: Option<f64>,
 }
 

@@ -1,0 +1,205 @@
+//! Help texts: the command with its examples, and the short help of `-h`.
+
+use clap::builder::StyledStr;
+use clap::{Command, CommandFactory};
+
+use super::Cli;
+
+/// Width that help texts are wrapped to, columns.
+const COLUMNS: usize = 100;
+
+/// Lines that the short help of a command has at most.
+#[cfg(test)]
+const SHORT_LINES: usize = 30;
+
+/// Examples of each command, without the program's name. The last thing that a help text shows.
+const EXAMPLES: [(&str, &[&str]); 16] = [
+    (
+        "run",
+        &[
+            "run warehouse -o events.h5 --duration 0.25",
+            "run model.glb -o events.h5 --camera-motion orbit --quality draft",
+            "run spinner -o events.h5 --labels depth,flow,instance --label-rate 100",
+            "run scene.toml -o events.h5 --sensor v2e --size 346x260 --seed 7",
+        ],
+    ),
+    ("tune", &["tune scene.glb -o settings.toml", "run scene.glb -o events.h5 --settings settings.toml"]),
+    (
+        "video",
+        &[
+            "video in.mp4 -o events.h5",
+            "video in.mp4 -o events.h5 --like v2e --size 346x260",
+            "video frames/ -o events.h5 -o events.raw --fps 240 --sensor davis346",
+            "video stack.npy -o events.h5 --fps 1000 --transfer linear",
+        ],
+    ),
+    ("from-v2e", &["from-v2e -- --input in.mp4 --pos_thres 0.15 --cutoff_hz 30 --dvs346"]),
+    (
+        "preview",
+        &["preview events.h5 -o sheet.png", "preview events.h5 -o film.mp4 --slow 4 --background dark"],
+    ),
+    (
+        "chart",
+        &[
+            "chart spinner -o chart.png --quick",
+            "chart scene.glb -o chart.svg --report chart.json",
+            "chart --from chart.json -o heavy.png --render-ms 10",
+        ],
+    ),
+    (
+        "truth",
+        &[
+            "truth spinner -o truth.h5 --size 160x120 --duration 0.1 --truth-pixels 300",
+            "score events.h5 --truth truth.h5",
+        ],
+    ),
+    (
+        "verify",
+        &["verify", "verify --scene spinner -o verify.png", "verify --light spinner --at 0.02 -o light.png"],
+    ),
+    (
+        "convert",
+        &[
+            "convert events.h5 events.raw",
+            "convert recording.aedat4 events.h5 --start 1 --end 3 --rebase",
+            "convert events.h5 events.txt --crop 100,50,320,240",
+        ],
+    ),
+    ("info", &["info events.h5", "info cut.h5 --repair"]),
+    ("score", &["score events.h5 --truth truth.h5 --tolerance-us 1000,100"]),
+    (
+        "calibrate",
+        &[
+            "calibrate dark.h5 -o sensor.toml --base dvxplorer-like",
+            "calibrate a.h5 b.h5 --stimulus 1,0.5 --stimulus 10,0.5",
+        ],
+    ),
+    ("compare", &["compare recorded.h5 simulated.h5 -o figure.png"]),
+    ("sensors", &["sensors", "run spinner -o events.h5 --sensor dvxplorer-like"]),
+    ("scenes", &["scenes"]),
+    ("completions", &["completions bash"]),
+];
+
+/// The whole command line of `program`, which is `evis-rs` or `evis`.
+pub(crate) fn command(program: &'static str) -> Command {
+    let mut command = Cli::command().name(program).max_term_width(COLUMNS);
+    for (name, examples) in EXAMPLES {
+        let lines = examples.iter().map(|line| format!("\n  {program} {line}"));
+        let text = format!("Examples:{}", lines.collect::<String>());
+        command = command.mut_subcommand(name, |sub| sub.after_help(text));
+    }
+    command
+}
+
+/// `command`, in which every subcommand's help is its short one: one line per option, without the rare ones.
+pub(crate) fn with_short_help(command: Command) -> Command {
+    let mut built = command.clone();
+    built.build();
+    let names: Vec<_> = built.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
+    names.into_iter().filter(|name| name != "help").fold(command, |command, name| {
+        let Some(sub) = built.find_subcommand_mut(&name) else { return command };
+        let short = short_help(sub);
+        command.mut_subcommand(name, |sub| sub.override_help(short))
+    })
+}
+
+/// The short help of a built subcommand.
+fn short_help(sub: &Command) -> StyledStr {
+    let mut sub = sub.clone().term_width(COLUMNS).mut_args(|arg| arg.hide_possible_values(true));
+    let name = sub.get_bin_name().unwrap_or_else(|| sub.get_name()).to_owned();
+    let all = sub.get_opts().count();
+    let help = sub.render_help();
+    let (styled, plain) = (help.ansi().to_string(), help.to_string());
+    // Headings stand out by themselves; an empty line after each would double the height. What asks for help has it.
+    let shown = |line: &&str| {
+        !line.trim().is_empty() && *line != "Options:" && !line.trim_start().starts_with("-h, --help")
+    };
+    let lines = styled.lines().zip(plain.lines()).filter(|(_, plain)| shown(plain));
+    let lines = lines.map(|(styled, _)| format!("{styled}\n"));
+    let more = format!("{name} --help explains all {all} options.\n");
+    StyledStr::from(lines.chain([more]).collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Short help of every subcommand, as plain text.
+    fn short_helps(program: &'static str) -> Vec<(String, String)> {
+        let mut built = command(program);
+        built.build();
+        let subs = built.get_subcommands().filter(|sub| sub.get_name() != "help");
+        subs.map(|sub| (sub.get_name().to_owned(), short_help(sub).to_string())).collect()
+    }
+
+    /// What is wrong with a short help; `None` where it keeps its bounds.
+    fn too_large(text: &str) -> Option<String> {
+        let lines = text.lines().count();
+        let wide = text.lines().find(|line| line.chars().count() > COLUMNS);
+        match wide {
+            _ if lines > SHORT_LINES => Some(format!("{lines} lines")),
+            Some(line) => Some(format!("too wide: {line}")),
+            None => None,
+        }
+    }
+
+    #[test]
+    fn short_help_keeps_its_bounds_and_names_the_program() {
+        let helps = short_helps("evis");
+        assert!(helps.len() > 10);
+        for (name, text) in helps {
+            assert_eq!(too_large(&text), None, "{name}:\n{text}");
+            assert!(!text.contains("evis-rs"), "{name}:\n{text}");
+        }
+        let of = |name: &str| short_helps("evis-rs").into_iter().find(|(known, _)| known == name).unwrap().1;
+        for name in ["run", "video"] {
+            assert_eq!(of(name).matches(&format!("\n  evis-rs {name} ")).count(), 4, "{}", of(name));
+        }
+        for heading in ["Scene:", "Output:", "Labels:", "Sensor:", "Quality:", "Device:"] {
+            assert!(of("run").lines().any(|line| line == heading), "{heading}\n{}", of("run"));
+        }
+        // Canaries: one line more, one column more.
+        assert!(too_large(&"x\n".repeat(SHORT_LINES + 1)).is_some());
+        assert!(too_large(&"x".repeat(COLUMNS + 1)).is_some());
+    }
+
+    /// Options of `command` that stand under no heading.
+    fn without_heading(command: &Command) -> Vec<String> {
+        let own = |arg: &&clap::Arg| !["help", "version"].contains(&arg.get_id().as_str());
+        let none = command.get_opts().filter(own).filter(|arg| arg.get_help_heading().is_none());
+        none.map(|arg| format!("{} {}", command.get_name(), arg.get_id())).collect()
+    }
+
+    #[test]
+    fn every_option_stands_under_a_heading() {
+        let mut built = command("evis-rs");
+        built.build();
+        for sub in built.get_subcommands().filter(|sub| sub.get_name() != "help") {
+            assert_eq!(without_heading(sub), [""; 0]);
+        }
+        let canary = Command::new("x").arg(clap::Arg::new("lost").long("lost"));
+        assert_eq!(without_heading(&canary), ["x lost"]);
+    }
+
+    #[test]
+    fn examples_are_command_lines_that_are_taken() {
+        let taken = |line: &str| command("evis-rs").try_get_matches_from(line.split_whitespace()).is_ok();
+        for (name, examples) in EXAMPLES {
+            for line in examples {
+                assert!(taken(&format!("evis-rs {line}")), "{name}: {line}");
+            }
+        }
+        assert!(!taken("evis-rs run spinner"), "canary: there is no output");
+    }
+
+    #[test]
+    fn the_whole_help_has_what_the_short_one_hides() {
+        let mut built = with_short_help(command("evis-rs"));
+        built.build();
+        let short = built.find_subcommand_mut("run").unwrap().render_long_help().to_string();
+        let long = command("evis-rs").find_subcommand_mut("run").unwrap().render_long_help().to_string();
+        for option in ["--texture-taps", "--keyframe-rate", "--memory-limit"] {
+            assert!(long.contains(option) && !short.contains(option), "{option}\n{short}");
+        }
+    }
+}

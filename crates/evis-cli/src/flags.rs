@@ -1,0 +1,92 @@
+//! Settings by the names that they have on the command line.
+
+use evis_core::ConfigError;
+use evis_render::EngineError;
+
+use crate::failure::bad_input;
+
+/// Fields of a request, and the options that set them.
+const FLAGS: [(&str, &str); 31] = [
+    ("settings", "--settings"),
+    ("sensor", "--sensor"),
+    ("set", "--set"),
+    ("quality", "--quality"),
+    ("method", "--method"),
+    ("rate_hz", "--rate"),
+    ("adaptive_px", "--adaptive"),
+    ("between", "--between"),
+    ("samples", "--samples"),
+    ("antialias", "--antialias"),
+    ("texture_taps", "--texture-taps"),
+    ("shadows", "--shadows"),
+    ("shadow_map", "--shadow-map"),
+    ("keyframe_hz", "--keyframe-rate"),
+    ("steps", "--steps"),
+    ("margin", "--margin"),
+    ("audit", "--audit"),
+    ("cameras", "--camera"),
+    ("size", "--size"),
+    ("start", "--start"),
+    ("seed", "--seed"),
+    ("labels", "--labels"),
+    ("label_rate_hz", "--label-rate"),
+    ("frame_rate_hz", "--frame-rate"),
+    ("exposure_us", "--exposure-ms"),
+    ("camera_motion", "--camera-motion"),
+    ("camera_speed", "--camera-speed"),
+    ("reference_luminance", "--reference-luminance"),
+    ("threshold_on", "--threshold-on"),
+    ("threshold_off", "--threshold-off"),
+    ("log_eps", "--log-eps"),
+];
+
+/// `error` of a request, with options in place of fields.
+pub(crate) fn named(error: EngineError) -> anyhow::Error {
+    match error {
+        EngineError::Config(ConfigError { what, value, remedy }) => {
+            bad_input(format!("{} is {value}; it must be {}", flag(&what).unwrap_or(&what), in_text(&remedy)))
+        }
+        other => other.into(),
+    }
+}
+
+fn flag(field: &str) -> Option<&'static str> {
+    FLAGS.iter().find(|(known, _)| *known == field).map(|(_, flag)| *flag)
+}
+
+/// `text` with options in place of the fields that it names between backticks.
+pub(crate) fn in_text(text: &str) -> String {
+    let part = |(index, part): (usize, &str)| match (index % 2, flag(part)) {
+        (0, _) => part.to_owned(),
+        (_, Some(flag)) => flag.to_owned(),
+        (_, None) => format!("`{part}`"),
+    };
+    text.split('`').enumerate().map(part).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_flag_is_an_option_of_run() {
+        let mut command = crate::args::help::command("evis-rs");
+        command.build();
+        let run = command.find_subcommand("run").unwrap();
+        let known: Vec<_> = run.get_opts().filter_map(|arg| arg.get_long()).collect();
+        for (field, flag) in FLAGS {
+            assert!(known.contains(&flag.trim_start_matches('-')), "{field}: {flag}");
+        }
+        assert!(!known.contains(&"rate-hz"), "canary");
+    }
+
+    #[test]
+    fn messages_name_options() {
+        let error =
+            ConfigError::new("exposure_us", "5000 us", "left out, or given with `frame_rate_hz`, `x`");
+        let told = named(error.into()).to_string();
+        assert_eq!(told, "--exposure-ms is 5000 us; it must be left out, or given with --frame-rate, `x`");
+        let scene = named(evis_scene::SceneError::Rule("`rate_hz`".into()).into()).to_string();
+        assert!(scene.contains("`rate_hz`"), "what is no setting keeps its names: {scene}");
+    }
+}

@@ -1,0 +1,158 @@
+//! The stream on its way into files.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
+use evis_render::{Packet, RunConfig, Simulator};
+
+use super::settings::PACKET_US;
+use super::tally::Tally;
+use crate::interrupt::Interrupt;
+use crate::progress::{Forecast, Measured, Progress};
+use crate::text;
+
+/// A killed process loses at most what came since the last flush. By the clock: each one stores unfinished chunks anew, so
+/// that flushing a fast run for each part of its stream would fill the disk.
+const FLUSH_EVERY: Duration = Duration::from_millis(400);
+
+/// What is in force, how long it takes by what was measured, and the preset that takes less.
+fn forecast_line(config: &RunConfig, measured: &Measured, duration_us: i64) -> String {
+    let force = config.quality.map_or_else(
+        || format!("{}, set by hand", config.method.name()),
+        |quality| format!("quality {} ({})", quality.name(), config.method.name()),
+    );
+    let cheaper = config
+        .quality
+        .and_then(|quality| quality.cheaper())
+        .map_or_else(String::new, |quality| format!("; --quality {} takes less", quality.name()));
+    format!(
+        "{force}: about {} for {} of stream, by what {} to {} took{cheaper}",
+        text::about(measured.total),
+        text::seconds(duration_us),
+        text::seconds(measured.from_us),
+        text::seconds(measured.until_us)
+    )
+}
+
+/// The stream on its way into the files.
+pub(super) struct Job {
+    /// One per environment, as are `outputs` and `writers`.
+    pub(super) headers: Vec<RecordingHeader>,
+    pub(super) tally: Tally,
+    pub(super) outputs: Vec<PathBuf>,
+    pub(super) overwrite: bool,
+    /// Made when the first packet is there: a run that fails at the start leaves no file.
+    pub(super) writers: Vec<RecordingWriter>,
+    pub(super) flushed: Instant,
+}
+
+impl Job {
+    /// Streams `duration_us` into the files; tells whether it was interrupted.
+    pub(super) fn stream(&mut self, simulator: Simulator, duration_us: i64) -> anyhow::Result<bool> {
+        let interrupt = Interrupt::listen();
+        let progress = Progress::new(u64::try_from(duration_us).unwrap_or(0));
+        let mut forecast = Forecast::default();
+        let started = Instant::now();
+        let config = simulator.config().clone();
+        for packet in simulator.stream(duration_us, PACKET_US)? {
+            let packet = packet?;
+            let writing = Instant::now();
+            self.write(&packet)?;
+            self.tally.add(&packet, writing.elapsed());
+            let elapsed = started.elapsed();
+            if let Some(measured) = forecast.at(packet.end_us, elapsed, duration_us) {
+                progress.line(&forecast_line(&config, &measured, duration_us));
+            }
+            progress.stream(packet.end_us, self.tally.report.events, elapsed);
+            if interrupt.asked() {
+                break;
+            }
+        }
+        Ok(interrupt.asked() && self.tally.end_us < duration_us)
+    }
+
+    /// Closes the files with `report_json` in them.
+    pub(super) fn finish(&mut self, report_json: &str) -> anyhow::Result<()> {
+        let writing = Instant::now();
+        self.create_writers()?;
+        for writer in self.writers.drain(..) {
+            writer.finish(report_json)?;
+        }
+        self.tally.write += writing.elapsed();
+        Ok(())
+    }
+
+    fn create_writers(&mut self) -> anyhow::Result<()> {
+        for (path, header) in self.outputs.iter().zip(&self.headers).skip(self.writers.len()) {
+            self.writers.push(RecordingWriter::create(path, header, self.overwrite)?);
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, packet: &Packet) -> anyhow::Result<()> {
+        self.create_writers()?;
+        for view in &packet.views {
+            let writer = self
+                .writers
+                .get_mut(view.environment)
+                .with_context(|| format!("the engine sent environment {}, one too many", view.environment))?;
+            writer.write_caused_events(view.camera, &view.events, &view.causes)?;
+            for label in &view.labels {
+                writer.write_label(view.camera, label)?;
+            }
+            for pose in &view.poses {
+                writer.write_pose(view.camera, pose)?;
+            }
+        }
+        if self.flushed.elapsed() >= FLUSH_EVERY {
+            for writer in &mut self.writers {
+                writer.flush()?;
+            }
+            self.flushed = Instant::now();
+        }
+        Ok(())
+    }
+
+    /// After an error: files that hold nothing are removed, the others closed as incomplete.
+    pub(super) fn give_up(&mut self, error: anyhow::Error) -> anyhow::Error {
+        let created: Vec<_> = self.outputs.iter().take(self.writers.len()).collect();
+        // A writer that goes stores what it holds, as far as it still can.
+        self.writers.clear();
+        if self.tally.packets == 0 {
+            for path in created {
+                // The first error is the one to tell.
+                let _ = std::fs::remove_file(path);
+            }
+            return error;
+        }
+        let kept: Vec<_> = created.iter().map(|path| path.display().to_string()).collect();
+        if kept.is_empty() {
+            return error;
+        }
+        let until = text::seconds(self.tally.end_us);
+        error.context(format!("{} ended before its time, at about {until}", kept.join(", ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use evis_render::Quality;
+
+    #[test]
+    fn a_forecast_names_what_is_in_force_and_what_takes_less() {
+        let measured = Measured { from_us: 10_000, until_us: 30_000, total: Duration::from_secs(150) };
+        let line = |quality| {
+            let config = RunConfig { quality, ..RunConfig::default() };
+            forecast_line(&config, &measured, 2_000_000)
+        };
+        assert_eq!(
+            line(Some(Quality::Standard)),
+            "quality standard (native): about 2 min for 2 s of stream, by what 0.01 s to 0.03 s took; --quality draft takes less"
+        );
+        assert!(!line(Some(Quality::Draft)).contains("takes less"), "nothing is cheaper than draft");
+        assert!(line(None).starts_with("native, set by hand: about 2 min"));
+    }
+}

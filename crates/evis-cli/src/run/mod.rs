@@ -1,0 +1,244 @@
+//! `run`: a scene goes in, a recording comes out.
+
+mod job;
+mod report;
+mod settings;
+mod tally;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::Context;
+use evis_core::Word;
+use evis_render::{DeviceSummary, Gpu, PacketReport, RunRequest, SamplingRequest, Simulator};
+use evis_scene::{Scene, SceneState};
+
+use crate::args::{RunArgs, to_us};
+use crate::failure::bad_input;
+use crate::interrupt::EXIT_INTERRUPTED;
+use crate::outputs::{check_free, check_output, check_report, output_paths};
+use crate::warnings::Warnings;
+use crate::{flags, scene_source, sensor_source, text};
+
+use job::Job;
+use report::Report;
+use settings::{PACKET_US, Settings, headers};
+use tally::Tally;
+
+/// Seconds simulated where neither the user nor the scene says how many.
+const DEFAULT_DURATION_S: f64 = 1.0;
+
+/// Simulates and writes.
+pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
+    let started = Instant::now();
+    let mut warnings = Warnings::default();
+
+    // Everything that can be refused is refused before a file is touched: the cheap checks first.
+    check_output(&args.output)?;
+    let mut taken = vec![("--output", args.output.as_path()), ("the scene", Path::new(&args.scene))];
+    taken.extend(args.settings.as_deref().map(|settings| ("--settings", settings)));
+    if let Some(report) = &args.report {
+        check_report(report, args.force, &taken)?;
+    }
+    let mut settled = request(args)?.settle().map_err(flags::named)?;
+    let (seed, motion) = (settled.config().seed, settled.camera_motion());
+    let scene = scene_source::open(&args.scene, seed, args.speed, motion)?;
+    settled.take_sensors(&scene).map_err(flags::named)?;
+    let environments = scene.variants.len().max(1);
+    let outputs = output_paths(&args.output, environments);
+    for output in &outputs {
+        check_free(output, args.force)?;
+    }
+    let config = settled.config();
+    for sensor in config.sensors.values().chain([&config.sensor]) {
+        sensor.warnings().into_iter().for_each(|warning| warnings.add(warning));
+    }
+    for warning in scene.warnings.iter().chain(&scene_source::at_rest(&scene, &config.cameras)) {
+        warnings.add(warning.clone());
+    }
+    let moved = scene.camera_motion.clone();
+    let duration_us = duration_us(args, &scene, &mut warnings);
+
+    let gpu = Gpu::open_any(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let device = gpu.as_ref().map_or_else(DeviceSummary::none, |gpu| gpu.summary().clone());
+    let scene = Arc::new(scene);
+    let (config, notes) = settled.configure(gpu.as_ref(), &scene).map_err(flags::named)?;
+    for note in notes {
+        text::complain(&format!("quality: {note}"));
+    }
+    let simulator = Simulator::new(gpu.as_ref(), scene, config)?;
+    let settings = Settings {
+        evis: env!("CARGO_PKG_VERSION"),
+        scene: args.scene.clone(),
+        speed: args.speed.unwrap_or(1.0),
+        environments,
+        duration_s: duration_us as f64 / 1.0e6,
+        packet_us: PACKET_US,
+        camera_motion: moved,
+        run: simulator.config().clone(),
+    };
+    let mut job = Job {
+        headers: headers(&settings, simulator.cameras())?,
+        tally: Tally::new(environments, simulator.cameras()),
+        outputs,
+        overwrite: args.force,
+        writers: Vec::new(),
+        flushed: Instant::now(),
+    };
+    let setup = started.elapsed();
+
+    let streaming = Instant::now();
+    let streamed = job.stream(simulator, duration_us);
+    if matches!(streamed, Ok(false)) && job.tally.report.events == 0 {
+        warnings.add(format!(
+            "no event was fired in {}: nowhere did light change by a threshold; see with --frame-rate 10 what the cameras see, \
+             lower --threshold-on and --threshold-off, or raise --camera-speed",
+            text::seconds(job.tally.end_us)
+        ));
+    }
+    let clamped = job.tally.report.clamped;
+    if clamped > 0 {
+        warnings.add(format!(
+            "{clamped} pixel intervals hit the limit of events and were clamped; raise --rate or the thresholds"
+        ));
+    }
+    for warning in audit_warnings(&job.tally.report) {
+        warnings.add(warning);
+    }
+    let report = |job: &Job, interrupted| {
+        Report::new(&settings, &device, job, &warnings, setup, streaming.elapsed(), interrupted)
+    };
+    let finished = streamed.and_then(|interrupted| {
+        let json = serde_json::to_string_pretty(&report(&job, interrupted))?;
+        job.finish(&json)?;
+        // Once more: now the time that finishing took is in it.
+        Ok(report(&job, interrupted))
+    });
+    let report = finished.map_err(|error| job.give_up(error))?;
+
+    if let Some(path) = &args.report {
+        let json = serde_json::to_string_pretty(&report)?;
+        evis_core::limits::write_whole(path, (json + "\n").as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if args.json {
+        text::say_json(&report)?
+    } else {
+        text::say(&report.summary());
+        if args.verbose {
+            text::say(&report.details());
+        }
+    }
+    Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
+}
+
+/// What audits found: the first skipped tiles that changed, each by itself, and the worst of those that were sampled too
+/// seldom.
+fn audit_warnings(report: &PacketReport) -> Vec<String> {
+    const MOST: usize = 3;
+    let (skipped, seldom): (Vec<_>, Vec<_>) = report.findings.iter().partition(|finding| finding.skipped);
+    let mut warnings: Vec<String> = skipped.iter().take(MOST).map(|finding| finding.warning()).collect();
+    if skipped.len() > MOST {
+        warnings.push(format!("{} more skipped tiles changed", skipped.len() - MOST));
+    }
+    if let Some(worst) = seldom.iter().max_by(|a, b| a.change.total_cmp(&b.change)) {
+        warnings.push(format!(
+            "{} of {} audited tiles changed between their samples by more than half a threshold; the worst: {}",
+            seldom.len(),
+            report.audited,
+            worst.warning()
+        ));
+    }
+    warnings
+}
+
+/// What the arguments ask for.
+fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
+    let asked = sensor_source::asked(&args.sensor)?;
+    let single = [
+        ("threshold_on", args.threshold_on.map(|value| value.to_string())),
+        ("threshold_off", args.threshold_off.map(|value| value.to_string())),
+        ("log_eps", args.log_eps.map(|value| value.to_string())),
+        ("trigger", args.trigger.map(|trigger| trigger.word().to_owned())),
+    ];
+    let single = single.into_iter().filter_map(|(key, value)| Some(format!("{key}={}", value?)));
+    Ok(RunRequest {
+        settings: args.settings.clone(),
+        sensor: asked.all,
+        sensors: asked.of,
+        set: args.set.iter().cloned().chain(single).collect(),
+        sampling: SamplingRequest {
+            quality: args.quality,
+            from_settings: args.settings.is_some(),
+            method: args.method,
+            rate_hz: args.rate,
+            adaptive_px: args.adaptive,
+            between: args.between,
+            samples: args.samples,
+            antialias: args.antialias,
+            texture_taps: args.texture_taps,
+            shadows: args.shadows,
+        },
+        keyframe_hz: args.splat.keyframe_rate,
+        steps: args.splat.steps,
+        margin: args.splat.margin,
+        shadow_map: args.shadow_map,
+        audit: args.audit,
+        cameras: args.camera.clone(),
+        size: args.size,
+        start_us: args.start.map(to_us),
+        seed: args.seed,
+        labels: args.labels.clone(),
+        label_rate_hz: args.label_rate,
+        frame_rate_hz: args.frame_rate,
+        // Even, so that the middle is a whole microsecond; never longer than was asked for, but for rounding.
+        exposure_us: args.exposure_ms.map(|ms| (ms * 500.0 + 1e-6).floor() as i64 * 2),
+        camera_motion: args.camera_motion.camera_motion.clone(),
+        camera_speed: args.camera_motion.camera_speed,
+        reference_luminance: args.reference_luminance,
+        poses: Vec::new(),
+        pose_step_us: None,
+    })
+}
+
+/// How long to stream; says where the number comes from, and where the scene's motion ends before it.
+fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
+    let start_s = args.start.unwrap_or(0.0);
+    let own_s = scene.duration_s.filter(|s| s.is_finite() && *s > 0.0);
+    let left_s = own_s.map(|s| s - start_s).filter(|s| *s >= 1.0e-6);
+    let duration_s = args.duration.unwrap_or_else(|| {
+        let (duration_s, origin) = match left_s {
+            Some(left_s) => (left_s, "the scene's own; --duration changes it"),
+            None => (DEFAULT_DURATION_S, "the default; --duration changes it"),
+        };
+        text::complain(&format!("duration: {duration_s} s ({origin})"));
+        duration_s
+    });
+    // Environments may run ahead of the scene's clock.
+    let ahead_s =
+        scene.variants.iter().map(|v| v.time_offset_s).fold(0.0, f64::max) / args.speed.unwrap_or(1.0);
+    let until_s = start_s + duration_s + ahead_s;
+    if let Some(own_s) = own_s
+        && until_s > own_s + 1.0e-6
+        && rests_after(scene, own_s)
+    {
+        warnings.add(format!(
+            "the scene's motion ends at {own_s} s and the stream at {until_s} s of the scene's time; after its end \
+             everything rests where it was"
+        ));
+    }
+    to_us(duration_s).max(1)
+}
+
+/// Whether nothing changes any more from `end_s` on, as far as some times say; motion by formulas goes on.
+fn rests_after(scene: &Scene, end_s: f64) -> bool {
+    let at = |time_s: f64| {
+        let mut state = SceneState::default();
+        scene.evaluate(time_s, &mut state);
+        state
+    };
+    let end = at(end_s);
+    // No multiples of each other: what comes back is seen elsewhere at one of them.
+    [0.013, 0.37, 1.0, 2.9].iter().all(|later| at(end_s + later) == end)
+}

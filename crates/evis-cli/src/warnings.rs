@@ -1,0 +1,16 @@
+//! Warnings of a run.
+
+use crate::text;
+
+/// Warnings: to the user at once, and to the report.
+#[derive(Default)]
+pub(crate) struct Warnings(pub(crate) Vec<String>);
+
+impl Warnings {
+    pub(crate) fn add(&mut self, warning: String) {
+        if !self.0.contains(&warning) {
+            text::complain(&format!("warning: {warning}"));
+            self.0.push(warning);
+        }
+    }
+}
