@@ -469,6 +469,30 @@ mod tests {
     }
 
     #[test]
+    fn calibrations_have_the_distortion_of_their_cameras() {
+        let distortion =
+            evis_core::LensDistortion { model: "fisheye".into(), coefficients: vec![0.1, 0.2, 0.0, 0.0] };
+        let plain = CameraInfo {
+            name: "left".into(),
+            width: 4,
+            height: 3,
+            fx: 5.0,
+            fy: 5.0,
+            cx: 2.0,
+            cy: 1.5,
+            distortion: None,
+        };
+        let bent = CameraInfo { distortion: Some(distortion), ..plain.clone() };
+        let lines = |camera: &CameraInfo, line: &str| {
+            calibration_yaml(&[camera], None).lines().filter(|l| l.trim() == line).count()
+        };
+        let own = ["distortion_model: equidistant", "distortion_coeffs: [0.1, 0.2, 0.0, 0.0]"];
+        assert_eq!(own.map(|line| lines(&bent, line)), [4, 4], "rectified pictures have none");
+        assert_eq!(own.map(|line| lines(&plain, line)), [0, 0], "canary");
+        assert_eq!(lines(&plain, "distortion_coeffs: [0.0, 0.0, 0.0, 0.0]"), 8);
+    }
+
+    #[test]
     fn the_right_camera_lies_to_the_right() {
         // Both turned by 90 degrees about y: the left camera's right is the world's -z.
         let half = std::f64::consts::FRAC_1_SQRT_2;

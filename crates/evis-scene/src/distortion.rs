@@ -12,14 +12,14 @@ const ANGLES: usize = 4096;
 /// How a lens departs from a pinhole. Coefficients have no unit: they apply to normalised image coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Distortion {
-    /// OpenCV's radial-tangential model (`cv::projectPoints`), with its rational part.
+    /// OpenCV's radial-tangential model (`projectPoints`), with its rational part.
     RadialTangential {
         /// k1 to k6: `(1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)`.
         radial: [f64; 6],
         /// p1, p2.
         tangential: [f64; 2],
     },
-    /// Kannala and Brandt's model (`cv::fisheye`, Kalibr's `equidistant`):
+    /// Kannala and Brandt's model (its fisheye module, Kalibr's `equidistant`):
     /// `theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)`.
     Fisheye {
         /// k1 to k4.

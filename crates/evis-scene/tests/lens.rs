@@ -129,3 +129,34 @@ fn coefficients_keep_opencvs_order_and_bad_ones_are_refused() {
     assert!(refused("radtan", &[f64::NAN]).contains("NaN"));
     assert!(CalibratedLens::new([0.0, 1.0], [0.0; 2], None).is_err());
 }
+
+#[test]
+fn scene_files_give_cameras_distortions_and_name_what_is_wrong() {
+    let scene = |camera: &str| {
+        let text = format!(
+            "[[materials]]\nname = \"white\"\n[[primitives]]\nname = \"wall\"\nshape = \"card\"\nsize = [1.0, 1.0]\n\
+             material = \"white\"\n[[cameras]]\nname = \"eye\"\n{camera}\n"
+        );
+        evis_scene::toml_scene::parse(&text, std::path::Path::new(""))
+    };
+    let with = |distortion: &str| scene(&format!("size = [64, 48]\nfx = 60.0\ndistortion = {distortion}"));
+    let found = with("{ model = \"radtan\", k1 = -0.3, p2 = 1e-3, k3 = 0.01 }").unwrap();
+    let expected = Distortion::from_coefficients("radtan", &[-0.3, 0.0, 0.0, 1e-3, 0.01]).unwrap();
+    assert_eq!(found.distortions["eye"], expected);
+    // Another size sees the same field.
+    let (own, half) = (found.calibrated_lens(0, 64, 48).unwrap(), found.calibrated_lens(0, 32, 24).unwrap());
+    let point = DVec3::new(0.2, 0.1, -1.0);
+    assert!((own.project(point).unwrap() - 2.0 * half.project(point).unwrap()).length() < 1e-9);
+    assert!((own.project(point).unwrap() - half.project(point).unwrap()).length() > 1.0, "canary");
+    for (result, words) in [
+        (with("{ model = \"omni\" }"), "radtan"),
+        (with("{ k1 = 0.1 }"), "model"),
+        (with("{ model = \"fisheye\", k5 = 0.1 }"), "k5"),
+        (with("{ model = \"fisheye\", k1 = nan }"), "NaN"),
+        (with("0.3"), "table"),
+        (scene("distortion = { model = \"fisheye\" }"), "focal"),
+    ] {
+        let error = result.unwrap_err().to_string();
+        assert!(error.contains(words), "{words}: {error}");
+    }
+}
