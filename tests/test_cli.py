@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,10 @@ def run(*args: str) -> subprocess.CompletedProcess[str]:
 def test_version_is_the_packages():
     done = run("--version")
     assert done.returncode == 0
-    assert done.stdout.split() == ["evis", evis.__version__]
+    program, version, *commit = done.stdout.split()
+    assert (program, version) == ("evis", evis.__version__)
+    # Sources without a repository name none.
+    assert not commit or re.fullmatch(r"\([0-9a-f]{7,40}\)", commit[0])
 
 
 def test_the_command_is_installed():

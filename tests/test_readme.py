@@ -124,7 +124,9 @@ def test_options_of_the_documents_exist() -> None:
             if words[0] != "evis-rs" and words[:2] != ["evis", "dataset"]:
                 continue
             known = options(words[1])
-            used = {word for word in words[2:] if word.startswith("-")}
+            # What stands behind -- is another program's.
+            ours = words[2 : words.index("--")] if "--" in words else words[2:]
+            used = {word for word in ours if word.startswith("-")}
             assert "--help" in known, words
             assert used <= known, f"{document.name}: {sorted(used - known)} of {words[1]}"
             checked += 1

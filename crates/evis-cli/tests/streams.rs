@@ -53,7 +53,7 @@ fn a_run_prints_four_lines_and_more_when_asked() {
         return;
     }
     let short = "--size 32x24 --duration 0.03 --quality draft";
-    let scene = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\nsize = [1, 1, 1]\nmaterial = \"white\"\n[[materials]]\nname = \"white\"\n[[lights]]\nname = \"sun\"\nkind = \"directional\"\n";
+    let scene = "[[primitives]]\nname = \"wall\"\nshape = \"box\"\nsize = [1, 1, 1]\nmaterial = \"white\"\n[[materials]]\nname = \"white\"\n[[lights]]\nname = \"sun\"\nkind = \"directional\"\nintensity = 3.0\n";
     std::fs::write(folder.file("own.toml"), scene).unwrap();
     let first_words = |text: &str| -> Vec<String> {
         text.lines().map(|line| line.split(' ').next().unwrap().to_owned()).collect()
@@ -149,7 +149,7 @@ fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes()
     assert!(over["settings"]["run"]["quality"].is_null(), "not the preset's own settings any more");
     let text = evis(&folder, "run spinner -o text.h5 --size 64x48 --duration 0.02");
     let text = String::from_utf8_lossy(&text.stdout).into_owned();
-    assert!(text.contains("quality standard") && text.contains("F1 (1 ms)"), "{text}");
+    assert!(text.contains("quality  standard") && text.contains("F1 (1 ms)"), "{text}");
 
     let refused = |arguments: &str, wanted: &[&str]| {
         let output = evis(&folder, &line("no", arguments));

@@ -197,7 +197,9 @@ mod tests {
         let mut built = with_short_help(command("evis-rs"));
         built.build();
         let short = built.find_subcommand_mut("run").unwrap().render_long_help().to_string();
-        let long = command("evis-rs").find_subcommand_mut("run").unwrap().render_long_help().to_string();
+        let mut whole = command("evis-rs");
+        whole.build();
+        let long = whole.find_subcommand_mut("run").unwrap().render_long_help().to_string();
         for option in ["--texture-taps", "--keyframe-rate", "--memory-limit"] {
             assert!(long.contains(option) && !short.contains(option), "{option}\n{short}");
         }
