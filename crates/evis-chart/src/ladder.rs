@@ -483,7 +483,7 @@ mod tests {
             assert!(error.contains("rates"), "{error}");
         }
         let error = Ladder { splat: vec![(0.0, 8)], ..Ladder::default() }.settings().unwrap_err().to_string();
-        assert!(error.contains("keyframe_rate"), "{error}");
+        assert!(error.contains("keyframe_hz"), "{error}");
         let error = Ladder { samples: vec![0], ..Ladder::default() }.settings().unwrap_err().to_string();
         assert!(error.contains("samples is 0"), "{error}");
     }

@@ -101,13 +101,14 @@ fn read(text: &str, with_lines: bool) -> Result<SensorConfig, ConfigError> {
         let line = line.filter(|_| with_lines).map_or_else(String::new, |line| format!("line {line}: "));
         ConfigError::new("the sensor's TOML", format!("not usable ({line}{told})"), REMEDY)
     };
-    let of_toml = |error: &toml::de::Error| {
-        let line = error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+    let of_toml = |error: &toml::de::Error, source: &str| {
+        let before = |end: usize| source.get(..end).unwrap_or(source);
+        let line = error.span().map(|span| before(span.start).matches('\n').count() + 1);
         refuse(line, told(error.message()))
     };
-    let mut table: toml::Table = text.parse().map_err(|error| of_toml(&error))?;
+    let mut table: toml::Table = text.parse().map_err(|error| of_toml(&error, text))?;
     let Some(base) = table.remove("base") else {
-        let config: SensorConfig = toml::from_str(text).map_err(|error| of_toml(&error))?;
+        let config: SensorConfig = toml::from_str(text).map_err(|error| of_toml(&error, text))?;
         return Ok(Sensor::new(config)?.config().clone());
     };
     // Without the line of the base the text has its lines still, and names what is wrong in them.
@@ -121,7 +122,7 @@ fn read(text: &str, with_lines: bool) -> Result<SensorConfig, ConfigError> {
             if before_tables && is_base { "\n" } else { line }
         })
         .collect();
-    toml::from_str::<SensorConfig>(&rest).map_err(|error| of_toml(&error))?;
+    toml::from_str::<SensorConfig>(&rest).map_err(|error| of_toml(&error, &rest))?;
     let line = text.lines().position(|line| line.trim_start().starts_with("base")).map(|index| index + 1);
     let Some(name) = base.as_str() else {
         return Err(refuse(line, format!("base is {base}, and no name of a preset")));

@@ -187,7 +187,7 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     };
     assert!(refused(&masked, base()).contains("holes") && refused(&desk, v2e).contains("thresholds"));
     let told = |request: SamplingRequest| apply(Some(&gpu), &desk, request, base()).unwrap_err().to_string();
-    assert!(told(SamplingRequest { rate_hz: Some(100.0), ..by_name() }).contains("rate is 100"));
+    assert!(told(SamplingRequest { rate_hz: Some(100.0), ..by_name() }).contains("rate_hz is 100"));
     let step = SamplingRequest { adaptive_px: Some(0.01), ..by_name() };
     let mut config = base();
     step.apply(Some(&gpu), &desk, &mut config).unwrap();

@@ -161,7 +161,7 @@ fn exposures_that_cannot_be_are_named() {
     assert!(RunConfig { exposure_us: 14_284, ..config() }.check().is_ok(), "canary");
     assert!(refused(RunConfig { frame_rate_hz: Some(0.0), ..config() }).contains("frame_rate"));
     let labels = vec![LabelKind::Frame];
-    assert!(refused(RunConfig { labels, frame_rate_hz: None, ..config() }).contains("frame rate"));
+    assert!(refused(RunConfig { labels, frame_rate_hz: None, ..config() }).contains("frame_rate_hz"));
 }
 
 #[test]
