@@ -87,9 +87,8 @@ impl<L: FnMut(u32) -> f64, F: FnMut(f64, evis_core::Polarity)> Walk<'_, L, F> {
         let middle = self.at(from + half);
         let quadratic = bend(&start, &middle, &end);
         let h = 0.5 * (end.t_us - start.t_us);
-        let third = path
-            .before
-            .map(|before| (quadratic - bend(&before, &start, &middle)) / (end.t_us - before.t_us));
+        let third =
+            path.before.map(|before| (quadratic - bend(&before, &start, &middle)) / (end.t_us - before.t_us));
         // The remainder of a quadratic through three points h apart is at most 0.385 h^3 times the third difference.
         let error = third.map_or(0.5 * h * h * quadratic.abs(), |third| 0.385 * h * h * h * third.abs());
         // Extremes of the quadratic.
