@@ -7,7 +7,7 @@
 //! a shadow into a cell is found once, where lamp, surface and what throws it are still.
 
 use std::collections::HashMap;
-use std::hash::{BuildHasher, Hasher};
+use std::hash::BuildHasher;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use evis_scene::motion::{WaveShape, Waveform};
@@ -1097,10 +1097,7 @@ pub struct Part<'a> {
 }
 
 fn shard_of(key: &Key) -> usize {
-    use std::hash::Hash;
-    let mut hasher = Words::default().build_hasher();
-    key.hash(&mut hasher);
-    (hasher.finish() >> 32) as usize % SHARDS
+    (Words::default().hash_one(key) >> 32) as usize % SHARDS
 }
 
 fn whole_mean(textures: &Textures, texture: TextureRef) -> [f32; 4] {

@@ -480,7 +480,7 @@ fn cameras_follow_the_poses_of_a_file() {
         ("0 0 0 0 0 0 0 1\n1 0 0 x 0 0 0 1\n", "line 2, column 7: 'x' is not a number"),
         ("0 0 0 0 0 0 0 1\n  1, 0, 0, 0, 0, 0, 0\n", "line 2, column 3: 7 columns; it takes 8"),
         ("# unit: weeks\n0 0 0 0 0 0 0 1\n", "line 1, column 9: the unit of time is 'weeks'"),
-        ("0 0 0 0 0 0 0 1\n5000000 0 0 1 0 0 0 1\n", "a line '# unit: ns'"),
+        ("0 0 0 0 0 0 0 1\n5000000 0 0 1 0 0 0 1\n", "line '# unit: ns'"),
         ("", "no pose"),
     ] {
         std::fs::write(&path, text).unwrap();
