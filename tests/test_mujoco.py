@@ -134,6 +134,8 @@ def own_pictures(model, camera: int, tmp_path: Path) -> tuple[np.ndarray, np.nda
     if subprocess.run(command, capture_output=True, check=False, timeout=300).returncode == 0:
         own = np.load(out)
         return own["depth"], own["segmentation"]
+    if (model.geom_type == int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)).any():
+        pytest.skip("rays hit ellipsoids that MuJoCo draws as triangles: this takes OSMesa (Debian's libosmesa6)")
     return by_rays(model, camera)
 
 

@@ -6,7 +6,8 @@ use crate::args::{CompletionsArgs, help};
 use crate::text;
 
 /// Commands of the wheel's `evis` that are written in Python, and what they do.
-const IN_PYTHON: [(&str, &str); 3] = [
+const IN_PYTHON: [(&str, &str); 4] = [
+    ("dataset", "Simulate data sets from a specification, in sharded files"),
     ("evaluate", "Ask networks whether they accept a recording's events"),
     ("view", "Show a recording in the viewer Rerun"),
     ("plot", "Draw event rates, intervals, thumbnails, x-y-t clouds, and films"),
