@@ -14,7 +14,7 @@ pub(crate) const WHOLE: u64 = 10_000;
 /// Time between two lines where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Work before a time left is told: what came first says little.
+/// Work before a time left is shown: the first units are not representative.
 const LEAST_WORK: Duration = Duration::from_secs(1);
 
 /// Progress of work of known length.

@@ -121,8 +121,9 @@ impl Piece {
             loop {
                 let (level, polarity) = if end >= reference.above {
                     (reference.above, Polarity::On)
-                // A polynomial may fall below darkness, where levels crowd without end; light does not.
                 } else if end <= reference.below && reference.below > 0.0 {
+                    // Levels below zero are never reached: a polynomial may be negative, light is not, and levels
+                    // converge towards -eps, so that following it there would not terminate.
                     (reference.below, Polarity::Off)
                 } else {
                     break;

@@ -1,4 +1,4 @@
-//! A pixel's light over time: evaluated where it must be, a quadratic between evaluations.
+//! A pixel's light over time: evaluated where it must be, a cubic between evaluations.
 //!
 //! A block is cut into equal intervals in which what the pixel sees moves by about a pixel. Each is evaluated in its middle
 //! and at its end. Through these and the middle before runs a cubic; how far it is from the quadratic without that one bounds

@@ -31,7 +31,7 @@ pub(crate) struct VerifyArgs {
     #[arg(long, value_name = "S", value_parser = start_seconds, requires = "light", conflicts_with_all = ["scene", "failures"], allow_hyphen_values = true, help_heading = "Light")]
     pub(crate) at: Option<f64>,
 
-    /// With --light: how shadows are told from light [default: maps]
+    /// With --light: how shadows are computed [default: maps]
     #[arg(long, value_parser = words::<Shadows>(), value_name = "HOW", requires = "light", conflicts_with_all = ["scene", "failures"], help_heading = "Light", hide_short_help = true)]
     pub(crate) shadows: Option<Shadows>,
 
@@ -57,7 +57,7 @@ pub(crate) struct VerifyArgs {
 
 // clap does not ask for what conflicts with something given: what requires one of these conflicts with the others, too.
 
-/// What `verify` looks at; the triggers on closed forms where nothing is named.
+/// What `verify` checks; the triggers on closed forms where nothing is named.
 #[derive(Debug, Args)]
 #[group(id = "measured", multiple = false)]
 pub(crate) struct VerifyWhat {

@@ -13,7 +13,7 @@ use crate::interrupt::Interrupt;
 use crate::progress::{Forecast, Measured, Progress};
 use crate::text;
 
-/// A killed process loses at most what came since the last flush. By the clock: each one stores unfinished chunks anew, so
+/// A killed process loses at most what came since the last flush. By the clock: each one stores unfinished chunks again, so
 /// that flushing a fast run for each part of its stream would fill the disk.
 const FLUSH_EVERY: Duration = Duration::from_millis(400);
 
