@@ -72,6 +72,7 @@ pub fn blocks(
     }
     let jumps = breaks(scene, variant, start_us, end_us);
     borders.extend_from_slice(&jumps);
+    borders.extend(host_times(scene, variant, start_us, end_us));
     borders.sort_by(f64::total_cmp);
     // Nearer than two left-hand limits, two borders are one.
     borders.dedup_by(|b, a| *b - *a < 2.0 * BEFORE_US);
@@ -87,11 +88,16 @@ pub fn blocks(
 
 /// The blocks of an environment from a time on, one after another.
 ///
-/// They are found a part of a stream at a time, and are the same whatever its length.
+/// They are found a part of a stream at a time, and are the same whatever its length. Where a host moves nodes, they end
+/// where its poses do ([`evis_scene::HostPoses::known_until_us`]), and go on when it has given more.
 pub struct Blocks<'w, 'a> {
     world: &'w World<'a>,
     length_us: i64,
     found: VecDeque<Block>,
+    /// Where those end that were found.
+    found_until_us: f64,
+    /// Light may jump at the start of the next one, whatever the scene says.
+    jump: bool,
 }
 
 impl<'w, 'a> Blocks<'w, 'a> {
@@ -99,43 +105,76 @@ impl<'w, 'a> Blocks<'w, 'a> {
     /// ([`World::block_us`]), what [`breaks`] finds, and the first multiple of [`FIRST_US`].
     pub fn new(world: &'w World<'a>, start_us: i64, most_us: i64) -> Self {
         let length_us = world.block_us(most_us);
-        let mut made = Self { world, length_us, found: VecDeque::new() };
-        made.find(start_us as f64);
+        let mut made =
+            Self { world, length_us, found: VecDeque::new(), found_until_us: start_us as f64, jump: false };
+        made.find();
         // What comes first is waited for: it takes a block of its own.
-        let whole = made.found[0];
-        let border = ((whole.start_us / FIRST_US).floor() + 1.0) * FIRST_US;
-        if border + FIRST_US < whole.end_us {
-            made.found[0] = Block { start_us: border, jump: false, ..whole };
-            made.found.push_front(Block { end_us: border, ..whole });
+        if let Some(&whole) = made.found.front() {
+            let border = ((whole.start_us / FIRST_US).floor() + 1.0) * FIRST_US;
+            if border + FIRST_US < whole.end_us {
+                made.found[0] = Block { start_us: border, jump: false, ..whole };
+                made.found.push_front(Block { end_us: border, ..whole });
+            }
         }
         made
     }
 
-    /// The next one.
+    /// Where the next one starts.
+    pub fn start_us(&self) -> f64 {
+        self.found.front().map_or(self.found_until_us, |block| block.start_us)
+    }
+
+    /// The next one; where a host's poses are not known yet, a short one in which nothing moves.
     pub fn peek(&self) -> Block {
-        self.found[0]
+        let start_us = self.start_us();
+        let rest = Block { start_us, end_us: start_us + FIRST_US, jump: false };
+        self.found.front().copied().unwrap_or(rest)
     }
 
-    /// Takes the next one.
-    pub fn pop(&mut self) -> Block {
-        let block = self.found[0];
-        self.found.pop_front();
+    /// Takes the next one; `None` where a host's poses are not known yet.
+    pub fn pop(&mut self) -> Option<Block> {
         if self.found.is_empty() {
-            self.find(block.end_us);
+            self.find();
         }
-        block
+        let block = self.found.pop_front()?;
+        Some(Block { jump: block.jump | std::mem::take(&mut self.jump), ..block })
     }
 
-    /// Those from `from_us`, a border, to the next multiple of the length.
-    fn find(&mut self, from_us: f64) {
+    /// Says that at the start of the next one things are elsewhere all at once.
+    pub fn jump(&mut self) {
+        self.jump = true;
+    }
+
+    /// Finds those from where the last ones end to the next multiple of the length.
+    fn find(&mut self) {
+        let from_us = self.found_until_us;
         let length = self.length_us as f64;
-        // A border that is no multiple may lie as near to one as two borders can.
-        let end_us = (((from_us + 2.0 * BEFORE_US) / length).floor() + 1.0) * length;
         let World { scene, variant, .. } = self.world;
+        // A border that is no multiple may lie as near to one as two borders can.
+        let mut end_us = (((from_us + 2.0 * BEFORE_US) / length).floor() + 1.0) * length;
+        if let Some(host) = &scene.host_poses {
+            end_us = end_us.min(host.known_until_us() as f64);
+        }
+        if end_us <= from_us {
+            return;
+        }
         self.found.extend(blocks(scene, *variant, from_us, end_us, self.length_us));
+        self.found_until_us = end_us;
         let near = [from_us - 2.0 * BEFORE_US, from_us + 2.0 * BEFORE_US];
         self.found[0].jump |= !breaks(scene, *variant, near[0], near[1]).is_empty();
     }
+}
+
+/// Times in (start, end), in microseconds, at which what a host moves has a pose, and its motion bends.
+fn host_times(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
+    let mut times = Vec::new();
+    for (index, node) in scene.nodes.iter().enumerate() {
+        if let Motion::Driven(track) = &node.motion {
+            let own = variant.and_then(|v| v.poses.iter().find(|(n, _)| *n == index));
+            times.extend(own.map_or(track, |(_, own)| own).times(start_us, end_us));
+        }
+    }
+    times
 }
 
 /// Times in (start, end), in microseconds and ascending, at which a motion or a light bends or jumps.
@@ -146,7 +185,7 @@ pub fn breaks(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f
     let mut times = Vec::new();
     for node in &scene.nodes {
         match &node.motion {
-            // What a host moves is known step by step, and is not sampled here.
+            // What a host moves bends, but does not jump: see `host_times`.
             Motion::Fixed(_) | Motion::Driven(_) => {}
             Motion::Animated { translation, rotation, scale, .. } => {
                 for curve in [translation, rotation, scale].into_iter().flatten() {
@@ -378,7 +417,7 @@ mod tests {
             let mut found = Blocks::new(&world, start_us, 8192);
             let wanted = blocks(&scene, None, start_us as f64, 500_000.0, 8192);
             for (index, want) in wanted[..wanted.len() - 1].iter().enumerate() {
-                let next = found.pop();
+                let next = found.pop().unwrap();
                 // A whole run does not know what was before it.
                 let jump = if index == 0 { next.jump } else { want.jump };
                 assert_eq!(next, Block { jump, ..*want });

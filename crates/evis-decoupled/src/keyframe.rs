@@ -1,4 +1,4 @@
-//! A facet's texture on the screen of one time, summed over rectangles.
+//! A facet's texture, or its light, on the screen of one time, summed over rectangles.
 //!
 //! While a facet moves by a few pixels, the footprint of a pixel on it hardly changes: only where it lies does. So a
 //! tile renders a facet's texture once per block, in cells finer than pixels, and keeps the sums of all rectangles of
@@ -8,6 +8,9 @@
 //!
 //! The level of the mip chain that is read, and the cells, add blur of their own. Its variance is taken from the
 //! rectangle, so that all together has the second moments of the footprint.
+//!
+//! Of surfaces with normal, roughness or other maps, light is no product of what changes slowly and a texture: their
+//! pictures hold light itself, one value per lamp, and where it changes, that of both ends of the block.
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
@@ -17,31 +20,71 @@ use crate::texture::Reader;
 const PER_TEXEL: f64 = 3.0;
 /// Cells along a pixel's side. Textures with more texels than this suffices for are read in strips.
 const DENSITY: f64 = 8.0;
+/// Cells along a pixel's side where light changes slowly: it bends with the normals between vertices.
+const LEAST_LIGHT_DENSITY: f64 = 3.0;
+/// Cells of a picture, at most.
+const MOST_CELLS: usize = 1 << 16;
 /// Rectangles at most, side by side, in the place of a slanted footprint.
 const MOST_SLICES: f64 = 6.0;
 /// Correlation of x and y in a footprint below which one rectangle will do.
 const SLANT: f64 = 0.05;
+/// Values of four channels that a picture holds per cell, at most.
+pub const MOST_PLANES: usize = 4;
 /// Least part of its greatest 1/depth that a facet has anywhere in its picture.
 const LEAST_DEPTH_RATIO: f64 = 0.3;
 
 /// A facet's texture about a tile at a reference time.
 #[derive(Clone, Debug)]
 pub struct Keyframe {
-    /// To image points about the tile's centre at the reference time from the facet's (s, t, 1) over depth.
-    image_from_facet: DMat3,
     /// Image point of the first cell's middle.
     first: DVec2,
     /// Cells per pixel.
-    density: DVec2,
+    density: f64,
     /// Sums per row, one more than cells.
     stride: usize,
     rows: usize,
     /// Where its sums begin.
     start: usize,
+    /// Planes of sums, one after another.
+    planes: usize,
     /// Second moments xx, xy and yy of the blur that it adds, in square pixels.
     blur: [f64; 3],
-    /// What each cell was lessened by.
-    mean: [f32; 4],
+    /// What each cell was lessened by, per plane.
+    means: [[f32; 4]; MOST_PLANES],
+}
+
+/// Cells about a rectangle of the screen.
+struct Grid {
+    first: DVec2,
+    columns: usize,
+    rows: usize,
+}
+
+impl Grid {
+    /// `density` cells per pixel about `rect`; `None` where these would be more than [`MOST_CELLS`].
+    fn about([left, top, right, bottom]: [f64; 4], density: f64) -> Option<Self> {
+        // A cell and a half beyond each side.
+        let columns = ((right - left) * density).ceil() as usize + 3;
+        let rows = ((bottom - top) * density).ceil() as usize + 3;
+        let first = DVec2::new(left, top) - 1.0 / density;
+        (columns.saturating_mul(rows) <= MOST_CELLS).then_some(Self { first, columns, rows })
+    }
+}
+
+/// How a projective map's image changes to the right and down at (x, y).
+fn change(map: &DMat3, [x, y]: [f64; 2]) -> DMat2 {
+    let h = *map * DVec3::new(x, y, 1.0);
+    let place = DVec2::new(h.x, h.y) / h.z;
+    let of = |c: DVec3| (DVec2::new(c.x, c.y) - place * c.z) / h.z;
+    DMat2::from_cols(of(map.x_axis), of(map.y_axis))
+}
+
+/// Corners of `rect`; `None` where the map's last component, 1/depth, differs too much over it.
+fn corners(map: &DMat3, [left, top, right, bottom]: [f64; 4]) -> Option<[[f64; 2]; 4]> {
+    let corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
+    let depths = corners.map(|[x, y]| (*map * DVec3::new(x, y, 1.0)).z);
+    let (least, greatest) = depths.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), d| (a.min(*d), b.max(*d)));
+    (least > LEAST_DEPTH_RATIO * greatest).then_some(corners)
 }
 
 /// A part of the picture whose mean is wanted.
@@ -73,88 +116,117 @@ impl Footprint {
 
 impl Keyframe {
     /// Renders what `texels_from_facet` and `reader` say about a rectangle (left, top, right, bottom) of the picture, and
-    /// appends its sums to `sums`. `None` where there would be more than `most` cells, or too much perspective.
+    /// appends its sums to `sums`. `None` where there would be too many cells, or too much perspective.
     pub fn new<'r>(
         image_from_facet: DMat3,
         texels_from_facet: DMat3,
         rect: [f64; 4],
         reader: impl FnOnce(f64) -> Option<Reader<'r>>,
-        most: usize,
         sums: &mut Vec<[f32; 4]>,
     ) -> Option<Self> {
         let texels_from_image = texels_from_facet * image_from_facet.inverse();
         if !texels_from_image.is_finite() {
             return None;
         }
+        let corners = corners(&texels_from_image, rect)?;
         let [left, top, right, bottom] = rect;
-        let corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
-        let depths = corners.map(|[x, y]| (texels_from_image * DVec3::new(x, y, 1.0)).z);
-        let (least, greatest) =
-            depths.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), d| (a.min(*d), b.max(*d)));
-        if least.is_nan() || least <= LEAST_DEPTH_RATIO * greatest {
-            return None;
-        }
         // How texels change to the right and down.
-        let change = |[x, y]: [f64; 2]| {
-            let h = texels_from_image * DVec3::new(x, y, 1.0);
-            let place = DVec2::new(h.x, h.y) / h.z;
-            let of = |c: DVec3| (DVec2::new(c.x, c.y) - place * c.z) / h.z;
-            DMat2::from_cols(of(texels_from_image.x_axis), of(texels_from_image.y_axis))
-        };
-        let middle = change([0.5 * (left + right), 0.5 * (top + bottom)]);
+        let middle = change(&texels_from_image, [0.5 * (left + right), 0.5 * (top + bottom)]);
         let (p, q) = (middle.x_axis, middle.y_axis);
         let (xx, xy, yy) = (p.x * p.x + q.x * q.x, p.x * p.y + q.x * q.y, p.y * p.y + q.y * q.y);
         let shorter = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
         let reader = reader(shorter)?;
         for corner in corners {
-            let change = change(corner);
+            let change = change(&texels_from_image, corner);
             let texels = |v: DVec2| (v * reader.scale()).length();
             let wanted = PER_TEXEL * texels(change.x_axis).max(texels(change.y_axis));
             if wanted.is_nan() || wanted > DENSITY {
                 return None;
             }
         }
-        let density = DVec2::splat(DENSITY);
-        // A cell and a half beyond each side.
-        let columns = ((right - left) * density.x).ceil() as usize + 3;
-        let rows = ((bottom - top) * density.y).ceil() as usize + 3;
-        if columns.saturating_mul(rows) > most {
-            return None;
-        }
-        let first = DVec2::new(left, top) - 1.0 / density;
-        let step = 1.0 / density;
+        let Grid { first, columns, rows } = Grid::about(rect, DENSITY)?;
+        let step = DVec2::splat(1.0 / DENSITY);
         let start = sums.len();
         let stride = columns + 1;
         sums.resize(start + stride * (rows + 1), [0.0; 4]);
         let mean = reader.overall();
         reader.render(&texels_from_image, first, step, columns, mean, &mut sums[start..]);
-        // Texels about a place, as seen on the screen; straight lines between cells add a sixth of their squares.
-        let inverse = middle.inverse();
-        let [bx, by] = reader.blur();
-        let blur = [
-            inverse.x_axis.x * inverse.x_axis.x * bx
-                + inverse.y_axis.x * inverse.y_axis.x * by
-                + step.x * step.x / 6.0,
-            inverse.x_axis.x * inverse.x_axis.y * bx + inverse.y_axis.x * inverse.y_axis.y * by,
-            inverse.x_axis.y * inverse.x_axis.y * bx
-                + inverse.y_axis.y * inverse.y_axis.y * by
-                + step.y * step.y / 6.0,
-        ];
-        Some(Self { image_from_facet, first, density, stride, rows, start, blur, mean })
+        let blur = blur(&middle, reader.blur(), DENSITY);
+        let means = [mean, [0.0; 4], [0.0; 4], [0.0; 4]];
+        Some(Self { first, density: DENSITY, stride, rows, start, planes: 1, blur, means })
     }
 
-    /// Its picture from the screen at a time when the facet's (s, t, 1) over depth are `facet_from_image`.
-    pub fn warp(&self, facet_from_image: &DMat3) -> DMat3 {
-        self.image_from_facet * *facet_from_image
+    /// Renders `planes` values that `shade` finds at places (s, t) of a facet about `rect`, with `texels` per (s, t) along
+    /// either axis of its finest map, and appends their sums to `sums`. `shade` is told which area of (s, t) a cell is.
+    /// `None` as of [`Keyframe::new`].
+    pub fn of_light(
+        image_from_facet: DMat3,
+        texels: Option<DMat2>,
+        rect: [f64; 4],
+        planes: usize,
+        sums: &mut Vec<[f32; 4]>,
+        mut shade: impl FnMut([f64; 2], f64, &mut [[f32; 4]; MOST_PLANES]),
+    ) -> Option<Self> {
+        let facet_from_image = image_from_facet.inverse();
+        if !facet_from_image.is_finite() {
+            return None;
+        }
+        corners(&facet_from_image, rect)?;
+        let [left, top, right, bottom] = rect;
+        let middle = [0.5 * (left + right), 0.5 * (top + bottom)];
+        // Texels per pixel: the longest of what a pixel is large there, and its geometric mean.
+        let parameters = change(&facet_from_image, middle);
+        let change = texels.unwrap_or(DMat2::ZERO) * parameters;
+        let longest = change.x_axis.length().max(change.y_axis.length());
+        let density = (PER_TEXEL * longest).ceil().clamp(LEAST_LIGHT_DENSITY, DENSITY);
+        let Grid { first, columns, rows } = Grid::about(rect, density)?;
+        let (step, stride, start) = (1.0 / density, columns + 1, sums.len());
+        let plane = stride * (rows + 1);
+        sums.resize(start + planes * plane, [0.0; 4]);
+        let area = parameters.determinant().abs() * step * step;
+        let mut value = [[0.0; 4]; MOST_PLANES];
+        let mut at = |x: f64, y: f64, value: &mut [[f32; 4]; MOST_PLANES]| {
+            let h = facet_from_image * DVec3::new(x, y, 1.0);
+            shade([h.x / h.z, h.y / h.z], area, value);
+        };
+        at(middle[0], middle[1], &mut value);
+        let means = value;
+        for row in 0..rows {
+            let mut sum = [[0.0_f32; 4]; MOST_PLANES];
+            for column in 0..columns {
+                at(first.x + column as f64 * step, first.y + row as f64 * step, &mut value);
+                for k in 0..planes {
+                    let above = start + k * plane + row * stride + column + 1;
+                    for c in 0..4 {
+                        sum[k][c] += value[k][c] - means[k][c];
+                        sums[above + stride][c] = sums[above][c] + sum[k][c];
+                    }
+                }
+            }
+        }
+        let level = (change.determinant().abs().sqrt() * step).max(1.0).log2().floor().exp2();
+        let blur = if change.determinant() == 0.0 {
+            [step * step / 6.0, 0.0, step * step / 6.0]
+        } else {
+            blur(&change, [0.25 * (level * level - 1.0); 2], density)
+        };
+        Some(Self { first, density, stride, rows, start, planes, blur, means })
     }
 
     /// Mean over `footprint`; `None` where that does not lie in the picture.
     #[inline(always)]
     pub fn mean(&self, sums: &[[f32; 4]], footprint: &Footprint) -> Option<[f32; 4]> {
+        self.means::<1>(sums, footprint).map(|[mean]| mean)
+    }
+
+    /// Means of the first `P` planes over `footprint`; `None` where that does not lie in the picture.
+    #[inline(always)]
+    pub fn means<const P: usize>(&self, sums: &[[f32; 4]], footprint: &Footprint) -> Option<[[f32; 4]; P]> {
+        debug_assert!(P <= self.planes, "{P} of {} planes", self.planes);
         let [xx, xy, yy] = [0, 1, 2].map(|k| footprint.moments[k] - self.blur[k]);
         // No narrower than a hundredth of a pixel.
         let (xx, yy) = (xx.max(1e-5), yy.max(1e-5));
-        let mut sum = self.mean;
+        let mut sum: [[f32; 4]; P] = std::array::from_fn(|k| self.means[k]);
         if xy * xy < SLANT * SLANT * xx * yy {
             let sides = DVec2::new((12.0 * xx).sqrt(), (12.0 * yy).sqrt());
             self.add(sums, footprint.at, sides, 1.0, &mut sum)?;
@@ -174,12 +246,19 @@ impl Keyframe {
         Some(sum)
     }
 
-    /// Adds `scale` times what the mean over a rectangle about `at` is above [`Keyframe::mean`].
+    /// Adds `scale` times what the means over a rectangle about `at` are above [`Keyframe::means`].
     #[inline(always)]
-    fn add(&self, sums: &[[f32; 4]], at: DVec2, sides: DVec2, scale: f32, out: &mut [f32; 4]) -> Option<()> {
+    fn add<const P: usize>(
+        &self,
+        sums: &[[f32; 4]],
+        at: DVec2,
+        sides: DVec2,
+        scale: f32,
+        out: &mut [[f32; 4]; P],
+    ) -> Option<()> {
         let (low, high) = (at - 0.5 * sides, at + 0.5 * sides);
         // In cells from the middle of the first one.
-        let place = |v: f64, k: usize| (v - self.first[k]) * self.density[k];
+        let place = |v: f64, k: usize| (v - self.first[k]) * self.density;
         let spline = |x: f64| {
             let k = x as i32 as usize;
             let w = (x - k as f64) as f32;
@@ -193,21 +272,32 @@ impl Keyframe {
         }
         let ((left, a), (right, b)) = (spline(x0), spline(x1));
         let scale = scale / ((x1 - x0) * (y1 - y0)) as f32;
+        let plane = self.stride * (self.rows + 1);
         for (y, sign) in [(y0, -scale), (y1, scale)] {
             let (row, c) = spline(y);
             for (j, c) in c.into_iter().enumerate() {
-                let from = self.start + (row + j) * self.stride;
-                let (p, q) = (&sums[from + left..from + left + 3], &sums[from + right..from + right + 3]);
                 let c = c * sign;
-                for k in 0..4 {
-                    let upto = b[0] * q[0][k] + b[1] * q[1][k] + b[2] * q[2][k];
-                    let before = a[0] * p[0][k] + a[1] * p[1][k] + a[2] * p[2][k];
-                    out[k] += c * (upto - before);
+                for (number, out) in out.iter_mut().enumerate() {
+                    let from = self.start + number * plane + (row + j) * self.stride;
+                    let (p, q) = (&sums[from + left..from + left + 3], &sums[from + right..from + right + 3]);
+                    for k in 0..4 {
+                        let upto = b[0] * q[0][k] + b[1] * q[1][k] + b[2] * q[2][k];
+                        let before = a[0] * p[0][k] + a[1] * p[1][k] + a[2] * p[2][k];
+                        out[k] += c * (upto - before);
+                    }
                 }
             }
         }
         Some(())
     }
+}
+
+/// Second moments on the screen of texels' own blur `squared` along their axes, where texels change by `change`, and of
+/// straight lines between cells, which add a sixth of their squares.
+fn blur(change: &DMat2, [bx, by]: [f64; 2], density: f64) -> [f64; 3] {
+    let inverse = change.inverse();
+    let (x, y, cell) = (inverse.x_axis, inverse.y_axis, 1.0 / (6.0 * density * density));
+    [x.x * x.x * bx + y.x * y.x * by + cell, x.x * x.y * bx + y.x * y.y * by, x.y * x.y * bx + y.y * y.y * by + cell]
 }
 
 #[cfg(test)]
@@ -247,7 +337,7 @@ mod tests {
             let reader = |shorter: f64| textures.reader(0, shorter);
             let rect = [-6.0, -6.0, 6.0, 6.0];
             let picture =
-                Keyframe::new(DMat3::IDENTITY, texels, rect, reader, 1 << 16, &mut sums).expect("few cells");
+                Keyframe::new(DMat3::IDENTITY, texels, rect, reader, &mut sums).expect("few cells");
             // Time went on: the screen lies a little turned, moved and grown on the picture.
             let (s, c) = (0.03 * (f - 20.0) / 20.0).sin_cos();
             let warp = DMat3::from_cols(
@@ -288,13 +378,13 @@ mod tests {
         let textures = Textures::new(&scene);
         let mut sums = Vec::new();
         let reader = |shorter: f64| textures.reader(0, shorter);
-        let rect = [-2.0, -2.0, 2.0, 2.0];
-        let new = |most: usize, sums: &mut Vec<_>| {
-            Keyframe::new(DMat3::IDENTITY, DMat3::IDENTITY, rect, reader, most, sums)
+        let new = |side: f64, sums: &mut Vec<_>| {
+            let rect = [-side, -side, side, side];
+            Keyframe::new(DMat3::IDENTITY, DMat3::IDENTITY, rect, reader, sums)
         };
-        assert!(new(100, &mut sums).is_none(), "too many cells");
+        assert!(new(20.0, &mut sums).is_none(), "too many cells");
         assert!(sums.is_empty());
-        let picture = new(1 << 16, &mut sums).expect("enough cells");
+        let picture = new(2.0, &mut sums).expect("few cells");
         let at = |x: f64, y: f64| {
             let moments = [1.0 / 12.0, 0.0, 1.0 / 12.0];
             picture.mean(&sums, &Footprint { at: DVec2::new(x, y), moments })

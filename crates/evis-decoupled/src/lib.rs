@@ -7,6 +7,7 @@
 
 pub mod blocks;
 pub mod coverage;
+pub mod environment;
 pub mod events;
 pub mod fragment;
 mod hash;
@@ -14,8 +15,10 @@ pub mod keyframe;
 pub mod light;
 mod limits;
 pub mod lists;
+pub mod maps;
 pub mod mask;
 pub mod material;
+pub mod pages;
 pub mod path;
 pub mod pixel;
 pub mod shadow;

@@ -12,16 +12,18 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use evis_scene::motion::{WaveShape, Waveform};
 use evis_scene::{ShadingModel, TextureRef};
-use glam::{DMat3, DMat4, DVec2, DVec3};
+use glam::{DMat2, DMat3, DMat4, DVec2, DVec3};
 
 use crate::Error;
 use crate::blocks::{Block, Clock};
 use crate::coverage::{Moments, Polygon, Polygons};
 use crate::fragment::{Line, Sight};
 use crate::hash::Words;
-use crate::keyframe::{Footprint, Keyframe};
+use crate::keyframe::{Footprint, Keyframe, MOST_PLANES};
 use crate::lists::{Entry, Record, TILE};
-use crate::material::{self, Lamp, Point, Response, respond};
+use crate::maps::{MapReader, Maps};
+use crate::material::{self, Around, Lamp, Point, Response, respond};
+use crate::pages::{Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::Textures;
 use crate::world::{Frame, World, wide};
@@ -32,12 +34,10 @@ const MOST_LEVEL: u32 = 14;
 const MOST_FINER: u32 = 3;
 /// Part of the light by which the middle between nodes may be off.
 const SMOOTH: f64 = 0.0015;
-/// Room about a picture for paths that bend, in pixels.
-const MARGIN_PX: f64 = 0.25;
-/// A texture is rendered where this suffices: cells per pixel that sees it, and again per pixel of motion.
-const CELLS_PER_PIXEL: f64 = 250.0;
-/// Cells of a picture, at most.
-const MOST_CELLS: usize = 1 << 16;
+/// A texture is rendered for this many pixels that see it, times one more than those of motion during the block.
+const PAGE_PIXELS: f64 = 30.0;
+/// Places along either side of a footprint on a surface with maps, where there is no picture.
+const PLACES: u32 = 4;
 /// Maps that share the work of a lock.
 const SHARDS: usize = 64;
 
@@ -68,6 +68,17 @@ struct Answer {
     /// Emitted luminance, and what it is multiplied by over time.
     glow: f64,
     waveform: Option<Waveform>,
+    /// Then all of these vary from texel to texel.
+    maps: Option<Mapped>,
+}
+
+/// What maps multiply.
+#[derive(Clone, Debug)]
+struct Mapped {
+    maps: Maps,
+    metallic: f64,
+    roughness: f64,
+    emissive: DVec3,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
@@ -120,7 +131,7 @@ struct Mover {
 /// Light of a scene.
 pub struct Lighting<'a> {
     world: &'a World<'a>,
-    textures: Textures,
+    shared: Arc<Shared>,
     looks: Vec<Look>,
     answers: Vec<Answer>,
     /// Lamps and frames at both ends of the block.
@@ -130,9 +141,13 @@ pub struct Lighting<'a> {
     own: Vec<usize>,
     /// Per surface, vertices in the world at both ends; still ones are found once.
     corners: Vec<[Corners; 2]>,
+    /// Per surface with maps, tangents and signs of bitangents, likewise.
+    tangents: Vec<[Vec<(DVec3, f64)>; 2]>,
     borders: [u64; 2],
     patches: Vec<Map<Patch>>,
     shadowed: Vec<Map<Shadowed>>,
+    /// Number of the block, from 1.
+    block: u64,
     /// Nodes shaded so far.
     pub shaded: std::sync::atomic::AtomicU64,
     /// Per lamp of `own`, on the screen.
@@ -167,10 +182,20 @@ pub struct TileLight {
     line_starts: Vec<u32>,
     /// Half planes about the tile's centre.
     lines: Vec<[Line; 5]>,
-    keyframes: Vec<Keyframe>,
-    sums: Vec<[f32; 4]>,
+    /// Whose pages are rendered, and these.
+    pictures: Vec<Picture>,
+    pages: Pages,
+    /// The pixel in work is evaluated once: rendering pages would not pay.
+    once: bool,
     /// By moment and slot: from the screen to its picture.
     warps: Vec<Option<DMat3>>,
+}
+
+impl TileLight {
+    /// Says whether the next pixel is evaluated once only.
+    pub fn enter_pixel(&mut self, once: bool) {
+        self.once = once;
+    }
 }
 
 /// Occluders of a slot and a lamp, as a range.
@@ -193,6 +218,8 @@ struct Slot {
     ready: bool,
     /// The response is 1.
     unlit: bool,
+    /// It varies from texel to texel.
+    mapped: bool,
     /// Cells of the facet's grid along s and t.
     cells: [f64; 2],
     /// First cell that is kept, and how many along s and t.
@@ -218,21 +245,34 @@ struct Slot {
     level: [u32; 2],
     /// Pixels that may see it.
     touches: u64,
-    /// Whether it was decided on its picture, and its number in [`TileLight::keyframes`].
+    /// Whether it was decided on its picture, and its number in [`TileLight::pictures`].
     pictured: bool,
     picture: Option<u32>,
 }
 
+/// What all views of a scene share: its textures and its indirect light.
+pub struct Shared {
+    textures: Textures,
+    around: Around,
+}
+
+impl Shared {
+    /// That of `scene`.
+    pub fn new(scene: &evis_scene::Scene) -> Arc<Self> {
+        Arc::new(Self { textures: Textures::new(scene), around: Around::new(scene) })
+    }
+}
+
 impl<'a> Lighting<'a> {
-    /// Light of `world`.
-    pub fn new(world: &'a World<'a>) -> Self {
+    /// Light of `world`; `shared` is of its scene.
+    pub fn new(world: &'a World<'a>, shared: &Arc<Shared>) -> Self {
         let scene = world.scene;
-        let textures = Textures::new(scene);
-        let looks = world.facets.iter().map(|f| look(world, &textures, f.surface, f.corners)).collect();
+        let textures = &shared.textures;
+        let looks = world.facets.iter().map(|f| look(world, textures, f.surface, f.corners)).collect();
         let answers = world.surfaces.iter().map(|s| {
             let m = &scene.materials[s.material];
-            let mean = m.base_color_texture.map_or([1.0; 4], |t| whole_mean(&textures, t));
-            let of = |t: Option<TextureRef>| t.map_or([1.0; 4], |t| whole_mean(&textures, t));
+            let mean = m.base_color_texture.map_or([1.0; 4], |t| whole_mean(textures, t));
+            let of = |t: Option<TextureRef>| t.map_or([1.0; 4], |t| whole_mean(textures, t));
             let (surface, occlusion) = (of(m.metallic_roughness_texture), of(m.occlusion_texture));
             let base = DVec3::from_slice(&m.base_color.map(f64::from)[..3]);
             let glow = wide(m.emissive) * DVec3::from_slice(&of(m.emissive_texture).map(f64::from)[..3]);
@@ -245,20 +285,28 @@ impl<'a> Lighting<'a> {
                 follows_view: m.model == ShadingModel::MetallicRoughness,
                 glow: material::LUMINANCE.dot(glow),
                 waveform: m.emission_waveform.filter(|w| !w.rests()),
+                maps: Maps::of(m).filter(|_| m.model != ShadingModel::Unlit).map(|maps| Mapped {
+                    maps,
+                    metallic: f64::from(m.metallic),
+                    roughness: f64::from(m.roughness),
+                    emissive: wide(m.emissive),
+                }),
             }
         });
         Self {
             world,
             looks,
             answers: answers.collect(),
-            textures,
+            shared: Arc::clone(shared),
             lamps: Default::default(),
             frames: None,
             own: Vec::new(),
             corners: Vec::new(),
+            tangents: Vec::new(),
             borders: [0; 2],
             patches: (0..SHARDS).map(|_| Map::default()).collect(),
             shadowed: (0..SHARDS).map(|_| Map::default()).collect(),
+            block: 0,
             shaded: Default::default(),
             screen_lamps: Vec::new(),
             still: Tree::default(),
@@ -279,6 +327,7 @@ impl<'a> Lighting<'a> {
     /// A camera without a pose.
     pub fn prepare(&mut self, clock: &mut Clock, block: &Block) -> Result<(), Error> {
         let world = self.world;
+        self.block += 1;
         let frames = clock.ends()?;
         self.lamps = frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
         let apart = |l: &Lamp| l.casts_shadow || l.waveform.is_some();
@@ -286,10 +335,16 @@ impl<'a> Lighting<'a> {
         let first = self.corners.is_empty();
         for (index, surface) in world.surfaces.iter().enumerate() {
             let both = || frames.each_ref().map(|f| world.vertices(index as u32, f));
+            let tangents = || match self.answers[index].maps {
+                Some(_) => frames.each_ref().map(|f| world.tangents(index as u32, f)),
+                None => Default::default(),
+            };
             if first {
                 self.corners.push(both());
+                self.tangents.push(tangents());
             } else if surface.moves {
                 self.corners[index] = both();
+                self.tangents[index] = tangents();
             }
         }
         self.frames = Some(frames);
@@ -639,8 +694,8 @@ impl<'a> Lighting<'a> {
     pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], [column, row]: [usize; 2]) {
         tile.slots.clear();
         tile.slots.extend(entries.iter().map(|e| Slot { touches: e.touches, ..Slot::default() }));
-        tile.keyframes.clear();
-        tile.sums.clear();
+        tile.pictures.clear();
+        tile.pages.enter_tile(self.block);
         tile.warps.clear();
         tile.patches.clear();
         tile.occluders.clear();
@@ -665,9 +720,9 @@ impl<'a> Lighting<'a> {
             self.find_occluders(tile, &mut own, record, index, true);
             tile.slots[slot] = own;
         }
-        if !tile.slots[slot].pictured {
+        if !tile.slots[slot].pictured && !tile.once {
             tile.slots[slot].pictured = true;
-            tile.slots[slot].picture = self.picture(tile, record, slot);
+            tile.slots[slot].picture = self.picture(tile, record, index, slot);
         }
     }
 
@@ -723,7 +778,12 @@ impl<'a> Lighting<'a> {
         });
         let changes = self.changes(surface);
         slot.still &= !changes;
-        for end in 0..if changes { 2 } else { 1 } {
+        if answer.maps.is_some() {
+            slot.mapped = true;
+            // A normal map may face any lamp.
+            slot.lit = (1 << self.own.len()) - 1;
+        }
+        for end in 0..if slot.mapped { 0 } else { self.ends(surface) } {
             slot.at[end] = tile.patches.len();
             let border = if changes { self.borders[end] } else { 0 };
             for j in 0..slot.count[1] {
@@ -751,6 +811,11 @@ impl<'a> Lighting<'a> {
             self.find_occluders(tile, &mut slot, record, index, false);
         }
         slot
+    }
+
+    /// Of how many ends of a block light is kept apart.
+    fn ends(&self, surface: usize) -> usize {
+        if self.changes(surface) { 2 } else { 1 }
     }
 
     fn changes(&self, surface: usize) -> bool {
@@ -833,8 +898,18 @@ impl<'a> Lighting<'a> {
         Patch { intervals, nodes: nodes.into(), lit }
     }
 
-    fn shade(&self, facet: u32, [s, t]: [f64; 2], front: bool, end: usize, out: &mut Vec<[f32; 4]>) {
+    fn shade(&self, facet: u32, place: [f64; 2], front: bool, end: usize, out: &mut Vec<[f32; 4]>) {
         self.shaded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let point = self.point(facet, place, front, end);
+        let pack =
+            |r: &Response| [r.linear.x as f32, r.linear.y as f32, r.linear.z as f32, r.constant as f32];
+        let mut responses = [Response::default(); 1 + MOST_OWN];
+        respond(&point, &self.lamps[end], &self.own, &self.shared.around, &mut responses);
+        out.extend(responses[..1 + self.own.len()].iter().map(pack));
+    }
+
+    /// A place (s, t) of a facet at an end of the block, without what maps say.
+    fn point(&self, facet: u32, [s, t]: [f64; 2], front: bool, end: usize) -> Point {
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
         let corners = &self.corners[surface][end];
@@ -842,24 +917,80 @@ impl<'a> Lighting<'a> {
         let blend = |a: DVec3, b: DVec3, d: DVec3| a + (b - a) * s + (d - a) * t;
         let position = blend(a.0, b.0, d.0);
         let side = if front { 1.0 } else { -1.0 };
-        let normal = blend(a.1, b.1, d.1).normalize_or(DVec3::Z) * side;
         let answer = &self.answers[surface];
         let frame = self.frames.as_ref().map(|f| &f[end]);
-        let point = Point {
+        Point {
             model: answer.model,
             position,
-            normal,
+            normal: blend(a.1, b.1, d.1).normalize_or(DVec3::Z) * side,
             to_eye: frame.map_or(DVec3::Z, |f| (f.eye - position).normalize_or(DVec3::Z)),
             metallic: answer.metallic,
             roughness: answer.roughness,
             occlusion: answer.occlusion,
             mean_base: answer.mean_base,
-        };
-        let pack =
-            |r: &Response| [r.linear.x as f32, r.linear.y as f32, r.linear.z as f32, r.constant as f32];
-        let mut responses = [Response::default(); 1 + MOST_OWN];
-        respond(&point, &self.lamps[end], &self.own, self.world.scene, &mut responses);
-        out.extend(responses[..1 + self.own.len()].iter().map(pack));
+        }
+    }
+
+    /// Light of a facet with maps at (s, t): of all channels, at one end of the block or both.
+    fn shade_maps(
+        &self,
+        facet: u32,
+        (mapped, maps): (&Mapped, &MapReader),
+        place: [f64; 2],
+        front: bool,
+        out: &mut [[f32; 4]; MOST_PLANES],
+    ) {
+        let f = &self.world.facets[facet as usize];
+        let surface = f.surface as usize;
+        let look = &self.looks[facet as usize];
+        let texels = maps.at(DVec2::from_array(place));
+        let base = (look.base + look.base_along[0] * place[0] + look.base_along[1] * place[1]) * texels.base;
+        let glow = material::LUMINANCE.dot(mapped.emissive * texels.emission);
+        let (lamps, channels) = (self.own.len(), self.channels(surface));
+        let planes = channels.div_ceil(4);
+        for end in 0..self.ends(surface) {
+            self.shaded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            let mut point = self.point(facet, place, front, end);
+            point.metallic = (mapped.metallic * texels.metallic).clamp(0.0, 1.0);
+            point.roughness = (mapped.roughness * texels.roughness).clamp(0.0, 1.0);
+            (point.occlusion, point.mean_base) = (texels.occlusion, base);
+            if let (Some(local), [tangent, bitangent]) = (texels.normal, self.tangent_frame(f, place, end, point.normal, front))
+                && tangent != DVec3::ZERO
+            {
+                let side = if front { 1.0 } else { -1.0 };
+                let mapped = tangent * local.x + bitangent * local.y + point.normal * (side * local.z);
+                point.normal = mapped.normalize_or(point.normal * side) * side;
+            }
+            let mut responses = [Response::default(); 1 + MOST_OWN];
+            respond(&point, &self.lamps[end], &self.own, &self.shared.around, &mut responses);
+            let mut set = |channel: usize, value: f64| out[end * planes + channel / 4][channel % 4] = value as f32;
+            for (channel, response) in responses[..=lamps].iter().enumerate() {
+                set(channel, response.linear.dot(base) + response.constant);
+            }
+            if channels > lamps + 1 {
+                set(lamps + 1, glow);
+            } else {
+                out[end * planes][0] += glow as f32;
+            }
+        }
+    }
+
+    /// Unit tangent and bitangent at a place of `facet` with the unit normal `normal` to the viewer's side; zeros where it has
+    /// none.
+    fn tangent_frame(&self, facet: &crate::world::Facet, [s, t]: [f64; 2], end: usize, normal: DVec3, front: bool) -> [DVec3; 2] {
+        let tangents = &self.tangents[facet.surface as usize][end];
+        let of = |c: u32| tangents.get(c as usize).copied().unwrap_or_default();
+        let [a, b, _, d] = facet.corners.map(of);
+        let normal = if front { normal } else { -normal };
+        let tangent = a.0 + (b.0 - a.0) * s + (d.0 - a.0) * t;
+        let tangent = (tangent - normal * normal.dot(tangent)).normalize_or_zero();
+        [tangent, normal.cross(tangent) * (a.1 + (b.1 - a.1) * s + (d.1 - a.1) * t)]
+    }
+
+    /// Values that light of a surface with maps has: of what no shadow falls on, of each of [`Lighting::own`], and of its own
+    /// glow where that changes.
+    fn channels(&self, surface: usize) -> usize {
+        1 + self.own.len() + usize::from(self.answers[surface].waveform.is_some())
     }
 
     /// Half planes of the shadows that fall on entry `slot` from lamp `number` at `moment` of the tile: a range.
@@ -887,64 +1018,166 @@ impl<'a> Lighting<'a> {
         tile.line_starts[index] as usize - 1
     }
 
-    /// Renders the texture of entry `slot`, which is `record`, where that pays.
-    fn picture(&self, tile: &mut TileLight, record: &Record, slot: usize) -> Option<u32> {
-        let look = &self.looks[record.facet as usize];
-        let texture = look.texture?;
-        let [from, to] = [0.0, 1.0].map(|v| Sight::new(record, tile.centre, 1.0, v, self.world.lens.near));
-        let (from, to) = (from?.facet_from_image(), to?.facet_from_image());
-        let reference = Sight::new(record, tile.centre, 1.0, 0.5, self.world.lens.near)?.facet_from_image();
-        let image_from_facet = reference.inverse();
-        // What its pixels show meanwhile.
-        let touches = tile.slots[slot].touches;
-        let columns = (0..TILE).fold(0, |m, row| m | touches >> (row * TILE) & 0xff);
-        let rows = (0..TILE).fold(0, |m, row| m | u64::from(touches >> (row * TILE) & 0xff != 0) << row);
-        let side = |bits: u64| {
-            let (low, high) = (bits.trailing_zeros(), 64 - bits.leading_zeros());
-            [low, high].map(|v| f64::from(v) - 0.5 * TILE as f64)
-        };
-        let ([left, right], [top, bottom]) = (side(columns), side(rows));
-        let mut rect = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-        let mut middles = [DVec2::ZERO; 3];
-        for (facet_from_image, middle) in [&from, &reference, &to].into_iter().zip(&mut middles) {
-            let warp = image_from_facet * *facet_from_image;
-            for [x, y] in [[left, top], [right, top], [left, bottom], [right, bottom]] {
-                let h = warp * DVec3::new(x, y, 1.0);
-                if h.z.is_nan() || h.z <= 0.0 {
-                    return None;
-                }
-                let p = DVec2::new(h.x, h.y) / h.z;
-                *middle += 0.25 * p;
-                rect = [rect[0].min(p.x), rect[1].min(p.y), rect[2].max(p.x), rect[3].max(p.y)];
-            }
+    /// Decides whether the texture of entry `slot`, which is `record`, number `index` of the block, is rendered, or if it has
+    /// maps, its light.
+    fn picture(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) -> Option<u32> {
+        let facet = record.facet as usize;
+        let mapped = self.answers[self.world.facets[facet].surface as usize].maps.is_some();
+        if self.looks[facet].texture.is_none() && !mapped {
+            return None;
         }
-        // Between these times paths bend.
-        let rect = [rect[0] - MARGIN_PX, rect[1] - MARGIN_PX, rect[2] + MARGIN_PX, rect[3] + MARGIN_PX];
-        let motion = middles[0].distance(middles[1]) + middles[1].distance(middles[2]);
-        let most = f64::from(touches.count_ones()) * (1.0 + motion) * CELLS_PER_PIXEL;
+        let motion_px = if record.still { 0.0 } else { record.motion_px(tile.centre) };
+        let seen = f64::from(tile.slots[slot].touches.count_ones()) * (1.0 + motion_px);
+        if !mapped && seen < PAGE_PIXELS {
+            return None;
+        }
+        let size = [f64::from(self.world.lens.width), f64::from(self.world.lens.height)];
+        tile.pictures.push(Picture::new(record, index, size, self.world.lens.near)?);
+        Some(tile.pictures.len() as u32 - 1)
+    }
+
+    /// Where the part's footprint lies on its picture at a moment, and that picture; `None` where it has none.
+    #[inline(always)]
+    fn footprint(&self, tile: &mut TileLight, part: &Part, moment: usize) -> Option<(Footprint, Picture)> {
+        let number = tile.slots[part.slot].picture.filter(|_| !tile.once)?;
+        let picture = tile.pictures[number as usize];
+        let index = moment * tile.slots.len() + part.slot;
+        if tile.warps.len() <= index {
+            tile.warps.resize((moment + 1) * tile.slots.len(), None);
+        }
+        let warp = tile.warps[index]
+            .get_or_insert_with(|| picture.image_from_facet * part.sight.facet_from_image());
+        let (centre, moments) = part.moments.central();
+        let place = DVec2::new(part.offset[0] + centre[0], part.offset[1] + centre[1]);
+        Some((Footprint::under(warp, place, moments)?, picture))
+    }
+
+    /// Renders a page of a facet's texture.
+    fn texture_page(
+        &self,
+        facet: u32,
+        texture: usize,
+        picture: &Picture,
+        rect: [f64; 4],
+        sums: &mut Vec<[f32; 4]>,
+    ) -> Option<Keyframe> {
+        let look = &self.looks[facet as usize];
         let [along_s, along_t] = look.along.map(|v| DVec3::new(v[0], v[1], 0.0));
         let texels = DMat3::from_cols(along_s, along_t, DVec3::new(look.origin[0], look.origin[1], 1.0));
-        let reader = |shorter: f64| self.textures.reader(texture, shorter);
-        let most = (most as usize).min(MOST_CELLS);
-        let keyframe = Keyframe::new(image_from_facet, texels, rect, reader, most, &mut tile.sums)?;
-        tile.keyframes.push(keyframe);
-        Some(tile.keyframes.len() as u32 - 1)
+        let reader = |shorter: f64| self.shared.textures.reader(texture, shorter);
+        Keyframe::new(picture.image_from_facet, texels, rect, reader, sums)
+    }
+
+    /// Renders a page of the light of a facet with maps.
+    fn light_page(
+        &self,
+        facet: u32,
+        mapped: &Mapped,
+        picture: &Picture,
+        rect: [f64; 4],
+        sums: &mut Vec<[f32; 4]>,
+    ) -> Option<Keyframe> {
+        let f = &self.world.facets[facet as usize];
+        let maps = mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners);
+        let surface = f.surface as usize;
+        let planes = self.channels(surface).div_ceil(4) * self.ends(surface);
+        let mut reader = None;
+        let shade = |place: [f64; 2], area: f64, out: &mut [[f32; 4]; MOST_PLANES]| {
+            let reader = reader.get_or_insert_with(|| maps.reader(&self.shared.textures, area));
+            self.shade_maps(facet, (mapped, reader), place, picture.front, out);
+        };
+        Keyframe::of_light(picture.image_from_facet, maps.finest(), rect, planes, sums, shade)
+    }
+
+    /// Luminance per area of entry `part.slot` with maps over `part.moments`.
+    fn of_maps(&self, tile: &mut TileLight, mapped: &Mapped, part: &Part, at: &Instant) -> f64 {
+        let facet = part.sight.facet;
+        let surface = self.world.facets[facet as usize].surface as usize;
+        let (ends, channels) = (self.ends(surface), self.channels(surface));
+        let groups = channels.div_ceil(4);
+        let pictured = self.footprint(tile, part, at.moment).and_then(|(footprint, picture)| {
+            let render = |rect: [f64; 4], sums: &mut Vec<[f32; 4]>| {
+                self.light_page(facet, mapped, &picture, rect, sums)
+            };
+            let (page, sums) = tile.pages.about(&picture, footprint.at, render)?;
+            let mut planes = [[0.0; 4]; MOST_PLANES];
+            match ends * groups {
+                1 => planes[..1].copy_from_slice(&page.means::<1>(sums, &footprint)?),
+                2 => planes[..2].copy_from_slice(&page.means::<2>(sums, &footprint)?),
+                _ => planes = page.means::<MOST_PLANES>(sums, &footprint)?,
+            }
+            Some(planes)
+        });
+        let planes = pictured.unwrap_or_else(|| self.maps_in_places(mapped, part));
+        let value = |channel: usize| {
+            let of = |end: usize| f64::from(planes[end * groups + channel / 4][channel % 4]);
+            if ends == 1 { of(0) } else { of(0) + (of(1) - of(0)) * at.u }
+        };
+        let mut sum = value(0);
+        for number in 0..self.own.len() {
+            let light = value(1 + number);
+            if light > 0.0 {
+                sum += self.arriving(tile, part, at, number) * light;
+            }
+        }
+        if let Some(waveform) = self.answers[surface].waveform {
+            sum += waveform.factor(at.t_s) * value(1 + self.own.len());
+        }
+        sum
+    }
+
+    /// The same where there is no picture: the mean over a grid of places.
+    fn maps_in_places(&self, mapped: &Mapped, part: &Part) -> [[f32; 4]; MOST_PLANES] {
+        let facet = part.sight.facet;
+        let f = &self.world.facets[facet as usize];
+        let maps = mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners);
+        let (centre, axes) = part.moments.footprint();
+        let (place, change) = part.sight.parameters([0, 1].map(|k| part.offset[k] + centre[k]));
+        let along = DMat2::from_cols_array_2d(&change) * DMat2::from_cols_array_2d(&axes);
+        let count = f64::from(PLACES * PLACES);
+        let maps = maps.reader(&self.shared.textures, along.determinant().abs() / count);
+        let mut sum = [[0.0; 4]; MOST_PLANES];
+        for k in 0..PLACES * PLACES {
+            let step = |k: u32| (f64::from(k) + 0.5) / f64::from(PLACES) - 0.5;
+            let at = DVec2::from_array(place) + along * DVec2::new(step(k % PLACES), step(k / PLACES));
+            let mut planes = [[0.0; 4]; MOST_PLANES];
+            self.shade_maps(facet, (mapped, &maps), at.to_array(), part.sight.front, &mut planes);
+            for (sum, value) in sum.as_flattened_mut().iter_mut().zip(planes.as_flattened()) {
+                *sum += value / count as f32;
+            }
+        }
+        sum
+    }
+
+    /// What of lamp `number`'s light arrives on a part: its strength times the part that no shadow reaches.
+    #[inline(always)]
+    fn arriving(&self, tile: &mut TileLight, part: &Part, at: &Instant, number: usize) -> f64 {
+        let slot = part.slot;
+        let lamp = &self.lamps[0][self.own[number]];
+        let strength = lamp.waveform.map_or(1.0, |w| w.factor(at.t_s));
+        let shade = tile.slots[slot].shades[number];
+        if shade.dark >> part.pixel & 1 == 1 {
+            return 0.0;
+        }
+        if shade.touched >> part.pixel & 1 == 0 {
+            return strength;
+        }
+        let start = self.shadow_lines(tile, slot, number, at.moment, part.sight, at.u);
+        let near = tile.occluders[shade.from..shade.to].iter().zip(&tile.lines[start..]);
+        let near = near.filter(|(o, _)| o.0 >> part.pixel & 1 == 1).map(|(_, lines)| lines);
+        strength * tile.lit.part(part.regions, near, part.offset)
     }
 
     /// Mean of the texture of entry `part.slot` over `part.moments`.
     #[inline(always)]
     fn texel(&self, tile: &mut TileLight, part: &Part, at: &Instant, texture: usize) -> [f32; 4] {
-        let (centre, moments) = part.moments.central();
-        if let Some(number) = tile.slots[part.slot].picture {
-            let keyframe = &tile.keyframes[number as usize];
-            let index = at.moment * tile.slots.len() + part.slot;
-            if tile.warps.len() <= index {
-                tile.warps.resize((at.moment + 1) * tile.slots.len(), None);
-            }
-            let warp = tile.warps[index].get_or_insert_with(|| keyframe.warp(&part.sight.facet_from_image()));
-            let place = DVec2::new(part.offset[0] + centre[0], part.offset[1] + centre[1]);
-            let found = Footprint::under(warp, place, moments).and_then(|f| keyframe.mean(&tile.sums, &f));
-            if let Some(texel) = found {
+        if let Some((footprint, picture)) = self.footprint(tile, part, at.moment) {
+            let facet = part.sight.facet;
+            let render = |rect: [f64; 4], sums: &mut Vec<[f32; 4]>| {
+                self.texture_page(facet, texture, &picture, rect, sums)
+            };
+            let page = tile.pages.about(&picture, footprint.at, render);
+            if let Some(texel) = page.and_then(|(page, sums)| page.mean(sums, &footprint)) {
                 return texel;
             }
         }
@@ -956,7 +1189,7 @@ impl<'a> Lighting<'a> {
         let at = [at[0] + look.origin[0], at[1] + look.origin[1]];
         let along =
             |axis: [f64; 2]| to_texels([0, 1].map(|k| change[0][k] * axis[0] + change[1][k] * axis[1]));
-        self.textures.mean(texture, at, axes.map(along))
+        self.shared.textures.mean(texture, at, axes.map(along))
     }
 
     /// Luminance that a facet, entry `part.slot` of its tile, adds to a pixel.
@@ -965,6 +1198,10 @@ impl<'a> Lighting<'a> {
         let inverse = 1.0 / moments.area;
         let place = part.sight.place([0, 1].map(|k| part.offset[k] + moments.first[k] * inverse));
         let facet = part.sight.facet as usize;
+        let answer = &self.answers[self.world.facets[facet].surface as usize];
+        if let Some(mapped) = &answer.maps {
+            return moments.area * self.of_maps(tile, mapped, part, at);
+        }
         let look = &self.looks[facet];
         let mut base = look.base;
         if look.shaded {
@@ -974,7 +1211,6 @@ impl<'a> Lighting<'a> {
             let texel = self.texel(tile, part, at, texture);
             base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
         }
-        let answer = &self.answers[self.world.facets[facet].surface as usize];
         let glow = answer.waveform.map_or(1.0, |w| w.factor(at.t_s));
         if tile.slots[slot].unlit {
             return moments.area * glow * material::LUMINANCE.dot(base);
@@ -985,21 +1221,9 @@ impl<'a> Lighting<'a> {
             if tile.slots[slot].lit >> number & 1 == 0 {
                 continue;
             }
-            let lamp = &self.lamps[0][self.own[number]];
-            let strength = lamp.waveform.map_or(1.0, |w| w.factor(at.t_s));
-            let mut lit = 1.0;
-            let shade = tile.slots[slot].shades[number];
-            if shade.dark >> part.pixel & 1 == 1 {
-                continue;
-            }
-            if shade.touched >> part.pixel & 1 == 1 {
-                let start = self.shadow_lines(tile, slot, number, at.moment, part.sight, at.u);
-                let near = tile.occluders[shade.from..shade.to].iter().zip(&tile.lines[start..]);
-                let near = near.filter(|(o, _)| o.0 >> part.pixel & 1 == 1).map(|(_, lines)| lines);
-                lit = tile.lit.part(part.regions, near, part.offset);
-            }
-            if lit > 0.0 {
-                sum += lit * strength * of(self.interpolate(tile, slot, place, at.u, 1 + number));
+            let strength = self.arriving(tile, part, at, number);
+            if strength > 0.0 {
+                sum += strength * of(self.interpolate(tile, slot, place, at.u, 1 + number));
             }
         }
         moments.area * sum
@@ -1158,7 +1382,7 @@ mod tests {
         let block = Block { start_us: 630_784.0, end_us: 638_976.0, jump: false };
         let mut clock = Clock::new(&world, block);
         let lists = Lists::new(&world, &mut clock).unwrap();
-        let mut lighting = Lighting::new(&world);
+        let mut lighting = Lighting::new(&world, &Shared::new(&scene));
         lighting.prepare(&mut clock, &block).unwrap();
         let (mut compared, mut darkened, mut off, mut canary) = (0, 0, 0, 0);
         let mut tile = TileLight::default();

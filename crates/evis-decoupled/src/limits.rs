@@ -1,6 +1,6 @@
 //! What a scene has that this method cannot show.
 
-use evis_scene::{AlphaMode, Material, Motion, Scene};
+use evis_scene::{AlphaMode, Material, Scene};
 
 use crate::light::MOST_OWN;
 use crate::world::fastest_hz;
@@ -32,8 +32,7 @@ pub fn unsupported(scene: &Scene) -> Option<String> {
     if hz > MOST_HZ {
         return Some(format!("motion at {hz:.0} Hz ({MOST_HZ} Hz at most)"));
     }
-    let driven = scene.nodes.iter().find(|node| matches!(node.motion, Motion::Driven(_)));
-    driven.map(|node| format!("node {:?}: a host moves it", node.name))
+    None
 }
 
 fn of_material(scene: &Scene, material: &Material) -> Option<&'static str> {
@@ -46,14 +45,7 @@ fn of_material(scene: &Scene, material: &Material) -> Option<&'static str> {
     if nearest(&material.base_color_texture) {
         return Some("a texture without interpolation");
     }
-    [
-        (&material.normal_texture, "a normal map"),
-        (&material.metallic_roughness_texture, "a metallic-roughness map"),
-        (&material.occlusion_texture, "an occlusion map"),
-        (&material.emissive_texture, "an emission map"),
-    ]
-    .into_iter()
-    .find_map(|(texture, what)| texture.is_some().then_some(what))
+    None
 }
 
 #[cfg(test)]
@@ -72,9 +64,6 @@ mod tests {
         let mut masked = scene.clone();
         masked.materials[material].alpha = AlphaMode::Mask(0.5);
         assert!(unsupported(&masked).unwrap().contains("holes"));
-        let mut bumpy = scene.clone();
-        bumpy.materials[material].normal_texture = bumpy.materials.iter().find_map(|m| m.base_color_texture);
-        assert!(unsupported(&bumpy).unwrap().contains("normal map"));
         let mut lit = scene;
         let lamp = lit.lights[0].clone();
         lit.lights.extend((0..5).map(|_| evis_scene::Light { casts_shadow: true, ..lamp.clone() }));

@@ -344,7 +344,7 @@ impl Record {
     }
 
     /// Homogeneous image point of `corner` at `v` of its span.
-    fn point(&self, corner: usize, v: f64) -> DVec3 {
+    pub(crate) fn point(&self, corner: usize, v: f64) -> DVec3 {
         let [p, q, r] = &self.points;
         DVec3::from_array([0, 1, 2].map(|axis| p[axis][corner] + v * (q[axis][corner] + v * r[axis][corner])))
     }

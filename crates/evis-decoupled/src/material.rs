@@ -12,6 +12,7 @@ use evis_scene::motion::Waveform;
 use evis_scene::{LightKind, Scene, ShadingModel};
 use glam::{DQuat, DVec3};
 
+use crate::environment::Surroundings;
 use crate::world::{Frame, wide};
 
 /// Rec. ITU-R BT.709-6, item 3.2.
@@ -141,10 +142,24 @@ pub struct Point {
     pub mean_base: DVec3,
 }
 
+/// Indirect light.
+pub struct Around {
+    ambient: DVec3,
+    surroundings: Option<Surroundings>,
+}
+
+impl Around {
+    /// That of `scene`.
+    pub fn new(scene: &Scene) -> Self {
+        let surroundings = scene.environment.as_ref().map(Surroundings::new);
+        Self { ambient: wide(scene.ambient), surroundings }
+    }
+}
+
 /// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between.
-pub fn respond(point: &Point, lamps: &[Lamp], own: &[usize], scene: &Scene, out: &mut [Response]) {
+pub fn respond(point: &Point, lamps: &[Lamp], own: &[usize], around: &Around, out: &mut [Response]) {
     let (open, apart) = out.split_at_mut(1);
-    indirect(point, scene, &mut open[0]);
+    indirect(point, around, &mut open[0]);
     for (index, lamp) in lamps.iter().enumerate() {
         match own.iter().position(|o| *o == index) {
             Some(number) => direct(point, lamp, &mut apart[number]),
@@ -198,9 +213,9 @@ fn direct(point: &Point, lamp: &Lamp, out: &mut Response) {
     mix.add(out, light / PI, light * (distribution * visibility), 1.0 - grazing, grazing);
 }
 
-fn indirect(point: &Point, scene: &Scene, out: &mut Response) {
-    let ambient = wide(scene.ambient) * point.occlusion;
-    let environment = scene.environment.as_ref();
+fn indirect(point: &Point, around: &Around, out: &mut Response) {
+    let ambient = around.ambient * point.occlusion;
+    let environment = around.surroundings.as_ref();
     let around = environment.map_or(DVec3::ZERO, |e| e.diffuse(point.normal)) * point.occlusion;
     if point.model == ShadingModel::Diffuse {
         out.add(ambient + around, DVec3::ZERO);

@@ -27,6 +27,8 @@ pub struct Evaluator<'a> {
     pub lighting: &'a Lighting<'a>,
     /// The block.
     pub block: Block,
+    /// Each pixel is evaluated at one time only.
+    pub once: bool,
 }
 
 /// A facet of a tile at a time.
@@ -174,6 +176,7 @@ impl Evaluator<'_> {
         }
         let covered = work.own.iter().any(|o| o.covers);
         pace.still &= covered || self.lighting.background_rests();
+        work.light.enter_pixel(self.once || pace.still);
         pace
     }
 

@@ -1,6 +1,7 @@
 //! Events of an ideal sensor from a scene.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use evis_core::sensor::TriggerRule;
@@ -11,7 +12,7 @@ use rayon::prelude::*;
 use crate::Error;
 use crate::blocks::{Block, Blocks, Clock, blocks};
 use crate::events::Thresholds;
-use crate::light::Lighting;
+use crate::light::{Lighting, Shared};
 use crate::lists::{Entry, Lists, TILE};
 use crate::path::{PixelPath, STEP_PX};
 use crate::pixel::{Evaluator, UNITS, Work};
@@ -124,13 +125,14 @@ pub struct Outcome {
 struct Row {
     paths: Vec<Option<PixelPath>>,
     events: Vec<Event>,
-    work: Work,
     report: Report,
 }
 
 /// The pixels of one view: what they remember from block to block.
 pub(crate) struct Pixels {
     rows: Vec<Row>,
+    /// Per thread of the pool, and one for whoever is none of them.
+    rooms: Vec<Mutex<Work>>,
     thresholds: Thresholds,
     step_px: f64,
     start_us: i64,
@@ -145,11 +147,11 @@ impl Pixels {
         let new_row = |_| Row {
             paths: vec![None; columns * TILE * TILE],
             events: Vec::new(),
-            work: Work::default(),
             report: Report::default(),
         };
         Self {
             rows: (0..rows).map(new_row).collect(),
+            rooms: (0..=rayon::current_num_threads()).map(|_| Mutex::default()).collect(),
             thresholds: Thresholds::new(&settings.sensor, reference_luminance),
             step_px: settings.step_px,
             start_us: settings.start_us,
@@ -178,10 +180,14 @@ impl Pixels {
         self.report.light_s += started.elapsed().as_secs_f64();
         let (thresholds, step_px, start_us) = (&self.thresholds, self.step_px, self.start_us);
         let lighting = &*lighting;
+        let rooms = &self.rooms;
         self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
             if !stop.load(Ordering::Relaxed) {
-                let evaluator = Evaluator { world, lists: &lists, lighting, block };
-                row.follow(&evaluator, thresholds, step_px, index, start_us);
+                let evaluator = Evaluator { world, lists: &lists, lighting, block, once: false };
+                // Pages of pictures that rows share are found by the thread that rendered them.
+                let own = rayon::current_thread_index().unwrap_or(usize::MAX).min(rooms.len() - 1);
+                let mut work = rooms[own].lock().unwrap_or_else(PoisonError::into_inner);
+                row.follow(&mut work, &evaluator, thresholds, step_px, index, start_us);
             }
         });
         if stop.load(Ordering::Relaxed) {
@@ -196,15 +202,18 @@ impl Pixels {
     /// What it took so far.
     pub(crate) fn report(&self, lighting: &Lighting) -> Report {
         let mut report = self.report;
-        for Row { work, report: row, .. } in &self.rows {
+        for room in &self.rooms {
+            let work = room.lock().unwrap_or_else(PoisonError::into_inner);
+            report.plain += work.plain;
+            report.coverage_s += work.coverage_s;
+            report.shading_s += work.shading_s;
+        }
+        for Row { report: row, .. } in &self.rows {
             report.lists_s += row.lists_s;
             report.pixels_s += row.pixels_s;
             report.evaluations += row.evaluations;
             report.entries += row.entries;
             report.pixel_blocks += row.pixel_blocks;
-            report.plain += work.plain;
-            report.coverage_s += work.coverage_s;
-            report.shading_s += work.shading_s;
         }
         report.cells = lighting.shaded.load(Ordering::Relaxed);
         report
@@ -218,7 +227,7 @@ impl Pixels {
 pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     settings.check()?;
     let world = World::new(scene, settings.camera, settings.size)?;
-    let mut lighting = Lighting::new(&world);
+    let mut lighting = Lighting::new(&world, &Shared::new(scene));
     let end_us = (settings.start_us + settings.duration_us) as f64;
     let mut blocks = Blocks::new(&world, settings.start_us, settings.block_us);
     let reference = match settings.reference_luminance {
@@ -227,13 +236,11 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     };
     let mut pixels = Pixels::new(&world, settings, reference);
     let mut events = Vec::new();
-    while blocks.peek().start_us < end_us {
-        events.extend(
-            pixels
-                .follow(&world, &mut lighting, blocks.pop(), &AtomicBool::new(false))?
-                .into_iter()
-                .flatten(),
-        );
+    while blocks.start_us() < end_us
+        && let Some(block) = blocks.pop()
+    {
+        let found = pixels.follow(&world, &mut lighting, block, &AtomicBool::new(false))?;
+        events.extend(found.into_iter().flatten());
     }
     events.retain(|e| (0..settings.duration_us).contains(&e.t));
     // Blocks may meet within a microsecond.
@@ -244,6 +251,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
 impl Row {
     fn follow(
         &mut self,
+        work: &mut Work,
         evaluator: &Evaluator,
         thresholds: &Thresholds,
         step_px: f64,
@@ -255,13 +263,14 @@ impl Row {
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate() {
-            self.tile(evaluator, thresholds, step_px, tile, [column, row], start_us);
+            self.tile(work, evaluator, thresholds, step_px, tile, [column, row], start_us);
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();
     }
 
     fn tile(
         &mut self,
+        work: &mut Work,
         evaluator: &Evaluator,
         thresholds: &Thresholds,
         step_px: f64,
@@ -271,17 +280,16 @@ impl Row {
     ) {
         let block = evaluator.block;
         let lens = &evaluator.world.lens;
-        evaluator.enter_tile(&mut self.work, entries, [column, row]);
+        evaluator.enter_tile(work, entries, [column, row]);
         for pixel in 0..TILE * TILE {
             let (x, y) = (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
             if x >= lens.width as usize || y >= lens.height as usize {
                 continue;
             }
-            let pace = evaluator.enter_pixel(&mut self.work, entries, pixel);
-            self.report.entries += self.work.entry_count() as u64;
+            let pace = evaluator.enter_pixel(work, entries, pixel);
+            self.report.entries += work.entry_count() as u64;
             self.report.pixel_blocks += 1;
             let slot = column * TILE * TILE + pixel;
-            let work = &mut self.work;
             let mut light = |unit: u32| evaluator.luminance(work, unit);
             let path =
                 self.paths[slot].get_or_insert_with(|| PixelPath::new(block.start_us, light(0), thresholds));
@@ -315,7 +323,7 @@ pub fn luminance_of(
 ) -> Result<Vec<f64>, Error> {
     settings.check()?;
     let world = World::of_variant(scene, variant, settings.camera, settings.size)?;
-    let mut lighting = Lighting::new(&world);
+    let mut lighting = Lighting::new(&world, &Shared::new(scene));
     let length_us = world.block_us(settings.block_us);
     let length = length_us as f64;
     let from = (t_us / length).floor() * length;
@@ -329,7 +337,7 @@ fn picture(world: &World, lighting: &mut Lighting, block: Block, t_us: f64) -> R
     let mut clock = Clock::new(world, block);
     let lists = Lists::new(world, &mut clock)?;
     lighting.prepare(&mut clock, &block)?;
-    let evaluator = Evaluator { world, lists: &lists, lighting, block };
+    let evaluator = Evaluator { world, lists: &lists, lighting, block, once: true };
     let part = (t_us - block.start_us) / block.length_us();
     let unit = (part.clamp(0.0, 1.0) * f64::from(UNITS)).round() as u32;
     let width = world.lens.width as usize;

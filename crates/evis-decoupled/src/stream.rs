@@ -10,7 +10,7 @@ use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
 use crate::blocks::Blocks;
-use crate::light::Lighting;
+use crate::light::{Lighting, Shared};
 use crate::simulate::{Pixels, Report, Settings, reference_luminance};
 use crate::world::World;
 use crate::{Error, unsupported};
@@ -73,10 +73,18 @@ pub struct Piece {
     pub report: Report,
 }
 
+/// What the thread is told.
+enum Order {
+    /// Events are wanted up to this stream time.
+    Until(i64),
+    /// See [`Stream::restart`].
+    Restart(Vec<usize>),
+}
+
 /// Events of several views of a scene.
 pub struct Stream {
-    /// Stream times up to which events are wanted.
-    wanted: Option<Sender<i64>>,
+    /// To the thread.
+    wanted: Option<Sender<Order>>,
     /// The latest of them.
     horizon_us: i64,
     pieces: Option<Receiver<Result<Piece, Error>>>,
@@ -98,13 +106,13 @@ impl Stream {
             return Err(Error::Unsupported(limit));
         }
         let settings = settings.clone();
-        let (wanted, horizons) = channel();
+        let (wanted, orders) = channel();
         let (send, pieces) = sync_channel(AHEAD);
         let (ready, prepared) = channel();
         let abort = Arc::new(AtomicBool::new(false));
         let aborted = Arc::clone(&abort);
         let work = move || {
-            let failed = follow(&scene, &views, &settings, &ready, &horizons, &send, &aborted).err();
+            let failed = follow(&scene, &views, &settings, &ready, &orders, &send, &aborted).err();
             if let Some(error) = failed {
                 // Whoever waits for neither has gone.
                 let _ = ready.send(Err(error.clone()));
@@ -136,8 +144,14 @@ impl Stream {
         if until_us > self.horizon_us {
             self.horizon_us = until_us;
             // A thread that is gone has left an error.
-            let _ = self.wanted.as_ref().map(|wanted| wanted.send(until_us));
+            let _ = self.wanted.as_ref().map(|wanted| wanted.send(Order::Until(until_us)));
         }
+    }
+
+    /// Lets the pixels of `views` begin anew where the poses that a host has given end: what they see then is their reference,
+    /// wherever things were before. Everything up to there has been wanted, and taken.
+    pub fn restart(&mut self, views: Vec<usize>) {
+        let _ = self.wanted.as_ref().map(|wanted| wanted.send(Order::Restart(views)));
     }
 
     /// The next piece; waits for it. `None` where `stop` is set meanwhile: the piece comes with a later call.
@@ -178,7 +192,7 @@ fn follow(
     views: &[View],
     settings: &StreamSettings,
     ready: &Sender<Result<f32, Error>>,
-    horizons: &Receiver<i64>,
+    orders: &Receiver<Order>,
     pieces: &SyncSender<Result<Piece, Error>>,
     abort: &AtomicBool,
 ) -> Result<(), Error> {
@@ -190,34 +204,44 @@ fn follow(
             World::of_variant(scene, v.variant.and_then(|i| scene.variants.get(i)), v.camera, settings.size)
         })
         .collect::<Result<_, _>>()?;
-    let mut lightings: Vec<Lighting> = worlds.iter().map(Lighting::new).collect();
+    let shared = Shared::new(scene);
+    let mut lightings: Vec<Lighting> = worlds.iter().map(|world| Lighting::new(world, &shared)).collect();
     let mut blocks: Vec<Blocks> =
         worlds.iter().map(|world| Blocks::new(world, start_us, usual.block_us)).collect();
     let reference = match (settings.reference_luminance, lightings.first_mut()) {
         (Some(given), _) => given,
+        // What comes after the start is not known yet, and no cell may be kept of it.
+        (None, Some(_)) if scene.host_poses.is_some() => {
+            let mut lighting = Lighting::new(&worlds[0], &shared);
+            reference_luminance(&worlds[0], &mut lighting, blocks[0].peek())? as f32
+        }
         (None, Some(lighting)) => reference_luminance(&worlds[0], lighting, blocks[0].peek())? as f32,
         (None, None) => 1.0,
     };
-    let mut pixels: Vec<Pixels> = views
-        .iter()
-        .zip(&worlds)
-        .map(|(view, world)| Pixels::new(world, &settings.of(view), f64::from(reference)))
-        .collect();
+    let new_pixels =
+        |view: usize| Pixels::new(&worlds[view], &settings.of(&views[view]), f64::from(reference));
+    let mut pixels: Vec<Pixels> = (0..views.len()).map(new_pixels).collect();
     // Nobody waits for it: then the wanted times end, too.
     let _ = ready.send(Ok(reference));
 
-    let complete_us = |blocks: &Blocks| blocks.peek().start_us.floor() as i64 - start_us;
+    let complete_us = |blocks: &Blocks| blocks.start_us().floor() as i64 - start_us;
     let mut horizon_us = 0;
     loop {
         let behind = (0..views.len()).min_by_key(|&v| complete_us(&blocks[v]));
-        let Some(view) = behind.filter(|&v| complete_us(&blocks[v]) < horizon_us) else {
-            match horizons.recv() {
-                Ok(until_us) => horizon_us = horizon_us.max(until_us),
+        let behind = behind.filter(|&v| complete_us(&blocks[v]) < horizon_us);
+        let Some((view, block)) = behind.and_then(|view| Some((view, blocks[view].pop()?))) else {
+            match orders.recv() {
+                Ok(Order::Until(until_us)) => horizon_us = horizon_us.max(until_us),
+                Ok(Order::Restart(again)) => {
+                    for view in again {
+                        pixels[view] = new_pixels(view);
+                        blocks[view].jump();
+                    }
+                }
                 Err(_) => return Ok(()),
             }
             continue;
         };
-        let block = blocks[view].pop();
         let Some(events) = pixels[view].follow(&worlds[view], &mut lightings[view], block, abort)? else {
             return Ok(());
         };

@@ -252,6 +252,20 @@ impl Textures {
         chain.and_then(|c| c.last()?.texels.first()).copied().unwrap_or([1.0; 4])
     }
 
+    /// Texture `number` at places, on the level whose texels are as large as `width` base texels or the next smaller one; `None`
+    /// where there are no texels.
+    pub fn places(&self, number: usize, width: f64) -> Option<Places<'_>> {
+        let texture = self.textures.get(number)?;
+        let chain = self.chains.get(texture.image).filter(|c| !c.is_empty())?;
+        let number = if texture.nearest { 0 } else { (width.max(1.0).log2() as usize).min(chain.len() - 1) };
+        let level = &chain[number];
+        let scale = [
+            f64::from(level.width) / f64::from(chain[0].width),
+            f64::from(level.height) / f64::from(chain[0].height),
+        ];
+        Some(Places { level, texture, scale })
+    }
+
     /// Mean of texture `texture` over the parallelogram about `at` with the sides `axes`, in base texels from the
     /// corner of the first one. White where there are no texels.
     #[inline(always)]
@@ -343,6 +357,35 @@ impl Textures {
             sum += sums.over(&piece, accuracy);
         }
         (sum * (1.0 / area as f32)).to_array()
+    }
+}
+
+/// A level of a texture, read at places.
+#[derive(Clone, Copy)]
+pub struct Places<'a> {
+    level: &'a Level,
+    texture: &'a Texture,
+    scale: [f64; 2],
+}
+
+impl Places<'_> {
+    /// The texture at a place in base texels from the corner of the first one.
+    #[inline(always)]
+    pub fn at(&self, at: [f64; 2]) -> [f32; 4] {
+        let [x, y] = [0, 1].map(|k| at[k] * self.scale[k] - 0.5);
+        let mut texel = [0.0; 4];
+        if self.texture.nearest {
+            self.level.nearest(x, y, self.texture, &mut texel);
+        } else if x >= 0.0
+            && y >= 0.0
+            && x < f64::from(self.level.width - 1)
+            && y < f64::from(self.level.height - 1)
+        {
+            texel = self.level.within(x, y);
+        } else {
+            self.level.bilinear(x, y, self.texture, &mut texel);
+        }
+        texel
     }
 }
 

@@ -234,14 +234,8 @@ impl<'a> World<'a> {
     pub fn vertices(&self, surface: u32, frame: &Frame) -> Vec<(DVec3, DVec3)> {
         let primitive = self.primitive(surface);
         let s = &self.surfaces[surface as usize];
-        let node = &self.scene.nodes[s.node];
-        let skin = node.skin.filter(|_| primitive.joints.is_some());
-        let mut joints = Vec::new();
-        if let Some(skin) = skin {
-            self.scene.joint_matrices(skin, &frame.state, &mut joints);
-        }
-        let world = frame.world_from_node(s.node);
         let weights = frame.state.morph_weights.get(s.node).map_or(&[][..], Vec::as_slice);
+        let world_from_vertex = self.world_from_vertices(surface, frame);
         (0..primitive.positions.len())
             .map(|v| {
                 let mut position = wide(primitive.positions[v]);
@@ -252,19 +246,45 @@ impl<'a> World<'a> {
                     position += target.positions.get(v).map_or(DVec3::ZERO, |d| wide(*d)) * weight;
                     normal += target.normals.get(v).map_or(DVec3::ZERO, |d| wide(*d)) * weight;
                 }
-                let matrix = match skin {
-                    None => world,
-                    Some(_) => {
-                        let of = |i: u16| joints.get(usize::from(i)).copied().unwrap_or(DMat4::IDENTITY);
-                        let indices = primitive.joints.as_ref().and_then(|j| j.get(v)).copied();
-                        let weights = primitive.joint_weights.as_ref().and_then(|w| w.get(v)).copied();
-                        let pairs = indices.unwrap_or_default().into_iter().zip(weights.unwrap_or_default());
-                        pairs.fold(DMat4::ZERO, |sum, (i, w)| sum + of(i) * f64::from(w))
-                    }
-                };
+                let matrix = world_from_vertex(v);
                 (matrix.transform_point3(position), normal_under(&matrix, normal))
             })
             .collect()
+    }
+
+    /// World tangents of all vertices of surface `surface`, of any length, and the bitangent's sign; empty where it has none.
+    pub fn tangents(&self, surface: u32, frame: &Frame) -> Vec<(DVec3, f64)> {
+        let Some(tangents) = &self.primitive(surface).tangents else { return Vec::new() };
+        let world_from_vertex = self.world_from_vertices(surface, frame);
+        let carried = |(v, &[x, y, z, w]): (usize, &[f32; 4])| {
+            let matrix = world_from_vertex(v);
+            // glTF 2.0, 3.7.2.1: the bitangent is cross(normal, tangent) w in the mesh's own space.
+            let sign = if matrix.determinant() < 0.0 { -f64::from(w) } else { f64::from(w) };
+            (matrix.transform_vector3(wide([x, y, z])), sign)
+        };
+        tangents.iter().enumerate().map(carried).collect()
+    }
+
+    /// The matrix that carries a vertex of surface `surface` to the world.
+    fn world_from_vertices(&self, surface: u32, frame: &Frame) -> impl Fn(usize) -> DMat4 + '_ {
+        let primitive = self.primitive(surface);
+        let s = &self.surfaces[surface as usize];
+        let skin = self.scene.nodes[s.node].skin.filter(|_| primitive.joints.is_some());
+        let mut joints = Vec::new();
+        if let Some(skin) = skin {
+            self.scene.joint_matrices(skin, &frame.state, &mut joints);
+        }
+        let world = frame.world_from_node(s.node);
+        move |v| {
+            if skin.is_none() {
+                return world;
+            }
+            let of = |i: u16| joints.get(usize::from(i)).copied().unwrap_or(DMat4::IDENTITY);
+            let indices = primitive.joints.as_ref().and_then(|j| j.get(v)).copied();
+            let weights = primitive.joint_weights.as_ref().and_then(|w| w.get(v)).copied();
+            let pairs = indices.unwrap_or_default().into_iter().zip(weights.unwrap_or_default());
+            pairs.fold(DMat4::ZERO, |sum, (i, w)| sum + of(i) * f64::from(w))
+        }
     }
 }
 
@@ -364,7 +384,11 @@ fn one_polygon(primitive: &Primitive, corners: [u32; 4]) -> bool {
         .colors
         .iter()
         .all(|c| (0..4).all(|k| affine(index.map(|i| c.get(i).map_or(1.0, |v| f64::from(v[k]))))));
-    convex && normals && uvs && colors && primitive.tangents.is_none()
+    let tangents = primitive
+        .tangents
+        .iter()
+        .all(|t| (0..4).all(|k| affine(index.map(|i| t.get(i).map_or(0.0, |v| f64::from(v[k]))))));
+    convex && normals && uvs && colors && tangents
 }
 
 /// Whether each directed edge, by the positions of its ends, has one against it.

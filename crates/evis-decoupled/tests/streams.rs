@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use evis_core::sensor::TriggerRule;
 use evis_core::{Event, SensorConfig};
 use evis_decoupled::{Settings, Stream, StreamSettings, View, simulate};
-use evis_scene::{Scene, Variant};
+use evis_scene::{HostPose, Scene, Variant};
 
 const SIZE: Option<(u32, u32)> = Some((40, 30));
 
@@ -120,4 +120,81 @@ fn what_cannot_be_used_is_refused() {
     let mut masked = spinner();
     masked.materials.iter_mut().for_each(|m| m.alpha = evis_scene::AlphaMode::Mask(0.5));
     assert!(refused(masked, view(None, 0.2)).contains("native sampling"));
+}
+
+/// `spinner` with its disc left to a host, and where the disc is at times of the scene itself.
+fn driven() -> (Scene, Arc<evis_scene::HostPoses>, impl Fn(i64) -> HostPose) {
+    let free = spinner();
+    let disc = free.nodes.iter().position(|n| !n.motion.is_fixed()).unwrap();
+    let name = free.nodes[disc].name.clone();
+    let mut scene = free.clone();
+    let host = scene.drive(&[name], 0).unwrap();
+    let pose = move |t_us: i64| {
+        let mut state = evis_scene::SceneState::default();
+        free.evaluate(t_us as f64 * 1e-6, &mut state);
+        let (_, rotation, position) = state.world_from_node[disc].to_scale_rotation_translation();
+        HostPose { t_us, position, rotation, velocity: None }
+    };
+    (scene, host, pose)
+}
+
+/// Events of the driven `spinner` up to 40 ms, in steps of `step_us` with a pose at each millisecond; its pixels begin anew
+/// where `restart_us` ends a step, and its disc goes on from where it is `jump_us` later.
+fn stepped(step_us: i64, restart_us: Option<i64>, jump_us: i64) -> Vec<Event> {
+    let (scene, host, pose) = driven();
+    let settings =
+        StreamSettings { size: SIZE, reference_luminance: Some(0.5), ..StreamSettings::default() };
+    let mut stream = Stream::new(Arc::new(scene), vec![view(Some(0), 0.2)], &settings).unwrap();
+    let go_on = AtomicBool::new(false);
+    let (mut events, mut complete, mut ahead_us) = (Vec::new(), 0, 0);
+    for until_us in (step_us..=40_000).step_by(step_us as usize) {
+        let times = (until_us - step_us + 1000..=until_us).step_by(1000);
+        let poses: Vec<_> = times.map(|t_us| HostPose { t_us, ..pose(t_us + ahead_us) }).collect();
+        host.advance(&[(0, 0, poses)], until_us).unwrap();
+        stream.want(until_us);
+        while complete < until_us {
+            let piece = stream.next(&go_on).unwrap().unwrap();
+            complete = piece.complete_us;
+            events.extend(piece.events);
+        }
+        assert_eq!(complete, until_us, "a step's events are all there, and none of what is not known");
+        if restart_us == Some(until_us) {
+            ahead_us = jump_us;
+            host.jump(&[(0, 0, pose(until_us + ahead_us))]).unwrap();
+            stream.restart(vec![0]);
+        }
+    }
+    events.sort_by_key(Event::order);
+    events
+}
+
+#[test]
+fn what_a_host_moves_fires_as_the_same_motion_of_the_scene() {
+    let wanted = at_once(&spinner(), 0.2, 0, 40_000, 0.5);
+    let found = stepped(10_000, None, 0);
+    assert_eq!(found, stepped(5000, None, 0), "steps change no event");
+    assert_eq!(found, stepped(20_000, None, 0));
+    // Blocks have other borders.
+    let near = |found: &[Event]| {
+        let has = |e: &Event| {
+            found.iter().any(|f| (f.x, f.y, f.p) == (e.x, e.y, e.p) && (f.t - e.t).abs() < 1000)
+        };
+        wanted.iter().filter(|e| has(e)).count() as f64 / found.len().max(wanted.len()) as f64
+    };
+    let late = stepped(10_000, Some(10_000), -3000);
+    let (found, late) = (near(&found), near(&late));
+    println!("{found:.3} of {} events, {late:.3} where it is 3 ms late", wanted.len());
+    assert!(found > 0.9 && wanted.len() > 100, "{found}");
+    assert!(late < 0.75, "canary: {late}");
+}
+
+#[test]
+fn pixels_that_begin_anew_fire_nothing_of_a_jump() {
+    let (whole, again) = (stepped(10_000, None, 0), stepped(10_000, Some(20_000), 100_000));
+    let before = |events: &[Event]| events.iter().filter(|e| e.t < 20_000).copied().collect::<Vec<_>>();
+    assert_eq!(before(&whole), before(&again));
+    let soon = again.iter().filter(|e| (20_000..20_100).contains(&e.t)).count();
+    let usual = whole.iter().filter(|e| (20_000..20_100).contains(&e.t)).count();
+    let later = again.iter().filter(|e| e.t >= 20_100).count();
+    assert!(soon <= usual + 2 && later > 10, "{soon}, {usual} without a jump; {later} later");
 }

@@ -62,6 +62,13 @@ impl Track {
         DMat4::from_scale_rotation_translation(self.scale, rotation, position)
     }
 
+    /// Times in (start, end), in microseconds of scene time and ascending, at which it has a pose.
+    pub fn times(&self, start_us: f64, end_us: f64) -> Vec<f64> {
+        let poses = self.poses.read().unwrap_or_else(PoisonError::into_inner);
+        let times = poses.iter().map(|pose| pose.t_us as f64);
+        times.filter(|t| *t > start_us && *t < end_us).collect()
+    }
+
     /// Appends poses; one at the time of the only one replaces it.
     pub(crate) fn append(&self, new: &[HostPose]) {
         let mut poses = self.poses.write().unwrap_or_else(PoisonError::into_inner);
@@ -142,6 +149,7 @@ mod tests {
             assert!((x(&track, t_us) - expected).abs() < 1e-12, "{t_us}");
         }
         assert_eq!(track.world_from_node(700.0).x_axis.x, 2.0, "the scale stays");
+        assert_eq!(track.times(0.0, 3000.0), [1000.0], "between the ends");
         // Free fall: p = v t + g t^2 / 2 is met everywhere, where both ends say how fast it is.
         let fall = |t_us: i64| {
             let t = t_us as f64 * 1e-6;

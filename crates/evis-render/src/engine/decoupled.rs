@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use evis_core::{CameraInfo, Event, LabelKind, TimeGrid};
+use evis_core::{CameraInfo, ConfigError, Event, LabelKind, TimeGrid};
 use evis_decoupled::{Stream, StreamSettings};
 use evis_scene::Scene;
 
@@ -106,6 +106,42 @@ impl Decoupled {
         let variant = of.variant.and_then(|index| self.scene.variants.get(index));
         let t_us = (config.start_us + t_us) as f64;
         Ok(evis_decoupled::luminance_of(&self.scene, variant, &settings, t_us)?)
+    }
+
+    /// Whether views may be reset now.
+    ///
+    /// # Errors
+    /// Where no host moves anything: then views are simulated ahead of the present.
+    pub fn check_reset(&self) -> Result<(), ConfigError> {
+        if self.scene.host_poses.is_none() {
+            let remedy = "of a simulator with the method native, or with poses from a host: decoupled sampling is \
+                          ahead of the present";
+            return Err(ConfigError::new("reset", "with the method decoupled", remedy));
+        }
+        self.pictures.as_ref().map_or(Ok(()), Engine::check_reset)
+    }
+
+    /// Resets environments at the present: see [`Engine::reset`]. An ideal sensor has nothing that is random.
+    ///
+    /// # Errors
+    /// As [`Decoupled::check_reset`]; the device may fail.
+    pub fn reset(&mut self, environments: &[usize], seeds: &[u64]) -> Result<(), EngineError> {
+        self.check_reset()?;
+        let own = |view: &usize| environments.contains(&self.views[*view].environment);
+        let again: Vec<usize> = (0..self.views.len()).filter(own).collect();
+        for &view in &again {
+            self.arrived[view].events.clear();
+        }
+        self.stream.restart(again);
+        match &mut self.pictures {
+            Some(engine) => engine.reset(environments, seeds),
+            None => Ok(()),
+        }
+    }
+
+    /// See [`Engine::needed_us`].
+    pub fn needed_us(&self, until_us: i64) -> i64 {
+        self.pictures.as_ref().map_or(until_us, |engine| engine.needed_us(until_us))
     }
 
     /// Delivers `[now, until_us)`, simulating ahead as far as `horizon_us`.

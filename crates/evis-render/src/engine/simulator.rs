@@ -75,11 +75,27 @@ impl Source {
         }
     }
 
+    /// See [`Engine::check_reset`].
+    fn check_reset(&self) -> Result<(), ConfigError> {
+        match self {
+            Self::Sampled(engine) => engine.check_reset(),
+            Self::Decoupled(views) => views.check_reset(),
+        }
+    }
+
+    /// See [`Engine::reset`].
+    fn reset(&mut self, environments: &[usize], seeds: &[u64]) -> Result<(), EngineError> {
+        match self {
+            Self::Sampled(engine) => engine.reset(environments, seeds),
+            Self::Decoupled(views) => views.reset(environments, seeds),
+        }
+    }
+
     /// See [`Engine::needed_us`].
     fn needed_us(&self, until_us: i64) -> i64 {
         match self {
             Self::Sampled(engine) => engine.needed_us(until_us),
-            Self::Decoupled(_) => until_us,
+            Self::Decoupled(views) => views.needed_us(until_us),
         }
     }
 }
@@ -253,7 +269,7 @@ impl Simulator {
             let remedy = format!("one per environment, {} of them", environments.len());
             return Err(ConfigError::new("seed", format!("{} seeds", seeds.len()), remedy).into());
         }
-        self.source.sampled("reset")?.check_reset()?;
+        self.source.check_reset()?;
         if let Some((environment, ..)) = poses.iter().find(|(e, ..)| !environments.contains(e)) {
             let remedy = "only for environments that are reset; others move with step";
             return Err(ConfigError::new("poses", format!("for environment {environment}"), remedy).into());
@@ -266,7 +282,7 @@ impl Simulator {
                 return Err(ConfigError::new("poses", "given", remedy).into());
             }
         }
-        self.source.sampled("reset")?.reset(environments, seeds)
+        self.source.reset(environments, seeds)
     }
 
     /// What a host moves, where it moves anything.
@@ -321,14 +337,17 @@ fn check_driven<'a>(
     let refused = |what: &str, value: &str, remedy: &str| {
         Err(ConfigError::new(what, value, format!("{remedy}, where poses come from a host")))
     };
-    if config.method != Method::Native {
-        return refused("method", config.method.name(), "native: other methods need poses that come later");
+    if config.method.keyframes().is_some() {
+        return refused("method", config.method.name(), "native or decoupled: keyframes need poses that come later");
     }
     if config.frame_rate_hz.is_some() {
         return refused("frame_rate", "given", "none: exposures last beyond a step");
     }
     if sensors.any(|sensor| !sensor.exposure.is_off()) {
         return refused("sensor.exposure", "on", "off: exposures last beyond a step");
+    }
+    if config.method == Method::Decoupled {
+        return Ok(());
     }
     let step_us = config.pose_step_us.unwrap_or(0);
     let apart_us = 1e6 / config.rate_hz;

@@ -1,0 +1,161 @@
+//! Light from all around, laid out for many look-ups: faces of cubes in 32 bits, with a border of their neighbours' texels.
+
+use evis_scene::environment::{CubeMap, Environment, FACES, cube_coordinates, cube_direction};
+use glam::{DVec3, Vec4};
+
+/// What [`Environment::diffuse`] and [`Environment::reflection`] say.
+pub struct Surroundings {
+    irradiance: Cube,
+    specular: Cube,
+    /// Sine and cosine of the turn about +Y.
+    turn: [f64; 2],
+}
+
+impl Surroundings {
+    /// Those of `environment`.
+    pub fn new(environment: &Environment) -> Self {
+        let (sin, cos) = (-f64::from(environment.rotation)).sin_cos();
+        Self {
+            irradiance: Cube::new(&environment.irradiance, environment.intensity),
+            specular: Cube::new(&environment.specular, environment.intensity),
+            turn: [sin, cos],
+        }
+    }
+
+    /// Irradiance / pi on a surface with world normal `normal`.
+    pub fn diffuse(&self, normal: DVec3) -> DVec3 {
+        self.irradiance.levels.first().map_or(DVec3::ZERO, |level| wide(level.at(self.turned(normal))))
+    }
+
+    /// Radiance around world direction `direction` as a surface of perceptual roughness `roughness` reflects it.
+    pub fn reflection(&self, direction: DVec3, roughness: f64) -> DVec3 {
+        let levels = &self.specular.levels;
+        let Some(last) = levels.len().checked_sub(1) else { return DVec3::ZERO };
+        let at = roughness.clamp(0.0, 1.0) * last as f64;
+        let (lower, blend) = (at as usize, at - at.floor());
+        let direction = self.turned(direction);
+        let value = levels[lower].at(direction);
+        if blend == 0.0 {
+            return wide(value);
+        }
+        wide(value.lerp(levels[lower + 1].at(direction), blend as f32))
+    }
+
+    fn turned(&self, v: DVec3) -> DVec3 {
+        let [sin, cos] = self.turn;
+        DVec3::new(cos * v.x + sin * v.z, v.y, cos * v.z - sin * v.x)
+    }
+}
+
+fn wide(v: Vec4) -> DVec3 {
+    v.truncate().as_dvec3()
+}
+
+struct Cube {
+    levels: Vec<Level>,
+}
+
+struct Level {
+    size: usize,
+    /// Per face, rows of `size` + 2 texels.
+    texels: Vec<Vec4>,
+}
+
+impl Cube {
+    fn new(map: &CubeMap, intensity: f32) -> Self {
+        let level = |(number, texels): (usize, &Vec<[half::f16; 4]>)| {
+            let size = map.level_size(number);
+            let value = |index: usize| {
+                let texel = texels.get(index).copied().unwrap_or_default();
+                Vec4::from_array(texel.map(|v| v.to_f32())) * intensity
+            };
+            Level::new(size, value)
+        };
+        Self { levels: map.levels.iter().enumerate().map(level).collect() }
+    }
+}
+
+impl Level {
+    /// Of faces of `size` texels a side, which `value` gives by their number.
+    fn new(size: usize, value: impl Fn(usize) -> Vec4) -> Self {
+        let n = size as i64;
+        let stride = size + 2;
+        let mut texels = vec![Vec4::ZERO; FACES * stride * stride];
+        // Within a face, or on the neighbour that a place beyond an edge is projected on.
+        let near = |face: usize, x: i64, y: i64| {
+            let centre = |k: i64| (2 * k + 1) as f64 / size as f64 - 1.0;
+            let (face, s, t) = cube_coordinates(cube_direction(face, centre(x), centre(y)));
+            let index = |c: f64| (((c + 1.0) * 0.5 * size as f64) as usize).min(size - 1);
+            value((face * size + index(t)) * size + index(s))
+        };
+        for face in 0..FACES {
+            for y in -1..=n {
+                for x in -1..=n {
+                    let slot = (face * stride + (y + 1) as usize) * stride + (x + 1) as usize;
+                    let inside = |k: i64| (0..n).contains(&k);
+                    texels[slot] = match (inside(x), inside(y)) {
+                        (true, true) => value((face * size + y as usize) * size + x as usize),
+                        (false, false) => {
+                            // Three faces meet there, and there is no fourth texel: it is their mean.
+                            let (i, j) = (x.clamp(0, n - 1), y.clamp(0, n - 1));
+                            (near(face, i, j) + near(face, x, j) + near(face, i, y)) / 3.0
+                        }
+                        _ => near(face, x, y),
+                    };
+                }
+            }
+        }
+        Self { size, texels }
+    }
+
+    #[inline(always)]
+    fn at(&self, direction: DVec3) -> Vec4 {
+        let (face, s, t) = cube_coordinates(direction);
+        let half = 0.5 * self.size as f64;
+        // From the middle of the border's first texel.
+        let (u, v) = ((s + 1.0) * half + 0.5, (t + 1.0) * half + 0.5);
+        let (x, y) = ((u as usize).min(self.size), (v as usize).min(self.size));
+        let (fx, fy) = ((u - x as f64) as f32, (v - y as f64) as f32);
+        let stride = self.size + 2;
+        let first = (face * stride + y) * stride + x;
+        let (upper, lower) = (&self.texels[first..first + 2], &self.texels[first + stride..first + stride + 2]);
+        let (a, b) = (upper[0].lerp(upper[1], fx), lower[0].lerp(lower[1], fx));
+        a.lerp(b, fy)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_from_all_around_is_the_scenes() {
+        let mut environment = Environment::studio();
+        environment.rotation = 0.7;
+        environment.intensity = 1.5;
+        let found = Surroundings::new(&environment);
+        let mut canary: f64 = 0.0;
+        for k in 0..4000 {
+            let f = f64::from(k);
+            let z = 2.0 * ((f * 0.618_033_988_7).fract()) - 1.0;
+            let (sin, cos) = (f * 2.399_963).sin_cos();
+            // Some along faces' edges and corners.
+            let direction = match k % 8 {
+                0 => DVec3::new(1.0, -1.0, z),
+                1 => DVec3::new(1.0, 1.0, 0.99 + 0.01 * z),
+                _ => DVec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z),
+            }
+            .normalize();
+            let roughness = (f * 0.37).fract();
+            for (found, wanted) in [
+                (found.diffuse(direction), environment.diffuse(direction)),
+                (found.reflection(direction, roughness), environment.reflection(direction, roughness)),
+            ] {
+                let off = (found - wanted).abs().max_element();
+                assert!(off <= 1e-5 * (1.0 + wanted.max_element()), "{direction} {roughness}: {found}, not {wanted}");
+            }
+            canary = canary.max((found.diffuse(direction) - found.diffuse(-direction)).length());
+        }
+        assert!(canary > 0.1, "the studio is brighter above: {canary}");
+    }
+}
