@@ -195,7 +195,7 @@ def test_what_needs_later_poses_is_refused(device: evis.Device):
     for more, message in [
         ({"method": "evis-paper"}, "come later"),
         ({"frame_rate_hz": 30.0}, "exposures"),
-        ({"pose_step_us": 333}, "multiple"),
+        ({"pose_step_us": 333, "method": "native"}, "multiple"),
         ({"poses": ["nobody"]}, "nobody"),
         ({"poses": [], "pose_step_us": 10_000}, "poses"),
     ]:

@@ -160,11 +160,12 @@ class Simulator:
         Y_ref of the sensor's formula; the value that brings the first camera's log-mean to 0.18 if not given.
     poses : sequence of str
         Names of nodes and cameras whose poses come from outside, with each `step`: a physics engine, an
-        agent. They begin where the scene has them. Such a simulator takes ``native`` sampling, and neither
-        streams nor exposes frames.
+        agent. They begin where the scene has them. Such a simulator takes ``native`` or ``decoupled``
+        sampling, and neither streams nor exposes frames.
     pose_step_us : int, optional
-        With ``poses``: steps are multiples of so many microseconds; 10000 where not given. It is a multiple
-        of the time between two samples (250 us in every preset but ``reference``, which has 125).
+        With ``poses``: steps are multiples of so many microseconds; 10000 where not given. With ``native``
+        sampling it is a multiple of the time between two samples (250 us in every preset but ``reference``,
+        which has 125).
     device : Device, str or int, optional
         A device, its index, or a part of its name; the fastest kind where not given. Where the machine has
         none, presets take decoupled sampling.

@@ -55,7 +55,8 @@ impl Block {
     }
 }
 
-/// The blocks that cover [start, end): borders are multiples of `length_us`, and what [`breaks`] finds.
+/// The blocks that cover [start, end): borders are multiples of `length_us`, and what [`breaks`] finds; where a host moves
+/// nodes, multiples from the start on, and its poses.
 pub fn blocks(
     scene: &Scene,
     variant: Option<&Variant>,
@@ -65,9 +66,11 @@ pub fn blocks(
 ) -> Vec<Block> {
     let length = length_us as f64;
     let mut borders = vec![start_us, end_us];
-    let mut k = (start_us / length).floor() + 1.0;
-    while k * length < end_us {
-        borders.push(k * length);
+    // What a host moves begins when it says so.
+    let origin_us = if scene.host_poses.is_some() { start_us } else { 0.0 };
+    let mut k = ((start_us - origin_us) / length).floor() + 1.0;
+    while origin_us + k * length < end_us {
+        borders.push(origin_us + k * length);
         k += 1.0;
     }
     let jumps = breaks(scene, variant, start_us, end_us);
@@ -88,11 +91,13 @@ pub fn blocks(
 
 /// The blocks of an environment from a time on, one after another.
 ///
-/// They are found a part of a stream at a time, and are the same whatever its length. Where a host moves nodes, they end
-/// where its poses do ([`evis_scene::HostPoses::known_until_us`]), and go on when it has given more.
+/// They are found a part of a stream at a time, and are the same whatever its length. Where a host moves nodes, they are found
+/// when it has given all poses ([`evis_scene::HostPoses::known_until_us`]) of such a part, whose length it says.
 pub struct Blocks<'w, 'a> {
     world: &'w World<'a>,
     length_us: i64,
+    /// See [`Blocks::new`].
+    pose_step_us: i64,
     found: VecDeque<Block>,
     /// Where those end that were found.
     found_until_us: f64,
@@ -102,14 +107,22 @@ pub struct Blocks<'w, 'a> {
 
 impl<'w, 'a> Blocks<'w, 'a> {
     /// From `start_us` on; borders are multiples of `most_us`, or of a shorter length where motion is fast
-    /// ([`World::block_us`]), what [`breaks`] finds, and the first multiple of [`FIRST_US`].
-    pub fn new(world: &'w World<'a>, start_us: i64, most_us: i64) -> Self {
+    /// ([`World::block_us`]), what [`breaks`] finds, and the first multiple of [`FIRST_US`]. Where a host moves nodes, poses are
+    /// known at every multiple of `pose_step_us` after `start_us`, and borders lie there: then they are where they would be
+    /// had the stream begun at any of them.
+    pub fn new(world: &'w World<'a>, start_us: i64, most_us: i64, pose_step_us: i64) -> Self {
         let length_us = world.block_us(most_us);
-        let mut made =
-            Self { world, length_us, found: VecDeque::new(), found_until_us: start_us as f64, jump: false };
+        let mut made = Self {
+            world,
+            length_us,
+            pose_step_us,
+            found: VecDeque::new(),
+            found_until_us: start_us as f64,
+            jump: false,
+        };
         made.find();
         // What comes first is waited for: it takes a block of its own.
-        if let Some(&whole) = made.found.front() {
+        if let Some(&whole) = made.found.front().filter(|_| world.scene.host_poses.is_none()) {
             let border = ((whole.start_us / FIRST_US).floor() + 1.0) * FIRST_US;
             if border + FIRST_US < whole.end_us {
                 made.found[0] = Block { start_us: border, jump: false, ..whole };
@@ -153,10 +166,10 @@ impl<'w, 'a> Blocks<'w, 'a> {
         // A border that is no multiple may lie as near to one as two borders can.
         let mut end_us = (((from_us + 2.0 * BEFORE_US) / length).floor() + 1.0) * length;
         if let Some(host) = &scene.host_poses {
-            end_us = end_us.min(host.known_until_us() as f64);
-        }
-        if end_us <= from_us {
-            return;
+            end_us = from_us + self.pose_step_us as f64;
+            if end_us > host.known_until_us() as f64 {
+                return;
+            }
         }
         self.found.extend(blocks(scene, *variant, from_us, end_us, self.length_us));
         self.found_until_us = end_us;
@@ -414,7 +427,7 @@ mod tests {
         // One after another they are the same, wherever a stream begins.
         let world = World::new(&scene, 0, Some((8, 6))).unwrap();
         for start_us in [0, 300_000, 250_000] {
-            let mut found = Blocks::new(&world, start_us, 8192);
+            let mut found = Blocks::new(&world, start_us, 8192, 1);
             let wanted = blocks(&scene, None, start_us as f64, 500_000.0, 8192);
             for (index, want) in wanted[..wanted.len() - 1].iter().enumerate() {
                 let next = found.pop().unwrap();

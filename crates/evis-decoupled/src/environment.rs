@@ -118,7 +118,8 @@ impl Level {
         let (fx, fy) = ((u - x as f64) as f32, (v - y as f64) as f32);
         let stride = self.size + 2;
         let first = (face * stride + y) * stride + x;
-        let (upper, lower) = (&self.texels[first..first + 2], &self.texels[first + stride..first + stride + 2]);
+        let (upper, lower) =
+            (&self.texels[first..first + 2], &self.texels[first + stride..first + stride + 2]);
         let (a, b) = (upper[0].lerp(upper[1], fx), lower[0].lerp(lower[1], fx));
         a.lerp(b, fy)
     }
@@ -152,7 +153,10 @@ mod tests {
                 (found.reflection(direction, roughness), environment.reflection(direction, roughness)),
             ] {
                 let off = (found - wanted).abs().max_element();
-                assert!(off <= 1e-5 * (1.0 + wanted.max_element()), "{direction} {roughness}: {found}, not {wanted}");
+                assert!(
+                    off <= 1e-5 * (1.0 + wanted.max_element()),
+                    "{direction} {roughness}: {found}, not {wanted}"
+                );
             }
             canary = canary.max((found.diffuse(direction) - found.diffuse(-direction)).length());
         }

@@ -297,7 +297,11 @@ impl Keyframe {
 fn blur(change: &DMat2, [bx, by]: [f64; 2], density: f64) -> [f64; 3] {
     let inverse = change.inverse();
     let (x, y, cell) = (inverse.x_axis, inverse.y_axis, 1.0 / (6.0 * density * density));
-    [x.x * x.x * bx + y.x * y.x * by + cell, x.x * x.y * bx + y.x * y.y * by, x.y * x.y * bx + y.y * y.y * by + cell]
+    [
+        x.x * x.x * bx + y.x * y.x * by + cell,
+        x.x * x.y * bx + y.x * y.y * by,
+        x.y * x.y * bx + y.y * y.y * by + cell,
+    ]
 }
 
 #[cfg(test)]
@@ -336,8 +340,7 @@ mod tests {
             let mut sums = Vec::new();
             let reader = |shorter: f64| textures.reader(0, shorter);
             let rect = [-6.0, -6.0, 6.0, 6.0];
-            let picture =
-                Keyframe::new(DMat3::IDENTITY, texels, rect, reader, &mut sums).expect("few cells");
+            let picture = Keyframe::new(DMat3::IDENTITY, texels, rect, reader, &mut sums).expect("few cells");
             // Time went on: the screen lies a little turned, moved and grown on the picture.
             let (s, c) = (0.03 * (f - 20.0) / 20.0).sin_cos();
             let warp = DMat3::from_cols(

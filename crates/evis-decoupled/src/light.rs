@@ -954,7 +954,8 @@ impl<'a> Lighting<'a> {
             point.metallic = (mapped.metallic * texels.metallic).clamp(0.0, 1.0);
             point.roughness = (mapped.roughness * texels.roughness).clamp(0.0, 1.0);
             (point.occlusion, point.mean_base) = (texels.occlusion, base);
-            if let (Some(local), [tangent, bitangent]) = (texels.normal, self.tangent_frame(f, place, end, point.normal, front))
+            if let (Some(local), [tangent, bitangent]) =
+                (texels.normal, self.tangent_frame(f, place, end, point.normal, front))
                 && tangent != DVec3::ZERO
             {
                 let side = if front { 1.0 } else { -1.0 };
@@ -963,7 +964,8 @@ impl<'a> Lighting<'a> {
             }
             let mut responses = [Response::default(); 1 + MOST_OWN];
             respond(&point, &self.lamps[end], &self.own, &self.shared.around, &mut responses);
-            let mut set = |channel: usize, value: f64| out[end * planes + channel / 4][channel % 4] = value as f32;
+            let mut set =
+                |channel: usize, value: f64| out[end * planes + channel / 4][channel % 4] = value as f32;
             for (channel, response) in responses[..=lamps].iter().enumerate() {
                 set(channel, response.linear.dot(base) + response.constant);
             }
@@ -977,7 +979,14 @@ impl<'a> Lighting<'a> {
 
     /// Unit tangent and bitangent at a place of `facet` with the unit normal `normal` to the viewer's side; zeros where it has
     /// none.
-    fn tangent_frame(&self, facet: &crate::world::Facet, [s, t]: [f64; 2], end: usize, normal: DVec3, front: bool) -> [DVec3; 2] {
+    fn tangent_frame(
+        &self,
+        facet: &crate::world::Facet,
+        [s, t]: [f64; 2],
+        end: usize,
+        normal: DVec3,
+        front: bool,
+    ) -> [DVec3; 2] {
         let tangents = &self.tangents[facet.surface as usize][end];
         let of = |c: u32| tangents.get(c as usize).copied().unwrap_or_default();
         let [a, b, _, d] = facet.corners.map(of);
@@ -1045,8 +1054,8 @@ impl<'a> Lighting<'a> {
         if tile.warps.len() <= index {
             tile.warps.resize((moment + 1) * tile.slots.len(), None);
         }
-        let warp = tile.warps[index]
-            .get_or_insert_with(|| picture.image_from_facet * part.sight.facet_from_image());
+        let warp =
+            tile.warps[index].get_or_insert_with(|| picture.image_from_facet * part.sight.facet_from_image());
         let (centre, moments) = part.moments.central();
         let place = DVec2::new(part.offset[0] + centre[0], part.offset[1] + centre[1]);
         Some((Footprint::under(warp, place, moments)?, picture))

@@ -39,7 +39,8 @@ impl Maps {
 
     /// As the facet with these corners has them.
     pub fn on(&self, textures: &Textures, primitive: &Primitive, corners: [u32; 4]) -> FacetMaps {
-        let place = |texture: Option<TextureRef>| texture.and_then(|t| Map::new(textures, primitive, corners, t));
+        let place =
+            |texture: Option<TextureRef>| texture.and_then(|t| Map::new(textures, primitive, corners, t));
         FacetMaps {
             base: place(self.base),
             normal: place(self.normal),
@@ -62,7 +63,12 @@ struct Map {
 }
 
 impl Map {
-    fn new(textures: &Textures, primitive: &Primitive, corners: [u32; 4], texture: TextureRef) -> Option<Self> {
+    fn new(
+        textures: &Textures,
+        primitive: &Primitive,
+        corners: [u32; 4],
+        texture: TextureRef,
+    ) -> Option<Self> {
         let uvs = primitive.uvs.get(texture.uv_set as usize).and_then(Option::as_ref)?;
         let size = DVec2::from_array(textures.size(texture.texture)?);
         // KHR_texture_transform.

@@ -229,7 +229,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     let world = World::new(scene, settings.camera, settings.size)?;
     let mut lighting = Lighting::new(&world, &Shared::new(scene));
     let end_us = (settings.start_us + settings.duration_us) as f64;
-    let mut blocks = Blocks::new(&world, settings.start_us, settings.block_us);
+    let mut blocks = Blocks::new(&world, settings.start_us, settings.block_us, settings.block_us);
     let reference = match settings.reference_luminance {
         Some(y) => y,
         None => reference_luminance(&world, &mut lighting, blocks.peek())?,

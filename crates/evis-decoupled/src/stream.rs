@@ -43,12 +43,14 @@ pub struct StreamSettings {
     pub reference_luminance: Option<f32>,
     /// See [`Settings::step_px`].
     pub step_px: f64,
+    /// Where a host moves nodes: microseconds, of which everything that is wanted is a multiple.
+    pub pose_step_us: i64,
 }
 
 impl Default for StreamSettings {
     fn default() -> Self {
         let Settings { size, start_us, step_px, .. } = Settings::default();
-        Self { size, start_us, step_px, reference_luminance: None }
+        Self { size, start_us, step_px, reference_luminance: None, pose_step_us: 10_000 }
     }
 }
 
@@ -206,8 +208,10 @@ fn follow(
         .collect::<Result<_, _>>()?;
     let shared = Shared::new(scene);
     let mut lightings: Vec<Lighting> = worlds.iter().map(|world| Lighting::new(world, &shared)).collect();
-    let mut blocks: Vec<Blocks> =
-        worlds.iter().map(|world| Blocks::new(world, start_us, usual.block_us)).collect();
+    let mut blocks: Vec<Blocks> = worlds
+        .iter()
+        .map(|world| Blocks::new(world, start_us, usual.block_us, settings.pose_step_us))
+        .collect();
     let reference = match (settings.reference_luminance, lightings.first_mut()) {
         (Some(given), _) => given,
         // What comes after the start is not known yet, and no cell may be kept of it.

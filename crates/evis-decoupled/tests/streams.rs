@@ -142,8 +142,12 @@ fn driven() -> (Scene, Arc<evis_scene::HostPoses>, impl Fn(i64) -> HostPose) {
 /// where `restart_us` ends a step, and its disc goes on from where it is `jump_us` later.
 fn stepped(step_us: i64, restart_us: Option<i64>, jump_us: i64) -> Vec<Event> {
     let (scene, host, pose) = driven();
-    let settings =
-        StreamSettings { size: SIZE, reference_luminance: Some(0.5), ..StreamSettings::default() };
+    let settings = StreamSettings {
+        size: SIZE,
+        reference_luminance: Some(0.5),
+        pose_step_us: 5000,
+        ..Default::default()
+    };
     let mut stream = Stream::new(Arc::new(scene), vec![view(Some(0), 0.2)], &settings).unwrap();
     let go_on = AtomicBool::new(false);
     let (mut events, mut complete, mut ahead_us) = (Vec::new(), 0, 0);
@@ -176,9 +180,8 @@ fn what_a_host_moves_fires_as_the_same_motion_of_the_scene() {
     assert_eq!(found, stepped(20_000, None, 0));
     // Blocks have other borders.
     let near = |found: &[Event]| {
-        let has = |e: &Event| {
-            found.iter().any(|f| (f.x, f.y, f.p) == (e.x, e.y, e.p) && (f.t - e.t).abs() < 1000)
-        };
+        let has =
+            |e: &Event| found.iter().any(|f| (f.x, f.y, f.p) == (e.x, e.y, e.p) && (f.t - e.t).abs() < 1000);
         wanted.iter().filter(|e| has(e)).count() as f64 / found.len().max(wanted.len()) as f64
     };
     let late = stepped(10_000, Some(10_000), -3000);

@@ -32,6 +32,8 @@ pub struct Decoupled {
     /// Per view: evaluations of its pixels, of the stream and of those that were reported.
     evaluations: Vec<[u64; 2]>,
     delivered_us: i64,
+    /// See [`RunConfig::pose_step_us`].
+    pose_step_us: i64,
     stop: Arc<AtomicBool>,
     caused: bool,
 }
@@ -57,6 +59,7 @@ impl Decoupled {
             start_us: config.start_us,
             reference_luminance: config.reference_luminance,
             step_px: config.adaptive_px.unwrap_or(StreamSettings::default().step_px),
+            pose_step_us: config.pose_step_us.unwrap_or(StreamSettings::default().pose_step_us),
         };
         let of = |view: &View| {
             let camera = scene.camera(&cameras[view.camera].name)?;
@@ -76,6 +79,7 @@ impl Decoupled {
             complete_us: vec![0; views.len()],
             evaluations: vec![[0; 2]; views.len()],
             delivered_us: 0,
+            pose_step_us: settings.pose_step_us,
             stop: pictures.as_ref().map_or_else(Arc::default, |engine| Arc::clone(engine.stop())),
             caused: config.labels.contains(&LabelKind::Cause),
             scene,
@@ -141,7 +145,10 @@ impl Decoupled {
 
     /// See [`Engine::needed_us`].
     pub fn needed_us(&self, until_us: i64) -> i64 {
-        self.pictures.as_ref().map_or(until_us, |engine| engine.needed_us(until_us))
+        let parts =
+            until_us.div_euclid(self.pose_step_us) + i64::from(until_us.rem_euclid(self.pose_step_us) > 0);
+        let own_us = if self.scene.host_poses.is_some() { parts * self.pose_step_us } else { until_us };
+        self.pictures.as_ref().map_or(own_us, |engine| engine.needed_us(until_us).max(own_us))
     }
 
     /// Delivers `[now, until_us)`, simulating ahead as far as `horizon_us`.

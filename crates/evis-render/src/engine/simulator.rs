@@ -338,7 +338,11 @@ fn check_driven<'a>(
         Err(ConfigError::new(what, value, format!("{remedy}, where poses come from a host")))
     };
     if config.method.keyframes().is_some() {
-        return refused("method", config.method.name(), "native or decoupled: keyframes need poses that come later");
+        return refused(
+            "method",
+            config.method.name(),
+            "native or decoupled: keyframes need poses that come later",
+        );
     }
     if config.frame_rate_hz.is_some() {
         return refused("frame_rate", "given", "none: exposures last beyond a step");
@@ -346,12 +350,10 @@ fn check_driven<'a>(
     if sensors.any(|sensor| !sensor.exposure.is_off()) {
         return refused("sensor.exposure", "on", "off: exposures last beyond a step");
     }
-    if config.method == Method::Decoupled {
-        return Ok(());
-    }
     let step_us = config.pose_step_us.unwrap_or(0);
     let apart_us = 1e6 / config.rate_hz;
-    if step_us > 0 && (apart_us.fract() != 0.0 || (step_us as f64 / apart_us).fract() != 0.0) {
+    let sampled = config.method != Method::Decoupled;
+    if sampled && step_us > 0 && (apart_us.fract() != 0.0 || (step_us as f64 / apart_us).fract() != 0.0) {
         let remedy = format!(
             "a multiple of the time between two samples, which is a whole number of microseconds ({apart_us} us now)"
         );
