@@ -13,6 +13,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 CARGO_FLAGS := --release --workspace --locked
 NEXTEST := $(shell cargo nextest --version >/dev/null 2>&1 && echo yes)
+DENY := $(shell cargo deny --version >/dev/null 2>&1 && echo yes)
 
 # Mesa's drivers ask for this folder and complain where it is missing (containers, cron).
 ifndef XDG_RUNTIME_DIR
@@ -77,6 +78,11 @@ test-readers: wheel ## Hold files and dense arrays of events against other progr
 check: setup ## Formatting, lints, types, stubs, and the tests that need no device.
 	cargo fmt --all --check
 	cargo clippy $(CARGO_FLAGS) --all-targets -- -D warnings
+ifeq ($(DENY),yes)
+	cargo deny --locked check bans licenses sources
+else
+	@echo "cargo-deny is not installed: licences and sources of the dependencies are not checked"
+endif
 	cargo test $(CARGO_FLAGS) --lib --quiet
 	$(MAKE) wheel
 	tools/install "$(BIN)" test
