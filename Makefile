@@ -38,6 +38,8 @@ SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2
 
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
+# Seconds that `make check-long` reads mutants of each kind of file.
+FUZZ_S ?= 600
 
 .PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench chart accuracy gallery real-recording wheel smoke docs site bless clean
 
@@ -99,8 +101,9 @@ test-ray: wheel ## Kill a worker of a Ray cluster, which it starts, while it sim
 	tools/install "$(BIN)" test ray
 	$(BIN)/python -m pytest tests/test_dataset.py
 
-check-long: setup ## What takes long: hundreds of random scenes.
+check-long: setup ## What takes long: hundreds of random scenes, and mutants of files for FUZZ_S seconds per kind.
 	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture
+	EVIS_FUZZ_S=$(FUZZ_S) cargo test $(CARGO_FLAGS) --test mutated_files -- mutated_ --nocapture
 
 format: ## Format Rust and Python in place.
 	cargo fmt --all
