@@ -492,10 +492,11 @@ fn a_page_of_zeros_costs_the_rows_of_its_chunks_and_no_others() {
         writer.write_events(0, part).unwrap();
     }
     writer.finish("{}").unwrap();
+    assert!(hdf5::check(&path).unwrap().nothing_to_do(), "canary: nothing is zeroed yet");
     let bytes = fs::read(&path).unwrap();
     let pages = bytes.len() / PAGE;
     assert!(pages > 150, "{pages} pages");
-    let (mut tried, mut saved) = (0, 0);
+    let (mut tried, mut saved, mut holes) = (0, 0, 0);
     for page in (0..pages).step_by(pages / 40) {
         let mut damaged = bytes.clone();
         damaged[page * PAGE..(page + 1) * PAGE].fill(0);
@@ -516,14 +517,17 @@ fn a_page_of_zeros_costs_the_rows_of_its_chunks_and_no_others() {
         let lost = whole.len() - kept.len();
         assert_eq!(lost as u64, report.events_dropped, "page {page}");
         assert!(lost <= 2 * 65_536, "page {page}: {lost} events are lost");
-        assert!(
-            lost == 0 || report.holes.iter().any(|hole| hole.part == "cam/events"),
-            "page {page}: {report:?}"
-        );
+        // What is lost at the end is no hole.
+        let told = report.holes.iter().any(|hole| hole.part == "cam/events");
+        assert!(told || kept == whole[..kept.len()], "page {page}: {report:?}");
+        holes += usize::from(told);
         assert!(hdf5::check(&path).unwrap().nothing_to_do(), "page {page}");
     }
     // Only the pages of the file's own index cannot be missed.
-    assert!(saved * 10 >= tried * 9, "{saved} of {tried} are saved");
+    assert!(
+        saved * 10 >= tried * 9 && holes > tried / 2,
+        "{saved} of {tried} are saved, {holes} with a hole"
+    );
 }
 
 #[test]

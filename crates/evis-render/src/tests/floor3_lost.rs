@@ -90,5 +90,8 @@ fn simulators_one_after_the_other_take_no_more_address_space() {
     };
     let Some(first) = once() else { return };
     let last = (0..4).filter_map(|_| once()).last();
-    assert!(last.is_some_and(|last| last <= first), "{first} bytes after the first, {last:?} after the fifth");
+    assert!(
+        last.is_some_and(|last| last <= first),
+        "{first} bytes after the first, {last:?} after the fifth"
+    );
 }
