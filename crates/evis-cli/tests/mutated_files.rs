@@ -155,9 +155,11 @@ fn outcome(folder: &Path, name: &str, hang_s: u64) -> Result<[u64; 3], String> {
         _ => format!("ends the process ({})", output.status),
     };
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    let last: Vec<&str> = errors.lines().rev().take(8).collect();
-    let last = last.into_iter().rev().collect::<Vec<_>>().join("\n");
-    Err(format!("{why}\n{last}"))
+    // A backtrace is long, and what comes before it says more; outside decoders' own panics come first.
+    let from = errors.rfind("panicked at").unwrap_or(errors.len().saturating_sub(500));
+    let told: String =
+        String::from_utf8_lossy(&errors.as_bytes()[from..]).lines().take(6).collect::<Vec<_>>().join("\n");
+    Err(format!("{why}\n{told}"))
 }
 
 fn campaign(name: &str) {
