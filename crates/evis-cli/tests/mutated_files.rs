@@ -49,10 +49,13 @@ fn canaries() -> [Target; 4] {
             bytes == b"seed" || vec![bytes.len() as u8; 2 << 30].iter().any(|byte| *byte == 1)
         }),
         base("canary_hang", |_, bytes| {
-            while bytes != b"seed" {
+            let file = std::hint::black_box(bytes);
+            loop {
+                if file == b"seed" {
+                    return true;
+                }
                 std::thread::sleep(Duration::from_millis(10));
             }
-            true
         }),
         base("canary_seed", |_, _| false),
     ]
