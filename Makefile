@@ -13,6 +13,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 CARGO_FLAGS := --release --workspace --locked
 NEXTEST := $(shell cargo nextest --version >/dev/null 2>&1 && echo yes)
+DENY := $(shell cargo deny --version >/dev/null 2>&1 && echo yes)
 
 # Mesa's drivers ask for this folder and complain where it is missing (containers, cron).
 ifndef XDG_RUNTIME_DIR
@@ -37,6 +38,8 @@ SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2
 
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
+# Seconds that `make check-long` reads mutants of each kind of file.
+FUZZ_S ?= 600
 
 .PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench chart accuracy gallery real-recording wheel smoke docs site bless clean
 
@@ -77,6 +80,11 @@ test-readers: wheel ## Hold files and dense arrays of events against other progr
 check: setup ## Formatting, lints, types, stubs, and the tests that need no device.
 	cargo fmt --all --check
 	cargo clippy $(CARGO_FLAGS) --all-targets -- -D warnings
+ifeq ($(DENY),yes)
+	cargo deny --locked check bans licenses sources
+else
+	@echo "cargo-deny is not installed: licences and sources of the dependencies are not checked"
+endif
 	cargo test $(CARGO_FLAGS) --lib --quiet
 	$(MAKE) wheel
 	tools/install "$(BIN)" test
@@ -93,8 +101,9 @@ test-ray: wheel ## Kill a worker of a Ray cluster, which it starts, while it sim
 	tools/install "$(BIN)" test ray
 	$(BIN)/python -m pytest tests/test_dataset.py
 
-check-long: setup ## What takes long: hundreds of random scenes.
+check-long: setup ## What takes long: hundreds of random scenes, and mutants of files for FUZZ_S seconds per kind.
 	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture
+	EVIS_FUZZ_S=$(FUZZ_S) cargo test $(CARGO_FLAGS) --test mutated_files -- mutated_ --nocapture
 
 format: ## Format Rust and Python in place.
 	cargo fmt --all

@@ -23,6 +23,7 @@ OTHER_OPTIONS = {
         "--path",
         "--profile",
         "--release",
+        "--sanitizer",
         "--test",
         "--workspace",
     },
@@ -102,7 +103,7 @@ def named(suffix: str, under: str = "") -> tuple[str, ...]:
 def documents() -> tuple[str, ...]:
     """What users and contributors read; the change log and the notes tell of what was."""
     pages = [page for page in named(".md", "docs/") if not page.startswith("docs/notes/")]
-    return ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", *pages)
+    return ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "SECURITY.md", *pages)
 
 
 def sources() -> list[str]:

@@ -182,7 +182,7 @@ def test_the_site_fetches_nothing(site: Path) -> None:
 def test_every_page_is_in_the_site(site: Path) -> None:
     for page in DOCS.rglob("*.md"):
         assert (site / page.relative_to(DOCS).with_suffix(".html")).exists(), page
-    for name in ("project", "ARCHITECTURE", "CONTRIBUTING", "CHANGELOG"):
+    for name in ("project", "ARCHITECTURE", "CONTRIBUTING", "SECURITY", "CHANGELOG"):
         assert (site / f"{name}.html").exists()
     home = (site / "index.html").read_text("utf-8")
     assert "tutorials/scene-to-network.html" in home

@@ -20,6 +20,7 @@ ROOT_PAGES = {
     "README.md": "project.md",
     "ARCHITECTURE.md": "ARCHITECTURE.md",
     "CONTRIBUTING.md": "CONTRIBUTING.md",
+    "SECURITY.md": "SECURITY.md",
     "CHANGELOG.md": "CHANGELOG.md",
 }
 ROOT = Path(__file__).resolve().parent.parent

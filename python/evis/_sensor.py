@@ -351,7 +351,8 @@ class Sensor:
         Raises
         ------
         ConfigError
-            If a path or a range cannot be used, or the drawn sensor cannot be.
+            If a path or a range cannot be used, or the drawn sensor cannot be; if a value is drawn that the sensor does
+            not use, such as thresholds of one with ``diffusion``.
         """
         if not isinstance(ranges, Mapping):
             raise ConfigError(

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use evis_core::event::slice_time;
 use evis_core::format::FormatError;
-use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter, repair};
+use evis_core::format::hdf5::{self, Recording, RecordingHeader, RecordingWriter, repair};
 use evis_core::{
     CameraInfo, Event, ImuSample, LabelData, LabelFrame, LabelKind, LensDistortion, Polarity, PoseSample,
 };
@@ -478,6 +478,56 @@ fn a_repair_says_how_much_of_a_cut_file_it_saved() {
         assert!(error.contains(words), "the message lacks '{words}': {error}");
     }
     assert!(fs::read(&path).unwrap() == head);
+}
+
+#[test]
+fn a_page_of_zeros_costs_the_rows_of_its_chunks_and_no_others() {
+    const PAGE: usize = 4096;
+    let folder = Folder::new("zeroed_page");
+    let path = folder.file("out.h5");
+    // Whole chunks of 65 536 rows: a page lies in two of them at most.
+    let whole = events(6 * 65_536, 64, 48, 5);
+    let mut writer = RecordingWriter::create(&path, &header(vec![camera("cam", 64, 48)]), false).unwrap();
+    for part in whole.chunks(50_000) {
+        writer.write_events(0, part).unwrap();
+    }
+    writer.finish("{}").unwrap();
+    assert!(hdf5::check(&path).unwrap().nothing_to_do(), "canary: nothing is zeroed yet");
+    let bytes = fs::read(&path).unwrap();
+    let pages = bytes.len() / PAGE;
+    assert!(pages > 150, "{pages} pages");
+    let (mut tried, mut saved, mut holes) = (0, 0, 0);
+    for page in (0..pages).step_by(pages / 40) {
+        let mut damaged = bytes.clone();
+        damaged[page * PAGE..(page + 1) * PAGE].fill(0);
+        let _ = fs::remove_file(&path);
+        fs::write(&path, &damaged).unwrap();
+        tried += 1;
+        let noticed = !hdf5::check(&path).is_ok_and(|report| report.nothing_to_do());
+        assert!(noticed, "page {page} of zeros is not seen");
+        let Ok(report) = repair(&path) else {
+            assert!(fs::read(&path).unwrap() == damaged, "page {page}: a refused file was changed");
+            continue;
+        };
+        saved += 1;
+        let kept = Recording::open(&path).unwrap().events(0).unwrap();
+        // In order, each kept event is one of the recording's.
+        let mut left = whole.iter();
+        assert!(kept.iter().all(|event| left.any(|other| other == event)), "page {page}: other events");
+        let lost = whole.len() - kept.len();
+        assert_eq!(lost as u64, report.events_dropped, "page {page}");
+        assert!(lost <= 2 * 65_536, "page {page}: {lost} events are lost");
+        // What is lost at the end is no hole.
+        let told = report.holes.iter().any(|hole| hole.part == "cam/events");
+        assert!(told || kept == whole[..kept.len()], "page {page}: {report:?}");
+        holes += usize::from(told);
+        assert!(hdf5::check(&path).unwrap().nothing_to_do(), "page {page}");
+    }
+    // Only the pages of the file's own index cannot be missed.
+    assert!(
+        saved * 10 >= tried * 9 && holes > tried / 2,
+        "{saved} of {tried} are saved, {holes} with a hole"
+    );
 }
 
 #[test]

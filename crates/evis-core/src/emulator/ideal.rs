@@ -694,7 +694,7 @@ fn flush<D: Domain>(
             k += 1.0;
             let part = if run[i] > 0.0 { (k * threshold[i] - level[i]) / run[i] } else { 1.0 };
             let offset = (part.clamp(0.0, 1.0) * interval) as u32;
-            records.push(Record::new(offset.clamp(1, at.us), x, y, polarity));
+            records.push(Record::new(offset.clamp(1, at.us.max(1)), x, y, polarity));
         }
         tally.clamped += u64::from(number == MAX_EVENTS_PER_INTERVAL);
     }

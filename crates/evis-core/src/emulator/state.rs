@@ -23,6 +23,9 @@ const HASH_BYTES: usize = 8;
 /// Larger logarithms of light mean nothing: those of all numbers that light can have are below 200.
 const MOST_LOG: f32 = 1e6;
 
+/// No stream has more events, and what is added to it stays a number.
+const MOST_COUNT: u64 = 1 << 62;
+
 /// FNV-1a with words of eight bytes in the place of bytes: states have millions. The last word is filled up with zeros.
 fn hash(bytes: &[u8]) -> u64 {
     let (words, rest) = bytes.as_chunks::<8>();
@@ -172,6 +175,7 @@ impl EventEmulator {
         let EmulatorReport { events, unknown, clamped, suppressed, dropped } = total;
         for count in [events, unknown, clamped, suppressed, dropped] {
             pass.one(count)?;
+            require(*count <= MOST_COUNT)?;
         }
         for environment in environments {
             let mut started = u64::from(environment.started);
@@ -406,8 +410,9 @@ mod tests {
             let state = one.state();
             for _ in 0..400 {
                 let mut damaged = state[..state.len() - HASH_BYTES].to_vec();
-                // Not what it belongs to.
-                let at = 16 + random(damaged.len() - 16);
+                // Not what it belongs to; its clock and counts, which are short, as often as all the rest.
+                let end = [72, damaged.len()][random(2)];
+                let at = 16 + random(end - 16);
                 match random(4) {
                     0 => damaged[at] = [0, 0x7f, 0x80, 0xff][random(4)],
                     1 => {

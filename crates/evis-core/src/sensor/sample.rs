@@ -12,7 +12,8 @@ use crate::random::{Key, StreamId, unit};
 /// another range does not change it.
 ///
 /// # Errors
-/// A path that the sensor does not have, ends that are no numbers or in the wrong order, a sensor that cannot be.
+/// A path that the sensor does not have, ends that are no numbers or in the wrong order, a sensor that cannot be. A value
+/// that the sensor does not use: one with `diffusion` has no thresholds.
 pub fn sample(base: &SensorConfig, ranges: &Value, seed: u64) -> Result<SensorConfig, ConfigError> {
     let refuse =
         |what: &str, value: &dyn std::fmt::Display, remedy: &str| ConfigError::new(what, value, remedy);
@@ -51,11 +52,25 @@ pub fn sample(base: &SensorConfig, ranges: &Value, seed: u64) -> Result<SensorCo
     }
     let drawn: SensorConfig = serde_json::from_value(tree)
         .map_err(|error| refuse("ranges", &error, "of the types that the sensor's values have"))?;
+    ranges.keys().try_for_each(|path| drawn.check_uses(path))?;
     Sensor::new(drawn.clone())?;
     Ok(drawn)
 }
 
 impl SensorConfig {
+    /// Refuses the path of a value that makes no difference here: where `diffusion` takes the place of the thresholds.
+    pub(super) fn check_uses(&self, path: &str) -> Result<(), ConfigError> {
+        let stage = path.split('.').next().unwrap_or(path);
+        let used = matches!(stage, "diffusion" | "exposure" | "readout" | "most_events" | "log_eps")
+            || path == "refractory.period_us";
+        if used || self.diffusion.is_none() {
+            return Ok(());
+        }
+        let remedy = "a value that a sensor with diffusion uses: it has Brownian motion in place of thresholds, filter, \
+                      pattern and noise; give diffusion.k1 to diffusion.k6, or a sensor without diffusion";
+        Err(ConfigError::new("sensor value", format!("'{path}'"), remedy))
+    }
+
     /// Every value, those at their defaults too.
     ///
     /// # Errors
@@ -135,6 +150,26 @@ mod tests {
             json!([1]),
         ] {
             assert!(sample(&base, &bad, 0).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn ranges_of_what_a_sensor_with_diffusion_does_not_use_are_refused() {
+        let base = SensorConfig::preset("davis346").unwrap();
+        for used in ["diffusion.k1", "readout.latency_us", "refractory.period_us"] {
+            let drawn = sample(&base, &json!({used: [1.0, 2.0]}), 3).unwrap();
+            assert_ne!(drawn, base, "{used}");
+        }
+        for path in
+            ["threshold_on", "threshold_off", "pattern.sigma", "noise.leak_hz", "photoreceptor.cutoff_hz"]
+        {
+            let ranges = json!({"diffusion.k1": [1.0, 2.0], path: [0.1, 0.2]});
+            let error = sample(&base, &ranges, 3).unwrap_err().to_string();
+            assert!(error.contains(path) && error.contains("diffusion.k1"), "{error}");
+            assert!(
+                sample(&SensorConfig::default(), &json!({path: [0.1, 0.2]}), 3).is_ok(),
+                "canary: {path}"
+            );
         }
     }
 }

@@ -35,7 +35,8 @@ impl SensorConfig {
     /// Sets a value of the sensor: `noise.shot_hz=1`, `trigger=latch`. What it then is, [`Sensor::new`] checks.
     ///
     /// # Errors
-    /// An assignment without a key or value, a key that no sensor has, a value of another kind.
+    /// An assignment without a key or value, a key that no sensor has, a value of another kind, or one that the sensor does
+    /// not use: one with `diffusion` has no thresholds.
     pub fn set(&mut self, assignment: &str) -> Result<(), ConfigError> {
         let refuse = |remedy: String| ConfigError::new("set", format!("'{assignment}'"), remedy);
         let Some((key, text)) = assignment.split_once('=').map(|(key, text)| (key.trim(), text.trim()))
@@ -65,10 +66,12 @@ impl SensorConfig {
             )));
         }
         *place = value(text);
-        *self = serde_json::from_value(tree).map_err(|error| {
+        let changed: Self = serde_json::from_value(tree).map_err(|error| {
             let told = error.to_string().replace('`', "'");
             refuse(format!("a value of the kind that {key} has ({told})"))
         })?;
+        changed.check_uses(key)?;
+        *self = changed;
         Ok(())
     }
 }
@@ -221,5 +224,10 @@ mod tests {
             assert!(error.contains(told) && error.contains(assignment), "{assignment}: {error}");
         }
         assert_eq!(sensor, wanted, "a refused value changes nothing");
+        let mut diffusion = SensorConfig::preset("davis346").unwrap();
+        let error = diffusion.set("threshold_on=0.3").unwrap_err().to_string();
+        assert!(error.contains("threshold_on") && error.contains("diffusion.k1"), "{error}");
+        assert_eq!(diffusion, SensorConfig::preset("davis346").unwrap());
+        diffusion.set("diffusion.k1=6").unwrap();
     }
 }

@@ -236,6 +236,14 @@ impl Engine {
 
     /// Delivers `[now, until_us)`, submitting ahead as far as `horizon_us`.
     pub fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
+        self.context.gpu.check_not_lost()?;
+        self.deliver_parts(until_us, horizon_us).map_err(|error| {
+            // Whatever fails once the device is lost fails for that.
+            self.context.gpu.check_not_lost().err().unwrap_or(error)
+        })
+    }
+
+    fn deliver_parts(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
         let started = Instant::now();
         loop {
             while self.in_flight.len() < RING && self.submit_next(horizon_us)? {}

@@ -112,6 +112,7 @@ impl Simulator {
     ) -> Result<Self, EngineError> {
         config.check()?;
         let gpu = gpu.into();
+        gpu.map_or(Ok(()), Gpu::check_not_lost)?;
         let (views, cameras) = view::views(&scene, &config)?;
         view::check_distorted(&views, &cameras, &config)?;
         // Each camera's first view has its sensor.

@@ -8,6 +8,8 @@ pub mod texture;
 pub mod uniforms;
 pub mod variant;
 
+use std::sync::{Arc, OnceLock};
+
 use crate::error::EngineError;
 
 /// A device as a user chooses among them.
@@ -31,17 +33,30 @@ pub struct Gpu {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     summary: DeviceSummary,
+    /// Why the driver gave the device up, once it has.
+    pub(crate) lost: Arc<OnceLock<String>>,
 }
 
 const NO_DEVICE: &str = "no Vulkan, Metal or DirectX 12 device was found; without a GPU install Mesa's software \
      driver (Debian, Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1; Fedora: dnf install \
      mesa-vulkan-drivers vulkan-loader)";
 
+/// The connection to the drivers, kept as long as the process lives: a driver that is unloaded with the last of them leaves
+/// address space behind (Mesa 10 MiB for machine code), each time. A forked process does not touch what its parent has.
+fn instance() -> wgpu::Instance {
+    static KEPT: OnceLock<(u32, wgpu::Instance)> = OnceLock::new();
+    let process = std::process::id();
+    let open = || {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+        wgpu::Instance::new(descriptor)
+    };
+    let (owner, kept) = KEPT.get_or_init(|| (process, open()));
+    if *owner == process { kept.clone() } else { open() }
+}
+
 fn adapters() -> Vec<wgpu::Adapter> {
-    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-    descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
-    let instance = wgpu::Instance::new(descriptor);
-    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
+    pollster::block_on(instance().enumerate_adapters(wgpu::Backends::all()))
 }
 
 fn summarise(index: usize, info: &wgpu::AdapterInfo) -> DeviceSummary {
@@ -153,7 +168,17 @@ impl Gpu {
             trace: wgpu::Trace::Off,
         }))
         .map_err(|e| EngineError::Device(format!("cannot open {}: {e}", summary.name)))?;
-        Ok(Self { device, queue, summary })
+        let lost = Arc::new(OnceLock::new());
+        let told = Arc::clone(&lost);
+        device.set_device_lost_callback(move |reason, message| {
+            let _ = told.set(format!("{reason:?}: {message}").trim_end_matches([':', ' ']).to_owned());
+        });
+        let is_lost = Arc::clone(&lost);
+        device.on_uncaptured_error(Arc::new(move |error| {
+            // Commands for a lost device are refused one after the other, and a step says why.
+            assert!(is_lost.get().is_some(), "wgpu error: {error}");
+        }));
+        Ok(Self { device, queue, summary, lost })
     }
 
     /// A device that executes nothing: builds pipelines and bind groups only, for tests without a driver.
@@ -169,10 +194,11 @@ impl Gpu {
             .map_err(|e| EngineError::Device(format!("no noop backend: {e}")))?;
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default()))
             .map_err(|e| EngineError::Device(format!("no noop device: {e}")))?;
-        Ok(Self { device, queue, summary: summarise(0, &adapter.get_info()) })
+        Ok(Self { device, queue, summary: summarise(0, &adapter.get_info()), lost: Arc::default() })
     }
 
-    /// Runs on a device from outside. The engine keeps to the device's own limits; WebGPU's defaults suffice.
+    /// Runs on a device from outside. The engine keeps to the device's own limits; WebGPU's defaults suffice. What is
+    /// called when the device is lost stays the caller's.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let summary = DeviceSummary {
             index: 0,
@@ -181,7 +207,17 @@ impl Gpu {
             kind: "other".into(),
             driver: String::new(),
         };
-        Self { device, queue, summary }
+        Self { device, queue, summary, lost: Arc::default() }
+    }
+
+    /// An error where the device was lost: its driver was reset, or it was taken out. Nothing runs on it any more.
+    pub(crate) fn check_not_lost(&self) -> Result<(), EngineError> {
+        let Some(reason) = self.lost.get() else { return Ok(()) };
+        Err(EngineError::Device(format!(
+            "the device {} was lost ({reason}); everything delivered before stays valid, so keep it, and run again in a \
+             new simulator, or on another --device",
+            self.summary.name
+        )))
     }
 
     /// What this device is.

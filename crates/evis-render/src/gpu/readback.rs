@@ -30,6 +30,8 @@ pub(crate) fn wait_mapped(
                     submission_index: Some(submission.clone()),
                     timeout: None,
                 })?;
+                // Of a lost device nothing comes back.
+                gpu.check_not_lost()?;
             }
             Err(TryRecvError::Disconnected) => {
                 return Err(EngineError::Device(

@@ -16,6 +16,7 @@ mod floor3_decoupled;
 mod floor3_distorted;
 mod floor3_frames;
 mod floor3_host_walk;
+mod floor3_lost;
 mod floor3_pace;
 mod floor3_sensors;
 mod floor3_shadow;

@@ -304,6 +304,8 @@ impl Recording {
     /// # Errors
     /// The first part that cannot be read, or that does not fit the others.
     pub fn verify(&self) -> Result<(), FormatError> {
+        self.is_complete()?;
+        self.report()?;
         for (index, camera) in self.header.cameras.iter().enumerate() {
             let name = &camera.name;
             with_file(&self.path, |source| {
