@@ -144,10 +144,19 @@ impl Gpu {
             )));
         };
         let adapter = adapters.swap_remove(summary.index);
+        Self::request(&adapter, required_limits(&adapter.limits()), summary)
+    }
+
+    /// A device of `adapter` with `limits` and no optional feature.
+    fn request(
+        adapter: &wgpu::Adapter,
+        limits: wgpu::Limits,
+        summary: DeviceSummary,
+    ) -> Result<Self, EngineError> {
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("evis"),
             required_features: wgpu::Features::empty(),
-            required_limits: required_limits(&adapter.limits()),
+            required_limits: limits,
             experimental_features: wgpu::ExperimentalFeatures::disabled(),
             memory_hints: wgpu::MemoryHints::Performance,
             trace: wgpu::Trace::Off,
@@ -156,20 +165,28 @@ impl Gpu {
         Ok(Self { device, queue, summary })
     }
 
-    /// A device that executes nothing: builds pipelines and bind groups only, for tests without a driver.
+    /// A device that executes nothing: builds pipelines and bind groups only, for tests without a driver. It has WebGPU's
+    /// default limits and no optional feature.
     ///
     /// # Errors
     /// [`EngineError::Device`] where `wgpu` was built without its `noop` backend.
     pub fn noop() -> Result<Self, EngineError> {
-        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-        descriptor.backends = wgpu::Backends::NOOP;
-        descriptor.backend_options.noop.enable = true;
-        let instance = wgpu::Instance::new(descriptor);
-        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
-            .map_err(|e| EngineError::Device(format!("no noop backend: {e}")))?;
-        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default()))
-            .map_err(|e| EngineError::Device(format!("no noop device: {e}")))?;
-        Ok(Self { device, queue, summary: summarise(0, &adapter.get_info()) })
+        let adapter = noop_adapter(wgpu::Limits::default())?;
+        Self::request(&adapter, adapter.limits(), summarise(0, &adapter.get_info()))
+    }
+
+    /// A device that executes nothing, opened as [`Gpu::open`] opens one whose adapter has `limits`.
+    #[cfg(test)]
+    pub(crate) fn noop_with(limits: wgpu::Limits) -> Result<Self, EngineError> {
+        let adapter = noop_adapter(limits)?;
+        Self::request(&adapter, required_limits(&adapter.limits()), summarise(0, &adapter.get_info()))
+    }
+
+    /// A device that executes nothing, with exactly `limits`.
+    #[cfg(test)]
+    pub(crate) fn noop_exactly(limits: wgpu::Limits) -> Result<Self, EngineError> {
+        let adapter = noop_adapter(limits)?;
+        Self::request(&adapter, adapter.limits(), summarise(0, &adapter.get_info()))
     }
 
     /// Runs on a device from outside. The engine keeps to the device's own limits; WebGPU's defaults suffice.
@@ -188,6 +205,18 @@ impl Gpu {
     pub fn summary(&self) -> &DeviceSummary {
         &self.summary
     }
+}
+
+/// The adapter of wgpu's `noop` backend, with `limits` and no optional feature.
+fn noop_adapter(limits: wgpu::Limits) -> Result<wgpu::Adapter, EngineError> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::NOOP;
+    descriptor.backend_options.noop.enable = true;
+    descriptor.backend_options.noop.limits = Some(limits);
+    descriptor.backend_options.noop.features = Some(wgpu::Features::empty());
+    let instance = wgpu::Instance::new(descriptor);
+    pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
+        .map_err(|e| EngineError::Device(format!("no noop backend: {e}")))
 }
 
 /// WebGPU's default limits, with the sizes that help raised to what the adapter has.

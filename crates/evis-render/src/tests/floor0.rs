@@ -41,7 +41,7 @@ type Groups = &'static [&'static [Binding]];
 const SURFACE: Groups = &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS];
 
 /// Entry files, with the groups that their passes declare.
-fn entries() -> Vec<(&'static str, Groups)> {
+pub(super) fn entries() -> Vec<(&'static str, Groups)> {
     vec![
         ("raster/luminance.wgsl", SURFACE),
         ("raster/shadow_map.wgsl", &[FRAME_BINDINGS, MATERIAL_BINDINGS]),
@@ -97,7 +97,7 @@ fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Mo
     naga::front::wgsl::parse_str(&text).unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&text)))
 }
 
-fn variants() -> Vec<SurfaceVariant> {
+pub(super) fn variants() -> Vec<SurfaceVariant> {
     let mut out = vec![SurfaceVariant::default(), every_feature()];
     for model in 0..3 {
         for bit in 0..10 {

@@ -22,6 +22,7 @@ mod floor3_shadow;
 mod floor3_splat;
 mod floor3_still;
 mod floor3_tune;
+pub(crate) mod portability;
 mod pushed;
 mod random_scenes;
 mod raster_scenes;
