@@ -55,6 +55,7 @@ impl Engine {
         views: Vec<View>,
         config: &mut RunConfig,
     ) -> Result<Self, EngineError> {
+        let _span = tracing::trace_span!("build engine", views = views.len()).entered();
         let device_limits = DeviceLimits::of(&gpu.device);
         let samples = Samples::new(config);
         let classes = classes(&views);

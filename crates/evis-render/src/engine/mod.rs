@@ -21,6 +21,7 @@ use evis_core::event::take_causes;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
 
 use crate::error::EngineError;
+use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::uniforms::Status;
 use crate::output::frames::ExposureRoom;
@@ -165,7 +166,7 @@ impl Engine {
     pub fn instants(&mut self, first: i64, instants: u32) -> Result<Vec<Vec<f32>>, EngineError> {
         let (group, unit) = (&self.groups[0], Unit { group: 0, first, instants });
         let targets = &self.targets[group.targets];
-        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&self.context.gpu, "instants");
         self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
         let samples = targets.plan.layers / (targets.plan.instants * targets.plan.views_per_group);
         let layers = crate::raster::readback::read_layers(
@@ -236,6 +237,7 @@ impl Engine {
 
     /// Delivers `[now, until_us)`, submitting ahead as far as `horizon_us`.
     pub fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
+        let _span = tracing::trace_span!("deliver", until_us).entered();
         let started = Instant::now();
         loop {
             while self.in_flight.len() < RING && self.submit_next(horizon_us)? {}
@@ -331,6 +333,8 @@ impl Engine {
     }
 
     fn submit_unit(&mut self, unit: Unit) -> Result<(), EngineError> {
+        let _span = tracing::trace_span!("prepare submission", first = unit.first, instants = unit.instants)
+            .entered();
         let group = &mut self.groups[unit.group];
         if matches!(*self.passes.walks[group.targets], WalkPasses::Host) {
             return self.submit_looks(unit);
@@ -364,7 +368,7 @@ impl Engine {
         // Half as much again as the last one had: a second copy is needed only where events surge.
         let last = self.last_counts[group.targets];
         let predicted = (last / 2 * 3).saturating_add(4096).min(slot.capacity);
-        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&self.context.gpu, "events");
         let audit = submission::encode(
             &mut self.context,
             &self.passes,
@@ -376,7 +380,7 @@ impl Engine {
             &slot,
             predicted,
         );
-        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(&self.context.gpu);
         let mapped = map(&slot.staging);
         let audit = audit.map(|run| {
             let mapped = map(&run.staging);
@@ -398,11 +402,11 @@ impl Engine {
         let submitted = Instant::now();
         let group = &mut self.groups[unit.group];
         let targets = &self.targets[group.targets];
-        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&self.context.gpu, "light for the host");
         // Every instant of every tile is sampled: there is nothing to audit.
         let _ = self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
         let looks = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
-        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(&self.context.gpu);
         let mapped = map(&looks.staging);
         group.next = unit.first + i64::from(unit.instants);
         self.in_flight.push_back(InFlight { work: Work::Looks(looks), submitted, submission, mapped });
@@ -410,6 +414,7 @@ impl Engine {
     }
 
     fn submit_label(&mut self) -> Result<(), EngineError> {
+        let _span = tracing::trace_span!("prepare labels").entered();
         let submitted = Instant::now();
         let Some(room) = &mut self.label_room else { return Ok(()) };
         let group = self.next_label_group;
@@ -431,7 +436,10 @@ impl Engine {
             return Err(EngineError::Device("nothing is in flight, and the interval is not complete".into()));
         };
         let waiting = Instant::now();
-        self.wait(&oldest)?;
+        tracing::trace_span!("wait for device").in_scope(|| self.wait(&oldest))?;
+        if let Some(clock) = &self.context.gpu.clock {
+            clock.report();
+        }
         self.report.times.device_wait_ms += milliseconds(waiting);
         // The device works in order: on this one since it was submitted, or since the one before it was done.
         let began = self.collected.map_or(oldest.submitted, |done| done.max(oldest.submitted));
@@ -510,6 +518,7 @@ impl Engine {
 
     /// Takes a submission's events; false where it has to run again.
     fn take_events(&mut self, unit: Unit, slot: Slot, predicted: u32) -> Result<bool, EngineError> {
+        let _span = tracing::trace_span!("unpack events").entered();
         let packing = Instant::now();
         let group = &self.groups[unit.group];
         let header = group.header_bytes();
@@ -587,6 +596,7 @@ impl Engine {
 
     /// Lets the host's pixels feel what a submission brought.
     fn take_looks(&mut self, looks: Looks) -> Result<(), EngineError> {
+        let _span = tracing::trace_span!("sensor on the host").entered();
         let packing = Instant::now();
         let unit = looks.unit;
         let group = &self.groups[unit.group];
@@ -607,10 +617,10 @@ impl Engine {
     /// More events came than were predicted: copies the rest too.
     fn fetch_rest(&self, slot: &Slot, header: u64, have: u32, count: u32) -> Result<(), EngineError> {
         slot.staging.unmap();
-        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&self.context.gpu, "rest of the events");
         let (from, bytes) = (u64::from(have) * 8, u64::from(count - have) * 8);
         encoder.copy_buffer_to_buffer(&slot.events, from, &slot.staging, header + from, bytes);
-        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(&self.context.gpu);
         let mapped = map(&slot.staging);
         wait_mapped(&self.context.gpu, &submission, &mapped)
     }

@@ -1,5 +1,6 @@
 //! One submission: some instants of a group of views, from poses to events in a staging buffer.
 
+use crate::gpu::commands::Commands;
 use crate::gpu::uniforms::Status;
 use crate::raster::context::Context;
 use crate::sampling::Sampling;
@@ -15,7 +16,7 @@ pub fn encode(
     context: &mut Context,
     passes: &TriggerPasses,
     sampling: &mut Sampling,
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut Commands,
     targets: &Targets,
     group: &Group,
     unit: &Unit,
@@ -23,7 +24,8 @@ pub fn encode(
     predicted: u32,
 ) -> Option<AuditRun> {
     // What the pixels see at every instant, by whatever method.
-    let audit = sampling.encode(context, encoder, targets, group, unit);
+    let audit = tracing::trace_span!("sampling", instants = unit.instants)
+        .in_scope(|| sampling.encode(context, encoder, targets, group, unit));
     // What they feel.
     let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, unit, slot);
     clear_tallies(encoder, group);

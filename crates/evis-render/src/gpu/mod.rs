@@ -1,6 +1,7 @@
 //! The device: found, or given from outside.
 
 pub mod buffer;
+pub mod commands;
 pub mod readback;
 pub mod shader;
 pub mod sizes;
@@ -8,7 +9,10 @@ pub mod texture;
 pub mod uniforms;
 pub mod variant;
 
+use std::sync::Arc;
+
 use crate::error::EngineError;
+use crate::gpu::commands::{Counters, Counts, DEVICE_TARGET, PassClock};
 
 /// A device as a user chooses among them.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -30,6 +34,9 @@ pub struct DeviceSummary {
 pub struct Gpu {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
+    pub(crate) counters: Arc<Counters>,
+    /// Where a trace takes the times of passes on the device.
+    pub(crate) clock: Option<Arc<PassClock>>,
     summary: DeviceSummary,
 }
 
@@ -147,22 +154,27 @@ impl Gpu {
         Self::request(&adapter, required_limits(&adapter.limits()), summary)
     }
 
-    /// A device of `adapter` with `limits` and no optional feature.
+    /// A device of `adapter` with `limits` and no optional feature, but for timestamps where a trace takes them.
     fn request(
         adapter: &wgpu::Adapter,
         limits: wgpu::Limits,
         summary: DeviceSummary,
     ) -> Result<Self, EngineError> {
+        let traced = tracing::enabled!(target: DEVICE_TARGET, tracing::Level::TRACE);
+        let wanted = if traced { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
+        let features = wanted & adapter.features();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("evis"),
-            required_features: wgpu::Features::empty(),
+            required_features: features,
             required_limits: limits,
             experimental_features: wgpu::ExperimentalFeatures::disabled(),
             memory_hints: wgpu::MemoryHints::Performance,
             trace: wgpu::Trace::Off,
         }))
         .map_err(|e| EngineError::Device(format!("cannot open {}: {e}", summary.name)))?;
-        Ok(Self { device, queue, summary })
+        let timed = features.contains(wgpu::Features::TIMESTAMP_QUERY);
+        let clock = timed.then(|| Arc::new(PassClock::new(queue.get_timestamp_period())));
+        Ok(Self { device, queue, counters: Arc::default(), clock, summary })
     }
 
     /// A device that executes nothing: builds pipelines and bind groups only, for tests without a driver. It has WebGPU's
@@ -198,7 +210,12 @@ impl Gpu {
             kind: "other".into(),
             driver: String::new(),
         };
-        Self { device, queue, summary }
+        Self { device, queue, counters: Arc::default(), clock: None, summary }
+    }
+
+    /// What was submitted to this device through this value and its clones.
+    pub fn counts(&self) -> Counts {
+        self.counters.read()
     }
 
     /// What this device is.

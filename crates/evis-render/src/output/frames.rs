@@ -9,6 +9,7 @@ use evis_core::{LabelData, LabelFrame, LabelKind, TimeGrid};
 
 use crate::config::RunConfig;
 use crate::error::EngineError;
+use crate::gpu::commands::Commands;
 use crate::raster::context::{Context, Upload};
 use crate::raster::layers::{LayerUse, Layers};
 use crate::raster::luminance::encode_luminance;
@@ -138,7 +139,7 @@ impl ExposureRoom {
             }
             let in_view = InView::new(context, &view[0], look);
             let parts = in_view.parts(wanted, TILE, (width, height), self.made.pixel_price());
-            let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+            let mut encoder = Commands::new(&context.gpu, "frames");
             shadows.show(context, &mut encoder, 0, look);
             encode_luminance(context, &mut encoder, layers, &frames, look, 0, Some(&parts));
             let light = read_mean(context, encoder, layers)?;

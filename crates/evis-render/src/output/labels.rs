@@ -8,6 +8,7 @@ use evis_scene::Scene;
 use crate::config::RunConfig;
 use crate::error::EngineError;
 use crate::frame::draw::{Drawing, attachment, depth_attachment, draw_surfaces};
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::DeviceLimits;
 use crate::gpu::uniforms::LabelFrame as LabelUniform;
 use crate::pass::labels::{
@@ -238,7 +239,7 @@ impl LabelRoom {
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&context.gpu, "labels");
         let mut shadows = MovingShadows::new(&frame_group, &views, 3);
         for view in 0..views.len() {
             let frame = view as u32 * 3;
@@ -270,7 +271,7 @@ impl LabelRoom {
                 }
             }
         }
-        let submission = context.gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(&context.gpu);
         (
             LabelJob { group: group_index, index, t_us, next_us, last_us, staging, width, height, map },
             submission,
@@ -280,7 +281,7 @@ impl LabelRoom {
     fn encode_appearance(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         frame_group: &wgpu::BindGroup,
         targets: [Option<&wgpu::TextureView>; 2],
         depth: &wgpu::TextureView,
@@ -289,12 +290,8 @@ impl LabelRoom {
         let [r, g, b] = self.background;
         let clears = [wgpu::Color { r, g, b, a: 1.0 }, wgpu::Color::TRANSPARENT];
         let attachments: [_; 2] = std::array::from_fn(|i| targets[i].map(|view| attachment(view, clears[i])));
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("appearance labels"),
-            color_attachments: &attachments,
-            depth_stencil_attachment: Some(depth_attachment(depth, wgpu::StoreOp::Discard)),
-            ..Default::default()
-        });
+        let depth = depth_attachment(depth, wgpu::StoreOp::Discard);
+        let mut pass = encoder.render("appearance labels", &attachments, depth);
         let what = Drawing {
             items: &context.frame_data.visible[frame as usize],
             frame,

@@ -9,6 +9,7 @@ pub mod sky;
 pub mod splat;
 pub mod trigger;
 
+use crate::gpu::commands::Commands;
 use crate::gpu::{shader, sizes};
 
 /// What a shader does with a binding.
@@ -273,6 +274,8 @@ pub fn covering(
 
 /// A compute pass: its layout and pipeline.
 pub struct ComputePass {
+    /// Its shader file, which is its label.
+    pub file: &'static str,
     /// Group 0.
     pub layout: wgpu::BindGroupLayout,
     /// Pipeline.
@@ -281,25 +284,32 @@ pub struct ComputePass {
 
 impl ComputePass {
     /// Builds `file`'s `main`.
-    pub fn new(device: &wgpu::Device, file: &str, bindings: &[Binding], constants: &[(&str, f64)]) -> Self {
+    pub fn new(
+        device: &wgpu::Device,
+        file: &'static str,
+        bindings: &[Binding],
+        constants: &[(&str, f64)],
+    ) -> Self {
         let layout = layout(device, file, bindings, wgpu::ShaderStages::COMPUTE);
         let pipeline = compute_pipeline(device, file, &layout, constants);
-        Self { layout, pipeline }
+        Self { file, layout, pipeline }
+    }
+
+    /// Records the pass alone, with `group` at `offsets`.
+    pub fn encode(
+        &self,
+        encoder: &mut Commands,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        workgroups: (u32, u32, u32),
+    ) {
+        encoder.compute(self.file).dispatch(&self.pipeline, group, offsets, workgroups);
     }
 
     /// Records the pass over `tiles` tiles, a workgroup each, with the `job`th entry of its uniforms.
-    pub fn encode_tiles(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        group: &wgpu::BindGroup,
-        job: u32,
-        tiles: u32,
-    ) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, group, &[job * sizes::UNIFORM_ALIGNMENT as u32]);
+    pub fn encode_tiles(&self, encoder: &mut Commands, group: &wgpu::BindGroup, job: u32, tiles: u32) {
         let (x, y) = sizes::dispatch(tiles, 1);
-        pass.dispatch_workgroups(x, y, 1);
+        self.encode(encoder, group, &[job * sizes::UNIFORM_ALIGNMENT as u32], (x, y, 1));
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::error::EngineError;
 use crate::frame::{FrameData, FrameRequest};
+use crate::gpu::commands::Commands;
 use crate::raster::context::Context;
 use crate::world::view::View;
 
@@ -25,7 +26,7 @@ impl<'a> MovingShadows<'a> {
     }
 
     /// Draws the maps that `view` needs at instant `k`, where they are not drawn.
-    pub fn show(&mut self, context: &Context, encoder: &mut wgpu::CommandEncoder, view: u32, k: u32) {
+    pub fn show(&mut self, context: &Context, encoder: &mut Commands, view: u32, k: u32) {
         let Some(room) = context.shadows.as_ref().filter(|room| room.plan.redrawn) else { return };
         let environment = self.views[view as usize].environment;
         if self.shown.replace((environment, k)) == Some((environment, k)) {
@@ -75,12 +76,12 @@ pub fn draw_still_maps(context: &mut Context) -> Result<(), EngineError> {
             &context.gpu_scene.morph_data,
             &context.frame_data,
         );
-        let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&context.gpu, "still shadow maps");
         let objects = context.gpu_scene.objects.len();
         room.encode_kept(context.stage(&group), &mut encoder, |map| {
             FrameData::shadow_record(views.len(), objects, map)
         });
-        context.gpu.queue.submit([encoder.finish()]);
+        encoder.submit(&context.gpu);
         // So that this counts as preparation, and not as the first instant's work.
         context.gpu.device.poll(wgpu::PollType::wait_indefinitely())?;
     }

@@ -8,6 +8,7 @@
 use std::collections::HashMap;
 
 use crate::gpu::buffer::{GrowingBuffer, aligned};
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes;
 use crate::gpu::texture::{array, whole};
 use crate::gpu::uniforms::{AuditJob, MeanJob};
@@ -143,7 +144,7 @@ impl Work<'_> {
     }
 
     /// Copies what is still from the end of one block to the end of the next.
-    fn carry(&self, encoder: &mut wgpu::CommandEncoder, kept: Option<&wgpu::Texture>) {
+    fn carry(&self, encoder: &mut Commands, kept: Option<&wgpu::Texture>) {
         let layers = &self.targets.layers;
         for (index, paces) in (0..).zip(&self.paces) {
             let (view, block) = (index / self.blocks, index % self.blocks);
@@ -227,7 +228,7 @@ impl AdaptiveRoom {
     pub fn encode(
         &mut self,
         context: &mut Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: &Unit,
@@ -245,7 +246,8 @@ impl AdaptiveRoom {
         let again = i64::from(!group.beginning.is_empty());
         let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first + again);
         let kept = kept.map(|(_, texture)| texture);
-        let paces = self.paces(context, &views, group, unit);
+        let paces =
+            tracing::trace_span!("rates of tiles").in_scope(|| self.paces(context, &views, group, unit));
         let (frames, length) = (frames_of(unit), self.block_of(group, unit));
         let work = Work {
             targets,
@@ -368,7 +370,7 @@ impl AdaptiveRoom {
     fn compare(
         &mut self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         work: &Work<'_>,
         audits: Vec<Audit>,
         atlas: &AuditAtlas,
@@ -419,7 +421,7 @@ impl AdaptiveRoom {
     fn draw(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         work: &Work<'_>,
         means: &MeanGroups,
         looks: &[Look],
@@ -454,7 +456,7 @@ impl AdaptiveRoom {
     fn draw_one(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         work: &Work<'_>,
         into: (&wgpu::BindGroup, &Option<wgpu::BindGroup>),
         (look, first_sample): (&Look, u32),
@@ -594,7 +596,7 @@ impl AdaptiveRoom {
     fn keep(
         &mut self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         work: &Work<'_>,
         spare: Option<wgpu::Texture>,
     ) {
@@ -631,13 +633,7 @@ impl AuditAtlas {
     }
 
     /// Copies `rect` of a layer to layer `to`.
-    fn take(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        (texture, layer): (&wgpu::Texture, u32),
-        rect: Rect,
-        to: u32,
-    ) {
+    fn take(&self, encoder: &mut Commands, (texture, layer): (&wgpu::Texture, u32), rect: Rect, to: u32) {
         let place = |texture, [x, y]: [u32; 2], z| wgpu::TexelCopyTextureInfo {
             texture,
             mip_level: 0,

@@ -4,6 +4,7 @@
 use evis_core::{Warp, WarpVariant};
 
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::UNIFORM_ALIGNMENT;
 use crate::gpu::uniforms::{KeyParams, LabelFrame};
 use crate::pass::labels::GEOMETRY_FORMATS;
@@ -144,13 +145,7 @@ impl KeyframeStore {
     }
 
     /// From the pictures to `entry`: views of slot 0, then of slot 1.
-    pub fn encode_prepare(
-        &self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        prepare: &ComputePass,
-        entry: u32,
-    ) {
+    pub fn encode_prepare(&self, gpu: &Gpu, encoder: &mut Commands, prepare: &ComputePass, entry: u32) {
         let params = KeyParams { width: self.width, height: self.height, view: entry, margin: self.margin };
         let offset = u64::from(entry) * UNIFORM_ALIGNMENT;
         gpu.queue.write_buffer(&self.keys, offset, bytemuck::bytes_of(&params));
@@ -168,10 +163,8 @@ impl KeyframeStore {
             self.largest.as_entire_binding(),
         ];
         let group = pass::group(&gpu.device, "prepare", &prepare.layout, PREPARE_BINDINGS, resources);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&prepare.pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(self.width.div_ceil(SPLAT_WORKGROUP), self.height, 1);
+        let workgroups = (self.width.div_ceil(SPLAT_WORKGROUP), self.height, 1);
+        prepare.encode(encoder, &group, &[], workgroups);
     }
 
     /// Whether slot of keyframe `j` holds it for `group`; from now on it does.
@@ -225,7 +218,7 @@ impl KeyframeFrames {
     pub fn draw(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         room: &GeometryRoom,
         prepare: &ComputePass,
         store: &KeyframeStore,

@@ -13,6 +13,7 @@ pub mod splat;
 pub mod tile_rate;
 pub mod view_motion;
 
+use crate::gpu::commands::Commands;
 use crate::raster::context::Context;
 use crate::sampling::adaptive::AdaptiveRoom;
 use crate::sampling::audit::AuditRun;
@@ -37,7 +38,7 @@ impl Sampling {
     pub fn encode(
         &mut self,
         context: &mut Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: &Unit,

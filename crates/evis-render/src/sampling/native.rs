@@ -1,6 +1,7 @@
 //! `native`: every instant of every view.
 
 use crate::frame::changes::Change;
+use crate::gpu::commands::Commands;
 use crate::raster::context::{Context, Upload};
 use crate::raster::luminance::{copy_layers, encode_distorted, encode_luminance};
 use crate::raster::shadows::MovingShadows;
@@ -22,7 +23,7 @@ impl NativeRoom {
     pub fn encode(
         &mut self,
         context: &mut Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: &Unit,

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::texture::row_bytes;
 use crate::raster::context::Context;
 use crate::sensor::group::{Group, Unit};
@@ -82,7 +83,7 @@ impl HostWalk {
     pub fn encode(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: Unit,

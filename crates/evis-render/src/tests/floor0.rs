@@ -501,3 +501,53 @@ fn constants_agree() {
     assert_eq!(MAX_INSTANTS as usize, params.spans.len());
     const { assert!(MAX_INSTANTS <= u32::BITS, "trigger/count.wgsl keeps one bit per instant") };
 }
+
+/// Files below `folder`, and what they hold.
+fn sources(folder: &std::path::Path, into: &mut Vec<(String, String)>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            sources(&path, into);
+        } else {
+            into.push((path.to_string_lossy().into_owned(), std::fs::read_to_string(&path).unwrap()));
+        }
+    }
+}
+
+/// What `text` makes on a device without a name that a debugger or a trace could show, and passes that are no spans.
+fn unnamed(text: &str) -> Vec<&'static str> {
+    const NAMELESS: [&str; 6] = [
+        "label: None",
+        "Descriptor::default()",
+        "create_command_encoder(",
+        "begin_compute_pass(",
+        "begin_render_pass(",
+        ".finish()",
+    ];
+    NAMELESS.into_iter().filter(|pattern| text.contains(pattern)).collect()
+}
+
+#[test]
+fn every_pass_pipeline_and_buffer_has_a_label() {
+    let mut files = Vec::new();
+    sources(std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src")), &mut files);
+    let mut checked = 0;
+    for (path, text) in files.iter().filter(|(path, _)| !path.contains("/tests/")) {
+        // The one place that begins passes: `Commands::compute` and `Commands::render` take a label.
+        let allowed: &[&str] = if path.ends_with("gpu/commands.rs") {
+            &["create_command_encoder(", "begin_compute_pass(", "begin_render_pass(", ".finish()"]
+        } else {
+            &[]
+        };
+        let found: Vec<_> = unnamed(text).into_iter().filter(|pattern| !allowed.contains(pattern)).collect();
+        assert!(found.is_empty(), "{path}: {found:?}; name it, and take passes from gpu::commands::Commands");
+        checked += usize::from(text.contains("Commands"));
+    }
+    assert!(checked > 15, "{checked} files record commands");
+    // Canary: both ways to leave a name out.
+    assert_eq!(unnamed("create_buffer(&wgpu::BufferDescriptor { label: None, size })"), ["label: None"]);
+    assert_eq!(
+        unnamed("device.create_sampler(&wgpu::SamplerDescriptor::default())"),
+        ["Descriptor::default()"]
+    );
+}

@@ -29,6 +29,7 @@ mod raster_scenes;
 mod skips;
 
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 
 /// The device of floors 2 and 3. Where `EVIS_REQUIRE_GPU=1`, its absence is a failure; elsewhere it is said aloud.
 fn device() -> Option<Gpu> {
@@ -59,9 +60,9 @@ fn read(gpu: &Gpu, buffer: &wgpu::Buffer) -> Vec<u32> {
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    let mut encoder = Commands::new(gpu, "test");
     encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
-    let submission = gpu.queue.submit([encoder.finish()]);
+    let submission = encoder.submit(gpu);
     crate::gpu::readback::wait_mapped(gpu, &submission, &crate::gpu::readback::map(&staging)).unwrap();
     let bytes = staging.get_mapped_range(..).unwrap();
     bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
