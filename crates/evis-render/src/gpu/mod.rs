@@ -8,11 +8,12 @@ pub mod sizes;
 pub mod texture;
 pub mod uniforms;
 pub mod variant;
+pub mod work;
 
 use std::sync::Arc;
 
 use crate::error::EngineError;
-use crate::gpu::commands::{Counters, Counts, DEVICE_TARGET, PassClock};
+use crate::gpu::work::{Counters, Counts, DEVICE_TARGET, PassClock};
 
 /// A device as a user chooses among them.
 #[derive(Clone, Debug, serde::Serialize)]
