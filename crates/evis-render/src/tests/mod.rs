@@ -11,6 +11,7 @@ mod floor2_resample;
 mod floor2_splat;
 mod floor3;
 mod floor3_adaptive;
+mod floor3_bytes;
 mod floor3_chain;
 mod floor3_decoupled;
 mod floor3_distorted;
