@@ -113,12 +113,12 @@ impl Engine {
         // Nothing is audited where something begins.
         let _ = sampling.encode(context, &mut encoder, targets, group, &unit);
         if matches!(*passes.walks[group.targets], WalkPasses::Host) {
-            let looks = self.host_walk.encode(&context.gpu, &mut encoder, targets, group, unit)?;
+            let readback = self.host_walk.encode(&context.gpu, &mut encoder, targets, group, unit)?;
             let submission = encoder.submit(&context.gpu);
-            let mapped = map(&looks.staging);
+            let mapped = map(&readback.staging);
             wait_mapped(&context.gpu, &submission, &mapped)?;
             // First light fires nothing.
-            self.host_walk.take(context, targets, group, looks)?;
+            self.host_walk.take(context, targets, group, readback)?;
             return Ok(());
         }
         let header = group.header_bytes();

@@ -17,7 +17,7 @@ use crate::pass::labels::{
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, WHOLE_PIXEL_TAPS};
 use crate::pass::sky;
 use crate::raster::context::Context;
-use crate::raster::geometry::{GeometryPass, GeometryRoom, NO_FLOW, sky_flow};
+use crate::raster::geometry::{GeometryPass, GeometryRenderer, NO_FLOW, sky_flow};
 use crate::raster::shadows::MovingShadows;
 use crate::sensor::group::Group;
 use crate::world::distorted::Distorted;
@@ -25,10 +25,10 @@ use crate::world::gpu_scene::GpuScene;
 use crate::world::view::View;
 
 /// Everything that labels need; absent where none is asked for.
-pub struct LabelRoom {
+pub struct LabelRenderer {
     kinds: Vec<LabelKind>,
     wanted: LabelTargets,
-    geometry: Option<GeometryRoom>,
+    geometry: Option<GeometryRenderer>,
     appearance: Pipelines,
     sky_color: Option<wgpu::RenderPipeline>,
     background: [f64; 3],
@@ -60,9 +60,12 @@ struct Plane {
     texel: u32,
 }
 
-impl LabelRoom {
+impl LabelRenderer {
     /// `None` where no label is asked for.
-    #[expect(clippy::too_many_arguments, reason = "a constructor that reads every earlier room once")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a constructor that reads everything that is prepared before it, once"
+    )]
     pub fn new(
         device: &wgpu::Device,
         layouts: &SurfaceLayouts,
@@ -106,7 +109,7 @@ impl LabelRoom {
             SceneConstants { texture_samples: 1, grid: 1, texture_taps: WHOLE_PIXEL_TAPS, ..*constants };
         let geometry = wanted
             .any_geometry()
-            .then(|| GeometryRoom::new(device, layouts, gpu_scene, &constants, wanted.geometry));
+            .then(|| GeometryRenderer::new(device, layouts, gpu_scene, &constants, wanted.geometry));
         let appearance = if wanted.any_appearance() {
             appearance_pipelines(device, layouts, variants(), &constants, wanted.appearance)
         } else {
@@ -201,7 +204,7 @@ impl LabelRoom {
         };
         let others = [next_us, last_us.unwrap_or(t_us)];
         let skies: Vec<_> = views.iter().map(|view| sky_flow(context, view, others)).collect();
-        let groups = self.geometry.as_mut().map(|room| room.upload(context, &label, &skies));
+        let groups = self.geometry.as_mut().map(|renderer| renderer.upload(context, &label, &skies));
 
         let device = &context.gpu.device;
         let textures = self.formats().map(|format| {
@@ -244,10 +247,10 @@ impl LabelRoom {
         for view in 0..views.len() {
             let frame = view as u32 * 3;
             let [inverse_depth, flow, ids, color, normal] = target_views.each_ref().map(Option::as_ref);
-            if let (Some(room), Some(groups)) = (&self.geometry, &groups) {
+            if let (Some(renderer), Some(groups)) = (&self.geometry, &groups) {
                 let targets = [inverse_depth, flow, ids];
                 let what = GeometryPass { frame, sky: view as u32, targets, depth: &depth };
-                room.encode(context, &mut encoder, &frame_group, groups, &what);
+                renderer.encode(context, &mut encoder, &frame_group, groups, &what);
             }
             if self.wanted.any_appearance() {
                 shadows.show(context, &mut encoder, view as u32, 0);

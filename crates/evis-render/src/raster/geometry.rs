@@ -20,7 +20,7 @@ use crate::world::view::View;
 pub const NO_FLOW: f32 = 1e29;
 
 /// The geometry pass, one sample at the pixel's centre.
-pub struct GeometryRoom {
+pub struct GeometryRenderer {
     pipelines: Pipelines,
     sky: Option<wgpu::RenderPipeline>,
     label_layout: wgpu::BindGroupLayout,
@@ -35,19 +35,19 @@ pub struct GeometryGroups {
     sky: wgpu::BindGroup,
 }
 
-/// One pass: a frame, its sky in [`GeometryRoom::upload`]'s list, and where it goes.
+/// One pass: a frame, its sky in [`GeometryRenderer::upload`]'s list, and where it goes.
 pub struct GeometryPass<'a> {
     /// Frame of the submission.
     pub frame: u32,
     /// Index into the list of skies.
     pub sky: u32,
-    /// Inverse depth, flow, ids; `None` where the room was made without.
+    /// Inverse depth, flow, ids; `None` where the renderer was made without.
     pub targets: [Option<&'a wgpu::TextureView>; 3],
     /// Depth.
     pub depth: &'a wgpu::TextureView,
 }
 
-impl GeometryRoom {
+impl GeometryRenderer {
     /// Builds the pipelines that write the `wanted` of inverse depth, flow and ids.
     pub fn new(
         device: &wgpu::Device,

@@ -20,7 +20,7 @@ use crate::world::image_bounds::Rect;
 ///
 /// What stands still is drawn once into maps that are kept; at each instant these are restored where something moved, and only
 /// what moves is drawn on top. Where a light moves, everything is drawn.
-pub struct ShadowRoom {
+pub struct ShadowMaps {
     /// What is drawn, and when.
     pub plan: ShadowPlan,
     /// What rays are cast through along shadows' borders; `None` where the maps decide alone.
@@ -69,7 +69,7 @@ impl StillMaps {
     }
 }
 
-impl ShadowRoom {
+impl ShadowMaps {
     /// `None` where no light throws shadows.
     ///
     /// # Errors

@@ -12,7 +12,7 @@ use crate::pass::raster::DEPTH_FORMAT;
 use crate::pass::splat::{PREPARE_BINDINGS, SPLAT_WORKGROUP};
 use crate::pass::{self, ComputePass};
 use crate::raster::context::{Context, Upload};
-use crate::raster::geometry::{GeometryGroups, GeometryPass, GeometryRoom, sky_flow};
+use crate::raster::geometry::{GeometryGroups, GeometryPass, GeometryRenderer, sky_flow};
 use crate::raster::layers::{LayerUse, Layers};
 use crate::raster::luminance::encode_luminance;
 use crate::raster::shadows::MovingShadows;
@@ -190,7 +190,7 @@ impl KeyframeFrames {
     /// Evaluates and uploads keyframes `first..=last` of `views`, whose lenses are those of the canvas.
     pub fn upload(
         context: &mut Context,
-        room: &mut GeometryRoom,
+        renderer: &mut GeometryRenderer,
         views: Vec<View>,
         [first, last]: [i64; 2],
         record_ids: bool,
@@ -210,7 +210,7 @@ impl KeyframeFrames {
         let neighbours = times.windows(3).map(|t| [t[2], t[0]]);
         let skies: Vec<_> = neighbours.flat_map(|others| views.iter().map(move |v| (v, others))).collect();
         let skies: Vec<_> = skies.into_iter().map(|(view, others)| sky_flow(context, view, others)).collect();
-        let geometry = room.upload(context, &label, &skies);
+        let geometry = renderer.upload(context, &label, &skies);
         Self { views, first, times: times.len() as u32, frame_group, geometry }
     }
 
@@ -219,7 +219,7 @@ impl KeyframeFrames {
         &self,
         context: &Context,
         encoder: &mut Commands,
-        room: &GeometryRoom,
+        renderer: &GeometryRenderer,
         prepare: &ComputePass,
         store: &KeyframeStore,
         j: i64,
@@ -240,7 +240,7 @@ impl KeyframeFrames {
                 targets: [Some(inverse_depth), Some(flow), store.with_objects.then_some(ids)],
                 depth: &store.depth,
             };
-            room.encode(context, encoder, &self.frame_group, &self.geometry, &what);
+            renderer.encode(context, encoder, &self.frame_group, &self.geometry, &what);
             store.encode_prepare(&context.gpu, encoder, prepare, slot * count + view);
         }
     }

@@ -11,14 +11,14 @@ use crate::world::image_bounds::Rect;
 
 /// `native`: every instant of every view, sample by sample; of a view that stands still, only what changes.
 #[derive(Default)]
-pub struct NativeRoom {
+pub struct NativeSampler {
     /// The layers of the last instant of the submission before, view by view.
     kept: Option<wgpu::Texture>,
     /// Pixels drawn since this was last asked.
     pub drawn_pixels: u64,
 }
 
-impl NativeRoom {
+impl NativeSampler {
     /// Records what makes the luminance of `unit`.
     pub fn encode(
         &mut self,

@@ -16,7 +16,7 @@ use crate::pass::splat::{
 };
 use crate::pass::{self, ComputePass};
 use crate::raster::context::Context;
-use crate::raster::geometry::GeometryRoom;
+use crate::raster::geometry::GeometryRenderer;
 use crate::raster::layers::LayerUse;
 use crate::sampling::keyframes::{KeyframeFrames, KeyframeStore, SLOTS, canvas_lens, slot_of};
 use crate::sensor::group::{Group, Unit};
@@ -33,10 +33,10 @@ const BRIGHTEST: f32 = 65_536.0;
 const ROWS: usize = 3;
 
 /// Everything that `splat` needs.
-pub struct SplatRoom {
+pub struct SplatSampler {
     config: Warp,
     passes: SplatPasses,
-    geometry: GeometryRoom,
+    geometry: GeometryRenderer,
     /// Per class of views.
     stores: Vec<Store>,
     params: GrowingBuffer,
@@ -103,7 +103,7 @@ struct Step {
     elapsed: f64,
 }
 
-impl SplatRoom {
+impl SplatSampler {
     /// Builds the passes.
     pub fn new(context: &Context, constants: &SceneConstants, config: &Warp) -> Self {
         let device = &context.gpu.device;
@@ -114,7 +114,7 @@ impl SplatRoom {
         Self {
             config: *config,
             passes: SplatPasses::new(device, config.variant, context.offsets.len() as u32, run),
-            geometry: GeometryRoom::new(
+            geometry: GeometryRenderer::new(
                 device,
                 &context.layouts,
                 &context.gpu_scene,
