@@ -41,7 +41,7 @@ LONG_SCENES ?= 24..324
 # Seconds that `make check-long` reads mutants of each kind of file.
 FUZZ_S ?= 600
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench chart accuracy gallery real-recording wheel smoke docs site bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench bench-gpu chart accuracy gallery real-recording wheel smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -115,6 +115,9 @@ bench: setup ## Speed, as ratios on this machine.
 	if [ -f benches/bench.py ]; then \
 	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py \
 	  && $(BIN)/python benches/representations.py; fi
+
+bench-gpu: setup ## Cost of each method with many cameras on this machine's adapter; tables in out/.
+	cargo bench --profile release --workspace --locked --bench gpu -- out="$(CURDIR)/out"
 
 chart: wheel ## Measure speed against accuracy on the built-in scenes; redraws docs/images/chart-*.
 	tools/install "$(BIN)"

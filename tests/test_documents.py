@@ -50,6 +50,7 @@ OTHER_OPTIONS = {
 OTHER_PATHS = {
     "dv-processing": {"aedat2_output.py"},
     "v2e": {"emulator_utils.py", "v2e.py", "v2ecore/v2e_args.py"},
+    "wgpu-hal": {"dx12/adapter.rs", "metal/adapter.rs", "vulkan/adapter.rs"},
 }
 
 # Types of other projects that comments cite, by project.

@@ -22,6 +22,7 @@ mod scene_source;
 mod score;
 mod sensor_source;
 mod text;
+mod trace;
 mod truth;
 mod tune;
 mod verify;

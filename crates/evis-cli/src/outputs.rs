@@ -7,11 +7,17 @@ use anyhow::Context;
 
 use crate::failure::bad_input;
 
-/// Refuses a report that would take another file's place: without `force` any, and always those that are `taken`.
-pub(crate) fn check_report(path: &Path, force: bool, taken: &[(&str, &Path)]) -> anyhow::Result<()> {
-    check_apart(path, "--report", taken)?;
-    check_parent(path, "--report")?;
-    check_unused(path, "--report", force)
+/// Refuses the file of `flag` where it would take another one's place: without `force` any, and always those that are
+/// `taken`.
+pub(crate) fn check_beside(
+    flag: &str,
+    path: &Path,
+    force: bool,
+    taken: &[(&str, &Path)],
+) -> anyhow::Result<()> {
+    check_apart(path, flag, taken)?;
+    check_parent(path, flag)?;
+    check_unused(path, flag, force)
 }
 
 /// Refuses a path that is one of those that are `taken`, under whatever name.

@@ -14,8 +14,9 @@ use crate::args::{VideoArgs, to_us};
 use crate::convert::{export, format_of};
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
-use crate::outputs::{check_free, check_output, check_parent, check_report};
+use crate::outputs::{check_beside, check_free, check_output, check_parent};
 use crate::progress::Progress;
+use crate::trace::Trace;
 use crate::{flags, sensor_source, text};
 
 /// Converts and tells.
@@ -24,8 +25,15 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
     if let Some(report) = &args.report {
         let mut taken: Vec<_> = args.output.iter().map(|output| ("--output", output.as_path())).collect();
         taken.push(("the input", &args.input));
-        check_report(report, args.force, &taken)?;
+        check_beside("--report", report, args.force, &taken)?;
     }
+    if let Some(trace) = &args.trace {
+        let mut taken: Vec<_> = args.output.iter().map(|output| ("--output", output.as_path())).collect();
+        taken.extend(args.report.as_deref().map(|report| ("--report", report)));
+        taken.push(("the input", &args.input));
+        check_beside("--trace", trace, args.force, &taken)?;
+    }
+    let trace = Trace::start(args.trace.as_deref())?;
     for output in &args.output {
         check_free(output, args.force)?;
     }
@@ -77,6 +85,9 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
         let json = serde_json::to_string_pretty(&report)?;
         evis_core::limits::write_whole(path, (json + "\n").as_bytes())
             .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if let Some(trace) = trace {
+        trace.finish()?;
     }
     if args.json {
         text::say_json(&report)?;

@@ -154,6 +154,11 @@ fn outputs_that_cannot_be_written_are_refused_before_any_work() {
     for (line, words) in [
         ("run spinner -o x.h5 --report old.h5", ["--report", "--force"]),
         ("run spinner -o x.h5 --report x.h5", ["--report", "--output"]),
+        ("run spinner -o x.h5 --trace old.h5", ["--trace", "--force"]),
+        ("run spinner -o x.h5 --trace x.h5", ["--trace", "--output"]),
+        ("run spinner -o x.h5 --report r.json --trace r.json", ["--trace", "--report"]),
+        ("run spinner -o x.h5 --trace t.json --sensor v2f", ["did you mean", "v2f"]),
+        ("video own.toml -o x.h5 --fps 10 --trace own.toml --force", ["--trace", "the input"]),
         ("run spinner -o old.h5 --report ./old.h5 --force", ["--report", "--output"]),
         ("run own.toml -o x.h5 --report own.toml --force", ["--report", "the scene"]),
         ("run spinner -o x.h5 --settings p.toml --report ./p.toml", ["--report", "--settings"]),

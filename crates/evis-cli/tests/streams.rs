@@ -411,3 +411,44 @@ fn a_killed_run_leaves_what_it_had_flushed() {
     let repaired = json(&evis(&folder, "info a.h5 --repair --json"));
     assert_eq!((&repaired["repaired"]["reopened"], &repaired["events"]), (&true.into(), &cut["events"]));
 }
+
+#[test]
+fn a_trace_names_the_passes_and_the_steps_of_a_run() {
+    let folder = Folder::new("trace");
+    if no_device(&folder) {
+        return;
+    }
+    let line = format!("run spinner -o a.h5 {SMALL} --labels depth --trace t.json");
+    let output = evis(&folder, &line);
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let text = std::fs::read_to_string(folder.file("t.json")).unwrap();
+    let entries: Vec<serde_json::Value> = serde_json::from_str(&text).unwrap();
+    let with = |track: &dyn Fn(u64) -> bool, name: &str| {
+        entries
+            .iter()
+            .filter(|e| e["ph"] == "X" && track(e["tid"].as_u64().unwrap()) && e["name"] == name)
+            .map(|e| e["dur"].as_f64().unwrap())
+            .collect::<Vec<_>>()
+    };
+    let (host, device) = (|track| track > 0, |track| track == 0);
+    let steps = ["load scene", "build engine", "deliver", "prepare submission", "wait for device", "write"];
+    for name in steps.into_iter().chain(["luminance", "trigger", "geometry labels"]) {
+        let lengths = with(&host, name);
+        assert!(!lengths.is_empty() && lengths.iter().all(|us| *us >= 0.0), "{name}: {lengths:?}");
+    }
+    assert!(with(&host, "no such pass").is_empty(), "canary");
+    // Devices without timestamps have no track; lavapipe has one.
+    let recorded = with(&host, "luminance").len();
+    let timed = with(&device, "luminance");
+    assert!(timed.is_empty() || timed.len() == recorded, "{} of {recorded}", timed.len());
+    assert!(timed.is_empty() || timed.iter().sum::<f64>() > 0.0, "{timed:?}");
+
+    // A trace is one more file that is not written over, and changes no event.
+    let again = evis(&folder, &format!("run spinner -o b.h5 {SMALL} --trace t.json"));
+    assert_eq!(code(&again), 2, "{}", stderr(&again));
+    let plain = evis(&folder, &format!("run spinner -o b.h5 {SMALL} --labels depth"));
+    assert_eq!(code(&plain), 0, "{}", stderr(&plain));
+    let counts =
+        ["a.h5", "b.h5"].map(|file| json(&evis(&folder, &format!("info {file} --json")))["events"].clone());
+    assert_eq!(counts[0], counts[1]);
+}

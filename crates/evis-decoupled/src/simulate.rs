@@ -128,14 +128,19 @@ struct Row {
     report: Report,
 }
 
+/// How pixels are followed.
+struct Following {
+    thresholds: Thresholds,
+    step_px: f64,
+    start_us: i64,
+}
+
 /// The pixels of one view: what they remember from block to block.
 pub(crate) struct Pixels {
     rows: Vec<Row>,
     /// Per thread of the pool, and one for whoever is none of them.
     rooms: Vec<Mutex<Work>>,
-    thresholds: Thresholds,
-    step_px: f64,
-    start_us: i64,
+    following: Following,
     report: Report,
 }
 
@@ -152,9 +157,11 @@ impl Pixels {
         Self {
             rows: (0..rows).map(new_row).collect(),
             rooms: (0..=rayon::current_num_threads()).map(|_| Mutex::default()).collect(),
-            thresholds: Thresholds::new(&settings.sensor, reference_luminance),
-            step_px: settings.step_px,
-            start_us: settings.start_us,
+            following: Following {
+                thresholds: Thresholds::new(&settings.sensor, reference_luminance),
+                step_px: settings.step_px,
+                start_us: settings.start_us,
+            },
             report: Report::default(),
         }
     }
@@ -178,16 +185,15 @@ impl Pixels {
         let started = Instant::now();
         lighting.prepare(&mut clock, &block)?;
         self.report.light_s += started.elapsed().as_secs_f64();
-        let (thresholds, step_px, start_us) = (&self.thresholds, self.step_px, self.start_us);
         let lighting = &*lighting;
-        let rooms = &self.rooms;
+        let (following, rooms) = (&self.following, &self.rooms);
         self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
             if !stop.load(Ordering::Relaxed) {
                 let evaluator = Evaluator { world, lists: &lists, lighting, block, once: false };
                 // Pages of pictures that rows share are found by the thread that rendered them.
                 let own = rayon::current_thread_index().unwrap_or(usize::MAX).min(rooms.len() - 1);
                 let mut work = rooms[own].lock().unwrap_or_else(PoisonError::into_inner);
-                row.follow(&mut work, &evaluator, thresholds, step_px, index, start_us);
+                row.follow(&mut work, &evaluator, following, index);
             }
         });
         if stop.load(Ordering::Relaxed) {
@@ -249,21 +255,13 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
 }
 
 impl Row {
-    fn follow(
-        &mut self,
-        work: &mut Work,
-        evaluator: &Evaluator,
-        thresholds: &Thresholds,
-        step_px: f64,
-        row: usize,
-        start_us: i64,
-    ) {
+    fn follow(&mut self, work: &mut Work, evaluator: &Evaluator, following: &Following, row: usize) {
         let started = Instant::now();
         let tiles = evaluator.lists.row(row);
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate() {
-            self.tile(work, evaluator, thresholds, step_px, tile, [column, row], start_us);
+            self.tile(work, evaluator, following, tile, [column, row]);
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();
     }
@@ -272,12 +270,11 @@ impl Row {
         &mut self,
         work: &mut Work,
         evaluator: &Evaluator,
-        thresholds: &Thresholds,
-        step_px: f64,
+        following: &Following,
         entries: &[Entry],
         [column, row]: [usize; 2],
-        start_us: i64,
     ) {
+        let Following { thresholds, step_px, start_us } = following;
         let block = evaluator.block;
         let lens = &evaluator.world.lens;
         evaluator.enter_tile(work, entries, [column, row]);
@@ -295,7 +292,7 @@ impl Row {
                 self.paths[slot].get_or_insert_with(|| PixelPath::new(block.start_us, light(0), thresholds));
             let events = &mut self.events;
             self.report.evaluations +=
-                path.walk(thresholds, block, step_px, &pace, light, |t_us, polarity| {
+                path.walk(thresholds, block, *step_px, &pace, light, |t_us, polarity| {
                     let t = t_us.floor() as i64 - start_us;
                     events.push(Event::new(t, x as u16, y as u16, polarity));
                 });

@@ -90,7 +90,8 @@ impl VideoStream {
     /// # Errors
     /// As [`FrameSource::next_frame`], and frames that the sensor refuses.
     pub fn next_events(&mut self) -> Result<Option<FrameEvents>, VideoError> {
-        let Some(TimedFrame { index, t_us, picture }) = self.source.next_frame()? else { return Ok(None) };
+        let next = tracing::trace_span!("decode frame").in_scope(|| self.source.next_frame())?;
+        let Some(TimedFrame { index, t_us, picture }) = next else { return Ok(None) };
         if self.emulator.is_none() {
             self.doubt = picture.values.hardly_light(self.config.reference_luminance);
         }
@@ -107,7 +108,8 @@ impl VideoStream {
             })?),
         };
         let mut lists = [Vec::new()];
-        emulator.push_into(&picture.frames(self.source.transfer()), t_us, &mut lists)?;
+        tracing::trace_span!("emulate sensor", t_us)
+            .in_scope(|| emulator.push_into(&picture.frames(self.source.transfer()), t_us, &mut lists))?;
         let [events] = lists;
         self.frames += 1;
         self.end_us = t_us;
@@ -224,8 +226,10 @@ pub fn convert(
             Some(writer) => writer,
             none => none.insert(RecordingWriter::create(output, &header(&stream, duration_us)?, overwrite)?),
         };
-        writer.write_events(0, &part.events)?;
-        writer.flush_if_due()?;
+        tracing::trace_span!("write").in_scope(|| {
+            writer.write_events(0, &part.events)?;
+            writer.flush_if_due()
+        })?;
         events += part.events.len() as u64;
         on += part.events.iter().filter(|event| event.p == 1).count() as u64;
         if !going(&Progress { t_us: part.t_us, duration_us, frames: stream.frames, events }) {

@@ -68,6 +68,12 @@ pub(crate) struct RunArgs {
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(crate) json: bool,
 
+    /// Write where the time goes as a trace, which ui.perfetto.dev opens
+    ///
+    /// A span per pass and step of the program, in Chrome's format; on devices with timestamps, when each pass ran there.
+    #[arg(long, value_name = "T.json", help_heading = "Output", hide_short_help = true)]
+    pub(crate) trace: Option<PathBuf>,
+
     /// Print device, method, views and milliseconds per stage too
     #[arg(long, short, help_heading = "Output", hide_short_help = true)]
     pub(crate) verbose: bool,

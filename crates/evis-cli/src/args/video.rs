@@ -91,6 +91,10 @@ pub(crate) struct VideoArgs {
     /// Print the report as JSON
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(crate) json: bool,
+
+    /// Write where the time goes as a trace, which ui.perfetto.dev opens
+    #[arg(long, value_name = "T.json", help_heading = "Output", hide_short_help = true)]
+    pub(crate) trace: Option<PathBuf>,
 }
 
 /// `from-v2e`.

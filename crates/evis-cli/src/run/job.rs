@@ -59,7 +59,7 @@ impl Job {
         for packet in simulator.stream(duration_us, PACKET_US)? {
             let packet = packet?;
             let writing = Instant::now();
-            self.write(&packet)?;
+            tracing::trace_span!("write").in_scope(|| self.write(&packet))?;
             self.tally.add(&packet, writing.elapsed());
             let elapsed = started.elapsed();
             if let Some(measured) = forecast.at(packet.end_us, elapsed, duration_us) {
@@ -76,6 +76,7 @@ impl Job {
     /// Closes the files with `report_json` in them.
     pub(super) fn finish(&mut self, report_json: &str) -> anyhow::Result<()> {
         let writing = Instant::now();
+        let _span = tracing::trace_span!("finish files").entered();
         self.create_writers()?;
         for writer in self.writers.drain(..) {
             writer.finish(report_json)?;

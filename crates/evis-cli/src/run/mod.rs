@@ -17,7 +17,8 @@ use evis_scene::{Scene, SceneState};
 use crate::args::{RunArgs, to_us};
 use crate::failure::bad_input;
 use crate::interrupt::EXIT_INTERRUPTED;
-use crate::outputs::{check_free, check_output, check_report, output_paths};
+use crate::outputs::{check_beside, check_free, check_output, output_paths};
+use crate::trace::Trace;
 use crate::warnings::Warnings;
 use crate::{flags, scene_source, sensor_source, text};
 
@@ -39,11 +40,17 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let mut taken = vec![("--output", args.output.as_path()), ("the scene", Path::new(&args.scene))];
     taken.extend(args.settings.as_deref().map(|settings| ("--settings", settings)));
     if let Some(report) = &args.report {
-        check_report(report, args.force, &taken)?;
+        check_beside("--report", report, args.force, &taken)?;
+        taken.push(("--report", report));
     }
+    if let Some(trace) = &args.trace {
+        check_beside("--trace", trace, args.force, &taken)?;
+    }
+    let trace = Trace::start(args.trace.as_deref())?;
     let mut settled = request(args)?.settle().map_err(flags::named)?;
     let (seed, motion) = (settled.config().seed, settled.camera_motion());
-    let scene = scene_source::open(&args.scene, seed, args.speed, motion)?;
+    let scene = tracing::trace_span!("load scene")
+        .in_scope(|| scene_source::open(&args.scene, seed, args.speed, motion))?;
     settled.take_sensors(&scene).map_err(flags::named)?;
     let environments = scene.variants.len().max(1);
     let outputs = output_paths(&args.output, environments);
@@ -60,10 +67,13 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let moved = scene.camera_motion.clone();
     let duration_us = duration_us(args, &scene, &mut warnings);
 
-    let gpu = Gpu::open_any(args.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
+    let gpu = tracing::trace_span!("open device").in_scope(|| Gpu::open_any(args.device.as_deref()));
+    let gpu = gpu.map_err(|e| bad_input(e.to_string()))?;
     let device = gpu.as_ref().map_or_else(DeviceSummary::none, |gpu| gpu.summary().clone());
     let scene = Arc::new(scene);
-    let (config, notes) = settled.configure(gpu.as_ref(), &scene).map_err(flags::named)?;
+    let (config, notes) = tracing::trace_span!("configure")
+        .in_scope(|| settled.configure(gpu.as_ref(), &scene))
+        .map_err(flags::named)?;
     for note in notes {
         text::complain(&format!("quality: {note}"));
     }
@@ -121,6 +131,9 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         let json = serde_json::to_string_pretty(&report)?;
         evis_core::limits::write_whole(path, (json + "\n").as_bytes())
             .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if let Some(trace) = trace {
+        trace.finish()?;
     }
     if args.json {
         text::say_json(&report)?

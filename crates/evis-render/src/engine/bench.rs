@@ -9,6 +9,7 @@ use crate::config::RunConfig;
 use crate::engine::{Engine, Parts};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::sensor::group::{Slot, Unit};
 use crate::sensor::trigger;
@@ -101,7 +102,7 @@ impl Stages {
             let (base_us, end_us) = (unit.base_us(&context.grid), unit.end_us(&context.grid));
             slot.feed(&context.gpu, &chain.feed(base_us, end_us));
         }
-        let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&context.gpu, "stages");
         if stage >= Stage::Raster {
             sampling.encode(context, &mut encoder, targets, group, &unit);
         } else {
@@ -128,7 +129,7 @@ impl Stages {
                 slot.events.size(),
             );
         }
-        let submission = context.gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(&context.gpu);
         if stage == Stage::Readback {
             let mapped = map(&slot.staging);
             wait_mapped(&context.gpu, &submission, &mapped)?;

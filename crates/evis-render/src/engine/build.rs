@@ -15,8 +15,8 @@ use crate::gpu::Gpu;
 use crate::gpu::sizes::{self, DeviceLimits, MethodNeeds};
 use crate::gpu::uniforms::ViewSensor;
 use crate::gpu::variant::LightSet;
-use crate::output::frames::ExposureRoom;
-use crate::output::labels::LabelRoom;
+use crate::output::frames::FrameRenderer;
+use crate::output::labels::LabelRenderer;
 use crate::output::packet::PacketReport;
 use crate::output::poses::CameraPoses;
 use crate::pass::raster::{self, SceneConstants, SurfaceLayouts};
@@ -25,12 +25,12 @@ use crate::raster::context::Context;
 use crate::raster::layers::LayerUse;
 use crate::raster::readback::measure_reference;
 use crate::raster::resample::Resampler;
-use crate::raster::shadow_maps::ShadowRoom;
+use crate::raster::shadow_maps::ShadowMaps;
 use crate::raster::shadows::draw_still_maps;
 use crate::sampling::Sampling;
-use crate::sampling::adaptive::AdaptiveRoom;
-use crate::sampling::native::NativeRoom;
-use crate::sampling::splat::{self, SplatRoom};
+use crate::sampling::adaptive::AdaptiveSampler;
+use crate::sampling::native::NativeSampler;
+use crate::sampling::splat::{self, SplatSampler};
 use crate::sensor::chain::{ChainPlan, GroupChain};
 use crate::sensor::group::Group;
 use crate::sensor::host::HostWalk;
@@ -55,6 +55,7 @@ impl Engine {
         views: Vec<View>,
         config: &mut RunConfig,
     ) -> Result<Self, EngineError> {
+        let _span = tracing::trace_span!("build engine", views = views.len()).entered();
         let device_limits = DeviceLimits::of(&gpu.device);
         let samples = Samples::new(config);
         let classes = classes(&views);
@@ -62,7 +63,7 @@ impl Engine {
         let (mut context, constants) = context(gpu, scene, views, config, &samples)?;
         context.resamplers = resamplers(&context, &samples, device_limits)?;
         draw_still_maps(&mut context)?;
-        let label_room = LabelRoom::new(
+        let label_renderer = LabelRenderer::new(
             &gpu.device,
             &context.layouts,
             &context.scene,
@@ -94,8 +95,8 @@ impl Engine {
         Ok(Self {
             caused,
             sampling,
-            label_room,
-            exposure_room: ExposureRoom::new(&context, config, samples.rendered)?,
+            label_renderer,
+            frame_renderer: FrameRenderer::new(&context, config, samples.rendered)?,
             host_walk: HostWalk::new(&context.views, reference, caused)?,
             label_grid: TimeGrid::new(config.label_rate_hz)?,
             block,
@@ -182,7 +183,7 @@ fn context(
     scene.evaluate_variant(scene.variants.first(), config.start_us as f64 * 1e-6, &mut state);
     let layouts = SurfaceLayouts::new(device);
     let gpu_scene = GpuScene::new(device, &gpu.queue, &layouts, &scene, &state);
-    let shadows = ShadowRoom::new(device, &layouts, &scene, &gpu_scene, config)?;
+    let shadows = ShadowMaps::new(device, &layouts, &scene, &gpu_scene, config)?;
     let occluders = shadows.as_ref().and_then(|s| s.occluders.as_ref());
     let constants = SceneConstants {
         lights: LightSet::new(&scene, |node| shadows.as_ref()?.plan.layer_of(node)),
@@ -201,7 +202,7 @@ fn context(
         let target = [Some(raster::LUMINANCE_FORMAT.into())];
         sky::pipeline(device, &layouts, "fs_luminance", &target, rasterized, constants.lights.count)
     });
-    let shadow_maps = shadows.as_ref().map_or_else(|| ShadowRoom::empty(device), |room| room.array.clone());
+    let shadow_maps = shadows.as_ref().map_or_else(|| ShadowMaps::empty(device), |maps| maps.array.clone());
     let trees = occluders.map_or(&[][..], |o| &o.words);
     let surroundings = gpu_scene.surroundings.group(device, &layouts, &shadow_maps, trees);
     let background_luminance = luminance::luminance(scene.background.map(f64::from));
@@ -276,12 +277,18 @@ fn sampling(
     constants: &SceneConstants,
 ) -> Sampling {
     match (&config.method, config.adaptive_px) {
-        (Method::Splat(splat), _) => Sampling::Splat(Box::new(SplatRoom::new(context, constants, splat))),
+        (Method::Splat(splat), _) => Sampling::Splat(Box::new(SplatSampler::new(context, constants, splat))),
         (Method::Native, Some(step_px)) => {
             let (block, rendered) = (config.block(), samples.rendered);
-            Sampling::Adaptive(Box::new(AdaptiveRoom::new(context, step_px, block, rendered, config.audit)))
+            Sampling::Adaptive(Box::new(AdaptiveSampler::new(
+                context,
+                step_px,
+                block,
+                rendered,
+                config.audit,
+            )))
         }
-        (Method::Decoupled, _) | (_, None) => Sampling::Native(NativeRoom::default()),
+        (Method::Decoupled, _) | (_, None) => Sampling::Native(NativeSampler::default()),
     }
 }
 
@@ -307,7 +314,7 @@ fn targets(
         let (layers, made) = samples.of(&context.views[views[0]]);
         let needs = match &config.method {
             Method::Native | Method::Decoupled => MethodNeeds { block, ..Default::default() },
-            Method::Splat(splat) => SplatRoom::needs(splat, width, height, &limits)
+            Method::Splat(splat) => SplatSampler::needs(splat, width, height, &limits)
                 .ok_or_else(|| splat::does_not_fit(splat, width, height, &limits))?,
         };
         let chain = passes.chain(class).map(|passes| &passes.plan);
@@ -330,8 +337,8 @@ fn targets(
         })?;
         let own = Targets::new(&context.gpu.device, width, height, plan, made, chain, block);
         match sampling {
-            Sampling::Splat(room) => room.add_class(context, &own, samples.rendered),
-            Sampling::Adaptive(room) => room.add_class(context, &own),
+            Sampling::Splat(sampler) => sampler.add_class(context, &own, samples.rendered),
+            Sampling::Adaptive(sampler) => sampler.add_class(context, &own),
             Sampling::Native(_) => {}
         }
         targets.push(own);

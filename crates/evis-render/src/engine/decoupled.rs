@@ -153,11 +153,14 @@ impl Decoupled {
 
     /// Delivers `[now, until_us)`, simulating ahead as far as `horizon_us`.
     pub fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
+        let _span = tracing::trace_span!("deliver", until_us).entered();
         let started = Instant::now();
         self.stream.want(horizon_us);
         let waiting = Instant::now();
         while self.complete_us.iter().any(|&t| t < until_us) {
-            let Some(piece) = self.stream.next(&self.stop)? else { return Err(EngineError::Stopped) };
+            let next =
+                tracing::trace_span!("wait for decoupled sampling").in_scope(|| self.stream.next(&self.stop));
+            let Some(piece) = next? else { return Err(EngineError::Stopped) };
             let events = &mut self.arrived[piece.view].events;
             // Where two blocks meet within a microsecond, both may have events in it.
             let meeting = events.partition_point(|e| e.t < self.complete_us[piece.view]);

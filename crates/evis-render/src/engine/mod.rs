@@ -21,10 +21,11 @@ use evis_core::event::take_causes;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
 
 use crate::error::EngineError;
+use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::uniforms::Status;
-use crate::output::frames::ExposureRoom;
-use crate::output::labels::{LabelJob, LabelRoom};
+use crate::output::frames::FrameRenderer;
+use crate::output::labels::{LabelJob, LabelRenderer};
 use crate::output::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::raster::context::Context;
@@ -33,7 +34,7 @@ use crate::sampling::Sampling;
 use crate::sampling::audit::{AuditRun, Finding};
 use crate::sensor::chain::STRIKE_WORDS;
 use crate::sensor::group::{Group, Slot, Unit};
-use crate::sensor::host::{HostWalk, Looks};
+use crate::sensor::host::{HostWalk, LuminanceReadback};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
 use crate::sensor::targets::Targets;
 use crate::sensor::unpack;
@@ -62,7 +63,7 @@ enum Work {
     },
     Labels(LabelJob),
     /// Light for pixels that the host walks.
-    Looks(Looks),
+    LuminanceReadback(LuminanceReadback),
 }
 
 /// Audits of a submission, on their way.
@@ -82,8 +83,8 @@ pub struct Engine {
     sampling: Sampling,
     targets: Vec<Targets>,
     groups: Vec<Group>,
-    label_room: Option<LabelRoom>,
-    exposure_room: Option<ExposureRoom>,
+    label_renderer: Option<LabelRenderer>,
+    frame_renderer: Option<FrameRenderer>,
     host_walk: HostWalk,
     label_grid: TimeGrid,
     /// Instants that no submission parts.
@@ -165,7 +166,7 @@ impl Engine {
     pub fn instants(&mut self, first: i64, instants: u32) -> Result<Vec<Vec<f32>>, EngineError> {
         let (group, unit) = (&self.groups[0], Unit { group: 0, first, instants });
         let targets = &self.targets[group.targets];
-        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&self.context.gpu, "instants");
         self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
         let samples = targets.plan.layers / (targets.plan.instants * targets.plan.views_per_group);
         let layers = crate::raster::readback::read_layers(
@@ -187,7 +188,7 @@ impl Engine {
     #[cfg(test)]
     pub fn splat_store(&self) -> Option<&crate::sampling::splat::Store> {
         match &self.sampling {
-            Sampling::Splat(room) => room.store(0),
+            Sampling::Splat(sampler) => sampler.store(0),
             Sampling::Native(_) | Sampling::Adaptive(_) => None,
         }
     }
@@ -244,6 +245,7 @@ impl Engine {
     }
 
     fn deliver_parts(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
+        let _span = tracing::trace_span!("deliver", until_us).entered();
         let started = Instant::now();
         loop {
             while self.in_flight.len() < RING && self.submit_next(horizon_us)? {}
@@ -287,8 +289,8 @@ impl Engine {
 
     /// Frames whose middle lies before `until_us`.
     fn expose_frames(&mut self, until_us: i64) -> Result<(), EngineError> {
-        let Some(room) = &mut self.exposure_room else { return Ok(()) };
-        while let Some(frames) = room.expose(&mut self.context, until_us, &self.stop)? {
+        let Some(renderer) = &mut self.frame_renderer else { return Ok(()) };
+        while let Some(frames) = renderer.expose(&mut self.context, until_us, &self.stop)? {
             for (arrived, frame) in self.arrived.iter_mut().zip(frames) {
                 let at = arrived.labels.partition_point(|l| (l.t_us, l.kind) <= (frame.t_us, frame.kind));
                 arrived.labels.insert(at, frame);
@@ -299,7 +301,7 @@ impl Engine {
 
     fn is_complete(&self, until_us: i64) -> bool {
         let labels_wanted =
-            if self.label_room.is_some() { self.label_grid.first_at_or_after(until_us) } else { 0 };
+            if self.label_renderer.is_some() { self.label_grid.first_at_or_after(until_us) } else { 0 };
         let fired = !self.fires || self.complete_us.iter().all(|&t| t >= until_us);
         fired && self.labels_complete >= labels_wanted
     }
@@ -315,7 +317,7 @@ impl Engine {
         });
         let due = left.filter(|(_, next, last)| self.fires && next <= last).min_by_key(|(_, next, _)| *next);
         let label_us = self.label_grid.instant_us(self.next_label);
-        let label_due = self.label_room.is_some()
+        let label_due = self.label_renderer.is_some()
             && label_us < horizon_us
             && due.is_none_or(|(_, next, _)| label_us <= grid.instant_us(next));
         if label_due {
@@ -339,9 +341,11 @@ impl Engine {
     }
 
     fn submit_unit(&mut self, unit: Unit) -> Result<(), EngineError> {
+        let _span = tracing::trace_span!("prepare submission", first = unit.first, instants = unit.instants)
+            .entered();
         let group = &mut self.groups[unit.group];
         if matches!(*self.passes.walks[group.targets], WalkPasses::Host) {
-            return self.submit_looks(unit);
+            return self.submit_luminance(unit);
         }
         let submitted = Instant::now();
         let (base_us, end_us) = (unit.base_us(&self.context.grid), unit.end_us(&self.context.grid));
@@ -372,7 +376,7 @@ impl Engine {
         // Half as much again as the last one had: a second copy is needed only where events surge.
         let last = self.last_counts[group.targets];
         let predicted = (last / 2 * 3).saturating_add(4096).min(slot.capacity);
-        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&self.context.gpu, "events");
         let audit = submission::encode(
             &mut self.context,
             &self.passes,
@@ -384,7 +388,7 @@ impl Engine {
             &slot,
             predicted,
         );
-        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(&self.context.gpu);
         let mapped = map(&slot.staging);
         let audit = audit.map(|run| {
             let mapped = map(&run.staging);
@@ -402,27 +406,33 @@ impl Engine {
     }
 
     /// Submits what the host feels for its pixels.
-    fn submit_looks(&mut self, unit: Unit) -> Result<(), EngineError> {
+    fn submit_luminance(&mut self, unit: Unit) -> Result<(), EngineError> {
         let submitted = Instant::now();
         let group = &mut self.groups[unit.group];
         let targets = &self.targets[group.targets];
-        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&self.context.gpu, "light for the host");
         // Every instant of every tile is sampled: there is nothing to audit.
         let _ = self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
-        let looks = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
-        let submission = self.context.gpu.queue.submit([encoder.finish()]);
-        let mapped = map(&looks.staging);
+        let readback = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
+        let submission = encoder.submit(&self.context.gpu);
+        let mapped = map(&readback.staging);
         group.next = unit.first + i64::from(unit.instants);
-        self.in_flight.push_back(InFlight { work: Work::Looks(looks), submitted, submission, mapped });
+        self.in_flight.push_back(InFlight {
+            work: Work::LuminanceReadback(readback),
+            submitted,
+            submission,
+            mapped,
+        });
         Ok(())
     }
 
     fn submit_label(&mut self) -> Result<(), EngineError> {
+        let _span = tracing::trace_span!("prepare labels").entered();
         let submitted = Instant::now();
-        let Some(room) = &mut self.label_room else { return Ok(()) };
+        let Some(renderer) = &mut self.label_renderer else { return Ok(()) };
         let group = self.next_label_group;
         let (job, submission) =
-            room.submit(&mut self.context, &self.groups[group], group, self.next_label, &self.label_grid);
+            renderer.submit(&mut self.context, &self.groups[group], group, self.next_label, &self.label_grid);
         let mapped = map(&job.staging);
         self.in_flight.push_back(InFlight { work: Work::Labels(job), submitted, submission, mapped });
         self.next_label_group += 1;
@@ -439,12 +449,17 @@ impl Engine {
             return Err(EngineError::Device("nothing is in flight, and the interval is not complete".into()));
         };
         let waiting = Instant::now();
-        self.wait(&oldest)?;
+        tracing::trace_span!("wait for device").in_scope(|| self.wait(&oldest))?;
+        if let Some(clock) = &self.context.gpu.clock {
+            clock.report();
+        }
         self.report.times.device_wait_ms += milliseconds(waiting);
         // The device works in order: on this one since it was submitted, or since the one before it was done.
         let began = self.collected.map_or(oldest.submitted, |done| done.max(oldest.submitted));
         self.collected = Some(Instant::now());
-        if let Work::Events { unit, .. } | Work::Looks(Looks { unit, .. }) = &oldest.work {
+        if let Work::Events { unit, .. } | Work::LuminanceReadback(LuminanceReadback { unit, .. }) =
+            &oldest.work
+        {
             self.instant_ms = 0.5 * (self.instant_ms + milliseconds(began) / f64::from(unit.instants));
         }
         match oldest.work {
@@ -457,14 +472,14 @@ impl Engine {
                 }
                 Ok(())
             }
-            Work::Looks(looks) => self.take_looks(looks),
+            Work::LuminanceReadback(readback) => self.take_luminance(readback),
             Work::Labels(job) => {
                 let packing = Instant::now();
-                let room = self.label_room.as_mut();
+                let renderer = self.label_renderer.as_mut();
                 let label = job.index;
                 let last_group = job.group + 1 == self.groups.len();
-                if let Some(room) = room {
-                    for (view, labels) in room.take(&self.context, &self.groups[job.group], job)? {
+                if let Some(renderer) = renderer {
+                    for (view, labels) in renderer.take(&self.context, &self.groups[job.group], job)? {
                         self.arrived[view].labels.extend(labels);
                     }
                 }
@@ -518,6 +533,7 @@ impl Engine {
 
     /// Takes a submission's events; false where it has to run again.
     fn take_events(&mut self, unit: Unit, slot: Slot, predicted: u32) -> Result<bool, EngineError> {
+        let _span = tracing::trace_span!("unpack events").entered();
         let packing = Instant::now();
         let group = &self.groups[unit.group];
         let header = group.header_bytes();
@@ -594,16 +610,17 @@ impl Engine {
     }
 
     /// Lets the host's pixels feel what a submission brought.
-    fn take_looks(&mut self, looks: Looks) -> Result<(), EngineError> {
+    fn take_luminance(&mut self, readback: LuminanceReadback) -> Result<(), EngineError> {
+        let _span = tracing::trace_span!("sensor on the host").entered();
         let packing = Instant::now();
-        let unit = looks.unit;
+        let unit = readback.unit;
         let group = &self.groups[unit.group];
-        for felt in self.host_walk.take(&self.context, &self.targets[group.targets], group, looks)? {
-            self.arrived[felt.view].events.extend(felt.events);
-            self.report.clamped += felt.report.clamped;
-            self.report.unknown += felt.report.unknown;
-            self.report.suppressed += felt.report.suppressed;
-            self.report.dropped += felt.report.dropped;
+        for fired in self.host_walk.take(&self.context, &self.targets[group.targets], group, readback)? {
+            self.arrived[fired.view].events.extend(fired.events);
+            self.report.clamped += fired.report.clamped;
+            self.report.unknown += fired.report.unknown;
+            self.report.suppressed += fired.report.suppressed;
+            self.report.dropped += fired.report.dropped;
         }
         let exposure = &self.context.views[group.views[0]].sensor.exposure;
         self.complete_us[unit.group] = exposure.known_us(unit.end_us(&self.context.grid));
@@ -615,10 +632,10 @@ impl Engine {
     /// More events came than were predicted: copies the rest too.
     fn fetch_rest(&self, slot: &Slot, header: u64, have: u32, count: u32) -> Result<(), EngineError> {
         slot.staging.unmap();
-        let mut encoder = self.context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&self.context.gpu, "rest of the events");
         let (from, bytes) = (u64::from(have) * 8, u64::from(count - have) * 8);
         encoder.copy_buffer_to_buffer(&slot.events, from, &slot.staging, header + from, bytes);
-        let submission = self.context.gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(&self.context.gpu);
         let mapped = map(&slot.staging);
         wait_mapped(&self.context.gpu, &submission, &mapped)
     }

@@ -4,6 +4,7 @@ use evis_core::ConfigError;
 use evis_core::random::Key;
 
 use crate::error::EngineError;
+use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::sampling::Sampling;
 use crate::sensor::chain::GroupChain;
@@ -108,16 +109,16 @@ impl Engine {
         let Self { context, passes, sampling, targets, groups, .. } = self;
         let group = &groups[unit.group];
         let targets = &targets[group.targets];
-        let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&context.gpu, "reset");
         // Nothing is audited where something begins.
         let _ = sampling.encode(context, &mut encoder, targets, group, &unit);
         if matches!(*passes.walks[group.targets], WalkPasses::Host) {
-            let looks = self.host_walk.encode(&context.gpu, &mut encoder, targets, group, unit)?;
-            let submission = context.gpu.queue.submit([encoder.finish()]);
-            let mapped = map(&looks.staging);
+            let readback = self.host_walk.encode(&context.gpu, &mut encoder, targets, group, unit)?;
+            let submission = encoder.submit(&context.gpu);
+            let mapped = map(&readback.staging);
             wait_mapped(&context.gpu, &submission, &mapped)?;
             // First light fires nothing.
-            self.host_walk.take(context, targets, group, looks)?;
+            self.host_walk.take(context, targets, group, readback)?;
             return Ok(());
         }
         let header = group.header_bytes();
@@ -130,7 +131,7 @@ impl Engine {
         clear_tallies(&mut encoder, group);
         encode_trigger(&mut encoder, &steps);
         group.keep_beginning(&mut encoder);
-        context.gpu.queue.submit([encoder.finish()]);
+        encoder.submit(&context.gpu);
         self.free.push(slot);
         Ok(())
     }

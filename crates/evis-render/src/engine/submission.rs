@@ -1,5 +1,6 @@
 //! One submission: some instants of a group of views, from poses to events in a staging buffer.
 
+use crate::gpu::commands::Commands;
 use crate::gpu::uniforms::Status;
 use crate::raster::context::Context;
 use crate::sampling::Sampling;
@@ -10,25 +11,26 @@ use crate::sensor::targets::Targets;
 use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
 
 /// Records one interval: the table of contents of a submission.
-#[expect(clippy::too_many_arguments, reason = "the rooms of an interval, in order")]
+#[expect(clippy::too_many_arguments, reason = "what an interval is recorded from, in order")]
 pub fn encode(
     context: &mut Context,
     passes: &TriggerPasses,
     sampling: &mut Sampling,
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut Commands,
     targets: &Targets,
     group: &Group,
     unit: &Unit,
     slot: &Slot,
     predicted: u32,
 ) -> Option<AuditRun> {
-    // What the pixels see at every instant, by whatever method.
-    let audit = sampling.encode(context, encoder, targets, group, unit);
-    // What they feel.
+    // Luminance of every pixel at every instant, by whatever method.
+    let audit = tracing::trace_span!("sampling", instants = unit.instants)
+        .in_scope(|| sampling.encode(context, encoder, targets, group, unit));
+    // Events of it.
     let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, unit, slot);
     clear_tallies(encoder, group);
     encode_trigger(encoder, &steps);
-    // What the host gets.
+    // Counts, offsets and events to the host.
     let header = size_of::<Status>() as u64;
     encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, header);
     let offsets = 4 * (group.views.len() as u64 + 1);

@@ -1,4 +1,6 @@
-//! Buffers that grow, and entries of uniform buffers.
+//! Buffers that grow, entries of uniform buffers, and buffers mapped for the host.
+
+use std::sync::mpsc::{Receiver, channel};
 
 use crate::gpu::sizes::UNIFORM_ALIGNMENT;
 
@@ -50,4 +52,14 @@ fn create(device: &wgpu::Device, label: &str, usage: wgpu::BufferUsages, size: u
         usage: usage | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     })
+}
+
+/// Asks for `buffer` to be mapped once the work submitted so far is done.
+pub(crate) fn map(buffer: &wgpu::Buffer) -> Receiver<Result<(), wgpu::BufferAsyncError>> {
+    let (send, receive) = channel();
+    buffer.slice(..).map_async(wgpu::MapMode::Read, move |result| {
+        // The receiver is gone only when the engine is.
+        let _ = send.send(result);
+    });
+    receive
 }

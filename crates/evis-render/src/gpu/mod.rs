@@ -1,16 +1,19 @@
 //! The device: found, or given from outside.
 
 pub mod buffer;
+pub mod commands;
 pub mod readback;
 pub mod shader;
 pub mod sizes;
 pub mod texture;
 pub mod uniforms;
 pub mod variant;
+pub mod work;
 
 use std::sync::{Arc, OnceLock};
 
 use crate::error::EngineError;
+use crate::gpu::work::{Counters, Counts, DEVICE_TARGET, PassClock};
 
 /// A device as a user chooses among them.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -32,6 +35,9 @@ pub struct DeviceSummary {
 pub struct Gpu {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
+    pub(crate) counters: Arc<Counters>,
+    /// Where a trace takes the times of passes on the device.
+    pub(crate) clock: Option<Arc<PassClock>>,
     summary: DeviceSummary,
     /// Why the driver gave the device up, once it has.
     pub(crate) lost: Arc<OnceLock<String>>,
@@ -159,10 +165,22 @@ impl Gpu {
             )));
         };
         let adapter = adapters.swap_remove(summary.index);
+        Self::request(&adapter, required_limits(&adapter.limits()), summary)
+    }
+
+    /// A device of `adapter` with `limits` and no optional feature, but for timestamps where a trace takes them.
+    fn request(
+        adapter: &wgpu::Adapter,
+        limits: wgpu::Limits,
+        summary: DeviceSummary,
+    ) -> Result<Self, EngineError> {
+        let traced = tracing::enabled!(target: DEVICE_TARGET, tracing::Level::TRACE);
+        let wanted = if traced { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
+        let features = wanted & adapter.features();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("evis"),
-            required_features: wgpu::Features::empty(),
-            required_limits: required_limits(&adapter.limits()),
+            required_features: features,
+            required_limits: limits,
             experimental_features: wgpu::ExperimentalFeatures::disabled(),
             memory_hints: wgpu::MemoryHints::Performance,
             trace: wgpu::Trace::Off,
@@ -178,23 +196,33 @@ impl Gpu {
             // Commands for a lost device are refused one after the other, and a step says why.
             assert!(is_lost.get().is_some(), "wgpu error: {error}");
         }));
-        Ok(Self { device, queue, summary, lost })
+        let timed = features.contains(wgpu::Features::TIMESTAMP_QUERY);
+        let clock = timed.then(|| Arc::new(PassClock::new(queue.get_timestamp_period())));
+        Ok(Self { device, queue, counters: Arc::default(), clock, summary, lost })
     }
 
-    /// A device that executes nothing: builds pipelines and bind groups only, for tests without a driver.
+    /// A device that executes nothing: builds pipelines and bind groups only, for tests without a driver. It has WebGPU's
+    /// default limits and no optional feature.
     ///
     /// # Errors
     /// [`EngineError::Device`] where `wgpu` was built without its `noop` backend.
     pub fn noop() -> Result<Self, EngineError> {
-        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-        descriptor.backends = wgpu::Backends::NOOP;
-        descriptor.backend_options.noop.enable = true;
-        let instance = wgpu::Instance::new(descriptor);
-        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
-            .map_err(|e| EngineError::Device(format!("no noop backend: {e}")))?;
-        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default()))
-            .map_err(|e| EngineError::Device(format!("no noop device: {e}")))?;
-        Ok(Self { device, queue, summary: summarise(0, &adapter.get_info()), lost: Arc::default() })
+        let adapter = noop_adapter(wgpu::Limits::default())?;
+        Self::request(&adapter, adapter.limits(), summarise(0, &adapter.get_info()))
+    }
+
+    /// A device that executes nothing, opened as [`Gpu::open`] opens one whose adapter has `limits`.
+    #[cfg(test)]
+    pub(crate) fn noop_with(limits: wgpu::Limits) -> Result<Self, EngineError> {
+        let adapter = noop_adapter(limits)?;
+        Self::request(&adapter, required_limits(&adapter.limits()), summarise(0, &adapter.get_info()))
+    }
+
+    /// A device that executes nothing, with exactly `limits`.
+    #[cfg(test)]
+    pub(crate) fn noop_exactly(limits: wgpu::Limits) -> Result<Self, EngineError> {
+        let adapter = noop_adapter(limits)?;
+        Self::request(&adapter, adapter.limits(), summarise(0, &adapter.get_info()))
     }
 
     /// Runs on a device from outside. The engine keeps to the device's own limits; WebGPU's defaults suffice. What is
@@ -207,7 +235,7 @@ impl Gpu {
             kind: "other".into(),
             driver: String::new(),
         };
-        Self { device, queue, summary, lost: Arc::default() }
+        Self { device, queue, counters: Arc::default(), clock: None, summary, lost: Arc::default() }
     }
 
     /// An error where the device was lost: its driver was reset, or it was taken out. Nothing runs on it any more.
@@ -220,10 +248,27 @@ impl Gpu {
         )))
     }
 
+    /// What was submitted to this device through this value and its clones.
+    pub fn counts(&self) -> Counts {
+        self.counters.read()
+    }
+
     /// What this device is.
     pub fn summary(&self) -> &DeviceSummary {
         &self.summary
     }
+}
+
+/// The adapter of wgpu's `noop` backend, with `limits` and no optional feature.
+fn noop_adapter(limits: wgpu::Limits) -> Result<wgpu::Adapter, EngineError> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::NOOP;
+    descriptor.backend_options.noop.enable = true;
+    descriptor.backend_options.noop.limits = Some(limits);
+    descriptor.backend_options.noop.features = Some(wgpu::Features::empty());
+    let instance = wgpu::Instance::new(descriptor);
+    pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
+        .map_err(|e| EngineError::Device(format!("no noop backend: {e}")))
 }
 
 /// WebGPU's default limits, with the sizes that help raised to what the adapter has.

@@ -1,19 +1,11 @@
 //! Buffers mapped for the host.
 
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 
-/// Asks for `buffer` to be mapped once the work submitted so far is done.
-pub(crate) fn map(buffer: &wgpu::Buffer) -> Receiver<Result<(), wgpu::BufferAsyncError>> {
-    let (send, receive) = channel();
-    buffer.slice(..).map_async(wgpu::MapMode::Read, move |result| {
-        // The receiver is gone only when the engine is.
-        let _ = send.send(result);
-    });
-    receive
-}
+pub(crate) use crate::gpu::buffer::map;
 
 /// Waits until `submission` is done and its buffer mapped.
 pub(crate) fn wait_mapped(

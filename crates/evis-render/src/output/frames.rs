@@ -1,6 +1,6 @@
 //! Frames of a sensor's other output: the mean of linear light over an exposure, stamped at its middle.
 //!
-//! How often a frame looks is a matter of each of its tiles: where nothing moves while it is exposed, once.
+//! Each tile of a frame is sampled at a rate of its own: once where nothing moves while it is exposed.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,30 +9,31 @@ use evis_core::{LabelData, LabelFrame, LabelKind, TimeGrid};
 
 use crate::config::RunConfig;
 use crate::error::EngineError;
+use crate::gpu::commands::Commands;
 use crate::raster::context::{Context, Upload};
 use crate::raster::layers::{LayerUse, Layers};
 use crate::raster::luminance::encode_luminance;
 use crate::raster::readback::read_mean;
 use crate::raster::shadows::MovingShadows;
 use crate::sampling::draw_list::InView;
-use crate::sampling::tile_rate::{Pacer, STILL};
+use crate::sampling::tile_rate::{STILL, TileRateEstimator};
 use crate::sampling::view_motion::ViewMotion;
 use crate::world::tiles::{TILE, tiles_along};
 use crate::world::view::View;
 
-/// Looks at a tile during an exposure, at most: not denser than the instants that make events, but for the least of these.
+/// Samples of a tile during an exposure, at most: not denser than the instants that make events, but for the least of these.
 const LOOKS: std::ops::RangeInclusive<i64> = 8..=64;
 
-/// Pixels that anything may move between two looks. A pixel's own width smooths what they leave out.
+/// Pixels that anything may move between two samples. A pixel's own width smooths what they leave out.
 const STEP_PX: f64 = 0.25;
 
 /// Everything that frames need; absent where none is asked for. Frames are rendered apart from what pixels feel, whatever
 /// the method: of how events are sampled, a frame knows the rate alone, and none costs anything where it is not wanted.
-pub struct ExposureRoom {
+pub struct FrameRenderer {
     grid: TimeGrid,
     exposure_us: i64,
-    pacer: Pacer,
-    /// Looks at a tile, at most; a power of two.
+    estimator: TileRateEstimator,
+    /// Samples of a tile, at most; a power of two.
     most: u32,
     made: LayerUse,
     next: i64,
@@ -40,12 +41,12 @@ pub struct ExposureRoom {
     layers: Vec<Layers>,
 }
 
-impl ExposureRoom {
+impl FrameRenderer {
     /// `None` where no frame is asked for.
     pub fn new(context: &Context, config: &RunConfig, made: LayerUse) -> Result<Option<Self>, EngineError> {
         let Some(rate_hz) = config.frame_rate_hz else { return Ok(None) };
         let (grid, exposure_us) = (TimeGrid::new(rate_hz)?, config.exposure_us);
-        let most = most_looks(exposure_us, config.sample_grid()?.longest_interval_us());
+        let most = most_samples(exposure_us, config.sample_grid()?.longest_interval_us());
         let mut layers: Vec<Layers> = Vec::new();
         for view in &context.views {
             let (width, height) = (view.lens.width, view.lens.height);
@@ -54,8 +55,8 @@ impl ExposureRoom {
                 layers.push(Layers::new(&context.gpu.device, width, height, samples, made));
             }
         }
-        let pacer = Pacer::new(&context.scene, &context.gpu_scene, STEP_PX, most);
-        Ok(Some(Self { grid, exposure_us, pacer, most, made, next: 0, layers }))
+        let estimator = TileRateEstimator::new(&context.scene, &context.gpu_scene, STEP_PX, most);
+        Ok(Some(Self { grid, exposure_us, estimator, most, made, next: 0, layers }))
     }
 
     /// The next frame of every view, in view order, if its middle lies before `until_us`.
@@ -76,12 +77,12 @@ impl ExposureRoom {
             let lens = &view[0].lens;
             let fits = |layers: &&Layers| (layers.width, layers.height) == (lens.width, lens.height);
             let Some(layers) = self.layers.iter().find(fits) else { continue };
-            let looks = self.looks(context, &view, start_us);
+            let counts = self.sample_counts(context, &view, start_us);
             let mut mean = vec![0.0; lens.width as usize * lens.height as usize];
-            // Tiles that are looked at equally often share their looks.
+            // Tiles that are sampled equally often share their instants.
             for count in (0..=self.most.trailing_zeros()).map(|level| 1 << level) {
-                if looks.contains(&count) {
-                    self.add(context, &view, layers, start_us, (&looks, count), &mut mean, stop)?;
+                if counts.contains(&count) {
+                    self.add(context, &view, layers, start_us, (&counts, count), &mut mean, stop)?;
                 }
             }
             frames.push(LabelFrame {
@@ -96,18 +97,18 @@ impl ExposureRoom {
     }
 
     /// Per tile of `view`: how often it is looked at during the exposure from `start_us` on.
-    fn looks(&self, context: &mut Context, view: &[View], start_us: i64) -> Vec<u32> {
+    fn sample_counts(&self, context: &mut Context, view: &[View], start_us: i64) -> Vec<u32> {
         let moments: Vec<i64> = (0..=i64::from(self.most))
             .map(|k| start_us + k * self.exposure_us / i64::from(self.most))
             .collect();
         context.build_frames(view, &moments, Upload { trail: true, ..Default::default() });
         let sky = context.sky.is_some();
         let passing = ViewMotion::new(&context.frame_data, 0..moments.len(), &view[0].lens, sky);
-        let paces = self.pacer.paces(&context.gpu_scene, &passing).tiles;
+        let paces = self.estimator.paces(&context.gpu_scene, &passing).tiles;
         paces.into_iter().map(|pace| if pace == STILL { 1 } else { self.most >> pace }).collect()
     }
 
-    /// Adds to `mean` the light of all tiles that `counts` wants to be looked at `count` times.
+    /// Adds to `mean` the light of all tiles that are sampled `count` times by `counts`.
     #[expect(
         clippy::too_many_arguments,
         reason = "a view of a frame, and the tiles of it that are looked at"
@@ -138,7 +139,7 @@ impl ExposureRoom {
             }
             let in_view = InView::new(context, &view[0], look);
             let parts = in_view.parts(wanted, TILE, (width, height), self.made.pixel_price());
-            let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+            let mut encoder = Commands::new(&context.gpu, "frames");
             shadows.show(context, &mut encoder, 0, look);
             encode_luminance(context, &mut encoder, layers, &frames, look, 0, Some(&parts));
             let light = read_mean(context, encoder, layers)?;
@@ -153,9 +154,9 @@ impl ExposureRoom {
     }
 }
 
-/// Looks at a tile during an exposure, at most, where instants are `interval_us` apart: a power of two, and no more than
+/// Samples of a tile during an exposure, at most, where instants are `interval_us` apart: a power of two, and no more than
 /// there are microseconds.
-fn most_looks(exposure_us: i64, interval_us: f64) -> u32 {
+fn most_samples(exposure_us: i64, interval_us: f64) -> u32 {
     let dense = ((exposure_us as f64 / interval_us).ceil() as i64).clamp(*LOOKS.start(), *LOOKS.end());
     let most = (dense as u32).next_power_of_two();
     if i64::from(most) <= exposure_us { most } else { 1 << exposure_us.ilog2() }
@@ -166,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn looks_are_as_dense_as_instants_at_most_and_never_denser_than_microseconds() {
+    fn samples_are_as_dense_as_instants_at_most_and_never_denser_than_microseconds() {
         for (exposure_us, rate_hz, most) in [
             (10_000, 1000.0, 16),
             (10_000, 100.0, 8),
@@ -176,7 +177,7 @@ mod tests {
             (6, 1000.0, 4),
             (2, 1000.0, 2),
         ] {
-            assert_eq!(most_looks(exposure_us, 1e6 / rate_hz), most, "{exposure_us} us, {rate_hz} Hz");
+            assert_eq!(most_samples(exposure_us, 1e6 / rate_hz), most, "{exposure_us} us, {rate_hz} Hz");
         }
     }
 }

@@ -8,6 +8,7 @@ use evis_scene::Scene;
 use crate::config::RunConfig;
 use crate::error::EngineError;
 use crate::frame::draw::{Drawing, attachment, depth_attachment, draw_surfaces};
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::DeviceLimits;
 use crate::gpu::uniforms::LabelFrame as LabelUniform;
 use crate::pass::labels::{
@@ -16,7 +17,7 @@ use crate::pass::labels::{
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, WHOLE_PIXEL_TAPS};
 use crate::pass::sky;
 use crate::raster::context::Context;
-use crate::raster::geometry::{GeometryPass, GeometryRoom, NO_FLOW, sky_flow};
+use crate::raster::geometry::{GeometryPass, GeometryRenderer, NO_FLOW, sky_flow};
 use crate::raster::shadows::MovingShadows;
 use crate::sensor::group::Group;
 use crate::world::distorted::Distorted;
@@ -24,10 +25,10 @@ use crate::world::gpu_scene::GpuScene;
 use crate::world::view::View;
 
 /// Everything that labels need; absent where none is asked for.
-pub struct LabelRoom {
+pub struct LabelRenderer {
     kinds: Vec<LabelKind>,
     wanted: LabelTargets,
-    geometry: Option<GeometryRoom>,
+    geometry: Option<GeometryRenderer>,
     appearance: Pipelines,
     sky_color: Option<wgpu::RenderPipeline>,
     background: [f64; 3],
@@ -59,9 +60,12 @@ struct Plane {
     texel: u32,
 }
 
-impl LabelRoom {
+impl LabelRenderer {
     /// `None` where no label is asked for.
-    #[expect(clippy::too_many_arguments, reason = "a constructor that reads every earlier room once")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a constructor that reads everything that is prepared before it, once"
+    )]
     pub fn new(
         device: &wgpu::Device,
         layouts: &SurfaceLayouts,
@@ -105,7 +109,7 @@ impl LabelRoom {
             SceneConstants { texture_samples: 1, grid: 1, texture_taps: WHOLE_PIXEL_TAPS, ..*constants };
         let geometry = wanted
             .any_geometry()
-            .then(|| GeometryRoom::new(device, layouts, gpu_scene, &constants, wanted.geometry));
+            .then(|| GeometryRenderer::new(device, layouts, gpu_scene, &constants, wanted.geometry));
         let appearance = if wanted.any_appearance() {
             appearance_pipelines(device, layouts, variants(), &constants, wanted.appearance)
         } else {
@@ -200,7 +204,7 @@ impl LabelRoom {
         };
         let others = [next_us, last_us.unwrap_or(t_us)];
         let skies: Vec<_> = views.iter().map(|view| sky_flow(context, view, others)).collect();
-        let groups = self.geometry.as_mut().map(|room| room.upload(context, &label, &skies));
+        let groups = self.geometry.as_mut().map(|renderer| renderer.upload(context, &label, &skies));
 
         let device = &context.gpu.device;
         let textures = self.formats().map(|format| {
@@ -238,15 +242,15 @@ impl LabelRoom {
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&context.gpu, "labels");
         let mut shadows = MovingShadows::new(&frame_group, &views, 3);
         for view in 0..views.len() {
             let frame = view as u32 * 3;
             let [inverse_depth, flow, ids, color, normal] = target_views.each_ref().map(Option::as_ref);
-            if let (Some(room), Some(groups)) = (&self.geometry, &groups) {
+            if let (Some(renderer), Some(groups)) = (&self.geometry, &groups) {
                 let targets = [inverse_depth, flow, ids];
                 let what = GeometryPass { frame, sky: view as u32, targets, depth: &depth };
-                room.encode(context, &mut encoder, &frame_group, groups, &what);
+                renderer.encode(context, &mut encoder, &frame_group, groups, &what);
             }
             if self.wanted.any_appearance() {
                 shadows.show(context, &mut encoder, view as u32, 0);
@@ -270,7 +274,7 @@ impl LabelRoom {
                 }
             }
         }
-        let submission = context.gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(&context.gpu);
         (
             LabelJob { group: group_index, index, t_us, next_us, last_us, staging, width, height, map },
             submission,
@@ -280,7 +284,7 @@ impl LabelRoom {
     fn encode_appearance(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         frame_group: &wgpu::BindGroup,
         targets: [Option<&wgpu::TextureView>; 2],
         depth: &wgpu::TextureView,
@@ -289,12 +293,8 @@ impl LabelRoom {
         let [r, g, b] = self.background;
         let clears = [wgpu::Color { r, g, b, a: 1.0 }, wgpu::Color::TRANSPARENT];
         let attachments: [_; 2] = std::array::from_fn(|i| targets[i].map(|view| attachment(view, clears[i])));
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("appearance labels"),
-            color_attachments: &attachments,
-            depth_stencil_attachment: Some(depth_attachment(depth, wgpu::StoreOp::Discard)),
-            ..Default::default()
-        });
+        let depth = depth_attachment(depth, wgpu::StoreOp::Discard);
+        let mut pass = encoder.render("appearance labels", &attachments, depth);
         let what = Drawing {
             items: &context.frame_data.visible[frame as usize],
             frame,

@@ -9,6 +9,7 @@ pub mod sky;
 pub mod splat;
 pub mod trigger;
 
+use crate::gpu::commands::Commands;
 use crate::gpu::{shader, sizes};
 
 /// What a shader does with a binding.
@@ -171,19 +172,49 @@ pub fn part(buffer: &wgpu::Buffer, offset: u64, bytes: u64) -> wgpu::BindingReso
     })
 }
 
-/// Compiles `file` with `prelude` before it.
-pub fn module(device: &wgpu::Device, file: &str, prelude: &str) -> wgpu::ShaderModule {
-    let descriptor = wgpu::ShaderModuleDescriptor {
-        label: Some(file),
-        source: wgpu::ShaderSource::Wgsl(shader::compose(file, prelude).into()),
-    };
-    // Injected loop counters keep drivers from unrolling the loops over samples and lights.
-    // SAFETY: every loop of our shaders counts to a bound that the host sets; bounds checks stay on.
-    unsafe {
-        device.create_shader_module_trusted(
-            descriptor,
-            wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() },
-        )
+/// A compiled shader file.
+pub struct Shader {
+    module: wgpu::ShaderModule,
+    file: String,
+    /// What was compiled: `tests/portability.rs` translates it to the languages of other backends.
+    #[cfg(test)]
+    text: String,
+}
+
+impl Shader {
+    /// Compiles `file` with `prelude` before it.
+    pub fn new(device: &wgpu::Device, file: &str, prelude: &str) -> Self {
+        let text = shader::compose(file, prelude);
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(file),
+            source: wgpu::ShaderSource::Wgsl(text.as_str().into()),
+        };
+        // Injected loop counters keep drivers from unrolling the loops over samples and lights.
+        let checks =
+            wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
+        // SAFETY: every loop of our shaders counts to a bound that the host sets; bounds checks stay on.
+        let module = unsafe { device.create_shader_module_trusted(descriptor, checks) };
+        Self {
+            module,
+            file: file.to_owned(),
+            #[cfg(test)]
+            text,
+        }
+    }
+
+    /// The module, of which a pipeline uses `entry` with `constants`. All pipelines take it from here, so that tests know
+    /// every variant that is built.
+    pub fn entry(
+        &self,
+        stage: naga::ShaderStage,
+        entry: &str,
+        constants: &[(&str, f64)],
+    ) -> &wgpu::ShaderModule {
+        #[cfg(test)]
+        crate::tests::portability::record(&self.file, &self.text, stage, entry, constants);
+        #[cfg(not(test))]
+        let _ = (stage, entry, constants);
+        &self.module
     }
 }
 
@@ -201,11 +232,11 @@ pub fn pipeline_layout(
     })
 }
 
-/// The pipeline of a triangle over all of its targets, by the fragment entry point `entry` of `module`, composed from `file`.
+/// The pipeline of a triangle over all of its targets, by the fragment entry point `entry` of `shader`.
 /// `constants` are of the fragment stage; `writes_depth`, and where its depth passes.
 pub fn covering(
     device: &wgpu::Device,
-    (file, module, entry): (&str, &wgpu::ShaderModule, &str),
+    (shader, entry): (&Shader, &str),
     constants: &[(&str, f64)],
     layout: &wgpu::PipelineLayout,
     targets: &[Option<wgpu::ColorTargetState>],
@@ -213,10 +244,10 @@ pub fn covering(
     (writes_depth, passes): (bool, wgpu::CompareFunction),
 ) -> wgpu::RenderPipeline {
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(file),
+        label: Some(&shader.file),
         layout: Some(layout),
         vertex: wgpu::VertexState {
-            module,
+            module: shader.entry(naga::ShaderStage::Vertex, "vs_main", &[]),
             entry_point: Some("vs_main"),
             compilation_options: Default::default(),
             buffers: &[],
@@ -231,7 +262,7 @@ pub fn covering(
         }),
         multisample: wgpu::MultisampleState { count: sample_count, ..Default::default() },
         fragment: Some(wgpu::FragmentState {
-            module,
+            module: shader.entry(naga::ShaderStage::Fragment, entry, constants),
             entry_point: Some(entry),
             compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
             targets,
@@ -243,6 +274,8 @@ pub fn covering(
 
 /// A compute pass: its layout and pipeline.
 pub struct ComputePass {
+    /// Its shader file, which is its label.
+    pub file: &'static str,
     /// Group 0.
     pub layout: wgpu::BindGroupLayout,
     /// Pipeline.
@@ -251,25 +284,32 @@ pub struct ComputePass {
 
 impl ComputePass {
     /// Builds `file`'s `main`.
-    pub fn new(device: &wgpu::Device, file: &str, bindings: &[Binding], constants: &[(&str, f64)]) -> Self {
+    pub fn new(
+        device: &wgpu::Device,
+        file: &'static str,
+        bindings: &[Binding],
+        constants: &[(&str, f64)],
+    ) -> Self {
         let layout = layout(device, file, bindings, wgpu::ShaderStages::COMPUTE);
         let pipeline = compute_pipeline(device, file, &layout, constants);
-        Self { layout, pipeline }
+        Self { file, layout, pipeline }
+    }
+
+    /// Records the pass alone, with `group` at `offsets`.
+    pub fn encode(
+        &self,
+        encoder: &mut Commands,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        workgroups: (u32, u32, u32),
+    ) {
+        encoder.compute(self.file).dispatch(&self.pipeline, group, offsets, workgroups);
     }
 
     /// Records the pass over `tiles` tiles, a workgroup each, with the `job`th entry of its uniforms.
-    pub fn encode_tiles(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        group: &wgpu::BindGroup,
-        job: u32,
-        tiles: u32,
-    ) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, group, &[job * sizes::UNIFORM_ALIGNMENT as u32]);
+    pub fn encode_tiles(&self, encoder: &mut Commands, group: &wgpu::BindGroup, job: u32, tiles: u32) {
         let (x, y) = sizes::dispatch(tiles, 1);
-        pass.dispatch_workgroups(x, y, 1);
+        self.encode(encoder, group, &[job * sizes::UNIFORM_ALIGNMENT as u32], (x, y, 1));
     }
 }
 
@@ -280,11 +320,11 @@ pub fn compute_pipeline(
     group: &wgpu::BindGroupLayout,
     constants: &[(&str, f64)],
 ) -> wgpu::ComputePipeline {
-    let module = module(device, file, "");
+    let shader = Shader::new(device, file, "");
     device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(file),
         layout: Some(&pipeline_layout(device, file, &[group])),
-        module: &module,
+        module: shader.entry(naga::ShaderStage::Compute, "main", constants),
         entry_point: Some("main"),
         compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
         cache: None,

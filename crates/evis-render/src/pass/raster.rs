@@ -9,7 +9,7 @@ use crate::gpu::variant::{
     Attribute, INSTANCE_LOCATION, INSTANCE_SLOT, INSTANCE_VECTORS, Interface, LightSet, SurfaceVariant,
     attributes, prelude,
 };
-use crate::pass::{Access, Binding, bind, layout, module, pipeline_layout};
+use crate::pass::{Access, Binding, Shader, bind, layout, pipeline_layout};
 
 /// Luminance targets. 16 bits would quantise time: a step of 2^-11 at C = 0.2 is a quarter of a percent of a threshold.
 pub const LUMINANCE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
@@ -146,7 +146,7 @@ pub fn surface_pipeline(
     variant: &SurfaceVariant,
     scene: &SceneConstants,
 ) -> wgpu::RenderPipeline {
-    let module = module(device, what.file, &prelude(variant, what.interface, &scene.lights));
+    let shader = Shader::new(device, what.file, &prelude(variant, what.interface, &scene.lights));
     let flag = |b: bool| f64::from(u8::from(b));
     let all = [
         ("SKINNED", flag(variant.skinned)),
@@ -206,7 +206,7 @@ pub fn surface_pipeline(
         label: Some(what.file),
         layout: Some(&pipeline_layout(device, what.file, what.groups)),
         vertex: wgpu::VertexState {
-            module: &module,
+            module: shader.entry(naga::ShaderStage::Vertex, "vs_main", &constants),
             entry_point: Some("vs_main"),
             compilation_options: options.clone(),
             buffers: &buffers,
@@ -225,7 +225,7 @@ pub fn surface_pipeline(
         }),
         multisample: wgpu::MultisampleState { count: what.sample_count, ..Default::default() },
         fragment: what.fragment.map(|entry| wgpu::FragmentState {
-            module: &module,
+            module: shader.entry(naga::ShaderStage::Fragment, entry, &constants),
             entry_point: Some(entry),
             compilation_options: options.clone(),
             targets: what.targets,

@@ -2,7 +2,7 @@
 
 use crate::gpu::variant::{Interface, SurfaceVariant};
 use crate::pass::raster::{Pipelines, SceneConstants, SurfaceLayouts, SurfacePipeline, surface_pipeline};
-use crate::pass::{Access, Binding, bind, covering, layout, module, pipeline_layout};
+use crate::pass::{Access, Binding, Shader, bind, covering, layout, pipeline_layout};
 
 /// `raster/shadow_restore.wgsl`.
 pub const RESTORE_BINDINGS: &[Binding] = &[bind(0, "still_maps", Access::DepthLayers)];
@@ -42,9 +42,9 @@ pub fn pipelines(
 pub fn restore(device: &wgpu::Device) -> (wgpu::RenderPipeline, wgpu::BindGroupLayout) {
     let file = "raster/shadow_restore.wgsl";
     let group = layout(device, "still maps", RESTORE_BINDINGS, wgpu::ShaderStages::FRAGMENT);
-    let module = module(device, file, "");
+    let shader = Shader::new(device, file, "");
     let layout = pipeline_layout(device, file, &[&group]);
     let depth = (true, wgpu::CompareFunction::Always);
-    let pipeline = covering(device, (file, &module, "fs_main"), &[], &layout, &[], 1, depth);
+    let pipeline = covering(device, (&shader, "fs_main"), &[], &layout, &[], 1, depth);
     (pipeline, group)
 }

@@ -2,7 +2,7 @@
 
 use crate::gpu::variant::frame_prelude;
 use crate::pass::raster::{LUMINANCE_FORMAT, SurfaceLayouts};
-use crate::pass::{covering, module, pipeline_layout};
+use crate::pass::{Shader, covering, pipeline_layout};
 
 /// The sky pipeline writing `format` through fragment entry point `entry`.
 pub fn pipeline(
@@ -26,13 +26,13 @@ pub fn pipeline(
 /// The pipeline that clears parts of a luminance picture, and their depth.
 pub fn background(device: &wgpu::Device, luminance: f64, sample_count: u32) -> wgpu::RenderPipeline {
     let file = "raster/background.wgsl";
-    let module = module(device, file, "");
+    let shader = Shader::new(device, file, "");
     let layout = pipeline_layout(device, file, &[]);
     let depth = (true, wgpu::CompareFunction::Always);
     let targets = [Some(LUMINANCE_FORMAT.into())];
     covering(
         device,
-        (file, &module, "fs_main"),
+        (&shader, "fs_main"),
         &[("BACKGROUND", luminance)],
         &layout,
         &targets,
@@ -62,8 +62,8 @@ fn full_tile(
     sample_count: u32,
     light_count: u32,
 ) -> wgpu::RenderPipeline {
-    let module = module(device, file, &frame_prelude(light_count));
+    let shader = Shader::new(device, file, &frame_prelude(light_count));
     // Drawn last, at depth 0: only where nothing was drawn.
     let depth = (false, wgpu::CompareFunction::GreaterEqual);
-    covering(device, (file, &module, entry), &[], layout, targets, sample_count, depth)
+    covering(device, (&shader, entry), &[], layout, targets, sample_count, depth)
 }

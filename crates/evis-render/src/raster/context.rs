@@ -12,7 +12,7 @@ use crate::gpu::Gpu;
 use crate::pass::ComputePass;
 use crate::pass::raster::{Pipelines, SurfaceLayouts};
 use crate::raster::resample::Resampler;
-use crate::raster::shadow_maps::ShadowRoom;
+use crate::raster::shadow_maps::ShadowMaps;
 use crate::shadow::plan::ShadowPlan;
 use crate::world::gpu_scene::GpuScene;
 use crate::world::view::View;
@@ -53,7 +53,7 @@ pub struct Context {
     pub(crate) background_luminance: f64,
     /// `Y_ref` of every pixel.
     pub(crate) reference_luminance: f32,
-    pub(crate) shadows: Option<ShadowRoom>,
+    pub(crate) shadows: Option<ShadowMaps>,
     pub(crate) frame_data: FrameData,
     pub(crate) frame_buffers: FrameBuffers,
     /// Whether what is as it was at the instant before is copied, not drawn; a test compares both.

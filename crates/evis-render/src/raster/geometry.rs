@@ -2,6 +2,7 @@
 
 use crate::frame::draw::{Drawing, attachment, depth_attachment, draw_surfaces};
 use crate::gpu::buffer::{GrowingBuffer, aligned};
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::UNIFORM_ALIGNMENT;
 use crate::gpu::uniforms::{LabelFrame, SkyFlow};
 use crate::pass::labels::{
@@ -19,7 +20,7 @@ use crate::world::view::View;
 pub const NO_FLOW: f32 = 1e29;
 
 /// The geometry pass, one sample at the pixel's centre.
-pub struct GeometryRoom {
+pub struct GeometryRenderer {
     pipelines: Pipelines,
     sky: Option<wgpu::RenderPipeline>,
     label_layout: wgpu::BindGroupLayout,
@@ -34,19 +35,19 @@ pub struct GeometryGroups {
     sky: wgpu::BindGroup,
 }
 
-/// One pass: a frame, its sky in [`GeometryRoom::upload`]'s list, and where it goes.
+/// One pass: a frame, its sky in [`GeometryRenderer::upload`]'s list, and where it goes.
 pub struct GeometryPass<'a> {
     /// Frame of the submission.
     pub frame: u32,
     /// Index into the list of skies.
     pub sky: u32,
-    /// Inverse depth, flow, ids; `None` where the room was made without.
+    /// Inverse depth, flow, ids; `None` where the renderer was made without.
     pub targets: [Option<&'a wgpu::TextureView>; 3],
     /// Depth.
     pub depth: &'a wgpu::TextureView,
 }
 
-impl GeometryRoom {
+impl GeometryRenderer {
     /// Builds the pipelines that write the `wanted` of inverse depth, flow and ids.
     pub fn new(
         device: &wgpu::Device,
@@ -96,7 +97,7 @@ impl GeometryRoom {
     pub fn encode(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         frame_group: &wgpu::BindGroup,
         groups: &GeometryGroups,
         what: &GeometryPass<'_>,
@@ -109,12 +110,8 @@ impl GeometryRoom {
         ];
         let attachments: [_; 3] =
             std::array::from_fn(|i| what.targets[i].map(|view| attachment(view, clears[i])));
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("geometry"),
-            color_attachments: &attachments,
-            depth_stencil_attachment: Some(depth_attachment(what.depth, wgpu::StoreOp::Discard)),
-            ..Default::default()
-        });
+        let depth = depth_attachment(what.depth, wgpu::StoreOp::Discard);
+        let mut pass = encoder.render("geometry labels", &attachments, depth);
         pass.set_bind_group(3, &groups.label, &[]);
         let drawing = Drawing {
             items: &context.frame_data.visible[what.frame as usize],

@@ -1,5 +1,6 @@
 //! Textures that luminance is rendered into, a layer per sample and instant.
 
+use crate::gpu::commands::Commands;
 use crate::gpu::texture::{array, each, row_bytes, whole};
 use crate::pass::raster::{DEPTH_FORMAT, LUMINANCE_FORMAT};
 
@@ -81,7 +82,7 @@ impl Layers {
     }
 
     /// Records the way of the first `count` layers into `buffer`.
-    pub fn encode_read(&self, encoder: &mut wgpu::CommandEncoder, buffer: &wgpu::Buffer, count: u32) {
+    pub fn encode_read(&self, encoder: &mut Commands, buffer: &wgpu::Buffer, count: u32) {
         let (width, height) = (self.width, self.height);
         encoder.copy_texture_to_buffer(
             self.texture.as_image_copy(),

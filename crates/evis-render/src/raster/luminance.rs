@@ -1,6 +1,7 @@
 //! Luminance layers: samples rendered, coverage samples averaged, layers copied.
 
 use crate::frame::draw::{Drawing, attachment, depth_attachment, draw_surfaces};
+use crate::gpu::commands::Commands;
 use crate::pass;
 use crate::pass::trigger::RESOLVE_BINDINGS;
 use crate::raster::context::Context;
@@ -13,7 +14,7 @@ use crate::world::image_bounds::Rect;
 /// parts is left as cleared.
 pub fn encode_luminance(
     context: &Context,
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut Commands,
     layers: &Layers,
     frame_group: &wgpu::BindGroup,
     frame: u32,
@@ -29,7 +30,7 @@ pub fn encode_luminance(
 /// Renders the samples of `parts` of `frame`, from `first_sample` on, into the layers from `first_layer` on.
 pub fn encode_samples(
     context: &Context,
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut Commands,
     (layers, first_layer): (&Layers, u32),
     frame_group: &wgpu::BindGroup,
     (frame, first_sample): (u32, u32),
@@ -47,7 +48,7 @@ pub fn encode_samples(
 /// Renders sample `sample` of `parts` of `frame` into layer `layer` of `layers`, or its coverage samples.
 pub fn encode_sample(
     context: &Context,
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut Commands,
     (layers, layer): (&Layers, u32),
     frame_group: &wgpu::BindGroup,
     (frame, sample): (u32, u32),
@@ -64,12 +65,7 @@ pub fn encode_sample(
         color.ops.load = wgpu::LoadOp::Load;
         depth.depth_ops = Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store });
     }
-    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: Some("luminance"),
-        color_attachments: &[Some(color)],
-        depth_stencil_attachment: Some(depth),
-        ..Default::default()
-    });
+    let mut pass = encoder.render("luminance", &[Some(color)], depth);
     // A shifted viewport samples the pixel elsewhere: no second set of matrices.
     let offset = context.sample_offset(sample);
     let grid = layers.grid;
@@ -97,7 +93,7 @@ pub fn encode_sample(
 /// Renders `frame`, of a camera whose lens `resampler` distorts, into `layer`: the mean over the samples of each pixel.
 pub fn encode_distorted(
     context: &Context,
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut Commands,
     resampler: &Resampler,
     frame_group: &wgpu::BindGroup,
     frame: u32,
@@ -114,7 +110,7 @@ pub fn encode_distorted(
 
 fn encode_resolve(
     context: &Context,
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut Commands,
     layers: &Layers,
     samples: &wgpu::TextureView,
     layer: &wgpu::TextureView,
@@ -123,10 +119,7 @@ fn encode_resolve(
     let resources =
         vec![wgpu::BindingResource::TextureView(samples), wgpu::BindingResource::TextureView(layer)];
     let group = pass::group(&context.gpu.device, "resolve", &resolve.layout, RESOLVE_BINDINGS, resources);
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-    pass.set_pipeline(&resolve.pipeline);
-    pass.set_bind_group(0, &group, &[]);
-    pass.dispatch_workgroups(layers.width.div_ceil(8), layers.height.div_ceil(8), 1);
+    resolve.encode(encoder, &group, &[], (layers.width.div_ceil(8), layers.height.div_ceil(8), 1));
 }
 
 /// `parts`, as [`encode_sample`] takes them.
@@ -136,7 +129,7 @@ pub fn borrowed(parts: &[Part]) -> Vec<(Rect, &[DrawItem])> {
 
 /// Copies `rect` of layers, from one texture's first to the other's: `count` of them.
 pub fn copy_layers(
-    encoder: &mut wgpu::CommandEncoder,
+    encoder: &mut Commands,
     from: (&wgpu::Texture, u32),
     to: (&wgpu::Texture, u32),
     count: u32,

@@ -1,6 +1,7 @@
 //! Luminance read back to the host.
 
 use crate::error::EngineError;
+use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::texture::row_bytes;
 use crate::raster::context::Context;
@@ -18,8 +19,7 @@ pub fn mean_luminance(
 ) -> Result<Vec<f64>, EngineError> {
     let view = [context.views[view].clone()];
     let frame_group = context.upload_frames(&view, &[t_us]);
-    let device = &context.gpu.device;
-    let mut encoder = device.create_command_encoder(&Default::default());
+    let mut encoder = Commands::new(&context.gpu, "luminance");
     MovingShadows::new(&frame_group, &view, 1).show(context, &mut encoder, 0, 0);
     if let Some(resampler) = context.resampler(&view[0]) {
         encode_distorted(context, &mut encoder, resampler, &frame_group, 0, &layers.each[0]);
@@ -31,11 +31,7 @@ pub fn mean_luminance(
 }
 
 /// Runs `encoder` and reads the mean over the samples in `layers` back, row-major from the top.
-pub fn read_mean(
-    context: &Context,
-    encoder: wgpu::CommandEncoder,
-    layers: &Layers,
-) -> Result<Vec<f64>, EngineError> {
+pub fn read_mean(context: &Context, encoder: Commands, layers: &Layers) -> Result<Vec<f64>, EngineError> {
     let samples = context.offsets.len();
     let read = read_layers(context, encoder, layers, samples as u32)?;
     let pixels = layers.width as usize * layers.height as usize;
@@ -46,7 +42,7 @@ pub fn read_mean(
 /// Runs `encoder` and reads the first `count` of `layers` back, each row-major from the top.
 pub fn read_layers(
     context: &Context,
-    mut encoder: wgpu::CommandEncoder,
+    mut encoder: Commands,
     layers: &Layers,
     count: u32,
 ) -> Result<Vec<Vec<f32>>, EngineError> {
@@ -57,7 +53,7 @@ pub fn read_layers(
         mapped_at_creation: false,
     });
     layers.encode_read(&mut encoder, &staging, count);
-    let submission = context.gpu.queue.submit([encoder.finish()]);
+    let submission = encoder.submit(&context.gpu);
     let mapped = map(&staging);
     wait_mapped(&context.gpu, &submission, &mapped)?;
     let bytes = staging

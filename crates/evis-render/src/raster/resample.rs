@@ -7,6 +7,7 @@ use wgpu::util::DeviceExt as _;
 
 use crate::error::EngineError;
 use crate::frame::pattern::{self, Share};
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::DeviceLimits;
 use crate::pass::resample::{self, COVERAGE_BINDINGS, SAMPLES_BINDINGS};
 use crate::pass::{self, Binding, ComputePass};
@@ -117,12 +118,7 @@ impl Resampler {
     }
 
     /// Records the mean of the samples of every pixel into `layer`.
-    pub fn encode_gather(
-        &self,
-        device: &wgpu::Device,
-        encoder: &mut wgpu::CommandEncoder,
-        layer: &wgpu::TextureView,
-    ) {
+    pub fn encode_gather(&self, device: &wgpu::Device, encoder: &mut Commands, layer: &wgpu::TextureView) {
         let pictures = self.picture.multisampled.as_ref().unwrap_or(&self.picture.array);
         for band in &self.bands {
             let resources = vec![
@@ -132,10 +128,8 @@ impl Resampler {
                 wgpu::BindingResource::TextureView(layer),
             ];
             let group = pass::group(device, "resample", &self.pass.layout, self.bindings, resources);
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_pipeline(&self.pass.pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups(self.camera.size[0].div_ceil(8), band.rows.div_ceil(8), 1);
+            let workgroups = (self.camera.size[0].div_ceil(8), band.rows.div_ceil(8), 1);
+            self.pass.encode(encoder, &group, &[], workgroups);
         }
     }
 }

@@ -7,6 +7,7 @@ use evis_scene::Scene;
 
 use crate::config::{RunConfig, Shadows};
 use crate::frame::draw::{Drawing, Stage, depth_attachment, draw_surfaces};
+use crate::gpu::commands::{Commands, Render};
 use crate::gpu::variant::LightSet;
 use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts};
 use crate::pass::{self, shadow_map};
@@ -19,7 +20,7 @@ use crate::world::image_bounds::Rect;
 ///
 /// What stands still is drawn once into maps that are kept; at each instant these are restored where something moved, and only
 /// what moves is drawn on top. Where a light moves, everything is drawn.
-pub struct ShadowRoom {
+pub struct ShadowMaps {
     /// What is drawn, and when.
     pub plan: ShadowPlan,
     /// What rays are cast through along shadows' borders; `None` where the maps decide alone.
@@ -56,7 +57,7 @@ struct Shown {
 
 impl StillMaps {
     /// Copies layer `from` of them whole into layer `to` of `maps`.
-    fn copy(&self, encoder: &mut wgpu::CommandEncoder, from: u32, maps: &wgpu::Texture, to: u32) {
+    fn copy(&self, encoder: &mut Commands, from: u32, maps: &wgpu::Texture, to: u32) {
         let at = |texture, z| wgpu::TexelCopyTextureInfo {
             texture,
             mip_level: 0,
@@ -68,7 +69,7 @@ impl StillMaps {
     }
 }
 
-impl ShadowRoom {
+impl ShadowMaps {
     /// `None` where no light throws shadows.
     ///
     /// # Errors
@@ -139,7 +140,7 @@ impl ShadowRoom {
     pub fn encode_instant(
         &self,
         stage: Stage<'_>,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         environment: usize,
         light: usize,
         first: u32,
@@ -193,12 +194,7 @@ impl ShadowRoom {
 
     /// Draws what stands still into the maps that are kept, once for every way in which it is placed: map `map` from the
     /// records that start at `first(map)`.
-    pub fn encode_kept(
-        &self,
-        stage: Stage<'_>,
-        encoder: &mut wgpu::CommandEncoder,
-        first: impl Fn(usize) -> u32,
-    ) {
+    pub fn encode_kept(&self, stage: Stage<'_>, encoder: &mut Commands, first: impl Fn(usize) -> u32) {
         for (map, target) in self.kept().iter().enumerate() {
             let mut pass = begin(encoder, target, wgpu::LoadOp::Clear(0.0));
             self.draw(stage, &mut pass, &self.still_items, first(map));
@@ -218,19 +214,10 @@ impl ShadowRoom {
     }
 }
 
-fn begin<'e>(
-    encoder: &'e mut wgpu::CommandEncoder,
-    target: &wgpu::TextureView,
-    load: wgpu::LoadOp<f32>,
-) -> wgpu::RenderPass<'e> {
+fn begin<'e>(encoder: &'e mut Commands, target: &wgpu::TextureView, load: wgpu::LoadOp<f32>) -> Render<'e> {
     let mut attachment = depth_attachment(target, wgpu::StoreOp::Store);
     attachment.depth_ops = Some(wgpu::Operations { load, store: wgpu::StoreOp::Store });
-    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: Some("shadow map"),
-        color_attachments: &[],
-        depth_stencil_attachment: Some(attachment),
-        ..Default::default()
-    })
+    encoder.render("shadow map", &[], attachment)
 }
 
 fn layer_views(texture: &wgpu::Texture, count: u32) -> Vec<wgpu::TextureView> {

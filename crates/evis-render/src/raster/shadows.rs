@@ -2,6 +2,7 @@
 
 use crate::error::EngineError;
 use crate::frame::{FrameData, FrameRequest};
+use crate::gpu::commands::Commands;
 use crate::raster::context::Context;
 use crate::world::view::View;
 
@@ -25,21 +26,21 @@ impl<'a> MovingShadows<'a> {
     }
 
     /// Draws the maps that `view` needs at instant `k`, where they are not drawn.
-    pub fn show(&mut self, context: &Context, encoder: &mut wgpu::CommandEncoder, view: u32, k: u32) {
-        let Some(room) = context.shadows.as_ref().filter(|room| room.plan.redrawn) else { return };
+    pub fn show(&mut self, context: &Context, encoder: &mut Commands, view: u32, k: u32) {
+        let Some(maps) = context.shadows.as_ref().filter(|maps| maps.plan.redrawn) else { return };
         let environment = self.views[view as usize].environment;
         if self.shown.replace((environment, k)) == Some((environment, k)) {
             return;
         }
         let Some(e) = self.environments.iter().position(|other| *other == environment) else { return };
-        let lights = room.plan.nodes.len();
+        let lights = maps.plan.nodes.len();
         let frames = self.views.len() * self.instants as usize;
         for light in 0..lights {
             let map = (e * self.instants as usize + k as usize) * lights + light;
             let first = FrameData::shadow_record(frames, context.gpu_scene.objects.len(), map);
             let moved = &context.frame_data.moved_texels[map];
             let stage = context.stage(self.frame_group);
-            room.encode_instant(stage, encoder, environment, light, first, moved);
+            maps.encode_instant(stage, encoder, environment, light, first, moved);
         }
     }
 }
@@ -49,20 +50,20 @@ impl<'a> MovingShadows<'a> {
 /// # Errors
 /// The device may fail.
 pub fn draw_still_maps(context: &mut Context) -> Result<(), EngineError> {
-    let Some(room) = context.shadows.take() else { return Ok(()) };
-    if room.keeps() {
+    let Some(maps) = context.shadows.take() else { return Ok(()) };
+    if maps.keeps() {
         // One view per placement, at the start, is enough to place every caster.
         let mut views: Vec<View> = Vec::new();
         for view in &context.views {
-            if room.plan.placements[view.environment] as usize == views.len() {
+            if maps.plan.placements[view.environment] as usize == views.len() {
                 views.push(view.clone());
             }
         }
         let request = FrameRequest {
             views: &views,
             times_s: &[context.scene_time_s(0)],
-            shadows: Some(&room.plan),
-            occluders: room.occluders.as_ref(),
+            shadows: Some(&maps.plan),
+            occluders: maps.occluders.as_ref(),
             record_ids: false,
             shadow_maps: true,
             watch: None,
@@ -75,15 +76,15 @@ pub fn draw_still_maps(context: &mut Context) -> Result<(), EngineError> {
             &context.gpu_scene.morph_data,
             &context.frame_data,
         );
-        let mut encoder = context.gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(&context.gpu, "still shadow maps");
         let objects = context.gpu_scene.objects.len();
-        room.encode_kept(context.stage(&group), &mut encoder, |map| {
+        maps.encode_kept(context.stage(&group), &mut encoder, |map| {
             FrameData::shadow_record(views.len(), objects, map)
         });
-        context.gpu.queue.submit([encoder.finish()]);
+        encoder.submit(&context.gpu);
         // So that this counts as preparation, and not as the first instant's work.
         context.gpu.device.poll(wgpu::PollType::wait_indefinitely())?;
     }
-    context.shadows = Some(room);
+    context.shadows = Some(maps);
     Ok(())
 }

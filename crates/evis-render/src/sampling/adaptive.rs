@@ -8,6 +8,7 @@
 use std::collections::HashMap;
 
 use crate::gpu::buffer::{GrowingBuffer, aligned};
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes;
 use crate::gpu::texture::{array, whole};
 use crate::gpu::uniforms::{AuditJob, MeanJob};
@@ -20,7 +21,7 @@ use crate::raster::luminance::{borrowed, copy_layers, encode_sample, encode_samp
 use crate::raster::shadows::MovingShadows;
 use crate::sampling::audit::{self, AuditRun, Chosen, Entry};
 use crate::sampling::draw_list::InView;
-use crate::sampling::tile_rate::{Pacer, Paces, STILL};
+use crate::sampling::tile_rate::{STILL, TileRateEstimator, TileRates};
 use crate::sampling::view_motion::ViewMotion;
 use crate::sensor::group::{Group, Unit};
 use crate::sensor::targets::Targets;
@@ -29,9 +30,9 @@ use crate::world::image_bounds::Rect;
 use crate::world::tiles::{TILE, rects, tiles_along};
 use crate::world::view::View;
 
-/// The room.
-pub struct AdaptiveRoom {
-    pacer: Pacer,
+/// Renders every tile of a picture as often as what it shows moves.
+pub struct AdaptiveSampler {
+    estimator: TileRateEstimator,
     /// Instants of a block.
     block: u32,
     sky: bool,
@@ -60,7 +61,7 @@ pub struct AdaptiveRoom {
 }
 
 /// A view at an instant: what is drawn of it.
-struct Look {
+struct DrawBatch {
     view: u32,
     /// Frame within the view: 0 is the instant before the unit's first.
     k: u32,
@@ -82,8 +83,8 @@ struct Audit {
 }
 
 /// One picture of an audited tile.
-struct AuditLook {
-    look: Look,
+struct AuditBatch {
+    batch: DrawBatch,
     rect: Rect,
     /// The first sample that is drawn.
     first_sample: u32,
@@ -91,7 +92,7 @@ struct AuditLook {
     layer: u32,
 }
 
-impl Look {
+impl DrawBatch {
     /// Pixels that are drawn.
     fn pixels(&self) -> u64 {
         self.parts.iter().map(|(rect, _)| rect.pixels()).sum()
@@ -111,7 +112,7 @@ struct Work<'a> {
     blocks: u32,
     frame_group: wgpu::BindGroup,
     /// Per view and block.
-    paces: Vec<Paces>,
+    paces: Vec<TileRates>,
     /// Whether what still tiles showed before the first instant is kept.
     follows: bool,
     /// Whether only some tiles are looked at; nobody asks what the others show.
@@ -124,8 +125,8 @@ impl Work<'_> {
         (view * self.blocks + block) as usize
     }
 
-    const fn frame_of(&self, look: &Look) -> u32 {
-        look.view * self.frames + look.k
+    const fn frame_of(&self, batch: &DrawBatch) -> u32 {
+        batch.view * self.frames + batch.k
     }
 
     /// Whether a tile of `pace` is sampled at instant `number` of `block`, from 1 on.
@@ -143,7 +144,7 @@ impl Work<'_> {
     }
 
     /// Copies what is still from the end of one block to the end of the next.
-    fn carry(&self, encoder: &mut wgpu::CommandEncoder, kept: Option<&wgpu::Texture>) {
+    fn carry(&self, encoder: &mut Commands, kept: Option<&wgpu::Texture>) {
         let layers = &self.targets.layers;
         for (index, paces) in (0..).zip(&self.paces) {
             let (view, block) = (index / self.blocks, index % self.blocks);
@@ -164,13 +165,13 @@ impl Work<'_> {
     }
 }
 
-impl AdaptiveRoom {
+impl AdaptiveSampler {
     /// For blocks of `block` instants within which nothing moves more than `step_px` pixels unseen.
     pub fn new(context: &Context, step_px: f64, block: u32, made: LayerUse, audit_share: f64) -> Self {
         let device = &context.gpu.device;
         let samples = context.offsets.len() as u32;
         Self {
-            pacer: Pacer::new(&context.scene, &context.gpu_scene, step_px, block),
+            estimator: TileRateEstimator::new(&context.scene, &context.gpu_scene, step_px, block),
             block,
             sky: context.sky.is_some(),
             mean: crate::pass::adaptive::mean(device, samples),
@@ -193,7 +194,7 @@ impl AdaptiveRoom {
         }
     }
 
-    /// Makes room for the class of `targets`, the next in order.
+    /// Adds buffers for the class of `targets`, the next in order.
     pub fn add_class(&mut self, context: &Context, targets: &Targets) {
         let samples = context.offsets.len() as u32;
         let (width, height) = (targets.width, targets.height);
@@ -218,8 +219,8 @@ impl AdaptiveRoom {
 
     /// What decides how often tiles are sampled.
     #[cfg(test)]
-    pub fn pacer(&mut self) -> &mut Pacer {
-        &mut self.pacer
+    pub fn estimator(&mut self) -> &mut TileRateEstimator {
+        &mut self.estimator
     }
 
     /// Records what makes the luminance of `unit`: a layer per view and instant, of which tiles that are not sampled there
@@ -227,7 +228,7 @@ impl AdaptiveRoom {
     pub fn encode(
         &mut self,
         context: &mut Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: &Unit,
@@ -245,7 +246,8 @@ impl AdaptiveRoom {
         let again = i64::from(!group.beginning.is_empty());
         let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first + again);
         let kept = kept.map(|(_, texture)| texture);
-        let paces = self.paces(context, &views, group, unit);
+        let paces =
+            tracing::trace_span!("rates of tiles").in_scope(|| self.paces(context, &views, group, unit));
         let (frames, length) = (frames_of(unit), self.block_of(group, unit));
         let work = Work {
             targets,
@@ -262,12 +264,12 @@ impl AdaptiveRoom {
         };
         write_paces(context, targets, &work.paces, length);
         let mut tiles = Vec::new();
-        let looks = self.looks(context, &work, &mut tiles);
-        self.drawn_pixels += looks.iter().map(Look::pixels).sum::<u64>();
-        let (audits, audit_looks) = self.audits(context, &work, &looks, &mut tiles);
-        let means = self.upload(context, &work, (&looks, &audit_looks), &tiles);
+        let batches = self.batches(context, &work, &mut tiles);
+        self.drawn_pixels += batches.iter().map(DrawBatch::pixels).sum::<u64>();
+        let (audits, audit_batches) = self.audits(context, &work, &batches, &mut tiles);
+        let means = self.upload(context, &work, (&batches, &audit_batches), &tiles);
         let atlas = (!audits.is_empty()).then(|| AuditAtlas::new(&context.gpu.device, audits.len() as u32));
-        self.draw(context, encoder, &work, &means, &looks, (&audit_looks, atlas.as_ref()));
+        self.draw(context, encoder, &work, &means, &batches, (&audit_batches, atlas.as_ref()));
         let before = kept.as_ref().filter(|_| follows);
         work.carry(encoder, before);
         let run = atlas.map(|atlas| self.compare(context, encoder, &work, audits, &atlas, before));
@@ -280,9 +282,9 @@ impl AdaptiveRoom {
         &self,
         context: &Context,
         work: &Work<'_>,
-        looks: &[Look],
+        batches: &[DrawBatch],
         tiles: &mut Vec<u32>,
-    ) -> (Vec<Audit>, Vec<AuditLook>) {
+    ) -> (Vec<Audit>, Vec<AuditBatch>) {
         let (mut audits, mut drawn) = (Vec::new(), Vec::new());
         let begins = work.group.begins(work.unit);
         if self.audit_share <= 0.0 || work.partial || self.forced.is_some() || begins {
@@ -294,8 +296,8 @@ impl AdaptiveRoom {
             let (width, height) = (view.lens.width, view.lens.height);
             for block in 0..work.blocks {
                 let of = &work.paces[work.place(v, block)];
-                let within = |look: &&Look| look.view == v && (look.k - 1) / work.length == block;
-                let own_work: f64 = looks.iter().filter(within).map(|look| look.cost).sum();
+                let within = |batch: &&DrawBatch| batch.view == v && (batch.k - 1) / work.length == block;
+                let own_work: f64 = batches.iter().filter(within).map(|batch| batch.cost).sum();
                 let known = block > 0 || work.follows;
                 // Between two samples of which the first is kept.
                 let audited: Vec<bool> = of.tiles.iter().map(|rate| known && *rate > 0).collect();
@@ -307,7 +309,7 @@ impl AdaptiveRoom {
                 };
                 // Shadow maps that are drawn at each instant cost more than a tile: then only instants that are rendered anyway.
                 let rendered: Vec<u32> = if redrawn {
-                    looks.iter().filter(within).map(|look| look.k - block * work.length).collect()
+                    batches.iter().filter(within).map(|batch| batch.k - block * work.length).collect()
                 } else {
                     (1..work.length).collect()
                 };
@@ -333,7 +335,7 @@ impl AdaptiveRoom {
                     let first_sample = if other_samples { context.offsets.len() as u32 } else { 0 };
                     for (layer, number) in (3 * audits.len() as u32..).zip(instants) {
                         let items = InView::new(context, view, frame_of(*number)).items(&rect);
-                        let look = Look {
+                        let batch = DrawBatch {
                             view: v,
                             k: block * work.length + number,
                             parts: vec![(rect, items)],
@@ -341,7 +343,7 @@ impl AdaptiveRoom {
                             tiles: 1,
                             cost: 0.0,
                         };
-                        drawn.push(AuditLook { look, rect, first_sample, layer });
+                        drawn.push(AuditBatch { batch, rect, first_sample, layer });
                     }
                     tiles.push((tile as u32 % of.columns) | (tile as u32 / of.columns) << 16);
                     let instant = work.unit.first - 1 + i64::from(block * work.length + number);
@@ -360,7 +362,7 @@ impl AdaptiveRoom {
                 }
             }
         }
-        drawn.sort_by_key(|audit| (audit.look.k, audit.look.view));
+        drawn.sort_by_key(|audit| (audit.batch.k, audit.batch.view));
         (audits, drawn)
     }
 
@@ -368,7 +370,7 @@ impl AdaptiveRoom {
     fn compare(
         &mut self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         work: &Work<'_>,
         audits: Vec<Audit>,
         atlas: &AuditAtlas,
@@ -415,60 +417,60 @@ impl AdaptiveRoom {
         AuditRun { entries: audits.into_iter().map(|audit| audit.entry).collect(), staging }
     }
 
-    /// Records `looks`: their samples, and their means; and audited tiles where they come in order of time, into `atlas`.
+    /// Records `batches`: their samples, and their means; and audited tiles where they come in order of time, into `atlas`.
     fn draw(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         work: &Work<'_>,
         means: &MeanGroups,
-        looks: &[Look],
-        (audits, atlas): (&[AuditLook], Option<&AuditAtlas>),
+        batches: &[DrawBatch],
+        (audits, atlas): (&[AuditBatch], Option<&AuditAtlas>),
     ) {
         let mut shadows = work.shadows();
         let mut slots = (0..).zip(audits).peekable();
         let mut audit = |shadows: &mut MovingShadows<'_>, encoder: &mut _, until: (u32, u32)| {
             while let Some((slot, audit)) =
-                slots.next_if(|(_, audit)| (audit.look.k, audit.look.view) <= until)
+                slots.next_if(|(_, audit)| (audit.batch.k, audit.batch.view) <= until)
             {
                 let Some(atlas) = atlas else { continue };
-                shadows.show(context, encoder, audit.look.view, audit.look.k);
-                let (into, job) = ((&means.audit, &means.audit_resolve), looks.len() as u32 + slot);
-                self.draw_one(context, encoder, work, into, (&audit.look, audit.first_sample), job);
+                shadows.show(context, encoder, audit.batch.view, audit.batch.k);
+                let (into, job) = ((&means.audit, &means.audit_resolve), batches.len() as u32 + slot);
+                self.draw_one(context, encoder, work, into, (&audit.batch, audit.first_sample), job);
                 let own = &self.audit_layers[work.group.targets];
                 atlas.take(encoder, (&own.texture, 0), audit.rect, audit.layer);
             }
         };
-        for (job, look) in (0..).zip(looks) {
-            if let Some(before) = look.k.checked_sub(1) {
+        for (job, batch) in (0..).zip(batches) {
+            if let Some(before) = batch.k.checked_sub(1) {
                 audit(&mut shadows, encoder, (before, u32::MAX));
             }
-            shadows.show(context, encoder, look.view, look.k);
-            self.draw_one(context, encoder, work, (&means.mean, &means.resolve), (look, 0), job);
-            audit(&mut shadows, encoder, (look.k, look.view));
+            shadows.show(context, encoder, batch.view, batch.k);
+            self.draw_one(context, encoder, work, (&means.mean, &means.resolve), (batch, 0), job);
+            audit(&mut shadows, encoder, (batch.k, batch.view));
         }
         audit(&mut shadows, encoder, (u32::MAX, u32::MAX));
     }
 
-    /// Records the samples of `look` from `first_sample` on, and their means into the layers of the groups `into`: of samples, and of coverage samples.
+    /// Records the samples of `batch` from `first_sample` on, and their means into the layers of the groups `into`: of samples, and of coverage samples.
     fn draw_one(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         work: &Work<'_>,
         into: (&wgpu::BindGroup, &Option<wgpu::BindGroup>),
-        (look, first_sample): (&Look, u32),
+        (batch, first_sample): (&DrawBatch, u32),
         job: u32,
     ) {
         let scratch = &self.scratch[work.group.targets];
-        let (frame_group, frame) = (&work.frame_group, work.frame_of(look));
-        let parts = borrowed(&look.parts);
+        let (frame_group, frame) = (&work.frame_group, work.frame_of(batch));
+        let parts = borrowed(&batch.parts);
         if let (Some(resolve), Some(resolving)) = (&self.resolve, into.1) {
             encode_sample(context, encoder, (scratch, 0), frame_group, (frame, first_sample), &parts);
-            resolve.encode_tiles(encoder, resolving, job, look.tiles);
+            resolve.encode_tiles(encoder, resolving, job, batch.tiles);
         } else {
             encode_samples(context, encoder, (scratch, 0), frame_group, (frame, first_sample), &parts);
-            self.mean.encode_tiles(encoder, into.0, job, look.tiles);
+            self.mean.encode_tiles(encoder, into.0, job, batch.tiles);
         }
     }
 
@@ -478,7 +480,7 @@ impl AdaptiveRoom {
     }
 
     /// Per view and block.
-    fn paces(&self, context: &Context, views: &[View], group: &Group, unit: &Unit) -> Vec<Paces> {
+    fn paces(&self, context: &Context, views: &[View], group: &Group, unit: &Unit) -> Vec<TileRates> {
         let length = self.block_of(group, unit);
         let blocks = unit.instants / length;
         let frames = frames_of(unit) as usize;
@@ -488,7 +490,7 @@ impl AdaptiveRoom {
             let (columns, rows) = (tiles_along(view.lens.width), tiles_along(view.lens.height));
             for block in 0..blocks {
                 let count = (columns * rows) as usize;
-                let all = |pace| Paces { columns, tiles: vec![pace; count] };
+                let all = |pace| TileRates { columns, tiles: vec![pace; count] };
                 if group.begins(unit) {
                     let goes_on = group.beginning.get(v) == Some(&false);
                     paces.push(all(if goes_on { STILL } else { 0 }).restricted(only));
@@ -501,7 +503,7 @@ impl AdaptiveRoom {
                 let start = v * frames + (block * length) as usize;
                 let range = start..start + length as usize + 1;
                 let passing = ViewMotion::new(&context.frame_data, range, &view.lens, self.sky);
-                let mut own = self.pacer.paces(&context.gpu_scene, &passing);
+                let mut own = self.estimator.paces(&context.gpu_scene, &passing);
                 // No sample may stand for the light between two others.
                 if view.sensor.walks_on_host() {
                     own.tiles.fill(0);
@@ -513,8 +515,8 @@ impl AdaptiveRoom {
     }
 
     /// What is drawn, in order of time, then view; the numbers of its tiles go to `tiles`.
-    fn looks(&self, context: &Context, work: &Work<'_>, tiles: &mut Vec<u32>) -> Vec<Look> {
-        let mut looks = Vec::new();
+    fn batches(&self, context: &Context, work: &Work<'_>, tiles: &mut Vec<u32>) -> Vec<DrawBatch> {
+        let mut batches = Vec::new();
         for block in 0..work.blocks {
             // By view, then by how often the instants come: rectangles, for the objects where they are at the block's end.
             let mut plans: Vec<HashMap<u32, Vec<Rect>>> = vec![HashMap::new(); work.views.len()];
@@ -542,11 +544,11 @@ impl AdaptiveRoom {
                     let price = self.made.pixel_price();
                     let cost = rects.iter().map(|rect| in_view.cost(rect, price)).sum();
                     let count = tiles.len() as u32 - first_tile;
-                    looks.push(Look { view: v, k, parts, first_tile, tiles: count, cost });
+                    batches.push(DrawBatch { view: v, k, parts, first_tile, tiles: count, cost });
                 }
             }
         }
-        looks
+        batches
     }
 
     /// What the means are made from.
@@ -554,20 +556,20 @@ impl AdaptiveRoom {
         &mut self,
         context: &Context,
         work: &Work<'_>,
-        (looks, audits): (&[Look], &[AuditLook]),
+        (batches, audits): (&[DrawBatch], &[AuditBatch]),
         tiles: &[u32],
     ) -> MeanGroups {
         let (device, queue) = (&context.gpu.device, &context.gpu.queue);
-        let job = |look: &Look, layer: u32| MeanJob {
-            first: look.first_tile,
-            count: look.tiles,
-            row: sizes::dispatch(look.tiles, 1).0,
+        let job = |batch: &DrawBatch, layer: u32| MeanJob {
+            first: batch.first_tile,
+            count: batch.tiles,
+            row: sizes::dispatch(batch.tiles, 1).0,
             layer,
         };
         // The instant before the first is never drawn.
-        let layer_of = |look: &Look| look.view * work.unit.instants + look.k - 1;
-        let mut jobs: Vec<MeanJob> = looks.iter().map(|look| job(look, layer_of(look))).collect();
-        jobs.extend(audits.iter().map(|audit| job(&audit.look, 0)));
+        let layer_of = |batch: &DrawBatch| batch.view * work.unit.instants + batch.k - 1;
+        let mut jobs: Vec<MeanJob> = batches.iter().map(|batch| job(batch, layer_of(batch))).collect();
+        jobs.extend(audits.iter().map(|audit| job(&audit.batch, 0)));
         self.jobs.write(device, queue, &aligned(&jobs));
         self.tiles.write(device, queue, bytemuck::cast_slice(tiles));
         let scratch = &self.scratch[work.group.targets];
@@ -594,7 +596,7 @@ impl AdaptiveRoom {
     fn keep(
         &mut self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         work: &Work<'_>,
         spare: Option<wgpu::Texture>,
     ) {
@@ -631,13 +633,7 @@ impl AuditAtlas {
     }
 
     /// Copies `rect` of a layer to layer `to`.
-    fn take(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        (texture, layer): (&wgpu::Texture, u32),
-        rect: Rect,
-        to: u32,
-    ) {
+    fn take(&self, encoder: &mut Commands, (texture, layer): (&wgpu::Texture, u32), rect: Rect, to: u32) {
         let place = |texture, [x, y]: [u32; 2], z| wgpu::TexelCopyTextureInfo {
             texture,
             mip_level: 0,
@@ -669,7 +665,7 @@ const fn frames_of(unit: &Unit) -> u32 {
 }
 
 /// Tells the trigger the paces of blocks of `length` instants; what is still is looked at when they end.
-fn write_paces(context: &Context, targets: &Targets, paces: &[Paces], length: u32) {
+fn write_paces(context: &Context, targets: &Targets, paces: &[TileRates], length: u32) {
     let slowest = length.trailing_zeros() as u8;
     let bytes: Vec<u8> = paces.iter().flat_map(|p| p.tiles.iter().map(|pace| (*pace).min(slowest))).collect();
     let (columns, rows) = (tiles_along(targets.width), tiles_along(targets.height));

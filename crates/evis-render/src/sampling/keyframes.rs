@@ -4,6 +4,7 @@
 use evis_core::{Warp, WarpVariant};
 
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::UNIFORM_ALIGNMENT;
 use crate::gpu::uniforms::{KeyParams, LabelFrame};
 use crate::pass::labels::GEOMETRY_FORMATS;
@@ -11,7 +12,7 @@ use crate::pass::raster::DEPTH_FORMAT;
 use crate::pass::splat::{PREPARE_BINDINGS, SPLAT_WORKGROUP};
 use crate::pass::{self, ComputePass};
 use crate::raster::context::{Context, Upload};
-use crate::raster::geometry::{GeometryGroups, GeometryPass, GeometryRoom, sky_flow};
+use crate::raster::geometry::{GeometryGroups, GeometryPass, GeometryRenderer, sky_flow};
 use crate::raster::layers::{LayerUse, Layers};
 use crate::raster::luminance::encode_luminance;
 use crate::raster::shadows::MovingShadows;
@@ -144,13 +145,7 @@ impl KeyframeStore {
     }
 
     /// From the pictures to `entry`: views of slot 0, then of slot 1.
-    pub fn encode_prepare(
-        &self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        prepare: &ComputePass,
-        entry: u32,
-    ) {
+    pub fn encode_prepare(&self, gpu: &Gpu, encoder: &mut Commands, prepare: &ComputePass, entry: u32) {
         let params = KeyParams { width: self.width, height: self.height, view: entry, margin: self.margin };
         let offset = u64::from(entry) * UNIFORM_ALIGNMENT;
         gpu.queue.write_buffer(&self.keys, offset, bytemuck::bytes_of(&params));
@@ -168,10 +163,8 @@ impl KeyframeStore {
             self.largest.as_entire_binding(),
         ];
         let group = pass::group(&gpu.device, "prepare", &prepare.layout, PREPARE_BINDINGS, resources);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&prepare.pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(self.width.div_ceil(SPLAT_WORKGROUP), self.height, 1);
+        let workgroups = (self.width.div_ceil(SPLAT_WORKGROUP), self.height, 1);
+        prepare.encode(encoder, &group, &[], workgroups);
     }
 
     /// Whether slot of keyframe `j` holds it for `group`; from now on it does.
@@ -197,7 +190,7 @@ impl KeyframeFrames {
     /// Evaluates and uploads keyframes `first..=last` of `views`, whose lenses are those of the canvas.
     pub fn upload(
         context: &mut Context,
-        room: &mut GeometryRoom,
+        renderer: &mut GeometryRenderer,
         views: Vec<View>,
         [first, last]: [i64; 2],
         record_ids: bool,
@@ -217,7 +210,7 @@ impl KeyframeFrames {
         let neighbours = times.windows(3).map(|t| [t[2], t[0]]);
         let skies: Vec<_> = neighbours.flat_map(|others| views.iter().map(move |v| (v, others))).collect();
         let skies: Vec<_> = skies.into_iter().map(|(view, others)| sky_flow(context, view, others)).collect();
-        let geometry = room.upload(context, &label, &skies);
+        let geometry = renderer.upload(context, &label, &skies);
         Self { views, first, times: times.len() as u32, frame_group, geometry }
     }
 
@@ -225,8 +218,8 @@ impl KeyframeFrames {
     pub fn draw(
         &self,
         context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
-        room: &GeometryRoom,
+        encoder: &mut Commands,
+        renderer: &GeometryRenderer,
         prepare: &ComputePass,
         store: &KeyframeStore,
         j: i64,
@@ -247,7 +240,7 @@ impl KeyframeFrames {
                 targets: [Some(inverse_depth), Some(flow), store.with_objects.then_some(ids)],
                 depth: &store.depth,
             };
-            room.encode(context, encoder, &self.frame_group, &self.geometry, &what);
+            renderer.encode(context, encoder, &self.frame_group, &self.geometry, &what);
             store.encode_prepare(&context.gpu, encoder, prepare, slot * count + view);
         }
     }

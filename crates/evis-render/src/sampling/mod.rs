@@ -13,22 +13,23 @@ pub mod splat;
 pub mod tile_rate;
 pub mod view_motion;
 
+use crate::gpu::commands::Commands;
 use crate::raster::context::Context;
-use crate::sampling::adaptive::AdaptiveRoom;
+use crate::sampling::adaptive::AdaptiveSampler;
 use crate::sampling::audit::AuditRun;
-use crate::sampling::native::NativeRoom;
-use crate::sampling::splat::SplatRoom;
+use crate::sampling::native::NativeSampler;
+use crate::sampling::splat::SplatSampler;
 use crate::sensor::group::{Group, Unit};
 use crate::sensor::targets::Targets;
 
-/// The room between scene and trigger, by method.
+/// What fills the luminance layers, by method.
 pub enum Sampling {
     /// Every instant is rendered, a layer per sample.
-    Native(NativeRoom),
+    Native(NativeSampler),
     /// The same, each tile of a picture as often as what it shows moves.
-    Adaptive(Box<AdaptiveRoom>),
+    Adaptive(Box<AdaptiveSampler>),
     /// Keyframes are rendered, and what lies between is splatted.
-    Splat(Box<SplatRoom>),
+    Splat(Box<SplatSampler>),
 }
 
 impl Sampling {
@@ -37,15 +38,15 @@ impl Sampling {
     pub fn encode(
         &mut self,
         context: &mut Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: &Unit,
     ) -> Option<AuditRun> {
         match self {
-            Self::Native(room) => room.encode(context, encoder, targets, group, unit),
-            Self::Adaptive(room) => return room.encode(context, encoder, targets, group, unit),
-            Self::Splat(room) => room.encode(context, encoder, targets, group, unit),
+            Self::Native(sampler) => sampler.encode(context, encoder, targets, group, unit),
+            Self::Adaptive(sampler) => return sampler.encode(context, encoder, targets, group, unit),
+            Self::Splat(sampler) => sampler.encode(context, encoder, targets, group, unit),
         }
         None
     }
@@ -54,8 +55,8 @@ impl Sampling {
     /// `every_instant` at every instant.
     pub fn restart(&mut self, only: Vec<Vec<bool>>, every_instant: bool) {
         match self {
-            Self::Native(room) => *room = NativeRoom::default(),
-            Self::Adaptive(room) => room.restart(only, every_instant),
+            Self::Native(sampler) => *sampler = NativeSampler::default(),
+            Self::Adaptive(sampler) => sampler.restart(only, every_instant),
             // Keyframes are kept by their numbers: such a stream is never restarted.
             Self::Splat(_) => {}
         }
@@ -64,9 +65,9 @@ impl Sampling {
     /// Pixels drawn since this was last asked, each by all of its samples.
     pub fn take_drawn_pixels(&mut self) -> u64 {
         match self {
-            Self::Native(room) => std::mem::take(&mut room.drawn_pixels),
-            Self::Adaptive(room) => room.take_drawn_pixels(),
-            Self::Splat(room) => room.take_drawn_pixels(),
+            Self::Native(sampler) => std::mem::take(&mut sampler.drawn_pixels),
+            Self::Adaptive(sampler) => sampler.take_drawn_pixels(),
+            Self::Splat(sampler) => sampler.take_drawn_pixels(),
         }
     }
 
@@ -74,7 +75,7 @@ impl Sampling {
     pub fn take_keyframes(&mut self) -> u64 {
         match self {
             Self::Native(_) | Self::Adaptive(_) => 0,
-            Self::Splat(room) => room.take_keyframes(),
+            Self::Splat(sampler) => sampler.take_keyframes(),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `native`: every instant of every view.
 
 use crate::frame::changes::Change;
+use crate::gpu::commands::Commands;
 use crate::raster::context::{Context, Upload};
 use crate::raster::luminance::{copy_layers, encode_distorted, encode_luminance};
 use crate::raster::shadows::MovingShadows;
@@ -10,19 +11,19 @@ use crate::world::image_bounds::Rect;
 
 /// `native`: every instant of every view, sample by sample; of a view that stands still, only what changes.
 #[derive(Default)]
-pub struct NativeRoom {
+pub struct NativeSampler {
     /// The layers of the last instant of the submission before, view by view.
     kept: Option<wgpu::Texture>,
     /// Pixels drawn since this was last asked.
     pub drawn_pixels: u64,
 }
 
-impl NativeRoom {
+impl NativeSampler {
     /// Records what makes the luminance of `unit`.
     pub fn encode(
         &mut self,
         context: &mut Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: &Unit,

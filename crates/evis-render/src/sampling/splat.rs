@@ -6,6 +6,7 @@ use glam::{DMat4, DVec4};
 
 use crate::error::EngineError;
 use crate::gpu::buffer::GrowingBuffer;
+use crate::gpu::commands::{Commands, Compute};
 use crate::gpu::sizes::{DeviceLimits, MethodNeeds, UNIFORM_ALIGNMENT};
 use crate::gpu::uniforms::SplatParams;
 use crate::pass::raster::SceneConstants;
@@ -15,7 +16,7 @@ use crate::pass::splat::{
 };
 use crate::pass::{self, ComputePass};
 use crate::raster::context::Context;
-use crate::raster::geometry::GeometryRoom;
+use crate::raster::geometry::GeometryRenderer;
 use crate::raster::layers::LayerUse;
 use crate::sampling::keyframes::{KeyframeFrames, KeyframeStore, SLOTS, canvas_lens, slot_of};
 use crate::sensor::group::{Group, Unit};
@@ -32,10 +33,10 @@ const BRIGHTEST: f32 = 65_536.0;
 const ROWS: usize = 3;
 
 /// Everything that `splat` needs.
-pub struct SplatRoom {
+pub struct SplatSampler {
     config: Warp,
     passes: SplatPasses,
-    geometry: GeometryRoom,
+    geometry: GeometryRenderer,
     /// Per class of views.
     stores: Vec<Store>,
     params: GrowingBuffer,
@@ -102,7 +103,7 @@ struct Step {
     elapsed: f64,
 }
 
-impl SplatRoom {
+impl SplatSampler {
     /// Builds the passes.
     pub fn new(context: &Context, constants: &SceneConstants, config: &Warp) -> Self {
         let device = &context.gpu.device;
@@ -113,7 +114,7 @@ impl SplatRoom {
         Self {
             config: *config,
             passes: SplatPasses::new(device, config.variant, context.offsets.len() as u32, run),
-            geometry: GeometryRoom::new(
+            geometry: GeometryRenderer::new(
                 device,
                 &context.layouts,
                 &context.gpu_scene,
@@ -169,7 +170,7 @@ impl SplatRoom {
     pub fn encode(
         &mut self,
         context: &mut Context,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: &Unit,
@@ -388,12 +389,12 @@ impl<'a> Work<'a> {
 
     /// Instant `k` of the submission, between two keyframes: the newer one first, for the older one may ask for its
     /// holes.
-    pub fn encode_instant(&self, encoder: &mut wgpu::CommandEncoder, k: usize) {
+    pub fn encode_instant(&self, encoder: &mut Commands, k: usize) {
         encoder.clear_buffer(self.sums, 0, Some(self.sums_bytes));
         if self.holes.is_some() {
             encoder.clear_buffer(self.tiles, 0, None);
         }
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        let mut pass = encoder.compute("splat");
         let [older, newer] = [0, 1].map(|side| (2 * k as u32 + side) * UNIFORM_ALIGNMENT as u32);
         run(&mut pass, &self.newer[0], newer, self.canvas);
         run(&mut pass, &self.newer[1], newer, self.runs);
@@ -406,21 +407,14 @@ impl<'a> Work<'a> {
     }
 
     /// Instant `k`, at the newer keyframe.
-    pub fn encode_keyframe(&self, encoder: &mut wgpu::CommandEncoder, k: usize) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+    pub fn encode_keyframe(&self, encoder: &mut Commands, k: usize) {
+        let mut pass = encoder.compute("splat/show.wgsl");
         run(&mut pass, &self.show, (2 * k as u32 + 1) * UNIFORM_ALIGNMENT as u32, self.sensor);
     }
 }
 
-fn run(
-    pass: &mut wgpu::ComputePass<'_>,
-    (pipeline, group): &Bound<'_>,
-    offset: u32,
-    (x, y, z): (u32, u32, u32),
-) {
-    pass.set_pipeline(pipeline);
-    pass.set_bind_group(0, group, &[offset]);
-    pass.dispatch_workgroups(x, y, z);
+fn run(pass: &mut Compute<'_>, (pipeline, group): &Bound<'_>, offset: u32, workgroups: (u32, u32, u32)) {
+    pass.dispatch(pipeline, group, &[offset], workgroups);
 }
 
 fn canvas_size(config: &Warp, width: u32, height: u32) -> [u32; 2] {

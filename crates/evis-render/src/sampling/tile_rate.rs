@@ -34,14 +34,14 @@ const LIGHT_STEP: f64 = 0.02;
 
 /// How often each tile of a view is sampled during a block.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Paces {
+pub struct TileRates {
     /// Tiles per row.
     pub columns: u32,
     /// Per tile, row by row: every `2^pace` instants; [`STILL`] for never.
     pub tiles: Vec<u8>,
 }
 
-impl Paces {
+impl TileRates {
     /// The same, if only some tiles are looked at.
     pub fn restricted(mut self, only: Option<&Vec<bool>>) -> Self {
         for (pace, _) in self.tiles.iter_mut().zip(only.into_iter().flatten()).filter(|(_, only)| !**only) {
@@ -52,7 +52,7 @@ impl Paces {
 }
 
 /// Decides how often tiles are sampled.
-pub struct Pacer {
+pub struct TileRateEstimator {
     pieces: Vec<Arc<Pieces>>,
     /// Pixels that anything may move between two samples.
     step_px: f64,
@@ -77,7 +77,7 @@ pub enum Overlook {
     Deformation,
 }
 
-impl Pacer {
+impl TileRateEstimator {
     /// For blocks of `block` instants, a power of two.
     pub fn new(scene: &Scene, gpu_scene: &GpuScene, step_px: f64, block: u32) -> Self {
         Self {
@@ -90,10 +90,10 @@ impl Pacer {
     }
 
     /// How often the tiles of one view are sampled during one block.
-    pub fn paces(&self, gpu_scene: &GpuScene, view: &ViewMotion<'_>) -> Paces {
+    pub fn paces(&self, gpu_scene: &GpuScene, view: &ViewMotion<'_>) -> TileRates {
         let needs = self.required(gpu_scene, view);
         let tiles = needs.tiles.into_iter().map(|need| self.pace(need)).collect();
-        Paces { columns: needs.columns, tiles }
+        TileRates { columns: needs.columns, tiles }
     }
 
     /// Samples per instant that each tile requires; infinite where poses do not tell.
@@ -504,13 +504,13 @@ mod tests {
 
     #[test]
     fn paces_are_powers_of_two_and_never_too_slow() {
-        let pacer = Pacer { pieces: Vec::new(), step_px: 1.0, slowest: 4, overlooks: None };
+        let estimator = TileRateEstimator { pieces: Vec::new(), step_px: 1.0, slowest: 4, overlooks: None };
         for (need, pace) in
             [(0.0, STILL), (1e-300, 4), (0.06, 4), (0.0625, 4), (0.07, 3), (0.5, 1), (0.51, 0)]
         {
-            assert_eq!(pacer.pace(need), pace, "{need}");
+            assert_eq!(estimator.pace(need), pace, "{need}");
         }
-        assert_eq!(pacer.pace(f64::INFINITY), 0);
-        assert_eq!(pacer.pace(f64::NAN), 0);
+        assert_eq!(estimator.pace(f64::INFINITY), 0);
+        assert_eq!(estimator.pace(f64::NAN), 0);
     }
 }

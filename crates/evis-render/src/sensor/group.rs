@@ -2,6 +2,7 @@
 
 use crate::config::grid::SampleGrid;
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::{self, BLOCK_PIXELS, WORKGROUP, padded_pixels, row_stride};
 use crate::gpu::texture::{array, whole};
 use crate::gpu::uniforms::{BlockParams, ScanParams, Status, TriggerParams, ViewSensor};
@@ -198,7 +199,7 @@ impl Group {
     }
 
     /// Records that views that are reset keep what the trigger has just written, and the others what they had.
-    pub fn keep_beginning(&self, encoder: &mut wgpu::CommandEncoder) {
+    pub fn keep_beginning(&self, encoder: &mut Commands) {
         let (old, new) = (self.memory[self.parity].texture(), self.memory[1 - self.parity].texture());
         let views = self.views.len();
         let size = wgpu::Extent3d { depth_or_array_layers: 1, ..old.size() };

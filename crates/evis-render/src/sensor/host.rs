@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::texture::row_bytes;
 use crate::raster::context::Context;
 use crate::sensor::group::{Group, Unit};
@@ -22,7 +23,7 @@ use crate::world::view::View;
 const LIGHT_LIMIT: f64 = 1e30;
 
 /// A submission whose light comes to the host.
-pub struct Looks {
+pub struct LuminanceReadback {
     /// Which.
     pub unit: Unit,
     /// All of its layers.
@@ -40,7 +41,7 @@ pub struct HostWalk {
 }
 
 /// What a submission brought of one view.
-pub struct Felt {
+pub struct HostEvents {
     /// Index of the view.
     pub view: usize,
     /// In canonical order.
@@ -82,11 +83,11 @@ impl HostWalk {
     pub fn encode(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        encoder: &mut Commands,
         targets: &Targets,
         group: &Group,
         unit: Unit,
-    ) -> Result<Looks, EngineError> {
+    ) -> Result<LuminanceReadback, EngineError> {
         let (width, height) = (targets.width, targets.height);
         let layers = group.views.len() as u32 * unit.instants * targets.samples;
         let bytes = targets.layers.host_bytes(layers);
@@ -111,10 +112,10 @@ impl HostWalk {
             }
         };
         targets.layers.encode_read(encoder, &staging, layers);
-        Ok(Looks { unit, staging })
+        Ok(LuminanceReadback { unit, staging })
     }
 
-    /// Feeds the views of `group` with what `looks` brought.
+    /// Feeds the views of `group` with what `readback` brought.
     ///
     /// # Errors
     /// The device may fail.
@@ -123,12 +124,12 @@ impl HostWalk {
         context: &Context,
         targets: &Targets,
         group: &Group,
-        looks: Looks,
-    ) -> Result<Vec<Felt>, EngineError> {
-        let Looks { unit, staging } = looks;
+        readback: LuminanceReadback,
+    ) -> Result<Vec<HostEvents>, EngineError> {
+        let LuminanceReadback { unit, staging } = readback;
         let (instants, samples) = (unit.instants as usize, targets.samples as usize);
         let layer_bytes = targets.layers.host_bytes(1) as usize;
-        let felt = {
+        let fired = {
             let bytes = staging
                 .get_mapped_range(..)
                 .map_err(|e| EngineError::Device(format!("cannot read the luminance back: {e}")))?;
@@ -145,31 +146,32 @@ impl HostWalk {
                     Some((view, place, emulator.as_mut().filter(|_| feels)?))
                 })
                 .collect();
-            let feel = |(view, place, emulator): &mut (usize, usize, &mut EventEmulator)| {
-                let mut felt = Felt { view: *view, events: Vec::new(), report: EmulatorReport::default() };
+            let fire = |(view, place, emulator): &mut (usize, usize, &mut EventEmulator)| {
+                let mut fired =
+                    HostEvents { view: *view, events: Vec::new(), report: EmulatorReport::default() };
                 for k in 0..instants {
                     let first = (*place * instants + k) * samples;
                     let layers = bytes.get(first * layer_bytes..(first + samples) * layer_bytes);
                     let light = mean(layers.unwrap_or_default(), targets, samples);
                     let t_us = context.grid.instant_us(unit.first + k as i64);
-                    let before = felt.events.len();
-                    let out = std::slice::from_mut(&mut felt.events);
+                    let before = fired.events.len();
+                    let out = std::slice::from_mut(&mut fired.events);
                     emulator.push_into(&Frames::linear(&light), t_us, out)?;
                     // Marked, as the device's are on their way.
                     for (event, cause) in
-                        felt.events[before..].iter_mut().zip(emulator.causes().iter().flatten())
+                        fired.events[before..].iter_mut().zip(emulator.causes().iter().flatten())
                     {
                         *event = event.with_cause(Cause::ALL[usize::from(*cause)]);
                     }
-                    felt.report.add(emulator.report());
+                    fired.report.add(emulator.report());
                 }
-                Ok(felt)
+                Ok(fired)
             };
-            own.par_iter_mut().map(feel).collect::<Result<Vec<Felt>, EngineError>>()?
+            own.par_iter_mut().map(fire).collect::<Result<Vec<HostEvents>, EngineError>>()?
         };
         staging.unmap();
         self.free.push(staging);
-        Ok(felt)
+        Ok(fired)
     }
 }
 

@@ -29,7 +29,7 @@ pub struct Targets {
     pub block_sums: wgpu::Buffer,
     /// What a chain walks with, where there is one.
     pub chain: Option<ChainTargets>,
-    /// Paces of tiles, a layer per view and block; one texel where every pixel is always sampled.
+    /// Rates of tiles, a layer per view and block; one texel where every pixel is always sampled.
     pub paces: wgpu::Texture,
     /// The same, for the trigger.
     pub paces_view: wgpu::TextureView,

@@ -2,6 +2,7 @@
 
 use crate::config::grid::SampleGrid;
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::{self, BLOCK_PIXELS, WORKGROUP, row_stride};
 use crate::gpu::uniforms::{ScanParams, Status};
 use crate::pass::trigger::{
@@ -14,7 +15,7 @@ use crate::sensor::passes::{TriggerPasses, WalkPasses};
 use crate::sensor::targets::Targets;
 
 /// No pixel of a chain has asked for events or woken yet.
-pub fn clear_tallies(encoder: &mut wgpu::CommandEncoder, group: &Group) {
+pub fn clear_tallies(encoder: &mut Commands, group: &Group) {
     if group.chain.is_some() {
         encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);
     }
@@ -28,13 +29,10 @@ pub struct TriggerStep<'a> {
 }
 
 /// Records `steps` in order.
-pub fn encode_trigger(encoder: &mut wgpu::CommandEncoder, steps: &[TriggerStep<'_>]) {
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+pub fn encode_trigger(encoder: &mut Commands, steps: &[TriggerStep<'_>]) {
+    let mut pass = encoder.compute("trigger");
     for step in steps {
-        let (x, y, z) = step.workgroups;
-        pass.set_pipeline(step.pipeline);
-        pass.set_bind_group(0, &step.bindings, &[]);
-        pass.dispatch_workgroups(x, y, z);
+        pass.dispatch(step.pipeline, &step.bindings, &[], step.workgroups);
     }
 }
 

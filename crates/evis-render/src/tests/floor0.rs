@@ -41,7 +41,7 @@ type Groups = &'static [&'static [Binding]];
 const SURFACE: Groups = &[FRAME_BINDINGS, MATERIAL_BINDINGS, SURROUNDINGS_BINDINGS];
 
 /// Entry files, with the groups that their passes declare.
-fn entries() -> Vec<(&'static str, Groups)> {
+pub(super) fn entries() -> Vec<(&'static str, Groups)> {
     vec![
         ("raster/luminance.wgsl", SURFACE),
         ("raster/shadow_map.wgsl", &[FRAME_BINDINGS, MATERIAL_BINDINGS]),
@@ -97,7 +97,7 @@ fn parse(file: &str, variant: &SurfaceVariant, interface: Interface) -> naga::Mo
     naga::front::wgsl::parse_str(&text).unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&text)))
 }
 
-fn variants() -> Vec<SurfaceVariant> {
+pub(super) fn variants() -> Vec<SurfaceVariant> {
     let mut out = vec![SurfaceVariant::default(), every_feature()];
     for model in 0..3 {
         for bit in 0..10 {
@@ -500,4 +500,54 @@ fn constants_agree() {
     let params = uniforms::TriggerParams::default();
     assert_eq!(MAX_INSTANTS as usize, params.spans.len());
     const { assert!(MAX_INSTANTS <= u32::BITS, "trigger/count.wgsl keeps one bit per instant") };
+}
+
+/// Files below `folder`, and what they hold.
+fn sources(folder: &std::path::Path, into: &mut Vec<(String, String)>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            sources(&path, into);
+        } else {
+            into.push((path.to_string_lossy().into_owned(), std::fs::read_to_string(&path).unwrap()));
+        }
+    }
+}
+
+/// What `text` makes on a device without a name that a debugger or a trace could show, and passes that are no spans.
+fn unnamed(text: &str) -> Vec<&'static str> {
+    const NAMELESS: [&str; 6] = [
+        "label: None",
+        "Descriptor::default()",
+        "create_command_encoder(",
+        "begin_compute_pass(",
+        "begin_render_pass(",
+        ".finish()",
+    ];
+    NAMELESS.into_iter().filter(|pattern| text.contains(pattern)).collect()
+}
+
+#[test]
+fn every_pass_pipeline_and_buffer_has_a_label() {
+    let mut files = Vec::new();
+    sources(std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src")), &mut files);
+    let mut checked = 0;
+    for (path, text) in files.iter().filter(|(path, _)| !path.contains("/tests/")) {
+        // The one place that begins passes: `Commands::compute` and `Commands::render` take a label.
+        let allowed: &[&str] = if path.ends_with("gpu/commands.rs") {
+            &["create_command_encoder(", "begin_compute_pass(", "begin_render_pass(", ".finish()"]
+        } else {
+            &[]
+        };
+        let found: Vec<_> = unnamed(text).into_iter().filter(|pattern| !allowed.contains(pattern)).collect();
+        assert!(found.is_empty(), "{path}: {found:?}; name it, and take passes from gpu::commands::Commands");
+        checked += usize::from(text.contains("Commands"));
+    }
+    assert!(checked > 15, "{checked} files record commands");
+    // Canary: both ways to leave a name out.
+    assert_eq!(unnamed("create_buffer(&wgpu::BufferDescriptor { label: None, size })"), ["label: None"]);
+    assert_eq!(
+        unnamed("device.create_sampler(&wgpu::SamplerDescriptor::default())"),
+        ["Descriptor::default()"]
+    );
 }

@@ -7,6 +7,7 @@ use crate::config::Between;
 use crate::config::grid::SampleGrid;
 use crate::cpu::trigger::{PIECES, curve, log_luma, walk, walk_curves};
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::sizes::Plan;
 use crate::gpu::uniforms::{PixelMemory, Status, ViewSensor};
@@ -129,7 +130,7 @@ fn run_unit(
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, ..Default::default() };
     let passes = TriggerPasses::new(&gpu.device, &[(&rules, samples)], unknown, blocks);
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    let mut encoder = Commands::new(gpu, "test");
     let steps = trigger_steps(gpu, &passes, grid, &targets, &group, unit, &slot);
     encode_trigger(&mut encoder, &steps);
     let header = group.header_bytes();
@@ -160,7 +161,7 @@ fn run_unit(
         },
         written.size(),
     );
-    let submission = gpu.queue.submit([encoder.finish()]);
+    let submission = encoder.submit(gpu);
     for buffer in [&slot.staging, &memory] {
         wait_mapped(gpu, &submission, &map(buffer)).unwrap();
     }

@@ -1,6 +1,7 @@
 //! Floor 2: the audit pass equals its twin.
 
 use crate::cpu::audit::change;
+use crate::gpu::commands::Commands;
 
 use crate::cpu::audit::unpack;
 use crate::gpu::sizes::UNIFORM_ALIGNMENT;
@@ -66,11 +67,11 @@ fn audits_equal_their_twin() {
             changes.as_entire_binding(),
         ],
     );
-    let mut encoder = device.create_command_encoder(&Default::default());
+    let mut encoder = Commands::new(&gpu, "test");
     for slot in 0..jobs.len() as u32 {
         pass.encode_tiles(&mut encoder, &group, slot, 1);
     }
-    queue.submit([encoder.finish()]);
+    encoder.submit(&gpu);
     let words = super::read(&gpu, &changes);
     let mut differ = 0;
     for ((size, word), luminance) in SIZES.iter().zip(&words).zip(&luminance) {

@@ -12,6 +12,7 @@ use evis_core::{
 
 use crate::config::grid::SampleGrid;
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::shader::compose;
 use crate::gpu::sizes::Plan;
@@ -140,7 +141,7 @@ fn run_with_lists(
         let mut slot = Slot::new(&gpu.device, 1 << 20, group.header_bytes());
         let words = group.chain.as_mut().unwrap().feed(unit.base_us(grid), unit.end_us(grid));
         slot.feed(gpu, &words);
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(gpu, "test");
         encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);
         let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);
         encode_trigger(&mut encoder, &steps);
@@ -149,7 +150,7 @@ fn run_with_lists(
         let offsets = 4 * (VIEWS as u64 + 1);
         encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, status_bytes as u64, offsets);
         encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, header, slot.events.size());
-        let submission = gpu.queue.submit([encoder.finish()]);
+        let submission = encoder.submit(gpu);
         wait_mapped(gpu, &submission, &map(&slot.staging)).unwrap();
         let bytes = slot.staging.get_mapped_range(..).unwrap();
         let status: Status = bytemuck::pod_read_unaligned(&bytes[..status_bytes]);
@@ -664,13 +665,9 @@ fn the_generator_gives_the_published_answers_on_the_device() {
         layout: &pipeline.get_bind_group_layout(0),
         entries: &[wgpu::BindGroupEntry { binding: 0, resource: buffer.as_entire_binding() }],
     });
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    let mut pass = encoder.begin_compute_pass(&Default::default());
-    pass.set_pipeline(&pipeline);
-    pass.set_bind_group(0, &group, &[]);
-    pass.dispatch_workgroups(1, 1, 1);
-    drop(pass);
-    gpu.queue.submit([encoder.finish()]);
+    let mut encoder = Commands::new(&gpu, "test");
+    encoder.compute("philox").dispatch(&pipeline, &group, &[], (1, 1, 1));
+    encoder.submit(&gpu);
     let got = super::read(&gpu, &buffer);
     // Known answers of the authors' library, Random123, file kat_vectors, philox4x32 10.
     let known = [

@@ -7,6 +7,7 @@ use evis_scene::{CalibratedLens, Distortion};
 use crate::cpu::resample::resample;
 use crate::frame::pattern;
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::DeviceLimits;
 use crate::pass::raster::LUMINANCE_FORMAT;
 use crate::raster::layers::{LayerUse, Layers};
@@ -22,7 +23,7 @@ fn camera() -> Arc<Distorted> {
 }
 
 /// Records `resampler`'s pixels and reads them back.
-fn gathered(gpu: &Gpu, resampler: &Resampler, mut encoder: wgpu::CommandEncoder) -> Vec<f32> {
+fn gathered(gpu: &Gpu, resampler: &Resampler, mut encoder: Commands) -> Vec<f32> {
     let [width, height] = resampler.camera.size;
     let layers = Layers::new(&gpu.device, width, height, 1, LayerUse::Computed);
     resampler.encode_gather(&gpu.device, &mut encoder, &layers.each[0]);
@@ -34,7 +35,7 @@ fn gathered(gpu: &Gpu, resampler: &Resampler, mut encoder: wgpu::CommandEncoder)
         mapped_at_creation: false,
     });
     layers.encode_read(&mut encoder, &buffer, 1);
-    gpu.queue.submit([encoder.finish()]);
+    encoder.submit(gpu);
     let words = super::read(gpu, &buffer);
     words
         .chunks_exact(row as usize / 4)
@@ -74,7 +75,7 @@ fn gathered_samples_equal_their_twin() {
             wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         );
     }
-    let found = gathered(&gpu, &resampler, gpu.device.create_command_encoder(&Default::default()));
+    let found = gathered(&gpu, &resampler, Commands::new(&gpu, "test"));
     let samples = picture_samples(&offsets, made);
     let (footprints, edge_bits) = (camera.footprints(&samples), samples.edge_bits);
     let twin = |shift: u32| {
@@ -137,7 +138,7 @@ fn gathered_coverage_samples_equal_their_twin() {
         multiview_mask: None,
         cache: None,
     });
-    let mut encoder = device.create_command_encoder(&Default::default());
+    let mut encoder = Commands::new(&gpu, "test");
     {
         let color = resampler.picture.multisampled.as_ref().unwrap();
         let color = crate::frame::draw::attachment(color, wgpu::Color::BLACK);

@@ -3,6 +3,7 @@
 use evis_core::{Warp, WarpVariant};
 
 use crate::cpu::splat::Instant;
+use crate::gpu::commands::Commands;
 
 use crate::cpu::splat::Pictures;
 
@@ -142,9 +143,9 @@ fn run_with(
         }
         write(gpu, keyframes.pictures[0].texture(), 0, &pictures.inverse_depth);
         write(gpu, keyframes.pictures[1].texture(), 0, &pictures.flow);
-        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut encoder = Commands::new(gpu, "test");
         keyframes.encode_prepare(gpu, &mut encoder, &passes.prepare, slot);
-        gpu.queue.submit([encoder.finish()]);
+        encoder.submit(gpu);
     }
     let buffer = |size: usize, usage| {
         device.create_buffer(&wgpu::BufferDescriptor {
@@ -181,7 +182,7 @@ fn run_with(
     let transforms = buffer(48, wgpu::BufferUsages::STORAGE);
     let inputs = Inputs { params: &params, transforms: &transforms, layers: &layers.array };
     let work = Work::new(device, &warp, &passes, &store, &inputs, 1);
-    let mut encoder = device.create_command_encoder(&Default::default());
+    let mut encoder = Commands::new(gpu, "test");
     work.encode_instant(&mut encoder, 0);
     let row = (size[0] * 4).next_multiple_of(256);
     let read = wgpu::BufferUsages::MAP_READ;
@@ -204,7 +205,7 @@ fn run_with(
         },
         layers.texture.size(),
     );
-    let submission = gpu.queue.submit([encoder.finish()]);
+    let submission = encoder.submit(gpu);
     let words = staging.each_ref().map(|buffer| {
         wait_mapped(gpu, &submission, &map(buffer)).unwrap();
         let bytes = buffer.get_mapped_range(..).unwrap();

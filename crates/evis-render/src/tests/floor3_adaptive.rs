@@ -8,10 +8,7 @@ use crate::config::Between;
 
 use crate::config::RunConfig;
 
-use super::adaptive_streams::{
-    assert_neighbours_change_no_byte, assert_packets_and_reruns_change_no_byte, deliver, engine, force, run,
-    scene,
-};
+use super::adaptive_streams::{deliver, engine, force, run, scene};
 
 fn config(adaptive_px: Option<f64>, rate_hz: f64) -> RunConfig {
     RunConfig {
@@ -73,24 +70,17 @@ fn the_finest_pace_everywhere_changes_nothing_and_what_is_still_is_left_out() {
 }
 
 #[test]
-fn packets_reruns_and_neighbours_change_no_byte() {
+fn curves_fire_other_events_than_lines_of_fewer_pixels_than_native() {
     let Some(gpu) = super::device() else { return };
     for name in ["spinner", "desk"] {
         let alone = scene(name);
         let config = config(Some(0.3), 2000.0);
         let ran = run(&gpu, &alone, &config, 64_000);
-        let (drawn, expected) = (ran.drawn_pixels, ran.events);
         let native = RunConfig { adaptive_px: None, ..config.clone() };
         let all = run(&gpu, &alone, &native, 64_000).drawn_pixels;
-        assert!(drawn < all / 2, "{name}: {drawn} of {all} pixels");
-        assert_packets_and_reruns_change_no_byte(&gpu, &alone, &config, &expected);
-        assert_neighbours_change_no_byte(&gpu, &alone, &config, &expected[0]);
-
+        assert!(ran.drawn_pixels < all / 2, "{name}: {} of {all} pixels", ran.drawn_pixels);
         let curves = RunConfig { between: Between::Curve, ..config };
-        let bent = run(&gpu, &alone, &curves, 64_000).events;
-        assert!(bent != expected, "{name}: canary");
-        assert_packets_and_reruns_change_no_byte(&gpu, &alone, &curves, &bent);
-        assert_neighbours_change_no_byte(&gpu, &alone, &curves, &bent[0]);
+        assert!(run(&gpu, &alone, &curves, 64_000).events != ran.events, "{name}");
     }
 }
 

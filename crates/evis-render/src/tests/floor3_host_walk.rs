@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use evis_core::emulator::parts::{Cause, emulator};
 use evis_core::sensor::{Exposure, Noise, Photoreceptor, Readout, SensorConfig};
-use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind, Warp};
+use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind};
 use evis_scene::Scene;
 
-use super::floor3::{batch, events, gather};
-use crate::config::{Antialias, Method, RunConfig};
+use super::floor3::{batch, events};
+use crate::config::{Antialias, RunConfig};
 use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
 use crate::world::view;
@@ -107,51 +107,6 @@ fn the_host_says_why_its_events_fired() {
 }
 
 #[test]
-fn packets_and_steps_change_no_byte() {
-    let Some(gpu) = super::device() else { return };
-    let scene = batch(&[0.0]);
-    let methods = [
-        Method::Native,
-        Method::Splat(Warp::default().at(100.0, 5)),
-        Method::Splat(Warp::evis_paper(5).at(100.0, 5)),
-    ];
-    for method in methods {
-        let mut config = RunConfig { method, ..config() };
-        let expected = stream(&gpu, &scene, &config, 10_000);
-        assert!(expected[0].len() > 500, "{}", expected[0].len());
-        assert!(stream(&gpu, &scene, &config, 777) == expected, "packets of 777 us");
-        let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
-        let steps = [5_000, 5_001, 30_000, 40_000].into_iter().map(|t| simulator.step(t).unwrap());
-        assert!(gather(steps)[0].0 == expected[0], "steps");
-        config.seed = 12;
-        assert!(stream(&gpu, &scene, &config, 10_000) != expected, "canary: another seed");
-    }
-}
-
-#[test]
-fn neighbours_and_threads_change_no_byte() {
-    let Some(gpu) = super::device() else { return };
-    let config = config();
-    let expected = stream(&gpu, &batch(&[0.3, 0.0, 0.7]), &config, 10_000);
-    assert!(stream(&gpu, &batch(&[0.3]), &config, 10_000)[0] == expected[0], "alone");
-    assert!(
-        stream(&gpu, &batch(&[0.1, 0.0, 0.5, 0.2]), &config, 3_333)[1] == expected[1],
-        "other neighbours"
-    );
-    let same = stream(&gpu, &batch(&[0.3, 0.3]), &config, 10_000);
-    assert!(same[0] == expected[0] && same[1] != same[0], "canary: each environment has noise of its own");
-    for threads in [1, 3] {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let views = pool.install(|| {
-            let mut simulator = Simulator::new(&gpu, batch(&[0.3, 0.0, 0.7]), config.clone()).unwrap();
-            gather(std::iter::once(simulator.step(40_000).unwrap()))
-        });
-        let events: Vec<_> = views.into_iter().map(|view| view.0).collect();
-        assert!(events == expected, "{threads} threads");
-    }
-}
-
-#[test]
 fn coverage_samples_reach_the_host_too() {
     let Some(gpu) = super::device() else { return };
     let edges = RunConfig { antialias: Antialias::Edges, samples: 16, ..config() };
@@ -201,42 +156,16 @@ fn exposed_events_are_those_of_the_emulator_on_the_same_light() {
 }
 
 #[test]
-fn packets_steps_and_neighbours_change_no_byte_of_exposed_pixels() {
+fn a_longer_run_of_exposed_pixels_begins_with_the_shorter_one() {
     let Some(gpu) = super::device() else { return };
     let scene = batch(&[0.3, 0.0]);
-    let methods = [
-        (Method::Native, None),
-        (Method::Splat(Warp::default().at(100.0, 5)), None),
-        (Method::Native, Some(0.4)),
-    ];
-    for ((method, adaptive_px), base) in methods.into_iter().zip(exposed().into_iter().cycle()) {
-        let config = RunConfig {
-            method,
-            adaptive_px,
-            samples: 4,
-            labels: vec![LabelKind::Depth],
-            label_rate_hz: 300.0,
-            ..base
-        };
-        let name = config.method.name();
+    for config in exposed() {
         let expected = stream(&gpu, &scene, &config, 10_000);
-        assert!(expected.iter().all(|events| events.len() > 200), "{name}: {}", expected[0].len());
-        for packet_us in [777, 40_000] {
-            assert!(
-                stream(&gpu, &scene, &config, packet_us) == expected,
-                "{name}: packets of {packet_us} us"
-            );
-        }
-        assert!(stream(&gpu, &batch(&[0.3]), &config, 9_999)[0] == expected[0], "{name}: alone");
-        let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
-        let steps = [1, 5_000, 5_001, 30_000, 40_000].into_iter().map(|t| simulator.step(t).unwrap());
-        let stepped: Vec<_> = gather(steps).into_iter().map(|(events, _)| events).collect();
-        assert!(stepped == expected, "{name}: steps");
-        // A longer run begins with the shorter one.
         let longer = events(&gpu, &scene, &config, (60_000, 7_000));
         for (longer, expected) in longer.iter().zip(&expected) {
-            assert!(longer.iter().filter(|event| event.t < 40_000).eq(expected), "{name}: its tail");
-            assert!(longer.len() > expected.len(), "canary, {name}");
+            assert!(expected.len() > 200, "{}", expected.len());
+            assert!(longer.iter().filter(|event| event.t < 40_000).eq(expected));
+            assert!(longer.len() > expected.len(), "canary");
         }
     }
 }

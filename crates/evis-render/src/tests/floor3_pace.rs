@@ -12,7 +12,7 @@ use glam::{DMat4, DQuat, DVec3};
 use crate::config::RunConfig;
 use crate::engine::Engine;
 use crate::frame::{FrameData, FrameRequest};
-use crate::sampling::tile_rate::Pacer;
+use crate::sampling::tile_rate::TileRateEstimator;
 use crate::sampling::view_motion::ViewMotion;
 use crate::shadow::volume::Lamp;
 use crate::world::gpu_scene::Object;
@@ -156,7 +156,7 @@ impl Trial {
         let request = FrameRequest {
             views: &views,
             times_s: &times_s,
-            shadows: context.shadows.as_ref().map(|room| &room.plan),
+            shadows: context.shadows.as_ref().map(|maps| &maps.plan),
             occluders: None,
             record_ids: false,
             shadow_maps: false,
@@ -165,8 +165,8 @@ impl Trial {
         };
         data.build(&scene, &context.gpu_scene, &request);
         let passing = ViewMotion::new(&data, 0..INSTANTS + 1, &views[0].lens, false);
-        let pacer = Pacer::new(&scene, &context.gpu_scene, STEP_PX, INSTANTS as u32);
-        let needs = pacer.needs(&context.gpu_scene, &passing);
+        let estimator = TileRateEstimator::new(&scene, &context.gpu_scene, STEP_PX, INSTANTS as u32);
+        let needs = estimator.needs(&context.gpu_scene, &passing);
         let objects = &context.gpu_scene.objects;
         let world = |k: usize| {
             let solid = |(object, place): (&Object, &DMat4)| {

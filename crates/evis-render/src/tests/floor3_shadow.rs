@@ -62,8 +62,8 @@ fn rays_see_in_cells_and_spheres_what_they_see_in_trees() {
         let mut engine = engine(&gpu, &scene, &config);
         let listed = engine.luminance(0, t_us).unwrap();
         let mut without = |reach: f64| {
-            let room = engine.parts().context.shadows.as_mut().unwrap();
-            room.occluders.as_mut().unwrap().forget_cells(reach);
+            let maps = engine.parts().context.shadows.as_mut().unwrap();
+            maps.occluders.as_mut().unwrap().forget_cells(reach);
             engine.luminance(0, t_us).unwrap()
         };
         let off = |other: &[f64]| listed.iter().zip(other).filter(|(a, b)| a != b).count();

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use evis_core::{LabelKind, Warp, WarpVariant};
+use evis_core::{Warp, WarpVariant};
 use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder, ShapeSettings};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
@@ -20,7 +20,6 @@ use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
 
 use super::adaptive_streams::engine;
-use super::floor3::{batch, gather};
 
 /// Pixels per unit of tangent.
 const FOCAL: f64 = 100.0;
@@ -193,38 +192,6 @@ fn what_no_keyframe_shows_is_black_for_the_paper_and_unknown_else() {
     assert!(holes > 0, "there are holes");
     let mut simulator = Simulator::new(&gpu, swinging, config(Warp { margin: Some(0), ..splat() })).unwrap();
     assert!(simulator.step(30_000).unwrap().report.unknown > 0, "the report counts them");
-}
-
-#[test]
-fn packets_steps_reruns_and_neighbours_change_no_byte() {
-    let Some(gpu) = super::device() else { return };
-    for settings in [splat(), Warp { steps: Some(7), ..paper() }] {
-        let config = RunConfig {
-            size: Some((60, 45)),
-            labels: vec![LabelKind::Depth, LabelKind::FlowForward, LabelKind::Instance],
-            ..config(settings)
-        };
-        let stream = |scene: &Arc<Scene>, packet_us: i64| {
-            let simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
-            gather(simulator.stream(45_000, packet_us).unwrap().map(Result::unwrap))
-        };
-        let scene = batch(&[0.0]);
-        let expected = stream(&scene, 10_000);
-        assert!(expected[0].0.len() > 200 && !expected[0].1.is_empty(), "{}", expected[0].0.len());
-        assert!(stream(&scene, 777) == expected, "{settings:?}: packets of 777 us");
-        let mut simulator = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
-        let stepped = gather([5_000, 5_001, 31_000, 45_000].into_iter().map(|t| simulator.step(t).unwrap()));
-        assert!(stepped == expected, "{settings:?}: steps");
-        let mut small = engine(&gpu, &scene, &config);
-        // At most what the busiest instant needs, by far.
-        small.limit_buffers(16, 4000);
-        let packet = small.deliver(45_000, 45_000).unwrap();
-        assert!(packet.report.reruns > 0);
-        assert!(gather(std::iter::once(packet)) == expected, "{settings:?}: reruns");
-        let batch = stream(&batch(&[0.3, 0.0, 0.7]), 10_000);
-        assert!(batch[1] == expected[0], "{settings:?}: among others");
-        assert!(batch[0] != batch[1], "canary: environments differ");
-    }
 }
 
 #[test]

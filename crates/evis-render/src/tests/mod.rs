@@ -11,6 +11,7 @@ mod floor2_resample;
 mod floor2_splat;
 mod floor3;
 mod floor3_adaptive;
+mod floor3_bytes;
 mod floor3_chain;
 mod floor3_decoupled;
 mod floor3_distorted;
@@ -23,12 +24,14 @@ mod floor3_shadow;
 mod floor3_splat;
 mod floor3_still;
 mod floor3_tune;
+pub(crate) mod portability;
 mod pushed;
 mod random_scenes;
 mod raster_scenes;
 mod skips;
 
 use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 
 /// The device of floors 2 and 3. Where `EVIS_REQUIRE_GPU=1`, its absence is a failure; elsewhere it is said aloud.
 fn device() -> Option<Gpu> {
@@ -59,9 +62,9 @@ fn read(gpu: &Gpu, buffer: &wgpu::Buffer) -> Vec<u32> {
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    let mut encoder = Commands::new(gpu, "test");
     encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
-    let submission = gpu.queue.submit([encoder.finish()]);
+    let submission = encoder.submit(gpu);
     crate::gpu::readback::wait_mapped(gpu, &submission, &crate::gpu::readback::map(&staging)).unwrap();
     let bytes = staging.get_mapped_range(..).unwrap();
     bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()

@@ -63,7 +63,7 @@ fn run(gpu: &Gpu, scene: &Arc<Scene>, rendering: Rendering) -> (Vec<Vec<Event>>,
     let Parts { context, sampling, .. } = engine.parts();
     context.skips_still = rendering != Rendering::Plain;
     if let (Sampling::Adaptive(sampler), Rendering::Tiles(overlooks)) = (sampling, rendering) {
-        sampler.pacer().overlooks = overlooks;
+        sampler.estimator().overlooks = overlooks;
     }
     let mut drawn = 0;
     for until_us in [7, 31, LENGTH_MS].map(|ms| i64::from(ms) * 1000) {
@@ -84,7 +84,7 @@ fn audits_find_what_was_skipped_wrongly_and_change_no_byte() {
         let (views, _) = view::views(scene, &config).unwrap();
         let mut engine = Engine::new(&gpu, scene.clone(), views, &mut config).unwrap();
         if let Sampling::Adaptive(sampler) = engine.parts().sampling {
-            sampler.pacer().overlooks = overlooks;
+            sampler.estimator().overlooks = overlooks;
         }
         let packet = engine.deliver(48_000, 48_000).unwrap();
         let events: Vec<Vec<Event>> = packet.views.into_iter().map(|view| view.events).collect();

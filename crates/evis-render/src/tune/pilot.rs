@@ -17,7 +17,7 @@ use crate::frame::{FrameData, FrameRequest};
 use crate::gpu::Gpu;
 use crate::output::packet::ViewPacket;
 use crate::pass::raster::SurfaceLayouts;
-use crate::sampling::tile_rate::Pacer;
+use crate::sampling::tile_rate::TileRateEstimator;
 use crate::sampling::view_motion::ViewMotion;
 use crate::world::gpu_scene::GpuScene;
 use crate::world::tiles::{TILE, tiles_along};
@@ -72,7 +72,7 @@ const TOLERANCES_US: [i64; 2] = [1000, 100];
 /// Between two streams that are compared as one. Where little moves a tolerance is ten times what it says, at most.
 const APART_US: i64 = 20 * TOLERANCES_US[0];
 
-/// Looks at a scene.
+/// Samples of a scene.
 pub struct Pilot<'a> {
     gpu: &'a Gpu,
     scene: Arc<Scene>,
@@ -277,7 +277,7 @@ impl<'a> Pilot<'a> {
         }
     }
 
-    /// Looks at `count` tiles at each place from now on.
+    /// Samples of `count` tiles at each place from now on.
     fn choose_tiles(&mut self, count: usize) {
         let each = count.div_ceil(self.cameras.len().max(1));
         for place in &mut self.places {
@@ -285,7 +285,7 @@ impl<'a> Pilot<'a> {
         }
     }
 
-    /// Looks at as many tiles as it takes for enough events, by what `fired`.
+    /// Samples of as many tiles as it takes for enough events, by what `fired`.
     pub fn adjust(&mut self, fired: &Fired) {
         let enough = TILES * WANTED / fired.count().max(1);
         self.choose_tiles(enough.clamp(LEAST_TILES, MOST_TILES));
@@ -396,11 +396,11 @@ fn speeds(scene: &Scene, gpu_scene: &GpuScene, views: &[View], start_us: i64) ->
     };
     let mut data = FrameData::default();
     data.build(scene, gpu_scene, &request);
-    let pacer = Pacer::new(scene, gpu_scene, 1.0, 1);
+    let estimator = TileRateEstimator::new(scene, gpu_scene, 1.0, 1);
     let sky = scene.environment.as_ref().is_some_and(|e| e.visible);
     let of = |(v, view): (usize, &View)| {
         let motion = ViewMotion::new(&data, 2 * v..2 * v + 2, &view.lens, sky);
-        pacer.needs(gpu_scene, &motion).into_iter().map(|need| need / SPAN_S).collect()
+        estimator.needs(gpu_scene, &motion).into_iter().map(|need| need / SPAN_S).collect()
     };
     views.iter().enumerate().map(of).collect()
 }

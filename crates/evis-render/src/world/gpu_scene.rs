@@ -389,7 +389,8 @@ fn upload_materials(
     let images: Vec<_> = scene.images.iter().map(|image| upload_image(device, queue, image)).collect();
     let samplers: Vec<_> = scene.textures.iter().map(|texture| sampler(device, texture)).collect();
     let white = upload_texels(device, queue, "white", &[(1, 1, vec![[half::f16::ONE; 4]])], false);
-    let plain = device.create_sampler(&wgpu::SamplerDescriptor::default());
+    let descriptor = wgpu::SamplerDescriptor { label: Some("texels"), ..Default::default() };
+    let plain = device.create_sampler(&descriptor);
     scene
         .materials
         .iter()
@@ -558,7 +559,8 @@ fn upload_surroundings(device: &wgpu::Device, queue: &wgpu::Queue, scene: &Scene
         sky: cube("sky", environment.map(|e| &e.sky)),
         cube_sampler: device.create_sampler(&linear),
         brdf_lut,
-        shadow_texels: device.create_sampler(&wgpu::SamplerDescriptor::default()),
+        shadow_texels: device
+            .create_sampler(&wgpu::SamplerDescriptor { label: Some("shadow texels"), ..Default::default() }),
         shadow_sampler: device.create_sampler(&wgpu::SamplerDescriptor {
             // Reverse z: lit where the surface is at least as near to the light as what the map holds.
             compare: Some(wgpu::CompareFunction::GreaterEqual),
