@@ -1,0 +1,204 @@
+//! Light of surfaces with normal, roughness, occlusion and emission maps, against rays.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use evis_core::metric::{ScoreSettings, score};
+use evis_decoupled::world::World;
+use evis_decoupled::{Settings, luminance, simulate};
+use evis_scene::environment::Environment;
+use evis_scene::motion::{Path, WaveShape, Waveform};
+use evis_scene::primitive::Shape;
+use evis_scene::{
+    Camera, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, SceneState, ShadingModel,
+    Texture, TextureRef, Trs, Wrap,
+};
+use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
+use evis_truth::{Lattice, PixelChoice, TruthSettings, truth};
+use glam::{DQuat, DVec3};
+use half::f16;
+
+const SIZE: (u32, u32) = (32, 24);
+const TEXELS: u32 = 48;
+
+/// Numbers in [0, 1) by place.
+fn noise(channel: u32, x: u32, y: u32) -> f32 {
+    let v = (x.wrapping_mul(747_796_405) ^ y.wrapping_mul(2_891_336_453) ^ channel.wrapping_mul(277_803_737))
+        .wrapping_mul(0x9e37_79b9);
+    let v = ((v >> ((v >> 28) + 4)) ^ v).wrapping_mul(277_803_737);
+    ((v >> 22) ^ v) as f32 / u32::MAX as f32
+}
+
+/// A ball and a card, mapped all over, that turn and move under a lamp with a shadow, a second lamp and a studio.
+fn scene(model: ShadingModel, waveform: Option<Waveform>) -> Scene {
+    let mut scene = Scene {
+        ambient: [0.02; 3],
+        environment: Some(Environment { intensity: 0.6, rotation: 0.4, ..Environment::studio() }),
+        ..Scene::default()
+    };
+    let mut texture = |channel: u32, value: &dyn Fn(u32, u32) -> [f32; 4]| {
+        let at = |i: u32| value(i % TEXELS, i / TEXELS).map(f16::from_f32);
+        let texels = (0..TEXELS * TEXELS).map(at).collect();
+        let image = scene.images.len();
+        scene.images.push(Image { name: format!("map {channel}"), width: TEXELS, height: TEXELS, texels });
+        let (wrap_u, wrap_v) = (Wrap::Repeat, Wrap::Mirror);
+        scene.textures.push(Texture { image, wrap_u, wrap_v, nearest: false });
+        let transform = [1.0, 0.1 * channel as f32, 0.3, -0.1, 1.2, 0.7];
+        Some(TextureRef { texture: image, uv_set: 0, transform })
+    };
+    let of = |channel: u32, low: f32, high: f32| {
+        move |x: u32, y: u32| [0, 1, 2, 3].map(|c| low + (high - low) * noise(4 * channel + c, x, y))
+    };
+    let base_color_texture = texture(0, &of(0, 0.2, 0.9));
+    let normal_texture = texture(1, &|x, y| {
+        let [a, b] = [0, 1].map(|c| 0.5 + 0.25 * (noise(9 + c, x, y) - 0.5));
+        [a, b, 0.97, 1.0]
+    });
+    let metallic_roughness_texture = texture(2, &of(2, 0.4, 1.0));
+    let occlusion_texture = texture(3, &of(3, 0.3, 1.0));
+    let emissive_texture = texture(4, &of(4, 0.0, 1.0));
+    scene.materials.push(Material {
+        model,
+        base_color: [0.9, 0.8, 0.7, 1.0],
+        base_color_texture,
+        metallic: 0.7,
+        roughness: 0.9,
+        normal_texture,
+        normal_scale: 0.8,
+        metallic_roughness_texture,
+        occlusion_texture,
+        occlusion_strength: 0.8,
+        emissive: [0.1, 0.05, 0.02],
+        emissive_texture,
+        emission_waveform: waveform,
+        ..Material::default()
+    });
+    for shape in [Shape::Card { size: [2.4, 2.0] }, Shape::Sphere { radius: 0.5 }] {
+        let primitive = shape.build(None, [1.0, 1.0]).unwrap();
+        assert!(primitive.tangents.is_some());
+        scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
+    }
+    let mut moving = |mesh: usize, place: DVec3, rate: f64| {
+        let start = Trs { translation: place, ..Trs::default() };
+        let turned = Trs { rotation: DQuat::from_rotation_x(-0.5), ..Trs::default() };
+        let path = Path::Chain(vec![
+            Path::ConstantVelocity { start, velocity: DVec3::new(0.4, 0.1, 0.0) },
+            Path::Spin { start: turned, axis: DVec3::Y, rate },
+        ]);
+        scene.add_node(Node { mesh: Some(mesh), motion: Motion::Path(path.into()), ..Node::default() });
+    };
+    moving(0, DVec3::new(0.0, -0.1, -3.0), 0.6);
+    moving(1, DVec3::new(-0.2, 0.2, -1.9), 2.0);
+    for (kind, casts_shadow, place, intensity) in [
+        (LightKind::Directional, true, DVec3::ZERO, 2.0),
+        (LightKind::Point, false, DVec3::new(1.0, 1.0, -1.0), 1.5),
+    ] {
+        let light = Some(scene.lights.len());
+        scene.lights.push(Light {
+            kind,
+            casts_shadow,
+            intensity,
+            color: [1.0, 0.9, 0.8],
+            name: String::new(),
+            range: None,
+            waveform: None,
+        });
+        let turn = DQuat::from_euler(glam::EulerRot::YXZ, 0.6, -0.7, 0.0);
+        let pose = Trs { translation: place, rotation: turn, ..Trs::default() }.matrix();
+        scene.add_node(Node { light, motion: Motion::Fixed(pose), ..Node::default() });
+    }
+    let node = scene.add_node(Node::default());
+    scene.cameras.push(Camera {
+        name: "camera".into(),
+        node,
+        lens: Lens::FieldOfView { fov_y: 0.7 },
+        width: None,
+        height: None,
+        aspect: None,
+        near: 0.05,
+        threshold_on: None,
+        threshold_off: None,
+        sensor: None,
+    });
+    scene
+}
+
+/// By many rays per pixel.
+fn exact(scene: &Scene, t_us: f64) -> Vec<f64> {
+    let textures = Textures::new(scene);
+    let mut state = SceneState::default();
+    scene.evaluate(t_us * 1e-6, &mut state);
+    let options = Options { filter: TextureFilter::BaseLevel, shadows: true, split_sum: SplitSum::Tabulated };
+    let caster = RayCaster::new(scene, &state, &textures, options);
+    let lens = World::new(scene, 0, Some(SIZE)).unwrap().lens;
+    let pinhole = Pinhole {
+        world_from_camera: scene.world_from_camera(0, &state).unwrap(),
+        focal: lens.focal,
+        center: lens.center,
+        width: SIZE.0 as usize,
+        height: SIZE.1 as usize,
+        near: lens.near,
+    };
+    let offsets = Lattice::Second.offsets(1);
+    let pixel = |i: u32| {
+        let middle = [f64::from(i % SIZE.0) + 0.5, f64::from(i / SIZE.0) + 0.5];
+        let light = |o: &[f64; 2]| caster.look(&pinhole, [middle[0] + o[0], middle[1] + o[1]]).0;
+        offsets.iter().map(light).sum::<f64>() / offsets.len() as f64
+    };
+    (0..SIZE.0 * SIZE.1).map(pixel).collect()
+}
+
+/// Root mean square of what ln of one is off by.
+fn off(found: &[f64], exact: &[f64]) -> f64 {
+    let squares = found.iter().zip(exact).map(|(f, e)| (f + 1e-3).ln() - (e + 1e-3).ln()).map(|v| v * v);
+    (squares.sum::<f64>() / found.len() as f64).sqrt()
+}
+
+#[test]
+fn light_of_mapped_surfaces_is_that_of_rays() {
+    let sine = Waveform { shape: WaveShape::Sine, frequency_hz: 30.0, phase: 0.1, low: 0.2, high: 1.0 };
+    for (model, waveform) in [
+        (ShadingModel::MetallicRoughness, None),
+        (ShadingModel::MetallicRoughness, Some(sine)),
+        (ShadingModel::Diffuse, None),
+    ] {
+        let scene = scene(model, waveform);
+        let settings = Settings { size: Some(SIZE), ..Settings::default() };
+        for part in [0.0, 0.5] {
+            let t_us = 32_768.0 * (1.0 + part);
+            let wanted = exact(&scene, t_us);
+            let found = luminance(&scene, &settings, t_us).unwrap();
+            let error = off(&found, &wanted);
+            let mut plain = scene.clone();
+            let material = &mut plain.materials[0];
+            (material.normal_texture, material.metallic_roughness_texture) = (None, None);
+            let canary = off(&luminance(&plain, &settings, t_us).unwrap(), &wanted);
+            println!("{model:?} at {part}: {error:.4} off, {canary:.4} without two maps");
+            assert!(error < 0.02, "{model:?} at {part}: {error:.4}");
+            assert!(canary > 3.0 * error, "canary: {canary:.4}");
+        }
+    }
+}
+
+/// While things move, light is read from pictures of it.
+#[test]
+fn mapped_surfaces_fire_as_rays_say() {
+    let scene = scene(ShadingModel::MetallicRoughness, None);
+    let (size, duration_us) = (Some((64, 48)), 60_000);
+    let asked =
+        TruthSettings { size, duration_us, pixels: PixelChoice::Count(250), ..TruthSettings::default() };
+    let truth = truth(&scene, &asked, &|_| true).unwrap();
+    let f1 = |scene: &Scene| {
+        let reference_luminance = Some(f64::from(truth.reference_luminance));
+        let settings = Settings { size, duration_us, reference_luminance, ..Settings::default() };
+        let events = simulate(scene, &settings).unwrap().events;
+        let found = score(&events, &truth, &ScoreSettings::default()).unwrap();
+        (found.at(1000).unwrap().scaled.f1, events.len())
+    };
+    let (found, count) = f1(&scene);
+    let mut plain = scene.clone();
+    (plain.materials[0].normal_texture, plain.materials[0].occlusion_texture) = (None, None);
+    let (canary, _) = f1(&plain);
+    println!("F1 {found:.4} of {count} events, {canary:.4} without two maps");
+    assert!(found > 0.92 && count > 1000, "{found:.4} of {count}");
+    assert!(canary < found - 0.1, "canary: {canary:.4}");
+}
