@@ -135,6 +135,11 @@ class RecordedLabels(Sequence[npt.NDArray[Any]]):
             return [self[k] for k in range(*index.indices(len(self)))]
         return self._frame(index).data
 
+    def __repr__(self) -> str:
+        """Say what they are, how many, and when."""
+        when = f", t_us {self.t_us[0]} to {self.t_us[-1]}" if len(self) else ""
+        return f"RecordedLabels({self.kind!r}, {len(self)} images{when})"
+
     def interval_us(self, index: int) -> tuple[int, int]:
         """Return the time of image ``index``, and the other end of its flow or its exposure's start (us)."""
         frame = self._frame(index)
@@ -177,6 +182,11 @@ class RecordedView(EventCarrier):
     def __len__(self) -> int:
         """Count the events, without reading them."""
         return self._source.event_count(self._index)
+
+    def __repr__(self) -> str:
+        """Say which camera, how many events, and which labels."""
+        labels = f", labels {', '.join(self.labels)}" if self.labels else ""
+        return f"RecordedView({self.camera.name!r}, {len(self)} events{labels})"
 
     @cached_property
     def events(self) -> EventArray:
@@ -632,13 +642,13 @@ class Writer:
         if self._format != "hdf5":
             event_writers = self._open_events()
             for view in packet.views:
-                event_writers[view.environment].write(np.ascontiguousarray(view.events))
+                event_writers[view.environment].write(np.ascontiguousarray(view.events.to_numpy()))
             return
         writers = self._open()
         for view in packet.views:
             writer = writers[view.environment]
             camera = self._camera_index[view.camera.name]
-            writer.write_events(camera, np.ascontiguousarray(view.events), view.causes)
+            writer.write_events(camera, np.ascontiguousarray(view.events.to_numpy()), view.causes)
             for labels in view.labels.values():
                 for t_us, t_other_us, image in zip(
                     labels.t_us.tolist(), labels.t_other_us.tolist(), labels.images, strict=True
@@ -822,7 +832,7 @@ def _single(source: Stream | EventArray | Mapping[str, EventArray] | Recording) 
                     f"the stream has {len(cameras)} cameras in {environments} environments; this format "
                     "holds one camera: write to .h5"
                 )
-            parts = [packet.events for packet in source]
+            parts = [packet.events.to_numpy() for packet in source]
             events = np.concatenate(parts) if parts else np.empty(0, EventCD)
             return EventArray._trusted(events, cameras[0].width, cameras[0].height)
     if len(source) != 1:

@@ -16,12 +16,13 @@ import numpy.typing as npt
 from . import _check, _evis, _toml
 from ._evis import ConfigError
 from ._sensor import Sensor
+from ._short import ShortRepr
 from .lens import Distortion, Fisheye, RadialTangential
 from .motion import HERE, Placement, fields_of, table_of
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EventCamera:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class EventCamera(ShortRepr):
     """An event camera that looks along its -Z, with +Y up (glTF axes), in metres.
 
     The lens is a vertical field of view or intrinsics, not both; with intrinsics it may have a distortion.
