@@ -36,12 +36,15 @@ DEMO_ARGS ?= --duration 0.25 --labels depth,flow,instance,hdr --label-rate 40
 # What builds the site; the extra `docs` names the same.
 SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2mathml>=3.77"
 
+# What builds and checks the wheel for old systems.
+PORTABLE_PACKAGES := "ziglang>=0.15" "auditwheel>=6.4"
+
 # Seeds of the random scenes that `make check-long` tries.
 LONG_SCENES ?= 24..324
 # Seconds that `make check-long` reads mutants of each kind of file.
 FUZZ_S ?= 600
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench bench-gpu chart accuracy gallery real-recording wheel smoke docs site bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench bench-gpu chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -144,6 +147,17 @@ real-recording: wheel ## Set a real recording from EVIS_ASSETS beside a simulati
 wheel: setup ## Build the abi3 wheel into dist/.
 	rm -f dist/evis-*.whl
 	$(BIN)/maturin build --release --locked --out dist --interpreter "$(PYO3_PYTHON)"
+
+# Linked by Zig against glibc 2.28, so that it loads on RHEL 8 and what came after it. With a target folder of its
+# own: another linker would build everything anew at each change between the two.
+wheel-portable: setup ## Build the manylinux_2_28 wheel into dist/portable/ and check the symbols that it asks for.
+	$(BIN)/python -m pip install --quiet $(PORTABLE_PACKAGES)
+	rm -rf dist/portable
+	PATH="$(CURDIR)/$(BIN):$$PATH" CARGO_TARGET_DIR=target/portable $(BIN)/maturin build --release --locked --zig \
+	  --target "$$(uname -m)-unknown-linux-gnu" --compatibility manylinux_2_28 --out dist/portable \
+	  --interpreter "$(PYO3_PYTHON)"
+	$(BIN)/auditwheel show dist/portable/evis-*.whl
+	$(BIN)/python tools/portable.py dist/portable/evis-*.whl
 
 smoke: wheel ## Install the wheel into a clean environment and stream events from it.
 	tools/smoke "$(PYTHON)" dist/evis-*.whl

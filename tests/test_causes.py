@@ -18,7 +18,7 @@ NOISY = evis.Sensor(
 
 
 def count(causes: np.ndarray) -> dict[str, int]:
-    return dict(zip(evis.CAUSES, np.bincount(causes, minlength=4).tolist(), strict=True))
+    return dict(zip(evis.packets.CAUSES, np.bincount(causes, minlength=4).tolist(), strict=True))
 
 
 def test_still_light_fires_by_noise_alone_and_moving_light_without_noise_by_light_alone() -> None:

@@ -30,11 +30,11 @@ TINY: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def made(device: evis.Device) -> evis.Chart:
+def made(device: evis.Device) -> evis.measure.Chart:
     return evis.chart(evis.Scene.builtin("spinner"), **TINY)
 
 
-def test_points_are_typed_and_scored(made: evis.Chart):
+def test_points_are_typed_and_scored(made: evis.measure.Chart):
     scene = made.scenes[0]
     assert (scene.scene, scene.width, scene.height, scene.duration_us) == ("spinner", 32, 24, 20_000)
     names = [point.setting.published for point in made.points]
@@ -53,27 +53,27 @@ def test_points_are_typed_and_scored(made: evis.Chart):
         point.events = 0  # type: ignore[misc]
 
 
-def test_charts_are_drawn_joined_and_read_again(made: evis.Chart, tmp_path: Path):
+def test_charts_are_drawn_joined_and_read_again(made: evis.measure.Chart, tmp_path: Path):
     made.save(tmp_path / "a.svg")
     assert "charged" not in (tmp_path / "a.svg").read_text()
-    evis.Chart.of([made, made]).save(tmp_path / "b.svg", render_ms=10.0, tolerance_us=100)
+    evis.measure.Chart.of([made, made]).save(tmp_path / "b.svg", render_ms=10.0, tolerance_us=100)
     text = (tmp_path / "b.svg").read_text()
     assert "charged 10 ms" in text
     assert "within 100 µs" in text
     made.save(tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     (tmp_path / "r.json").write_text(made.to_json())
-    assert evis.Chart.load(tmp_path / "r.json").points == made.points
+    assert evis.measure.Chart.load(tmp_path / "r.json").points == made.points
     with pytest.raises(evis.ConfigError, match=r"\.png or \.svg"):
         made.save(tmp_path / "a.pdf")
     with pytest.raises(FileNotFoundError):
         made.save(tmp_path / "no" / "a.svg")
     newer = json.dumps({**json.loads(made.to_json()), "evis_chart": 9})
     with pytest.raises(evis.FormatError, match="version 9"):
-        evis.Chart.from_json(newer)
+        evis.measure.Chart.from_json(newer)
 
 
-def test_a_recommendation_can_be_simulated(made: evis.Chart):
+def test_a_recommendation_can_be_simulated(made: evis.measure.Chart):
     found = made.recommend(budget_ms=1e9)
     assert found.f1 == max(point.f1() for point in made.points)
     assert found.command.startswith("evis run spinner -o events.h5 --size 32x24")
@@ -99,7 +99,7 @@ def test_what_cannot_be_measured_is_told(spinner: evis.Scene):
     with pytest.raises(evis.ConfigError, match="no events"):
         evis.chart(spinner, **{**TINY, "sensor": evis.Sensor(threshold_on=50.0, threshold_off=50.0)})
     with pytest.raises(evis.ConfigError, match="at least one"):
-        evis.Chart.of([])
+        evis.measure.Chart.of([])
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")

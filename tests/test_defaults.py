@@ -47,7 +47,7 @@ FUNCTIONS: list[tuple[Callable[..., Any], str, dict[str, str]]] = [
         },
     ),
     (
-        evis.verify_scene,
+        evis.measure.verify_scene,
         "verify",
         {
             "duration": "--duration",
@@ -57,7 +57,7 @@ FUNCTIONS: list[tuple[Callable[..., Any], str, dict[str, str]]] = [
             "triggers": "--triggers",
         },
     ),
-    (evis.verify_light, "verify", {"at": "--at", "shadows": "--shadows", "size": "--size"}),
+    (evis.measure.verify_light, "verify", {"at": "--at", "shadows": "--shadows", "size": "--size"}),
 ]
 
 

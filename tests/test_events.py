@@ -20,7 +20,7 @@ METAVISION = np.dtype(
 )
 
 
-def some_events(count: int = 100) -> evis.Events:
+def some_events(count: int = 100) -> evis.events.Events:
     events = np.zeros(count, evis.EventCD)
     events["t"] = np.arange(count) * 10
     events["x"] = np.arange(count) % 7
@@ -138,3 +138,47 @@ def test_equality_sees_a_difference():
     assert array != other, "canary"
     assert array != evis.EventArray(some_events(), width=8, height=5)
     assert pickle.loads(pickle.dumps(array)) == array
+
+
+def test_a_key_gives_a_column_an_event_or_some_events():
+    raw = some_events()
+    events = evis.EventArray(raw, width=7, height=5)
+    assert events.sensor_size == (7, 5)
+    assert events.shape == (100,)
+    assert events.dtype == evis.EventCD
+    for name in "txyp":
+        assert np.array_equal(events[name], raw[name])
+        assert np.shares_memory(events[name], raw)
+    assert events[3] == raw[3]
+    assert events[np.int64(-1)]["t"] == 990
+    part = events[10:20]
+    assert isinstance(part, evis.EventArray)
+    assert part == evis.EventArray(raw[10:20], width=7, height=5)
+    assert np.shares_memory(part.to_numpy(), raw)
+    on = events[events.p == 1]
+    assert on.t.tolist() == raw["t"][raw["p"] == 1].tolist()
+    assert on.sensor_size == (7, 5)
+    assert on != events, "canary"
+    assert events[[2, 5]].t.tolist() == [20, 50]
+    assert len(events[[]]) == 0
+    assert [int(event["t"]) for event in events] == raw["t"].tolist()
+    assert np.array_equal(np.concatenate([events[:50], events[50:]]), raw)
+    assert events.tobytes() == raw.tobytes()
+    assert np.array_equal(np.asarray(events), raw)
+
+
+def test_keys_that_cannot_be_used_say_what_would_work():
+    events = evis.EventArray(some_events(), width=7, height=5)
+    with pytest.raises(evis.ConfigError, match="no column 'q'; there is t, x, y, p"):
+        events["q"]  # type: ignore[call-overload]
+    with pytest.raises(
+        evis.ConfigError, match=r"mask has shape \(3,\); it must have that of the events, \(100,\)"
+    ):
+        events[np.ones(3, bool)]
+    for unsorted in (slice(None, None, -1), np.array([5, 2])):
+        with pytest.raises(evis.ConfigError, match=r"out of order.*to_numpy\(\)"):
+            events[unsorted]
+    with pytest.raises(evis.ConfigError, match="dtype float64"):
+        events[np.array([0.5])]
+    with pytest.raises(IndexError):
+        events[100]

@@ -40,7 +40,7 @@ def f1(events: evis.EventArray, truth: evis.Truth) -> float:
 def test_frames_between_frames_come_closer_to_truth(tmp_path) -> None:  # type: ignore[no-untyped-def]
     pytest.importorskip("cv2", reason="no OpenCV: pip install opencv-python-headless")
     evis.save(tmp_path / "truth.h5", events_of(iter(film(1000))))
-    truth = evis.load_truth(tmp_path / "truth.h5")
+    truth = evis.measure.load_truth(tmp_path / "truth.h5")
     given = film(30)
     made = list(flow.upsample(iter(given), step_px=0.5))
     assert len(made) > 5 * len(given)

@@ -77,16 +77,19 @@ def test_formats_come_by_ending_and_errors_say_what_works(tmp_path):
 
 def test_triggers_frames_and_imu_come_with_the_packets(tmp_path):
     events = some_events(1000, latest_us=1000)
-    triggers = np.zeros(3, evis.EventExtTrigger)
+    triggers = np.zeros(3, evis.files.EventExtTrigger)
     triggers["t"], triggers["id"], triggers["p"] = (1, 500, 999), (0, 3, 0), (1, 0, 1)
-    with evis.EventFileWriter(tmp_path / "a.raw", size=(1280, 720)) as writer:
+    with evis.files.EventFileWriter(tmp_path / "a.raw", size=(1280, 720)) as writer:
         writer.write(events, triggers)
     packet = next(iter(evis.open(tmp_path / "a.raw")))
     assert np.array_equal(packet.triggers, triggers)
     assert packet.frames == ()
-    assert packet.imu.dtype == evis.ImuDtype
+    assert packet.imu.dtype == evis.files.ImuDtype
     path = tmp_path / "b.raw"
-    with pytest.raises(evis.FormatError, match="earlier"), evis.EventFileWriter(path, size=(1280, 720)) as w:
+    with (
+        pytest.raises(evis.FormatError, match="earlier"),
+        evis.files.EventFileWriter(path, size=(1280, 720)) as w,
+    ):
         w.write(events.to_numpy()[::-1])
     assert not path.exists()
     assert not list(tmp_path.glob(".b*"))
@@ -97,7 +100,7 @@ def test_slices_of_the_iterator_are_half_open_and_tile_time(tmp_path):
     path = tmp_path / "a.raw"
     evis.save(path, events)
     t = events.t
-    iterator = evis.EventsIterator(path, delta_t=7000)
+    iterator = evis.files.EventsIterator(path, delta_t=7000)
     assert iterator.get_size() == (720, 1280)
     slices = list(iterator)
     assert len(slices) == int(t[-1]) // 7000 + 1
@@ -106,28 +109,28 @@ def test_slices_of_the_iterator_are_half_open_and_tile_time(tmp_path):
     # A second pass is the same.
     assert sum(len(part) for part in iterator) == 3000
     # Empty slices are yielded too.
-    sparse = list(evis.EventsIterator(path, delta_t=20))
+    sparse = list(evis.files.EventsIterator(path, delta_t=20))
     assert any(len(part) == 0 for part in sparse)
     assert sum(map(len, sparse)) == 3000
 
-    part = list(evis.EventsIterator(path, 100_000, "delta_t", 10_000, max_duration=95_000))
+    part = list(evis.files.EventsIterator(path, 100_000, "delta_t", 10_000, max_duration=95_000))
     assert len(part) == 10
     want = events.slice_time(100_000, 195_000)
     assert np.array_equal(np.concatenate(part), want.to_numpy())
-    relative = evis.EventsIterator(
+    relative = evis.files.EventsIterator(
         path, 100_000, delta_t=10_000, max_duration=95_000, relative_timestamps=True
     )
     assert np.array_equal(np.concatenate(list(relative))["t"], want.t - 100_000)
 
-    counts = [len(part) for part in evis.EventsIterator(path, mode="n_events", n_events=700)]
+    counts = [len(part) for part in evis.files.EventsIterator(path, mode="n_events", n_events=700)]
     assert counts == [700, 700, 700, 700, 200]
-    mixed = list(evis.EventsIterator(path, mode="mixed", n_events=50, delta_t=20_000))
+    mixed = list(evis.files.EventsIterator(path, mode="mixed", n_events=50, delta_t=20_000))
     assert np.array_equal(np.concatenate(mixed), events.to_numpy())
     assert max(map(len, mixed)) == 50
     assert any(0 < len(part) < 50 for part in mixed)
     for wrong in [{"mode": "all"}, {"delta_t": 0}, {"n_events": -1}, {"max_duration": 0}]:
         with pytest.raises(evis.ConfigError, match=next(iter(wrong))):
-            evis.EventsIterator(path, **wrong)
+            evis.files.EventsIterator(path, **wrong)
 
 
 def test_a_stream_is_written_to_other_formats_as_it_comes(tmp_path):

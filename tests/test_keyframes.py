@@ -96,13 +96,13 @@ def test_pushed_keyframes_fire_as_the_engines_splat(scene: evis.Scene, rendered:
 def test_a_known_rotation_meets_the_convention(rendered: Any) -> None:
     keyframes, _, _ = rendered
     (_, older, _, _), (_, newer, _, motion) = keyframes[1:3]
-    right = evis.check_motion(older, newer, motion)
+    right = evis.emulation.check_motion(older, newer, motion)
     assert right.is_right
     # Vectors are exact, but pixels are not: a tenth of a pixel is what rounding to pixels leaves.
     assert right.error < 0.15
     # What a host with the other sign, or y up, would give is named.
     for flip, named in (((-1, -1), "from the last keyframe to this one"), ((1, -1), "y up")):
-        found = evis.check_motion(older, newer, motion * np.array(flip, np.float32))
+        found = evis.emulation.check_motion(older, newer, motion * np.array(flip, np.float32))
         assert (found.scale, found.is_right) == (flip, False)
         assert named in found.convention
         assert found.error_given > 2 * found.error
@@ -113,12 +113,12 @@ def test_integers_and_colours_tell_a_convention_too() -> None:
     pictures = [np.repeat(each["hdr"][..., None], 3, axis=2) for each in (first, second)]
     codes = [(255 * np.clip(picture, 0, 1)).astype(np.uint8) for picture in pictures]
     motion = -second["motion_vectors"]
-    assert evis.check_motion(*pictures, motion).scale == (-1.0, -1.0)
-    assert evis.check_motion(*codes, motion, transfer="linear").scale == (-1.0, -1.0)
+    assert evis.emulation.check_motion(*pictures, motion).scale == (-1.0, -1.0)
+    assert evis.emulation.check_motion(*codes, motion, transfer="linear").scale == (-1.0, -1.0)
     with pytest.raises(evis.ConfigError, match=r"motion_vectors has shape \(72, 96\)"):
-        evis.check_motion(*pictures, motion[..., 0])
+        evis.emulation.check_motion(*pictures, motion[..., 0])
     with pytest.raises(evis.ConfigError, match="fewer than 100 pixels"):
-        evis.check_motion(*pictures, np.zeros_like(motion))
+        evis.emulation.check_motion(*pictures, np.zeros_like(motion))
 
 
 def test_what_a_report_warns_of_is_a_python_warning_once() -> None:

@@ -113,7 +113,7 @@ def test_truth_comes_back_from_its_file(tmp_path: Path):
     path = truth.save(tmp_path / "truth.h5")
     with pytest.raises(FileExistsError):
         truth.save(path)
-    back = evis.load_truth(path)
+    back = evis.measure.load_truth(path)
     assert back.events == truth.events
     for name in ("pixels", "speed", "event_region", "span_start", "span_t_us", "span_region"):
         np.testing.assert_array_equal(getattr(back, name), getattr(truth, name), err_msg=name)
@@ -195,10 +195,10 @@ def test_what_does_not_belong_together_is_refused(tmp_path: Path):
     with pytest.raises(evis.ConfigError, match=r"\(N, 2\)"):
         evis.Truth.from_events(truth.events, pixels=[[1, 0, 2]])
     with pytest.raises(FileNotFoundError):
-        evis.load_truth(tmp_path / "missing.h5")
+        evis.measure.load_truth(tmp_path / "missing.h5")
     (tmp_path / "text.h5").write_text("no HDF5")
     with pytest.raises(evis.FormatError, match="HDF5"):
-        evis.load_truth(tmp_path / "text.h5")
+        evis.measure.load_truth(tmp_path / "text.h5")
 
 
 def test_voxel_grids_follow_their_formula():

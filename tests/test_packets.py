@@ -9,16 +9,17 @@ import evis
 from evis import _packets
 
 
-def view(environment: int, name: str, count: int) -> evis.View:
+def view(environment: int, name: str, count: int) -> evis.packets.View:
     events = np.zeros(count, evis.EventCD)
     events["t"] = np.arange(count)
-    camera = evis.CameraInfo(name, 64, 48, 50.0, 50.0, 32.0, 24.0)
-    poses = evis.Poses(np.zeros(1, np.int64), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
-    return evis.View(environment, camera, events, {}, poses)
+    array = evis.EventArray(events, width=64, height=48)
+    camera = evis.packets.CameraInfo(name, 64, 48, 50.0, 50.0, 32.0, 24.0)
+    poses = evis.packets.Poses(np.zeros(1, np.int64), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
+    return evis.packets.View(environment, camera, array, {}, poses)
 
 
-def packet(*views: evis.View) -> evis.Packet:
-    report = evis.Report(
+def packet(*views: evis.packets.View) -> evis.Packet:
+    report = evis.packets.Report(
         sum(len(v.events) for v in views), 0, 0, 0, 10, 0, 0, 0, 0, 0, 0, 0, [], 0.0, 0.0, 0.0, 0.0
     )
     return evis.Packet(0, 10_000, views, report)
@@ -35,7 +36,7 @@ def test_one_camera_needs_no_name():
     assert single["left"] is single.view
     assert single[0].events is single.events
     assert len(single.poses) == 1
-    assert (single.view.event_array.width, single.view.event_array.height) == (64, 48)
+    assert single.events.sensor_size == (64, 48)
 
 
 def test_cameras_go_by_name():
@@ -80,9 +81,41 @@ def test_labels_are_arrays_with_times():
     assert [t for t, _ in two["flow_forward"]] == [20_000, 20_000]
 
 
+def labelled(environment: int, name: str, size: tuple[int, int] = (64, 48)) -> evis.packets.View:
+    made = view(environment, name, 1)
+    width, height = size
+    pictures = tuple(np.full((height, width), 10 * environment + k, np.float32) for k in range(2))
+    times = np.array([0, 5_000])
+    depth = evis.packets.Labels("depth", times, times, pictures, size)
+    camera = evis.packets.CameraInfo(name, width, height, 50.0, 50.0, 32.0, 24.0)
+    return evis.packets.View(environment, camera, made.events, {"depth": depth}, made.poses)
+
+
+def test_labels_of_all_views_come_as_one_array():
+    batch = packet(*(labelled(k, name) for k in range(3) for name in ("left", "right")))
+    assert batch.stack_labels("depth").shape == (6, 48, 64)
+    assert batch.stack_labels("depth")[:, 0, 0].tolist() == [1, 1, 11, 11, 21, 21], (
+        "environment by environment"
+    )
+    assert batch.stack_labels("depth", 0, camera="right")[:, 0, 0].tolist() == [0, 10, 20]
+    assert batch[1].stack_labels("depth", 0)[:, 0, 0].tolist() == [10, 10]
+    with pytest.raises(evis.ConfigError, match="no label 'flow'; it has depth"):
+        batch.stack_labels("flow")
+    with pytest.raises(evis.ConfigError, match="index is 2; this packet has 2 images of depth"):
+        batch.stack_labels("depth", 2)
+    with pytest.raises(evis.ConfigError, match="no camera named 'up'"):
+        batch.stack_labels("depth", camera="up")
+    uneven = packet(labelled(0, "left"), labelled(0, "right", (32, 48)))
+    with pytest.raises(evis.ConfigError, match="left 64x48, right 32x48"):
+        uneven.stack_labels("depth")
+    assert uneven.stack_labels("depth", camera="right").shape == (1, 48, 32)
+
+
 def test_pose_matrices_turn_and_move():
     half = np.sqrt(0.5)
-    poses = evis.Poses(np.zeros(1, np.int64), np.array([[1.0, 2.0, 3.0]]), np.array([[0.0, half, 0.0, half]]))
+    poses = evis.packets.Poses(
+        np.zeros(1, np.int64), np.array([[1.0, 2.0, 3.0]]), np.array([[0.0, half, 0.0, half]])
+    )
     moved = poses.matrix[0] @ np.array([0.0, 0.0, -1.0, 1.0])
     # A quarter turn to the left about +Y: what lay ahead (-Z) lies at -X.
     assert np.allclose(moved, [0.0, 2.0, 3.0, 1.0])

@@ -353,9 +353,9 @@ def test_functions_take_arrays_of_other_programs(name: str) -> None:
 def test_everything_with_events_has_them(name: str, tmp_path: Path) -> None:
     events = evis.EventArray(random_events(7, 500, (40, 30)).slice_time(0, 5000), width=40, height=30)
     expected = getattr(events, name)(*METHODS[name])
-    camera = evis.CameraInfo("left", 40, 30, 1.0, 1.0, 1.0, 1.0)
-    poses = evis.Poses(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
-    view = evis.View(0, camera, events.to_numpy(), {}, poses)
+    camera = evis.packets.CameraInfo("left", 40, 30, 1.0, 1.0, 1.0, 1.0)
+    poses = evis.packets.Poses(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
+    view = evis.packets.View(0, camera, events, {}, poses)
     packet = evis.Packet(0, 5000, (view,), None)  # type: ignore[arg-type]
     evis.save(tmp_path / "events.h5", events)
     evis.save(tmp_path / "events.raw", events)
@@ -376,10 +376,11 @@ def test_everything_with_events_has_them(name: str, tmp_path: Path) -> None:
 
 
 def test_a_packet_of_several_cameras_asks_which() -> None:
-    camera = evis.CameraInfo("left", 40, 30, 1.0, 1.0, 1.0, 1.0)
-    poses = evis.Poses(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
+    camera = evis.packets.CameraInfo("left", 40, 30, 1.0, 1.0, 1.0, 1.0)
+    poses = evis.packets.Poses(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
+    nothing = evis.EventArray(np.empty(0, evis.EventCD), width=40, height=30)
     views = [
-        evis.View(0, evis.CameraInfo(name, 40, 30, 1.0, 1.0, 1.0, 1.0), np.empty(0, evis.EventCD), {}, poses)
+        evis.packets.View(0, evis.packets.CameraInfo(name, 40, 30, 1.0, 1.0, 1.0, 1.0), nothing, {}, poses)
         for name in ("left", "right")
     ]
     packet = evis.Packet(0, 5000, tuple(views), None)  # type: ignore[arg-type]
@@ -393,7 +394,7 @@ def test_the_simulator_gives_them_in_one_line(spinner: evis.Scene) -> None:
     for packet in evis.Simulator(spinner, size=(64, 48)).stream(duration=0.02):
         grid = packet.voxel_grid(bins=5)
         assert grid.shape == (5, 48, 64)
-        assert_same(grid, published_voxel_grid(packet.view.event_array, 5))
+        assert_same(grid, published_voxel_grid(packet.view.events, 5))
 
 
 # Windows
@@ -520,8 +521,11 @@ def test_settings_that_cannot_be_used_are_refused() -> None:
 
 
 def test_a_file_that_does_not_say_its_size_is_asked_for_it() -> None:
-    packet = evis.FilePacket(
-        CASES["ties"].to_numpy(), np.empty(0, evis.EventExtTrigger), (), np.empty(0, evis.ImuDtype)
+    packet = evis.files.FilePacket(
+        CASES["ties"].to_numpy(),
+        np.empty(0, evis.files.EventExtTrigger),
+        (),
+        np.empty(0, evis.files.ImuDtype),
     )
     with pytest.raises(evis.EvisError, match=r"pass size=\(width, height\) to evis\.open"):
         packet.voxel_grid()

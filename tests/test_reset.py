@@ -59,8 +59,8 @@ def run(sim: evis.Simulator, begin: int, end: int, start: int = 0) -> list[np.nd
     ]
 
 
-def shifted(events: np.ndarray, by_us: int) -> np.ndarray:
-    moved = events.copy()
+def shifted(events: evis.EventArray | np.ndarray, by_us: int) -> np.ndarray:
+    moved = np.asarray(events).copy()
     moved["t"] -= by_us
     return moved
 
@@ -226,4 +226,4 @@ def test_events_of_all_environments_come_as_one_array(device: evis.Device) -> No
     with pytest.raises(evis.ConfigError, match="no camera named 'left'"):
         packet.packed("left")
     one = simulator(device, "native", environments=1).step(STEP_US, {"cube": pose(0.0)})
-    assert one.packed()[0] is one.events
+    assert one.packed()[0] is one.events.to_numpy()

@@ -62,9 +62,10 @@ def test_packets_tile_time(spinner: evis.Scene):
 
 def test_events_are_the_engines_own_memory(spinner: evis.Scene):
     packet = max(streamed(spinner), key=lambda packet: packet.report.events)
-    assert packet.events.dtype == evis.EventCD
-    assert not packet.events.flags.owndata
-    assert packet.events.base is not None
+    events = packet.events.to_numpy()
+    assert packet.events.dtype == events.dtype == evis.EventCD
+    assert not events.flags.owndata
+    assert events.base is not None
     assert np.shares_memory(packet.t, packet.events)
     assert np.shares_memory(np.from_dlpack(packet.x), packet.events)
     order = np.lexsort((packet.x, packet.y, packet.t))
@@ -133,15 +134,39 @@ def test_cameras_can_be_added(spinner: evis.Scene):
     assert "extra left" not in spinner.cameras, "the scene that was given stays as it was"
 
 
-def test_a_stream_takes_the_engine(spinner: evis.Scene):
+def test_a_stream_has_the_engine_while_it_runs(spinner: evis.Scene):
     sim = evis.Simulator(spinner, **SMALL)
     with sim.stream(duration=10.0) as stream:
         next(stream)
-        with pytest.raises(evis.EvisError, match="new Simulator"):
-            sim.step(10_000)
+        for use in (lambda: sim.step(10_000), lambda: sim.stream(duration=1.0), sim.reset):
+            with pytest.raises(evis.EvisError, match="close the stream"):
+                use()
+        assert "at 10000 us of 0 to 10000000 us" in repr(stream)
     assert list(stream) == [], "a closed stream has ended"
-    with pytest.raises(evis.EvisError, match="new Simulator"):
-        sim.stream(duration=1.0)
+    assert "Stream(ended" in repr(stream)
+
+
+def test_a_simulator_streams_again_from_its_start(spinner: evis.Scene):
+    sim = evis.Simulator(spinner, labels=["depth"], **SMALL)
+    first = list(sim.stream(duration=0.03))
+    assert sim.now_us == 0
+    again = list(sim.stream(duration=0.03))
+    assert same(columns(again), columns(first))
+    # After one that was closed early, rendered ahead as it was, and one that nobody holds any more.
+    with sim.stream(duration=10.0) as stream:
+        next(stream)
+    assert sim.step(10_000).events == first[0].events
+    assert sim.now_us == 10_000
+    next(sim.stream(duration=10.0))
+    rest = list(sim.stream(duration=0.03))
+    assert same(columns(rest), columns(first))
+    # A stream goes on where steps have come.
+    stepped = evis.Simulator(spinner, labels=["depth"], **SMALL)
+    stepped.step(10_000)
+    late = list(stepped.stream(duration=0.02))
+    assert [packet.start_us for packet in late] == [10_000, 20_000]
+    assert same(columns(late), columns(first[1:]))
+    assert not same(columns(late), columns(first[:2])), "canary"
 
 
 def test_python_runs_while_a_step_renders(spinner: evis.Scene):

@@ -41,7 +41,7 @@ def test_statistics_count_what_is_there() -> None:
 
 
 def test_a_calibration_finds_its_noise(tmp_path: Path) -> None:
-    events = evis.static_scene(
+    events = evis.measure.static_scene(
         noisy(shot_hz=2.0, on_share=0.7, hot_share=0.01, hot_hz=90), 64, 48, duration=4.0
     )
     made = evis.calibrate(events, base="v2e-clean")
@@ -85,8 +85,8 @@ def test_flicker_shows_thresholds() -> None:
 
 
 def test_two_recordings_side_by_side(tmp_path: Path) -> None:
-    a = evis.static_scene(noisy(shot_hz=3.0), 64, 48, duration=2.0)
-    b = evis.static_scene(noisy(shot_hz=1.0, burst_events=0.5), 64, 48, duration=2.0, seed=1)
+    a = evis.measure.static_scene(noisy(shot_hz=3.0), 64, 48, duration=2.0)
+    b = evis.measure.static_scene(noisy(shot_hz=1.0, burst_events=0.5), 64, 48, duration=2.0, seed=1)
     evis.save(tmp_path / "b.npz", b)
     comparison = evis.compare(a, tmp_path / "b.npz")
     assert comparison.a.cold_rate_hz == pytest.approx(3 * comparison.b.cold_rate_hz, rel=0.1)

@@ -36,7 +36,7 @@ def test_the_triggers_converge_as_theory_says(tmp_path: Path):
 
 
 def test_a_scene_is_measured(spinner: evis.Scene, tmp_path: Path):
-    report = evis.verify_scene(
+    report = evis.measure.verify_scene(
         spinner,
         size=(32, 24),
         duration=0.02,
@@ -64,7 +64,7 @@ def test_a_scene_is_measured(spinner: evis.Scene, tmp_path: Path):
 
 
 def test_failure_modes_are_measured(tmp_path: Path):
-    report = evis.verify_failures(methods=["native", "evis-paper"], failures=["borders"], cache=False)
+    report = evis.measure.verify_failures(methods=["native", "evis-paper"], failures=["borders"], cache=False)
     assert repr(report) == "FailureVerification(1 of 1 claims hold)"
     assert report.passed
     assert set(report.failures) == {"borders"}
@@ -83,14 +83,14 @@ def test_failure_modes_are_measured(tmp_path: Path):
     report.save(tmp_path / "a.svg")
     assert "borders without margin" in (tmp_path / "a.svg").read_text()
     with pytest.raises(evis.ConfigError, match="one of native, high, splat, no-aa"):
-        evis.verify_failures(methods=["teleport"])
+        evis.measure.verify_failures(methods=["teleport"])
     with pytest.raises(evis.ConfigError, match="keyframe-burst"):
-        evis.verify_failures(failures=["border"])
+        evis.measure.verify_failures(failures=["border"])
 
 
 def test_light_is_compared(spinner: evis.Scene, tmp_path: Path):
-    report = evis.verify_light(spinner, at=0.01, samples=64, size=(32, 24), worst=3)
-    coarse = evis.verify_light(spinner, at=0.01, samples=1, size=(32, 24))
+    report = evis.measure.verify_light(spinner, at=0.01, samples=64, size=(32, 24), worst=3)
+    coarse = evis.measure.verify_light(spinner, at=0.01, samples=1, size=(32, 24))
     assert report.all.pixels == 32 * 24
     assert coarse.all.median > 2 * report.all.median, "canary: fewer samples are worse"
     assert report.difference.shape == (24, 32)
@@ -104,13 +104,13 @@ def test_light_is_compared(spinner: evis.Scene, tmp_path: Path):
     report.save(tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(evis.ConfigError, match=r"shadows is .soft."):
-        evis.verify_light(spinner, shadows="soft")  # type: ignore[arg-type]
+        evis.measure.verify_light(spinner, shadows="soft")  # type: ignore[arg-type]
 
 
 def test_what_cannot_be_verified_is_told(spinner: evis.Scene):
     with pytest.raises(evis.ConfigError, match=r"triggers has .swing."):
-        evis.verify_scene(spinner, triggers=["swing"])  # type: ignore[list-item]
+        evis.measure.verify_scene(spinner, triggers=["swing"])  # type: ignore[list-item]
     with pytest.raises(evis.ConfigError, match="samples is empty"):
-        evis.verify_scene(spinner, samples=[])
+        evis.measure.verify_scene(spinner, samples=[])
     with pytest.raises(evis.ConfigError, match="rates is 0"):
-        evis.verify_scene(spinner, rates_hz=[0])
+        evis.measure.verify_scene(spinner, rates_hz=[0])

@@ -335,7 +335,7 @@ def test_bad_sources_are_named(tmp_path: Path):
 def test_a_recording_without_events_shows_what_it_has(
     recording: evis.Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(evis.RecordedView, "slice_time", lambda *_: scattered().slice_time(0, 0))
+    monkeypatch.setattr(evis.files.RecordedView, "slice_time", lambda *_: scattered().slice_time(0, 0))
     counts = evis_rerun.view(recording, save=tmp_path / "x.rrd", end_us=20_000)
     assert f"{IMAGE}/events" not in counts
     assert counts[f"{IMAGE}/depth"] == counts["/world/cameras/camera"] == 2

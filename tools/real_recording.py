@@ -101,7 +101,7 @@ def main() -> int:
     made = scene()
     for name in SENSORS:
         sim = evis.Simulator(made, sensor=name, rate_hz=1000.0, samples=4, seed=1)
-        streams[name] = sim.step(1_000_000).view.event_array
+        streams[name] = sim.step(1_000_000).view.events
         print(name, len(streams[name]), flush=True)
 
     figure = Figure(figsize=(8, 6.4), dpi=100, layout="constrained")

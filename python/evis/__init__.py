@@ -11,160 +11,155 @@ pixel; polarity is ON = 1, OFF = 0.
 10000 int64 ('x', 'y', 'p', 't')
 """
 
-from . import imu, lens, metrics, motion, representations, rig
+import os as _os
+import sys as _sys
+import tempfile as _tempfile
+
+if _sys.platform == "linux":
+    # Mesa's drivers complain on stderr where this is missing, as in containers; nothing of ours is put there.
+    _os.environ.setdefault("XDG_RUNTIME_DIR", _tempfile.gettempdir())
+
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
+from . import emulation, events, files, imu, lens, measure, metrics, motion, packets, representations, rig
 from ._builder import SceneBuilder
-from ._chart import Chart, ChartPoint, ChartSetting, Recommendation, SceneChart, chart
-from ._emulator import EmulatorReport, EventEmulator, KeyframeReport, MotionCheck, check_motion
-from ._events import EventArray, EventCD, Events, EventWindow, as_event_cd
+from ._chart import chart
+from ._emulator import EventEmulator
+from ._events import EventArray, EventCD
 from ._evis import ConfigError, DeviceError, EvisError, FormatError, __version__
-from ._files import RecordedLabels, RecordedView, Recording, Writer, load, save
-from ._io import (
-    EventExtTrigger,
-    EventFile,
-    EventFileWriter,
-    EventsIterator,
-    FileFrame,
-    FilePacket,
-    ImuDtype,
-    formats,
-    open,
-)
+from ._files import Recording, Writer, load, save
+from ._io import formats, open
 from ._limits import limits, set_limits
 from ._method import Warp
-from ._packets import CAUSES, CameraInfo, EnvironmentPacket, Labels, Packet, Poses, Report, View
+from ._packets import Packet
 from ._scene import EventCamera, Scene, scenes
 from ._sensor import Diffusion, Exposure, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
-from ._simulator import Device, Simulator, Stream, devices
-from ._stats import (
-    Calibration,
-    Comparison,
-    Estimate,
-    FlickerEstimate,
-    Statistics,
-    calibrate,
-    compare,
-    static_scene,
-    statistics,
-)
-from ._truth import Truth, load_truth
-from ._verify import (
-    Convergence,
-    ErrorFit,
-    FailureCell,
-    FailureVerification,
-    FormCheck,
-    LightError,
-    LightPixel,
-    LightVerification,
-    SceneVerification,
-    Verification,
-    verify,
-    verify_failures,
-    verify_light,
-    verify_scene,
-)
-from ._video import Frames, VideoReport, frames, video
-from .motion import Placement, Waveform
+from ._simulator import Device, Simulator, devices
+from ._stats import calibrate, compare, statistics
+from ._truth import Truth
+from ._verify import verify
+from ._video import frames, video
+from .motion import Placement
 
 __all__ = [
-    "CAUSES",
-    "Calibration",
-    "CameraInfo",
-    "Chart",
-    "ChartPoint",
-    "ChartSetting",
-    "Comparison",
     "ConfigError",
-    "Convergence",
     "Device",
     "DeviceError",
     "Diffusion",
-    "EmulatorReport",
-    "EnvironmentPacket",
-    "ErrorFit",
-    "Estimate",
     "EventArray",
     "EventCD",
     "EventCamera",
     "EventEmulator",
-    "EventExtTrigger",
-    "EventFile",
-    "EventFileWriter",
-    "EventWindow",
-    "Events",
-    "EventsIterator",
     "EvisError",
     "Exposure",
-    "FailureCell",
-    "FailureVerification",
-    "FileFrame",
-    "FilePacket",
-    "FlickerEstimate",
-    "FormCheck",
     "FormatError",
-    "Frames",
-    "ImuDtype",
-    "KeyframeReport",
-    "Labels",
-    "LightError",
-    "LightPixel",
-    "LightVerification",
-    "MotionCheck",
     "Noise",
     "Packet",
     "Pattern",
     "Photoreceptor",
     "Placement",
-    "Poses",
     "Readout",
-    "Recommendation",
-    "RecordedLabels",
-    "RecordedView",
     "Recording",
     "Refractory",
-    "Report",
     "Scene",
     "SceneBuilder",
-    "SceneChart",
-    "SceneVerification",
     "Sensor",
     "Simulator",
-    "Statistics",
-    "Stream",
     "Truth",
-    "Verification",
-    "VideoReport",
-    "View",
     "Warp",
-    "Waveform",
     "Writer",
     "__version__",
-    "as_event_cd",
     "calibrate",
     "chart",
-    "check_motion",
     "compare",
     "devices",
+    "emulation",
+    "events",
+    "files",
     "formats",
     "frames",
     "imu",
     "lens",
     "limits",
     "load",
-    "load_truth",
+    "measure",
     "metrics",
     "motion",
     "open",
+    "packets",
     "representations",
     "rig",
     "save",
     "scenes",
     "set_limits",
-    "static_scene",
     "statistics",
     "verify",
-    "verify_failures",
-    "verify_light",
-    "verify_scene",
     "video",
 ]
+
+if not _TYPE_CHECKING:
+    _MOVED = {
+        "CAUSES": "packets",
+        "Calibration": "measure",
+        "CameraInfo": "packets",
+        "Chart": "measure",
+        "ChartPoint": "measure",
+        "ChartSetting": "measure",
+        "Comparison": "measure",
+        "Convergence": "measure",
+        "EmulatorReport": "emulation",
+        "EnvironmentPacket": "packets",
+        "ErrorFit": "measure",
+        "Estimate": "measure",
+        "EventExtTrigger": "files",
+        "EventFile": "files",
+        "EventFileWriter": "files",
+        "EventWindow": "events",
+        "Events": "events",
+        "EventsIterator": "files",
+        "FailureCell": "measure",
+        "FailureVerification": "measure",
+        "FileFrame": "files",
+        "FilePacket": "files",
+        "FlickerEstimate": "measure",
+        "FormCheck": "measure",
+        "Frames": "emulation",
+        "ImuDtype": "files",
+        "KeyframeReport": "emulation",
+        "Labels": "packets",
+        "LightError": "measure",
+        "LightPixel": "measure",
+        "LightVerification": "measure",
+        "MotionCheck": "emulation",
+        "Poses": "packets",
+        "Recommendation": "measure",
+        "RecordedLabels": "files",
+        "RecordedView": "files",
+        "Report": "packets",
+        "SceneChart": "measure",
+        "SceneVerification": "measure",
+        "Statistics": "measure",
+        "Stream": "packets",
+        "StreamProgress": "packets",
+        "Verification": "measure",
+        "VideoReport": "emulation",
+        "View": "packets",
+        "Waveform": "motion",
+        "as_event_cd": "events",
+        "check_motion": "emulation",
+        "load_truth": "measure",
+        "static_scene": "measure",
+        "verify_failures": "measure",
+        "verify_light": "measure",
+        "verify_scene": "measure",
+    }
+
+    def __getattr__(name: str) -> object:
+        """Find names that stood here in 0.1."""
+        if name not in _MOVED:
+            raise AttributeError(f"module 'evis' has no attribute '{name}'")
+        import warnings
+
+        place = f"evis.{_MOVED[name]}"
+        warnings.warn(f"evis.{name} is {place}.{name} now", DeprecationWarning, stacklevel=2)
+        return getattr(_sys.modules[place], name)

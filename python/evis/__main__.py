@@ -6,16 +6,12 @@ import contextlib
 import os
 import signal
 import sys
-import tempfile
 
 from . import _commands, _evis
 
 
 def main() -> int:
     """Run the command line and return its exit code."""
-    if sys.platform == "linux":
-        # Mesa's drivers complain where this is missing, as in containers; nothing of ours is put there.
-        os.environ.setdefault("XDG_RUNTIME_DIR", tempfile.gettempdir())
     if "EVIS_FFMPEG" not in os.environ:
         # The extra `video` brings an ffmpeg; without it, one on PATH is looked for.
         with contextlib.suppress(ImportError, RuntimeError):

@@ -404,6 +404,11 @@ class SceneBuilder:
         """Return the scene file; a pattern stands for each picture that was given as pixels."""
         return _toml.document({**self._top, **self._tables})
 
+    def __repr__(self) -> str:
+        """Count what was added, by kind."""
+        counts = ", ".join(f"{len(rows)} {kind}" for kind, rows in self._tables.items() if rows)
+        return f"SceneBuilder({self._top['name']!r}, {counts or 'empty'})"
+
     def build(self, *, base: str | PathLike[str] = ".") -> Scene:
         """Make the scene.
 

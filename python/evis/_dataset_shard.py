@@ -78,7 +78,7 @@ class _Hashes:
     def packet(self, packet: Packet) -> None:
         for view in packet.views:
             name = view.camera.name
-            self.events(name, view.events, view.causes)
+            self.events(name, view.events.to_numpy(), view.causes)
             for kind, labels in view.labels.items():
                 times = zip(labels.t_us.tolist(), labels.t_other_us.tolist(), labels.images, strict=True)
                 for t_us, other_us, image in times:

@@ -641,7 +641,7 @@ def check_motion(
     >>> pictures = [0.5 + 0.4 * np.sin((x - shift) / 4) for shift in (0, 3)]
     >>> motion = np.zeros((48, 64, 2), np.float32)
     >>> motion[..., 0] = 3 / 64  # by parts of the picture, from the last keyframe to this one
-    >>> evis.check_motion(*pictures, motion).scale
+    >>> evis.emulation.check_motion(*pictures, motion).scale
     (-64.0, -48.0)
     """
     vectors, _ = _as_array(motion_vectors, "motion_vectors", (np.float32,))

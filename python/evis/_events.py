@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,9 @@ EventCD: np.dtype[np.void] = _evis.event_dtype()
 
 Events: TypeAlias = npt.NDArray[np.void]
 """A 1-D structured array of dtype `EventCD`."""
+
+
+_COLUMNS = ("t", "x", "y", "p")
 
 
 def as_event_cd(events: npt.ArrayLike) -> Events:
@@ -76,9 +79,10 @@ def _from_columns(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.A
 class EventArray(Representable):
     """Events of one camera, sorted by time: an array, and the size of the sensor that it came from.
 
-    The columns `t`, `x`, `y` and `p` are views of one structured array of dtype `EventCD`; slices by time are
-    views too. NumPy functions take an `EventArray` as that structured array. Dense arrays for networks are
-    methods: `voxel_grid` and others.
+    Packets, recordings, emulators and hosts all give their events as this type. The columns `t`, `x`, `y` and
+    `p` (or ``events["t"]``) are views of one structured array of dtype `EventCD`; slices, ``events[a:b]`` and
+    `slice_time`, are views too. ``events[mask]`` is a copy. NumPy functions take an `EventArray` as that
+    structured array. Dense arrays for networks are methods: `voxel_grid` and others.
 
     Parameters
     ----------
@@ -91,6 +95,18 @@ class EventArray(Representable):
     ------
     ConfigError
         If the array cannot be read as events, is not sorted by time, or the size is not positive.
+
+    Examples
+    --------
+    >>> import evis
+    >>> columns = [5, 6, 35], [0, 1, 2], [0, 0, 0], [1, 0, 1]
+    >>> events = evis.EventArray.from_columns(*columns, width=3, height=1)
+    >>> len(events), events.sensor_size, events["x"].tolist()
+    (3, (3, 1), [0, 1, 2])
+    >>> events[events.p == 1].t.tolist(), events[1:].t.tolist()
+    ([5, 35], [6, 35])
+    >>> [int(event["t"]) for event in events]
+    [5, 6, 35]
     """
 
     __slots__ = ("_events", "_height", "_width")
@@ -162,6 +178,21 @@ class EventArray(Representable):
         return self._height
 
     @property
+    def sensor_size(self) -> tuple[int, int]:
+        """Width and height of the sensor in pixels."""
+        return self._width, self._height
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The dtype of an event, `EventCD`."""
+        return self._events.dtype
+
+    @property
+    def shape(self) -> tuple[int]:
+        """Number of events, as the shape (N,) of the structured array."""
+        return (len(self),)
+
+    @property
     def t(self) -> npt.NDArray[np.int64]:
         """Microseconds since the stream's start, int64 (N,); a view."""
         return self._events["t"]
@@ -191,6 +222,10 @@ class EventArray(Representable):
     def to_numpy(self) -> Events:
         """Return the structured array of dtype `EventCD`, shape (N,), without a copy."""
         return self._events
+
+    def tobytes(self) -> bytes:
+        """Return the bytes of the structured array, 16 per event, padding included."""
+        return self._events.tobytes()
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
         """Serve NumPy with the structured array."""
@@ -313,6 +348,62 @@ class EventArray(Representable):
     def __len__(self) -> int:
         """Count the events."""
         return int(self._events.shape[0])
+
+    @overload
+    def __getitem__(self, key: Literal["t", "x", "y", "p"]) -> npt.NDArray[Any]: ...
+    @overload
+    def __getitem__(self, key: int | np.integer[Any]) -> np.void: ...
+    @overload
+    def __getitem__(self, key: slice | npt.NDArray[Any] | Sequence[int] | Sequence[bool]) -> EventArray: ...
+    def __getitem__(self, key: Any) -> Any:
+        """Return a column, an event, or some of the events.
+
+        Parameters
+        ----------
+        key : str, int, slice, or array
+            ``"t"``, ``"x"``, ``"y"`` or ``"p"``: that column, a view. A number: that event, as a structured
+            scalar. A slice: those events, a view. A mask, bool (N,), or ascending indices: those events, a
+            copy.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such column, a mask has another shape than (N,), or the events would no longer be
+            sorted by time.
+        IndexError
+            If there is no such event.
+        """
+        if isinstance(key, str):
+            if key not in _COLUMNS:
+                raise ConfigError(f"events have no column '{key}'; there is {', '.join(_COLUMNS)}")
+            return self._events[key]
+        if hasattr(key, "__index__") and np.ndim(key) == 0:
+            return self._events[int(key)]
+        if not isinstance(key, slice):
+            key = np.asarray(key)
+            if key.dtype == np.bool_ and key.shape != self.shape:
+                raise ConfigError(
+                    f"the mask has shape {key.shape}; it must have that of the events, {self.shape}"
+                )
+            if key.ndim != 1 or key.dtype.kind not in "biu":
+                if key.size:
+                    raise ConfigError(
+                        f"the index has dtype {key.dtype} and shape {key.shape}; it must be a column's name, "
+                        "a number, a slice, a mask, or ascending indices (N,)"
+                    )
+                key = np.empty(0, np.intp)
+        events = self._events[key]
+        ascends = (key.step or 1) > 0 if isinstance(key, slice) else key.dtype == np.bool_
+        if not ascends and bool((events["t"][1:] < events["t"][:-1]).any()):
+            raise ConfigError(
+                "the index puts events out of order, and an EventArray is sorted by t; take the structured "
+                "array: events.to_numpy()[index]"
+            )
+        return EventArray._trusted(events, self._width, self._height)
+
+    def __iter__(self) -> Iterator[np.void]:
+        """Iterate over the events, structured scalars with the fields x, y, p and t; columns are faster."""
+        return iter(self._events)
 
     def __eq__(self, other: object) -> bool:
         """Compare size and events."""

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis, _io
+from ._bodies import Bodies, Instance, bodies_of
 from ._events import EventArray, EventCarrier, EventCD, as_event_cd
 from ._evis import ConfigError, EvisError, FormatError
 from ._packets import CAUSE, LABEL_KINDS, CameraInfo, Packet, Poses
@@ -135,6 +136,11 @@ class RecordedLabels(Sequence[npt.NDArray[Any]]):
             return [self[k] for k in range(*index.indices(len(self)))]
         return self._frame(index).data
 
+    def __repr__(self) -> str:
+        """Say what they are, how many, and when."""
+        when = f", t_us {self.t_us[0]} to {self.t_us[-1]}" if len(self) else ""
+        return f"RecordedLabels({self.kind!r}, {len(self)} images{when})"
+
     def interval_us(self, index: int) -> tuple[int, int]:
         """Return the time of image ``index``, and the other end of its flow or its exposure's start (us)."""
         frame = self._frame(index)
@@ -177,6 +183,11 @@ class RecordedView(EventCarrier):
     def __len__(self) -> int:
         """Count the events, without reading them."""
         return self._source.event_count(self._index)
+
+    def __repr__(self) -> str:
+        """Say which camera, how many events, and which labels."""
+        labels = f", labels {', '.join(self.labels)}" if self.labels else ""
+        return f"RecordedView({self.camera.name!r}, {len(self)} events{labels})"
 
     @cached_property
     def events(self) -> EventArray:
@@ -281,6 +292,23 @@ class Recording(EventCarrier, Mapping[str, RecordedView]):
     def __len__(self) -> int:
         """Count the cameras."""
         return len(self._views)
+
+    @cached_property
+    def bodies(self) -> Bodies | None:
+        """Objects and cameras, and their poses and velocities; None where the file names none.
+
+        Poses are there where ``pose_rate_hz`` (``--pose-rate``) was given.
+        """
+        source = self._source
+        if not isinstance(source, _evis.Recording):
+            return None
+        bodies = Bodies._of(source.bodies())
+        return bodies if bodies.names else None
+
+    @property
+    def instances(self) -> tuple[Instance, ...]:
+        """Objects by their ids in images of the label ``instance``; empty where the file names none."""
+        return () if self.bodies is None else self.bodies.instances
 
     @property
     def imus(self) -> Mapping[str, ImuSamples]:
@@ -498,6 +526,9 @@ class Writer:
         Replace files that exist.
     imus : sequence of str
         Names of inertial measurement units that `write_imu` brings samples of; HDF5 only.
+    pose_rate_hz : float, optional
+        Poses and velocities of objects and cameras per second, up to the end of the last packet
+        (`Recording.bodies`); none where not given. HDF5 only, and not where poses come from outside.
 
     Raises
     ------
@@ -526,6 +557,7 @@ class Writer:
         duration_us: int | None = None,
         overwrite: bool = False,
         imus: Sequence[str] = (),
+        pose_rate_hz: float | None = None,
     ) -> None:
         path = Path(path)
         self._format = _io.format_for(path)
@@ -536,6 +568,14 @@ class Writer:
             raise ConfigError(
                 f"simulator is {_check.shown(simulator)}; it must be the evis.Simulator of the packets"
             )
+        self._pose_rate_hz = _check.number_or_none("pose_rate_hz", pose_rate_hz)
+        if self._pose_rate_hz is not None:
+            if self._format != "hdf5":
+                raise ConfigError(f"{path.suffix} holds no poses; write to .h5, or leave pose_rate_hz away")
+            if simulator._driven:
+                raise ConfigError("pose_rate_hz is given, but poses come from outside; leave it away")
+            _evis.body_times(self._pose_rate_hz, 0, 0)
+        self._bodies_until_us = -1
         if self._format != "hdf5" and (len(simulator.cameras) > 1 or simulator.labels):
             raise ConfigError(
                 f"{path.suffix} holds the events of one camera; the simulator has {len(simulator.cameras)} "
@@ -579,9 +619,16 @@ class Writer:
                     labels=list(self._simulator.labels),
                     overwrite=self._overwrite,
                     imus=self._imus,
+                    bodies=self._bodies(environment, [])._infos(),
                 )
             )
         return self._writers
+
+    def _bodies(self, environment: int, t_us: list[int]) -> Bodies:
+        simulator = self._simulator
+        cameras = [camera.name for camera in simulator.cameras]
+        start_us = simulator._engine.start_us
+        return bodies_of(simulator.scene._raw, cameras, environment, start_us, t_us)
 
     def _open_events(self) -> list[_evis.EventFileWriter]:
         camera = self._simulator.cameras[0]
@@ -632,19 +679,26 @@ class Writer:
         if self._format != "hdf5":
             event_writers = self._open_events()
             for view in packet.views:
-                event_writers[view.environment].write(np.ascontiguousarray(view.events))
+                event_writers[view.environment].write(np.ascontiguousarray(view.events.to_numpy()))
             return
         writers = self._open()
         for view in packet.views:
             writer = writers[view.environment]
             camera = self._camera_index[view.camera.name]
-            writer.write_events(camera, np.ascontiguousarray(view.events), view.causes)
+            writer.write_events(camera, np.ascontiguousarray(view.events.to_numpy()), view.causes)
             for labels in view.labels.values():
                 for t_us, t_other_us, image in zip(
                     labels.t_us.tolist(), labels.t_other_us.tolist(), labels.images, strict=True
                 ):
                     writer.write_label(camera, labels.kind, t_us, t_other_us, image)
             writer.write_poses(camera, view.poses.t_us, view.poses.position, view.poses.rotation)
+        if self._pose_rate_hz is not None:
+            times = _evis.body_times(self._pose_rate_hz, self._bodies_until_us, packet.end_us)
+            self._bodies_until_us = packet.end_us
+            for environment, writer in enumerate(writers if times else []):
+                made = self._bodies(environment, times)
+                velocities = made.linear_velocity, made.angular_velocity
+                writer.write_bodies(made.t_us, made.position, made.rotation, *velocities)
         for name, amount in asdict(packet.report).items():
             self._totals[name] = self._totals.get(name, type(amount)()) + amount
 
@@ -687,6 +741,7 @@ def save(
     *,
     overwrite: bool = False,
     format: str | None = None,
+    pose_rate_hz: float | None = None,
 ) -> tuple[Path, ...]:
     """Write events to a file.
 
@@ -703,6 +758,8 @@ def save(
         Replace a file that exists.
     format : str, optional
         A key of `formats`, where the ending does not tell it: ``"evt2"``.
+    pose_rate_hz : float, optional
+        Of a stream: poses and velocities of objects and cameras per second, see `Writer`.
 
     Returns
     -------
@@ -727,9 +784,11 @@ def save(
                 "evis.EventArray, a mapping of them by camera, or an evis.Recording"
             )
     name = format if format is not None else _evis.format_of_ending(path)
+    if pose_rate_hz is not None and not (name == "hdf5" and isinstance(source, Stream)):
+        raise ConfigError("pose_rate_hz is given; it is for streams that are written to .h5")
     if name == "hdf5":
         if isinstance(source, Stream):
-            return _save_stream(path, source, overwrite)
+            return _save_stream(path, source, overwrite, pose_rate_hz)
         _check_free(path, overwrite)
         if isinstance(source, Recording):
             _save_recording(path, source, overwrite)
@@ -751,9 +810,15 @@ def _check_free(path: Path, overwrite: bool) -> None:
         raise FileExistsError(f"{path} exists; choose another name, or pass overwrite=True")
 
 
-def _save_stream(path: Path, stream: Stream, overwrite: bool) -> tuple[Path, ...]:
+def _save_stream(path: Path, stream: Stream, overwrite: bool, pose_rate_hz: float | None) -> tuple[Path, ...]:
     with stream:
-        writer = Writer(path, stream.simulator, duration_us=stream.end_us, overwrite=overwrite)
+        writer = Writer(
+            path,
+            stream.simulator,
+            duration_us=stream.end_us,
+            overwrite=overwrite,
+            pose_rate_hz=pose_rate_hz,
+        )
         paths = writer.paths
         with writer:
             for packet in stream:
@@ -788,6 +853,7 @@ def _save_cameras(path: Path, cameras: Mapping[str, EventArray], overwrite: bool
 
 
 def _save_recording(path: Path, recording: Recording, overwrite: bool) -> None:
+    bodies = recording.bodies
     writer = _evis.Writer(
         path,
         cameras=[asdict(camera) for camera in recording.cameras],
@@ -799,6 +865,7 @@ def _save_recording(path: Path, recording: Recording, overwrite: bool) -> None:
         t_offset_us=recording.t_offset_us,
         labels=list(recording.labels_present),
         overwrite=overwrite,
+        bodies=[] if bodies is None else bodies._infos(),
     )
     for index, view in enumerate(recording.values()):
         writer.write_events(index, view.events.to_numpy(), view.causes)
@@ -807,6 +874,9 @@ def _save_recording(path: Path, recording: Recording, overwrite: bool) -> None:
                 t_us, t_other_us = images.interval_us(position)
                 writer.write_label(index, kind, t_us, t_other_us, images[position])
         writer.write_poses(index, view.poses.t_us, view.poses.position, view.poses.rotation)
+    if bodies is not None:
+        velocities = bodies.linear_velocity, bodies.angular_velocity
+        writer.write_bodies(bodies.t_us, bodies.position, bodies.rotation, *velocities)
     writer.finish(json.dumps(recording.report or {}))
 
 
@@ -822,7 +892,7 @@ def _single(source: Stream | EventArray | Mapping[str, EventArray] | Recording) 
                     f"the stream has {len(cameras)} cameras in {environments} environments; this format "
                     "holds one camera: write to .h5"
                 )
-            parts = [packet.events for packet in source]
+            parts = [packet.events.to_numpy() for packet in source]
             events = np.concatenate(parts) if parts else np.empty(0, EventCD)
             return EventArray._trusted(events, cameras[0].width, cameras[0].height)
     if len(source) != 1:

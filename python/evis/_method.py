@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from . import _check
+from ._short import ShortRepr
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Warp:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Warp(ShortRepr):
     """How the instants between two keyframes come from both: those of a scene, and those that are pushed.
 
     Values are checked where a warp is used: when a `Simulator` is made, or in

@@ -10,7 +10,7 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from . import _evis
+from . import _check, _evis
 from ._events import EventArray, EventCarrier, EventCD, Events
 from ._evis import ConfigError, EvisError
 from .lens import Lens, distortion_of
@@ -69,6 +69,13 @@ class CameraInfo:
         """Intrinsic matrix, float64 (3, 3); x right, y down, z forward, pixel centres at +0.5."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
+    def __repr__(self) -> str:
+        """Say its name, size and focal lengths."""
+        lens = "" if self.distortion_model is None else f", {self.distortion_model}"
+        return (
+            f"CameraInfo({self.name!r}, {self.width}x{self.height}, fx {self.fx:.6g}, fy {self.fy:.6g}{lens})"
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Poses:
@@ -91,6 +98,11 @@ class Poses:
     def __len__(self) -> int:
         """Count the poses."""
         return len(self.t_us)
+
+    def __repr__(self) -> str:
+        """Count them, and say when."""
+        when = f", t_us {self.t_us[0]} to {self.t_us[-1]}" if len(self) else ""
+        return f"Poses({len(self)} poses{when})"
 
     @property
     def matrix(self) -> npt.NDArray[np.float64]:
@@ -181,8 +193,8 @@ class View(EventCarrier):
         Index of the environment.
     camera : CameraInfo
         The camera.
-    events : numpy.ndarray
-        `EventCD` (N,), sorted by (t, y, x); owns the engine's memory, never copied.
+    events : EventArray
+        Sorted by (t, y, x); holds the engine's memory, never copied.
     labels : mapping of str to Labels
         One entry per label asked for, also where no image falls into the packet.
     poses : Poses
@@ -194,7 +206,7 @@ class View(EventCarrier):
 
     environment: int
     camera: CameraInfo
-    events: Events
+    events: EventArray
     labels: Mapping[str, Labels]
     poses: Poses
     causes: npt.NDArray[np.uint8] | None = None
@@ -202,30 +214,31 @@ class View(EventCarrier):
     @property
     def t(self) -> npt.NDArray[np.int64]:
         """Microseconds since the stream's start, int64 (N,); a view of `events`."""
-        return self.events["t"]
+        return self.events.t
 
     @property
     def x(self) -> npt.NDArray[np.uint16]:
         """Columns, from the left, uint16 (N,); a view of `events`."""
-        return self.events["x"]
+        return self.events.x
 
     @property
     def y(self) -> npt.NDArray[np.uint16]:
         """Rows, from the top, uint16 (N,); a view of `events`."""
-        return self.events["y"]
+        return self.events.y
 
     @property
     def p(self) -> npt.NDArray[np.int16]:
         """Polarities, ON = 1 and OFF = 0, int16 (N,); a view of `events`."""
-        return self.events["p"]
-
-    @property
-    def event_array(self) -> EventArray:
-        """The events with the sensor's size; not copied."""
-        return EventArray._trusted(self.events, self.camera.width, self.camera.height)
+        return self.events.p
 
     def _event_array(self) -> EventArray:
-        return self.event_array
+        return self.events
+
+    def __repr__(self) -> str:
+        """Say whose events they are, and how many."""
+        labels = f", labels {', '.join(self.labels)}" if self.labels else ""
+        where = f"{self.camera.name!r}, environment {self.environment}"
+        return f"View({where}, {len(self.events)} events{labels})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,6 +297,30 @@ class Report:
     total_ms: float
 
 
+def _stacked(views: tuple[View, ...], kind: str, index: int) -> npt.NDArray[Any]:
+    """Stack one image of each view."""
+    images = []
+    for view in views:
+        if kind not in view.labels:
+            raise ConfigError(
+                f"the packet has no label {_check.shown(kind)}; it has {', '.join(view.labels) or 'none'} "
+                "(labels=[...] of the simulator)"
+            )
+        labels = view.labels[kind]
+        if not -len(labels) <= index < len(labels):
+            raise ConfigError(
+                f"index is {index}; this packet has {len(labels)} images of {kind} (label_rate_hz says how "
+                "often there is one)"
+            )
+        images.append(labels.images[index])
+    if len({image.shape for image in images}) > 1:
+        sizes = ", ".join(f"{view.camera.name} {view.camera.width}x{view.camera.height}" for view in views)
+        raise ConfigError(
+            f"cameras have different sizes ({sizes}); name one: camera='{views[0].camera.name}'"
+        )
+    return np.stack(images)
+
+
 class _OneView(EventCarrier):
     """Shortcuts that need exactly one view."""
 
@@ -301,7 +338,7 @@ class _OneView(EventCarrier):
         raise NotImplementedError
 
     def _event_array(self) -> EventArray:
-        return self.view.event_array
+        return self.view.events
 
     @property
     def t(self) -> npt.NDArray[np.int64]:
@@ -370,8 +407,8 @@ class EnvironmentPacket(_OneView, Mapping[str, View]):
         return next(iter(self._views.values()))
 
     @property
-    def events(self) -> Events | Any:
-        """`EventCD` (N,) with one camera; a mapping from camera names to such arrays with several."""
+    def events(self) -> EventArray | Any:
+        """`EventArray` with one camera; a mapping from camera names to such arrays with several."""
         if len(self._views) == 1:
             return self.view.events
         return {name: view.events for name, view in self._views.items()}
@@ -389,6 +426,10 @@ class EnvironmentPacket(_OneView, Mapping[str, View]):
         if len(self._views) == 1:
             return self.view.poses
         return {name: view.poses for name, view in self._views.items()}
+
+    def stack_labels(self, kind: str, index: int = -1) -> npt.NDArray[Any]:
+        """Return one image of each camera as (N, H, W) or (N, H, W, C): see `Packet.stack_labels`."""
+        return _stacked(tuple(self._views.values()), kind, index)
 
     def __repr__(self) -> str:
         """Count the events by camera."""
@@ -480,12 +521,38 @@ class Packet(_OneView):
         offsets = np.zeros(len(views) + 1, np.int64)
         np.cumsum([len(view.events) for view in views], out=offsets[1:])
         if len(views) == 1:
-            return views[0].events, offsets
+            return views[0].events.to_numpy(), offsets
         # The padding is zero, as the engine's.
         events: Events = np.zeros(int(offsets[-1]), EventCD)
         for begin, view in zip(offsets.tolist(), views, strict=False):
-            events[begin : begin + len(view.events)] = view.events
+            events[begin : begin + len(view.events)] = view.events.to_numpy()
         return events, offsets
+
+    def stack_labels(self, kind: str, index: int = -1, *, camera: str | None = None) -> npt.NDArray[Any]:
+        """Return one label image of each view as one array, as networks take batches.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of label, such as ``depth``; see `Labels`.
+        index : int
+            Which of the packet's images; the last one where not given. All views have theirs at equal times.
+        camera : str, optional
+            This camera alone, of every environment; every camera where not given.
+
+        Returns
+        -------
+        numpy.ndarray
+            (N, H, W), or (N, H, W, C) for flow, normals and HDR, in the order of `views`: environment by
+            environment, in each the cameras. A copy.
+
+        Raises
+        ------
+        ConfigError
+            If the packet has no such labels or image, there is no such camera, or cameras differ in size.
+        """
+        views = self.views if camera is None else tuple(each[camera] for each in self._environments)
+        return _stacked(views, kind, index)
 
     def __len__(self) -> int:
         """Count the environments."""
@@ -510,8 +577,8 @@ class Packet(_OneView):
         return self._only.view
 
     @property
-    def events(self) -> Events | Any:
-        """`EventCD` (N,) with one camera, a mapping by camera name with several; one environment only."""
+    def events(self) -> EventArray | Any:
+        """`EventArray` with one camera, a mapping by camera name with several; one environment only."""
         return self._only.events
 
     @property
@@ -557,5 +624,6 @@ def packet_from(raw: _evis.Packet, cameras: tuple[CameraInfo, ...], kinds: tuple
         images = tuple(kind for kind in kinds if kind != CAUSE)
         labels = labels_from(view.labels, images, (camera.width, camera.height))
         causes = view.causes if CAUSE in kinds else None
-        views.append(View(view.environment, camera, view.events, labels, Poses(*view.poses), causes))
+        events = EventArray._trusted(view.events, camera.width, camera.height)
+        views.append(View(view.environment, camera, events, labels, Poses(*view.poses), causes))
     return Packet(raw.start_us, raw.end_us, tuple(views), Report(**raw.report))

@@ -14,14 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis, _toml
+from ._bodies import Bodies, Instance, bodies_of
 from ._evis import ConfigError
 from ._sensor import Sensor
+from ._short import ShortRepr
 from .lens import Distortion, Fisheye, RadialTangential
 from .motion import HERE, Placement, fields_of, table_of
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EventCamera:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class EventCamera(ShortRepr):
     """An event camera that looks along its -Z, with +Y up (glTF axes), in metres.
 
     The lens is a vertical field of view or intrinsics, not both; with intrinsics it may have a distortion.
@@ -279,6 +281,42 @@ class Scene:
     def nodes(self) -> tuple[str, ...]:
         """Names of the scene's nodes, parents before children."""
         return tuple(self._raw.nodes)
+
+    @property
+    def instances(self) -> tuple[Instance, ...]:
+        """The objects by their ids in images of the label ``instance``, with names and semantic ids."""
+        return bodies_of(self._raw, [], 0, 0, []).instances
+
+    def bodies(
+        self, t_us: npt.ArrayLike = (), *, cameras: Sequence[str] | None = None, environment: int = 0
+    ) -> Bodies:
+        """Return where objects and cameras are and how they move, exactly, at any times.
+
+        Parameters
+        ----------
+        t_us : array_like of int, shape (T,)
+            Scene times in microseconds.
+        cameras : sequence of str, optional
+            Names of cameras; all of the scene's where not given.
+        environment : int
+            Which environment.
+
+        Returns
+        -------
+        Bodies
+            Velocities are central differences over 1 ms of exact poses: at a jump, the mean over it.
+
+        Raises
+        ------
+        ConfigError
+            If a time is no whole number, or a camera or the environment does not exist.
+        """
+        times = [_check.time_us("t_us", time) for time in _check.items("t_us", t_us, "[0, 10_000]")]
+        names = list(self.cameras) if cameras is None else _check.names("cameras", cameras)
+        for name in names:
+            if name not in self.cameras:
+                raise ConfigError(f"no camera named '{name}'; there is {', '.join(self.cameras)}")
+        return bodies_of(self._raw, names, _check.whole("environment", environment), 0, times)
 
     @property
     def environments(self) -> int:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from . import _check, _evis
 from ._evis import ConfigError
+from ._short import ShortRepr
 
 Trigger: TypeAlias = Literal["crossing", "latch", "difference"]
 """``crossing``: every crossing at its own time; ``latch``: at most one event per pixel and sample;
@@ -21,8 +23,8 @@ Times: TypeAlias = Literal["crossing", "sample", "even", "shared"]
 """When the events of an interval happen: at crossings, at its end, evenly, or as v2e shares them."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Exposure:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class Exposure(ShortRepr):
     """What pixels see: frames of light, each the mean of linear light over an exposure, in its place.
 
     The EVIS paper's option of letting events see motion-blurred frames. Real pixels have a bandwidth
@@ -42,8 +44,8 @@ class Exposure:
     period_us: int = 0
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Photoreceptor:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class Photoreceptor(ShortRepr):
     """From light to the signal that the trigger sees.
 
     Attributes
@@ -86,8 +88,8 @@ class Photoreceptor:
     noise: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Pattern:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class Pattern(ShortRepr):
     """What differs from pixel to pixel.
 
     Attributes
@@ -116,8 +118,8 @@ class Pattern:
     start: Literal["signal", "phase"] = "signal"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Noise:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class Noise(ShortRepr):
     """Events without a cause in the scene; rates are means over pixels, in events per second.
 
     Attributes
@@ -174,8 +176,8 @@ class Noise:
     alternation: float = -1.0
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Refractory:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class Refractory(ShortRepr):
     """Silence after an event.
 
     Attributes
@@ -192,8 +194,8 @@ class Refractory:
     rule: Literal["suppress", "defer", "hold"] = "suppress"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Readout:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class Readout(ShortRepr):
     """From the pixel to the wire.
 
     Attributes
@@ -242,8 +244,8 @@ class Diffusion:
     k6: float
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Sensor:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class Sensor(ShortRepr):
     """An event sensor: thresholds, and stages that are off unless asked for.
 
     A pixel's signal is ``ln(Y / Y_ref + log_eps)`` with the luminance Y = 0.2126 R + 0.7152 G + 0.0722 B
@@ -416,6 +418,20 @@ class Sensor:
         """Whether every stage beyond the thresholds is off."""
         return _evis.sensor_check(self._json())[1]
 
+    def __repr__(self) -> str:
+        """Name the preset that is nearest, and what differs from it."""
+        own = _values(self)
+        near, least = "", _differences(own, _values(Sensor()))
+        for name, preset in _presets().items():
+            differ = _differences(own, preset)
+            # What is not much nearer to a preset than to an ideal sensor says so in its own terms.
+            if len(differ) < (len(least) if near else len(least) - 2 * bool(differ)):
+                near, least = name, differ
+        if not near:
+            return ShortRepr.__repr__(self)
+        shown = ", ".join(f"{path}={value!r}" for path, value in least.items())
+        return f"Sensor.preset({near!r}){' with ' if shown else ''}{shown}"
+
     def _json(self) -> str:
         return json.dumps(_check.plain(self))
 
@@ -433,6 +449,27 @@ class Sensor:
             "diffusion": None if diffusion is None else Diffusion(**diffusion),
         }
         return cls(**{**values, **stages})
+
+
+def _values(value: Any, path: str = "") -> dict[str, Any]:
+    """Return the settings of a sensor by path."""
+    found: dict[str, Any] = {}
+    for field_ in fields(value):
+        own = getattr(value, field_.name)
+        if isinstance(own, ShortRepr):
+            found |= _values(own, f"{field_.name}.")
+        else:
+            found[path + field_.name] = own
+    return found
+
+
+def _differences(own: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+    return {path: value for path, value in own.items() if value != other[path]}
+
+
+@cache
+def _presets() -> dict[str, dict[str, Any]]:
+    return {name: _values(Sensor.preset(name)) for name in Sensor.presets()}
 
 
 def sensor_of(sensor: Any, what: str = "sensor") -> Sensor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from . import _check, _evis, _method
-from ._evis import ConfigError
+from ._evis import ConfigError, EvisError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
 from ._poses import node_jumps, node_poses
@@ -255,7 +256,7 @@ class Simulator:
             audit=_check.number_or_none("audit", audit),
             cameras=names,
             size=None if size is None else _check.size(size),
-            start_us=None if start is None else _check.micros("start", start),
+            start_us=None if start is None else _start_us(start),
             seed=None if seed is None else _check.whole("seed", seed, 0, 2**63 - 1),
             labels=[str(label) for label in _check.items("labels", labels, "['depth', 'flow']")],
             label_rate_hz=_check.number_or_none("label_rate_hz", label_rate_hz),
@@ -264,12 +265,14 @@ class Simulator:
             if exposure_us is None
             else _check.whole("exposure_us", exposure_us, 0, _check.MOST_US, " microseconds"),
             camera_motion=motion_text(camera_motion),
-            camera_speed=_check.number_or_none("camera_speed", camera_speed, " pixels per second"),
+            camera_speed=None if camera_speed is None else _speed(camera_speed),
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             poses=list(self._driven),
             pose_step_us=None if pose_step_us is None else _check.time_us("pose_step_us", pose_step_us),
         )
-        self._engine = _evis.Simulator(scene._raw, request, _selector(device))
+        self._engine_of = (scene._raw, request, _selector(device))
+        self._engine = _evis.Simulator(*self._engine_of)
+        self._stream: weakref.ref[Stream] | None = None
         raw = self._engine.scene
         applied = raw.camera_motion
         if applied is None or applied == scene._raw.camera_motion:
@@ -353,8 +356,24 @@ class Simulator:
 
     @property
     def now_us(self) -> int:
-        """Stream time up to which `step` has come, in microseconds."""
-        return self._engine.now_us
+        """Stream time up to which `step` has come, in microseconds; 0 again after a stream."""
+        return 0 if self._stream is not None and not self._streams() else self._engine.now_us
+
+    def _streams(self) -> bool:
+        """Whether a stream has the engine now."""
+        stream = None if self._stream is None else self._stream()
+        return stream is not None and not stream._ended
+
+    def _own_engine(self) -> _evis.Simulator:
+        """Return the engine; after a stream, a new one at the start."""
+        if self._streams():
+            raise EvisError(
+                "a stream has this simulator's engine; close the stream (with sim.stream(...) as stream), "
+                "read it to its end, or make another Simulator of the scene"
+            )
+        if self._stream is not None:
+            self._engine, self._stream = _evis.Simulator(*self._engine_of), None
+        return self._engine
 
     def step(
         self,
@@ -399,13 +418,13 @@ class Simulator:
         DeviceError
             If the device failed.
         EvisError
-            If a stream has taken the engine.
+            If a stream of this simulator runs.
         """
         until = _check.time_us("until_us", until_us)
         given = None
         if poses is not None:
             given = node_poses(self._driven, self.environments, until, poses, pose_times_us, velocities)
-        return packet_from(self._engine.step(until, given), self._cameras, self._labels)
+        return packet_from(self._own_engine().step(until, given), self._cameras, self._labels)
 
     def reset(
         self,
@@ -443,7 +462,7 @@ class Simulator:
         DeviceError
             If the device failed.
         EvisError
-            If a stream has taken the engine.
+            If a stream of this simulator runs.
         """
         if env_ids is None:
             environments = list(range(self.environments))
@@ -464,7 +483,7 @@ class Simulator:
             )
             seeds = [_check.whole("seed", one, 0, 2**63 - 1) for one in each]
         jumps = [] if poses is None else node_jumps(self._driven, environments, poses)
-        self._engine.reset(environments, seeds, jumps)
+        self._own_engine().reset(environments, seeds, jumps)
 
     def stream(
         self,
@@ -475,8 +494,9 @@ class Simulator:
     ) -> Stream:
         """Stream packets, rendered ahead while Python works.
 
-        The stream takes the engine: afterwards this simulator neither steps nor streams. Events and labels
-        do not depend on ``packet_us``. Ctrl-C stops between intervals.
+        A stream begins where `step` has come. While it runs, this simulator neither steps nor streams. Once
+        it has ended or was closed, the simulator is at its start again: the next stream gives the same bytes.
+        Events and labels do not depend on ``packet_us``. Ctrl-C stops between intervals.
 
         Parameters
         ----------
@@ -498,8 +518,9 @@ class Simulator:
         ConfigError
             If a value is not positive, or the scene has no end and no duration is given.
         EvisError
-            If a stream has taken the engine before.
+            If another stream of this simulator runs.
         """
+        own = self._own_engine()
         if duration is None:
             end = self._scene.duration
             if end is None:
@@ -512,8 +533,11 @@ class Simulator:
         else:
             left_us = _check.duration_us("duration", duration)
         end_us = self.now_us + left_us
-        engine = self._engine.stream(left_us, _check.time_us("packet_us", packet_us))
-        return Stream(self, engine, end_us, progress)
+        engine = own.stream(left_us, _check.time_us("packet_us", packet_us))
+        stream = Stream(self, engine, end_us, progress)
+        # Weakly: a stream that nobody reads any more gives the engine back.
+        self._stream = weakref.ref(stream)
+        return stream
 
     def __repr__(self) -> str:
         """Say what renders where."""
@@ -564,6 +588,7 @@ class Stream(Iterator[Packet]):
         self._engine = engine
         self._last_us = -1
         self._events: int | None = 0
+        self._ended = False
 
     @property
     def simulator(self) -> Simulator:
@@ -580,11 +605,16 @@ class Stream(Iterator[Packet]):
         try:
             raw = next(self._engine)
         except StopIteration:
+            self._ended = True
             if self._bar is not None:
                 self._bar.close()
             if self._last_us == self._end_us and self._events == 0:
                 warnings.warn(NO_EVENT, stacklevel=2)
                 self._events = None
+            raise
+        except BaseException:
+            # Ctrl-C and failures end the engine too.
+            self._ended = True
             raise
         packet = packet_from(raw, self._simulator.cameras, self._simulator.labels)
         if self._events is not None:
@@ -607,6 +637,12 @@ class Stream(Iterator[Packet]):
         if self._bar is not None:
             self._bar.close()
         self._engine.close()
+        self._ended = True
+
+    def __repr__(self) -> str:
+        """Say where it is, and of which simulator."""
+        at = "ended" if self._ended else f"at {max(self._last_us, self._start_us)} us"
+        return f"Stream({at} of {self._start_us} to {self._end_us} us, {self._simulator!r})"
 
     def __enter__(self) -> Stream:
         """Return the stream."""
@@ -658,6 +694,20 @@ def _by_camera(sensors: Mapping[str, Sensor | str]) -> dict[str, str]:
             raise ConfigError(f"camera '{camera}': {error}") from None
         checked[camera] = own._json()
     return checked
+
+
+def _start_us(start: Any) -> int:
+    start_us = _check.micros("start", start)
+    if not 0 <= start_us <= 86_400_000_000:
+        raise ConfigError(f"start is {start}; it must be between 0 and 86400 seconds")
+    return start_us
+
+
+def _speed(camera_speed: Any) -> float:
+    speed = _check.number("camera_speed", camera_speed, " pixels per second")
+    if not 0.01 <= speed <= 100_000:
+        raise ConfigError(f"camera_speed is {speed:g}; it must be from 0.01 to 100000 pixels per second")
+    return speed
 
 
 def _word(value: object) -> str | None:

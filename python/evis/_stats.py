@@ -158,7 +158,7 @@ def statistics(source: Source, *, duration: float | None = None) -> Statistics:
     Examples
     --------
     >>> import evis
-    >>> events = evis.static_scene("gen4-like", 64, 48, duration=2.0)
+    >>> events = evis.measure.static_scene("gen4-like", 64, 48, duration=2.0)
     >>> 0 <= evis.statistics(events).cold_rate_hz < 1
     True
     """
@@ -308,7 +308,7 @@ def calibrate(
         If there are too few events, or the recording is not in step with the stimulus.
 
     >>> import evis
-    >>> events = evis.static_scene("v2e-noisy", 64, 48, duration=1.0)
+    >>> events = evis.measure.static_scene("v2e-noisy", 64, 48, duration=1.0)
     >>> print(round(float(evis.calibrate(events).found[0].value), 1))
     2.2
     """
@@ -425,7 +425,8 @@ def compare(a: Source, b: Source, *, duration: float | None = None) -> Compariso
     Examples
     --------
     >>> import evis
-    >>> a, b = (evis.static_scene(name, 64, 48, duration=1.0) for name in ("v2e-noisy", "dvxplorer-like"))
+    >>> names = "v2e-noisy", "dvxplorer-like"
+    >>> a, b = (evis.measure.static_scene(name, 64, 48, duration=1.0) for name in names)
     >>> comparison = evis.compare(a, b)
     >>> comparison.a.cold_rate_hz > comparison.b.cold_rate_hz
     True

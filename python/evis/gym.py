@@ -179,7 +179,7 @@ class _Batch:
         return packet, reward, terminated, truncated, held
 
     def window(self, packet: Packet, environment: int) -> EventWindow:
-        events = packet[environment][self.camera].events
+        events = packet[environment][self.camera].events.to_numpy()
         return EventWindow._of(events, *self.size, packet.start_us, packet.end_us)
 
     def observe(self, window: EventWindow) -> npt.NDArray[Any]:

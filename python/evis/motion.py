@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from . import _check
 from ._evis import ConfigError
+from ._short import ShortRepr
 
 Vector: TypeAlias = Sequence[float] | npt.NDArray[np.floating[Any]]
 Interpolation: TypeAlias = Literal["linear", "catmull_rom", "hermite"]
@@ -198,8 +199,8 @@ class Chain(_Motion):
 Motion: TypeAlias = ConstantVelocity | Spin | FigureEight | Ballistic | Trajectory | Keys | Chain
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Placement:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class Placement(ShortRepr):
     """Where something is, what it hangs on, and how it moves.
 
     Attributes

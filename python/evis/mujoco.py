@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from . import _check, _shapes
 from ._builder import SceneBuilder
-from ._events import EventCD
+from ._events import EventArray, EventCD
 from ._evis import ConfigError, srgb_table
 from ._glb import Glb
 from ._packets import CameraInfo, Packet
@@ -329,9 +329,9 @@ class EventRenderer:
 
         Returns
         -------
-        array or list of array
+        EventArray or list of EventArray
             Events of the camera that is shown, as `evis.Packet.events`: t in microseconds since the first
-            observation, x, y, p. With several environments a list of one array for each.
+            observation. With several environments a list of one for each.
 
         Raises
         ------
@@ -342,8 +342,9 @@ class EventRenderer:
         now_us = self._simulator.now_us
         until_us = 0 if not self._knots else self._knots[-1].t_us // self._step_us * self._step_us
         if until_us <= now_us:
-            none = np.zeros(0, EventCD)
-            return none if self._count == 1 else [none.copy() for _ in range(self._count)]
+            camera = self._simulator.cameras[self._shown]
+            none = EventArray(np.zeros(0, EventCD), width=camera.width, height=camera.height)
+            return none if self._count == 1 else [none] * self._count
         times, poses = self._until(until_us, now_us)
         given = {frame.name: poses[:, :, i] for i, frame in enumerate(self._frames)}
         if given:

@@ -247,6 +247,42 @@ class Rig:
             )
         return tuple(made)
 
+    def transform(self, destination: str, source: str) -> npt.NDArray[np.float64]:
+        """Return ``destination_from_source`` of two cameras, float64 (4, 4).
+
+        It takes points, in metres, from the axes of the camera ``source`` to those of ``destination``:
+        glTF's, x right, y up, -z forward.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such camera.
+        """
+        moved = np.linalg.solve(self.camera(destination).pose, self.camera(source).pose)
+        return np.asarray(moved, np.float64)
+
+    @property
+    def T_right_left(self) -> npt.NDArray[np.float64]:  # noqa: N802 - the field's name for it
+        """Of a rig of two cameras, ``right_from_left`` in OpenCV's axes, float64 (4, 4).
+
+        It takes points, in metres, from the left camera's axes (x right, y down, z forward) to the right
+        one's: Kalibr's ``T_cn_cnm1`` of the second camera, R and T of OpenCV's ``stereoRectify``. The first
+        camera is the left one.
+
+        Raises
+        ------
+        ConfigError
+            If there are not two cameras; `transform` takes names.
+        """
+        if len(self.cameras) != 2:
+            raise ConfigError(
+                f"T_right_left is of two cameras; the rig has {len(self.cameras)}: use transform(to, of)"
+            )
+        left, right = (camera.name for camera in self.cameras)
+        flip = np.diag([1.0, -1.0, -1.0, 1.0])
+        made: npt.NDArray[np.float64] = flip @ self.transform(right, left) @ flip
+        return made
+
     def camera(self, name: str) -> RigCamera:
         """Return the camera of this name.
 

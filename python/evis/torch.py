@@ -75,7 +75,7 @@ def event_tensors(events: npt.ArrayLike) -> dict[str, torch.Tensor]:
     Parameters
     ----------
     events : array_like
-        What `evis.as_event_cd` takes: an `EventArray`, a structured array.
+        What `evis.events.as_event_cd` takes: an `EventArray`, a structured array.
 
     Returns
     -------
@@ -541,7 +541,7 @@ class SimulatedDataset(IterableDataset[Any]):
             )
         begin_us = simulator.now_us
         packet = simulator.step(begin_us + self._duration_us)
-        events = packet.view.event_array
+        events = packet.view.events
         data: Any
         if self._representation is None:
             data = tonic_events(events)

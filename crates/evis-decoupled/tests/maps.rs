@@ -188,7 +188,7 @@ fn mapped_surfaces_fire_as_rays_say() {
         TruthSettings { size, duration_us, pixels: PixelChoice::Count(250), ..TruthSettings::default() };
     let truth = truth(&scene, &asked, &|_| true).unwrap();
     let f1 = |scene: &Scene| {
-        let reference_luminance = Some(f64::from(truth.reference_luminance));
+        let reference_luminance = Some(truth.reference_luminance);
         let settings = Settings { size, duration_us, reference_luminance, ..Settings::default() };
         let events = simulate(scene, &settings).unwrap().events;
         let found = score(&events, &truth, &ScoreSettings::default()).unwrap();

@@ -1,5 +1,6 @@
 //! The Python module `evis._evis`: converts in, enters the engine through one door, converts out.
 
+mod bodies;
 mod chart;
 mod door;
 mod emulator;
@@ -28,6 +29,8 @@ mod _evis {
     use crate::door::EnterEngine;
     use crate::errors::Failure;
 
+    #[pymodule_export]
+    use crate::bodies::{body_times, scene_bodies};
     #[pymodule_export]
     use crate::chart::{chart, chart_cache, chart_ladder, check_chart, draw_chart, recommend_chart};
     #[pymodule_export]

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use evis_core::format::hdf5::{self, RecordingHeader, RecordingWriter};
+use evis_core::format::hdf5::{self, RecordingExtras, RecordingHeader, RecordingWriter};
 use evis_core::{LabelData, LabelFrame, PoseSample};
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArrayDyn};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::bodies;
 use crate::door::{EnterEngine, Owned, lock, usable};
 use crate::engine;
 use crate::errors::Failure;
@@ -53,7 +54,7 @@ impl Writer {
     #[new]
     #[pyo3(signature = (
         path, *, cameras, seed, method, environment, config_toml, duration_us, t_offset_us, labels, overwrite,
-        imus=Vec::new()
+        imus=Vec::new(), bodies=Vec::new()
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per field of the header")]
     fn new(
@@ -69,6 +70,7 @@ impl Writer {
         labels: Vec<String>,
         overwrite: bool,
         imus: Vec<String>,
+        bodies: Vec<bodies::Info>,
     ) -> PyResult<Self> {
         let header = RecordingHeader {
             cameras: cameras.iter().map(engine::camera_info).collect::<PyResult<_>>()?,
@@ -80,8 +82,9 @@ impl Writer {
             t_offset_us,
             labels: engine::labels(&labels)?,
         };
+        let extras = RecordingExtras { imus, bodies: bodies::infos_of(bodies) };
         let writer =
-            py.enter_engine(|| RecordingWriter::create_with_imus(&path, &header, &imus, overwrite))?;
+            py.enter_engine(|| RecordingWriter::create_with_extras(&path, &header, &extras, overwrite))?;
         Ok(Self { writer: Owned::new(Mutex::new(Some(writer))) })
     }
 
@@ -148,6 +151,23 @@ impl Writer {
     ) -> PyResult<()> {
         let samples = lens::imu_samples(&t_us, &accelerometer, &gyroscope)?;
         self.with(py, |writer| writer.write_imu(index, &samples))
+    }
+
+    /// Appends where all bodies are: times (T,), positions (T, N, 3), rotations (T, N, 4), velocities (T, N, 3).
+    fn write_bodies(
+        &self,
+        py: Python<'_>,
+        t_us: PyReadonlyArray1<'_, i64>,
+        position: PyReadonlyArray3<'_, f64>,
+        rotation: PyReadonlyArray3<'_, f64>,
+        linear_velocity: PyReadonlyArray3<'_, f64>,
+        angular_velocity: PyReadonlyArray3<'_, f64>,
+    ) -> PyResult<()> {
+        let samples = bodies::samples(&position, &rotation, &linear_velocity, &angular_velocity)?;
+        let times = t_us.as_array().to_vec();
+        self.with(py, |writer| {
+            times.iter().zip(&samples).try_for_each(|(t, samples)| writer.write_bodies(*t, samples))
+        })
     }
 
     /// Writes the report and closes the file.
@@ -276,6 +296,11 @@ impl Recording {
     /// Samples of the inertial measurement unit `name`.
     fn imu<'py>(&self, py: Python<'py>, name: &str) -> PyResult<lens::ImuColumns<'py>> {
         Ok(lens::imu_columns(py, &py.enter_alone(|| self.0.imu(name))?))
+    }
+
+    /// Objects and cameras, and where they are.
+    fn bodies<'py>(&self, py: Python<'py>) -> PyResult<bodies::Columns<'py>> {
+        Ok(bodies::columns(py, py.enter_alone(|| self.0.bodies())?))
     }
 
     fn poses(&self, py: Python<'_>, camera: usize) -> PyResult<Py<PyAny>> {

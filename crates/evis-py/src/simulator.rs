@@ -224,11 +224,7 @@ fn host_poses((environment, node, times, values, velocities): NodePoses) -> (usi
 }
 
 fn taken() -> Failure {
-    Failure::Engine(
-        "this simulator's engine went to its stream; a new stream needs a new Simulator (the scene can be \
-         shared)"
-            .into(),
-    )
+    Failure::Engine("a stream has this simulator's engine; close the stream, or read it to its end".into())
 }
 
 #[pymethods]

@@ -45,6 +45,15 @@ pub use engine::{PacketStream, Simulator};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
-pub use output::{Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes, ViewPacket};
+pub use output::{Bodies, BodyTimes, Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes, ViewPacket};
 pub use request::{RunRequest, SamplingRequest, Settled, quality, settings};
 pub use sampling::audit;
+/// The version that [`Gpu::from_device`] takes devices of.
+pub use wgpu;
+
+/// What a program that embeds the engine needs first: `use evis_render::prelude::*;`.
+pub mod prelude {
+    pub use evis_core::{CameraInfo, Event, Polarity, SensorConfig};
+
+    pub use crate::{EngineError, Gpu, Packet, Quality, RunConfig, RunRequest, Simulator, ViewPacket, scene};
+}

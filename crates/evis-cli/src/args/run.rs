@@ -101,6 +101,12 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, help_heading = "Labels")]
     pub(crate) label_rate: Option<f64>,
 
+    /// Poses and velocities of objects and cameras per second [default: none]
+    ///
+    /// They go to the group `bodies`, up to the end of the stream; names, ids and boxes of objects are there in any case.
+    #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, help_heading = "Labels", hide_short_help = true)]
+    pub(crate) pose_rate: Option<f64>,
+
     /// Preset (see `sensors`) or TOML file [default: the scene's, or ideal]
     ///
     /// CAMERA=PRESET or CAMERA=FILE is for one camera; repeat it for another. The flags below override it.

@@ -1,11 +1,13 @@
 //! The stream on its way into files.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_render::{Packet, RunConfig, Simulator};
+use evis_core::format::hdf5::{RecordingExtras, RecordingHeader, RecordingWriter};
+use evis_render::{Bodies, BodyTimes, Packet, RunConfig, Simulator};
+use evis_scene::Scene;
 
 use super::settings::PACKET_US;
 use super::tally::Tally;
@@ -36,8 +38,34 @@ fn forecast_line(config: &RunConfig, measured: &Measured, duration_us: i64) -> S
     )
 }
 
+/// What moves in the stream's scene.
+pub(super) struct Moving {
+    scene: Arc<Scene>,
+    /// One per environment.
+    bodies: Vec<Bodies>,
+    /// When they are sampled, where that was asked for.
+    times: Option<BodyTimes>,
+}
+
+impl Moving {
+    /// Objects of `scene`, and the cameras of `simulator`, `rate_hz` times per second.
+    pub(super) fn new(
+        scene: Arc<Scene>,
+        simulator: &Simulator,
+        rate_hz: Option<f64>,
+    ) -> anyhow::Result<Self> {
+        let start_us = simulator.config().start_us;
+        let cameras = || simulator.cameras().iter().map(|camera| camera.name.as_str());
+        let bodies = (0..simulator.environments())
+            .map(|environment| Bodies::new(&scene, cameras(), environment, start_us))
+            .collect::<Result<_, _>>()?;
+        Ok(Self { scene, bodies, times: rate_hz.map(BodyTimes::new).transpose()? })
+    }
+}
+
 /// The stream on its way into the files.
 pub(super) struct Job {
+    pub(super) moving: Moving,
     /// One per environment, as are `outputs` and `writers`.
     pub(super) headers: Vec<RecordingHeader>,
     pub(super) tally: Tally,
@@ -86,8 +114,10 @@ impl Job {
     }
 
     fn create_writers(&mut self) -> anyhow::Result<()> {
-        for (path, header) in self.outputs.iter().zip(&self.headers).skip(self.writers.len()) {
-            self.writers.push(RecordingWriter::create(path, header, self.overwrite)?);
+        let files = self.outputs.iter().zip(&self.headers).zip(&self.moving.bodies);
+        for ((path, header), bodies) in files.skip(self.writers.len()) {
+            let extras = RecordingExtras { bodies: bodies.infos().to_vec(), ..RecordingExtras::default() };
+            self.writers.push(RecordingWriter::create_with_extras(path, header, &extras, self.overwrite)?);
         }
         Ok(())
     }
@@ -105,6 +135,12 @@ impl Job {
             }
             for pose in &view.poses {
                 writer.write_pose(view.camera, pose)?;
+            }
+        }
+        let Moving { scene, bodies, times } = &mut self.moving;
+        for t_us in times.as_mut().map_or_else(Vec::new, |times| times.advance(packet.end_us)) {
+            for (bodies, writer) in bodies.iter_mut().zip(&mut self.writers) {
+                writer.write_bodies(t_us, &bodies.at(scene, t_us))?;
             }
         }
         if self.flushed.elapsed() >= FLUSH_EVERY {

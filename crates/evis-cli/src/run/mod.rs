@@ -22,7 +22,7 @@ use crate::trace::Trace;
 use crate::warnings::Warnings;
 use crate::{flags, scene_source, sensor_source, text};
 
-use job::Job;
+use job::{Job, Moving};
 use report::Report;
 use settings::{PACKET_US, Settings, headers};
 use tally::Tally;
@@ -77,7 +77,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     for note in notes {
         text::complain(&format!("quality: {note}"));
     }
-    let simulator = Simulator::new(gpu.as_ref(), scene, config)?;
+    let simulator = Simulator::new(gpu.as_ref(), Arc::clone(&scene), config)?;
     let settings = Settings {
         evis: env!("CARGO_PKG_VERSION"),
         scene: args.scene.clone(),
@@ -89,6 +89,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         run: simulator.config().clone(),
     };
     let mut job = Job {
+        moving: Moving::new(scene, &simulator, args.pose_rate)?,
         headers: headers(&settings, simulator.cameras())?,
         tally: Tally::new(environments, simulator.cameras()),
         outputs,

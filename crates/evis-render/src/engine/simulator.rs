@@ -1,5 +1,6 @@
 //! The simulator: a scene, its cameras and a device; yields packets.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -195,6 +196,28 @@ impl Simulator {
             return self.step_with_poses(until_us, &[]);
         }
         self.source.deliver(until_us, until_us)
+    }
+
+    /// Steps on this thread, `packet_us` at a time, and gives each packet to `on_packet`, until `until_us` or until it breaks.
+    /// Returns the stream time that was reached.
+    ///
+    /// # Errors
+    /// As [`Simulator::step`]; a `packet_us` that is not above 0.
+    pub fn run_until(
+        &mut self,
+        until_us: i64,
+        packet_us: i64,
+        mut on_packet: impl FnMut(&Packet) -> ControlFlow<()>,
+    ) -> Result<i64, EngineError> {
+        if packet_us <= 0 {
+            return Err(ConfigError::new("packet_us", packet_us, "above 0 microseconds").into());
+        }
+        loop {
+            let packet = self.step(self.now_us().saturating_add(packet_us).min(until_us))?;
+            if on_packet(&packet).is_break() || packet.end_us >= until_us {
+                return Ok(packet.end_us);
+            }
+        }
     }
 
     /// As [`Simulator::step`], where a host moves nodes ([`Scene::drive`]): `poses` tells where they are during the step, by

@@ -1,10 +1,12 @@
 //! What a run delivers: packets of events, with labels and frames.
 
+pub mod bodies;
 pub mod frames;
 pub mod imu;
 pub mod labels;
 pub mod packet;
 pub mod poses;
 
+pub use bodies::{Bodies, BodyTimes};
 pub use imu::{Imu, ImuConfig, ImuNoise};
 pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};

@@ -10,11 +10,16 @@
 //! /<camera>/labels/frame    frame_t_us is an exposure's middle, frame_t_other_us its start, frame_t_end_us its end
 //! /<camera>/poses/{t_us (T), position (T, 3), rotation_xyzw (T, 4)}
 //! /<camera>/intrinsics/{fx, fy, cx, cy f64, width, height i64}
+//! /<camera>/labels/{instance_ids u32, instance_names}   with instance labels: names of the ids
+//! /bodies/{name, instance_id u32, semantic_id u32, box_min, box_max}   objects and cameras (N)
+//! /bodies/{t_us (T), position, linear_velocity, angular_velocity (T, N, 3), rotation_xyzw (T, N, 4)}
 //! /evis/{seed u64, environment u32, complete u8}        attributes version, method
 //! /evis/{cameras, config_toml}                          strings
 //! /evis/header_hash u64                                 FNV-1a of what the writer said about the recording
 //! /evis/report_json                                     u8, UTF-8 text, written at the end
 //! ```
+//! Every data set has the attributes `units` and `description`.
+//!
 //! With exactly one camera `/events`, `/ms_to_idx` and `/t_offset` are hard links to that camera's, so
 //! that DSEC readers open the file unchanged. The file's attributes `width` and `height` are those of
 //! the first camera.
@@ -30,6 +35,7 @@ mod reader;
 mod repair;
 mod store;
 mod truth;
+mod units;
 mod writer;
 
 use std::hash::Hasher as _;
@@ -42,7 +48,7 @@ use crate::packet::{CameraInfo, LabelData, LabelKind};
 pub use reader::Recording;
 pub use repair::{Hole, RepairReport, check, repair};
 pub use truth::stored_sensor;
-pub use writer::RecordingWriter;
+pub use writer::{RecordingExtras, RecordingWriter};
 
 /// Version of the layout, in the attribute `/evis@version`.
 pub const LAYOUT_VERSION: &str = "1";
@@ -54,7 +60,7 @@ const GZIP_LEVEL: u32 = 2;
 /// Deflate expands at most 1032 times; a data set that promises more than this cannot be in the file.
 const LARGEST_EXPANSION: u64 = 1100;
 /// Names that a camera may not have, since the root group uses them.
-const RESERVED_NAMES: [&str; 6] = ["events", "ms_to_idx", "t_offset", "evis", "truth", "imus"];
+const RESERVED_NAMES: [&str; 7] = ["events", "ms_to_idx", "t_offset", "evis", "truth", "imus", "bodies"];
 
 /// What a recording says about itself; written when it is created.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,6 +111,43 @@ impl RecordingHeader {
         fnv.write(&self.t_offset_us.to_le_bytes());
         fnv.finish()
     }
+}
+
+/// An object or a camera that a recording names and follows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BodyInfo {
+    /// Name in the scene; need not be unique.
+    pub name: String,
+    /// Id in images of instances; 0 for cameras.
+    pub instance_id: u32,
+    /// Id in images of semantic classes; 0 where it has none.
+    pub semantic_id: u32,
+    /// Lowest and highest corner, in metres in the body's axes, of what is drawn; NaN for cameras.
+    pub bounds: [[f64; 3]; 2],
+}
+
+/// Where a body is at one time, and how it moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodySample {
+    /// World from body, metres.
+    pub position: [f64; 3],
+    /// World from body, unit quaternion (x, y, z, w).
+    pub rotation: [f64; 4],
+    /// m/s of the body's origin, in world axes.
+    pub linear_velocity: [f64; 3],
+    /// rad/s in world axes.
+    pub angular_velocity: [f64; 3],
+}
+
+/// The bodies of a recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Bodies {
+    /// One for each.
+    pub infos: Vec<BodyInfo>,
+    /// When they were sampled, in microseconds.
+    pub t_us: Vec<i64>,
+    /// For each time, one for each body.
+    pub samples: Vec<Vec<BodySample>>,
 }
 
 /// The events of a camera, with its size and the length that the file tells.

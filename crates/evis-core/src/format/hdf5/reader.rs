@@ -9,7 +9,10 @@ use evis_limits::Budget;
 use rust_hdf5::format::superblock::SuperblockV2V3;
 use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
-use super::{LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader, has_other_time};
+use super::{
+    Bodies, BodyInfo, BodySample, LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader,
+    has_other_time,
+};
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
 use crate::format::{FormatError, check_events};
 use crate::packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, LensDistortion, PoseSample};
@@ -290,6 +293,73 @@ impl Recording {
         })
     }
 
+    /// Objects and cameras that the recording names and follows; none where it has no group `bodies`.
+    ///
+    /// # Errors
+    /// A file that can no longer be read.
+    pub fn bodies(&self) -> Result<Bodies, FormatError> {
+        with_file(&self.path, |source| {
+            let root = source.file.root_group();
+            if !source.check("/", root.group_names())?.iter().any(|name| name == "bodies") {
+                return Ok(Bodies::default());
+            }
+            let at = "bodies";
+            let dataset = |part: &str| source.dataset(&format!("bodies/{part}"));
+            let ids: Vec<u32> = source.check(at, dataset("instance_id")?.read_raw())?;
+            let semantic: Vec<u32> = source.check(at, dataset("semantic_id")?.read_raw())?;
+            let names = source.check(at, dataset("name")?.read_vlen_strings())?;
+            let low: Vec<f64> = source.check(at, dataset("box_min")?.read_raw())?;
+            let high: Vec<f64> = source.check(at, dataset("box_max")?.read_raw())?;
+            let count = ids.len();
+            if [semantic.len(), names.len()] != [count; 2] || [low.len(), high.len()] != [3 * count; 2] {
+                return Err(source.damaged("its list of bodies has columns of unlike lengths".to_owned()));
+            }
+            let corners = low.as_chunks().0.iter().zip(high.as_chunks().0);
+            let infos = names.into_iter().zip(ids).zip(semantic).zip(corners);
+            let infos = infos.map(|(((name, instance_id), semantic_id), (&low, &high))| BodyInfo {
+                name,
+                instance_id,
+                semantic_id,
+                bounds: [low, high],
+            });
+            let times = dataset("t_us")?;
+            let mut rows = source.rows(&times, at)?;
+            let mut columns = Vec::new();
+            for (part, width) in
+                [("position", 3), ("rotation_xyzw", 4), ("linear_velocity", 3), ("angular_velocity", 3)]
+            {
+                let column = dataset(part)?;
+                if column.shape().get(1..) != Some([count, width].as_slice()) {
+                    return Err(source.damaged(format!("bodies/{part} has another shape")));
+                }
+                rows = rows.min(source.rows(&column, at)?);
+                columns.push((column, width));
+            }
+            let bytes = rows.saturating_mul((2 * count * size_of::<BodySample>()) as u64);
+            source.fits(bytes, "its poses of bodies")?;
+            let t_us: Vec<i64> = source.slice(&times, 0, rows)?;
+            let rows = usize::try_from(rows).unwrap_or(usize::MAX);
+            let mut read = columns.iter().map(|(column, width)| {
+                source.check(at, column.read_slice::<f64>(&[0, 0, 0], &[rows, count, *width]))
+            });
+            let mut next = || read.next().unwrap_or_else(|| Ok(Vec::new()));
+            let (position, rotation, linear, angular) = (next()?, next()?, next()?, next()?);
+            let vectors = position.as_chunks().0.iter().zip(rotation.as_chunks().0);
+            let twists = linear.as_chunks().0.iter().zip(angular.as_chunks().0);
+            let samples: Vec<BodySample> = vectors
+                .zip(twists)
+                .map(|((&position, &rotation), (&linear_velocity, &angular_velocity))| BodySample {
+                    position,
+                    rotation,
+                    linear_velocity,
+                    angular_velocity,
+                })
+                .collect();
+            let samples = samples.chunks(count.max(1)).map(<[_]>::to_vec).collect();
+            Ok(Bodies { infos: infos.collect(), t_us, samples })
+        })
+    }
+
     /// The report that the writer left at the end, as JSON; `None` where it never got there.
     ///
     /// # Errors
@@ -339,6 +409,7 @@ impl Recording {
         for name in self.imus()? {
             self.imu(&name)?;
         }
+        self.bodies()?;
         self.report().map(|_| ())
     }
 

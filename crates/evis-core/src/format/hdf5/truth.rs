@@ -17,7 +17,8 @@ use std::path::Path;
 use rust_hdf5::{FilterPipeline, H5File, H5Group, H5Type, Hdf5Error};
 
 use super::reader::{Source, with_file};
-use super::writer::scalar;
+use super::units::describe;
+use super::writer::{scalar, strings};
 use super::{EVENTS_PER_CHUNK, GZIP_LEVEL, Recording, RecordingHeader, RecordingWriter};
 use crate::format::FormatError;
 use crate::sensor::SensorConfig;
@@ -181,8 +182,7 @@ fn fill(file: &H5File, truth: &Truth) -> Result<(), Hdf5Error> {
     column(&group, "span_start", &truth.span_start, 1)?;
     column(&group, "span_t_us", &truth.spans.iter().map(|s| s.t_us).collect::<Vec<_>>(), 1)?;
     column(&group, "span_region", &truth.spans.iter().map(|s| s.region as u8).collect::<Vec<_>>(), 1)?;
-    group.write_vlen_strings("provenance_json", &[&truth.provenance])?;
-    Ok(())
+    strings(&group, "provenance_json", &[&truth.provenance])
 }
 
 /// A data set of `width` values per row; none where there are no rows.
@@ -192,13 +192,14 @@ fn column<T: H5Type>(group: &H5Group, name: &str, values: &[T], width: usize) ->
         return Ok(());
     }
     let with = |rows: usize| if width == 1 { vec![rows] } else { vec![rows, width] };
-    group
+    let dataset = group
         .new_dataset::<T>()
         .shape(with(rows))
         .chunk(&with(rows.min(EVENTS_PER_CHUNK)))
         .filter_pipeline(FilterPipeline::shuffle_deflate(size_of::<T>() as u32, GZIP_LEVEL))
-        .create(name)?
-        .write_raw(values)
+        .create(name)?;
+    describe(&dataset, name)?;
+    dataset.write_raw(values)
 }
 
 fn has_truth(path: &Path) -> Result<bool, FormatError> {

@@ -11,8 +11,10 @@ use rayon::prelude::*;
 use rust_hdf5::{FilterPipeline, H5File, H5Group, H5Type, Hdf5Error};
 
 use super::store::{Column, FileState, Store, compress};
+use super::units::describe;
 use super::{
-    EVENTS_PER_CHUNK, GZIP_LEVEL, LAYOUT_VERSION, LabelType, RESERVED_NAMES, RecordingHeader, has_other_time,
+    BodyInfo, BodySample, EVENTS_PER_CHUNK, GZIP_LEVEL, LAYOUT_VERSION, LabelType, RESERVED_NAMES,
+    RecordingHeader, has_other_time,
 };
 use crate::event::{Cause, Event};
 use crate::format::FormatError;
@@ -42,6 +44,8 @@ pub struct RecordingWriter {
     store: Store,
     cameras: Vec<CameraColumns>,
     imus: Vec<ImuColumns>,
+    /// Where the writer was given any.
+    bodies: Option<BodyColumns>,
     report: Column,
     last_flush: Instant,
     state: WriterState,
@@ -71,6 +75,25 @@ struct CameraColumns {
     pose_t: Column,
     position: Column,
     rotation: Column,
+}
+
+/// What a recording may hold beside its cameras.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RecordingExtras {
+    /// Names of inertial measurement units.
+    pub imus: Vec<String>,
+    /// Objects and cameras that are named, and followed where samples of them are written.
+    pub bodies: Vec<BodyInfo>,
+}
+
+struct BodyColumns {
+    count: usize,
+    t: Column,
+    position: Column,
+    rotation: Column,
+    linear_velocity: Column,
+    angular_velocity: Column,
+    last_t: Option<i64>,
 }
 
 struct ImuColumns {
@@ -111,6 +134,21 @@ impl RecordingWriter {
         imus: &[String],
         overwrite: bool,
     ) -> Result<Self, FormatError> {
+        let extras = RecordingExtras { imus: imus.to_vec(), ..RecordingExtras::default() };
+        Self::create_with_extras(path, header, &extras, overwrite)
+    }
+
+    /// The same, with everything that a recording may hold beside its cameras.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::create_with_imus`].
+    pub fn create_with_extras(
+        path: &Path,
+        header: &RecordingHeader,
+        extras: &RecordingExtras,
+        overwrite: bool,
+    ) -> Result<Self, FormatError> {
+        let RecordingExtras { imus, bodies } = extras;
         for (i, name) in imus.iter().enumerate() {
             if name.is_empty()
                 || name.contains(['/', '\0'])
@@ -126,7 +164,23 @@ impl RecordingWriter {
                 return Err(FormatError::invalid(path, what, "give each its own name"));
             }
         }
-        let mut writer = Self::create_with(path, header, overwrite, |file| lay_out_imus(file, imus))?;
+        let lay_out = |file: &H5File| {
+            lay_out_imus(file, imus)?;
+            lay_out_bodies(file, header, bodies)
+        };
+        let mut writer = Self::create_with(path, header, overwrite, lay_out)?;
+        if !bodies.is_empty() {
+            let mut column = |part: &str| Column::open(&mut writer.store, &format!("bodies/{part}"));
+            writer.bodies = Some(BodyColumns {
+                count: bodies.len(),
+                t: column("t_us")?,
+                position: column("position")?,
+                rotation: column("rotation_xyzw")?,
+                linear_velocity: column("linear_velocity")?,
+                angular_velocity: column("angular_velocity")?,
+                last_t: None,
+            });
+        }
         for name in imus {
             let mut column = |part: &str| Column::open(&mut writer.store, &format!("imus/{name}/{part}"));
             let (t, accelerometer, gyroscope) =
@@ -193,6 +247,7 @@ impl RecordingWriter {
             store,
             cameras,
             imus: Vec::new(),
+            bodies: None,
             report,
             last_flush: Instant::now(),
             state: WriterState::Writing,
@@ -353,6 +408,47 @@ impl RecordingWriter {
         self.flush_if_due()
     }
 
+    /// Appends where all bodies are at `t_us`, in their order.
+    ///
+    /// # Errors
+    /// A recording without bodies, another number of them, a time that does not come after the last one, values that are not
+    /// finite. Failed writes as in [`RecordingWriter::write_events`].
+    pub fn write_bodies(&mut self, t_us: i64, samples: &[BodySample]) -> Result<(), FormatError> {
+        self.check_usable()?;
+        let path = self.store.path().to_path_buf();
+        let count = self.bodies.as_ref().map_or(0, |columns| columns.count);
+        let Some(columns) = self.bodies.as_mut().filter(|columns| columns.count == samples.len()) else {
+            let what = format!("{} bodies were given, and the recording has {count}", samples.len());
+            return Err(FormatError::invalid(&path, what, "name all of them when it is created"));
+        };
+        let finite = |s: &BodySample| {
+            let values =
+                s.position.iter().chain(&s.rotation).chain(&s.linear_velocity).chain(&s.angular_velocity);
+            values.into_iter().all(|v| v.is_finite())
+        };
+        if let Some(wrong) = samples.iter().find(|s| !finite(s)) {
+            let what = format!("a body at {t_us} us is {wrong:?}");
+            return Err(FormatError::invalid(&path, what, "give finite numbers"));
+        }
+        if columns.last_t.is_some_and(|last| t_us <= last) {
+            let what = format!("bodies at {t_us} us come after those at {} us", columns.last_t.unwrap_or(0));
+            return Err(FormatError::invalid(&path, what, "write them in order of time, each time once"));
+        }
+        columns.last_t = Some(t_us);
+        columns.t.push(&t_us.to_le_bytes());
+        let bytes = |values: &[f64]| little_endian(values, f64::to_le_bytes);
+        columns.position.push(&samples.iter().flat_map(|s| bytes(&s.position)).collect::<Vec<_>>());
+        columns.rotation.push(&samples.iter().flat_map(|s| bytes(&s.rotation)).collect::<Vec<_>>());
+        columns
+            .linear_velocity
+            .push(&samples.iter().flat_map(|s| bytes(&s.linear_velocity)).collect::<Vec<_>>());
+        columns
+            .angular_velocity
+            .push(&samples.iter().flat_map(|s| bytes(&s.angular_velocity)).collect::<Vec<_>>());
+        self.store_full_chunks()?;
+        self.flush_if_due()
+    }
+
     /// Flushes when the last flush is almost a second old. The write calls do this themselves; a caller
     /// that has nothing to write for a while calls it to keep the promise of one second.
     ///
@@ -478,6 +574,7 @@ impl RecordingWriter {
             let mut columns: Vec<&mut Column> =
                 writer.cameras.iter_mut().flat_map(CameraColumns::all).collect();
             columns.extend(writer.imus.iter_mut().flat_map(ImuColumns::all));
+            columns.extend(writer.bodies.iter_mut().flat_map(BodyColumns::all));
             columns.push(&mut writer.report);
             columns.retain(|c| c.full_chunks() > 0);
             if columns.is_empty() {
@@ -511,6 +608,7 @@ impl RecordingWriter {
         // `ms_to_idx` is the last to grow: what it points to is there.
         let mut columns: Vec<&mut Column> = self.cameras.iter_mut().flat_map(CameraColumns::all).collect();
         columns.extend(self.imus.iter_mut().flat_map(ImuColumns::all));
+        columns.extend(self.bodies.iter_mut().flat_map(BodyColumns::all));
         columns.push(&mut self.report);
 
         let tails = columns
@@ -542,6 +640,19 @@ impl Drop for RecordingWriter {
         } else if self.state == WriterState::Failed {
             let _ = self.store.close_as_committed();
         }
+    }
+}
+
+impl BodyColumns {
+    fn all(&mut self) -> impl Iterator<Item = &mut Column> {
+        let values = [
+            &mut self.position,
+            &mut self.rotation,
+            &mut self.linear_velocity,
+            &mut self.angular_velocity,
+            &mut self.t,
+        ];
+        values.into_iter()
     }
 }
 
@@ -671,7 +782,7 @@ fn check_header(path: &Path, header: &RecordingHeader) -> Result<(), FormatError
         if !usable {
             return invalid(
                 format!("{name:?} cannot name a camera"),
-                "use a name without slash, other than events, ms_to_idx, t_offset, truth, imus and evis",
+                "use a name without slash, other than events, ms_to_idx, t_offset, truth, imus, bodies and evis",
             );
         }
         if header.cameras.iter().take(i).any(|other| other.name == *name) {
@@ -782,8 +893,8 @@ fn fill(file: &H5File, header: &RecordingHeader) -> Result<(), Hdf5Error> {
     scalar(&evis, "complete", 0_u8)?;
     scalar(&evis, "header_hash", header.hash())?;
     let names: Vec<&str> = header.cameras.iter().map(|c| c.name.as_str()).collect();
-    evis.write_vlen_strings("cameras", &names)?;
-    evis.write_vlen_strings("config_toml", &[&header.config_toml])?;
+    strings(&evis, "cameras", &names)?;
+    strings(&evis, "config_toml", &[&header.config_toml])?;
     rows::<u8>(&evis, "report_json", EVENTS_PER_CHUNK, &[])
 }
 
@@ -814,10 +925,11 @@ fn lay_out_camera(file: &H5File, camera: &CameraInfo, header: &RecordingHeader) 
     scalar(&intrinsics, "width", width)?;
     scalar(&intrinsics, "height", height)?;
     if let Some(distortion) = &camera.distortion {
-        intrinsics.write_vlen_strings("distortion_model", &[&distortion.model])?;
+        strings(&intrinsics, "distortion_model", &[&distortion.model])?;
         let count = distortion.coefficients.len();
         let coefficients =
             intrinsics.new_dataset::<f64>().shape([count]).create("distortion_coefficients")?;
+        describe(&coefficients, "distortion_coefficients")?;
         coefficients.write_raw(&distortion.coefficients)?;
     }
 
@@ -862,9 +974,58 @@ fn lay_out_imus(file: &H5File, names: &[String]) -> Result<(), Hdf5Error> {
     Ok(())
 }
 
+fn lay_out_bodies(file: &H5File, header: &RecordingHeader, bodies: &[BodyInfo]) -> Result<(), Hdf5Error> {
+    if bodies.is_empty() {
+        return Ok(());
+    }
+    let objects: Vec<_> = bodies.iter().filter(|body| body.instance_id > 0).collect();
+    if header.labels.contains(&LabelKind::Instance) && !objects.is_empty() {
+        // Several nodes of one model may share an id: the first one names it.
+        let mut named: Vec<(u32, &str)> = objects.iter().map(|b| (b.instance_id, b.name.as_str())).collect();
+        named.sort_by_key(|(id, _)| *id);
+        named.dedup_by_key(|(id, _)| *id);
+        let (ids, names): (Vec<u32>, Vec<&str>) = named.into_iter().unzip();
+        for camera in &header.cameras {
+            let labels = file.root_group().group(&format!("{}/labels", camera.name))?;
+            values(&labels, "instance_ids", &ids, &[ids.len()])?;
+            strings(&labels, "instance_names", &names)?;
+        }
+    }
+    let (count, group) = (bodies.len(), file.create_group("bodies")?);
+    strings(&group, "name", &bodies.iter().map(|body| body.name.as_str()).collect::<Vec<_>>())?;
+    let ids = |id: fn(&BodyInfo) -> u32| bodies.iter().map(id).collect::<Vec<_>>();
+    values(&group, "instance_id", &ids(|body| body.instance_id), &[count])?;
+    values(&group, "semantic_id", &ids(|body| body.semantic_id), &[count])?;
+    for (name, side) in [("box_min", 0), ("box_max", 1)] {
+        let corners: Vec<f64> = bodies.iter().flat_map(|body| body.bounds[side]).collect();
+        values(&group, name, &corners, &[count, 3])?;
+    }
+    // Chunks of a MiB or so, however many bodies there are.
+    let per_chunk = (EVENTS_PER_CHUNK / count).clamp(1, ROWS_PER_CHUNK);
+    rows::<i64>(&group, "t_us", ROWS_PER_CHUNK, &[])?;
+    rows::<f64>(&group, "position", per_chunk, &[count, 3])?;
+    rows::<f64>(&group, "rotation_xyzw", per_chunk, &[count, 4])?;
+    rows::<f64>(&group, "linear_velocity", per_chunk, &[count, 3])?;
+    rows::<f64>(&group, "angular_velocity", per_chunk, &[count, 3])
+}
+
 /// A single value.
 pub(super) fn scalar<T: H5Type>(group: &H5Group, name: &str, value: T) -> Result<(), Hdf5Error> {
-    group.new_dataset::<T>().scalar().create(name)?.write_raw(&[value])
+    let dataset = group.new_dataset::<T>().scalar().create(name)?;
+    describe(&dataset, name)?;
+    dataset.write_raw(&[value])
+}
+
+/// Texts.
+pub(super) fn strings(group: &H5Group, name: &str, texts: &[&str]) -> Result<(), Hdf5Error> {
+    describe(&group.write_vlen_strings(name, texts)?, name)
+}
+
+/// Values that are known at once.
+fn values<T: H5Type>(group: &H5Group, name: &str, values: &[T], shape: &[usize]) -> Result<(), Hdf5Error> {
+    let dataset = group.new_dataset::<T>().shape(shape).create(name)?;
+    describe(&dataset, name)?;
+    dataset.write_raw(values)
 }
 
 /// An empty data set of rows shaped `frame`, unlimited along the first axis.
@@ -877,14 +1038,14 @@ fn rows<T: H5Type>(
     let with = |first: usize| -> Vec<usize> { std::iter::once(first).chain(frame.iter().copied()).collect() };
     let most: Vec<Option<usize>> = std::iter::once(None).chain(frame.iter().copied().map(Some)).collect();
     // Shuffling single bytes changes nothing, but every data set then has the same pipeline.
-    group
+    let dataset = group
         .new_dataset::<T>()
         .shape(with(0))
         .chunk(&with(rows_per_chunk))
         .max_shape(&most)
         .filter_pipeline(FilterPipeline::shuffle_deflate(size_of::<T>() as u32, GZIP_LEVEL))
         .create(name)?;
-    Ok(())
+    describe(&dataset, name)
 }
 
 #[cfg(test)]

@@ -1,0 +1,18 @@
+"""Files of events: reading and writing them piece by piece."""
+
+from ._files import RecordedLabels, RecordedView, Recording, Writer
+from ._io import EventExtTrigger, EventFile, EventFileWriter, EventsIterator, FileFrame, FilePacket, ImuDtype
+
+__all__ = [
+    "EventExtTrigger",
+    "EventFile",
+    "EventFileWriter",
+    "EventsIterator",
+    "FileFrame",
+    "FilePacket",
+    "ImuDtype",
+    "RecordedLabels",
+    "RecordedView",
+    "Recording",
+    "Writer",
+]

@@ -1,0 +1,187 @@
+"""Ground truth by name: objects, boxes, poses, velocities; units of every data set; transforms of rigs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import evis
+from evis.motion import Chain, ConstantVelocity, Placement, Spin
+
+SMALL = {"size": (64, 48), "rate_hz": 500.0, "samples": 1}
+
+
+@pytest.fixture(scope="module")
+def scene() -> evis.Scene:
+    """A box, 2 m wide, that moves along x and spins about +Y, and a sphere that rests."""
+    builder = evis.SceneBuilder("things", ambient=(1.0, 1.0, 1.0))
+    builder.material("white")
+    motion = Chain([ConstantVelocity(velocity=(0.5, 0.0, 0.0)), Spin(axis=(0, 1, 0), degrees_per_s=90.0)])
+    builder.box("crate", size=(2, 1, 0.5), material="white", pose=Placement(motion=motion), semantic_id=4)
+    builder.sphere("ball", radius=0.25, material="white", pose=Placement(position=(0, 1, 0)))
+    builder.camera(evis.EventCamera(name="eye", width=64, height=48, pose=Placement(position=(0, 0, 6))))
+    return builder.build()
+
+
+def test_instances_have_names(scene: evis.Scene) -> None:
+    crate, ball = scene.instances
+    assert (crate.name, crate.semantic_id, ball.name, ball.semantic_id) == ("crate", 4, "ball", 0)
+    assert 0 < crate.id < ball.id
+
+
+def test_bodies_have_boxes_poses_and_velocities(scene: evis.Scene) -> None:
+    bodies = scene.bodies([0, 500_000, 1_000_000])
+    assert bodies.names == ("crate", "ball", "eye")
+    assert bodies.position.shape == bodies.linear_velocity.shape == (3, 3, 3)
+    assert bodies.rotation.shape == (3, 3, 4)
+    assert np.allclose(bodies.box[0], [[-1, -0.5, -0.25], [1, 0.5, 0.25]])
+    assert np.isnan(bodies.box[2]).all(), "a camera has none"
+    assert np.allclose(bodies.position[:, 0], [[0, 0, 0], [0.25, 0, 0], [0.5, 0, 0]])
+    assert np.allclose(bodies.linear_velocity[:, 0], [0.5, 0, 0])
+    assert np.allclose(bodies.angular_velocity[:, 0], [0, np.pi / 2, 0])
+    assert not np.allclose(bodies.angular_velocity[:, 0], [0, -np.pi / 2, 0]), "canary: the sign counts"
+    assert np.allclose(bodies.linear_velocity[:, 1:], 0)
+    # After a second it has turned by a quarter: its width lies along z.
+    corners = bodies.corners()
+    assert corners.shape == (3, 3, 8, 3)
+    assert np.allclose(np.ptp(corners[0, 0], axis=0), [2, 1, 0.5])
+    assert np.allclose(np.ptp(corners[2, 0], axis=0), [0.5, 1, 2])
+    assert np.allclose(corners[2, 0].mean(axis=0), [0.5, 0, 0])
+    assert np.array_equal(bodies.poses("eye").position, np.tile([0.0, 0.0, 6.0], (3, 1)))
+    assert np.array_equal(bodies.poses("crate").t_us, [0, 500_000, 1_000_000])
+    with pytest.raises(evis.ConfigError, match="no body is named 'crane'; there is crate, ball, eye"):
+        bodies.poses("crane")
+    with pytest.raises(evis.ConfigError, match="no camera named 'top'"):
+        scene.bodies([0], cameras=["top"])
+    assert repr(bodies) == "Bodies(3 bodies, 3 times, t_us 0 to 1000000)"
+
+
+def test_recordings_name_and_follow_bodies(scene: evis.Scene, device: evis.Device, tmp_path: Path) -> None:
+    sim = evis.Simulator(scene, labels=["instance"], label_rate_hz=100.0, start=0.5, device=device, **SMALL)
+    evis.save(tmp_path / "a.h5", sim.stream(duration=0.025), pose_rate_hz=200.0)
+    recording = evis.load(tmp_path / "a.h5")
+    bodies = recording.bodies
+    assert bodies is not None
+    # Their own rate, and the end of the stream.
+    assert bodies.t_us.tolist() == [0, 5_000, 10_000, 15_000, 20_000, 25_000]
+    exact = scene.bodies(bodies.t_us + 500_000)
+    for name in ("position", "rotation", "linear_velocity", "angular_velocity"):
+        assert np.array_equal(getattr(bodies, name), getattr(exact, name)), name
+    assert not np.array_equal(bodies.position, scene.bodies(bodies.t_us).position), "canary"
+    assert np.array_equal(bodies.box, exact.box, equal_nan=True)
+    assert recording.instances == scene.instances
+    seen = set(np.unique(recording.labels["instance"].data).tolist())
+    assert seen <= {0, *(instance.id for instance in recording.instances)}
+    assert len(seen) == 3
+    # A copy keeps them; packets of other lengths and the command give the same.
+    copied = evis.load(evis.save(tmp_path / "b.h5", recording)[0]).bodies
+    assert copied is not None
+    assert np.array_equal(copied.position, bodies.position)
+    with evis.Writer(tmp_path / "c.h5", sim, pose_rate_hz=200.0) as writer:
+        for packet in sim.stream(duration=0.025, packet_us=7_000):
+            writer.write(packet)
+    again = evis.load(tmp_path / "c.h5").bodies
+    assert again is not None
+    assert np.array_equal(again.position, bodies.position)
+
+
+def test_the_command_follows_bodies(device: evis.Device, tmp_path: Path) -> None:
+    def run(*more: str) -> evis.packets.Bodies:
+        command = ["run", "spinner", "-o", "x.h5", "--duration", "0.02", "--size", "64x48", "--force", *more]
+        done = subprocess.run(
+            [sys.executable, "-m", "evis", *command], cwd=tmp_path, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        bodies = evis.load(tmp_path / "x.h5").bodies
+        assert bodies is not None
+        return bodies
+
+    bodies = run("--pose-rate", "100")
+    assert bodies.t_us.tolist() == [0, 10_000, 20_000]
+    scene = evis.Scene.builtin("spinner")
+    assert np.allclose(bodies.position, scene.bodies(bodies.t_us).position)
+    assert bodies.names == scene.bodies().names
+    assert run().position.shape == (0, len(bodies.names), 3), "without a rate, names and boxes alone"
+
+
+def test_poses_that_cannot_be_written_are_refused(scene: evis.Scene, tmp_path: Path) -> None:
+    sim = evis.Simulator(scene, **SMALL)
+    with pytest.raises(evis.ConfigError, match=r"\.raw holds no poses"):
+        evis.Writer(tmp_path / "a.raw", sim, pose_rate_hz=10.0)
+    with pytest.raises(evis.ConfigError, match="pose_rate_hz is 0"):
+        evis.Writer(tmp_path / "a.h5", sim, pose_rate_hz=0.0)
+    driven = evis.Simulator(scene, poses=["ball"], size=(64, 48))
+    with pytest.raises(evis.ConfigError, match="poses come from outside"):
+        evis.Writer(tmp_path / "a.h5", driven, pose_rate_hz=10.0)
+    events = evis.EventArray.from_columns([0], [0], [0], [1], width=4, height=4)
+    with pytest.raises(evis.ConfigError, match="for streams"):
+        evis.save(tmp_path / "a.h5", events, pose_rate_hz=10.0)
+
+
+def test_every_data_set_says_its_units(scene: evis.Scene, device: evis.Device, tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    labels = ["depth", "flow", "instance", "semantic", "normal", "hdr", "cause"]
+    sim = evis.Simulator(
+        scene, labels=labels, label_rate_hz=100.0, frame_rate_hz=100.0, device=device, **SMALL
+    )
+    with evis.Writer(tmp_path / "a.h5", sim, imus=["imu"], pose_rate_hz=100.0) as writer:
+        writer.write(sim.step(20_000))
+        writer.write_imu("imu", evis.imu.simulate(scene, "crate", duration=0.02))
+    evis.Truth.from_events(evis.load(tmp_path / "a.h5").events).save(tmp_path / "truth.h5")
+    told: dict[str, tuple[str, str]] = {}
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            told[name] = tuple(bytes(item.attrs[key]).decode() for key in ("units", "description"))  # type: ignore[assignment]
+
+    for file in ("a.h5", "truth.h5"):
+        with h5py.File(tmp_path / file) as opened:
+            opened.visititems(visit)
+            if file == "a.h5":
+                names = opened["eye/labels/instance_names"].asstr()[:].tolist()
+                ids = opened["eye/labels/instance_ids"][:].tolist()
+    assert dict(zip(ids, names, strict=True)) == {i.id: i.name for i in scene.instances}
+    assert len(told) > 60
+    assert told["eye/labels/depth"] == ("m", "planar z; +inf where nothing is")
+    assert told["bodies/angular_velocity"][0] == "rad/s"
+    assert all(re.fullmatch(r"[\w/^ .-]+", unit) and len(about) > 3 for unit, about in told.values())
+
+
+def test_a_rig_tells_how_its_cameras_lie_to_each_other() -> None:
+    camera = evis.EventCamera(name="camera", width=64, height=48, fx=56)
+    rig = evis.rig.Rig.stereo(0.12, camera)
+    # What is at the left camera's origin lies 0.12 m to the left of the right one's.
+    assert np.allclose(rig.T_right_left, [[1, 0, 0, -0.12], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    turned = evis.rig.Rig.parse(KALIBR)
+    assert np.allclose(turned.T_right_left, T_CN_CNM1)
+    assert not np.allclose(turned.T_right_left, np.linalg.inv(T_CN_CNM1)), "canary: the direction counts"
+    there = turned.transform("cam1", "cam0")
+    assert np.allclose(there @ turned.transform("cam0", "cam1"), np.eye(4))
+    with pytest.raises(evis.ConfigError, match="of two cameras; the rig has 1"):
+        _ = evis.rig.Rig(rig.cameras[:1]).T_right_left
+
+
+#: Turned by 0.1 rad about OpenCV's y axis, and shifted.
+T_CN_CNM1 = np.array(
+    [
+        [np.cos(0.1), 0, np.sin(0.1), -0.11],
+        [0, 1, 0, 0.01],
+        [-np.sin(0.1), 0, np.cos(0.1), 0.02],
+        [0, 0, 0, 1],
+    ]
+)
+
+CAMERA = """
+  camera_model: pinhole
+  intrinsics: [56.0, 56.0, 31.5, 23.5]
+  distortion_model: none
+  distortion_coeffs: []
+  resolution: [64, 48]
+"""
+
+KALIBR = f"cam0:{CAMERA}cam1:{CAMERA}  T_cn_cnm1:\n" + "".join(f"  - {row.tolist()}\n" for row in T_CN_CNM1)
