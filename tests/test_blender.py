@@ -62,7 +62,7 @@ def test_the_picture_confirms_direction_and_sign() -> None:
 
 
 def edge_errors_us(events: np.ndarray) -> np.ndarray:
-    """Mean time of each pixel's events within 2.5 ms of when the card's right edge passes it, less that time."""
+    """Mean time of each pixel's events within 2.5 ms of the card's right edge passing it, less that time."""
     found = []
     for x in range(42, 53):
         # The edge lies at 32 + f (0.4 + 0.2 frame) / 4; a frame lasts 10 ms.

@@ -21,7 +21,9 @@ def scene() -> evis.Scene:
     """A box, 2 m wide, that moves along x and spins about +Y, and a sphere that rests."""
     builder = evis.SceneBuilder("things", ambient=(1.0, 1.0, 1.0))
     builder.material("white")
-    motion = Chain([ConstantVelocity(velocity=(0.5, 0.0, 0.0)), Spin(axis=(0, 1, 0), degrees_per_s=90.0)])
+    moves = ConstantVelocity(velocity=(0.5, 0.0, 0.0))
+    spins = Spin(axis=(0, 1, 0), degrees_per_s=90.0)
+    motion = Chain(motions=[Placement(motion=moves), Placement(motion=spins)])
     builder.box("crate", size=(2, 1, 0.5), material="white", pose=Placement(motion=motion), semantic_id=4)
     builder.sphere("ball", radius=0.25, material="white", pose=Placement(position=(0, 1, 0)))
     builder.camera(evis.EventCamera(name="eye", width=64, height=48, pose=Placement(position=(0, 0, 6))))

@@ -15,6 +15,7 @@ BUILT = {"target", "node_modules", "__pycache__", "dist", "out"}
 
 # Options of other programs that documents and messages show, by program.
 OTHER_OPTIONS = {
+    "Blender": {"--background", "--python"},
     "cargo": {
         "--bench",
         "--example",
@@ -267,7 +268,7 @@ def wrong_rust_path(path: str, own: str | None = None) -> bool:
             at, file = f"{at}{part}/", f"{at}{part}/mod.rs"
         else:
             # An item of that module, or of one that it exports whole; its own items follow.
-            exports = re.search(r"pub use [\w:]+::\*|pub use (super|crate)", read(file))
+            exports = re.search(r"pub use [\w:]+::\*", read(file))
             texts = [read(file)] if not exports else [read(f) for f in named(".rs", folder)]
             rest = parts[index + 1 :]
             return not has_word(part, texts) or not all(word in code_words() for word in rest)

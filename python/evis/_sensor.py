@@ -353,8 +353,8 @@ class Sensor(ShortRepr):
         Raises
         ------
         ConfigError
-            If a path or a range cannot be used, or the drawn sensor cannot be; if a value is drawn that the sensor does
-            not use, such as thresholds of one with ``diffusion``.
+            If a path or a range cannot be used, or the drawn sensor cannot be; if a value is drawn that the
+            sensor does not use, such as thresholds of one with ``diffusion``.
         """
         if not isinstance(ranges, Mapping):
             raise ConfigError(
