@@ -409,6 +409,19 @@ mod tests {
     }
 
     #[test]
+    fn a_hosts_steps_and_poses_are_borders() {
+        let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
+        let host = scene.drive(&["square".into()], 700).unwrap();
+        let world = World::new(&scene, 0, Some((8, 6))).unwrap();
+        let mut found = Blocks::new(&world, 700, 8192, 10_000);
+        assert_eq!(found.pop(), None, "nothing is known yet");
+        let pose = |t_us: i64| evis_scene::HostPose::new(t_us, [0.0, 0.0, -2.8], [0.0, 0.0, 0.0, 1.0], None);
+        host.advance(&[(0, 0, vec![pose(3700), pose(20_700)])], 20_700).unwrap();
+        let borders: Vec<f64> = std::iter::from_fn(|| found.pop()).map(|b| b.end_us).collect();
+        assert_eq!(borders, [3700.0, 8892.0, 10_700.0, 18_892.0, 20_700.0]);
+    }
+
+    #[test]
     fn borders_are_absolute_and_joined_by_jumps() {
         let scene = warehouse();
         let all = blocks(&scene, None, 0.0, 1e6, 8192);
