@@ -107,7 +107,7 @@ pub struct Blocks<'w, 'a> {
 
 impl<'w, 'a> Blocks<'w, 'a> {
     /// From `start_us` on; borders are multiples of `most_us`, or of a shorter length where motion is fast
-    /// ([`World::block_us`]), what [`breaks`] finds, and the first multiple of [`FIRST_US`]. Where a host moves nodes, poses are
+    /// ([`World::block_us`]), what [`breaks`] finds, and the first multiple of `FIRST_US`. Where a host moves nodes, poses are
     /// known at every multiple of `pose_step_us` after `start_us`, and borders lie there: then they are where they would be
     /// had the stream begun at any of them.
     pub fn new(world: &'w World<'a>, start_us: i64, most_us: i64, pose_step_us: i64) -> Self {

@@ -1,6 +1,6 @@
 //! The cheapest settings that are accurate enough on a scene, found by rendering parts of it.
 //!
-//! A [calibration run](pilot) renders some tiles of the picture at some times of the scene, with candidates from the cheapest
+//! A calibration run (`pilot`) renders some tiles of the picture at some times of the scene, with candidates from the cheapest
 //! up, and with a reference that shares none of their shortcuts: every instant of a fixed rate, no bounds on motion, no tile
 //! left out, no curves, whole samples instead of coverage samples, and more of them. The first candidate whose events agree
 //! with the reference's is taken.
