@@ -292,7 +292,7 @@ impl Keyframe {
     }
 }
 
-/// Second moments on the screen of texels' own blur `squared` along their axes, where texels change by `change`, and of
+/// Second moments on the screen of texels' own blur, of these variances along their axes, where texels change by `change`, and of
 /// straight lines between cells, which add a sixth of their squares.
 fn blur(change: &DMat2, [bx, by]: [f64; 2], density: f64) -> [f64; 3] {
     let inverse = change.inverse();

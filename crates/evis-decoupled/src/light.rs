@@ -21,7 +21,7 @@ use crate::fragment::{Line, Sight};
 use crate::hash::Words;
 use crate::keyframe::{Footprint, Keyframe, MOST_PLANES};
 use crate::lists::{Entry, Record, TILE};
-use crate::maps::{MapReader, Maps};
+use crate::maps::{Map as TextureMap, MapReader, Maps};
 use crate::material::{self, Around, Lamp, Point, Response, respond};
 use crate::pages::{Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
@@ -218,8 +218,6 @@ struct Slot {
     ready: bool,
     /// The response is 1.
     unlit: bool,
-    /// It varies from texel to texel.
-    mapped: bool,
     /// Cells of the facet's grid along s and t.
     cells: [f64; 2],
     /// First cell that is kept, and how many along s and t.
@@ -778,12 +776,12 @@ impl<'a> Lighting<'a> {
         });
         let changes = self.changes(surface);
         slot.still &= !changes;
-        if answer.maps.is_some() {
-            slot.mapped = true;
+        let mapped = answer.maps.is_some();
+        if mapped {
             // A normal map may face any lamp.
             slot.lit = (1 << self.own.len()) - 1;
         }
-        for end in 0..if slot.mapped { 0 } else { self.ends(surface) } {
+        for end in 0..if mapped { 0 } else { self.ends(surface) } {
             slot.at[end] = tile.patches.len();
             let border = if changes { self.borders[end] } else { 0 };
             for j in 0..slot.count[1] {
@@ -1363,18 +1361,12 @@ fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4]) -> 
         base_along: [base(b) - base(a), base(d) - base(a)],
         shaded: base(b) != base(a) || base(d) != base(a),
     };
-    let Some(texture) = material.base_color_texture else { return look };
-    let uvs = primitive.uvs.get(texture.uv_set as usize).and_then(Option::as_ref);
-    let (Some(uvs), Some(size)) = (uvs, textures.size(texture.texture)) else { return look };
-    let [m0, m1, m2, m3, m4, m5] = texture.transform.map(f64::from);
-    let place = |i: usize| {
-        let [u, v] = uvs.get(i).copied().unwrap_or_default().map(f64::from);
-        [(m0 * u + m1 * v + m2) * size[0], (m3 * u + m4 * v + m5) * size[1]]
-    };
-    let (p, q, r) = (place(a), place(b), place(d));
-    look.texture = Some(texture.texture);
-    look.origin = p;
-    look.along = [[q[0] - p[0], q[1] - p[1]], [r[0] - p[0], r[1] - p[1]]];
+    let map = material.base_color_texture.and_then(|t| TextureMap::new(textures, primitive, corners, t));
+    if let Some(map) = map {
+        look.texture = Some(map.texture);
+        look.origin = map.origin.to_array();
+        look.along = map.along.to_cols_array_2d();
+    }
     look
 }
 

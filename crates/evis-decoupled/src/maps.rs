@@ -55,15 +55,18 @@ impl Maps {
 
 /// A texture on a facet.
 #[derive(Clone, Copy, Debug)]
-struct Map {
-    texture: usize,
-    /// Base texels at (s, t) = 0, and their change with s and t.
-    origin: DVec2,
-    along: DMat2,
+pub struct Map {
+    /// Its number.
+    pub texture: usize,
+    /// Base texels at (s, t) = 0.
+    pub origin: DVec2,
+    /// Their change with s and t.
+    pub along: DMat2,
 }
 
 impl Map {
-    fn new(
+    /// `texture` on the facet of `primitive` with these corners; `None` where it has no coordinates or no texels.
+    pub fn new(
         textures: &Textures,
         primitive: &Primitive,
         corners: [u32; 4],
