@@ -192,9 +192,9 @@ pub struct TileLight {
 }
 
 impl TileLight {
-    /// Says whether the next pixel is evaluated once only.
-    pub fn enter_pixel(&mut self, once: bool) {
-        self.once = once;
+    /// Says whether the next pixel is evaluated once only, and returns what was said before.
+    pub fn enter_pixel(&mut self, once: bool) -> bool {
+        std::mem::replace(&mut self.once, once)
     }
 }
 

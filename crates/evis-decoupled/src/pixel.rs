@@ -221,6 +221,14 @@ impl Evaluator<'_> {
         self.lighting.of_part(&mut work.light, &part, at)
     }
 
+    /// Mean luminance of the pixel at the block's start, as a picture of that time alone has it.
+    pub fn first_luminance(&self, work: &mut Work) -> f64 {
+        let once = work.light.enter_pixel(true);
+        let luminance = self.luminance(work, 0);
+        work.light.enter_pixel(once);
+        luminance
+    }
+
     /// Mean luminance of the pixel at `unit` of [`UNITS`] of the block.
     pub fn luminance(&self, work: &mut Work, unit: u32) -> f64 {
         work.count += 1;

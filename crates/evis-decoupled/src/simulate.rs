@@ -166,6 +166,17 @@ impl Pixels {
         }
     }
 
+    /// Lets them all begin at `t_us` with what `picture` says of them, row by row.
+    pub(crate) fn begin(&mut self, world: &World, picture: &[f64], t_us: f64) {
+        let width = world.lens.width as usize;
+        for (index, &luminance) in picture.iter().enumerate() {
+            let (x, y) = (index % width, index / width);
+            let slot = x / TILE * TILE * TILE + y % TILE * TILE + x % TILE;
+            let path = PixelPath::new(t_us, luminance, &self.following.thresholds);
+            self.rows[y / TILE].paths[slot] = Some(path);
+        }
+    }
+
     /// What they fire during `block`, in canonical order and stream time; `None` where `stop` was set meanwhile: then some of
     /// them are at its end and others are not.
     ///
@@ -236,11 +247,17 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     let mut lighting = Lighting::new(&world, &Shared::new(scene));
     let end_us = (settings.start_us + settings.duration_us) as f64;
     let mut blocks = Blocks::new(&world, settings.start_us, settings.block_us, settings.block_us);
-    let reference = match settings.reference_luminance {
-        Some(y) => y,
-        None => reference_luminance(&world, &mut lighting, blocks.peek())?,
+    let first = blocks.peek();
+    let seen = match settings.reference_luminance {
+        Some(_) => None,
+        None => Some(picture(&world, &mut lighting, first, first.start_us)?),
     };
+    let measured = || seen.as_deref().map_or(1.0, reference_luminance);
+    let reference = settings.reference_luminance.unwrap_or_else(measured);
     let mut pixels = Pixels::new(&world, settings, reference);
+    if let Some(seen) = &seen {
+        pixels.begin(&world, seen, first.start_us);
+    }
     let mut events = Vec::new();
     while blocks.start_us() < end_us
         && let Some(block) = blocks.pop()
@@ -287,9 +304,10 @@ impl Row {
             self.report.entries += work.entry_count() as u64;
             self.report.pixel_blocks += 1;
             let slot = column * TILE * TILE + pixel;
-            let mut light = |unit: u32| evaluator.luminance(work, unit);
-            let path =
-                self.paths[slot].get_or_insert_with(|| PixelPath::new(block.start_us, light(0), thresholds));
+            let path = self.paths[slot].get_or_insert_with(|| {
+                PixelPath::new(block.start_us, evaluator.first_luminance(work), thresholds)
+            });
+            let light = |unit: u32| evaluator.luminance(work, unit);
             let events = &mut self.events;
             self.report.evaluations +=
                 path.walk(thresholds, block, *step_px, &pace, light, |t_us, polarity| {
@@ -330,7 +348,16 @@ pub fn luminance_of(
     picture(&world, &mut lighting, block, t_us)
 }
 
-fn picture(world: &World, lighting: &mut Lighting, block: Block, t_us: f64) -> Result<Vec<f64>, Error> {
+/// Mean luminance of every pixel at `t_us`, which is in `block`, row by row.
+///
+/// # Errors
+/// A camera without a pose.
+pub(crate) fn picture(
+    world: &World,
+    lighting: &mut Lighting,
+    block: Block,
+    t_us: f64,
+) -> Result<Vec<f64>, Error> {
     let mut clock = Clock::new(world, block);
     let lists = Lists::new(world, &mut clock)?;
     lighting.prepare(&mut clock, &block)?;
@@ -355,17 +382,12 @@ fn picture(world: &World, lighting: &mut Lighting, block: Block, t_us: f64) -> R
     Ok(out)
 }
 
-/// `Y_ref` that brings the log-mean of what is lit at the start of `block` to 0.18.
-pub(crate) fn reference_luminance(
-    world: &World,
-    lighting: &mut Lighting,
-    block: Block,
-) -> Result<f64, Error> {
-    let picture = picture(world, lighting, block, block.start_us)?;
+/// `Y_ref` that brings the log-mean of what is lit in `picture` to 0.18.
+pub(crate) fn reference_luminance(picture: &[f64]) -> f64 {
     let (sum, count) = picture
-        .into_iter()
-        .filter(|y| *y > 0.0 && y.is_finite())
+        .iter()
+        .filter(|y| **y > 0.0 && y.is_finite())
         .fold((0.0, 0_u64), |(sum, count), y| (sum + y.ln(), count + 1));
     let reference = (sum / count.max(1) as f64).exp() / 0.18;
-    Ok(if count > 0 && reference.is_finite() && reference > 0.0 { reference } else { 1.0 })
+    if count > 0 && reference.is_finite() && reference > 0.0 { reference } else { 1.0 }
 }

@@ -11,7 +11,7 @@ use evis_scene::Scene;
 
 use crate::blocks::Blocks;
 use crate::light::{Lighting, Shared};
-use crate::simulate::{Pixels, Report, Settings, reference_luminance};
+use crate::simulate::{Pixels, Report, Settings, picture, reference_luminance};
 use crate::world::World;
 use crate::{Error, unsupported};
 
@@ -212,19 +212,23 @@ fn follow(
         .iter()
         .map(|world| Blocks::new(world, start_us, usual.block_us, settings.pose_step_us))
         .collect();
-    let reference = match (settings.reference_luminance, lightings.first_mut()) {
-        (Some(given), _) => given,
-        // What comes after the start is not known yet, and no cell may be kept of it.
-        (None, Some(_)) if scene.host_poses.is_some() => {
-            let mut lighting = Lighting::new(&worlds[0], &shared);
-            reference_luminance(&worlds[0], &mut lighting, blocks[0].peek())? as f32
-        }
-        (None, Some(lighting)) => reference_luminance(&worlds[0], lighting, blocks[0].peek())? as f32,
-        (None, None) => 1.0,
-    };
+    // The first view as it begins; `None` where nobody asks.
+    let mut seen = None;
+    if let (None, Some(lighting)) = (settings.reference_luminance, lightings.first_mut()) {
+        let first = blocks[0].peek();
+        // Where a host moves nodes, what comes after the start is not known yet, and no cell may be kept of it.
+        let mut apart = scene.host_poses.is_some().then(|| Lighting::new(&worlds[0], &shared));
+        let lighting = apart.as_mut().unwrap_or(lighting);
+        seen = Some((picture(&worlds[0], lighting, first, first.start_us)?, first.start_us));
+    }
+    let measured = || seen.as_ref().map_or(1.0, |(picture, _)| reference_luminance(picture) as f32);
+    let reference = settings.reference_luminance.unwrap_or_else(measured);
     let new_pixels =
         |view: usize| Pixels::new(&worlds[view], &settings.of(&views[view]), f64::from(reference));
     let mut pixels: Vec<Pixels> = (0..views.len()).map(new_pixels).collect();
+    if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
+        pixels[0].begin(&worlds[0], &picture, t_us);
+    }
     // Nobody waits for it: then the wanted times end, too.
     let _ = ready.send(Ok(reference));
 

@@ -1,11 +1,13 @@
 //! The mean of a texture over a pixel's footprint.
 //!
-//! A texture's signal is the bilinear interpolant of its base level in linear light. A parallelogram is cut into strips
-//! along rows or columns of texels; over a strip the interpolant is integrated exactly, from sums of texels. Where many
-//! texels lie across, a smaller level of the mip chain is read: that adds its own blur, of variance (m^2 - 1) / 4 for
-//! texels of m base texels (box (m^2 - 1) / 12, and tent m^2 / 6 in place of 1 / 6), so the parallelogram is drawn
-//! together until the variance of both is that of the footprint. Nearest texels, and footprints across the edge of a
-//! clamped texture, are read at a grid of places.
+//! A texture's signal is the bilinear interpolant of its base level in linear light. Its integral over a parallelogram is
+//! that of its integral along a line, from the line's beginning to either side of the parallelogram, over the height: along
+//! the four edges sums of texels are read, interpolated by a quadratic B-spline along the line and linearly from line to
+//! line, where an edge leans at two points of Gauss between two lines, else at one. Lines are rows or columns of texels,
+//! whichever are fewer. Where many lie across, a smaller level of the mip chain is read: that adds its own blur, of variance
+//! (m^2 - 1) / 4 for texels of m base texels (box (m^2 - 1) / 12, and tent m^2 / 6 in place of 1 / 6), so the parallelogram
+//! is drawn together until the variance of both is that of the footprint. Nearest texels, and footprints across the edge of
+//! a clamped texture, are read at a grid of places.
 
 use std::sync::OnceLock;
 
@@ -13,13 +15,16 @@ use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
 use glam::{DMat3, DVec2, DVec3, DVec4, Vec4};
 
-/// How often ends that lean are read, over what that is off by: the higher, the more accurate.
-const CUTS: f64 = 10.0;
-/// Part of its height by which a footprint's other side may lead down and count as level.
-const UPRIGHT: f64 = 0.01;
-/// Texels between cuts, where ends lean by more; and most cuts of a line.
-const SPACING: f64 = 1.2;
-const MOST_CUTS: f64 = 16.0;
+/// An edge is read at one place between two lines where its lean times the cube of its height there, over the footprint's
+/// area, is at most this.
+const ONE_PLACE: f32 = 0.01;
+/// Texels between pairs of places, where an edge leans by more; and most pairs between two lines.
+const SPACING: f32 = 2.0;
+const MOST_PARTS: f32 = 8.0;
+/// Distance of the two points of Gauss from the middle of an interval, over its length.
+const GAUSS: f32 = 0.288_675_13;
+/// Edges that lead down by less are level.
+const LEVEL: f32 = 1e-6;
 /// A footprint is no longer than this many texels; a smaller level is read in its place.
 const MOST_LINES: f64 = 128.0;
 /// A footprint of less than this many texels is a point.
@@ -43,170 +48,127 @@ struct Level {
     texels: Vec<[f32; 4]>,
 }
 
-/// Sums of texels along lines, each without the line's mean, which makes them periodic.
+/// Sums of texels along lines, less the mean of all texels, which keeps them small.
 struct Sums {
-    period: i32,
+    /// Texels after which a line begins anew.
+    period: usize,
     lines: i32,
     wrap: Wrap,
-    means: Vec<Vec4>,
-    /// Per line: of the first k texels, and the first three once more.
+    mean: Vec4,
+    /// Per line: of the first k texels, for k up to `period` + 2.
     sums: Vec<Vec4>,
 }
 
 impl Sums {
     /// Along rows of `level`, or along columns if `across`.
-    fn new(level: &Level, texture: &Texture, across: bool) -> Self {
+    fn new(level: &Level, texture: &Texture, across: bool, mean: [f32; 4]) -> Self {
         let (length, lines) = if across { (level.height, level.width) } else { (level.width, level.height) };
         let (along, wrap) =
             if across { (texture.wrap_v, texture.wrap_u) } else { (texture.wrap_u, texture.wrap_v) };
         let period = if along == Wrap::Mirror { 2 * length } else { length };
-        let mut out = Self { period, lines, wrap, means: Vec::new(), sums: Vec::new() };
+        let mut sums = Vec::with_capacity(lines as usize * (period as usize + 3));
         for line in 0..lines {
-            let texel = |k: i32| {
-                let k = wrap_index(k, length, along) as i32;
-                let (x, y) = if across { (line, k) } else { (k, line) };
-                DVec4::from_array(level.texels[(y * level.width + x) as usize].map(f64::from))
-            };
-            let mean = (0..period).map(texel).sum::<DVec4>() / f64::from(period);
-            let mean = mean.as_vec4();
             let mut sum = DVec4::ZERO;
             for k in 0..period + 3 {
-                if k == period {
-                    // But for rounding this is 0.
-                    sum = DVec4::ZERO;
-                }
-                out.sums.push(sum.as_vec4());
-                sum += texel(k) - mean.as_dvec4();
-            }
-            out.means.push(mean);
-        }
-        out
-    }
-
-    /// Sums of a line, and its mean.
-    #[inline(always)]
-    fn line(&self, line: i32) -> (&[Vec4], Vec4) {
-        let line = wrap_index(line, self.lines, self.wrap);
-        let length = self.period as usize + 3;
-        (&self.sums[line * length..][..length], self.means[line])
-    }
-
-    /// Integral of straight lines between texels from the first one's middle to `x`, which is not negative: a quadratic
-    /// B-spline of their sums.
-    #[inline(always)]
-    fn upto(&self, line: &[Vec4], x: f64) -> Vec4 {
-        let k = x as u32;
-        let w = (x - f64::from(k)) as f32;
-        let v = 1.0 - w;
-        let mut k = k as usize;
-        let period = self.period as usize;
-        if k >= period {
-            k -= period;
-            if k >= period {
-                k %= period;
+                sums.push(sum.as_vec4());
+                let k = wrap_index(k, length, along) as i32;
+                let (x, y) = if across { (line, k) } else { (k, line) };
+                let texel = &level.texels[(y * level.width + x) as usize];
+                sum += DVec4::from_array(std::array::from_fn(|c| f64::from(texel[c]) - f64::from(mean[c])));
             }
         }
-        let sums = &line[k..k + 3];
-        sums[0] * (0.5 * v * v) + sums[1] * (0.5 + w * v) + sums[2] * (0.5 * w * w)
+        Self { period: period as usize, lines, wrap, mean: Vec4::from_array(mean), sums }
     }
 
-    /// The interpolant's integral over a trapezium, whose ends on a line are cut as often as `accuracy` says.
+    /// Sums of a line.
     #[inline(always)]
-    fn over(&self, piece: &Trapezium, accuracy: f64) -> Vec4 {
-        let [from, to] = piece.y;
+    fn line(&self, line: i32) -> &[Vec4] {
+        let length = self.period + 3;
+        &self.sums[wrap_index(line, self.lines, self.wrap) * length..][..length]
+    }
+
+    /// Mean over the parallelogram about `centre` with the half sides `p` and `q`, neither of which leads up.
+    fn mean_over(&self, centre: [f64; 2], p: [f64; 2], q: [f64; 2]) -> Vec4 {
+        // Texels from whole ones before its corner: 32 bits suffice for what is left.
+        let corner = [centre[0] - p[0].abs() - q[0].abs(), centre[1] - p[1] - q[1]];
+        let [column, row] = corner.map(floor);
+        let within = Within { sums: self, column: column.rem_euclid(self.period as i32) as usize, row };
+        let top = [centre[0] - p[0] - q[0] - f64::from(column), corner[1] - f64::from(row)].map(|v| v as f32);
+        let [p, q] = [p, q].map(|half| half.map(|v| 2.0 * v as f32));
+        let area = p[0] * q[1] - p[1] * q[0];
+        let scale = 1.0 / area.abs();
+        let along = |from: [f32; 2], by: [f32; 2]| [from[0] + by[0], from[1] + by[1]];
+        // Its two ways down from the upper corner to the lower one, along p first, and along q first.
+        let one = within.edge(top, p, scale) + within.edge(along(top, p), q, scale);
+        let other = within.edge(top, q, scale) + within.edge(along(top, q), p, scale);
+        self.mean + (one - other) * (1.0 / area)
+    }
+}
+
+/// Lines about a footprint.
+struct Within<'a> {
+    sums: &'a Sums,
+    /// Where its places count from.
+    column: usize,
+    row: i32,
+}
+
+impl Within<'_> {
+    /// Integral over the height of an edge from `from` by `by`, which does not lead up, of what lies to the left of it;
+    /// `scale` is 1 / area of the footprint.
+    #[inline(always)]
+    fn edge(&self, from: [f32; 2], by: [f32; 2], scale: f32) -> Vec4 {
         let mut sum = Vec4::ZERO;
-        for line in floor(from)..=floor(to).saturating_add(1) {
-            // A line counts up to the next ones on either side, as a tent.
-            let range = [from - f64::from(line), to - f64::from(line)].map(|z| z.clamp(-1.0, 1.0));
-            let tent = Tent::over(range);
-            let (sums, mean) = self.line(line);
-            // Where the ends are at the line's own height.
-            let above = f64::from(line) - from;
-            let [left, right] = [0, 1].map(|k| piece.start[k] + piece.slope[k] * above);
-            let wanted = accuracy * tent.weight * (range[1] - range[0]) * (range[1] - range[0]);
-            sum += self.end(sums, right, piece.slope[1], &range, &tent, wanted)
-                - self.end(sums, left, piece.slope[0], &range, &tent, wanted);
-            let length = (right - left) + (piece.slope[1] - piece.slope[0]) * tent.mean;
-            sum += mean * (length * tent.weight) as f32;
+        if by[1] < LEVEL {
+            return sum;
+        }
+        let slope = by[0] / by[1];
+        let lean = slope.abs();
+        let end = from[1] + by[1];
+        let mut y = from[1];
+        let mut row = y as i32;
+        let mut below = self.sums.line(self.row + row);
+        while y < end {
+            let above = below;
+            below = self.sums.line(self.row + row + 1);
+            let next = ((row + 1) as f32).min(end);
+            let height = next - y;
+            let x = from[0] + slope * (y - from[1]);
+            let v = y - row as f32;
+            let at = |part: f32| self.at([above, below], x + slope * part, v + part);
+            if lean * height * height * height * scale < ONE_PLACE {
+                sum += at(0.5 * height) * height;
+            } else {
+                let parts = (lean * height * (1.0 / SPACING)).min(MOST_PARTS) as u32 + 1;
+                let part = height / parts as f32;
+                for k in 0..parts {
+                    let middle = part * (k as f32 + 0.5);
+                    sum += (at(middle - GAUSS * part) + at(middle + GAUSS * part)) * (0.5 * part);
+                }
+            }
+            y = next;
+            row += 1;
         }
         sum
     }
 
-    /// [`Sums::upto`] an end at `at` + `slope` z, integrated under the part `range` of a tent. It is read at as many places as
-    /// the root of `wanted` times the slope squared says, up to one in each part of [`SPACING`] texels.
+    /// Integral of the interpolant from the beginning of its line to a place, `v` of the way from one line to the next: a
+    /// quadratic B-spline of sums.
     #[inline(always)]
-    fn end(&self, sums: &[Vec4], at: f64, slope: f64, range: &[f64; 2], tent: &Tent, wanted: f64) -> Vec4 {
-        let squared = slope * slope * wanted;
-        if squared <= 1.0 {
-            return self.upto(sums, at + slope * tent.mean) * tent.weight as f32;
-        }
-        let length = range[1] - range[0];
-        let count = squared.sqrt().min(1.0 + slope.abs() * length * (1.0 / SPACING)).min(MOST_CUTS).ceil();
-        if count <= 2.0 {
-            let (low, high) = (tent.mean - tent.deviation(), tent.mean + tent.deviation());
-            let both = self.upto(sums, at + slope * low) + self.upto(sums, at + slope * high);
-            return both * (0.5 * tent.weight) as f32;
-        }
-        let step = length / count;
-        let mut integral = Vec4::ZERO;
-        let mut below = Tent::upto(range[0]);
-        for k in 1..=count as u32 {
-            let above = Tent::upto(range[0] + f64::from(k) * step);
-            let weight = (above[0] - below[0]).max(1e-30);
-            let mean = (above[1] - below[1]) / weight;
-            integral += self.upto(sums, at + slope * mean) * weight as f32;
-            below = above;
-        }
-        integral
-    }
-}
-
-/// Part of a footprint between two heights, with straight ends.
-struct Trapezium {
-    y: [f64; 2],
-    /// Where its left and its right end begin, and how they go on.
-    start: [f64; 2],
-    slope: [f64; 2],
-}
-
-impl Trapezium {
-    /// From the ends at two heights.
-    fn between(y: [f64; 2], start: [f64; 2], stop: [f64; 2]) -> Self {
-        let inverse = 1.0 / (y[1] - y[0]);
-        Self { y, start, slope: [(stop[0] - start[0]) * inverse, (stop[1] - start[1]) * inverse] }
-    }
-}
-
-/// The tent 1 - |z| over a part of [-1, 1]: its integral, mean and mean square.
-struct Tent {
-    weight: f64,
-    mean: f64,
-    square: f64,
-}
-
-impl Tent {
-    /// Integrals of 1, z and z z under the tent, from 0.
-    #[inline(always)]
-    fn upto(z: f64) -> [f64; 3] {
-        let (a, s) = (z.abs(), z * z);
-        [z * (1.0 - 0.5 * a), s * (0.5 - a * (1.0 / 3.0)), z * s * (1.0 / 3.0 - 0.25 * a)]
-    }
-
-    #[inline(always)]
-    fn over([from, to]: [f64; 2]) -> Self {
-        if from == -1.0 && to == 1.0 {
-            return Self { weight: 1.0, mean: 0.0, square: 1.0 / 6.0 };
-        }
-        let (p, q) = (Self::upto(from), Self::upto(to));
-        let weight = (q[0] - p[0]).max(1e-30);
-        let inverse = 1.0 / weight;
-        Self { weight, mean: (q[1] - p[1]) * inverse, square: (q[2] - p[2]) * inverse }
-    }
-
-    /// Standard deviation of z.
-    #[inline(always)]
-    fn deviation(&self) -> f64 {
-        (self.square - self.mean * self.mean).max(0.0).sqrt()
+    fn at(&self, lines: [&[Vec4]; 2], x: f32, v: f32) -> Vec4 {
+        let k = x as u32;
+        let w = x - k as f32;
+        let u = 1.0 - w;
+        let weights = [0.5 * u * u, 0.5 + w * u, 0.5 * w * w];
+        let k = k as usize + self.column;
+        let period = self.sums.period;
+        let (k, turns) = if k < period { (k, 0.0) } else { (k % period, (k / period) as f32) };
+        let upto = |line: &[Vec4]| {
+            let sums = &line[k..k + 3];
+            let sum = sums[0] * weights[0] + sums[1] * weights[1] + sums[2] * weights[2];
+            if turns > 0.0 { sum + line[period] * turns } else { sum }
+        };
+        upto(lines[0]) * (1.0 - v) + upto(lines[1]) * v
     }
 }
 
@@ -307,56 +269,18 @@ impl Textures {
         if wrap == Wrap::Clamp && (middle[x] < reach || middle[x] > f64::from(length - 1) - reach) {
             return source.places(middle, axes, texture);
         }
-        let sums =
-            self.sums[number][level][usize::from(across)].get_or_init(|| Sums::new(source, texture, across));
-        // The sides p and q, halved, q the one that leads on farther from line to line, both downwards.
-        let half = |axis: [f64; 2]| {
-            let sign = 0.5_f64.copysign(axis[y]);
-            [axis[x] * sign, axis[y] * sign]
-        };
-        let (mut p, mut q) = (half(axes[0]), half(axes[1]));
-        if p[1] > q[1] {
-            (p, q) = (q, p);
-        }
-        // What is all but upright is upright.
-        if p[1] < UPRIGHT * q[1] {
-            p[1] = 0.0;
-        }
-        // A footprint along a line still has a breadth.
-        q[1] = q[1].max(1e-6);
-        let lean = q[0] / q[1];
-        let breadth = 2.0 * (p[0] - p[1] * lean);
-        let area = 2.0 * q[1] * breadth.abs();
+        let sums = self.sums[number][level][usize::from(across)]
+            .get_or_init(|| Sums::new(source, texture, across, self.overall(number)));
+        // Half of its sides, in the direction in which they lead down.
+        let [p, q] = axes.map(|axis| {
+            let half = 0.5_f64.copysign(axis[y]);
+            [axis[x] * half, axis[y] * half]
+        });
+        let area = 4.0 * (p[0] * q[1] - p[1] * q[0]).abs();
         if area.is_nan() || area < 1e-6 || p[1] + q[1] > MOST_LINES {
             return source.places(middle, axes, texture);
         }
-        // Whole periods away it is the same.
-        let period = f64::from(sums.period);
-        let reach = p[0].abs() + q[0].abs() + 1.0;
-        let centre = middle[x] - period * ((middle[x] - reach) / period).floor();
-        // Between its corners the ends are straight.
-        let top = centre - p[0] - q[0];
-        let turns = [top + 2.0 * p[1] * lean, centre + p[0] - q[0]];
-        let ends = [turns[0] + 2.0 * (q[1] - p[1]) * lean, turns[1] + 2.0 * (q[1] - p[1]) * lean];
-        let bottom = centre + p[0] + q[0];
-        let sorted = |e: [f64; 2]| if breadth < 0.0 { [e[1], e[0]] } else { e };
-        let (outer, inner) = (q[1] + p[1], q[1] - p[1]);
-        let at = [-outer, -inner, inner, outer].map(|v| middle[y] + v);
-        // What ends are off by adds up from line to line.
-        let accuracy = CUTS * (q[1] + p[1] + 1.0).sqrt() / area;
-        let mut sum = Vec4::ZERO;
-        for (k, [start, stop]) in
-            [[[top; 2], sorted(turns)], [sorted(turns), sorted(ends)], [sorted(ends), [bottom; 2]]]
-                .into_iter()
-                .enumerate()
-        {
-            if at[k + 1] - at[k] < 1e-7 {
-                continue;
-            }
-            let piece = Trapezium::between([at[k], at[k + 1]], start, stop);
-            sum += sums.over(&piece, accuracy);
-        }
-        (sum * (1.0 / area as f32)).to_array()
+        sums.mean_over([middle[x], middle[y]], p, q).to_array()
     }
 }
 
