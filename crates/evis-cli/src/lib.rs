@@ -25,6 +25,7 @@ mod text;
 mod trace;
 mod truth;
 mod tune;
+mod undistort;
 mod verify;
 mod video;
 mod warnings;
