@@ -75,6 +75,35 @@ def test_formats_come_by_ending_and_errors_say_what_works(tmp_path):
     assert np.array_equal(good, events.to_numpy()[: len(good)])
 
 
+def test_packets_of_files_are_event_arrays_of_some_size_in_order(tmp_path):
+    events = some_events(300, 640, 480)
+    evis.save(tmp_path / "a.npy", events)
+    reach = (int(events.x.max()) + 1, int(events.y.max()) + 1)
+    file = evis.open(tmp_path / "a.npy")
+    assert file.size is None
+    (packet,) = file
+    assert isinstance(packet.events, evis.EventArray)
+    assert packet.events.sensor_size == reach
+    assert packet.voxel_grid(bins=2).shape == (2, reach[1], reach[0])
+    given = evis.open(tmp_path / "a.npy", size=(700, 500))
+    assert given.events(0) == evis.EventArray(events.to_numpy(), width=700, height=500)
+    with pytest.raises(evis.FormatError, match="outside of 640x9"):
+        evis.open(tmp_path / "a.npy", size=(640, 9)).events()
+    # A camera that goes back in time, and comes to the same microsecond twice.
+    back = events.to_numpy().copy()
+    back["t"][100:103] = back["t"][99] - 5, back["t"][99] - 5, back["t"][99] - 6
+    np.save(tmp_path / "back.npy", back)
+    want = back[np.argsort(back["t"], kind="stable")]
+    assert not np.array_equal(want, back), "canary: there is something to sort"
+    for got in [
+        next(iter(evis.open(tmp_path / "back.npy"))).events,
+        evis.open(tmp_path / "back.npy").events(),
+    ]:
+        assert np.array_equal(got, want)
+    raw = list(evis.files.EventsIterator(tmp_path / "back.npy", mode="n_events", n_events=300))
+    assert np.array_equal(raw[0], back), "Metavision's signature keeps the order of the file"
+
+
 def test_triggers_frames_and_imu_come_with_the_packets(tmp_path):
     events = some_events(1000, latest_us=1000)
     triggers = np.zeros(3, evis.files.EventExtTrigger)
