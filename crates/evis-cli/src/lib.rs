@@ -12,6 +12,7 @@ mod flags;
 mod from_v2e;
 mod info;
 mod interrupt;
+mod label_picture;
 mod list;
 mod outputs;
 mod picture;
