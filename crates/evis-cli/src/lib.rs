@@ -19,6 +19,7 @@ mod picture;
 mod preview;
 mod progress;
 mod run;
+mod scene_info;
 mod scene_source;
 mod score;
 mod sensor_source;

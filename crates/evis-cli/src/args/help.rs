@@ -65,7 +65,7 @@ const EXAMPLES: [(&str, &[&str]); 16] = [
             "convert in.raw flat.raw --undistort --calibration camchain.yaml",
         ],
     ),
-    ("info", &["info events.h5", "info cut.h5 --repair"]),
+    ("info", &["info events.h5", "info scene.glb", "info cut.h5 --repair"]),
     ("score", &["score events.h5 --truth truth.h5 --tolerance-us 1000,100"]),
     (
         "calibrate",
