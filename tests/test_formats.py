@@ -75,6 +75,35 @@ def test_formats_come_by_ending_and_errors_say_what_works(tmp_path):
     assert np.array_equal(good, events.to_numpy()[: len(good)])
 
 
+def test_packets_of_files_are_event_arrays_of_some_size_in_order(tmp_path):
+    events = some_events(300, 640, 480)
+    evis.save(tmp_path / "a.npy", events)
+    reach = (int(events.x.max()) + 1, int(events.y.max()) + 1)
+    file = evis.open(tmp_path / "a.npy")
+    assert file.size is None
+    (packet,) = file
+    assert isinstance(packet.events, evis.EventArray)
+    assert packet.events.sensor_size == reach
+    assert packet.voxel_grid(bins=2).shape == (2, reach[1], reach[0])
+    given = evis.open(tmp_path / "a.npy", size=(700, 500))
+    assert given.events(0) == evis.EventArray(events.to_numpy(), width=700, height=500)
+    with pytest.raises(evis.FormatError, match="outside of 640x9"):
+        evis.open(tmp_path / "a.npy", size=(640, 9)).events()
+    # A camera that goes back in time, and comes to the same microsecond twice.
+    back = events.to_numpy().copy()
+    back["t"][100:103] = back["t"][99] - 5, back["t"][99] - 5, back["t"][99] - 6
+    np.save(tmp_path / "back.npy", back)
+    want = back[np.argsort(back["t"], kind="stable")]
+    assert not np.array_equal(want, back), "canary: there is something to sort"
+    for got in [
+        next(iter(evis.open(tmp_path / "back.npy"))).events,
+        evis.open(tmp_path / "back.npy").events(),
+    ]:
+        assert np.array_equal(got, want)
+    raw = list(evis.files.EventsIterator(tmp_path / "back.npy", mode="n_events", n_events=300))
+    assert np.array_equal(raw[0], back), "Metavision's signature keeps the order of the file"
+
+
 def test_triggers_frames_and_imu_come_with_the_packets(tmp_path):
     events = some_events(1000, latest_us=1000)
     triggers = np.zeros(3, evis.files.EventExtTrigger)
@@ -175,6 +204,47 @@ def test_the_command_converts_and_describes(tmp_path, capfd):
     ]:
         names = [tmp_path / name if "." in name else name for name in arguments[:2]]
         assert run("convert", *names, *arguments[2:]) == 2
+        assert said in capfd.readouterr().err
+
+
+def test_convert_takes_the_distortion_out(tmp_path, capfd):
+    events = some_events(width=640, height=480)
+    evis.save(tmp_path / "bent.raw", events)
+    distortion = evis.lens.RadialTangential(k1=-0.28, k2=0.06, p1=0.001, p2=-0.002)
+    camera = evis.rig.RigCamera(
+        name="cam0", width=640, height=480, fx=400.0, fy=410.0, cx=330.0, cy=236.5, distortion=distortion
+    )
+    evis.rig.Rig((camera,)).save(tmp_path / "lens.yaml")
+    given = ("--undistort", "--calibration", tmp_path / "lens.yaml")
+    assert run("convert", tmp_path / "bent.raw", tmp_path / "flat.raw", *given) == 0
+    # The inverse of OpenCV's model by fixed-point iteration, as OpenCV itself has it.
+    bent = np.stack([(events.x + 0.5 - 330.0) / 400.0, (events.y + 0.5 - 236.5) / 410.0])
+    x, y = bent
+    for _ in range(200):
+        u = x * x + y * y
+        factor = 1 - 0.28 * u + 0.06 * u * u
+        aside = 2 * 0.001 * x * y - 0.002 * (u + 2 * x * x), 0.001 * (u + 2 * y * y) - 2 * 0.002 * x * y
+        x, y = (bent[0] - aside[0]) / factor, (bent[1] - aside[1]) / factor
+    place = np.stack([400.0 * x + 330.0, 410.0 * y + 236.5])
+    inside = (place >= 0).all(0) & (place[0] < 640) & (place[1] < 480)
+    assert 0.5 < inside.mean() < 0.95
+    flat = evis.load(tmp_path / "flat.raw").events
+    want = events.to_numpy()[inside]
+    assert np.array_equal(flat.t, want["t"])
+    assert np.array_equal(flat.p, want["p"])
+    assert np.array_equal(np.stack([flat.x, flat.y]), np.floor(place[:, inside]).astype(int))
+    assert not np.array_equal(flat.x, want["x"]), "canary: pixels move"
+    capfd.readouterr()
+    two = evis.rig.Rig.stereo(0.1, evis.EventCamera(name="a", width=640, height=480, fx=400.0))
+    two.save(tmp_path / "two.yaml")
+    evis.save(tmp_path / "wide.raw", some_events(10))
+    for file, arguments, said in [
+        ("bent.raw", ("--undistort",), "does not say which lens"),
+        ("bent.raw", ("--undistort", "--calibration", tmp_path / "two.yaml"), "has cameras cam0, cam1"),
+        ("bent.raw", (*given, "--calibration-camera", "cam7"), "cam7 is not in"),
+        ("wide.raw", given, "has 640x480 pixels, and the events 1280x720"),
+    ]:
+        assert run("convert", tmp_path / file, tmp_path / "no.raw", *arguments) == 2
         assert said in capfd.readouterr().err
 
 

@@ -520,17 +520,6 @@ def test_settings_that_cannot_be_used_are_refused() -> None:
         assert expected in str(caught.value)
 
 
-def test_a_file_that_does_not_say_its_size_is_asked_for_it() -> None:
-    packet = evis.files.FilePacket(
-        CASES["ties"].to_numpy(),
-        np.empty(0, evis.files.EventExtTrigger),
-        (),
-        np.empty(0, evis.files.ImuDtype),
-    )
-    with pytest.raises(evis.EvisError, match=r"pass size=\(width, height\) to evis\.open"):
-        packet.voxel_grid()
-
-
 # Tensors
 
 

@@ -446,20 +446,6 @@ fn read_environment(folder: &Path, bytes: &[u8]) -> bool {
 
 const SIZE: (u32, u32) = (640, 480);
 
-/// What the formats are, by content; recordings have a target of their own.
-const FORMATS: [Format; 10] = [
-    Format::Evt3,
-    Format::Evt2,
-    Format::Dat,
-    Format::Aedat4,
-    Format::Text,
-    Format::TextZip,
-    Format::Npz,
-    Format::Npy,
-    Format::Mcap,
-    Format::Es,
-];
-
 fn event_file(folder: &Path, format: Format) -> Vec<u8> {
     let path = folder.join(format!("seed-{}", format.name()));
     let mut packet = Packet { events: events(), ..Packet::default() };
@@ -477,7 +463,7 @@ fn event_file(folder: &Path, format: Format) -> Vec<u8> {
 }
 
 fn event_seeds(folder: &Path) -> Vec<Vec<u8>> {
-    let mut seeds: Vec<_> = FORMATS.iter().map(|format| event_file(folder, *format)).collect();
+    let mut seeds: Vec<_> = Format::BOTH_WAYS.iter().map(|format| event_file(folder, *format)).collect();
     // HDF5 of another program, and a recording as `convert` reads it.
     let path = folder.join("seed.h5");
     write_recording(&path);

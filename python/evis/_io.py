@@ -15,7 +15,6 @@ import numpy.typing as npt
 from . import _check, _evis
 from ._events import EventArray, EventCarrier, EventCD, Events
 from ._evis import ConfigError, EvisError, FormatError
-from ._represent import Limits, Raw
 
 EventExtTrigger: np.dtype[np.void] = np.dtype(
     {"names": ["p", "t", "id"], "formats": ["<i2", "<i8", "<i2"], "offsets": [0, 8, 16], "itemsize": 24}
@@ -61,33 +60,24 @@ class FilePacket(EventCarrier):
 
     Attributes
     ----------
-    events : numpy.ndarray
-        `EventCD` (N,), in the order of the file; owns the reader's memory, never copied.
+    events : EventArray
+        Sorted by time: those of a camera that goes back a little, as Metavision's do, are sorted within the
+        packet, and keep their order where times are equal. Else they own the reader's memory, never copied.
     triggers : numpy.ndarray
         `EventExtTrigger` (M,).
     frames : tuple of FileFrame
         Images.
     imu : numpy.ndarray
         `ImuDtype` (K,).
-    size : tuple of int or None
-        (width, height) in pixels; None where the file does not say.
     """
 
-    events: Events
+    events: EventArray
     triggers: npt.NDArray[np.void]
     frames: tuple[FileFrame, ...]
     imu: npt.NDArray[np.void]
-    size: tuple[int, int] | None = None
 
     def _event_array(self) -> EventArray:
-        events, (width, height), _ = self._raw((None, None))
-        return EventArray(events, width=width, height=height)
-
-    def _raw(self, limits: Limits) -> Raw:
-        if self.size is None:
-            raise EvisError("the file does not say the sensor's size; pass size=(width, height) to evis.open")
-        # Metavision's cameras go back in time by a little now and then.
-        return self.events, self.size, False
+        return self.events
 
 
 def formats() -> dict[str, str]:
@@ -99,7 +89,9 @@ class EventFile:
     """A file of events of any format, read packet by packet in constant memory; see `open`.
 
     Iterating yields `FilePacket`. Of a damaged file everything before the damage comes first, then
-    `FormatError`, whose message names the byte.
+    `FormatError`, whose message names the byte. Where neither the file nor the caller says the sensor's size,
+    it is that of the smallest sensor that holds all events: the first packet then takes a reading of the
+    whole file.
 
     Attributes
     ----------
@@ -108,7 +100,7 @@ class EventFile:
     format : str
         Name of the format, a key of `formats`.
     size : tuple of int or None
-        (width, height) in pixels; None where the file does not say.
+        (width, height) in pixels; None where neither the file nor the caller says.
     cameras : tuple of str
         Names of all its cameras, where they have names.
     camera : str or None
@@ -124,6 +116,7 @@ class EventFile:
     ) -> None:
         self.path = Path(path)
         self._reader = _evis.EventFileReader(self.path, camera=camera, size=size)
+        self._reach: tuple[int, int] | None = None
         self.format: str = self._reader.format
         self.size = self._reader.size
         self.cameras = tuple(self._reader.cameras)
@@ -143,14 +136,13 @@ class EventFile:
         while (parts := self._reader.read()) is not None:
             events, triggers, frames, imu = parts
             yield FilePacket(
-                events,
+                self._array(events),
                 np.frombuffer(triggers, EventExtTrigger),
                 tuple(_frame(*frame) for frame in frames),
                 _imu(imu),
-                self.size,
             )
 
-    def events(self, start_us: int | None = None, end_us: int | None = None) -> Events:
+    def events(self, start_us: int | None = None, end_us: int | None = None) -> EventArray:
         """Return the events with ``start_us <= t < end_us`` as one array.
 
         Parameters
@@ -160,23 +152,60 @@ class EventFile:
 
         Returns
         -------
-        numpy.ndarray
-            `EventCD` (N,).
+        EventArray
+            Sorted by time: those of a camera that goes back a little are sorted, and keep their order where
+            times are equal.
+
+        Raises
+        ------
+        FormatError
+            If the file is damaged, or an event lies outside of the size that the caller gave.
         """
         if start_us is not None:
             self.seek(start_us)
         if end_us is None and start_us is None:
-            return self._reader.read_events()
+            return self._array(self._reader.read_events())
         parts = []
-        for packet in self:
-            events = packet.events
+        for events in self._raw_events():
             keep = np.ones(len(events), bool) if start_us is None else events["t"] >= start_us
             if end_us is not None:
                 keep &= events["t"] < end_us
             parts.append(events if keep.all() else events[keep])
             if end_us is not None and len(events) and int(events["t"][0]) >= end_us:
                 break
-        return np.concatenate(parts) if parts else np.empty(0, EventCD)
+        return self._array(np.concatenate(parts) if parts else np.empty(0, EventCD))
+
+    def _raw_events(self) -> Iterator[Events]:
+        """Iterate over the events that are left, as arrays in the order of the file."""
+        while (parts := self._reader.read()) is not None:
+            yield parts[0]
+
+    def _array(self, events: Events) -> EventArray:
+        # Metavision's cameras go back in time by a little now and then.
+        if bool((events["t"][1:] < events["t"][:-1]).any()):
+            events = events[np.argsort(events["t"], kind="stable")]
+        width, height = self.size or self._smallest()
+        reach = (int(events["x"].max(initial=0)) + 1, int(events["y"].max(initial=0)) + 1)
+        if reach[0] > width or reach[1] > height:
+            raise FormatError(
+                f"{self.path}: events reach {reach[0]}x{reach[1]}, beyond the size {width}x{height}"
+            )
+        return EventArray._trusted(events, width, height)
+
+    def _smallest(self) -> tuple[int, int]:
+        """Return the smallest size that holds all events of the file, which is read once for it."""
+        if self._reach is None:
+            reader = _evis.EventFileReader(self.path, camera=self.camera, size=None)
+            width, height = 1, 1
+            try:
+                while (parts := reader.read()) is not None:
+                    width = max(width, int(parts[0]["x"].max(initial=0)) + 1)
+                    height = max(height, int(parts[0]["y"].max(initial=0)) + 1)
+            except FormatError:
+                # What comes before the damage has a size too; reading on meets the damage again.
+                pass
+            self._reach = width, height
+        return self._reach
 
     def __repr__(self) -> str:
         """Say what the file is."""
@@ -268,7 +297,7 @@ class EventsIterator:
     Yields
     ------
     numpy.ndarray
-        `EventCD` (N,).
+        `EventCD` (N,), a plain array as Metavision yields it, in the order of the file.
 
     Raises
     ------
@@ -362,7 +391,7 @@ class _Source:
     """Events that were read and not yet handed out."""
 
     def __init__(self, file: EventFile, start: int, end: int | None) -> None:
-        self._packets = iter(file)
+        self._packets = file._raw_events()
         self._start = start
         self._end = end
         self._parts: list[Events] = []
@@ -377,11 +406,10 @@ class _Source:
                 break
             if until is not None and self._parts and int(self._parts[-1]["t"][-1]) >= until:
                 break
-            packet = next(self._packets, None)
-            if packet is None:
+            events = next(self._packets, None)
+            if events is None:
                 self._done = True
                 break
-            events = packet.events
             if len(events) and int(events["t"][0]) < self._start:
                 events = events[np.searchsorted(events["t"], self._start) :]
             if self._end is not None and len(events) and int(events["t"][-1]) >= self._end:
@@ -502,15 +530,10 @@ def read_all(path: Path, camera: str | None, width: int | None, height: int | No
     """Return all events of a file, with the sensor's size, and the camera's name."""
     given = None if width is None or height is None else (width, height)
     file = EventFile(path, camera=camera, size=given)
-    events = file.events()
-    # Metavision's cameras go back in time by a little now and then.
-    if len(events) and bool((np.diff(events["t"]) < 0).any()):
-        events = events[np.argsort(events["t"], kind="stable")]
-    reach = (int(events["x"].max(initial=0)) + 1, int(events["y"].max(initial=0)) + 1)
-    size = file.size or (width or reach[0], height or reach[1])
-    if reach[0] > size[0] or reach[1] > size[1]:
-        raise FormatError(f"{path}: events reach {reach[0]}x{reach[1]}, beyond the size {size[0]}x{size[1]}")
-    return EventArray._trusted(events, *size), file.camera or "camera"
+    if file.size is None and (width is not None or height is not None):
+        reach = file._smallest()
+        file.size = (width or reach[0], height or reach[1])
+    return file.events(), file.camera or "camera"
 
 
 def write_all(path: Path, events: EventArray, format: str, overwrite: bool) -> None:

@@ -1,6 +1,7 @@
 //! `convert`: event files of one program for another; `info` of files that are no recordings of EVIS.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use evis_format::{
     ConvertOptions, EventReader, Extent, Format, FormatError, ReadOptions, WriteOptions, measure, open,
@@ -10,7 +11,7 @@ use serde::Serialize;
 use crate::args::ConvertArgs;
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
-use crate::text;
+use crate::{text, undistort};
 
 #[derive(Serialize)]
 struct Report {
@@ -53,10 +54,20 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
     let reach = extent.map_or((1, 1), |extent| (extent.reach.0.max(1), extent.reach.1.max(1)));
     let size = reader.info().size.unwrap_or(reach);
     let first_us = extent.and_then(|extent| extent.range).map_or(0, |(first, _)| first);
+    let map = if args.undistort {
+        let lens = match &args.calibration {
+            Some(file) => undistort::of_calibration(file, args.calibration_camera.as_deref(), size)?,
+            None => undistort::of_recording(&args.input, reader.info().camera.as_deref())?,
+        };
+        Some(Arc::new(undistort::pixel_map(&lens, size)?))
+    } else {
+        None
+    };
     let flips = |axis| args.flip.as_ref().is_some_and(|flip| flip.contains(axis));
     let options = ConvertOptions {
         start_us: args.start.unwrap_or(i64::MIN),
         end_us: args.end.unwrap_or(i64::MAX),
+        undistort: map,
         crop: args.crop,
         flip_x: flips('x'),
         flip_y: flips('y'),
@@ -134,9 +145,10 @@ fn same_file(args: &ConvertArgs) -> bool {
 
 fn export_dsec(args: &ConvertArgs) -> anyhow::Result<i32> {
     let part = args.start.is_some() || args.end.is_some() || args.crop.is_some() || args.flip.is_some();
-    if part || args.rebase || args.camera.is_some() {
+    if part || args.rebase || args.undistort || args.camera.is_some() {
         return Err(bad_input(
-            "--format dsec writes the whole recording; leave --start, --end, --rebase, --crop, --flip and --camera out",
+            "--format dsec writes the whole recording; leave --start, --end, --rebase, --undistort, --crop, --flip and \
+             --camera out",
         ));
     }
     let export = evis_format::export_dsec(&args.input, &args.output, args.force)?;

@@ -9,7 +9,7 @@ use evis_core::{CameraInfo, SensorConfig};
 use serde::Serialize;
 
 use crate::args::InfoArgs;
-use crate::{convert, extent, text};
+use crate::{convert, extent, scene_info, text};
 
 #[derive(Serialize)]
 struct Info {
@@ -124,6 +124,9 @@ struct LabelLine {
 
 /// Describes a recording.
 pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
+    if !args.repair && !args.check && scene_info::is_scene(&args.input) {
+        return scene_info::info(&args.input, args.json);
+    }
     // Recordings of EVIS have more to tell; a damaged one is explained by their own reader.
     let other = match evis_format::recognise(&args.input)? {
         Some(evis_format::Format::Hdf5) | None => false,

@@ -28,7 +28,7 @@ pub(crate) fn scenes(args: &ListArgs) -> anyhow::Result<i32> {
             duration_s: scene.duration_s,
             cameras: scene.cameras.iter().map(|c| c.name.clone()).collect(),
             environments: scene.variants.len().max(1),
-            triangles: triangles(&scene),
+            triangles: scene_source::triangles(&scene),
         });
     }
     if args.json {
@@ -45,14 +45,6 @@ pub(crate) fn scenes(args: &ListArgs) -> anyhow::Result<i32> {
         ));
     }
     Ok(0)
-}
-
-/// Triangles drawn at one instant, a mesh counted once per node that carries it.
-fn triangles(scene: &evis_scene::Scene) -> usize {
-    let of_mesh = |index: usize| {
-        scene.meshes.get(index).map_or(0, |mesh| mesh.primitives.iter().map(|p| p.indices.len() / 3).sum())
-    };
-    scene.nodes.iter().filter_map(|node| node.mesh).map(of_mesh).sum()
 }
 
 #[derive(Serialize)]

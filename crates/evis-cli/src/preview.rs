@@ -9,12 +9,13 @@ use std::thread::JoinHandle;
 
 use anyhow::Context;
 use evis_core::format::hdf5::Recording;
-use evis_core::{CameraInfo, LabelData, LabelKind};
+use evis_core::{CameraInfo, LabelKind};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, ExtendedColorType, Frame, ImageEncoder, RgbaImage};
 
 use crate::args::{PreviewArgs, Scale};
 use crate::failure::bad_input;
+use crate::label_picture::label_picture;
 use crate::picture::{self, Canvas, GLYPH_STEP, Palette, TEXT_LINE};
 use crate::progress::Progress;
 use crate::{extent, text};
@@ -91,10 +92,10 @@ struct Show {
     recording: Recording,
     index: usize,
     camera: CameraInfo,
-    /// Times of the HDR frames.
-    hdr_times: Vec<i64>,
-    /// The HDR frame drawn last, as films ask for the same one several times.
-    hdr_drawn: Option<(usize, Canvas)>,
+    /// The label beside the events, and its times.
+    label: Option<(LabelKind, Vec<i64>)>,
+    /// The label drawn last, as films ask for the same one several times.
+    label_drawn: Option<(usize, Canvas)>,
     reference: Option<f32>,
     palette: Palette,
     scale: Scale,
@@ -117,10 +118,12 @@ impl Show {
             .into_iter()
             .nth(index)
             .ok_or_else(|| bad_input(format!("{}: holds no camera", args.input.display())))?;
-        let hdr_times = if recording.label_kinds(index)?.contains(&LabelKind::Hdr) {
-            recording.label_times(index, LabelKind::Hdr)?
-        } else {
-            Vec::new()
+        let label = match label_beside(args.label.as_deref(), recording.label_kinds(index)?)? {
+            Some(kind) => {
+                let times = recording.label_times(index, kind)?;
+                (!times.is_empty()).then_some((kind, times))
+            }
+            None => None,
         };
         let end_us = extent::end_us(&recording)?;
         let from_us = args.start.map_or(0, to_us);
@@ -140,8 +143,8 @@ impl Show {
             recording,
             index,
             camera,
-            hdr_times,
-            hdr_drawn: None,
+            label,
+            label_drawn: None,
             reference,
             palette: Palette::new(args.background),
             scale: args.scale,
@@ -150,22 +153,22 @@ impl Show {
         })
     }
 
-    /// Width and height of one picture: the event picture, and the HDR frame at its left where there are any.
+    /// Width and height of one picture: the event picture, and the label at its left where there is one.
     fn picture_size(&self) -> (usize, usize) {
         let (width, height) = (self.camera.width as usize, self.camera.height as usize);
         let (width, height) = (self.scale.length(width), self.scale.length(height));
-        let width = if self.hdr_times.is_empty() { width } else { 2 * width + GAP };
+        let width = if self.label.is_none() { width } else { 2 * width + GAP };
         (width.max(MIN_WIDTH), height + TEXT_LINE)
     }
 
-    /// The events of `[until - window, until)`, beside the HDR frame that was last seen then, with the time.
+    /// The events of `[until - window, until)`, beside the label that came last by then, with the time.
     fn picture(&mut self, until_us: i64, window_us: i64) -> anyhow::Result<Canvas> {
         let (width, height) = self.picture_size();
         let mut canvas = Canvas::new(width, height, self.palette.background);
         let events = self.recording.events_between(self.index, until_us - window_us, until_us)?;
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);
         let drawn = picture::event_picture(&events, w, h, self.scale, &self.palette);
-        let left = match self.hdr_at(until_us)? {
+        let left = match self.label_at(until_us)? {
             Some(frame) => {
                 canvas.paste(frame, 0, 0);
                 frame.width + GAP
@@ -183,21 +186,33 @@ impl Show {
         Ok(canvas)
     }
 
-    fn hdr_at(&mut self, t_us: i64) -> anyhow::Result<Option<&Canvas>> {
-        if self.hdr_times.is_empty() {
-            return Ok(None);
+    fn label_at(&mut self, t_us: i64) -> anyhow::Result<Option<&Canvas>> {
+        let Some((kind, times)) = &self.label else { return Ok(None) };
+        let index = times.partition_point(|t| *t <= t_us).saturating_sub(1);
+        if self.label_drawn.as_ref().is_none_or(|(drawn, _)| *drawn != index) {
+            let label = self.recording.label(self.index, *kind, index)?;
+            let size = (self.camera.width as usize, self.camera.height as usize);
+            let drawn = label_picture(*kind, &label.data, size, self.scale, &mut self.reference);
+            self.label_drawn = Some((index, drawn));
         }
-        let frame = self.hdr_times.partition_point(|t| *t <= t_us).saturating_sub(1);
-        if self.hdr_drawn.as_ref().is_none_or(|(drawn, _)| *drawn != frame) {
-            let label = self.recording.label(self.index, LabelKind::Hdr, frame)?;
-            let LabelData::F32(rgb) = label.data else {
-                return Err(bad_input("the HDR frames are not stored as 32-bit floats"));
-            };
-            let reference = *self.reference.get_or_insert_with(|| picture::reference_of(&rgb));
-            let (w, h) = (self.camera.width as usize, self.camera.height as usize);
-            self.hdr_drawn = Some((frame, picture::hdr_picture(&rgb, w, h, self.scale, reference)));
+        Ok(self.label_drawn.as_ref().map(|(_, canvas)| canvas))
+    }
+}
+
+/// The label that `word` asks for; without one HDR frames, else frames, where they were `recorded`.
+fn label_beside(word: Option<&str>, recorded: &[LabelKind]) -> anyhow::Result<Option<LabelKind>> {
+    let Some(word) = word else {
+        return Ok([LabelKind::Hdr, LabelKind::Frame].into_iter().find(|kind| recorded.contains(kind)));
+    };
+    let name = if word == "flow" { "flow_forward" } else { word };
+    match recorded.iter().find(|kind| kind.name() == name) {
+        Some(kind) => Ok(Some(*kind)),
+        None if word == "none" => Ok(None),
+        None => {
+            let there: Vec<_> = recorded.iter().map(|kind| kind.name()).collect();
+            let there = if there.is_empty() { "no labels".into() } else { there.join(", ") };
+            Err(bad_input(format!("--label {word} was not recorded; there is {there}")))
         }
-        Ok(self.hdr_drawn.as_ref().map(|(_, canvas)| canvas))
     }
 }
 
@@ -255,7 +270,7 @@ fn png(args: &PreviewArgs, show: &mut Show) -> anyhow::Result<String> {
 fn sheet(show: &mut Show, window_us: i64) -> anyhow::Result<Canvas> {
     let length_us = show.until_us - show.from_us;
     let tiles = usize::try_from(length_us / window_us.max(1)).unwrap_or(0).clamp(1, SHEET_TILES);
-    let columns = if show.hdr_times.is_empty() { tiles.min(3) } else { tiles.min(2) };
+    let columns = if show.label.is_none() { tiles.min(3) } else { tiles.min(2) };
     let rows = tiles.div_ceil(columns);
     let (width, height) = show.picture_size();
     let sheet_width = columns * (width + GAP) + GAP;
@@ -443,4 +458,22 @@ fn part_path(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".part");
     PathBuf::from(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_label_is_the_one_asked_for_or_a_frame() {
+        use LabelKind::{Depth, FlowForward, Frame, Hdr};
+        let beside = |word, recorded: &[LabelKind]| label_beside(word, recorded).ok().flatten();
+        assert_eq!(beside(None, &[Depth, Hdr, Frame]), Some(Hdr));
+        assert_eq!(beside(None, &[Depth, Frame]), Some(Frame));
+        assert_eq!(beside(None, &[Depth]), None);
+        assert_eq!(beside(Some("flow"), &[Depth, FlowForward]), Some(FlowForward));
+        assert_eq!(beside(Some("none"), &[Hdr]), None);
+        let error = label_beside(Some("normal"), &[Depth, Hdr]).expect_err("it is not there").to_string();
+        assert_eq!(error, "--label normal was not recorded; there is depth, hdr");
+    }
 }

@@ -211,6 +211,7 @@ fn recordings_that_cannot_be_read_are_refused() {
     refused(&folder, "preview good.h5 -o x.png --camera middle", &["middle", "left, right"]);
     refused(&folder, "preview good.h5 -o x.png --at 5", &["--at", "5"]);
     refused(&folder, "preview good.h5 -o x.png --scale 3/2", &["--scale", "3/2"]);
+    refused(&folder, "preview good.h5 -o x.png --label smell", &["--label", "'smell'", "depth"]);
     refused(&folder, "preview good.h5 -o x.png --window-ms 0", &["--window-ms", "'0'"]);
     refused(&folder, "preview good.h5 -o x.gif --fps 0", &["--fps", "'0'"]);
     // Canary: the same line with sound values is taken.

@@ -1,19 +1,24 @@
 //! From one file to another.
 
+use std::sync::Arc;
+
 use evis_core::Event;
 use evis_core::format::FormatError;
 
 use crate::packet::Packet;
+use crate::pixel_map::PixelMap;
 use crate::read::{Between, EventReader};
 use crate::write::EventWriter;
 
 /// What happens to a stream on its way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ConvertOptions {
     /// The first microsecond that is kept.
     pub start_us: i64,
     /// The first microsecond after those that are kept.
     pub end_us: i64,
+    /// Where the pixels go, for a sensor of the map's size. Applied before the crop.
+    pub undistort: Option<Arc<PixelMap>>,
     /// The part of the sensor that is kept: x, y, width, height. Applied before the flips.
     pub crop: Option<[u32; 4]>,
     /// Mirror left and right.
@@ -31,6 +36,7 @@ impl Default for ConvertOptions {
         Self {
             start_us: i64::MIN,
             end_us: i64::MAX,
+            undistort: None,
             crop: None,
             flip_x: false,
             flip_y: false,
@@ -61,6 +67,10 @@ impl ConvertOptions {
             packet.triggers.clear();
             packet.frames.clear();
             packet.imu.clear();
+        }
+        if let Some(map) = &self.undistort {
+            map.events(&mut packet.events);
+            packet.frames.iter_mut().for_each(|frame| map.frame(frame));
         }
         if let Some([left, top, w, h]) = self.crop {
             let x = |e: &Event| u32::from(e.x).wrapping_sub(left);

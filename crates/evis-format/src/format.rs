@@ -52,6 +52,21 @@ impl Format {
         Self::Dsec,
     ];
 
+    /// Those that are written and read as one file of events: what tests and fuzzing go through. HDF5 is a
+    /// recording of its own, AEDAT 2.0 is written only, and DSEC is a folder.
+    pub const BOTH_WAYS: [Self; 10] = [
+        Self::Evt3,
+        Self::Evt2,
+        Self::Dat,
+        Self::Aedat4,
+        Self::Text,
+        Self::TextZip,
+        Self::Npz,
+        Self::Npy,
+        Self::Mcap,
+        Self::Es,
+    ];
+
     /// The name that `--format` takes.
     pub const fn name(self) -> &'static str {
         match self {

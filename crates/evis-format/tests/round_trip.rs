@@ -12,20 +12,6 @@ use evis_format::{
 
 const SIZE: (u32, u32) = (1280, 720);
 
-/// Formats that are written and read as one file of events.
-const FORMATS: [Format; 10] = [
-    Format::Evt3,
-    Format::Evt2,
-    Format::Dat,
-    Format::Aedat4,
-    Format::Text,
-    Format::TextZip,
-    Format::Npz,
-    Format::Npy,
-    Format::Mcap,
-    Format::Es,
-];
-
 /// A folder of its own, removed at the end.
 struct Folder(PathBuf);
 
@@ -155,7 +141,7 @@ fn every_format_returns_what_was_written() {
     for (start_us, latest_us) in [(0, 1 << 32), ((1 << 32) - 1_000_000, i64::MAX)] {
         let events = stream(start_us, 2000);
         assert!(events.last().unwrap().t > start_us + 17_000_000);
-        for format in FORMATS {
+        for format in Format::BOTH_WAYS {
             let path = folder.file(format);
             let written = write(&path, format, &packets(&events, 777));
             if format == Format::Dat && latest_us == i64::MAX {
@@ -184,7 +170,7 @@ fn every_format_returns_what_was_written() {
 fn how_packets_are_cut_does_not_change_a_byte() {
     let folder = Folder::new("cut");
     let events = stream(0, 300);
-    for format in FORMATS {
+    for format in Format::BOTH_WAYS {
         // AEDAT 4.0 has packets of its own.
         if format == Format::Aedat4 {
             continue;
@@ -203,7 +189,7 @@ fn how_packets_are_cut_does_not_change_a_byte() {
 #[test]
 fn an_empty_stream_is_a_stream() {
     let folder = Folder::new("empty");
-    for format in FORMATS {
+    for format in Format::BOTH_WAYS {
         let path = folder.file(format);
         write(&path, format, &[]).unwrap();
         assert_eq!(recognise(&path).unwrap(), Some(format));
@@ -286,7 +272,7 @@ fn a_seek_finds_every_event_of_a_part() {
     let folder = Folder::new("seek");
     let events = stream(0, 6000);
     let last = events.last().unwrap().t;
-    for format in FORMATS {
+    for format in Format::BOTH_WAYS {
         let path = folder.file(format);
         write(&path, format, &packets(&events, 5000)).unwrap();
         let at = |k: usize| events[events.len() * k / 10].t;
@@ -337,7 +323,7 @@ fn a_seek_starts_near_its_time() {
 fn files_that_end_early_give_their_good_part_and_an_error() {
     let folder = Folder::new("short");
     let events = stream(0, 120);
-    for format in FORMATS {
+    for format in Format::BOTH_WAYS {
         let path = folder.file(format);
         write(&path, format, &packets(&events, 100)).unwrap();
         let whole = std::fs::read(&path).unwrap();
@@ -379,7 +365,7 @@ fn flipped_bits_never_break_the_reader() {
         frames: vec![Frame { width: 8, height: 8, channels: 1, pixels: vec![1; 64], ..Frame::default() }],
         imu: vec![ImuSample::default(); 3],
     };
-    for format in FORMATS {
+    for format in Format::BOTH_WAYS {
         let path = folder.file(format);
         let plain = Packet { events: packet.events.clone(), ..Packet::default() };
         write(&path, format, &[if format == Format::Aedat4 { packet.clone() } else { plain }]).unwrap();
@@ -440,7 +426,7 @@ fn sizes_that_a_file_only_claims_are_not_allocated() {
 fn what_a_format_cannot_hold_is_refused() {
     let folder = Folder::new("refused");
     let on = |t, x, y| Event::new(t, x, y, Polarity::On);
-    for format in FORMATS {
+    for format in Format::BOTH_WAYS {
         let path = folder.file(format);
         let signed = matches!(format, Format::Text | Format::TextZip | Format::Npz | Format::Npy);
         for (events, what) in [

@@ -42,6 +42,33 @@ pub(crate) struct ConvertArgs {
     #[arg(long, help_heading = "Events")]
     pub(crate) rebase: bool,
 
+    /// Move events and frames to where a lens without distortion shows them
+    ///
+    /// Before the crop. The picture keeps its size, focal lengths and principal point; what leaves it is lost. The lens is that of a
+    /// recording of EVIS, or of --calibration.
+    #[arg(long, help_heading = "Events")]
+    pub(crate) undistort: bool,
+
+    /// The lens for --undistort: Kalibr's camchain.yaml or DSEC's cam_to_cam.yaml
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "undistort",
+        help_heading = "Events",
+        hide_short_help = true
+    )]
+    pub(crate) calibration: Option<PathBuf>,
+
+    /// The camera in --calibration, where it has several
+    #[arg(
+        long,
+        value_name = "NAME",
+        requires = "calibration",
+        help_heading = "Events",
+        hide_short_help = true
+    )]
+    pub(crate) calibration_camera: Option<String>,
+
     /// Keep a part of the sensor: left column, top row, width, height
     #[arg(long, value_name = "X,Y,W,H", value_parser = crop, help_heading = "Events")]
     pub(crate) crop: Option<[u32; 4]>,

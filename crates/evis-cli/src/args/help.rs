@@ -62,10 +62,10 @@ const EXAMPLES: [(&str, &[&str]); 16] = [
         &[
             "convert events.h5 events.raw",
             "convert recording.aedat4 events.h5 --start 1 --end 3 --rebase",
-            "convert events.h5 events.txt --crop 100,50,320,240",
+            "convert in.raw flat.raw --undistort --calibration camchain.yaml",
         ],
     ),
-    ("info", &["info events.h5", "info cut.h5 --repair"]),
+    ("info", &["info events.h5", "info scene.glb", "info cut.h5 --repair"]),
     ("score", &["score events.h5 --truth truth.h5 --tolerance-us 1000,100"]),
     (
         "calibrate",

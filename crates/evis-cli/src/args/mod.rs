@@ -95,7 +95,7 @@ pub(crate) enum Command {
     Verify(Box<VerifyArgs>),
     /// Write a file of events in another format: Prophesee RAW and DAT, AEDAT, text, NumPy, HDF5, ROS 2 bags, DSEC.
     Convert(Box<ConvertArgs>),
-    /// Show what a recording or a file of events holds; repair a recording that was cut off.
+    /// Show what a recording, a file of events or a scene holds; repair a recording that was cut off.
     Info(InfoArgs),
     /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
     Score(ScoreArgs),

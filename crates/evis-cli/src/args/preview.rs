@@ -23,6 +23,14 @@ pub(crate) struct PreviewArgs {
     #[arg(long, value_name = "NAME", help_heading = "Input")]
     pub(crate) camera: Option<String>,
 
+    /// What stands beside the events, where it was recorded: depth, flow, instance, semantic, normal, hdr, frame or none
+    ///
+    /// Depth is brighter the nearer it is; flow has the hue of its direction, red to the right; ids have a colour each.
+    ///
+    /// [default: HDR frames, else frames, where there are any]
+    #[arg(long, value_name = "LABEL", value_parser = ["depth", "flow", "instance", "semantic", "normal", "hdr", "frame", "none"], hide_possible_values = true, help_heading = "Picture")]
+    pub(crate) label: Option<String>,
+
     /// PNG: the window that ends at this second, instead of a contact sheet
     #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true, conflicts_with_all = ["start", "duration"], help_heading = "Input")]
     pub(crate) at: Option<f64>,

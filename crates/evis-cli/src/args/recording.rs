@@ -10,7 +10,7 @@ use super::values::{positive_seconds, seed, start_seconds, stimulus, tolerance_u
 /// `info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
-    /// A recording, or a file of events of any format that is read.
+    /// A recording, a file of events of any format that is read, or a scene: a built-in name, .glb, .gltf or .toml.
     pub(crate) input: PathBuf,
     /// The camera, of a file of another program that has several
     #[arg(long, value_name = "NAME", conflicts_with = "repair", help_heading = "Input")]

@@ -1,5 +1,7 @@
 //! EVT 3.0: 16-bit words, of which time, row and column each have their own.
 
+use std::hint::select_unpredictable;
+
 use evis_core::{Event, Polarity};
 
 use crate::packet::Trigger;
@@ -24,12 +26,20 @@ pub(super) const LATEST_US: i64 = (1 << 36) - 1;
 const VECTOR_EVENTS: usize = 4;
 /// Pixels that a vector covers.
 const VECTOR_WIDTH: u16 = 32;
+/// Most events that a word holds.
+const VECTOR_BITS: usize = 12;
+/// Words that are decoded before their events join the list.
+const PART: usize = 64;
+/// Words of an encoder's buffer.
+const BUFFER: usize = 1024;
 
 /// What the words so far mean for the next one.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Decoder {
     width: u16,
     height: u16,
+    /// Where the place of each type of word ends: the types without one, but for TIME_LOW, take none.
+    ends: [u16; 16],
     /// Start of the current run of 24-bit times.
     epoch_us: i64,
     /// The last TIME_HIGH, in units of 4096 us; before the first one there is no time.
@@ -44,9 +54,13 @@ pub(crate) struct Decoder {
 
 impl Decoder {
     pub fn new(width: u16, height: u16) -> Self {
+        let mut ends = [0; 16];
+        (ends[usize::from(ADDR_X)], ends[usize::from(ADDR_Y)]) = (width, height);
+        ends[usize::from(TIME_LOW)] = u16::MAX;
         Self {
             width,
             height,
+            ends,
             epoch_us: 0,
             high: None,
             t: 0,
@@ -77,34 +91,41 @@ impl Decoder {
         let words = bytes.as_chunks().0;
         // Most events take two or three words; what vectors add grows the list.
         events.reserve(words.len());
-        for (index, word) in words.iter().enumerate() {
-            let word = u16::from_le_bytes(*word);
+        let mut found = [Event::default(); PART * VECTOR_BITS];
+        for (index, part) in words.chunks(PART).enumerate() {
+            let mut count = 0;
+            let decoded = self.part(part, &mut found, &mut count, triggers);
+            events.extend_from_slice(found.get(..count).unwrap_or_default());
+            decoded.map_err(|(word, what)| (index * PART + word, what))?;
+        }
+        Ok(())
+    }
+
+    /// Decodes up to [`PART`] words into the start of `found`, and counts what it holds.
+    fn part(
+        &mut self,
+        words: &[[u8; 2]],
+        found: &mut [Event],
+        count: &mut usize,
+        triggers: &mut Vec<Trigger>,
+    ) -> Result<(), (usize, String)> {
+        let mut at = 0;
+        while let Some(word) = words.get(at).map(|word| u16::from_le_bytes(*word)) {
             let low = word & 0x0FFF;
+            if matches!(word >> 12, ADDR_X | ADDR_Y | TIME_LOW) {
+                let taken = self.scattered(words.get(at..).unwrap_or_default(), found, count);
+                at += taken;
+                if taken > 0 {
+                    continue;
+                }
+            }
             match word >> 12 {
-                ADDR_X => {
-                    let x = word & 0x07FF;
-                    if x >= self.width {
-                        return Err(self.outside(index, x));
-                    }
-                    let polarity = if word & 0x0800 == 0 { Polarity::Off } else { Polarity::On };
-                    if self.high.is_some() {
-                        events.push(Event::new(self.t, x, self.y, polarity));
-                    }
-                }
-                TIME_LOW => self.t = (self.t & !0x0FFF) | i64::from(low),
-                ADDR_Y => {
-                    // Bit 11 tells which camera of two; both see the same pixels.
-                    self.y = word & 0x07FF;
-                    if self.y >= self.height {
-                        return Err((index, format!("row {} lies outside of {} rows", self.y, self.height)));
-                    }
-                }
                 VECT_BASE_X => {
                     self.base_x = word & 0x07FF;
-                    self.vector_polarity = if word & 0x0800 == 0 { Polarity::Off } else { Polarity::On };
+                    self.vector_polarity = polarity(word);
                 }
-                VECT_12 => self.vector(index, low, 12, events)?,
-                VECT_8 => self.vector(index, low & 0xFF, 8, events)?,
+                VECT_12 => self.vector(at, low, 12, found, count)?,
+                VECT_8 => self.vector(at, low & 0xFF, 8, found, count)?,
                 TIME_HIGH => self.time_high(low),
                 EXT_TRIGGER => {
                     if self.high.is_some() {
@@ -112,10 +133,46 @@ impl Decoder {
                     }
                 }
                 CONTINUED_4 | OTHERS | CONTINUED_12 => {}
-                reserved => return Err((index, format!("a word is of the reserved type {reserved}"))),
+                ADDR_X => return Err(self.outside(at, word & 0x07FF)),
+                ADDR_Y => {
+                    let (y, height) = (word & 0x07FF, self.height);
+                    return Err((at, format!("row {y} lies outside of {height} rows")));
+                }
+                reserved => return Err((at, format!("a word is of the reserved type {reserved}"))),
             }
+            at += 1;
         }
         Ok(())
+    }
+
+    /// Decodes times, rows and columns up to the first word that is another or lies outside of the sensor;
+    /// returns their number.
+    ///
+    /// In a stream of scattered pixels nothing tells which of the three comes next, and a branch that the
+    /// processor guesses wrong takes longer than three words. So they share one way without a branch: each
+    /// word writes an event, and only a column keeps it.
+    fn scattered(&mut self, words: &[[u8; 2]], found: &mut [Event], count: &mut usize) -> usize {
+        let (mut t, mut y, mut n) = (self.t, self.y, *count);
+        let timed = self.high.is_some();
+        let mut taken = 0;
+        for word in words {
+            let word = u16::from_le_bytes(*word);
+            let kind = word >> 12;
+            let (is_x, is_y, is_time) = (kind == ADDR_X, kind == ADDR_Y, kind == TIME_LOW);
+            // Bit 11 of a row tells which camera of two; both see the same pixels.
+            let place = word & 0x07FF;
+            let Some(event) = found.get_mut(n) else { break };
+            if place >= self.ends[usize::from(kind)] {
+                break;
+            }
+            y = select_unpredictable(is_y, place, y);
+            t = select_unpredictable(is_time, (t & !0x0FFF) | i64::from(word & 0x0FFF), t);
+            *event = Event::new(t, place, y, polarity(word));
+            n += usize::from(is_x & timed);
+            taken += 1;
+        }
+        (self.t, self.y, *count) = (t, y, n);
+        taken
     }
 
     fn time_high(&mut self, high: u16) {
@@ -140,15 +197,19 @@ impl Decoder {
         index: usize,
         mut mask: u16,
         pixels: u16,
-        events: &mut Vec<Event>,
+        found: &mut [Event],
+        count: &mut usize,
     ) -> Result<(), (usize, String)> {
         while mask != 0 {
             let x = self.base_x.wrapping_add(mask.trailing_zeros() as u16);
             if x >= self.width {
                 return Err(self.outside(index, x));
             }
-            if self.high.is_some() {
-                events.push(Event::new(self.t, x, self.y, self.vector_polarity));
+            if self.high.is_some()
+                && let Some(event) = found.get_mut(*count)
+            {
+                *event = Event::new(self.t, x, self.y, self.vector_polarity);
+                *count += 1;
             }
             mask &= mask.wrapping_sub(1);
         }
@@ -160,6 +221,11 @@ impl Decoder {
     fn outside(&self, index: usize, x: u16) -> (usize, String) {
         (index, format!("column {x} lies outside of {} columns", self.width))
     }
+}
+
+/// Bit 11 of a word with a column.
+const fn polarity(word: u16) -> Polarity {
+    if word & 0x0800 == 0 { Polarity::Off } else { Polarity::On }
 }
 
 /// What the words so far said.
@@ -206,9 +272,36 @@ impl Encoder {
     }
 
     /// Encodes events that were checked.
+    ///
+    /// Whether the next event needs a time and a row cannot be told from those before it, and a branch that
+    /// the processor guesses wrong takes longer than the words. So all three are written, each over the one
+    /// before it where that was not needed.
     pub fn events(&mut self, events: &[Event], words: &mut Vec<u16>) {
         let mut rest = events;
+        let mut buffer = [0; BUFFER];
+        let mut used = 0;
         while let Some((event, later)) = rest.split_first() {
+            let high = Some(event.t >> 12);
+            // The fourth event tells in most cases that there is no vector.
+            let fourth = rest.get(VECTOR_EVENTS - 1);
+            let vector = fourth.is_some_and(|fourth| (fourth.t == event.t) & (fourth.y == event.y));
+            let room = buffer.get_mut(used..).and_then(<[u16]>::first_chunk_mut::<3>);
+            if let Some(slots) = room
+                && high == self.high
+                && !vector
+            {
+                let time = usize::from(event.t != self.t);
+                let row = usize::from(self.y != Some(event.y));
+                slots[0] = word(TIME_LOW, event.t as u16);
+                slots[time] = word(ADDR_Y, event.y);
+                slots[time + row] = word(ADDR_X, event.x | (event.p as u16) << 11);
+                used += time + row + 1;
+                (self.t, self.y) = (event.t, Some(event.y));
+                rest = later;
+                continue;
+            }
+            words.extend_from_slice(buffer.get(..used).unwrap_or_default());
+            used = 0;
             if event.t != self.t {
                 self.time(event.t, words);
             }
@@ -216,18 +309,14 @@ impl Encoder {
                 words.push(word(ADDR_Y, event.y));
                 self.y = Some(event.y);
             }
-            // The fourth event tells in most cases that there is no vector.
-            if let Some(fourth) = rest.get(VECTOR_EVENTS - 1)
-                && fourth.t == event.t
-                && fourth.y == event.y
-                && let Some(taken) = self.vector(rest, words)
-            {
+            if vector && let Some(taken) = self.vector(rest, words) {
                 rest = rest.get(taken..).unwrap_or_default();
                 continue;
             }
             words.push(word(ADDR_X, event.x | (event.p as u16) << 11));
             rest = later;
         }
+        words.extend_from_slice(buffer.get(..used).unwrap_or_default());
     }
 
     /// Sends the events at the start of `rest` that fit a vector, if they are enough; returns their number.

@@ -1,0 +1,127 @@
+//! `info` of a scene: what is in it, how large it is, and what its loader ignored.
+
+use std::path::Path;
+
+use evis_scene::{CameraMotionSettings, Scene};
+use serde::Serialize;
+
+use crate::{scene_source, text};
+
+#[derive(Serialize)]
+struct SceneInfo {
+    scene: String,
+    /// Lowest and highest corner at time 0, metres; none where nothing has a surface.
+    bounds_m: Option<[[f64; 3]; 2]>,
+    /// Of the motion; none where it has no natural end.
+    duration_s: Option<f64>,
+    environments: usize,
+    nodes: usize,
+    triangles: usize,
+    cameras: Vec<String>,
+    lights: usize,
+    materials: Vec<String>,
+    textures: usize,
+    /// What its loader had to say, and what stands out.
+    notes: Vec<String>,
+}
+
+/// Whether `input` names a scene: a built-in one that no file has the name of, or a file with a scene's ending.
+pub(crate) fn is_scene(input: &Path) -> bool {
+    let ending = input.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    let by_ending = ending.is_some_and(|ending| ["glb", "gltf", "toml"].contains(&ending.as_str()));
+    let name = input.to_string_lossy();
+    by_ending || (!input.exists() && scene_source::builtins().iter().any(|(builtin, _)| *builtin == name))
+}
+
+/// Describes the scene `input`.
+pub(crate) fn info(input: &Path, json: bool) -> anyhow::Result<i32> {
+    let scene = scene_source::open(&input.to_string_lossy(), 0, None, CameraMotionSettings::default())?;
+    let info = describe(&input.display().to_string(), &scene);
+    if json {
+        text::say_json(&info)?;
+    } else {
+        text::say(&lines(&info).join("\n"));
+    }
+    Ok(0)
+}
+
+fn describe(name: &str, scene: &Scene) -> SceneInfo {
+    let bounds_m = scene.bounds(0.0).map(|(low, high)| [low.to_array(), high.to_array()]);
+    let mut notes = scene.warnings.clone();
+    notes.extend(bounds_m.and_then(scene_source::unlikely_size));
+    SceneInfo {
+        scene: name.to_owned(),
+        bounds_m,
+        duration_s: scene.duration_s,
+        environments: scene.variants.len().max(1),
+        nodes: scene.nodes.len(),
+        triangles: scene_source::triangles(scene),
+        cameras: scene.cameras.iter().map(|camera| camera.name.clone()).collect(),
+        lights: scene.lights.len(),
+        materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
+        textures: scene.textures.len(),
+        notes,
+    }
+}
+
+fn lines(info: &SceneInfo) -> Vec<String> {
+    let mut lines = vec![format!("{}  scene", info.scene)];
+    lines.push(match info.bounds_m {
+        Some([low, high]) => {
+            let [x, y, z] = [0, 1, 2].map(|axis| format!("{:.3}", high[axis] - low[axis]));
+            let corner = |corner: [f64; 3]| corner.map(|c| format!("{c:.3}")).join(", ");
+            format!("size      {x} x {y} x {z} m, from ({}) to ({})", corner(low), corner(high))
+        }
+        None => "size      nothing has a surface".into(),
+    });
+    lines.push(match info.duration_s {
+        Some(seconds) => format!("duration  {seconds:.3} s"),
+        None => "duration  the motion has no natural end".into(),
+    });
+    if info.environments > 1 {
+        lines.push(format!("variants  {}", info.environments));
+    }
+    lines.push(format!("nodes     {}, {} triangles", info.nodes, text::grouped(info.triangles as u64)));
+    lines.push(format!("cameras   {}", info.cameras.join(", ")));
+    lines.push(format!("lights    {}", info.lights));
+    let unnamed = info.materials.iter().filter(|name| name.is_empty()).count();
+    let mut names: Vec<&str> =
+        info.materials.iter().map(String::as_str).filter(|name| !name.is_empty()).collect();
+    names.dedup();
+    let names = if names.is_empty() { String::new() } else { format!(": {}", names.join(", ")) };
+    let unnamed = if unnamed > 0 { format!(", {unnamed} of them without a name") } else { String::new() };
+    lines.push(format!("materials {}{unnamed}{names}; {} textures", info.materials.len(), info.textures));
+    lines.extend(info.notes.iter().map(|note| format!("note      {note}")));
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_are_told_from_recordings_by_name_and_ending() {
+        for scene in ["spinner", "a/b.glb", "a.GLTF", "scene.toml"] {
+            assert!(is_scene(Path::new(scene)), "{scene}");
+        }
+        for other in ["a.h5", "events.raw", "spinnner", "folder"] {
+            assert!(!is_scene(Path::new(other)), "{other}");
+        }
+    }
+
+    #[test]
+    fn a_scene_has_its_size_and_what_is_in_it() -> anyhow::Result<()> {
+        let info = describe("desk", &scene_source::describe("desk")?);
+        let [low, high] = info.bounds_m.unwrap_or_default();
+        assert!(
+            (0..3).all(|axis| high[axis] > low[axis] && high[axis] - low[axis] < 100.0),
+            "{low:?} {high:?}"
+        );
+        assert!(info.triangles > 100 && info.lights > 0 && !info.cameras.is_empty() && info.notes.is_empty());
+        let told = lines(&info).join("\n");
+        for part in ["desk  scene", "size ", " m, from (", "cameras   ", "materials "] {
+            assert!(told.contains(part), "{part}\n{told}");
+        }
+        Ok(())
+    }
+}
