@@ -30,7 +30,7 @@ _MOST_MEAN = 16
 
 _CPU = 1  # kDLCPU
 
-#: What the engine reads. These are dtypes, which are compared by identity first; types would be made dtypes of.
+#: What the engine reads. As dtypes, which are compared by identity first; types would be turned into dtypes.
 _FLOAT32 = np.dtype(np.float32)
 _LIGHT = (np.dtype(np.float32), np.dtype(np.uint8), np.dtype(np.uint16))
 
@@ -212,8 +212,8 @@ class EventEmulator(Generic[Out]):
         self._copies = (0, 0)
         # Whether frames have come since the start or a reset: the first ones are looked at.
         self._begun = False
-        shape = (self._settings["height"], self._settings["width"])
-        self._frame: tuple[int, ...] = shape if batch is None else (self._settings["batch"], *shape)
+        image: tuple[int, int] = (self._settings["height"], self._settings["width"])
+        self._frame: tuple[int, ...] = image if batch is None else (self._settings["batch"], *image)
         self._colours = (*self._frame, 3)
         # Kinds of warnings that were given.
         self._warned: set[str] = set()
@@ -478,10 +478,8 @@ class EventEmulator(Generic[Out]):
     def _made(self, lists: list[npt.NDArray[np.void]], copies: int) -> Out:
         self._copies = (copies, self._copies[1] + copies)
         width, height = self._frame[-1], self._frame[-2]
-        if self._settings["batch"] is None:
-            return cast("Out", EventArray._trusted(lists[0], width, height))
         made = [EventArray._trusted(events, width, height) for events in lists]
-        return cast("Out", made)
+        return cast("Out", made[0] if self.batch is None else made)
 
     def reset(self, env_ids: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None) -> None:
         """Let environments begin anew with their next frame; time may start anywhere if all are reset.
