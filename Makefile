@@ -40,11 +40,11 @@ SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2
 PORTABLE_PACKAGES := "ziglang>=0.15" "auditwheel>=6.4"
 
 # Seeds of the random scenes that `make check-long` tries.
-LONG_SCENES ?= 24..324
+LONG_SCENES ?= 8..324
 # Seconds that `make check-long` and `make fuzz` read mutants of each kind of file.
 FUZZ_S ?= 600
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long loom asan fuzz format bench bench-gpu chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check lint-rust lint-python check-long loom asan fuzz format bench bench-gpu chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -80,7 +80,11 @@ test-readers: wheel ## Hold files and dense arrays of events against other progr
 	  tests/test_representations.py
 
 # Rust first, the wheel after it: maturin configures pyo3 in its own way, and each change of hands builds it again.
-check: setup ## Formatting, lints, types, stubs, and the tests that need no device.
+check: lint-rust ## Formatting, lints, types, stubs, and Rust's unit tests.
+	cargo test $(CARGO_FLAGS) --lib --quiet
+	$(MAKE) lint-python
+
+lint-rust: setup ## Formatting and lints of Rust; licences and sources of what it depends on.
 	cargo fmt --all --check
 	cargo clippy $(CARGO_FLAGS) --all-targets -- -D warnings
 ifeq ($(DENY),yes)
@@ -88,8 +92,8 @@ ifeq ($(DENY),yes)
 else
 	@echo "cargo-deny is not installed: licences and sources of the dependencies are not checked"
 endif
-	cargo test $(CARGO_FLAGS) --lib --quiet
-	$(MAKE) wheel
+
+lint-python: wheel ## Formatting, lints and types of Python, and the stubs against the binary.
 	tools/install "$(BIN)" test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -106,6 +110,7 @@ test-ray: wheel ## Kill a worker of a Ray cluster, which it starts, while it sim
 
 check-long: setup ## What takes long: hundreds of random scenes, mutants of files for FUZZ_S seconds per kind, loom, asan.
 	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture
+	EVIS_REQUIRE_GPU=1 EVIS_LONG=1 cargo test $(CARGO_FLAGS) --test lens -- --nocapture
 	EVIS_FUZZ_S=$(FUZZ_S) cargo test $(CARGO_FLAGS) --test mutated_files -- mutated_ --nocapture
 	$(MAKE) loom asan
 
