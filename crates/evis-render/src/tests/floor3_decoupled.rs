@@ -102,6 +102,20 @@ fn a_stopped_step_goes_on_and_loses_nothing() {
     assert_eq!(by_view([simulator.step(300_000).unwrap()]), whole);
 }
 
+#[test]
+fn times_that_no_event_can_have_are_refused_with_the_limit() {
+    let new = || Simulator::new(None, scene("spinner"), config()).unwrap();
+    let refused = |error: Option<EngineError>| {
+        let error = error.unwrap().to_string();
+        assert!(error.contains("9000000000000000") && error.contains("at most 4503599627370496"), "{error}");
+    };
+    let mut simulator = new();
+    refused(simulator.step(9_000_000_000_000_000).err());
+    refused(new().stream(9_000_000_000_000_000, 1000).err());
+    assert_eq!(simulator.now_us(), 0);
+    simulator.step(1_000).unwrap();
+}
+
 /// The oracle evaluates every pixel; decoupled sampling leaves out those that it takes for resting.
 #[test]
 fn random_scenes_fire_as_the_oracle_says() {
