@@ -40,7 +40,7 @@ SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2
 PORTABLE_PACKAGES := "ziglang>=0.15" "auditwheel>=6.4"
 
 # Seeds of the random scenes that `make check-long` tries.
-LONG_SCENES ?= 8..324
+LONG_SCENES ?= 12..324
 # Seconds that `make check-long` and `make fuzz` read mutants of each kind of file.
 FUZZ_S ?= 600
 

@@ -20,7 +20,7 @@ use super::random_scenes::{self, LENGTH_MS};
 use super::skips::seeds;
 
 /// Random scenes that every run tries; `make check-long` tries more.
-const SEEDS: std::ops::Range<u64> = 0..8;
+const SEEDS: std::ops::Range<u64> = 0..12;
 
 fn config() -> RunConfig {
     RunConfig { method: Method::Decoupled, size: Some((40, 30)), ..RunConfig::default() }

@@ -18,7 +18,7 @@ use crate::world::view;
 use super::random_scenes::{self, LENGTH_MS, RATE_HZ};
 
 /// Scenes that every run tries; `EVIS_SCENES=FIRST..LAST` (`make check-long`) tries others.
-const SEEDS: std::ops::Range<u64> = 0..12;
+const SEEDS: std::ops::Range<u64> = 0..24;
 /// Scenes on which every run tries the presets.
 const PRESET_SEEDS: std::ops::Range<u64> = 0..4;
 
