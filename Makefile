@@ -40,11 +40,11 @@ SITE_PACKAGES := "mkdocs-material>=9.5,<10" "mkdocstrings[python]>=0.26" "latex2
 PORTABLE_PACKAGES := "ziglang>=0.15" "auditwheel>=6.4"
 
 # Seeds of the random scenes that `make check-long` tries.
-LONG_SCENES ?= 24..324
-# Seconds that `make check-long` reads mutants of each kind of file.
+LONG_SCENES ?= 12..324
+# Seconds that `make check-long` and `make fuzz` read mutants of each kind of file.
 FUZZ_S ?= 600
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check check-long format bench bench-gpu chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check lint-rust lint-python check-long loom asan fuzz format bench bench-gpu chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -80,7 +80,11 @@ test-readers: wheel ## Hold files and dense arrays of events against other progr
 	  tests/test_representations.py
 
 # Rust first, the wheel after it: maturin configures pyo3 in its own way, and each change of hands builds it again.
-check: setup ## Formatting, lints, types, stubs, and the tests that need no device.
+check: lint-rust ## Formatting, lints, types, stubs, and Rust's unit tests.
+	cargo test $(CARGO_FLAGS) --lib --quiet
+	$(MAKE) lint-python
+
+lint-rust: setup ## Formatting and lints of Rust; licences and sources of what it depends on.
 	cargo fmt --all --check
 	cargo clippy $(CARGO_FLAGS) --all-targets -- -D warnings
 ifeq ($(DENY),yes)
@@ -88,8 +92,8 @@ ifeq ($(DENY),yes)
 else
 	@echo "cargo-deny is not installed: licences and sources of the dependencies are not checked"
 endif
-	cargo test $(CARGO_FLAGS) --lib --quiet
-	$(MAKE) wheel
+
+lint-python: wheel ## Formatting, lints and types of Python, and the stubs against the binary.
 	tools/install "$(BIN)" test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -104,9 +108,31 @@ test-ray: wheel ## Kill a worker of a Ray cluster, which it starts, while it sim
 	tools/install "$(BIN)" test ray
 	$(BIN)/python -m pytest tests/test_dataset.py
 
-check-long: setup ## What takes long: hundreds of random scenes, and mutants of files for FUZZ_S seconds per kind.
+check-long: setup ## What takes long: hundreds of random scenes, mutants of files for FUZZ_S seconds per kind, loom, asan.
 	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture
+	EVIS_REQUIRE_GPU=1 EVIS_LONG=1 cargo test $(CARGO_FLAGS) --test lens -- --nocapture
 	EVIS_FUZZ_S=$(FUZZ_S) cargo test $(CARGO_FLAGS) --test mutated_files -- mutated_ --nocapture
+	$(MAKE) loom asan
+
+loom: ## Try the threads that share a push in every order of their atomic operations.
+	cargo test --manifest-path loom/Cargo.toml
+
+# The stable compiler has the sanitizer, but calls it unstable. With a target folder of its own, since every crate is
+# built for it. wgpu is not among what evis-core depends on, so that choosing one package costs nothing here.
+ASAN := RUSTC_BOOTSTRAP=1 RUSTFLAGS="-Zsanitizer=address" CARGO_TARGET_DIR=target/asan cargo test --release --locked \
+	-p evis-core --target "$$(rustc -vV | sed -n 's/^host: //p')"
+
+asan: ## The tests of evis-core with AddressSanitizer: an access to memory that is not there ends them.
+	seen=$$($(ASAN) --test address_sanitizer -- --ignored 2>&1 || true); \
+	  grep -q heap-buffer-overflow <<< "$$seen" || { echo "$$seen"; echo "AddressSanitizer is not in force"; exit 1; }
+	$(ASAN) --tests
+
+fuzz: ## Look for files that break a reader, with cargo-fuzz, FUZZ_S seconds per kind; the corpus stays in fuzz/corpus/.
+	for target in $$(cd fuzz/fuzz_targets && ls *.rs | sed 's/\.rs$$//'); do \
+	  mkdir -p fuzz/corpus/$$target; \
+	  cargo fuzz run --sanitizer none $$target -- -max_total_time=$(FUZZ_S) -rss_limit_mb=1024 -timeout=60 \
+	    -print_final_stats=1; \
+	done
 
 format: ## Format Rust and Python in place.
 	cargo fmt --all

@@ -298,6 +298,13 @@ def test_floats_that_are_hardly_light_are_asked_about() -> None:
         warnings.simplefilter("error")
         evis.EventEmulator(4, 3, reference_luminance=100.0).push(np.full((3, 4), 128.0, np.float32), 0)
         evis.EventEmulator(4, 3).push(np.full((3, 4), 128, np.uint8), 0)
+        # Frames that are not the first ones are not looked at, and those after a reset are.
+        emulator = evis.EventEmulator(4, 3)
+        emulator.push(np.full((3, 4), 0.5, np.float32), 0)
+        emulator.push(np.full((3, 4), 128.0, np.float32), 1000)
+    emulator.reset()
+    with pytest.warns(UserWarning, match="are they 0 to 255"):
+        emulator.push(np.full((3, 4), 128.0, np.float32), 0)
 
 
 BAD_FRAMES: list[tuple[Any, dict[str, Any], str]] = [

@@ -253,6 +253,7 @@ def test_impossible_times_are_named_in_the_unit_that_was_given(spinner: evis.Sce
         (lambda: sim.stream(duration=1, packet_us=1.5), "packet_us is 1.5; it must be a whole number"),
         (lambda: sim.step(1.5), "until_us is 1.5; it must be a whole number of microseconds"),
         (lambda: sim.step(2**70), r"until_us is 1180591620717411303424; .*2\*\*62 - 1"),
+        (lambda: sim.step(9 * 10**15), "until_us is 9000000000000000; it must be at most 4503599627370496"),
     ]:
         with pytest.raises(evis.ConfigError, match=said):
             make()

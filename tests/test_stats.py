@@ -64,6 +64,22 @@ def test_a_calibration_finds_its_noise(tmp_path: Path) -> None:
         evis.calibrate([events, events])
 
 
+def test_a_still_scene_has_the_light_that_a_preset_was_fitted_in() -> None:
+    """In the dark, the noise of ``dvxplorer-like`` is that of its recording; 0.9 of it goes with light."""
+
+    def rate_hz(sensor: evis.Sensor | str, **keywords: float) -> float:
+        events = evis.measure.static_scene(sensor, 64, 48, duration=4.0, **keywords)
+        rate = evis.statistics(events, duration=4.0).cold_rate_hz
+        assert rate is not None
+        return rate
+
+    assert rate_hz("dvxplorer-like") == rate_hz("dvxplorer-like", light=0.0)
+    assert rate_hz("dvxplorer-like", light=1.0) < 0.5 * rate_hz("dvxplorer-like")
+    own = evis.Sensor.preset("dvxplorer-like")
+    louder = replace(own, noise=replace(own.noise, shot_hz=1.0))
+    assert rate_hz(louder) == rate_hz(louder, light=0.18)
+
+
 def test_flicker_shows_thresholds() -> None:
     sensor = evis.Sensor(threshold_on=0.15, threshold_off=0.25)
     emulator = evis.EventEmulator(8, 6, sensor)

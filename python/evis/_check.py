@@ -53,6 +53,9 @@ def whole(what: str, value: Any, least: int = 0, most: int = _MOST_U32, unit: st
 
 def time_us(what: str, value: Any) -> int:
     """Return a time in microseconds."""
+    # Once per frame; the rest is for all other kinds and for errors.
+    if type(value) is int and -MOST_US <= value <= MOST_US:
+        return value
     return whole(what, value, -MOST_US, MOST_US, " microseconds")
 
 
@@ -66,6 +69,8 @@ def _power(limit: int) -> str:
 
 def number(what: str, value: Any, unit: str = "") -> float:
     """Return a number of any library's as Python's; it may be infinite or NaN."""
+    if type(value) is float:
+        return value
     if not isinstance(value, (bool, np.bool_, str, bytes)):
         # An array of many has no value, and the largest integers are no floats.
         with suppress(TypeError, ValueError, OverflowError):

@@ -30,6 +30,10 @@ _MOST_MEAN = 16
 
 _CPU = 1  # kDLCPU
 
+#: What the engine reads. As dtypes, which are compared by identity first; types would be turned into dtypes.
+_FLOAT32 = np.dtype(np.float32)
+_LIGHT = (np.dtype(np.float32), np.dtype(np.uint8), np.dtype(np.uint16))
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EmulatorReport:
@@ -206,6 +210,11 @@ class EventEmulator(Generic[Out]):
         }
         sensor.check()
         self._copies = (0, 0)
+        # Whether frames have come since the start or a reset: the first ones are looked at.
+        self._begun = False
+        image: tuple[int, int] = (self._settings["height"], self._settings["width"])
+        self._frame: tuple[int, ...] = image if batch is None else (self._settings["batch"], *image)
+        self._colours = (*self._frame, 3)
         # Kinds of warnings that were given.
         self._warned: set[str] = set()
         self._emulator = _evis.EventEmulator(
@@ -292,11 +301,14 @@ class EventEmulator(Generic[Out]):
             changed then.
         """
         array, copied = _as_array(frames)
-        array, copied = _without_alpha(array, copied, self._shape())
-        channels = self._channels(array)
+        if array.shape == self._frame:
+            channels = 1
+        else:
+            array, copied = _without_alpha(array, copied, self._frame)
+            channels = self._channels(array)
         if transfer is None:
-            transfer = "linear" if array.dtype == np.float32 else "srgb"
-        if self.now_us is None and array.dtype == np.float32 and transfer == "linear":
+            transfer = "linear" if array.dtype == _FLOAT32 else "srgb"
+        if not self._begun and self.now_us is None and array.dtype == _FLOAT32 and transfer == "linear":
             self._doubt(array)
         lists = self._emulator.push(
             array.reshape(-1),
@@ -305,6 +317,7 @@ class EventEmulator(Generic[Out]):
             transfer=str(transfer),
             gamma=_check.number("gamma", gamma),
         )
+        self._begun = True
         return self._made(lists, int(copied))
 
     def push_keyframe(
@@ -464,7 +477,8 @@ class EventEmulator(Generic[Out]):
 
     def _made(self, lists: list[npt.NDArray[np.void]], copies: int) -> Out:
         self._copies = (copies, self._copies[1] + copies)
-        made = [EventArray._trusted(events, self.width, self.height) for events in lists]
+        width, height = self._frame[-1], self._frame[-2]
+        made = [EventArray._trusted(events, width, height) for events in lists]
         return cast("Out", made[0] if self.batch is None else made)
 
     def reset(self, env_ids: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None) -> None:
@@ -480,6 +494,7 @@ class EventEmulator(Generic[Out]):
         ConfigError
             If there is no such environment.
         """
+        self._begun = False
         if env_ids is None:
             self._emulator.reset(None)
             return
@@ -513,6 +528,7 @@ class EventEmulator(Generic[Out]):
         """
         if not isinstance(state, bytes):
             raise ConfigError(f"state is {_check.shown(state)}; it must be the bytes that get_state returns")
+        self._begun = False
         self._emulator.restore(state)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -537,18 +553,12 @@ class EventEmulator(Generic[Out]):
                 stacklevel=3,
             )
 
-    def _shape(self) -> tuple[int, ...]:
-        """Return the shape of frames of one channel."""
-        image: tuple[int, ...] = (self.height, self.width)
-        return image if self.batch is None else (self.batch, *image)
-
     def _channels(self, array: npt.NDArray[Any]) -> int:
-        wanted: tuple[int, ...] = self._shape()
-        if array.shape == wanted:
+        if array.shape == self._frame:
             return 1
-        if array.shape == (*wanted, 3):
+        if array.shape == self._colours:
             return 3
-        raise ConfigError(f"frames have shape {array.shape}; they must have {wanted} or {(*wanted, 3)}")
+        raise ConfigError(f"frames have shape {array.shape}; they must have {self._frame} or {self._colours}")
 
 
 def _unpickle(sensor: Sensor, settings: dict[str, Any], state: bytes) -> EventEmulator[Any]:
@@ -710,9 +720,12 @@ def _motion_steps(values: Any, shape: tuple[int, ...]) -> tuple[npt.NDArray[Any]
 
 
 def _as_array(
-    frames: Any, what: str = "frames", dtypes: tuple[Any, ...] = (np.float32, np.uint8, np.uint16)
+    frames: Any, what: str = "frames", dtypes: tuple[Any, ...] = _LIGHT
 ) -> tuple[npt.NDArray[Any], bool]:
     """View anything as a C-contiguous array of a dtype that the engine reads; say whether it was copied."""
+    # What most callers push, without the microseconds that the rest takes.
+    if type(frames) is np.ndarray and frames.flags.c_contiguous and frames.dtype in dtypes:
+        return frames, False
     if not isinstance(frames, np.ndarray) and hasattr(frames, "__dlpack_device__"):
         device = frames.__dlpack_device__()
         if int(device[0]) != _CPU:

@@ -166,7 +166,13 @@ def statistics(source: Source, *, duration: float | None = None) -> Statistics:
 
 
 def static_scene(
-    sensor: Sensor | str, width: int, height: int, *, duration: float, light: float = 0.18, seed: int = 0
+    sensor: Sensor | str,
+    width: int,
+    height: int,
+    *,
+    duration: float,
+    light: float | None = None,
+    seed: int = 0,
 ) -> EventArray:
     """Return the noise of a sensor before a still, even scene.
 
@@ -178,10 +184,16 @@ def static_scene(
         Pixels.
     duration : float
         Seconds.
-    light : float
-        Y / Y_ref.
+    light : float, optional
+        Y / Y_ref. If not given, the light of the recording that a preset's noise was fitted to, where the
+        sensor has that noise (``dvxplorer-like``: 0), and 0.18 else.
     seed : int
         Seed of everything random.
+
+    Raises
+    ------
+    ConfigError
+        If a value cannot be used, or light is negative or infinite.
     """
     sensor = sensor_of(sensor)
     sensor.check()
@@ -190,7 +202,7 @@ def static_scene(
     if duration_us > 86_400_000_000:
         raise ConfigError(f"duration is {duration}; it must be above 0 and at most 86400 seconds")
     seed = _check.whole("seed", seed, 0, 2**63 - 1)
-    light = _check.number("light", light)
+    light = _check.number_or_none("light", light)
     events = _evis.static_scene(sensor._json(), (width, height), duration_us, light, seed)
     return EventArray(events, width=width, height=height)
 

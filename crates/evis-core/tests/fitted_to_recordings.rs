@@ -28,7 +28,7 @@ fn expected(sensor: &SensorConfig, size: (u32, u32), duration_us: i64) -> Result
     let mut sum = [0.0; 5];
     const DRAWS: u64 = 3;
     for seed in 100..100 + DRAWS {
-        let events = static_scene(sensor, size, duration_us, 0.0, seed)?;
+        let events = static_scene(sensor, size, duration_us, None, seed)?;
         let of = figures(&stats(&events, size, (0, duration_us))?);
         sum.iter_mut().zip(of).for_each(|(sum, value)| *sum += value / DRAWS as f64);
     }
@@ -57,7 +57,11 @@ fn what_is_fitted_to_the_first_half_holds_for_the_second() {
 
         let preset = SensorConfig::preset(preset).unwrap();
         let made = calibrate(&recording.events, size, (start_us, middle_us), &preset, 0).unwrap();
-        assert!(made.warnings.is_empty(), "{name}: {:?}", made.warnings);
+        // After an event, a pixel in the dark is nearly silent for a fifth of a second, which no noise here is.
+        let strange =
+            made.warnings.iter().filter(|warning| !warning.contains("the median time between")).count();
+        let expected_warnings = usize::from(preset.noise.burst_longest_us == 0.0);
+        assert_eq!((strange, made.warnings.len()), (0, expected_warnings), "{name}: {:?}", made.warnings);
         let fitted = expected(&made.sensor, size, length_us).unwrap();
         eprintln!("{name}: second half {want:.5?}, fitted {fitted:.5?}");
         assert!(apart(fitted, want) < 0.2, "{name}: {fitted:?} for {want:?}");

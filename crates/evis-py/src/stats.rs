@@ -94,7 +94,7 @@ pub(crate) fn static_scene<'py>(
     sensor: &str,
     size: (u32, u32),
     duration_us: i64,
-    light: f32,
+    light: Option<f32>,
     seed: u64,
 ) -> PyResult<Bound<'py, PyAny>> {
     let sensor = from_json(sensor)?;

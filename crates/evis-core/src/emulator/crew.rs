@@ -4,11 +4,14 @@
 //! thread that pushes works itself, and its helpers wait a moment for more without sleeping. Each has a share of the
 //! items, the same one in every part, so that tiles stay in its cache; whoever is done takes from others' shares.
 
+mod sync;
+mod table;
+
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
+
+use table::Table;
 
 /// Who works on the items of a part.
 #[derive(Clone, Copy)]
@@ -27,7 +30,7 @@ impl Hands<'_> {
         match self {
             Self::One => 1,
             Self::Pool(threads) => threads,
-            Self::Crew(crew) => crew.table.members.len(),
+            Self::Crew(crew) => crew.table.members(),
         }
     }
 
@@ -41,52 +44,11 @@ impl Hands<'_> {
     }
 }
 
-/// How long a helper waits for more: less than it takes to wake one.
-const LINGER: Duration = Duration::from_micros(20);
-
 /// The thread that owns it, and the threads of a pool.
 #[derive(Debug)]
 pub(crate) struct Crew {
     pool: rayon::ThreadPool,
     table: Arc<Table>,
-}
-
-/// What members share.
-#[derive(Debug)]
-struct Table {
-    members: Vec<Member>,
-    /// Lives while members have items and until as many as there are are `done`.
-    job: AtomicPtr<Job<'static>>,
-    panicked: AtomicBool,
-}
-
-/// Alone in its cache lines, which members would otherwise take from each other with every item.
-#[derive(Debug, Default)]
-#[repr(align(128))]
-struct Member {
-    /// Items of its share that nobody has taken.
-    left: AtomicUsize,
-    /// Items that it has done.
-    done: AtomicUsize,
-    /// Whether it looks for more.
-    present: AtomicBool,
-}
-
-struct Job<'a> {
-    work: &'a (dyn Fn(usize) + Sync),
-    items: usize,
-}
-
-/// Counts an item of a member's when it is done, and when it panics.
-struct Done<'a>(&'a Table, usize);
-
-impl Drop for Done<'_> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.panicked.store(true, Ordering::Relaxed);
-        }
-        self.0.members[self.1].done.fetch_add(1, Ordering::Release);
-    }
 }
 
 /// Items that need a pointer to cross threads: each is taken by one.
@@ -108,9 +70,7 @@ impl<T> Base<T> {
 impl Crew {
     /// The caller, whoever that is, and one thread of `pool` less than there are.
     pub fn new(pool: rayon::ThreadPool) -> Self {
-        let members = (0..pool.current_num_threads()).map(|_| Member::default()).collect();
-        let job = AtomicPtr::new(std::ptr::null_mut());
-        let table = Table { members, job, panicked: AtomicBool::new(false) };
+        let table = Table::new(pool.current_num_threads());
         Self { pool, table: Arc::new(table) }
     }
 
@@ -121,79 +81,19 @@ impl Crew {
 
     /// One thread at a time may call this: an emulator pushes through `&mut`.
     fn each<T: Send>(&self, items: &mut [T], work: impl Fn(&mut T) + Sync) {
-        let (table, count, base) = (&*self.table, items.len(), Base(items.as_mut_ptr()));
-        // SAFETY: `take` gives each index below `count` to one thread, once.
+        let (count, base) = (items.len(), Base(items.as_mut_ptr()));
+        // SAFETY: the table gives each index below `count` to one thread, once.
         let work = |index: usize| work(unsafe { base.item(index) });
-        let job = Job { work: &work, items: count };
-        table.job.store((&raw const job).cast_mut().cast(), Ordering::Release);
-        for member in &table.members {
-            member.done.store(0, Ordering::Relaxed);
-        }
-        for (number, member) in table.members.iter().enumerate() {
-            member.left.store(table.share(number, count).len(), Ordering::Release);
-        }
-        for (number, member) in table.members.iter().enumerate().skip(1).take(count - 1) {
-            if !member.present.swap(true, Ordering::AcqRel) {
-                let table = self.table.clone();
-                self.pool.spawn(move || table.help(number));
-            }
-        }
-        // A panic of this thread's must not end `job` while others look at it.
-        let here = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| while table.take(0) {}));
-        if here.is_err() {
-            // Nobody shall work on what nobody has begun.
-            let dropped = table.members.iter().map(|member| member.left.swap(0, Ordering::Relaxed)).sum();
-            table.members[0].done.fetch_add(dropped, Ordering::Relaxed);
-        }
-        let since = Instant::now();
-        while table.members.iter().map(|member| member.done.load(Ordering::Acquire)).sum::<usize>() < count {
-            if since.elapsed() < LINGER { std::hint::spin_loop() } else { std::thread::yield_now() }
-        }
-        let panicked = table.panicked.swap(false, Ordering::Relaxed);
-        if let Err(panic) = here {
-            std::panic::resume_unwind(panic);
-        }
-        assert!(!panicked, "a thread that helped with a push panicked");
-    }
-}
-
-impl Table {
-    fn help(&self, number: usize) {
-        let mut since = Instant::now();
-        while since.elapsed() < LINGER {
-            // The thread that pushes reports it.
-            match std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.take(number))) {
-                Ok(false) => std::hint::spin_loop(),
-                _ => since = Instant::now(),
-            }
-        }
-        self.members[number].present.store(false, Ordering::Release);
-    }
-
-    fn share(&self, number: usize, items: usize) -> std::ops::Range<usize> {
-        let members = self.members.len();
-        number * items / members..(number + 1) * items / members
-    }
-
-    /// Takes an item and works on it; whether there was one.
-    fn take(&self, number: usize) -> bool {
-        let members = self.members.len();
-        for owner in (number..members).chain(0..number) {
-            let one_less = |left: usize| left.checked_sub(1);
-            let taken = self.members[owner].left.fetch_update(Ordering::Acquire, Ordering::Relaxed, one_less);
-            let Ok(left) = taken else { continue };
-            let _done = Done(self, number);
-            // SAFETY: an item was taken and is not done, so `each` has not returned.
-            let job = unsafe { &*self.job.load(Ordering::Acquire) };
-            (job.work)(self.share(owner, job.items).end - left);
-            return true;
-        }
-        false
+        self.table.each(count, &work, |number| {
+            let table = self.table.clone();
+            self.pool.spawn(move || table.help(number));
+        });
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::sync::LINGER;
     use super::*;
 
     fn crew(threads: usize) -> Crew {

@@ -118,7 +118,17 @@ pub const PRESETS: [Preset; 13] = [
     },
 ];
 
+/// Presets whose noise falls with light and was fitted to a recording, and that recording's light, `Y / Y_ref`.
+const FITTED: [(&str, f32); 1] = [("dvxplorer-like", 0.0)];
+
 impl SensorConfig {
+    /// Light, `Y / Y_ref`, in which the noise of this sensor was fitted to a recording; `None` where its noise is not that of a
+    /// preset which says so.
+    pub fn fitted_light(&self) -> Option<f32> {
+        let is_ours = |name: &str| Self::preset(name).is_ok_and(|preset| preset.noise == self.noise);
+        FITTED.iter().find(|(name, _)| is_ours(name)).map(|(_, light)| *light)
+    }
+
     /// The preset `name`.
     ///
     /// # Errors
@@ -315,6 +325,13 @@ mod tests {
             assert_eq!(SensorConfig::from_toml(&text).unwrap(), sensor, "{}: {text}", preset.name);
             assert_eq!(SensorConfig::preset(preset.name).unwrap(), sensor);
             assert_eq!(sensor.is_ideal(), ["ideal", "carla"].contains(&preset.name), "{}", preset.name);
+        }
+        let dark = SensorConfig::preset("dvxplorer-like").unwrap();
+        assert_eq!(dark.fitted_light(), Some(0.0));
+        let other = SensorConfig { noise: Noise { shot_hz: 1.0, ..dark.noise }, ..dark };
+        assert_eq!(other.fitted_light(), None);
+        for (name, _) in FITTED {
+            SensorConfig::preset(name).unwrap();
         }
         let error = SensorConfig::preset("v2f").unwrap_err().to_string();
         assert!(error.contains("v2f") && error.contains("v2e-noisy"), "{error}");

@@ -55,7 +55,10 @@ pub struct Calibration {
     pub simulated: Stats,
 }
 
-/// Events of `sensor` before a still scene of this light: `Y / Y_ref`.
+/// Light of a still scene, `Y / Y_ref`, where a sensor says no other.
+const GREY: f32 = 0.18;
+
+/// Events of `sensor` before a still scene of this light, `Y / Y_ref`; `None`: [`SensorConfig::fitted_light`], or 0.18.
 ///
 /// # Errors
 /// What [`EventEmulator::new`] refuses.
@@ -63,9 +66,10 @@ pub fn static_scene(
     sensor: &SensorConfig,
     (width, height): (u32, u32),
     duration_us: i64,
-    light: f32,
+    light: impl Into<Option<f32>>,
     seed: u64,
 ) -> Result<Vec<Event>, ConfigError> {
+    let light = light.into().or_else(|| sensor.fitted_light()).unwrap_or(GREY);
     let config = EmulatorConfig { width, height, seed, sensor: sensor.clone(), ..EmulatorConfig::default() };
     let mut emulator = EventEmulator::new(config)?;
     let frame = vec![light; width as usize * height as usize];
@@ -138,7 +142,7 @@ pub fn calibrate(
     warnings.extend(signs_of_motion(&target, used, (start_us, duration_us)));
     let (sensor, simulated) = fit(&target, (width, height), duration_us, base, seed)?;
     let (found, unknown) = tell(&target, &sensor);
-    for (name, of) in FIGURES {
+    for (name, of) in FIGURES.into_iter().chain([INTERVAL_FIGURE]) {
         if let (Some(want), Some(got)) = (of(&target), of(&simulated))
             && (got - want).abs() > 0.2 * want
         {
@@ -192,6 +196,11 @@ const FIGURES: [Figure; 5] = [
     ("the alternation of polarities", |s| s.alternation.filter(|_| s.pairs >= 100)),
 ];
 
+/// What no part of the model could be fitted to, and a fit is held against: a pixel's noise has no memory but bursts.
+const INTERVAL_FIGURE: Figure = ("the median time between a pixel's events, in milliseconds", |s| {
+    s.interval_quantiles_us.filter(|_| s.pairs >= 100).map(|quantiles| quantiles[2] * 1e-3)
+});
+
 /// Greatest relative difference of the figures that pixels which are not hot decide.
 fn distance(target: &Stats, got: &Stats) -> f64 {
     if got.fano.is_none() {
@@ -214,7 +223,7 @@ fn fit(
     let mut guess = Guess { noise: first_guess(target, base), tail_is_full: false };
     let simulate = |noise: Noise| -> Result<(SensorConfig, Stats), ConfigError> {
         let sensor = SensorConfig { noise, ..base.clone() };
-        let events = static_scene(&sensor, size, duration_us, 0.18, seed)?;
+        let events = static_scene(&sensor, size, duration_us, GREY, seed)?;
         Ok((sensor, stats(&events, size, (0, duration_us))?))
     };
     let mut best: Option<(f64, Noise, Stats)> = None;

@@ -8,6 +8,7 @@ use std::task::Poll;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use evis_core::event::MOST_T_US;
 use evis_core::{CameraInfo, ConfigError, SensorConfig};
 use evis_scene::{HostPose, HostPoses, Scene};
 
@@ -183,15 +184,25 @@ impl Simulator {
         self.source.stop()
     }
 
+    /// Whether a stream can go on to `t_us`.
+    fn check_time(&self, what: &str, t_us: i64) -> Result<(), ConfigError> {
+        let now_us = self.now_us();
+        if t_us <= now_us {
+            let remedy = format!("after the stream's present, {now_us} microseconds");
+            return Err(ConfigError::new(what, t_us, remedy));
+        }
+        if t_us > MOST_T_US {
+            return Err(ConfigError::new(what, t_us, format!("at most {MOST_T_US} microseconds")));
+        }
+        Ok(())
+    }
+
     /// Runs to `until_us` (stream time) and yields everything in `[now, until_us)`.
     ///
     /// # Errors
-    /// `until_us` must lie after [`Simulator::now_us`]; the device may fail.
+    /// `until_us` must lie after [`Simulator::now_us`] and within [`MOST_T_US`]; the device may fail.
     pub fn step(&mut self, until_us: i64) -> Result<Packet, EngineError> {
-        if until_us <= self.now_us() {
-            let remedy = format!("after the stream's present, {} microseconds", self.now_us());
-            return Err(ConfigError::new("until_us", until_us, remedy).into());
-        }
+        self.check_time("until_us", until_us)?;
         if self.host_poses.is_some() {
             return self.step_with_poses(until_us, &[]);
         }
@@ -235,10 +246,7 @@ impl Simulator {
             let remedy = "no poses: name the nodes that a host moves when the simulator is made";
             return Err(ConfigError::new("poses", "given", remedy).into());
         };
-        if until_us <= self.source.now_us() {
-            let remedy = format!("after the stream's present, {} microseconds", self.source.now_us());
-            return Err(ConfigError::new("until_us", until_us, remedy).into());
-        }
+        self.check_time("until_us", until_us)?;
         let needed_us = self.source.needed_us(until_us);
         if needed_us != until_us {
             let remedy = format!(
@@ -318,7 +326,7 @@ impl Simulator {
     /// that ends with the stream. The last packet is shorter where the duration is no multiple.
     ///
     /// # Errors
-    /// Both times must be above 0.
+    /// Both times must be above 0, and the end within [`MOST_T_US`].
     pub fn stream(self, duration_us: i64, packet_us: i64) -> Result<PacketStream, EngineError> {
         if self.host_poses.is_some() {
             let remedy = "a simulator whose poses come from a host goes on step by step: use step";
@@ -330,6 +338,7 @@ impl Simulator {
             }
         }
         let end = self.now_us().saturating_add(duration_us);
+        self.check_time("end of the stream", end)?;
         let (send, receive) = sync_channel(AHEAD);
         let mut source = self.source;
         let stop = source.stop().clone();

@@ -19,7 +19,7 @@ use super::adaptive_streams::scene;
 use super::random_scenes::{self, LENGTH_MS};
 use super::skips::seeds;
 
-/// Random scenes that every run tries.
+/// Random scenes that every run tries; `make check-long` tries more.
 const SEEDS: std::ops::Range<u64> = 0..12;
 
 fn config() -> RunConfig {
@@ -100,6 +100,20 @@ fn a_stopped_step_goes_on_and_loses_nothing() {
     assert_eq!(simulator.now_us(), 0);
     simulator.stop().store(false, Ordering::Relaxed);
     assert_eq!(by_view([simulator.step(300_000).unwrap()]), whole);
+}
+
+#[test]
+fn times_that_no_event_can_have_are_refused_with_the_limit() {
+    let new = || Simulator::new(None, scene("spinner"), config()).unwrap();
+    let refused = |error: Option<EngineError>| {
+        let error = error.unwrap().to_string();
+        assert!(error.contains("9000000000000000") && error.contains("at most 4503599627370496"), "{error}");
+    };
+    let mut simulator = new();
+    refused(simulator.step(9_000_000_000_000_000).err());
+    refused(new().stream(9_000_000_000_000_000, 1000).err());
+    assert_eq!(simulator.now_us(), 0);
+    simulator.step(1_000).unwrap();
 }
 
 /// The oracle evaluates every pixel; decoupled sampling leaves out those that it takes for resting.
