@@ -18,7 +18,7 @@ use crate::texture::Reader;
 
 /// Cells per texel of the level that is read, at least.
 const PER_TEXEL: f64 = 3.0;
-/// Cells along a pixel's side. Textures with more texels than this suffices for are read in strips.
+/// Cells along a pixel's side. Textures with more texels than this suffices for are read along the edges of footprints.
 const DENSITY: f64 = 8.0;
 /// Cells along a pixel's side where light changes slowly: it bends with the normals between vertices.
 const LEAST_LIGHT_DENSITY: f64 = 3.0;
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn means_from_a_picture_are_those_of_strips() {
+    fn means_from_a_picture_are_those_of_edges() {
         let scene = noise();
         let textures = Textures::new(&scene);
         let (mut squares, mut canary, mut count) = (0.0, 0.0, 0);

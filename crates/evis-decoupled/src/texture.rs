@@ -24,7 +24,7 @@ const MOST_PARTS: f32 = 8.0;
 /// Distance of the two points of Gauss from the middle of an interval, over its length.
 const GAUSS: f32 = 0.288_675_13;
 /// Edges that lead down by less are level.
-const LEVEL: f32 = 1e-6;
+const FLAT: f32 = 1e-6;
 /// A footprint is no longer than this many texels; a smaller level is read in its place.
 const MOST_LINES: f64 = 128.0;
 /// A footprint of less than this many texels is a point.
@@ -119,7 +119,7 @@ impl Within<'_> {
     #[inline(always)]
     fn edge(&self, from: [f32; 2], by: [f32; 2], scale: f32) -> Vec4 {
         let mut sum = Vec4::ZERO;
-        if by[1] < LEVEL {
+        if by[1] < FLAT {
             return sum;
         }
         let slope = by[0] / by[1];

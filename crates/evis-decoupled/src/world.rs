@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::f64::consts::TAU;
 
 use evis_scene::motion::Path;
-use evis_scene::{AlphaMode, Lens, Motion, Primitive, Scene, SceneState, Variant, rigid};
+use evis_scene::{AlphaMode, Lens, Motion, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
@@ -197,10 +197,10 @@ impl<'a> World<'a> {
     pub fn frame(&self, t_us: f64) -> Result<Frame, Error> {
         let mut state = SceneState::default();
         self.scene.evaluate_variant(self.variant, t_us * 1e-6, &mut state);
-        let pose = state.world_from_node.get(self.scene.cameras[self.camera].node).and_then(rigid);
+        let pose = state.world_from_node.get(self.scene.cameras[self.camera].node).map(rigid_or_unrotated);
         let Some(world_from_camera) = pose else {
             let name = &self.scene.cameras[self.camera].name;
-            return Err(Error::Camera(format!("camera '{name}' has no rigid pose at {t_us} us")));
+            return Err(Error::Camera(format!("camera '{name}' has no pose at {t_us} us")));
         };
         let [fx, fy] = self.lens.focal;
         let [cx, cy] = self.lens.center;

@@ -158,6 +158,11 @@ pub fn rigid(world_from_node: &DMat4) -> Option<DMat4> {
     Some(DMat4::from_cols(right.extend(0.0), up.extend(0.0), back.extend(0.0), world_from_node.w_axis))
 }
 
+/// As [`rigid`], and without rotation where axes are scaled to nothing: nothing is to be seen there, and any will do.
+pub fn rigid_or_unrotated(world_from_node: &DMat4) -> DMat4 {
+    rigid(world_from_node).unwrap_or_else(|| DMat4::from_translation(world_from_node.w_axis.truncate()))
+}
+
 /// World position of vertex `i`, morphed and skinned; `None` where it does not exist.
 pub(crate) fn deformed(
     primitive: &Primitive,

@@ -38,7 +38,7 @@ pub use camera_motion::{CameraMotion, CameraMotionSettings};
 pub use digest::digest;
 pub use distortion::Distortion;
 pub use error::SceneError;
-pub use framing::rigid;
+pub use framing::{rigid, rigid_or_unrotated};
 pub use host_poses::HostPoses;
 pub use lens::CalibratedLens;
 pub use model::*;

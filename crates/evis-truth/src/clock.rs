@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use evis_scene::{CalibratedLens, Lens, Motion, Scene, SceneError, SceneState, rigid};
+use evis_scene::{CalibratedLens, Lens, Motion, Scene, SceneError, SceneState, rigid, rigid_or_unrotated};
 use glam::DVec3;
 
 use crate::rays::{
@@ -83,8 +83,9 @@ impl<'a> Clock<'a> {
         let mut state = SceneState::default();
         self.scene.evaluate((self.start_us as f64 + t_us) * 1e-6, &mut state);
         let geometry = Geometry::at(&self.matter, self.scene, &state);
+        let node = self.scene.cameras[self.camera].node;
         let world_from_camera =
-            self.scene.world_from_camera(self.camera, &state).unwrap_or(self.pinhole.world_from_camera);
+            state.world_from_node.get(node).map_or(self.pinhole.world_from_camera, rigid_or_unrotated);
         Moment {
             caster: RayCaster::with_geometry(self.scene, &state, self.textures, OPTIONS, geometry),
             camera: SceneCamera { pinhole: Pinhole { world_from_camera, ..self.pinhole }, lens: self.lens },

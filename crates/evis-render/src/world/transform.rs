@@ -2,12 +2,8 @@
 
 use glam::DMat4;
 
-/// A pose without scale: a scaled parent moves a camera or light but does not stretch what it sees or lights.
-pub fn rigid(world_from_node: &DMat4) -> DMat4 {
-    // Without axes there is nothing to see or light; any rotation will do.
-    evis_scene::rigid(world_from_node)
-        .unwrap_or_else(|| DMat4::from_translation(world_from_node.w_axis.truncate()))
-}
+/// A scaled parent moves a camera or light but does not stretch what it sees or lights.
+pub use evis_scene::rigid_or_unrotated as rigid;
 
 /// Columns in f32.
 pub fn columns(m: &DMat4) -> [[f32; 4]; 4] {
