@@ -1,16 +1,16 @@
 //! The threads that share the parts of a push, in every order of their atomic operations that the memory model allows,
 //! with two preemptions (three for those that are short).
 //!
-//! `crates/evis-core/src/emulator/crew/table.rs` is all synchronisation that is our own: what else crosses threads goes
+//! `crates/evis-core/src/emulator/workers/table.rs` is all synchronisation that is our own: what else crosses threads goes
 //! through rayon, channels and `std`'s locks. `make loom` runs this.
 
 #![cfg(test)]
 
 #[allow(dead_code, reason = "evis-core asks for the number of members")]
-#[path = "../../crates/evis-core/src/emulator/crew/table.rs"]
+#[path = "../../crates/evis-core/src/emulator/workers/table.rs"]
 mod table;
 
-/// As `crates/evis-core/src/emulator/crew/sync.rs`, by loom.
+/// As `crates/evis-core/src/emulator/workers/sync.rs`, by loom.
 mod sync {
     pub(super) use loom::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering};
     pub(super) use std::thread::panicking as is_panicking;

@@ -1,7 +1,6 @@
 //! Frames in, events out: the sensor on its own, for light that somebody else made.
 
 mod chain;
-mod crew;
 mod diffusion;
 mod exposing;
 pub(crate) mod frames;
@@ -19,6 +18,7 @@ pub(crate) mod receptor;
 mod shape;
 mod state;
 mod warp;
+mod workers;
 
 use rayon::prelude::*;
 
@@ -28,7 +28,6 @@ use crate::sensor::{ConfigError, Sensor, SensorConfig};
 use crate::simd::Isa;
 
 use chain::{Chain, Plan, Scan};
-use crew::{Crew, Hands};
 use diffusion::Diffuse;
 use exposing::Exposing;
 use frames::{BLOCK, Source, Tables};
@@ -36,7 +35,8 @@ use ideal::{Interval, Pixels, Tally};
 use keyframe::Benches;
 use last_keyframe::Keyframe;
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
-use readout::Wire;
+use readout::Queue;
+use workers::{Threads, WorkerPool};
 
 pub use frames::{FrameData, Frames, Transfer};
 pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
@@ -141,7 +141,7 @@ impl EmulatorReport {
 pub struct EventEmulator {
     config: EmulatorConfig,
     isa: Isa,
-    crew: Option<Crew>,
+    workers: Option<WorkerPool>,
     tables: Tables,
     kernel: Kernel,
     environments: Vec<Environment>,
@@ -174,7 +174,7 @@ struct Environment {
     tiles: Vec<Tile>,
     spans: Vec<Span>,
     /// Events that have not left the sensor.
-    wire: Wire,
+    wire: Queue,
     fired: Vec<Event>,
     report: EmulatorReport,
     /// What the last frame was, if it had depth and motion.
@@ -251,9 +251,9 @@ impl EventEmulator {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
         };
-        let crew = if threads > 1 {
+        let workers = if threads > 1 {
             let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            Some(Crew::new(built.map_err(|error| {
+            Some(WorkerPool::new(built.map_err(|error| {
                 ConfigError::new("threads", threads, format!("fewer, the system refused: {error}"))
             })?))
         } else {
@@ -270,7 +270,7 @@ impl EventEmulator {
                 .map(|first| Tile::new(first, (first + tile).min(pixels)))
                 .collect(),
             spans: Vec::new(),
-            wire: Wire::default(),
+            wire: Queue::default(),
             fired: Vec::new(),
             report: EmulatorReport::default(),
             keyframe: None,
@@ -292,14 +292,14 @@ impl EventEmulator {
                     tile.memory = Memory::Chain(Box::new(chain));
                 }
             };
-            match &crew {
-                Some(crew) => crew.pool().install(|| environments.par_iter_mut().for_each(make)),
+            match &workers {
+                Some(workers) => workers.pool().install(|| environments.par_iter_mut().for_each(make)),
                 None => environments.iter_mut().for_each(make),
             }
         }
         Ok(Self {
             isa: Isa::detect(),
-            crew,
+            workers,
             tables: Tables::default(),
             environments,
             kernel,
@@ -364,7 +364,7 @@ impl EventEmulator {
         frames.check(pixels * self.config.batch)?;
         let inverse = 1.0 / self.config.reference_luminance;
         self.tables.prepare(frames, inverse, &self.config.sensor);
-        let Self { config, isa, crew, tables, kernel, environments, .. } = self;
+        let Self { config, isa, workers, tables, kernel, environments, .. } = self;
         let sources: Option<Vec<Source<'_>>> =
             (0..config.batch).map(|index| Source::new(frames, tables, inverse, index, pixels)).collect();
         // `check` counted the values.
@@ -376,25 +376,25 @@ impl EventEmulator {
             tile.check(source)?;
         }
         let start_us = t_us - i64::from(interval_us);
-        let hands = match crew {
-            Some(crew) if config.batch * pixels > TILE => Hands::Crew(crew),
-            _ => Hands::One,
+        let threads = match workers {
+            Some(workers) if config.batch * pixels > TILE => Threads::Workers(workers),
+            _ => Threads::One,
         };
-        let work = Push { config, kernel, isa: *isa, hands, start_us, interval_us };
+        let work = Push { config, kernel, isa: *isa, threads, start_us, interval_us };
         // Nothing changes before all light has been found possible.
         if exposes {
             let eps = config.sensor.log_eps;
             let is_light = environments.iter_mut().zip(&sources).all(|(environment, source)| {
-                environment.exposing.as_mut().is_none_or(|light| light.look(work.hands, source, eps))
+                environment.exposing.as_mut().is_none_or(|light| light.look(work.threads, source, eps))
             });
             if !is_light {
                 return Err(impossible_light(frames, config));
             }
-            let alone = Push { hands: Hands::One, ..work };
+            let alone = Push { threads: Threads::One, ..work };
             let mut all: Vec<_> = environments.iter_mut().zip(&mut *out).collect();
             match all.as_mut_slice() {
                 [(environment, events)] => environment.expose(&work, events),
-                all => work.hands.each(all, |(environment, events)| environment.expose(&alone, events)),
+                all => work.threads.each(all, |(environment, events)| environment.expose(&alone, events)),
             }
             self.pushed(t_us, out, &before);
             return Ok(());
@@ -501,7 +501,7 @@ struct Push<'a> {
     config: &'a EmulatorConfig,
     kernel: &'a Kernel,
     isa: Isa,
-    hands: Hands<'a>,
+    threads: Threads<'a>,
     start_us: i64,
     interval_us: u32,
 }
@@ -516,7 +516,7 @@ fn scan(work: &Push<'_>, environments: &mut [Environment], sources: &[Source<'_>
         let (key, first_frame) = (environment.key, !environment.started);
         tiles.extend(environment.tiles.iter_mut().map(|tile| (tile, key, source, first_frame)));
     }
-    work.hands.each(&mut tiles, |(tile, key, source, first_frame)| {
+    work.threads.each(&mut tiles, |(tile, key, source, first_frame)| {
         tile.found = tile.scan(work, *key, source, *first_frame);
     });
     let of = |environment: &Environment| {
@@ -537,14 +537,14 @@ fn fire(
         let (key, most) = (environment.key, scan.most);
         tiles.extend(environment.tiles.iter_mut().map(|tile| (tile, key, source, most)));
     }
-    work.hands.each(&mut tiles, |(tile, key, source, most)| tile.fire(work, *key, source, *most));
+    work.threads.each(&mut tiles, |(tile, key, source, most)| tile.fire(work, *key, source, *most));
     // Environments are sorted side by side; one alone is shared out.
     if let ([environment], [scan], [events]) = (&mut *environments, scans, &mut *out) {
         environment.finish(work, scan, events);
     } else {
-        let alone = Push { hands: Hands::One, ..*work };
+        let alone = Push { threads: Threads::One, ..*work };
         let mut all: Vec<_> = environments.iter_mut().zip(scans).zip(out).collect();
-        work.hands.each(&mut all, |((environment, scan), events)| environment.finish(&alone, scan, events));
+        work.threads.each(&mut all, |((environment, scan), events)| environment.finish(&alone, scan, events));
     }
 }
 
@@ -591,7 +591,7 @@ impl Environment {
 
     /// Forgets everything but what is frozen.
     fn clear(&mut self) {
-        self.wire = Wire::default();
+        self.wire = Queue::default();
         for tile in &mut self.tiles {
             match &mut tile.memory {
                 // What a pixel is does not change.
@@ -607,7 +607,7 @@ impl Environment {
             Source::Linear { values: light, inverse_reference: 1.0 / work.config.reference_luminance };
         match &mut self.exposing {
             Some(exposing) => {
-                exposing.look(work.hands, &source, work.config.sensor.log_eps);
+                exposing.look(work.threads, &source, work.config.sensor.log_eps);
                 self.expose(work, events);
             }
             None => self.feel(work, source, events),
@@ -630,7 +630,7 @@ impl Environment {
         let mut dropped = 0;
         let marked = work.config.causes && matches!(work.kernel, Kernel::Chain(_));
         if readout.is_off() && !marked {
-            append_sorted(&parts, work.start_us, work.interval_us, &mut self.spans, work.hands, events);
+            append_sorted(&parts, work.start_us, work.interval_us, &mut self.spans, work.threads, events);
         } else {
             self.fired.clear();
             if marked {

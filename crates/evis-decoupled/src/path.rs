@@ -7,7 +7,7 @@
 
 use crate::blocks::Block;
 use crate::events::{Piece, Reference, Thresholds};
-use crate::pixel::{Pace, UNITS};
+use crate::pixel::{PixelActivity, UNITS};
 
 /// Length of an interval where nobody says, in pixels of motion.
 pub const STEP_PX: f64 = 1.0;
@@ -144,12 +144,13 @@ impl PixelPath {
         thresholds: &Thresholds,
         block: Block,
         step_px: f64,
-        pace: &Pace,
+        activity: &PixelActivity,
         light: impl FnMut(u32) -> f64,
         fire: impl FnMut(f64, evis_core::Polarity),
     ) -> u64 {
-        let units = |px: f64| (px / pace.motion_px.max(1e-9) * f64::from(UNITS)).min(f64::from(UNITS)) as u32;
-        let of_period = f64::from(UNITS) / (pace.periods * LEAST_PERIOD_PARTS).max(1.0);
+        let units =
+            |px: f64| (px / activity.motion_px.max(1e-9) * f64::from(UNITS)).min(f64::from(UNITS)) as u32;
+        let of_period = f64::from(UNITS) / (activity.periods * LEAST_PERIOD_PARTS).max(1.0);
         let least = units(LEAST_PX.min(0.5 * step_px)).min(of_period as u32).max(1);
         let mut walk = Walk { thresholds, block, least, light, fire, evaluations: 0 };
         if self.last.t_us != block.start_us {
@@ -165,7 +166,7 @@ impl PixelPath {
             self.last = start;
             self.before = None;
         }
-        if pace.still {
+        if activity.still {
             return walk.evaluations;
         }
         if block.length_us() <= INSTANT_US {
@@ -175,7 +176,7 @@ impl PixelPath {
             self.before = None;
             return walk.evaluations;
         }
-        let parts = whole_parts((pace.motion_px / step_px).max(pace.periods * PERIOD_PARTS));
+        let parts = whole_parts((activity.motion_px / step_px).max(activity.periods * PERIOD_PARTS));
         let length = UNITS / parts;
         for part in 0..parts {
             let to = (part + 1) * length;

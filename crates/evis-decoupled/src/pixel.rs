@@ -121,7 +121,7 @@ impl Work {
 
 /// What a pixel's light does during a block.
 #[derive(Clone, Copy, Debug)]
-pub struct Pace {
+pub struct PixelActivity {
     /// Nothing of it changes.
     pub still: bool,
     /// Fastest motion of what it may see and of shadows on it, in pixels during the block.
@@ -153,10 +153,10 @@ impl Evaluator<'_> {
     }
 
     /// Prepares `work` for pixel number `pixel` of its tile.
-    pub fn enter_pixel(&self, work: &mut Work, entries: &[Entry], pixel: usize) -> Pace {
+    pub fn enter_pixel(&self, work: &mut Work, entries: &[Entry], pixel: usize) -> PixelActivity {
         work.pixel = pixel;
         work.own.clear();
-        let mut pace = Pace { still: true, motion_px: 0.0, periods: 0.0 };
+        let mut activity = PixelActivity { still: true, motion_px: 0.0, periods: 0.0 };
         let block_s = self.block.length_us() * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
         for (slot, entry) in entries.iter().enumerate() {
             if entry.touches >> pixel & 1 == 1 {
@@ -165,19 +165,19 @@ impl Evaluator<'_> {
                 let record = &self.lists.records[entry.record as usize];
                 self.lighting.ready(&mut work.light, record, entry.record, slot);
                 let (still, motion, moved) = self.lighting.changes_of(&work.light, slot);
-                pace.still &= still && record.still;
-                pace.periods = pace.periods.max(block_s * self.lighting.sine_hz(&work.light, slot));
-                pace.motion_px = pace.motion_px.max(work.motion[slot]);
+                activity.still &= still && record.still;
+                activity.periods = activity.periods.max(block_s * self.lighting.sine_hz(&work.light, slot));
+                activity.motion_px = activity.motion_px.max(work.motion[slot]);
                 if moved >> pixel & 1 == 1 {
-                    pace.motion_px = pace.motion_px.max(motion);
-                    pace.still = false;
+                    activity.motion_px = activity.motion_px.max(motion);
+                    activity.still = false;
                 }
             }
         }
         let covered = work.own.iter().any(|o| o.covers);
-        pace.still &= covered || self.lighting.background_rests();
-        work.light.enter_pixel(self.once || pace.still);
-        pace
+        activity.still &= covered || self.lighting.background_rests();
+        work.light.enter_pixel(self.once || activity.still);
+        activity
     }
 
     /// Number of the moment `unit` of [`UNITS`] of the block.

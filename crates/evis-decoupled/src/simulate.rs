@@ -300,7 +300,7 @@ impl Row {
             if x >= lens.width as usize || y >= lens.height as usize {
                 continue;
             }
-            let pace = evaluator.enter_pixel(work, entries, pixel);
+            let activity = evaluator.enter_pixel(work, entries, pixel);
             self.report.entries += work.entry_count() as u64;
             self.report.pixel_blocks += 1;
             let slot = column * TILE * TILE + pixel;
@@ -310,7 +310,7 @@ impl Row {
             let light = |unit: u32| evaluator.luminance(work, unit);
             let events = &mut self.events;
             self.report.evaluations +=
-                path.walk(thresholds, block, *step_px, &pace, light, |t_us, polarity| {
+                path.walk(thresholds, block, *step_px, &activity, light, |t_us, polarity| {
                     let t = t_us.floor() as i64 - start_us;
                     events.push(Event::new(t, x as u16, y as u16, polarity));
                 });

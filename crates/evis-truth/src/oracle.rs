@@ -10,8 +10,8 @@ use serde::Serialize;
 use crate::audit::Audit;
 use crate::clock::{Clock, Moment};
 use crate::lattice::Lattice;
-use crate::pace::{self, Pace};
 use crate::rays::{Beam, Pinhole, Textures};
+use crate::schedule::{self, Schedule};
 use crate::settings::{TruthError, TruthSettings};
 use crate::signal::Sampler;
 use crate::walk::{PixelTruth, Rules, sample, walk};
@@ -63,14 +63,14 @@ pub fn truth(
 
     let instants = settings.instants()?;
     let given = instants.as_ref().map_or(settings.step_us, |instants| instants.get(1).copied());
-    let shortest = given.map_or_else(|| pace::shortest(&clock, settings.duration_us), |s| (s, 0.0));
+    let shortest = given.map_or_else(|| schedule::shortest(&clock, settings.duration_us), |s| (s, 0.0));
     match &instants {
         Some(instants) => clock.share(instants.iter().copied()),
         None => clock.share((0..=settings.duration_us / shortest.0).map(|k| k * shortest.0)),
     }
-    let pace = match given {
-        Some(step_us) => Pace::even(&clock, step_us, settings.duration_us),
-        None => Pace::local(&clock, shortest, settings.duration_us),
+    let schedule = match given {
+        Some(step_us) => Schedule::even(&clock, step_us, settings.duration_us),
+        None => Schedule::local(&clock, shortest, settings.duration_us),
     };
     let info = &scene.cameras[camera];
     let sensor = SensorConfig {
@@ -105,7 +105,7 @@ pub fn truth(
             } else if let Some(instants) = &instants {
                 sample(&clock, &sampler, &rules, instants, x, y)
             } else {
-                walk(&clock, &sampler, &rules, &pace.times(x, y), x, y)
+                walk(&clock, &sampler, &rules, &schedule.times(x, y), x, y)
             };
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
             if !progress(done as f64 / pixels.len() as f64) {

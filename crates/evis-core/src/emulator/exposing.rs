@@ -1,7 +1,7 @@
 //! Frames of light in the place of light: an exposure under way is a sum per pixel, and a frame when it ends.
 
-use super::crew::Hands;
 use super::frames::{BLOCK, Source};
+use super::workers::Threads;
 use super::{EmulatorReport, Environment, Push, TILE};
 use crate::event::Event;
 
@@ -32,9 +32,9 @@ impl Exposing {
     }
 
     /// Reads the sample that is being pushed, and says whether it is light: nothing that outlives a push changes.
-    pub fn look(&mut self, hands: Hands<'_>, source: &Source<'_>, eps: f32) -> bool {
+    pub fn look(&mut self, threads: Threads<'_>, source: &Source<'_>, eps: f32) -> bool {
         let mut parts: Vec<_> = self.next.chunks_mut(TILE).map(|next| (next, true)).enumerate().collect();
-        hands.each(&mut parts, |(index, (next, is_light))| {
+        threads.each(&mut parts, |(index, (next, is_light))| {
             for (block, next) in next.chunks_mut(BLOCK).enumerate() {
                 let mut light = [f32::NAN; BLOCK];
                 source.load_light(*index * TILE + block * BLOCK, eps, &mut light);
@@ -47,11 +47,11 @@ impl Exposing {
     }
 
     /// Adds `[before, after]` of the last and the next light to the exposure under way; where that ends, its frame is made.
-    fn add(&mut self, hands: Hands<'_>, [before, after]: [f64; 2], ends: bool) {
+    fn add(&mut self, threads: Threads<'_>, [before, after]: [f64; 2], ends: bool) {
         let samples = self.last.chunks(TILE).zip(self.next.chunks(TILE));
         let sums = self.sum.chunks_mut(TILE).zip(self.frame.chunks_mut(TILE));
         let mut parts: Vec<_> = samples.zip(sums).collect();
-        hands.each(&mut parts, |((last, next), (sum, frame))| {
+        threads.each(&mut parts, |((last, next), (sum, frame))| {
             for ((sum, last), next) in sum.iter_mut().zip(*last).zip(*next) {
                 *sum += before * f64::from(*last) + after * f64::from(*next);
             }
@@ -90,7 +90,7 @@ impl Environment {
             let lever = 0.5 * area * area;
             // How far the light has gone from the last sample to the next one.
             let after = ((a - from_us) as f64 * area + time * lever) / (to_us - from_us) as f64;
-            light.add(work.hands, [area - after, after], end_us <= to_us);
+            light.add(work.threads, [area - after, after], end_us <= to_us);
             if end_us <= to_us {
                 let before_us = if k > first { exposure.middle_us(k - 1) } else { exposure.middle_us(k) };
                 let push = Push {

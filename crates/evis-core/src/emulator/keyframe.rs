@@ -4,12 +4,12 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
-use super::crew::{Crew, Hands};
 use super::frames::{BLOCK, FrameData, Frames, Source, Tables, linear_luminance};
 use super::last_keyframe::Keyframe;
 use super::links::Links;
 use super::paths::{Fields, Paths};
 use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, Warp, WarpVariant, is_motion};
+use super::workers::{Threads, WorkerPool};
 use super::{EmulatorReport, Environment, EventEmulator, Push};
 use crate::event::Event;
 use crate::sensor::ConfigError;
@@ -313,15 +313,19 @@ impl EventEmulator {
         let frames = Frames { data: keyframes.light, channels: keyframes.channels };
         self.tables.prepare(&frames, 1.0 / self.config.reference_luminance, &self.config.sensor);
         let mut out = vec![Vec::new(); self.config.batch];
-        let Self { config, isa, crew, tables, kernel, environments, benches, keyframe_reports, .. } = self;
-        let pool = crew.as_ref().map(Crew::pool);
+        let Self { config, isa, workers, tables, kernel, environments, benches, keyframe_reports, .. } = self;
+        let pool = workers.as_ref().map(WorkerPool::pool);
         let threads = pool.map_or(1, rayon::ThreadPool::current_num_threads);
         let step = Gapped {
             push: Push {
                 config,
                 kernel,
                 isa: *isa,
-                hands: if environments.len() == 1 && threads > 1 { Hands::Pool(threads) } else { Hands::One },
+                threads: if environments.len() == 1 && threads > 1 {
+                    Threads::Pool(threads)
+                } else {
+                    Threads::One
+                },
                 start_us: t_us - i64::from(interval_us),
                 interval_us,
             },

@@ -3,7 +3,7 @@
 use std::mem::MaybeUninit;
 use std::ops::Range;
 
-use super::crew::Hands;
+use super::workers::Threads;
 use crate::event::{Event, Polarity};
 
 /// An event on its way to its place: 8 bytes.
@@ -62,7 +62,7 @@ pub(crate) fn append_sorted(
     start_us: i64,
     interval_us: u32,
     spans: &mut Vec<Span>,
-    hands: Hands<'_>,
+    threads: Threads<'_>,
     out: &mut Vec<Event>,
 ) {
     let total: usize = parts.iter().map(|part| part.len()).sum();
@@ -78,10 +78,10 @@ pub(crate) fn append_sorted(
         return;
     }
     // Nor for many threads.
-    let threads = hands.count().min(total / 4096).min(4 * total / buckets).max(1);
-    spans.resize(threads, Span::default());
+    let count = threads.count().min(total / 4096).min(4 * total / buckets).max(1);
+    spans.resize(count, Span::default());
     for (i, span) in spans.iter_mut().enumerate() {
-        span.range = i * total / threads..(i + 1) * total / threads;
+        span.range = i * total / count..(i + 1) * total / count;
     }
     out.reserve(total);
     let slots = &mut out.spare_capacity_mut()[..total];
@@ -90,7 +90,7 @@ pub(crate) fn append_sorted(
         span.place(parts, slots, |record| record.event(start_us));
     } else {
         // Threads write near themselves: each sorts what it fired, then they merge an interval of time each.
-        hands.each(spans, |span| {
+        threads.each(spans, |span| {
             span.count(parts, buckets);
             let mut sorted = std::mem::take(&mut span.sorted);
             sorted.clear();
@@ -100,7 +100,8 @@ pub(crate) fn append_sorted(
             unsafe { sorted.set_len(span.range.len()) };
             span.sorted = sorted;
         });
-        hands.each(&mut shares(spans, buckets, slots), |(range, slots)| merge(spans, range, start_us, slots));
+        threads
+            .each(&mut shares(spans, buckets, slots), |(range, slots)| merge(spans, range, start_us, slots));
     }
     // SAFETY: `place` has written all, or `merge`, whose shares are all runs of all spans.
     unsafe { out.set_len(base + total) };
@@ -211,7 +212,7 @@ mod tests {
                     100,
                     interval,
                     &mut Vec::new(),
-                    Hands::Pool(threads),
+                    Threads::Pool(threads),
                     &mut got,
                 );
                 assert_eq!(got[1..], expected);

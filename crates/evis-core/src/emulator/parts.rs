@@ -27,7 +27,7 @@ pub fn emulator(config: EmulatorConfig, key: Key) -> Result<EventEmulator, Confi
 
 /// A time at which noise may strike a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Strike {
+pub struct NoiseCandidate {
     /// Row-major index.
     pub pixel: u32,
     /// Microseconds of the stream.
@@ -70,7 +70,7 @@ impl NoiseFeed {
     }
 
     /// What may strike in `(start_us, end_us]`, by pixel and time.
-    pub fn strikes(&mut self, start_us: i64, end_us: i64) -> impl Iterator<Item = Strike> + '_ {
+    pub fn candidates(&mut self, start_us: i64, end_us: i64) -> impl Iterator<Item = NoiseCandidate> + '_ {
         let Self { sensor, key, isa, pixels, tiles } = self;
         let noise = &sensor.noise;
         tiles.par_iter_mut().enumerate().for_each(|(i, tile)| {
@@ -80,7 +80,7 @@ impl NoiseFeed {
         tiles.iter().enumerate().flat_map(move |(i, tile)| {
             let strike = move |candidate: &Candidate| {
                 let settled = candidate.settle(noise, &tile.rates(candidate.pixel as usize));
-                Strike {
+                NoiseCandidate {
                     pixel: (i * TILE) as u32 + candidate.pixel,
                     t_us: candidate.t_us,
                     light_below: settled.light_below,
@@ -96,17 +96,17 @@ impl NoiseFeed {
 
 /// Events of one camera on their way out.
 #[derive(Clone, Debug)]
-pub struct Wire {
+pub struct ReadoutQueue {
     readout: Readout,
     key: Key,
     width: u32,
-    queue: readout::Wire,
+    queue: readout::Queue,
 }
 
-impl Wire {
+impl ReadoutQueue {
     /// A wire with nothing on it, of a sensor with rows of `width` pixels.
     pub fn new(readout: &Readout, key: Key, width: u32) -> Self {
-        Self { readout: *readout, key, width, queue: readout::Wire::default() }
+        Self { readout: *readout, key, width, queue: readout::Queue::default() }
     }
 
     /// Takes what left its pixel until `end_us`, in firing order per pixel; what leaves the sensor until then is appended

@@ -12,7 +12,7 @@ pub(crate) const MOST_WAITING: usize = 1 << 18;
 
 /// Events on their way, of one environment.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Wire {
+pub(crate) struct Queue {
     /// Events that have not left, in canonical order.
     pub waiting: Vec<Event>,
     /// When the bus is free, nanoseconds.
@@ -32,7 +32,7 @@ pub(crate) fn delay_us(readout: &Readout, key: Key, pixel: u32, t_us: i64) -> u3
     delay.clamp(0.0, 1e8) as u32
 }
 
-impl Wire {
+impl Queue {
     /// Takes what fired until `end_us`; what leaves until then goes to `out`. Gives how many were dropped.
     pub fn pass(
         &mut self,
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn rows_take_turns() {
         let readout = Readout { row_ns: 2000, event_ns: 500, ..Readout::default() };
-        let mut wire = Wire::default();
+        let mut wire = Queue::default();
         let mut out = Vec::new();
         // Row 1 waits for row 0: 2 us + 2 events of 0.5 us; the late event of row 0 for its next turn.
         let mut fired = vec![at(10, 0, 0), at(10, 1, 0), at(11, 5, 1), at(11, 7, 0)];
@@ -172,7 +172,7 @@ mod tests {
         let readout = Readout { row_ns: 10_000, ..Readout::default() };
         let events: Vec<Event> = (0..5000).map(|i| at(i64::from(i) * 2, 0, (i * 7 % 50) as u16)).collect();
         let run = |cuts: &[i64]| {
-            let (mut wire, mut out, mut start, mut dropped) = (Wire::default(), Vec::new(), -1, 0);
+            let (mut wire, mut out, mut start, mut dropped) = (Queue::default(), Vec::new(), -1, 0);
             for end in cuts {
                 wire.waiting.extend(events.iter().filter(|event| event.t > start && event.t <= *end));
                 dropped += wire.arbitrate(&readout, *end, 40, &mut out);
@@ -204,7 +204,7 @@ mod tests {
             .map(|i| at(i64::from(i * i * 7 % 4000) + 1, (i % 20) as u16, (i * 13 % 16) as u16))
             .collect();
         let run = |cuts: &[i64]| {
-            let (mut wire, mut out, mut start, mut dropped) = (Wire::default(), Vec::new(), 0, 0);
+            let (mut wire, mut out, mut start, mut dropped) = (Queue::default(), Vec::new(), 0, 0);
             for end in cuts {
                 let mut fired: Vec<Event> =
                     events.iter().copied().filter(|event| event.t > start && event.t <= *end).collect();

@@ -13,8 +13,8 @@ override PHASE_START: bool = false;
 override RAMP: bool = false;
 override OWN_SLOPES: bool = false;
 override LEAK_JITTER: bool = false;
-override STRIKES: bool = false;
-override STRIKES_SET_REFERENCE: bool = false;
+override TIMED_NOISE: bool = false;
+override NOISE_SETS_REFERENCE: bool = false;
 // 0 none, 1 suppress, 2 defer, 3 hold.
 override REFRACTORY: u32 = 0;
 override LATCH: bool = false;
@@ -71,8 +71,8 @@ struct ChainSensor {
 
 // Words of a view: thresholds, slope of the leak, 1 / Y_ref, key.
 const VIEW_WORDS: u32 = 8u;
-// Words of a strike in `feed`: time; place and kind; light below which it happens.
-const STRIKE_WORDS: u32 = 3u;
+// Words of a candidate in `feed`: time; place and kind; light below which it happens.
+const CANDIDATE_WORDS: u32 = 3u;
 // A threshold beyond this belongs to a dead pixel, a reference beyond it to a held one.
 const BEYOND: f32 = 1e30;
 // Ages saturate or fold here, microseconds.
@@ -93,7 +93,7 @@ struct ChainStatus {
 @group(0) @binding(2) var<uniform> sensor: ChainSensor;
 @group(0) @binding(3) var luminance_layers: texture_storage_2d_array<r32float, read>;
 @group(0) @binding(4) var<storage, read> views: array<u32>;
-// Where each block's strikes begin, then strikes by block, pixel and time.
+// Where each block's candidates begin, then candidates by block, pixel and time.
 @group(0) @binding(5) var<storage, read> feed: array<u32>;
 // A layer per plane and view. Storage textures because software drivers read a storage buffer lane by lane.
 @group(0) @binding(6) var memory_in: texture_storage_2d_array<r32uint, read>;

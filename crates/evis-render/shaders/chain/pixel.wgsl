@@ -6,26 +6,26 @@
 const CAUSE_SIGNAL: u32 = 0u;
 const CAUSE_LEAK: u32 = 1u;
 
-// Within `feed`: the pixel's next strike, and where its block's end.
-var<private> strike: u32;
-var<private> strikes_end: u32;
-// When that strike comes, microseconds since the base, and what it is: read once, not at each instant.
-var<private> strike_us: u32;
-var<private> strike_kind: u32;
+// Within `feed`: the pixel's next candidate, and where its block's end.
+var<private> candidate: u32;
+var<private> candidates_end: u32;
+// When that candidate comes, microseconds since the base, and what it is: read once, not at each instant.
+var<private> candidate_us: u32;
+var<private> candidate_kind: u32;
 
-fn load_strike() {
-    strike_us = 0xffffffffu;
-    if (strike < strikes_end) {
-        strike_kind = feed[strike + 1u];
-        if ((strike_kind & 63u) == (pixel.x & 63u)) {
-            strike_us = feed[strike];
+fn load_candidate() {
+    candidate_us = 0xffffffffu;
+    if (candidate < candidates_end) {
+        candidate_kind = feed[candidate + 1u];
+        if ((candidate_kind & 63u) == (pixel.x & 63u)) {
+            candidate_us = feed[candidate];
         }
     }
 }
 
-fn pass_strike() {
-    strike += STRIKE_WORDS;
-    load_strike();
+fn pass_candidate() {
+    candidate += CANDIDATE_WORDS;
+    load_candidate();
 }
 
 fn drift() -> f32 {
@@ -90,20 +90,20 @@ fn cause_of(rises: bool, leaked: f32, rise: f32) -> u32 {
     return select(CAUSE_SIGNAL, CAUSE_LEAK, rises && leaked >= 0.5 * rise && leaked > 0.0);
 }
 
-// When the strike comes; beyond any time where none is left.
-fn strike_time() -> f32 {
-    if (!STRIKES || strike_us > start + interval) {
+// When the candidate comes; beyond any time where none is left.
+fn candidate_time() -> f32 {
+    if (!TIMED_NOISE || candidate_us > start + interval) {
         return 3.0e38;
     }
     // Those of an interval that a held pixel slept through are gone.
-    return f32(strike_us - start);
+    return f32(candidate_us - start);
 }
 
-// A strike's turn; whether it fired.
-fn take_strike(t: f32, signal: f32) -> bool {
-    let kind = strike_kind;
-    let below = bitcast<f32>(feed[strike + 2u]);
-    pass_strike();
+// A candidate's turn; whether it fired.
+fn take_candidate(t: f32, signal: f32) -> bool {
+    let kind = candidate_kind;
+    let below = bitcast<f32>(feed[candidate + 2u]);
+    pass_candidate();
     if (below < BEYOND && light_at(t) >= below) {
         return false;
     }
@@ -116,7 +116,7 @@ fn take_strike(t: f32, signal: f32) -> bool {
         return false;
     }
     fire(t, on, (kind >> 9u) & 3u);
-    if (STRIKES_SET_REFERENCE) {
+    if (NOISE_SETS_REFERENCE) {
         reference = signal;
         moved_at(t);
     }
@@ -149,7 +149,7 @@ fn walk_continuous() {
             return;
         }
     }
-    // Each turn takes a crossing, of which there are MOST_EVENTS, or a strike, of which there are so many.
+    // Each turn takes a crossing, of which there are MOST_EVENTS, or a candidate, of which there are so many.
     loop {
         let before = leaked();
         var crossing = Leaving(0u, 0.0);
@@ -161,15 +161,15 @@ fn walk_continuous() {
             let level = reference - shape_base - before;
             crossing = leaves(drift(), level - threshold_off, level + threshold_on, begin, end);
         }
-        let noise_at = strike_time();
+        let noise_at = candidate_time();
         if (noise_at <= end && (crossing.side == 0u || noise_at <= crossing.t)) {
             // A held pixel hears nothing.
             if (noise_at < t) {
-                pass_strike();
+                pass_candidate();
                 continue;
             }
             t = noise_at;
-            let fires = take_strike(t, shape_at(t));
+            let fires = take_candidate(t, shape_at(t));
             if (REFRACTORY == 3u && fires) {
                 t = hold();
                 if (t > end) {
@@ -238,7 +238,7 @@ fn walk_sampled(most: u32) {
     var fires = 0u;
     var struck = false;
     var next = 1u;
-    // Each turn takes an event or a strike.
+    // Each turn takes an event or a candidate.
     loop {
         var t = 3.0e38;
         if (next <= count) {
@@ -249,9 +249,9 @@ fn walk_sampled(most: u32) {
                 t = end * f32(next) / f32(max(most, count));
             }
         }
-        let noise_at = strike_time();
+        let noise_at = candidate_time();
         if (noise_at <= min(t, end)) {
-            struck |= take_strike(noise_at, from_signal + (to_signal - from_signal) * noise_at / end);
+            struck |= take_candidate(noise_at, from_signal + (to_signal - from_signal) * noise_at / end);
             continue;
         }
         if (next > count) {
@@ -266,7 +266,7 @@ fn walk_sampled(most: u32) {
         fires += u32(!silent || REFRACTORY == 1u);
         next++;
     }
-    if (STRIKES_SET_REFERENCE && struck) {
+    if (NOISE_SETS_REFERENCE && struck) {
         // The sample is memorised, whatever else the pixel fired.
         clamped += u32(!LATCH && steps > count);
         reference = to_signal;
@@ -297,7 +297,7 @@ fn walk_sampled(most: u32) {
 
 // Whether anything could happen in the interval; most pixels stop here. As the emulator's first pass has it.
 fn wakes() -> bool {
-    if (strike_time() < BEYOND || (REFRACTORY == 3u && reference > BEYOND)) {
+    if (candidate_time() < BEYOND || (REFRACTORY == 3u && reference > BEYOND)) {
         return true;
     }
     let leak = leaked_at_end();

@@ -1,5 +1,5 @@
 #import chain/layout.wgsl
-#import trigger/pace.wgsl
+#import trigger/tile_rate.wgsl
 // One pixel: what it is, what it remembers, and what it says.
 
 var<private> pixel: vec2<u32>;

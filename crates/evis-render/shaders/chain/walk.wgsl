@@ -9,26 +9,26 @@ fn in_step() -> bool {
     return !SEQUENTIAL && (LATCH || TIMES != 0u);
 }
 
-// The pixel's first strike after `time`.
-fn find_strikes(time: u32, block: u32) {
-    if (!STRIKES) {
+// The pixel's first candidate after `time`.
+fn find_candidates(time: u32, block: u32) {
+    if (!TIMED_NOISE) {
         return;
     }
     let lane = pixel.x % BLOCK_PIXELS;
     var low = feed[block];
     var high = feed[block + 1u];
-    strikes_end = high;
+    candidates_end = high;
     while (low < high) {
-        let middle = low + (high - low) / (2u * STRIKE_WORDS) * STRIKE_WORDS;
+        let middle = low + (high - low) / (2u * CANDIDATE_WORDS) * CANDIDATE_WORDS;
         let other = feed[middle + 1u] & 63u;
         if (other < lane || (other == lane && feed[middle] <= time)) {
-            low = middle + STRIKE_WORDS;
+            low = middle + CANDIDATE_WORDS;
         } else {
             high = middle;
         }
     }
-    strike = low;
-    load_strike();
+    candidate = low;
+    load_candidate();
 }
 
 // Places in `tallies`.
@@ -81,10 +81,10 @@ fn walk(instant: u32) {
     } else {
         walk_continuous();
     }
-    if (STRIKES) {
+    if (TIMED_NOISE) {
         // Those that a held pixel slept through.
-        while (strike_time() < BEYOND) {
-            pass_strike();
+        while (candidate_time() < BEYOND) {
+            pass_candidate();
         }
     }
 }
@@ -100,7 +100,7 @@ fn take_instants(begin: u32) -> bool {
         var at = next;
         var is_awake = false;
         while (next <= last) {
-            // A view's tiles are sampled at their own pace.
+            // A view's tiles are sampled at their own rate.
             let step = step_at(pixel, view, next);
             at = sample_from(next, step);
             if (at > last) {
@@ -166,7 +166,7 @@ fn take_pixel(at: vec2<u32>, of_view: u32) {
     let begin = job.instant;
     // A pixel's first interval may have begun before the first instant.
     let first_step = step_at(pixel, view, begin);
-    find_strikes(params.spans[sample_from(begin, first_step) + 1u - first_step].x, block);
+    find_candidates(params.spans[sample_from(begin, first_step) + 1u - first_step].x, block);
     let is_done = take_instants(begin);
     if (emits) {
         if (written != room) {

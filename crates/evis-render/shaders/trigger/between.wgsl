@@ -1,4 +1,4 @@
-#import trigger/pace.wgsl
+#import trigger/tile_rate.wgsl
 // Log light between two samples of a block: straight, or along a cubic that also goes by the samples before and after
 // them. Twin: cpu/trigger.rs, curve.
 

@@ -55,7 +55,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         state = PixelMemory(l, l);
         begin = 1u;
     }
-    // A view's tiles are sampled at their own pace, block by block.
+    // A view's tiles are sampled at their own rate, block by block.
     let length = select(BLOCK_INSTANTS, params.instants, BLOCK_INSTANTS == 1u);
     for (; begin < params.instants; begin += length) {
         let step = step_at(id.xy, id.z, begin);

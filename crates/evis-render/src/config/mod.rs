@@ -65,7 +65,7 @@ impl Method {
         }
     }
 
-    /// Whether each tile of a picture may have a pace of its own: see [`RunConfig::adaptive_px`].
+    /// Whether each tile of a picture may have a rate of its own: see [`RunConfig::adaptive_px`].
     pub const fn has_adaptive_time(&self) -> bool {
         match self {
             Self::Native => true,
@@ -318,7 +318,7 @@ impl RunConfig {
         SampleGrid::new(keyframe_hz, steps)
     }
 
-    /// Instants within which each tile of a picture has a pace of its own, a power of two: some 16 ms of them, so that what
+    /// Instants within which each tile of a picture has a rate of its own, a power of two: some 16 ms of them, so that what
     /// hardly moves is looked at 60 times a second. 1 where all tiles are sampled at every instant.
     pub fn block(&self) -> u32 {
         let longest = (self.rate_hz * BLOCK_S).clamp(1.0, f64::from(MAX_INSTANTS)) as u32;
@@ -450,7 +450,7 @@ impl RunConfig {
             let remedy = "4, 16, 36, 64, 100, 144, 196 or 256 with `antialias` edges: one in four is shaded, on a grid";
             return Err(ConfigError::new("samples", self.samples, remedy));
         }
-        // What a pace may stretch an interval to.
+        // What a rate may stretch an interval to.
         let grid = self.sample_grid().map_err(|e| ConfigError { what: "rate_hz".into(), ..e })?;
         let interval_us = grid.longest_interval_us() * f64::from(self.block());
         let all_ideal = self.sensors.values().chain([&self.sensor]).all(SensorConfig::is_ideal);

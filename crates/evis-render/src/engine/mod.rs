@@ -32,7 +32,7 @@ use crate::raster::context::Context;
 use crate::raster::readback::mean_luminance;
 use crate::sampling::Sampling;
 use crate::sampling::audit::{AuditRun, Finding};
-use crate::sensor::chain::STRIKE_WORDS;
+use crate::sensor::chain::CANDIDATE_WORDS;
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::host::{HostWalk, LuminanceReadback};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
@@ -93,7 +93,7 @@ pub struct Engine {
     free: Vec<Slot>,
     capacity: u32,
     most_capacity: u32,
-    /// Words of strikes that a submission may have.
+    /// Words of candidates that a submission may have.
     most_feed: u64,
     /// Events of the last submission, by class.
     last_counts: Vec<u32>,
@@ -139,7 +139,7 @@ impl Engine {
         self.most_capacity = most;
     }
 
-    /// Lets a submission have this many words of strikes: tests make it split.
+    /// Lets a submission have this many words of candidates: tests make it split.
     #[cfg(test)]
     pub fn limit_feed(&mut self, words: u64) {
         self.most_feed = words;
@@ -355,8 +355,8 @@ impl Engine {
                 return Err(EngineError::Device(format!(
                     "noise may strike {} times in one instant, and this device's buffers hold {}; lower the rates of \
                      the sensor's noise, raise --rate, or render fewer cameras at once",
-                    words.len() / STRIKE_WORDS as usize,
-                    self.most_feed / u64::from(STRIKE_WORDS)
+                    words.len() / CANDIDATE_WORDS as usize,
+                    self.most_feed / u64::from(CANDIDATE_WORDS)
                 )));
             };
             return halves.into_iter().try_for_each(|half| self.submit_unit(half));

@@ -55,7 +55,7 @@ shaders![
     "trigger/scan.wgsl",
     "trigger/emit.wgsl",
     "trigger/resolve.wgsl",
-    "trigger/pace.wgsl",
+    "trigger/tile_rate.wgsl",
     "trigger/between.wgsl",
     "adaptive/tiles.wgsl",
     "adaptive/mean.wgsl",

@@ -104,8 +104,11 @@ impl FrameRenderer {
         context.build_frames(view, &moments, Upload { trail: true, ..Default::default() });
         let sky = context.sky.is_some();
         let passing = ViewMotion::new(&context.frame_data, 0..moments.len(), &view[0].lens, sky);
-        let paces = self.estimator.paces(&context.gpu_scene, &passing).tiles;
-        paces.into_iter().map(|pace| if pace == STILL { 1 } else { self.most >> pace }).collect()
+        let tile_rates = self.estimator.tile_rates(&context.gpu_scene, &passing).tiles;
+        tile_rates
+            .into_iter()
+            .map(|log2_stride| if log2_stride == STILL { 1 } else { self.most >> log2_stride })
+            .collect()
     }
 
     /// Adds to `mean` the light of all tiles that are sampled `count` times by `counts`.

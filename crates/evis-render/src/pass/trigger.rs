@@ -3,8 +3,8 @@
 
 use crate::pass::{Access, Binding, ComputePass, bind};
 
-/// `trigger/pace.wgsl`, wherever pixels walk.
-const PACES_BINDING: u32 = 12;
+/// `trigger/tile_rate.wgsl`, wherever pixels walk.
+const TILE_RATES_BINDING: u32 = 12;
 
 /// `trigger/count.wgsl`.
 pub const COUNT_BINDINGS: &[Binding] = &[
@@ -16,7 +16,7 @@ pub const COUNT_BINDINGS: &[Binding] = &[
     bind(5, "counts", Access::Write),
     bind(6, "status", Access::Write),
     bind(7, "means", Access::StorageLayers),
-    bind(PACES_BINDING, "paces", Access::UintLayers),
+    bind(TILE_RATES_BINDING, "tile_rates", Access::UintLayers),
 ];
 
 /// `trigger/block.wgsl`.
@@ -46,7 +46,7 @@ pub const EMIT_BINDINGS: &[Binding] = &[
     bind(6, "block_offsets", Access::Read),
     bind(7, "status", Access::Write),
     bind(8, "events", Access::Write),
-    bind(PACES_BINDING, "paces", Access::UintLayers),
+    bind(TILE_RATES_BINDING, "tile_rates", Access::UintLayers),
 ];
 
 /// `chain/walk.wgsl` and `chain/begin.wgsl`.
@@ -63,7 +63,7 @@ pub const CHAIN_BINDINGS: &[Binding] = &[
     bind(9, "block_offsets", Access::Read),
     bind(10, "report", Access::Write),
     bind(11, "events", Access::Write),
-    bind(PACES_BINDING, "paces", Access::UintLayers),
+    bind(TILE_RATES_BINDING, "tile_rates", Access::UintLayers),
     bind(13, "kept", Access::Write),
     bind(14, "lists", Access::Write),
     bind(15, "frozen", Access::ReadLayers),

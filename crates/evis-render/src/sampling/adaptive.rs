@@ -1,4 +1,4 @@
-//! `native` at the pace of what is seen: each tile of a picture is rendered as often as what it may show moves, and one
+//! `native` as often as what is seen needs: each tile of a picture is rendered as often as what it may show moves, and one
 //! that does not change not at all.
 //!
 //! Instants come in blocks of a fixed length in absolute time. What a block's tiles need is a function of the poses during
@@ -112,7 +112,7 @@ struct Work<'a> {
     blocks: u32,
     frame_group: wgpu::BindGroup,
     /// Per view and block.
-    paces: Vec<TileRates>,
+    tile_rates: Vec<TileRates>,
     /// Whether what still tiles showed before the first instant is kept.
     follows: bool,
     /// Whether only some tiles are looked at; nobody asks what the others show.
@@ -129,12 +129,12 @@ impl Work<'_> {
         batch.view * self.frames + batch.k
     }
 
-    /// Whether a tile of `pace` is sampled at instant `number` of `block`, from 1 on.
-    const fn is_due(&self, pace: u8, block: u32, number: u32) -> bool {
-        match pace {
+    /// Whether a tile with `log2_stride` is sampled at instant `number` of `block`, from 1 on.
+    const fn is_due(&self, log2_stride: u8, block: u32, number: u32) -> bool {
+        match log2_stride {
             // Nobody has kept what still tiles showed.
             STILL => !self.follows && !self.partial && block == 0 && number == self.length,
-            pace => number.is_multiple_of(1 << pace),
+            log2_stride => number.is_multiple_of(1 << log2_stride),
         }
     }
 
@@ -146,7 +146,7 @@ impl Work<'_> {
     /// Copies what is still from the end of one block to the end of the next.
     fn carry(&self, encoder: &mut Commands, kept: Option<&wgpu::Texture>) {
         let layers = &self.targets.layers;
-        for (index, paces) in (0..).zip(&self.paces) {
+        for (index, tile_rates) in (0..).zip(&self.tile_rates) {
             let (view, block) = (index / self.blocks, index % self.blocks);
             let layer = view * self.unit.instants + (block + 1) * self.length - 1;
             let before = match (kept, block) {
@@ -155,7 +155,7 @@ impl Work<'_> {
                 (None, 0) => continue,
                 _ => (&layers.texture, layer - self.length),
             };
-            let still = |x: u32, y: u32| paces.tiles[(y * paces.columns + x) as usize] == STILL;
+            let still = |x: u32, y: u32| tile_rates.tiles[(y * tile_rates.columns + x) as usize] == STILL;
             // A copy has no price beside its pixels: exactly the still tiles.
             let exact = |rect: &Rect| rect.pixels() as f64 + 1e-3;
             for rect in rects(still, TILE, (layers.width, layers.height), exact) {
@@ -246,8 +246,8 @@ impl AdaptiveSampler {
         let again = i64::from(!group.beginning.is_empty());
         let follows = kept.as_ref().is_some_and(|(next, _)| *next == unit.first + again);
         let kept = kept.map(|(_, texture)| texture);
-        let paces =
-            tracing::trace_span!("rates of tiles").in_scope(|| self.paces(context, &views, group, unit));
+        let tile_rates =
+            tracing::trace_span!("rates of tiles").in_scope(|| self.tile_rates(context, &views, group, unit));
         let (frames, length) = (frames_of(unit), self.block_of(group, unit));
         let work = Work {
             targets,
@@ -258,11 +258,11 @@ impl AdaptiveSampler {
             length,
             blocks: unit.instants / length,
             frame_group,
-            paces,
+            tile_rates,
             follows,
             partial: !self.only.is_empty(),
         };
-        write_paces(context, targets, &work.paces, length);
+        write_tile_rates(context, targets, &work.tile_rates, length);
         let mut tiles = Vec::new();
         let batches = self.batches(context, &work, &mut tiles);
         self.drawn_pixels += batches.iter().map(DrawBatch::pixels).sum::<u64>();
@@ -295,7 +295,7 @@ impl AdaptiveSampler {
         for (v, view) in (0..).zip(&work.views) {
             let (width, height) = (view.lens.width, view.lens.height);
             for block in 0..work.blocks {
-                let of = &work.paces[work.place(v, block)];
+                let of = &work.tile_rates[work.place(v, block)];
                 let within = |batch: &&DrawBatch| batch.view == v && (batch.k - 1) / work.length == block;
                 let own_work: f64 = batches.iter().filter(within).map(|batch| batch.cost).sum();
                 let known = block > 0 || work.follows;
@@ -480,38 +480,38 @@ impl AdaptiveSampler {
     }
 
     /// Per view and block.
-    fn paces(&self, context: &Context, views: &[View], group: &Group, unit: &Unit) -> Vec<TileRates> {
+    fn tile_rates(&self, context: &Context, views: &[View], group: &Group, unit: &Unit) -> Vec<TileRates> {
         let length = self.block_of(group, unit);
         let blocks = unit.instants / length;
         let frames = frames_of(unit) as usize;
-        let mut paces = Vec::new();
+        let mut tile_rates = Vec::new();
         for (v, view) in views.iter().enumerate() {
             let only = self.only.get(group.views[v]);
             let (columns, rows) = (tiles_along(view.lens.width), tiles_along(view.lens.height));
             for block in 0..blocks {
                 let count = (columns * rows) as usize;
-                let all = |pace| TileRates { columns, tiles: vec![pace; count] };
+                let all = |log2_stride| TileRates { columns, tiles: vec![log2_stride; count] };
                 if group.begins(unit) {
                     let goes_on = group.beginning.get(v) == Some(&false);
-                    paces.push(all(if goes_on { STILL } else { 0 }).restricted(only));
+                    tile_rates.push(all(if goes_on { STILL } else { 0 }).restricted(only));
                     continue;
                 }
-                if let Some(pace) = self.forced {
-                    paces.push(all(pace).restricted(only));
+                if let Some(log2_stride) = self.forced {
+                    tile_rates.push(all(log2_stride).restricted(only));
                     continue;
                 }
                 let start = v * frames + (block * length) as usize;
                 let range = start..start + length as usize + 1;
                 let passing = ViewMotion::new(&context.frame_data, range, &view.lens, self.sky);
-                let mut own = self.estimator.paces(&context.gpu_scene, &passing);
+                let mut own = self.estimator.tile_rates(&context.gpu_scene, &passing);
                 // No sample may stand for the light between two others.
                 if view.sensor.walks_on_host() {
                     own.tiles.fill(0);
                 }
-                paces.push(own.restricted(only));
+                tile_rates.push(own.restricted(only));
             }
         }
-        paces
+        tile_rates
     }
 
     /// What is drawn, in order of time, then view; the numbers of its tiles go to `tiles`.
@@ -523,9 +523,9 @@ impl AdaptiveSampler {
             for number in 1..=work.length {
                 let k = block * work.length + number;
                 for (v, view) in (0..).zip(&work.views) {
-                    let of = &work.paces[work.place(v, block)];
-                    let active = |pace: u8| work.is_due(pace, block, number);
-                    if !of.tiles.iter().any(|pace| active(*pace)) {
+                    let of = &work.tile_rates[work.place(v, block)];
+                    let active = |log2_stride: u8| work.is_due(log2_stride, block, number);
+                    if !of.tiles.iter().any(|log2_stride| active(*log2_stride)) {
                         continue;
                     }
                     let in_view = InView::new(context, view, v * work.frames + k);
@@ -535,8 +535,8 @@ impl AdaptiveSampler {
                         in_view.rects(chosen, TILE, size, self.made.pixel_price())
                     });
                     let first_tile = tiles.len() as u32;
-                    for (index, pace) in (0..).zip(&of.tiles) {
-                        if active(*pace) {
+                    for (index, log2_stride) in (0..).zip(&of.tiles) {
+                        if active(*log2_stride) {
                             tiles.push((index % of.columns) | (index / of.columns) << 16);
                         }
                     }
@@ -664,15 +664,18 @@ const fn frames_of(unit: &Unit) -> u32 {
     1 + unit.instants
 }
 
-/// Tells the trigger the paces of blocks of `length` instants; what is still is looked at when they end.
-fn write_paces(context: &Context, targets: &Targets, paces: &[TileRates], length: u32) {
+/// Tells the trigger the rates of blocks of `length` instants; what is still is looked at when they end.
+fn write_tile_rates(context: &Context, targets: &Targets, tile_rates: &[TileRates], length: u32) {
     let slowest = length.trailing_zeros() as u8;
-    let bytes: Vec<u8> = paces.iter().flat_map(|p| p.tiles.iter().map(|pace| (*pace).min(slowest))).collect();
+    let bytes: Vec<u8> = tile_rates
+        .iter()
+        .flat_map(|p| p.tiles.iter().map(|log2_stride| (*log2_stride).min(slowest)))
+        .collect();
     let (columns, rows) = (tiles_along(targets.width), tiles_along(targets.height));
     context.gpu.queue.write_texture(
-        targets.paces.as_image_copy(),
+        targets.tile_rates.as_image_copy(),
         &bytes,
         wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(columns), rows_per_image: Some(rows) },
-        wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: paces.len() as u32 },
+        wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: tile_rates.len() as u32 },
     );
 }

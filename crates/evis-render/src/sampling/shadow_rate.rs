@@ -12,7 +12,9 @@ use glam::{DMat3, DMat4, DVec2, DVec3};
 use crate::sampling::clusters::{Face, Hull, Pieces};
 use crate::sampling::coverage::Cover;
 use crate::sampling::needs::Needs;
-use crate::sampling::view_motion::{Activity, CameraWander, Moving, Track, ViewMotion, Wander, reach_px};
+use crate::sampling::view_motion::{
+    Activity, CameraDeviation, Deviations, Moving, Track, ViewMotion, reach_px,
+};
 use crate::shadow::volume::{Lamp, extent};
 use crate::world::gpu_scene::GpuScene;
 use crate::world::image_bounds::{Area, Corners, bounds, corners, outline, seen};
@@ -39,7 +41,7 @@ pub struct Scenery<'a> {
     cameras: Vec<(&'a DMat4, f64)>,
     eyes: Vec<DVec3>,
     /// How far resting points are from the interpolation between these.
-    wander: CameraWander,
+    deviations: CameraDeviation,
 }
 
 impl<'a> Scenery<'a> {
@@ -54,8 +56,8 @@ impl<'a> Scenery<'a> {
         let ends = if still { &view.ends()[..1] } else { view.ends() };
         let cameras: Vec<_> = ends.iter().map(|&k| (view.camera_from_world[k], k as f64)).collect();
         let eyes = cameras.iter().map(|(camera, _)| camera.inverse().w_axis.truncate()).collect();
-        let wander = view.camera_wander(ends);
-        Self { view, gpu_scene, pieces, tiles, cameras, eyes, wander }
+        let deviations = view.camera_deviation(ends);
+        Self { view, gpu_scene, pieces, tiles, cameras, eyes, deviations }
     }
 
     /// Where the hull of `points`, which rest in the world, is seen during the block.
@@ -68,7 +70,7 @@ impl<'a> Scenery<'a> {
         if self.cameras.len() > 1 {
             let start = self.cameras[0].0;
             let seen = |camera: &'a DMat4| points.iter().map(|p| camera.transform_point3(*p));
-            let distance = seen(start).map(|p| self.wander.distance.at(p)).fold(0.0, f64::max);
+            let distance = seen(start).map(|p| self.deviations.distance.at(p)).fold(0.0, f64::max);
             for (camera, _) in &self.cameras {
                 border_px = border_px.max(reach_px(seen(camera), distance, self.view.lens));
             }
@@ -77,7 +79,7 @@ impl<'a> Scenery<'a> {
     }
 
     /// Where a part of an object is seen during the block.
-    pub fn follow(&self, activity: Activity, hull: &Hull, wander: &Wander) -> Cover {
+    pub fn follow(&self, activity: Activity, hull: &Hull, deviations: &Deviations) -> Cover {
         let (object, view) = (activity.object(), self.view);
         match activity {
             Activity::Rests(_) => {
@@ -90,7 +92,7 @@ impl<'a> Scenery<'a> {
                     let camera = view.camera_from_world[k];
                     outline(points, camera, view.lens, |at| outlines.push(at));
                     let seen = points.iter().map(|p| camera.transform_point3(*p));
-                    border_px = border_px.max(reach_px(seen, wander.seen_from_ends.distance, view.lens));
+                    border_px = border_px.max(reach_px(seen, deviations.seen_from_ends.distance, view.lens));
                 }
                 Cover::new(outlines, border_px, self.tiles.0, self.tiles.1)
             }
@@ -105,10 +107,10 @@ impl<'a> Scenery<'a> {
     }
 
     /// How far a moving object may be from its tracks.
-    pub fn wander(&self, activity: Activity) -> Wander {
+    pub fn deviations(&self, activity: Activity) -> Deviations {
         match activity {
-            Activity::Rests(_) => Wander::default(),
-            Activity::Moves(moving) => self.view.wander(moving, &self.pieces[moving.object()]),
+            Activity::Rests(_) => Deviations::default(),
+            Activity::Moves(moving) => self.view.deviations(moving, &self.pieces[moving.object()]),
         }
     }
 
@@ -129,7 +131,7 @@ impl<'a> Scenery<'a> {
 
     /// How much faster it may go at some instant: pixels per instant.
     fn shake_px(&self, camera: &DMat4, point: DVec3) -> f64 {
-        let speed = self.wander.speed.at(self.cameras[0].0.transform_point3(point));
+        let speed = self.deviations.speed.at(self.cameras[0].0.transform_point3(point));
         reach_px(std::iter::once(camera.transform_point3(point)), speed, self.view.lens)
     }
 }
@@ -151,14 +153,14 @@ impl Motion {
     }
 
     /// Of outlines of what is in a part of an object: as points of its track go, or as `all` of the object.
-    fn of(track: &Track<'_>, wander: &Wander, all: Self) -> Self {
+    fn of(track: &Track<'_>, deviations: &Deviations, all: Self) -> Self {
         if track.is_fixed() {
             return Self { way: DVec3::ZERO, rest: 0.0 };
         }
         let steps: Vec<(DVec3, f64)> = track
             .steps()
             .flat_map(|(from, to, instants)| {
-                from.iter().zip(to).map(move |(a, b)| ((*b - *a) / instants, wander.world.speed))
+                from.iter().zip(to).map(move |(a, b)| ((*b - *a) / instants, deviations.world.speed))
             })
             .collect();
         let own = Self::new(&steps);
@@ -184,7 +186,7 @@ pub struct Receiver<'a> {
     /// Where it is seen.
     cover: Cover,
     pieces: &'a Pieces,
-    wander: Wander,
+    deviations: Deviations,
     faces: OnceCell<Vec<PlacedFace>>,
 }
 
@@ -206,12 +208,12 @@ impl<'a> Receiver<'a> {
     /// An object in view.
     pub fn new(scenery: &Scenery<'a>, activity: Activity) -> Self {
         let pieces: &'a Pieces = &scenery.pieces[activity.object()];
-        let wander = scenery.wander(activity);
+        let deviations = scenery.deviations(activity);
         let track = scenery.view.track(scenery.gpu_scene, activity, &pieces.whole);
         let (low, high) = bounds(track.points());
-        let extent = (low - wander.world.distance, high + wander.world.distance);
-        let cover = scenery.follow(activity, &pieces.whole, &wander);
-        Self { activity, extent, cover, pieces, wander, faces: OnceCell::new() }
+        let extent = (low - deviations.world.distance, high + deviations.world.distance);
+        let cover = scenery.follow(activity, &pieces.whole, &deviations);
+        Self { activity, extent, cover, pieces, deviations, faces: OnceCell::new() }
     }
 
     fn faces(&self, scenery: &Scenery<'_>) -> &[PlacedFace] {
@@ -222,7 +224,7 @@ impl<'a> Receiver<'a> {
         let turned = |n: &DVec3| (turn * *n).normalize_or_zero();
         let [x, y, z] = DVec3::AXES;
         let axes = [x, y, z, turned(&x), turned(&y), turned(&z)];
-        let all = motion(scenery, self.pieces, self.activity, &self.wander);
+        let all = motion(scenery, self.pieces, self.activity, &self.deviations);
         // A closed surface with all cameras outside shows no insides.
         let closed = self.pieces.swing.is_finite();
         let (low, high) = self.extent;
@@ -230,12 +232,12 @@ impl<'a> Receiver<'a> {
         let solid = closed && !scenery.eyes.iter().any(inside);
         let place = |face: &Face| {
             let track = scenery.view.track(scenery.gpu_scene, self.activity, &face.hull);
-            let motion = Motion::of(&track, &self.wander, all);
-            let cover = scenery.follow(self.activity, &face.hull, &self.wander);
+            let motion = Motion::of(&track, &self.deviations, all);
+            let cover = scenery.follow(self.activity, &face.hull, &self.deviations);
             let corners = track.into_points();
             let slab = |axis: DVec3| {
                 let [low, high] = extent(&corners, axis);
-                (axis, [low - self.wander.world.distance, high + self.wander.world.distance])
+                (axis, [low - self.deviations.world.distance, high + self.deviations.world.distance])
             };
             PlacedFace {
                 middle: corners.iter().sum::<DVec3>() / corners.len() as f64,
@@ -281,7 +283,7 @@ impl PlacedFace {
 }
 
 /// How outlines of an object move, wherever they are.
-fn motion(scenery: &Scenery<'_>, pieces: &Pieces, activity: Activity, wander: &Wander) -> Motion {
+fn motion(scenery: &Scenery<'_>, pieces: &Pieces, activity: Activity, deviations: &Deviations) -> Motion {
     let (object, view) = (activity.object(), scenery.view);
     if !pieces.whole.is_rigid() {
         return Motion { way: DVec3::ZERO, rest: f64::INFINITY };
@@ -290,7 +292,7 @@ fn motion(scenery: &Scenery<'_>, pieces: &Pieces, activity: Activity, wander: &W
         let [before, now] = [pair[0], pair[1]].map(|k| &view.shared[k].world[object]);
         let instants = (pair[1] - pair[0]) as f64;
         if before == now {
-            return (DVec3::ZERO, wander.world.speed);
+            return (DVec3::ZERO, deviations.world.speed);
         }
         let [from, to] = [before, now].map(|world| world.transform_point3(pieces.middle));
         // Its turn in its own frame at the first moment.
@@ -305,7 +307,7 @@ fn motion(scenery: &Scenery<'_>, pieces: &Pieces, activity: Activity, wander: &W
         let axes = DMat3::from_mat4(*before);
         let gram = (axes.transpose() * axes).to_cols_array_2d();
         let scale = gram.iter().map(|row| row.iter().map(|v| v.abs()).sum()).fold(0.0, f64::max).sqrt();
-        let rest = scale * (turned + bend * pieces.radius) / instants + wander.world.speed;
+        let rest = scale * (turned + bend * pieces.radius) / instants + deviations.world.speed;
         ((to - from) / instants, rest)
     };
     let steps: Vec<(DVec3, f64)> = view.moments().windows(2).map(step).collect();
@@ -322,13 +324,13 @@ pub fn shadows(
 ) {
     let activity = Activity::Moves(caster);
     let pieces = &scenery.pieces[caster.object()];
-    let wander = scenery.wander(activity);
-    let all = motion(scenery, pieces, activity, &wander);
+    let deviations = scenery.deviations(activity);
+    let all = motion(scenery, pieces, activity, &deviations);
     let placed = |hull: &Hull| {
         let track = scenery.view.track(scenery.gpu_scene, activity, hull);
         let (low, high) = bounds(track.points());
-        let by = DVec3::splat(wander.world.distance);
-        (corners(low - by, high + by), Motion::of(&track, &wander, all))
+        let by = DVec3::splat(deviations.world.distance);
+        (corners(low - by, high + by), Motion::of(&track, &deviations, all))
     };
     let whole = placed(&pieces.whole);
     let parts: Vec<(Corners, Motion)> = pieces.casters.iter().map(placed).collect();

@@ -18,7 +18,7 @@ use crate::sampling::clusters::{Hull, Pieces, pieces};
 use crate::sampling::needs::Needs;
 use crate::sampling::shadow_rate::{Receiver, Scenery, shadows};
 use crate::sampling::view_motion::{
-    Activity, CameraWander, Moving, Resting, Track, ViewMotion, Wander, reach_px,
+    Activity, CameraDeviation, Deviations, Moving, Resting, Track, ViewMotion, reach_px,
 };
 use crate::world::gpu_scene::GpuScene;
 use crate::world::image_bounds::{Area, Extent, MARGIN_PX, bounds, seen};
@@ -37,15 +37,17 @@ const LIGHT_STEP: f64 = 0.02;
 pub struct TileRates {
     /// Tiles per row.
     pub columns: u32,
-    /// Per tile, row by row: every `2^pace` instants; [`STILL`] for never.
+    /// Per tile, row by row: every `2^log2_stride` instants; [`STILL`] for never.
     pub tiles: Vec<u8>,
 }
 
 impl TileRates {
     /// The same, if only some tiles are looked at.
     pub fn restricted(mut self, only: Option<&Vec<bool>>) -> Self {
-        for (pace, _) in self.tiles.iter_mut().zip(only.into_iter().flatten()).filter(|(_, only)| !**only) {
-            *pace = STILL;
+        for (log2_stride, _) in
+            self.tiles.iter_mut().zip(only.into_iter().flatten()).filter(|(_, only)| !**only)
+        {
+            *log2_stride = STILL;
         }
         self
     }
@@ -90,9 +92,9 @@ impl TileRateEstimator {
     }
 
     /// How often the tiles of one view are sampled during one block.
-    pub fn paces(&self, gpu_scene: &GpuScene, view: &ViewMotion<'_>) -> TileRates {
+    pub fn tile_rates(&self, gpu_scene: &GpuScene, view: &ViewMotion<'_>) -> TileRates {
         let needs = self.required(gpu_scene, view);
-        let tiles = needs.tiles.into_iter().map(|need| self.pace(need)).collect();
+        let tiles = needs.tiles.into_iter().map(|need| self.log2_stride(need)).collect();
         TileRates { columns: needs.columns, tiles }
     }
 
@@ -152,7 +154,7 @@ impl TileRateEstimator {
     }
 
     /// `need`: samples per instant.
-    fn pace(&self, need: f64) -> u8 {
+    fn log2_stride(&self, need: f64) -> u8 {
         if need == 0.0 {
             return STILL;
         }
@@ -181,10 +183,10 @@ impl TileRateEstimator {
             });
             let glow = glow.fold(0.0, f64::max) / self.light_step();
             let activity = Activity::Moves(body);
-            let wander = scenery.wander(activity);
+            let deviations = scenery.deviations(activity);
             for part in &self.pieces[o].boxes {
-                let speed = speed(view, &view.track(gpu_scene, activity, part), &wander);
-                let cover = scenery.follow(activity, part, &wander);
+                let speed = speed(view, &view.track(gpu_scene, activity, part), &deviations);
+                let cover = scenery.follow(activity, part, &deviations);
                 needs.add(cover.tiles(), (speed / self.step_px).max(glow));
             }
         }
@@ -249,7 +251,7 @@ impl TileRateEstimator {
             .map(|pair| (pair[1] - pair[0]) as f64)
             .zip(moments[1..].iter().map(|&k| *view.camera_from_world[k] * start))
             .collect();
-        grid.speeds(lens, &steps, &view.camera_wander(moments), view.sky, needs, self.step_px);
+        grid.speeds(lens, &steps, &view.camera_deviation(moments), view.sky, needs, self.step_px);
     }
 }
 
@@ -267,7 +269,7 @@ fn log_change(a: f32, b: f32) -> f64 {
 }
 
 /// How fast the fastest point of a part goes: pixels per instant. Infinite where it passes the camera.
-fn speed(view: &ViewMotion<'_>, track: &Track<'_>, wander: &Wander) -> f64 {
+fn speed(view: &ViewMotion<'_>, track: &Track<'_>, deviations: &Deviations) -> f64 {
     let see = |k: usize, p: &DVec3| view.camera_from_world[k].transform_point3(*p);
     let plane = 0.5 * view.lens.near;
     let mut fastest: f64 = 0.0;
@@ -288,7 +290,7 @@ fn speed(view: &ViewMotion<'_>, track: &Track<'_>, wander: &Wander) -> f64 {
                 }
             }
         }
-        let shake_px = reach_px(points.iter().map(|p| see(k, p)), wander.seen.speed, view.lens);
+        let shake_px = reach_px(points.iter().map(|p| see(k, p)), deviations.seen.speed, view.lens);
         fastest = fastest.max(shake_px);
         before = Some((k, points));
     }
@@ -382,12 +384,12 @@ impl DepthGrid {
 
     /// Adds what each tile asks for when the camera goes through `steps`: their lengths in instants, and the camera after
     /// each as seen from before all.
-    /// `wander`: how far points may be from the straight interpolation between the steps.
+    /// `deviations`: how far points may be from the straight interpolation between the steps.
     fn speeds(
         &self,
         lens: &PixelLens,
         steps: &[(f64, DMat4)],
-        wander: &CameraWander,
+        deviations: &CameraDeviation,
         sky: bool,
         needs: &mut Needs,
         step_px: f64,
@@ -399,7 +401,8 @@ impl DepthGrid {
             for (point, w) in finite.chain(sky.then_some((ray, 0.0))) {
                 let mut last = lens.project(ray);
                 // At infinity offsets do not count.
-                let shake = if w == 0.0 { wander.speed.slope * ray.length() } else { wander.speed.at(point) };
+                let shake =
+                    if w == 0.0 { deviations.speed.slope * ray.length() } else { deviations.speed.at(point) };
                 let shake_px = reach_px(std::iter::once(point), shake, lens);
                 for (instants, step) in steps {
                     let now = (*step * point.extend(w)).truncate();
@@ -472,7 +475,14 @@ mod tests {
         // 3 cm to the right in 4 instants, then back in 2: 80 * 0.03 / 2 pixels, in 2 instants.
         let right = DMat4::from_translation(DVec3::new(-0.03, 0.0, 0.0));
         let mut wanted = needs(&lens);
-        grid.speeds(&lens, &[(4.0, right), (2.0, start)], &CameraWander::default(), false, &mut wanted, 0.5);
+        grid.speeds(
+            &lens,
+            &[(4.0, right), (2.0, start)],
+            &CameraDeviation::default(),
+            false,
+            &mut wanted,
+            0.5,
+        );
         for need in &wanted.tiles {
             assert!((need - 0.6 / 0.5).abs() < 1e-9, "{need}");
         }
@@ -482,7 +492,7 @@ mod tests {
         DepthGrid::new(&lens, 5, 4).speeds(
             &lens,
             &[(1.0, turn)],
-            &CameraWander::default(),
+            &CameraDeviation::default(),
             true,
             &mut wanted,
             1.0,
@@ -494,7 +504,7 @@ mod tests {
         DepthGrid::new(&lens, 5, 4).speeds(
             &lens,
             &[(1.0, turn)],
-            &CameraWander::default(),
+            &CameraDeviation::default(),
             false,
             &mut wanted,
             1.0,
@@ -503,14 +513,14 @@ mod tests {
     }
 
     #[test]
-    fn paces_are_powers_of_two_and_never_too_slow() {
+    fn rates_are_powers_of_two_and_never_too_slow() {
         let estimator = TileRateEstimator { pieces: Vec::new(), step_px: 1.0, slowest: 4, overlooks: None };
-        for (need, pace) in
+        for (need, log2_stride) in
             [(0.0, STILL), (1e-300, 4), (0.06, 4), (0.0625, 4), (0.07, 3), (0.5, 1), (0.51, 0)]
         {
-            assert_eq!(estimator.pace(need), pace, "{need}");
+            assert_eq!(estimator.log2_stride(need), log2_stride, "{need}");
         }
-        assert_eq!(estimator.pace(f64::INFINITY), 0);
-        assert_eq!(estimator.pace(f64::NAN), 0);
+        assert_eq!(estimator.log2_stride(f64::INFINITY), 0);
+        assert_eq!(estimator.log2_stride(f64::NAN), 0);
     }
 }

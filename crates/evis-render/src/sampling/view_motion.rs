@@ -164,16 +164,16 @@ impl<'a> ViewMotion<'a> {
     }
 
     /// Where a moving object may be between the instants of its tracks, in the world and as the camera sees it.
-    pub fn wander(&self, moving: Moving, pieces: &Pieces) -> Wander {
+    pub fn deviations(&self, moving: Moving, pieces: &Pieces) -> Deviations {
         let object = moving.object();
         let Hull::Rigid((low, high)) = pieces.whole else {
             // Its tracks have every instant.
-            return Wander::default();
+            return Deviations::default();
         };
         let points = crate::world::image_bounds::corners(low, high);
         let world: Vec<DMat4> = self.shared.iter().map(|shared| shared.world[object]).collect();
         let seen: Vec<DMat4> = world.iter().zip(&self.camera_from_world).map(|(w, c)| **c * *w).collect();
-        Wander {
+        Deviations {
             world: Deviation::new(&world, &self.moments, &points),
             seen: Deviation::new(&seen, &self.moments, &points),
             seen_from_ends: Deviation::new(&seen, &self.ends, &points),
@@ -181,16 +181,16 @@ impl<'a> ViewMotion<'a> {
     }
 
     /// How far a resting point may be, as the camera sees it, from the interpolation between `chosen` instants.
-    pub fn camera_wander(&self, chosen: &[usize]) -> CameraWander {
+    pub fn camera_deviation(&self, chosen: &[usize]) -> CameraDeviation {
         let start = self.camera_from_world[0];
         let from_start: Vec<DMat4> =
             self.camera_from_world.iter().map(|camera| **camera * start.inverse()).collect();
-        let mut wander = CameraWander::default();
+        let mut most = CameraDeviation::default();
         deviations(&from_start, chosen, |now, step| {
-            wander.distance = wander.distance.largest(&LinearBound::new(now));
-            wander.speed = wander.speed.largest(&LinearBound::new(step));
+            most.distance = most.distance.largest(&LinearBound::new(now));
+            most.speed = most.speed.largest(&LinearBound::new(step));
         });
-        wander
+        most
     }
 }
 
@@ -232,7 +232,7 @@ impl Track<'_> {
 
 /// [`Deviation`]s of a moving object.
 #[derive(Clone, Copy, Default)]
-pub struct Wander {
+pub struct Deviations {
     /// In the world, from the interpolation between moments.
     pub world: Deviation,
     /// In the camera's space, from the interpolation between moments.
@@ -282,7 +282,7 @@ fn deviations(matrices: &[DMat4], chosen: &[usize], mut each: impl FnMut(&DMat4,
 
 /// [`Deviation`] of resting points under a moving camera.
 #[derive(Clone, Copy, Default)]
-pub struct CameraWander {
+pub struct CameraDeviation {
     /// Metres.
     pub distance: LinearBound,
     /// Metres per instant.

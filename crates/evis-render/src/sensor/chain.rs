@@ -1,7 +1,7 @@
 //! The whole sensor chain on the device: which stages a pipeline has, what a pixel remembers, and what the host hands
 //! over: what is frozen, and when noise may strike.
 
-use evis_core::emulator::parts::{Frozen, NoiseFeed, Wire};
+use evis_core::emulator::parts::{Frozen, NoiseFeed, ReadoutQueue};
 use evis_core::sensor::{
     Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times,
     TriggerRule,
@@ -20,8 +20,8 @@ use crate::world::view::View;
 /// Words of a view at the start of `frozen`; `chain/layout.wgsl` has the same constant.
 pub const VIEW_WORDS: u32 = 8;
 
-/// Words of a strike; `chain/layout.wgsl` has the same constant.
-pub const STRIKE_WORDS: u32 = 3;
+/// Words of a candidate; `chain/layout.wgsl` has the same constant.
+pub const CANDIDATE_WORDS: u32 = 3;
 
 /// Events of a pixel that counting keeps for emitting.
 const KEPT_EVENTS: u32 = 4;
@@ -80,7 +80,7 @@ pub struct ChainPlan {
 
 impl ChainPlan {
     /// For `samples` layers per instant; `unknown`: whether a luminance below 0 stands for one that is not known; `block`:
-    /// instants of a block within which tiles have paces of their own, 1 without.
+    /// instants of a block within which tiles have rates of their own, 1 without.
     pub fn new(sensor: &SensorConfig, samples: u32, unknown: bool, block: u32) -> Self {
         let (receptor, noise) = (&sensor.photoreceptor, &sensor.noise);
         let filter = match (receptor.cutoff_hz > 0.0, receptor.filter, receptor.order) {
@@ -144,8 +144,8 @@ impl ChainPlan {
             ("RAMP", flag(ramp)),
             ("OWN_SLOPES", flag(own_slopes)),
             ("LEAK_JITTER", flag(slope > 0)),
-            ("STRIKES", flag(poisson_leak || shot || hot)),
-            ("STRIKES_SET_REFERENCE", flag(noise.reference == NoiseReference::Signal)),
+            ("TIMED_NOISE", flag(poisson_leak || shot || hot)),
+            ("NOISE_SETS_REFERENCE", flag(noise.reference == NoiseReference::Signal)),
             ("REFRACTORY", f64::from(refractory)),
             ("LATCH", flag(latch)),
             ("TIMES", f64::from(if latch { 0 } else { times })),
@@ -295,7 +295,7 @@ pub struct GroupChain {
     pub frozen: wgpu::TextureView,
     noises: Vec<Option<NoiseFeed>>,
     /// Where events wait for the bus, per view; empty where they leave at once.
-    pub wires: Vec<Wire>,
+    pub wires: Vec<ReadoutQueue>,
     width: u32,
     height: u32,
 }
@@ -366,7 +366,7 @@ impl GroupChain {
             .zip(views)
             .map(|(frozen, view)| NoiseFeed::new(&view.sensor, view.key, frozen))
             .collect();
-        let wire = |view: &&View| Wire::new(&view.sensor.readout, view.key, width);
+        let wire = |view: &&View| ReadoutQueue::new(&view.sensor.readout, view.key, width);
         let at_once = views.iter().all(|view| view.sensor.readout.is_off());
         let wires = if at_once { Vec::new() } else { views.iter().map(wire).collect() };
         Self { views: buffer, frozen: whole(&texture), noises, wires, width, height }
@@ -377,7 +377,7 @@ impl GroupChain {
         for ((wire, view), _) in
             self.wires.iter_mut().zip(views).zip(beginning).filter(|(_, begins)| **begins)
         {
-            *wire = Wire::new(&view.sensor.readout, view.key, self.width);
+            *wire = ReadoutQueue::new(&view.sensor.readout, view.key, self.width);
         }
     }
 
@@ -395,7 +395,7 @@ impl GroupChain {
         *self = fresh;
     }
 
-    /// When noise may strike in `(base_us, end_us]`: where each block's strikes begin, then the strikes.
+    /// When noise may strike in `(base_us, end_us]`: where each block's candidates begin, then the candidates.
     pub fn feed(&mut self, base_us: i64, end_us: i64) -> Vec<u32> {
         let row_blocks = (row_stride(self.width) / BLOCK_PIXELS) as usize;
         let view_blocks = row_blocks * self.height as usize;
@@ -404,20 +404,20 @@ impl GroupChain {
         let mut begun = 0;
         for (view, noise) in self.noises.iter_mut().enumerate() {
             let Some(noise) = noise else { continue };
-            for strike in noise.strikes(base_us, end_us) {
-                let (x, y) = (strike.pixel % self.width, strike.pixel / self.width);
+            for candidate in noise.candidates(base_us, end_us) {
+                let (x, y) = (candidate.pixel % self.width, candidate.pixel / self.width);
                 let block = view * view_blocks + y as usize * row_blocks + (x / BLOCK_PIXELS) as usize;
-                // Strikes come block by block.
+                // Candidates come block by block.
                 let here = words.len() as u32;
                 if let Some(starts) = words.get_mut(begun..=block) {
                     starts.fill(here);
                     begun = block + 1;
                 }
-                let side = strike.relative.map_or(0, |other| 2 | (other.as_i16() as u32) << 2);
-                let kind = (strike.polarity.as_i16() as u32 | side) << 6 | (strike.cause as u32) << 9;
-                words.push((strike.t_us - base_us) as u32);
+                let side = candidate.relative.map_or(0, |other| 2 | (other.as_i16() as u32) << 2);
+                let kind = (candidate.polarity.as_i16() as u32 | side) << 6 | (candidate.cause as u32) << 9;
+                words.push((candidate.t_us - base_us) as u32);
                 words.push((x % BLOCK_PIXELS) | kind);
-                words.push(strike.light_below.clamp(-NEVER, NEVER).to_bits());
+                words.push(candidate.light_below.clamp(-NEVER, NEVER).to_bits());
             }
         }
         let end = words.len() as u32;

@@ -278,7 +278,7 @@ impl Slot {
         let bytes = size_of_val(words) as u64;
         if self.feed.as_ref().is_none_or(|feed| feed.size() < bytes) {
             self.feed = Some(gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("strikes"),
+                label: Some("candidates"),
                 // Half as much again: the next one is a little longer now and then.
                 size: (bytes + bytes / 2).next_multiple_of(4),
                 usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,

@@ -9,7 +9,7 @@ use crate::pass::ComputePass;
 use crate::pass::trigger::{BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, SCAN_BINDINGS};
 use crate::sensor::chain::{ChainPasses, ChainPlan};
 
-/// Blocks of instants, within which tiles have paces of their own.
+/// Blocks of instants, within which tiles have rates of their own.
 #[derive(Clone, Copy, Debug)]
 pub struct Blocks {
     /// Of each; 1 where every pixel is sampled at every instant.

@@ -30,9 +30,9 @@ pub struct Targets {
     /// What a chain walks with, where there is one.
     pub chain: Option<ChainTargets>,
     /// Rates of tiles, a layer per view and block; one texel where every pixel is always sampled.
-    pub paces: wgpu::Texture,
+    pub tile_rates: wgpu::Texture,
     /// The same, for the trigger.
-    pub paces_view: wgpu::TextureView,
+    pub tile_rates_view: wgpu::TextureView,
 }
 
 /// What a chain has beside the trigger's buffers, while a submission is in work.
@@ -73,9 +73,9 @@ impl Targets {
                 plan.views_per_group * (plan.instants / block).max(1),
             ),
         };
-        let paces = array(
+        let tile_rates = array(
             device,
-            "paces",
+            "tile_rates",
             [columns, rows, blocks],
             wgpu::TextureFormat::R8Uint,
             wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
@@ -102,8 +102,8 @@ impl Targets {
             height,
             plan,
             chain,
-            paces_view: whole(&paces),
-            paces,
+            tile_rates_view: whole(&tile_rates),
+            tile_rates,
             samples,
             means: whole(&means),
             layers: Layers::new(device, width, height, plan.layers, made),

@@ -139,7 +139,7 @@ fn ideal_walks<'a>(
             targets.counts.as_entire_binding(),
             group.status.as_entire_binding(),
             texture(&targets.means),
-            texture(&targets.paces_view),
+            texture(&targets.tile_rates_view),
         ],
     );
     let emitting = pass::group(
@@ -157,7 +157,7 @@ fn ideal_walks<'a>(
             targets.block_sums.as_entire_binding(),
             group.status.as_entire_binding(),
             slot.events.as_entire_binding(),
-            texture(&targets.paces_view),
+            texture(&targets.tile_rates_view),
         ],
     );
     let walk = |pass, bindings| vec![over_pixels(pass, bindings, targets, group)];
@@ -198,7 +198,7 @@ fn chain_walks<'a>(
                 targets.block_sums.as_entire_binding(),
                 group.status.as_entire_binding(),
                 slot.events.as_entire_binding(),
-                wgpu::BindingResource::TextureView(&targets.paces_view),
+                wgpu::BindingResource::TextureView(&targets.tile_rates_view),
                 shared.kept.as_entire_binding(),
                 shared.lists.as_entire_binding(),
                 wgpu::BindingResource::TextureView(&own.frozen),

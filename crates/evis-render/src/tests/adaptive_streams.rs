@@ -23,10 +23,10 @@ pub(super) fn engine(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig) -> Engin
     Engine::new(gpu, scene.clone(), views, &mut config).unwrap()
 }
 
-/// Gives every tile one pace, whatever moves.
-pub(super) fn force(engine: &mut Engine, pace: u8) {
+/// Gives every tile one rate, whatever moves.
+pub(super) fn force(engine: &mut Engine, log2_stride: u8) {
     let Sampling::Adaptive(sampler) = engine.parts().sampling else { panic!("not in adaptive time") };
-    sampler.forced = Some(pace);
+    sampler.forced = Some(log2_stride);
 }
 
 /// What was delivered.

@@ -484,7 +484,7 @@ fn constants_agree() {
     assert_eq!(constant("trigger/count.wgsl", "MAX_EVENTS_PER_INTERVAL"), limit);
     let chain_constants = [
         ("VIEW_WORDS", f64::from(crate::sensor::chain::VIEW_WORDS)),
-        ("STRIKE_WORDS", f64::from(crate::sensor::chain::STRIKE_WORDS)),
+        ("CANDIDATE_WORDS", f64::from(crate::sensor::chain::CANDIDATE_WORDS)),
         ("OLD", f64::from(crate::config::OLD_US)),
         ("TALLY_WORDS", f64::from(crate::sensor::chain::TALLY_WORDS)),
         ("STREAM_START", StreamId::Start as u32 as f64),

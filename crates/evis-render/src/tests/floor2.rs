@@ -23,7 +23,7 @@ const HEIGHT: u32 = 9;
 const VIEWS: u32 = 2;
 const SAMPLES: u32 = 3;
 const INSTANTS: u32 = 5;
-/// Instants of a block, where tiles have paces.
+/// Instants of a block, where tiles have rates.
 const BLOCK: u32 = 8;
 
 /// A small hash to (0, 1): test inputs only.
@@ -80,7 +80,7 @@ fn run(
     run_unit(gpu, (rule, SAMPLES, unknown, Blocks::NONE), layers, sensors, grid, capacity, &unit, &[])
 }
 
-/// Runs `unit` from a memory of zeros; `paces` are those of tiles, by view and block.
+/// Runs `unit` from a memory of zeros; `rates` are those of tiles, by view and block.
 #[expect(clippy::too_many_arguments, reason = "what the passes depend on")]
 fn run_unit(
     gpu: &Gpu,
@@ -90,17 +90,17 @@ fn run_unit(
     grid: &SampleGrid,
     capacity: u32,
     unit: &Unit,
-    paces: &[u8],
+    tile_rates: &[u8],
 ) -> Ran {
     let instants = unit.instants;
     let plan = Plan { views_per_group: VIEWS, instants, layers: VIEWS * instants * samples };
     let targets = Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, None, blocks.instants);
-    if !paces.is_empty() {
+    if !tile_rates.is_empty() {
         let (columns, rows) = (tiles_along(WIDTH), tiles_along(HEIGHT));
-        let count = paces.len() as u32 / (columns * rows);
+        let count = tile_rates.len() as u32 / (columns * rows);
         gpu.queue.write_texture(
-            targets.paces.as_image_copy(),
-            paces,
+            targets.tile_rates.as_image_copy(),
+            tile_rates,
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
                 bytes_per_row: Some(columns),
@@ -337,20 +337,20 @@ fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
     assert!(!compare(&ran, TriggerRule::Crossing, &layers, &sensors, &grid).wrong.is_empty());
 }
 
-/// What the twin says of a pixel that is sampled at its tile's paces, block by block.
+/// What the twin says of a pixel that is sampled at its tile's rates, block by block.
 fn twin_of_blocks(
     config: &SensorConfig,
     lumas: &[f32],
-    paces: &[u8],
+    tile_rates: &[u8],
     times: &[u32],
     between: Between,
 ) -> Vec<(u32, bool)> {
     let mut state = Some(PixelState { reference_log: 0.0, log_luma: 0.0 });
     let walk = if between == Between::Curve { walk_curves } else { walk };
     let mut events = Vec::new();
-    for (block, pace) in paces.iter().enumerate() {
+    for (block, log2_stride) in tile_rates.iter().enumerate() {
         let begin = block * BLOCK as usize;
-        let step = 1 << pace;
+        let step = 1 << log2_stride;
         let at: Vec<usize> = (begin + step - 1..begin + BLOCK as usize).step_by(step).collect();
         let sampled: Vec<f32> = at.iter().map(|k| lumas[*k]).collect();
         // `times` begins with the instant before the first.
@@ -373,9 +373,10 @@ fn curves_between_samples_equal_their_twin() {
     let times: Vec<u32> =
         (-1..i64::from(unit.instants)).map(|k| (grid.instant_us(unit.first + k) - base) as u32).collect();
     let tiles = tiles_along(WIDTH) * tiles_along(HEIGHT);
-    let paces: Vec<u8> = (0..VIEWS * 2 * tiles).map(|tile| (tile % 4) as u8).collect();
+    let tile_rates: Vec<u8> = (0..VIEWS * 2 * tiles).map(|tile| (tile % 4) as u8).collect();
     for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
-        let ran = run_unit(&gpu, (rule, 1, false, blocks), &layers, &sensors, &grid, 1 << 18, &unit, &paces);
+        let ran =
+            run_unit(&gpu, (rule, 1, false, blocks), &layers, &sensors, &grid, 1 << 18, &unit, &tile_rates);
         assert_eq!((ran.status.stalled, ran.status.mismatched), (0, 0));
         let (mut events, mut bent, mut other, mut pixels) = (0, 0, 0, 0);
         for view in 0..VIEWS {
@@ -395,7 +396,7 @@ fn curves_between_samples_equal_their_twin() {
                     })
                     .collect();
                 let tile = y / TILE * tiles_along(WIDTH) + x / TILE;
-                let of_tile = [0, 1].map(|block| paces[((2 * view + block) * tiles + tile) as usize]);
+                let of_tile = [0, 1].map(|block| tile_rates[((2 * view + block) * tiles + tile) as usize]);
                 // A latch fires at samples, whatever lies between them.
                 let ways = [Between::Curve, Between::Line];
                 let mut twins =

@@ -1,4 +1,4 @@
-//! Floor 3: sampling each tile at its own pace gives what sampling everything at that pace gives.
+//! Floor 3: sampling each tile at its own rate gives what sampling everything at that rate gives.
 
 use evis_core::{Event, SensorConfig};
 
@@ -22,7 +22,7 @@ fn config(adaptive_px: Option<f64>, rate_hz: f64) -> RunConfig {
 }
 
 #[test]
-fn at_one_pace_everywhere_it_is_native_at_that_rate() {
+fn at_one_rate_everywhere_it_is_native_at_that_rate() {
     let Some(gpu) = super::device() else { return };
     let noisy = SensorConfig::preset("evis").unwrap();
     let shared = SensorConfig::preset("v2e-noisy").unwrap();
@@ -34,27 +34,27 @@ fn at_one_pace_everywhere_it_is_native_at_that_rate() {
         ("spinner", SensorConfig::default(), edges),
     ] {
         let scene = scene(name);
-        for pace in [0, 2, 4] {
+        for log2_stride in [0, 2, 4] {
             let with = |base| RunConfig { sensor: sensor.clone(), antialias, samples, ..base };
-            let plain = with(config(None, 1000.0 / f64::from(1 << pace)));
-            let paced = with(config(Some(1.0), 1000.0));
+            let plain = with(config(None, 1000.0 / f64::from(1 << log2_stride)));
+            let adaptive = with(config(Some(1.0), 1000.0));
             let all = run(&gpu, &scene, &plain, 8_000);
-            let mut engine = engine(&gpu, &scene, &paced);
-            force(&mut engine, pace);
+            let mut engine = engine(&gpu, &scene, &adaptive);
+            force(&mut engine, log2_stride);
             let drawn = deliver(engine, 8_000);
             let (count, expected) = (drawn.events[0].len(), all.events[0].len());
             assert!(expected > 100, "{name}");
-            assert!(drawn.events == all.events, "{name} {pace}: {count} and {expected}");
+            assert!(drawn.events == all.events, "{name} {log2_stride}: {count} and {expected}");
             if name == "spinner" {
                 // Blocks end at 64 ms, which native samples too.
-                assert_eq!(drawn.drawn_pixels, all.drawn_pixels, "{name} {pace}");
+                assert_eq!(drawn.drawn_pixels, all.drawn_pixels, "{name} {log2_stride}");
             }
         }
     }
 }
 
 #[test]
-fn the_finest_pace_everywhere_changes_nothing_and_what_is_still_is_left_out() {
+fn the_finest_rate_everywhere_changes_nothing_and_what_is_still_is_left_out() {
     let Some(gpu) = super::device() else { return };
     for name in ["spinner", "desk"] {
         let scene = scene(name);
@@ -85,11 +85,11 @@ fn curves_fire_other_events_than_lines_of_fewer_pixels_than_native() {
 }
 
 #[test]
-fn a_coarser_pace_keeps_close_to_the_finest() {
+fn a_coarser_rate_keeps_close_to_the_finest() {
     let Some(gpu) = super::device() else { return };
     for name in ["spinner", "desk", "street"] {
         let scene = scene(name);
-        let [fine, paced, coarse] = [None, Some(0.2), Some(3.0)]
+        let [fine, adaptive, coarse] = [None, Some(0.2), Some(3.0)]
             .map(|px| run(&gpu, &scene, &config(px, 2000.0), 16_000).events.remove(0));
         // Events of a pixel and polarity that have a partner within 1 ms.
         let found = |events: &[Event]| {
@@ -102,7 +102,7 @@ fn a_coarser_pace_keeps_close_to_the_finest() {
             };
             fine.iter().filter(near).count() as f64 / fine.len() as f64
         };
-        let (close, far) = (found(&paced), found(&coarse));
+        let (close, far) = (found(&adaptive), found(&coarse));
         assert!(close > 0.9 && far < close - 0.05, "{name}: {close:.3}, canary {far:.3}");
     }
 }

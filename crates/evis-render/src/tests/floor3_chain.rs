@@ -90,9 +90,9 @@ fn small_buffers_cost_reruns_and_no_byte() {
         let busiest = expected.iter().map(|v| v.0.len()).sum::<usize>() as u32 / 5;
         let (split, same, reruns) = run(Some((16, busiest, 1 << 20)), &mut config);
         assert!(reruns > 0 && split == expected && same == lost, "split submissions");
-        // Room for the strikes of an instant or two.
+        // Room for the candidates of an instant or two.
         let (split, same, _) = run(Some((1 << 18, 1 << 20, 4_000)), &mut config);
-        assert!(split == expected && same == lost, "submissions split by their strikes");
+        assert!(split == expected && same == lost, "submissions split by their candidates");
     }
 }
 

@@ -190,7 +190,7 @@ fn adaptive_time_gives_a_diffusion_the_light_of_every_instant() {
         streams(&gpu, &scene, &RunConfig { adaptive_px, cameras, ..even })
     };
     assert!(run("diffusion", Some(0.4)) == run("diffusion", None));
-    assert!(run("chain", Some(0.4)) != run("chain", None), "canary: others have tiles of their own pace");
+    assert!(run("chain", Some(0.4)) != run("chain", None), "canary: others have tiles of their own rate");
     for (method, adaptive_px) in methods().into_iter().filter(|(_, px)| px.is_some()) {
         // The light of some instants: how much of it is not what is rendered there.
         let light = |name: &str, method, adaptive_px| {
@@ -207,9 +207,9 @@ fn adaptive_time_gives_a_diffusion_the_light_of_every_instant() {
             pairs.filter(|(a, b)| (a.max(1e-3) / b.max(1e-3)).ln().abs() > 0.2).count() as f64
                 / (16.0 * 4800.0)
         };
-        let (every, own_pace) = (wrong("diffusion"), wrong("plain"));
+        let (every, own_rate) = (wrong("diffusion"), wrong("plain"));
         assert!(every < 0.02, "{}: {every}", method.name());
-        assert!(own_pace > 0.2, "canary, {}: {own_pace}", method.name());
+        assert!(own_rate > 0.2, "canary, {}: {own_rate}", method.name());
     }
 }
 

@@ -15,22 +15,22 @@ use table::Table;
 
 /// Who works on the items of a part.
 #[derive(Clone, Copy)]
-pub(crate) enum Hands<'a> {
+pub(crate) enum Threads<'a> {
     /// The calling thread.
     One,
     /// So many threads of the pool that the caller runs in.
     Pool(usize),
     /// The caller and its helpers.
-    Crew(&'a Crew),
+    Workers(&'a WorkerPool),
 }
 
-impl Hands<'_> {
+impl Threads<'_> {
     /// Threads, at most.
     pub fn count(self) -> usize {
         match self {
             Self::One => 1,
             Self::Pool(threads) => threads,
-            Self::Crew(crew) => crew.table.members(),
+            Self::Workers(workers) => workers.table.members(),
         }
     }
 
@@ -38,7 +38,7 @@ impl Hands<'_> {
     pub fn each<T: Send>(self, items: &mut [T], work: impl Fn(&mut T) + Sync) {
         match self {
             Self::Pool(_) => items.par_iter_mut().for_each(&work),
-            Self::Crew(crew) if items.len() > 1 => crew.each(items, work),
+            Self::Workers(workers) if items.len() > 1 => workers.each(items, work),
             _ => items.iter_mut().for_each(work),
         }
     }
@@ -46,7 +46,7 @@ impl Hands<'_> {
 
 /// The thread that owns it, and the threads of a pool.
 #[derive(Debug)]
-pub(crate) struct Crew {
+pub(crate) struct WorkerPool {
     pool: rayon::ThreadPool,
     table: Arc<Table>,
 }
@@ -67,7 +67,7 @@ impl<T> Base<T> {
     }
 }
 
-impl Crew {
+impl WorkerPool {
     /// The caller, whoever that is, and one thread of `pool` less than there are.
     pub fn new(pool: rayon::ThreadPool) -> Self {
         let table = Table::new(pool.current_num_threads());
@@ -96,18 +96,18 @@ mod tests {
     use super::sync::LINGER;
     use super::*;
 
-    fn crew(threads: usize) -> Crew {
-        Crew::new(rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap())
+    fn workers(threads: usize) -> WorkerPool {
+        WorkerPool::new(rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap())
     }
 
     #[test]
     fn each_item_is_worked_on_once_in_every_part() {
         for threads in [1, 2, 3, 8] {
-            let crew = crew(threads);
+            let workers = workers(threads);
             for items in [0, 1, 2, 7, 100] {
                 let mut all: Vec<usize> = (0..items).collect();
                 for _ in 0..50 {
-                    Hands::Crew(&crew).each(&mut all, |item| *item += 1000);
+                    Threads::Workers(&workers).each(&mut all, |item| *item += 1000);
                 }
                 assert!(all.iter().enumerate().all(|(i, item)| *item == i + 50_000), "{threads} {items}");
             }
@@ -116,34 +116,34 @@ mod tests {
 
     #[test]
     fn a_panic_comes_through_and_the_pool_lives_on() {
-        let crew = crew(2);
+        let workers = workers(2);
         for bad in [0, 99] {
             let run = || {
                 let mut all: Vec<usize> = (0..100).collect();
-                Hands::Crew(&crew).each(&mut all, |item| assert_ne!(*item, bad));
+                Threads::Workers(&workers).each(&mut all, |item| assert_ne!(*item, bad));
             };
             assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
         }
         let mut all = [1; 10];
-        Hands::Crew(&crew).each(&mut all, |item| *item = 2);
+        Threads::Workers(&workers).each(&mut all, |item| *item = 2);
         assert_eq!(all, [2; 10]);
     }
 
     #[test]
     fn helpers_come_back_after_a_pause() {
-        let crew = crew(2);
+        let workers = workers(2);
         let me = std::thread::current().id();
-        let alone = |crew: &Crew| {
+        let alone = |workers: &WorkerPool| {
             let mut who = [me; 2];
             let meet = std::sync::Barrier::new(2);
-            Hands::Crew(crew).each(&mut who, |who| {
+            Threads::Workers(workers).each(&mut who, |who| {
                 meet.wait();
                 *who = std::thread::current().id();
             });
             who == [me; 2]
         };
-        assert!(!alone(&crew));
+        assert!(!alone(&workers));
         std::thread::sleep(10 * LINGER);
-        assert!(!alone(&crew));
+        assert!(!alone(&workers));
     }
 }

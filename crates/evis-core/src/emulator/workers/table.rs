@@ -1,4 +1,4 @@
-//! How members of a crew share the items of a part: who takes which, and when all are done.
+//! How the threads of a pool share the items of a part: who takes which, and when all are done.
 //!
 //! The package `loom/` includes this file and runs it in every order of its atomic operations, so it names no others than
 //! those of `sync`, which is `std`'s here and loom's there.

@@ -20,7 +20,7 @@ const STEP_US: [i64; 2] = [1024, 64];
 const INSTANTS: usize = 16;
 /// Time over which speeds are measured, in microseconds.
 const APART_US: f64 = 100.0;
-/// A pixel's pace is kept for this long, in microseconds, at most, and while nothing moves by more pixels than this.
+/// A pixel's schedule is kept for this long, in microseconds, at most, and while nothing moves by more pixels than this.
 const WINDOW_US: i64 = 8192;
 const WINDOW_PX: f64 = 3.0;
 
@@ -60,8 +60,8 @@ fn wanted_us(speed: f64) -> f64 {
     1e6 * MOTION_PER_STEP / (MARGIN * speed).max(1.0)
 }
 
-/// When each pixel is looked at.
-pub struct Pace<'c, 'a> {
+/// When each pixel is sampled.
+pub struct Schedule<'c, 'a> {
     clock: &'c Clock<'a>,
     shortest_us: i64,
     duration_us: i64,
@@ -69,7 +69,7 @@ pub struct Pace<'c, 'a> {
     local: Option<Local<'a>>,
 }
 
-/// Time is cut into windows, in each of which a pixel keeps its pace.
+/// Time is cut into windows, in each of which a pixel keeps its schedule.
 struct Local<'a> {
     window_us: i64,
     /// How far from a pixel things may begin a window and come through it, in pixels.
@@ -85,7 +85,7 @@ struct Window<'a> {
     boxes: Vec<(DVec3, DVec3)>,
 }
 
-impl<'c, 'a> Pace<'c, 'a> {
+impl<'c, 'a> Schedule<'c, 'a> {
     /// The same step for all.
     pub fn even(clock: &'c Clock<'a>, step_us: i64, duration_us: i64) -> Self {
         Self { clock, shortest_us: step_us, duration_us, local: None }
@@ -150,7 +150,7 @@ impl<'c, 'a> Pace<'c, 'a> {
         let beam =
             Beam::wide(&window.now.caster, &window.now.camera, at(x, y, [-reach; 2]), at(x, y, [reach; 2]));
         let later: (_, &dyn Projection) = (window.later.caster.geometry(), &window.later.camera);
-        // What is too much to look through, or has a shadow that moves, goes at the pace of the fastest.
+        // What is too much to look through, or has a shadow that moves, is sampled as often as the fastest needs.
         let Some(moved) = beam.fastest(later, &window.boxes) else { return self.shortest_us };
         let wanted = wanted_us(moved / APART_US * 1e6);
         let mut step = STEP_US[0];

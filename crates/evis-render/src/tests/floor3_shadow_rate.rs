@@ -1,4 +1,4 @@
-//! Floor 3: paces of shadows against rays, which share no code with them: no light that changes is overlooked, and nothing
+//! Floor 3: rates of shadows against rays, which share no code with them: no light that changes is overlooked, and nothing
 //! goes faster than is said.
 
 use std::sync::Arc;

@@ -6,7 +6,7 @@
 override BLOCK_INSTANTS: u32 = 1;
 
 // Per view and block a layer: log2 of the instants from one sample of a tile to the next.
-@group(0) @binding(12) var paces: texture_2d_array<u32>;
+@group(0) @binding(12) var tile_rates: texture_2d_array<u32>;
 
 // Instants from one sample of a pixel to the next, in the block that holds `instant`. Its last instant is always one.
 fn step_at(pixel: vec2<u32>, view: u32, instant: u32) -> u32 {
@@ -14,7 +14,7 @@ fn step_at(pixel: vec2<u32>, view: u32, instant: u32) -> u32 {
         return 1u;
     }
     let layer = view * ((params.instants + BLOCK_INSTANTS - 1u) / BLOCK_INSTANTS) + instant / BLOCK_INSTANTS;
-    return 1u << textureLoad(paces, pixel / TILE, layer, 0).r;
+    return 1u << textureLoad(tile_rates, pixel / TILE, layer, 0).r;
 }
 
 // The first sample of a pixel at or after `instant`, where it is sampled every `step` instants.
