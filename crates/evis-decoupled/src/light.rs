@@ -212,6 +212,13 @@ struct Shade {
 /// Most lamps whose light is kept apart; further ones throw no shadows.
 pub const MOST_OWN: usize = 4;
 
+/// What may throw shadows.
+#[derive(Clone, Copy)]
+enum Casters {
+    Moving,
+    Still,
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 struct Slot {
     /// The rest is filled in.
@@ -523,9 +530,16 @@ impl<'a> Lighting<'a> {
         found
     }
 
-    /// Finds what may throw a shadow of each lamp into the part of a facet that a tile sees: of what moves, or with `all`
-    /// of everything.
-    fn find_occluders(&self, tile: &mut TileLight, slot: &mut Slot, record: &Record, index: u32, all: bool) {
+    /// Finds which of the `casters` may throw a shadow of each lamp into the part of a facet that a tile sees. Those that
+    /// move are asked for first.
+    fn find_occluders(
+        &self,
+        tile: &mut TileLight,
+        slot: &mut Slot,
+        record: &Record,
+        index: u32,
+        casters: Casters,
+    ) {
         let facet = record.facet;
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
@@ -533,13 +547,13 @@ impl<'a> Lighting<'a> {
         let mut receivers = None;
         for (number, &lamp) in self.own.iter().enumerate() {
             let [a, b] = [0, 1].map(|end| &self.lamps[end][lamp]);
-            if slot.lit >> number & 1 == 0 || !a.casts_shadow {
+            if slot.lit >> number & 1 == 0 || !a.casts_shadow || slot.shades[number].dark == u64::MAX {
                 continue;
             }
             tile.found.clear();
             let resting = !self.world.surfaces[surface].moves && !a.moves;
-            if resting && self.shadows_at_rest(tile, slot, facet, number, all) {
-                slot.shades[number].dark = u64::MAX;
+            if resting && self.shadows_at_rest(tile, slot, facet, number, casters) {
+                slot.shades[number] = Shade { dark: u64::MAX, ..Shade::default() };
                 continue;
             }
             if !resting {
@@ -560,40 +574,38 @@ impl<'a> Lighting<'a> {
             let (from, weight) = a.place();
             let moved = from.distance(b.place().0);
             let radius = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max) * 1.01 + moved + 1e-6;
-            match Beam::new(from, weight, middle, radius) {
-                Some(beam) => {
-                    // Where lamp and surface rest, what matters lies within flat walls.
-                    let cell = [points[0], points[1], points[3], points[2]];
-                    let hull = resting.then(|| Hull::before(cell, from, weight));
-                    match &hull {
-                        None if all => self.still.within(&beam, |id| tile.found.push(id)),
-                        None => {}
-                        Some(hull) => tile.found.retain(|id| {
-                            let f = &self.world.facets[*id as usize];
-                            let corners = &self.corners[f.surface as usize][0];
-                            hull.meets(f.corners.map(|c| corners[c as usize].0))
-                                && self.dark_space(*id, number).meets(cell)
-                        }),
-                    }
+            let beam = Beam::new(from, weight, middle, radius);
+            // Where lamp and surface rest, what matters lies within flat walls.
+            let cell = [points[0], points[1], points[3], points[2]];
+            let hull = (resting && beam.is_some()).then(|| Hull::before(cell, from, weight));
+            match casters {
+                Casters::Moving => {
                     let meets = |centre: DVec3, radius: f64| {
-                        beam.meets(centre, radius)
+                        beam.as_ref().is_none_or(|b| b.meets(centre, radius))
                             && hull.as_ref().is_none_or(|h| h.meets_sphere(centre, radius))
                     };
                     for mover in self.moving.iter().filter(|m| meets(m.centre, m.radius)) {
                         tile.found.extend(mover.facets.iter().filter(|f| meets(f.0, f.1)).map(|f| f.2));
                     }
                 }
-                None => {
-                    if !resting && all {
-                        self.still.all(|id| tile.found.push(id));
-                    }
-                    tile.found.extend(self.moving.iter().flat_map(|m| &m.facets).map(|f| f.2));
-                }
+                Casters::Still => match (&hull, &beam) {
+                    (Some(hull), _) => tile.found.retain(|id| {
+                        let f = &self.world.facets[*id as usize];
+                        let corners = &self.corners[f.surface as usize][0];
+                        hull.meets(f.corners.map(|c| corners[c as usize].0))
+                            && self.dark_space(*id, number).meets(cell)
+                    }),
+                    (None, _) if resting => {}
+                    (None, Some(beam)) => self.still.within(beam, |id| tile.found.push(id)),
+                    (None, None) => self.still.all(|id| tile.found.push(id)),
+                },
             }
             tile.found.sort_unstable();
             tile.found.dedup();
             let start = tile.occluders.len();
             let shade = &mut slot.shades[number];
+            // Those that were found before.
+            tile.occluders.extend_from_within(shade.from..shade.to);
             for k in 0..tile.found.len() {
                 let id = tile.found[k];
                 if id == facet || self.far[id as usize] >> number & 1 == 1 {
@@ -604,41 +616,37 @@ impl<'a> Lighting<'a> {
                     let of = |s: Sight| s.at(index, [0.0; 2], false).map(|f| f.inverse_depth);
                     self.receivers(record, tile.centre).map(|s| s.and_then(of))
                 });
-                let found =
-                    self.occluder(id).pixels(&self.screen_lamps[number], receivers, record.u, tile.centre);
-                if found.touches != 0
-                    && self.world.surfaces[self.world.facets[id as usize].surface as usize].moves
-                {
+                let lamp = &self.screen_lamps[number];
+                let found = self.occluder(id).pixels(lamp, receivers, record.u, tile.centre, slot.touches);
+                if found.touches == 0 {
+                    continue;
+                }
+                if let Casters::Moving = casters {
                     slot.moved |= found.touches;
                     slot.motion = slot.motion.max(found.motion_px);
                 }
-                if all {
-                    shade.dark |= found.darkens;
-                    if found.touches != 0 {
-                        shade.touched |= found.touches;
-                        tile.occluders.push((found.touches, id));
-                    }
-                }
+                shade.dark |= found.darkens;
+                shade.touched |= found.touches;
+                tile.occluders.push((found.touches, id));
             }
-            if shade.dark == u64::MAX {
+            if slot.touches & !shade.dark == 0 {
+                shade.dark = u64::MAX;
                 tile.occluders.truncate(start);
-                shade.touched = 0;
             }
             shade.touched &= !shade.dark;
             (shade.from, shade.to) = (start, tile.occluders.len());
         }
-        slot.shaded = all;
     }
 
-    /// Finds what of everything still may throw a shadow of lamp `number` into a slot's cells, if `all`; says whether all of
-    /// them are dark.
+    /// Finds what of everything still may throw a shadow of lamp `number` into a slot's cells, if `casters` are; says
+    /// whether all of them are dark.
     fn shadows_at_rest(
         &self,
         tile: &mut TileLight,
         slot: &Slot,
         facet: u32,
         number: usize,
-        all: bool,
+        casters: Casters,
     ) -> bool {
         let mut all_dark = true;
         for j in 0..slot.count[1] {
@@ -646,7 +654,7 @@ impl<'a> Lighting<'a> {
                 let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
                 let known = self.shadowed(Key::new(facet, slot.level, index, true, number as u64), number);
                 all_dark &= known.dark;
-                if all {
+                if let Casters::Still = casters {
                     tile.found.extend_from_slice(&known.facets);
                 }
             }
@@ -705,8 +713,7 @@ impl<'a> Lighting<'a> {
     /// Gathers the light of entry `slot` of a tile, which is `record`, number `index` of the block.
     pub fn ready(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
         if !tile.slots[slot].ready {
-            let touches = tile.slots[slot].touches;
-            tile.slots[slot] = Slot { touches, ..self.gather(tile, record, index) };
+            tile.slots[slot] = self.gather(tile, record, index, tile.slots[slot].touches);
         }
     }
 
@@ -715,7 +722,8 @@ impl<'a> Lighting<'a> {
     pub fn shade_slot(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
         if !tile.slots[slot].shaded {
             let mut own = tile.slots[slot];
-            self.find_occluders(tile, &mut own, record, index, true);
+            self.find_occluders(tile, &mut own, record, index, Casters::Still);
+            own.shaded = true;
             tile.slots[slot] = own;
         }
         if !tile.slots[slot].pictured && !tile.once {
@@ -736,10 +744,10 @@ impl<'a> Lighting<'a> {
         tile.slots[slot].sine_hz
     }
 
-    fn gather(&self, tile: &mut TileLight, record: &Record, index: u32) -> Slot {
+    fn gather(&self, tile: &mut TileLight, record: &Record, index: u32, touches: u64) -> Slot {
         let surface = self.world.facets[record.facet as usize].surface as usize;
         let answer = &self.answers[surface];
-        let mut slot = Slot { ready: true, still: answer.waveform.is_none(), ..Slot::default() };
+        let mut slot = Slot { ready: true, still: answer.waveform.is_none(), touches, ..Slot::default() };
         slot.sine_hz = sine_hz(answer.waveform);
         if answer.model == ShadingModel::Unlit {
             slot.unlit = true;
@@ -806,7 +814,7 @@ impl<'a> Lighting<'a> {
         (slot.range, slot.level) = ([low, high], level);
         slot.shaded = slot.lit == 0;
         if !slot.shaded && !self.moving.is_empty() {
-            self.find_occluders(tile, &mut slot, record, index, false);
+            self.find_occluders(tile, &mut slot, record, index, Casters::Moving);
         }
         slot
     }

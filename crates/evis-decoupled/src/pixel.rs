@@ -33,13 +33,13 @@ pub struct Evaluator<'a> {
 
 /// A facet of a tile at a time.
 #[derive(Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "most are seen, and all lie in one array")]
 enum Known {
     /// Nobody asked.
     Not,
     /// It is not there.
     Absent,
-    Seen(Sight),
+    /// Its number among [`Work::sights`].
+    Seen(u32),
 }
 
 /// An entry of a pixel.
@@ -58,15 +58,16 @@ pub struct Work {
     numbers: Vec<u16>,
     moments: Vec<Instant>,
     /// By moment and entry.
-    sights: Vec<Known>,
+    known: Vec<Known>,
+    sights: Vec<Sight>,
     /// Per entry: motion during the block in pixels.
     motion: Vec<f64>,
     slot_count: usize,
     pixel: usize,
     own: Vec<Own>,
     fragments: Vec<Fragment>,
-    /// Per fragment, its entry.
-    slots: Vec<usize>,
+    /// Per fragment, its entry and sight.
+    seen: Vec<(usize, u32)>,
     regions: Regions,
     areas: Vec<Moments>,
     light: TileLight,
@@ -85,13 +86,14 @@ impl Default for Work {
             tile: [0; 2],
             numbers: vec![0; UNITS as usize + 1],
             moments: Vec::new(),
+            known: Vec::new(),
             sights: Vec::new(),
             motion: Vec::new(),
             slot_count: 0,
             pixel: 0,
             own: Vec::new(),
             fragments: Vec::new(),
-            slots: Vec::new(),
+            seen: Vec::new(),
             regions: Regions::default(),
             areas: Vec::new(),
             light: TileLight::default(),
@@ -136,6 +138,7 @@ impl Evaluator<'_> {
         work.tile = tile;
         work.numbers.fill(0);
         work.moments.clear();
+        work.known.clear();
         work.sights.clear();
         work.slot_count = entries.len();
         work.motion.clear();
@@ -191,30 +194,42 @@ impl Evaluator<'_> {
         let index = work.moments.len();
         work.moments.push(Instant { moment: index, u, t_s });
         work.numbers[unit as usize] = index as u16 + 1;
-        work.sights.resize(work.moments.len() * work.slot_count, Known::Not);
+        work.known.resize(work.moments.len() * work.slot_count, Known::Not);
         index
     }
 
-    /// Finds what entry `slot`, record `index`, is at a time.
+    /// The number of what entry `slot`, record `index`, is at a time; `None` where it is not there.
     #[inline(always)]
-    fn sight(&self, work: &mut Work, slot: usize, index: u32, at: &Instant) {
-        let known = at.moment * work.slot_count + slot;
-        if let Known::Not = work.sights[known] {
-            let record = &self.lists.records[index as usize];
-            let [from, to] = record.u;
-            // A span holds from its start up to its end; the last one also at the end of the block.
-            let holds = at.u >= from && (at.u < to || to >= 1.0);
-            let v = (at.u - from) / (to - from);
-            let near = self.world.lens.near;
-            let sight = if holds { Sight::new(record, work.centre(), 1.0, v, near) } else { None };
-            work.sights[known] = sight.map_or(Known::Absent, Known::Seen);
+    fn sight(&self, work: &mut Work, slot: usize, index: u32, at: &Instant) -> Option<u32> {
+        let place = at.moment * work.slot_count + slot;
+        match work.known[place] {
+            Known::Seen(number) => Some(number),
+            Known::Absent => None,
+            Known::Not => {
+                let found = self.find_sight(work, index, at);
+                work.known[place] = found.map_or(Known::Absent, Known::Seen);
+                found
+            }
         }
+    }
+
+    #[inline(never)]
+    fn find_sight(&self, work: &mut Work, index: u32, at: &Instant) -> Option<u32> {
+        let record = &self.lists.records[index as usize];
+        let [from, to] = record.u;
+        // A span holds from its start up to its end; the last one also at the end of the block.
+        if at.u < from || (at.u >= to && to < 1.0) {
+            return None;
+        }
+        let v = (at.u - from) / (to - from);
+        work.sights.push(Sight::new(record, work.centre(), 1.0, v, self.world.lens.near)?);
+        Some(work.sights.len() as u32 - 1)
     }
 
     /// Mean luminance of a pixel that sees entry `slot`, record `index`, and nothing else.
     fn of_one(&self, work: &mut Work, slot: usize, index: u32, at: &Instant) -> f64 {
-        self.sight(work, slot, index, at);
-        let Known::Seen(sight) = &work.sights[at.moment * work.slot_count + slot] else { return 0.0 };
+        let Some(sight) = self.sight(work, slot, index, at) else { return 0.0 };
+        let sight = &work.sights[sight as usize];
         self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
         let (pixel, offset) = (work.pixel, Work::offset_of(work.pixel));
         let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, offset };
@@ -235,7 +250,6 @@ impl Evaluator<'_> {
         let timer = work.count.is_multiple_of(TIMED).then(Timer::now);
         let moment = self.moment(work, unit);
         let at = work.moments[moment];
-        let first = moment * work.slot_count;
         let (centre, offset) = (work.centre(), Work::offset_of(work.pixel));
         if let [Own { slot, record, covers: true }] = work.own[..] {
             work.plain += 1;
@@ -244,15 +258,14 @@ impl Evaluator<'_> {
             return light;
         }
         work.fragments.clear();
-        work.slots.clear();
+        work.seen.clear();
         for k in 0..work.own.len() {
             let Own { slot, record: index, covers } = work.own[k];
-            self.sight(work, slot, index, &at);
-            if let Known::Seen(sight) = &work.sights[first + slot]
-                && let Some(fragment) = sight.at(index, offset, covers)
+            if let Some(sight) = self.sight(work, slot, index, &at)
+                && let Some(fragment) = work.sights[sight as usize].at(index, offset, covers)
             {
                 work.fragments.push(fragment);
-                work.slots.push(slot);
+                work.seen.push((slot, sight));
             }
         }
         let whole = matches!(&work.fragments[..], [one] if one.edge_count == 0);
@@ -271,10 +284,8 @@ impl Evaluator<'_> {
         let mut sum = 0.0;
         for (k, fragment) in work.fragments.iter().enumerate() {
             let moments = if whole { &Moments::PIXEL } else { &work.areas[k] };
-            let slot = work.slots[k];
-            if moments.area > 1e-9
-                && let Known::Seen(sight) = &work.sights[first + slot]
-            {
+            if moments.area > 1e-9 {
+                let (slot, sight) = (work.seen[k].0, &work.sights[work.seen[k].1 as usize]);
                 let regions = (!whole).then_some((&work.regions.regions, k as u32));
                 let pixel = work.pixel;
                 let index = fragment.record;

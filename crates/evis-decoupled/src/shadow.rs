@@ -14,6 +14,8 @@ use crate::mask;
 
 /// What lies beyond a facet by less than this part of the lamp's distance from it is the facet itself, or touches it.
 const CONTACT: f64 = 1e-6;
+/// What rises over a plane by less than this part of its distance from the eye touches it.
+const TOUCHING: f64 = 1e-9;
 /// Shadows above which masks count what is lit.
 const FEW: usize = 48;
 
@@ -43,6 +45,44 @@ impl Occluder {
         self.half_planes(lamp, receiver, centre, 1.0, u).unwrap_or(nowhere)
     }
 
+    /// Its homogeneous image points about `centre`, in units of `size` pixels.
+    #[inline(always)]
+    fn corners(&self, centre: [f64; 2], size: f64, u: f64) -> [DVec3; 4] {
+        let [p, q, r] = &self.points;
+        let inverse = 1.0 / size;
+        std::array::from_fn(|k| {
+            let at = |axis: usize| p[axis][k] + u * (q[axis][k] + u * r[axis][k]);
+            let z = at(2);
+            DVec3::new((at(0) - centre[0] * z) * inverse, (at(1) - centre[1] * z) * inverse, z)
+        })
+    }
+
+    /// Whether all of it lies in or beyond the receiver's plane, seen from the lamp, at every time between the three: as
+    /// neighbours on a convex surface do. It throws no shadow there.
+    fn lies_beyond(
+        &self,
+        lamp: &ScreenLamp,
+        receivers: &[Line; 3],
+        span: [f64; 2],
+        centre: [f64; 2],
+    ) -> bool {
+        let tile = TILE as f64;
+        let mut heights = [[0.0; 4]; 3];
+        let mut sides = 0.0;
+        for (k, (heights, plane)) in heights.iter_mut().zip(receivers).enumerate() {
+            let u = time_of(k, span);
+            // A point (x, y, 1) / q has the height q(x, y) / q - 1 over the plane of inverse depth q(x, y).
+            let height = |point: DVec3, w: f64| plane.a * point.x + plane.b * point.y + plane.c * point.z - w;
+            let (place, w) = lamp.at(centre, tile, u);
+            let side = height(place, w).signum();
+            sides += side;
+            *heights = self.corners(centre, tile, u).map(|corner| side * height(corner, 1.0));
+        }
+        let [a, b, c] = heights;
+        f64::abs(sides) == 3.0
+            && (0..4).all(|k| a[k].max(b[k]).max(c[k]) + (a[k] - 2.0 * b[k] + c[k]).abs() < TOUCHING)
+    }
+
     /// Of the shadow on the plane of `receiver`: beyond the facet's own plane, and inside its edges. `None` where the lamp
     /// lies in the facet's plane.
     #[inline(always)]
@@ -54,14 +94,7 @@ impl Occluder {
         size: f64,
         u: f64,
     ) -> Option<[Line; 5]> {
-        let [p, q, r] = &self.points;
-        let inverse = 1.0 / size;
-        let point = |k: usize| {
-            let at = |axis: usize| p[axis][k] + u * (q[axis][k] + u * r[axis][k]);
-            let z = at(2);
-            DVec3::new((at(0) - centre[0] * z) * inverse, (at(1) - centre[1] * z) * inverse, z)
-        };
-        let corners = [point(0), point(1), point(2), point(3)];
+        let corners = self.corners(centre, size, u);
         let (place, w) = lamp.at(centre, size, u);
         let on_plane = |normal: DVec3, through: f64| Line {
             a: normal.x - through * receiver.a,
@@ -95,27 +128,37 @@ impl Occluder {
     }
 }
 
+/// Time `k` of three in `span`.
+fn time_of(k: usize, [from, to]: [f64; 2]) -> f64 {
+    from + 0.5 * k as f64 * (to - from)
+}
+
 /// Part of the side of a pixel by which it is grown, beside how much a half plane bends, for what lies between the
 /// times at which half planes are looked up.
 const MARGIN: f64 = 0.2;
 
 impl Occluder {
-    /// Where in the tile about `centre` a shadow may come during the part `span` of the block. `receivers` are the inverse depths that the tile sees at the start, middle and end of the span.
+    /// Where in the tile about `centre` a shadow may come during the part `span` of the block, among the pixels of `seen`.
+    /// `receivers` are the inverse depths that the tile sees at the start, middle and end of the span.
     pub fn pixels(
         &self,
         lamp: &ScreenLamp,
         receivers: &[Option<Line>; 3],
         span: [f64; 2],
         centre: [f64; 2],
+        seen: u64,
     ) -> Reach {
-        let everywhere = Reach { touches: u64::MAX, darkens: 0, motion_px: TILE as f64 };
+        let everywhere = Reach { touches: seen, darkens: 0, motion_px: TILE as f64 };
         let nowhere = Reach { touches: 0, darkens: 0, motion_px: 0.0 };
         let tile = TILE as f64;
+        let [Some(first), Some(middle), Some(last)] = *receivers else { return everywhere };
+        let receivers = [first, middle, last];
+        if self.lies_beyond(lamp, &receivers, span, centre) {
+            return nowhere;
+        }
         let mut lines = [[Line::default(); 5]; 3];
         for (k, receiver) in receivers.iter().enumerate() {
-            let Some(receiver) = receiver else { return everywhere };
-            let u = span[0] + 0.5 * k as f64 * (span[1] - span[0]);
-            let Some(found) = self.half_planes(lamp, receiver, centre, tile, u) else {
+            let Some(found) = self.half_planes(lamp, receiver, centre, tile, time_of(k, span)) else {
                 return everywhere;
             };
             lines[k] = found;
@@ -136,7 +179,7 @@ impl Occluder {
             }
             *crossing = a.min(b).min(c) < slack && at.iter().any(|l| *l != Line::default());
         }
-        let (mut touches, mut darkens) = (u64::MAX, u64::MAX);
+        let (mut touches, mut darkens) = (seen, seen);
         let mut motion_px = 0.0_f64;
         for (at, _) in over_time.iter().zip(crossing).filter(|(_, crossing)| *crossing) {
             let (some, whole) = pixels_of_line(at);
