@@ -2,6 +2,10 @@
 
 use evis_core::{Polarity, SensorConfig};
 
+/// Light that comes as near to a level as this, in log units, reaches it: a lamp that blinks returns to the same light but for
+/// rounding, of 1 in 10^8 where it was found in another way.
+const TIE: f64 = 1e-6;
+
 /// Levels of an ideal sensor, as luminance.
 #[derive(Clone, Copy, Debug)]
 pub struct Thresholds {
@@ -29,6 +33,11 @@ impl Thresholds {
 
     fn luminance(&self, log: f64) -> f64 {
         (log.exp() - self.eps) * self.reference_luminance
+    }
+
+    /// How near to `level` light reaches it.
+    fn tie(&self, level: f64) -> f64 {
+        TIE * (level + self.floor())
     }
 
     /// Luminance that counts as none: a small part of what `eps` adds.
@@ -119,9 +128,9 @@ impl Piece {
             let end = if to == self.length_us { self.end } else { self.value(to) };
             let mut at = from;
             loop {
-                let (level, polarity) = if end >= reference.above {
+                let (level, polarity) = if end >= reference.above - thresholds.tie(reference.above) {
                     (reference.above, Polarity::On)
-                } else if end <= reference.below && reference.below > 0.0 {
+                } else if end <= reference.below + thresholds.tie(reference.below) && reference.below > 0.0 {
                     // Levels below zero are never reached: a polynomial may be negative, light is not, and levels
                     // converge towards -eps, so that following it there would not terminate.
                     (reference.below, Polarity::Off)
@@ -164,14 +173,31 @@ mod tests {
             (100.0 + root(level(1.0)), Polarity::On),
             (100.0 + root(level(2.0)), Polarity::On),
             (1100.0 - root(level(1.0)), Polarity::Off),
+            (1100.0, Polarity::Off),
         ];
-        // The end, level with the start, may or may not count as the next level.
-        assert!((3..=4).contains(&fired.len()), "{fired:?}");
+        // The end, level with the start, counts as the next level.
+        assert_eq!(fired.len(), 4, "{fired:?}");
         for (got, want) in fired.iter().zip(expected) {
             assert!((got.0 - want.0).abs() < 0.01 && got.1 == want.1, "{got:?} {want:?}");
         }
         // Canary: a straight line between the same ends is silent.
         assert!(events(Piece { bend: 0.0, ..piece }).is_empty());
+    }
+
+    #[test]
+    fn light_that_returns_to_a_level_but_for_rounding_reaches_it() {
+        let t = thresholds();
+        for off in [-1e-8, 0.0, 1e-8, 1e-3] {
+            let (low, high) = (0.5, 0.65);
+            let mut reference = Reference::at(t.log(low), &t);
+            let mut fired = Vec::new();
+            for [start, end] in [[low, high], [high, low * (1.0 + off)]] {
+                let piece = Piece { t_us: 0.0, length_us: 1e-6, start, end, bend: 0.0 };
+                piece.cross(&mut reference, &t, |_, p| fired.push(p));
+            }
+            let expected = if off < 1e-4 { &[Polarity::On, Polarity::Off][..] } else { &[Polarity::On] };
+            assert_eq!(fired, expected, "{off}");
+        }
     }
 
     #[test]
