@@ -133,6 +133,8 @@ struct Following {
     thresholds: Thresholds,
     step_px: f64,
     start_us: i64,
+    /// Which tiles are followed, row by row; all where it is empty.
+    only: Vec<bool>,
 }
 
 /// The pixels of one view: what they remember from block to block.
@@ -145,8 +147,8 @@ pub(crate) struct Pixels {
 }
 
 impl Pixels {
-    /// Pixels that first see light at the start of `settings`.
-    pub(crate) fn new(world: &World, settings: &Settings, reference_luminance: f64) -> Self {
+    /// Pixels that first see light at the start of `settings`; those of the tiles `only`, unless it is empty.
+    pub(crate) fn new(world: &World, settings: &Settings, reference_luminance: f64, only: &[bool]) -> Self {
         let rows = (world.lens.height as usize).div_ceil(TILE);
         let columns = (world.lens.width as usize).div_ceil(TILE);
         let new_row = |_| Row {
@@ -161,6 +163,7 @@ impl Pixels {
                 thresholds: Thresholds::new(&settings.sensor, reference_luminance),
                 step_px: settings.step_px,
                 start_us: settings.start_us,
+                only: only.to_vec(),
             },
             report: Report::default(),
         }
@@ -254,7 +257,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     };
     let measured = || seen.as_deref().map_or(1.0, reference_luminance);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
-    let mut pixels = Pixels::new(&world, settings, reference);
+    let mut pixels = Pixels::new(&world, settings, reference, &[]);
     if let Some(seen) = &seen {
         pixels.begin(&world, seen, first.start_us);
     }
@@ -273,11 +276,17 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
 
 impl Row {
     fn follow(&mut self, work: &mut Work, evaluator: &Evaluator, following: &Following, row: usize) {
+        let columns = evaluator.lists.columns;
+        let only = following.only.get(row * columns..(row + 1) * columns).unwrap_or_default();
+        if !only.is_empty() && !only.contains(&true) {
+            return;
+        }
         let started = Instant::now();
         let tiles = evaluator.lists.row(row);
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
-        for (column, tile) in tiles.iter().enumerate() {
+        for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| only.get(*column) != Some(&false))
+        {
             self.tile(work, evaluator, following, tile, [column, row]);
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();
@@ -291,7 +300,7 @@ impl Row {
         entries: &[Entry],
         [column, row]: [usize; 2],
     ) {
-        let Following { thresholds, step_px, start_us } = following;
+        let Following { thresholds, step_px, start_us, .. } = following;
         let block = evaluator.block;
         let lens = &evaluator.world.lens;
         evaluator.enter_tile(work, entries, [column, row]);

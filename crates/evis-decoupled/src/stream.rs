@@ -45,12 +45,14 @@ pub struct StreamSettings {
     pub step_px: f64,
     /// Where a host moves nodes: microseconds, of which everything that is wanted is a multiple.
     pub pose_step_us: i64,
+    /// Per view, row by row: in which tiles of [`crate::lists::TILE`] pixels anything may fire; everywhere in a view of which it says nothing.
+    pub only: Vec<Vec<bool>>,
 }
 
 impl Default for StreamSettings {
     fn default() -> Self {
         let Settings { size, start_us, step_px, .. } = Settings::default();
-        Self { size, start_us, step_px, reference_luminance: None, pose_step_us: 10_000 }
+        Self { size, start_us, step_px, reference_luminance: None, pose_step_us: 10_000, only: Vec::new() }
     }
 }
 
@@ -223,8 +225,10 @@ fn follow(
     }
     let measured = || seen.as_ref().map_or(1.0, |(picture, _)| reference_luminance(picture) as f32);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
-    let new_pixels =
-        |view: usize| Pixels::new(&worlds[view], &settings.of(&views[view]), f64::from(reference));
+    let new_pixels = |view: usize| {
+        let only = settings.only.get(view).map_or(&[][..], Vec::as_slice);
+        Pixels::new(&worlds[view], &settings.of(&views[view]), f64::from(reference), only)
+    };
     let mut pixels: Vec<Pixels> = (0..views.len()).map(new_pixels).collect();
     if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
         pixels[0].begin(&worlds[0], &picture, t_us);

@@ -25,9 +25,18 @@ fn view(variant: Option<usize>, threshold: f32) -> View {
 /// Per view: everything before `end_us`, wanted up to each of `steps`.
 fn streamed(scene: Scene, views: Vec<View>, start_us: i64, steps: &[i64]) -> (f32, Vec<Vec<Event>>) {
     let settings = StreamSettings { size: SIZE, start_us, ..StreamSettings::default() };
+    streamed_with(scene, views, &settings, steps)
+}
+
+fn streamed_with(
+    scene: Scene,
+    views: Vec<View>,
+    settings: &StreamSettings,
+    steps: &[i64],
+) -> (f32, Vec<Vec<Event>>) {
     let mut complete = vec![0; views.len()];
     let mut events = vec![Vec::new(); views.len()];
-    let mut stream = Stream::new(Arc::new(scene), views, &settings).unwrap();
+    let mut stream = Stream::new(Arc::new(scene), views, settings).unwrap();
     let go_on = AtomicBool::new(false);
     for until_us in steps {
         stream.want(*until_us);
@@ -52,6 +61,21 @@ fn at_once(scene: &Scene, threshold: f32, start_us: i64, duration_us: i64, refer
     let settings =
         Settings { sensor, size: SIZE, start_us, duration_us, reference_luminance, ..Settings::default() };
     simulate(scene, &settings).unwrap().events
+}
+
+#[test]
+fn events_of_some_tiles_are_those_of_the_whole_picture() {
+    let (width, height) = SIZE.unwrap();
+    let [columns, rows] = [width, height].map(|v| (v as usize).div_ceil(8));
+    let only: Vec<bool> = (0..columns * rows).map(|tile| tile % 3 == 1 && tile / columns != 2).collect();
+    let views = || vec![view(None, 0.2), view(None, 0.3)];
+    let settings = StreamSettings { size: SIZE, only: vec![only.clone()], ..StreamSettings::default() };
+    let (_, some) = streamed_with(spinner(), views(), &settings, &[60_000]);
+    let (_, all) = streamed(spinner(), views(), 0, &[60_000]);
+    let own = |e: &&Event| only[usize::from(e.y) / 8 * columns + usize::from(e.x) / 8];
+    let expected: Vec<Event> = all[0].iter().filter(own).copied().collect();
+    assert!(some[0] == expected && expected.len() > 20 && expected.len() < all[0].len());
+    assert!(some[1] == all[1], "of a view of which nothing is said, everything");
 }
 
 #[test]

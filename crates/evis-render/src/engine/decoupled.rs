@@ -14,6 +14,7 @@ use crate::error::EngineError;
 use crate::gpu::{Gpu, no_device};
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
+use crate::world::tiles::{TILE, tiles_along};
 use crate::world::view::View;
 
 /// Views of a scene whose events are found without rendering.
@@ -32,8 +33,7 @@ pub struct Decoupled {
     /// Per view: evaluations of its pixels, of the stream and of those that were reported.
     evaluations: Vec<[u64; 2]>,
     delivered_us: i64,
-    /// See [`RunConfig::pose_step_us`].
-    pose_step_us: i64,
+    settings: StreamSettings,
     stop: Arc<AtomicBool>,
     caused: bool,
 }
@@ -60,6 +60,7 @@ impl Decoupled {
             reference_luminance: config.reference_luminance,
             step_px: config.adaptive_px.unwrap_or(StreamSettings::default().step_px),
             pose_step_us: config.pose_step_us.unwrap_or(StreamSettings::default().pose_step_us),
+            only: Vec::new(),
         };
         let of = |view: &View| {
             let camera = scene.camera(&cameras[view.camera].name)?;
@@ -79,7 +80,7 @@ impl Decoupled {
             complete_us: vec![0; views.len()],
             evaluations: vec![[0; 2]; views.len()],
             delivered_us: 0,
-            pose_step_us: settings.pose_step_us,
+            settings,
             stop: pictures.as_ref().map_or_else(Arc::default, |engine| Arc::clone(engine.stop())),
             caused: config.labels.contains(&LabelKind::Cause),
             scene,
@@ -143,11 +144,38 @@ impl Decoupled {
         }
     }
 
+    /// See [`Engine::restart`]; events come from tiles of `only` alone.
+    ///
+    /// # Errors
+    /// A thread that cannot start.
+    pub fn restart(&mut self, start_us: i64, only: &[Vec<bool>]) -> Result<(), EngineError> {
+        let halves = (TILE as usize) / evis_decoupled::lists::TILE;
+        let only = self.views.iter().zip(only).map(|(view, only)| {
+            let [width, height] = [view.lens.width, view.lens.height];
+            let columns = tiles_along(width) as usize;
+            let own = |pixels: u32| (pixels as usize).div_ceil(evis_decoupled::lists::TILE);
+            let at = |y: usize, x: usize| only[y / halves * columns + x / halves];
+            (0..own(height)).flat_map(|y| (0..own(width)).map(move |x| at(y, x))).collect()
+        });
+        self.settings = StreamSettings {
+            start_us,
+            only: only.collect(),
+            reference_luminance: Some(self.stream.reference_luminance()),
+            ..self.settings.clone()
+        };
+        self.stream = Stream::new(Arc::clone(&self.scene), self.seen.clone(), &self.settings)?;
+        self.arrived.iter_mut().for_each(|arrived| *arrived = Arrived::default());
+        self.complete_us.fill(0);
+        self.evaluations.fill([0; 2]);
+        self.delivered_us = 0;
+        Ok(())
+    }
+
     /// See [`Engine::needed_us`].
     pub fn needed_us(&self, until_us: i64) -> i64 {
-        let parts =
-            until_us.div_euclid(self.pose_step_us) + i64::from(until_us.rem_euclid(self.pose_step_us) > 0);
-        let own_us = if self.scene.host_poses.is_some() { parts * self.pose_step_us } else { until_us };
+        let step_us = self.settings.pose_step_us;
+        let parts = until_us.div_euclid(step_us) + i64::from(until_us.rem_euclid(step_us) > 0);
+        let own_us = if self.scene.host_poses.is_some() { parts * step_us } else { until_us };
         self.pictures.as_ref().map_or(own_us, |engine| engine.needed_us(until_us).max(own_us))
     }
 

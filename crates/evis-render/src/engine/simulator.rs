@@ -65,18 +65,6 @@ impl Source {
         }
     }
 
-    /// The engine, for `what` only rendering can do.
-    fn sampled(&mut self, what: &str) -> Result<&mut Engine, ConfigError> {
-        match self {
-            Self::Sampled(engine) => Ok(engine),
-            Self::Decoupled(_) => Err(ConfigError::new(
-                "method",
-                "decoupled",
-                format!("native: {what} takes rendered instants"),
-            )),
-        }
-    }
-
     /// See [`Engine::check_reset`].
     fn check_reset(&self) -> Result<(), ConfigError> {
         match self {
@@ -175,7 +163,10 @@ impl Simulator {
         only: Vec<Vec<bool>>,
         every_instant: bool,
     ) -> Result<(), EngineError> {
-        self.source.sampled("restart")?.restart(start_us, only, every_instant)
+        match &mut self.source {
+            Source::Sampled(engine) => engine.restart(start_us, only, every_instant),
+            Source::Decoupled(views) => views.restart(start_us, &only),
+        }
     }
 
     /// Set from another thread, it ends a step after the submission in work with [`EngineError::Stopped`].

@@ -100,6 +100,11 @@ impl SamplingSettings {
         Self { rays: true, ..Self::coverage(step_px, samples, 4) }
     }
 
+    /// Those of [`Quality::High`], with intervals of decoupled sampling that are so long.
+    pub const fn decoupled(step_px: f64) -> Self {
+        Self { decoupled: Some(Decoupled { step_px, beside_gpu: true }), ..Quality::High.sampling() }
+    }
+
     /// The same, by rendering.
     pub const fn rendered(self) -> Self {
         Self { decoupled: None, ..self }

@@ -196,5 +196,25 @@ fn what_cannot_be_reached_is_said_and_a_stop_stops() {
     }
     let still = tuned(&gpu, &Arc::new(still), &small, goal);
     assert!(still.warning.unwrap().contains("too few events"));
-    assert_eq!(still.config.samples, Quality::Standard.sampling().samples);
+    let (standard, _) = preset(&gpu, &spinner, Quality::Standard, &small);
+    assert_eq!((still.config.method, still.config.adaptive_px), (standard.method, standard.adaptive_px));
+}
+
+#[test]
+fn decoupled_sampling_is_tried_where_it_knows_the_scene() {
+    let Some(gpu) = super::device() else { return };
+    let spinner = scene("spinner");
+    let small = RunConfig { size: Some((96, 72)), ..base() };
+    let words = |found: &Tuned| found.tried.iter().map(|tried| tried.what.clone()).collect::<Vec<_>>();
+    let goal = Goal { target_f1: 0.9999, budget_ms: None };
+    let found = tuned(&gpu, &spinner, &small, goal);
+    let all = words(&found);
+    assert!(all.iter().filter(|what| what.starts_with("decoupled")).count() >= 2, "{all:?}");
+    // Tiles are what events are taken from, whole ones and no others: as good as in the whole picture.
+    let of = |what: &str| found.tried.iter().find(|t| t.what.starts_with(what)).unwrap().agreement.unwrap();
+    assert!(of("decoupled, 0.5 px").f1_1ms > 0.97, "{:?}", found.tried);
+    let mut masked = (*spinner).clone();
+    masked.materials.iter_mut().for_each(|material| material.alpha = evis_scene::AlphaMode::Mask(0.5));
+    let all = words(&tuned(&gpu, &Arc::new(masked), &small, goal));
+    assert!(all.len() > 2 && !all.iter().any(|what| what.starts_with("decoupled")), "{all:?}");
 }

@@ -1,7 +1,7 @@
-//! The cheapest settings that are accurate enough on a scene, found by rendering parts of it.
+//! The cheapest settings that are accurate enough on a scene, found by simulating parts of it.
 //!
-//! A calibration run (`pilot`) renders some tiles of the picture at some times of the scene, with candidates from the cheapest
-//! up, and with a reference that shares none of their shortcuts: every instant of a fixed rate, no bounds on motion, no tile
+//! A calibration run (`pilot`) simulates some tiles of the picture at some times of the scene, with candidates from the cheapest
+//! up, by rendering and by decoupled sampling, and renders them with a reference that shares none of their shortcuts: every instant of a fixed rate, no bounds on motion, no tile
 //! left out, no curves, whole samples instead of coverage samples, and more of them. The first candidate whose events agree
 //! with the reference's is taken.
 
@@ -16,7 +16,7 @@ use evis_scene::Scene;
 use pilot::{PLACES, Pilot};
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Antialias, Quality, RunConfig, Shadows};
+use crate::config::{Antialias, Method, Quality, RunConfig, Shadows};
 use crate::engine::simulator::Simulator;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -33,9 +33,15 @@ const TIMED_US: i64 = 32_000;
 
 const WARM_UP_US: i64 = 16_000;
 
-/// What is tried, the cheapest first.
-const CANDIDATES: [SamplingSettings; 8] = [
-    Quality::Draft.sampling(),
+/// What is tried first.
+const CHEAPEST: SamplingSettings = Quality::Draft.sampling();
+
+/// What is found on the CPU, without rendering, the cheapest first.
+const DECOUPLED: [SamplingSettings; 3] =
+    [Quality::Standard.sampling(), Quality::High.sampling(), SamplingSettings::decoupled(0.25)];
+
+/// What is rendered, the cheapest first.
+const RENDERED: [SamplingSettings; 7] = [
     Quality::Standard.sampling().rendered(),
     SamplingSettings::coverage(0.4, 36, 4),
     SamplingSettings::coverage(0.4, 64, 4),
@@ -151,12 +157,7 @@ pub fn tune(
         let doing = doing.borrow();
         !progress(&doing.0, doing.1)
     };
-    let mut candidates = Vec::new();
-    for sampling in CANDIDATES {
-        let mut candidate = config.clone();
-        sampling.apply(Some(gpu), scene, &mut candidate)?;
-        candidates.push(candidate);
-    }
+    let candidates = candidates(gpu, scene, config)?;
     let mut pilot = Pilot::new(gpu, scene, config, &stop)?;
     let steps = candidates.len() + 2;
     let mut done = 0;
@@ -195,7 +196,7 @@ pub fn tune(
     let met = taken.and_then(|index| tried[index].agreement).is_some_and(|of| of.f1_1ms >= goal.target_f1);
     let warning = match (taken, goal.budget_ms) {
         (Some(index), _) if tried[index].agreement.is_none() => Some(
-            "too few events fire in the tiles that were rendered to compare settings; the standard ones are taken".into(),
+            "too few events fire in the tiles that were simulated to compare settings; the standard ones are taken".into(),
         ),
         (None, Some(budget)) => {
             Some(format!("no settings take {budget} ms per simulated second or less; the cheapest are taken"))
@@ -211,6 +212,21 @@ pub fn tune(
     let taken = taken.unwrap_or(0);
     let tiles = pilot.tiles();
     Ok(Tuned { config: candidates[taken].clone(), tried, taken, reference: reference_words, tiles, warning })
+}
+
+/// What is tried for `config`'s run on `scene`, the cheapest first.
+fn candidates(gpu: &Gpu, scene: &Scene, config: &RunConfig) -> Result<Vec<RunConfig>, EngineError> {
+    let with = |sampling: &SamplingSettings| {
+        let mut candidate = config.clone();
+        sampling.apply(Some(gpu), scene, &mut candidate).map(|_| candidate)
+    };
+    let rendered: Vec<_> = RENDERED.iter().map(with).collect::<Result<_, _>>()?;
+    let mut decoupled: Vec<_> = DECOUPLED.iter().map(with).collect::<Result<_, _>>()?;
+    // Of a scene or a sensor that decoupled sampling does not know, it says so by rendering.
+    decoupled.retain(|candidate| candidate.method == Method::Decoupled);
+    let software = gpu.summary().kind == "cpu";
+    let [first, second] = if software { [decoupled, rendered] } else { [rendered, decoupled] };
+    Ok([with(&CHEAPEST)?].into_iter().chain(first).chain(second).collect())
 }
 
 /// Milliseconds of work per simulated second, as packets report it.
@@ -244,5 +260,8 @@ fn words(config: &RunConfig) -> String {
     let whole = if config.antialias == Antialias::Samples { " whole" } else { "" };
     let rays = if config.shadows == Some(Shadows::Rays) { ", shadow rays" } else { "" };
     let step = config.adaptive_px.map_or_else(|| format!("{} Hz", config.rate_hz), |px| format!("{px} px"));
+    if config.method == Method::Decoupled {
+        return format!("decoupled, {step}");
+    }
     format!("{step}, {}{whole} samples{rays}", config.samples)
 }
