@@ -126,14 +126,15 @@ fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes()
     let draft = run("draft", "--quality draft --threshold-on 0.3 --seed 5");
     let settings = &draft["settings"]["run"];
     let (rate, step, taps) = (&settings["rate_hz"], &settings["adaptive_px"], &settings["texture_taps"]);
-    let by_hand = run(
-        "hand",
-        &format!(
-            "--rate {rate} --adaptive {step} --between curve --antialias edges --samples {} --texture-taps {taps} \
-             --threshold-on 0.3 --seed 5",
-            settings["samples"]
-        ),
-    );
+    let sampling = if settings["method"] == "decoupled" {
+        format!("--method decoupled --adaptive {step}")
+    } else {
+        let samples = &settings["samples"];
+        format!(
+            "--rate {rate} --adaptive {step} --between curve --antialias edges --samples {samples} --texture-taps {taps}"
+        )
+    };
+    let by_hand = run("hand", &format!("{sampling} --threshold-on 0.3 --seed 5"));
     assert!(by_hand["settings"]["run"]["quality"].is_null());
     assert_eq!(counts(&by_hand), counts(&draft));
     assert_ne!(counts(&draft), counts(&standard), "canary");
@@ -141,11 +142,14 @@ fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes()
     let again = run("again", "--settings draft.h5");
     assert_eq!(again["settings"]["run"], draft["settings"]["run"]);
     assert_eq!(counts(&again), counts(&draft));
-    let finer = run("finer", "--settings draft.h5 --samples 36");
-    assert_eq!(finer["settings"]["run"]["samples"], 36);
+    let finer = run("finer", "--settings draft.h5 --adaptive 0.7");
+    assert_eq!(finer["settings"]["run"]["adaptive_px"], 0.7);
     assert_eq!(finer["settings"]["run"]["seed"], 5);
     let over = run("over", "--quality draft --samples 36");
-    assert_eq!(over["settings"]["run"]["adaptive_px"], draft["settings"]["run"]["adaptive_px"]);
+    assert_eq!(
+        (&over["settings"]["run"]["method"], &over["settings"]["run"]["samples"]),
+        (&"native".into(), &36.into())
+    );
     assert!(over["settings"]["run"]["quality"].is_null(), "not the preset's own settings any more");
     let text = evis(&folder, "run spinner -o text.h5 --size 64x48 --duration 0.02");
     let text = String::from_utf8_lossy(&text.stdout).into_owned();

@@ -123,7 +123,7 @@ fn a_preset_by_name_and_its_settings_by_hand_give_the_same_bytes() {
     let by_hand = RunConfig { quality: None, ..named.clone() };
     let expected = events(&gpu, &spinner, by_hand.clone(), 20_000);
     assert!(events(&gpu, &spinner, named, 20_000) == expected && expected.len() > 100);
-    let other = RunConfig { samples: 36, ..by_hand };
+    let other = RunConfig { adaptive_px: Some(0.7), ..by_hand };
     assert!(events(&gpu, &spinner, other, 20_000) != expected, "canary");
 }
 

@@ -33,15 +33,17 @@ const TIMED_US: i64 = 32_000;
 
 const WARM_UP_US: i64 = 16_000;
 
-/// What is tried first.
-const CHEAPEST: SamplingSettings = Quality::Draft.sampling();
-
 /// What is found on the CPU, without rendering, the cheapest first.
-const DECOUPLED: [SamplingSettings; 3] =
-    [Quality::Standard.sampling(), Quality::High.sampling(), SamplingSettings::decoupled(0.25)];
+const DECOUPLED: [SamplingSettings; 4] = [
+    Quality::Draft.sampling(),
+    Quality::Standard.sampling(),
+    Quality::High.sampling(),
+    SamplingSettings::decoupled(0.25),
+];
 
 /// What is rendered, the cheapest first.
-const RENDERED: [SamplingSettings; 7] = [
+const RENDERED: [SamplingSettings; 8] = [
+    Quality::Draft.sampling().rendered(),
     Quality::Standard.sampling().rendered(),
     SamplingSettings::coverage(0.4, 36, 4),
     SamplingSettings::coverage(0.4, 64, 4),
@@ -226,7 +228,7 @@ fn candidates(gpu: &Gpu, scene: &Scene, config: &RunConfig) -> Result<Vec<RunCon
     decoupled.retain(|candidate| candidate.method == Method::Decoupled);
     let software = gpu.summary().kind == "cpu";
     let [first, second] = if software { [decoupled, rendered] } else { [rendered, decoupled] };
-    Ok([with(&CHEAPEST)?].into_iter().chain(first).chain(second).collect())
+    Ok(first.into_iter().chain(second).collect())
 }
 
 /// Milliseconds of work per simulated second, as packets report it.
