@@ -966,7 +966,7 @@ fn texture_references(material: &mut Material) -> impl Iterator<Item = &mut Text
     .flatten()
 }
 
-fn check_material(material: &Material, textures: usize) -> Result<(), SceneError> {
+pub(crate) fn check_material(material: &Material, textures: usize) -> Result<(), SceneError> {
     let check = || {
         let [r, g, b, alpha] = material.base_color;
         light_color("base_color", [r, g, b])?;

@@ -7,7 +7,9 @@ use half::f16;
 
 use crate::distortion::Distortion;
 use crate::error::SceneError;
+use crate::factors::MaterialFactors;
 use crate::motion::{Motion, Waveform};
+use crate::steps::Steps;
 
 pub use crate::transform::Trs;
 
@@ -148,6 +150,17 @@ pub enum ShadingModel {
     MetallicRoughness,
 }
 
+impl ShadingModel {
+    /// Its name in scene files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unlit => "unlit",
+            Self::Diffuse => "diffuse",
+            Self::MetallicRoughness => "metallic_roughness",
+        }
+    }
+}
+
 /// How alpha is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum AlphaMode {
@@ -193,6 +206,8 @@ pub struct Material {
     pub alpha: AlphaMode,
     /// Back faces are drawn and lit with the flipped normal.
     pub double_sided: bool,
+    /// A host changes its factors while the scene runs: [`Scene::drive_with`] sets it.
+    pub driven: bool,
 }
 
 impl Default for Material {
@@ -214,6 +229,7 @@ impl Default for Material {
             emission_waveform: None,
             alpha: AlphaMode::Opaque,
             double_sided: false,
+            driven: false,
         }
     }
 }
@@ -393,6 +409,8 @@ pub struct Variant {
     pub node_offsets: Vec<(usize, DMat4)>,
     /// `(node, poses)` of nodes that a host moves.
     pub poses: Vec<(usize, std::sync::Arc<crate::track::Track>)>,
+    /// `(material, factors)` of materials that a host changes.
+    pub factors: Vec<(usize, std::sync::Arc<Steps<MaterialFactors>>)>,
 }
 
 impl Scene {
