@@ -6,6 +6,7 @@ from typing import Any, final
 import numpy as np
 import numpy.typing as npt
 
+from ._poses import Factors
 from ._request import Request
 
 __all__ = [

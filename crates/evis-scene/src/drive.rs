@@ -97,6 +97,8 @@ impl Scene {
     /// Indices of the materials that each of `names` stands for; those of nodes are made.
     fn driven_materials(&mut self, names: &[String]) -> Result<Vec<Vec<usize>>, SceneError> {
         let mut found: Vec<Vec<usize>> = Vec::with_capacity(names.len());
+        // Nodes add theirs behind them.
+        let own = self.materials.len();
         for (number, name) in names.iter().enumerate() {
             if names[..number].contains(name) {
                 return Err(SceneError::Rule(format!(
@@ -104,7 +106,7 @@ impl Scene {
                 )));
             }
             let materials: Vec<usize> =
-                (0..self.materials.len()).filter(|&i| self.materials[i].name == *name).collect();
+                (0..own).filter(|&i| self.materials[i].name == *name).collect();
             let nodes: Vec<usize> = (0..self.nodes.len()).filter(|&i| self.nodes[i].name == *name).collect();
             found.push(match (&materials[..], &nodes[..]) {
                 (&[material], &[]) => vec![material],
