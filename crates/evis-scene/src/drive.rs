@@ -105,8 +105,7 @@ impl Scene {
                     "'{name}' is named twice among the materials that a host changes"
                 )));
             }
-            let materials: Vec<usize> =
-                (0..own).filter(|&i| self.materials[i].name == *name).collect();
+            let materials: Vec<usize> = (0..own).filter(|&i| self.materials[i].name == *name).collect();
             let nodes: Vec<usize> = (0..self.nodes.len()).filter(|&i| self.nodes[i].name == *name).collect();
             found.push(match (&materials[..], &nodes[..]) {
                 (&[material], &[]) => vec![material],
