@@ -180,12 +180,8 @@ impl<'w, 'a> Blocks<'w, 'a> {
 
 /// Times in (start, end), in microseconds, at which what a host moves has a pose, and its motion bends.
 fn host_times(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
-    let mut times = Vec::new();
-    for (index, node) in scene.nodes.iter().enumerate() {
-        times
-            .extend(node.motion.track_of(variant, index).into_iter().flat_map(|t| t.times(start_us, end_us)));
-    }
-    times
+    let tracks = (0..scene.nodes.len()).filter_map(|node| scene.track_of(variant, node));
+    tracks.flat_map(|track| track.times(start_us, end_us)).collect()
 }
 
 /// Times in (start, end), in microseconds and ascending, at which a motion or a light bends or jumps.

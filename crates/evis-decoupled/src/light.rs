@@ -11,7 +11,7 @@ use std::hash::BuildHasher;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use evis_scene::motion::{WaveShape, Waveform};
-use evis_scene::{MaterialFactors, ShadingModel, TextureRef};
+use evis_scene::{Material, MaterialFactors, ShadingModel, TextureRef};
 use glam::{DMat2, DMat3, DMat4, DVec2, DVec3};
 
 use crate::Error;
@@ -266,7 +266,7 @@ impl Shared {
 impl<'a> Lighting<'a> {
     /// Light of `world`; `shared` is of its scene.
     pub fn new(world: &'a World<'a>, shared: &Arc<Shared>) -> Self {
-        let factors = world.scene.materials.iter().map(MaterialFactors::of).collect();
+        let factors = world.scene.materials.iter().map(Material::factors).collect();
         Self::with_factors(world, shared, factors)
     }
 

@@ -28,6 +28,7 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use crate::distortion::Distortion;
 use crate::environment::Environment;
 use crate::error::SceneError;
+use crate::factors::{light_color, within};
 use crate::model::{
     AlphaMode, Camera, CameraSensor, Image, Lens, Light, LightKind, Material, Mesh, Node, Primitive, Scene,
     SensorKind, ShadingModel, Texture, TextureRef, Trs, Variant, Wrap,
@@ -918,21 +919,6 @@ fn not_negative(what: &str, value: f64, unit: &str) -> Result<(), SceneError> {
     rule(format!("{what} is {value}; it takes {unit}, 0 or more"))
 }
 
-fn within(what: &str, value: f64, low: f64, high: f64) -> Result<(), SceneError> {
-    if (low..=high).contains(&value) {
-        return Ok(());
-    }
-    rule(format!("{what} is {value}; it takes a number between {low} and {high}"))
-}
-
-/// Linear light: no upper bound that matters, but halves of floats end at 65504.
-fn light_color(what: &str, color: [f32; 3]) -> Result<(), SceneError> {
-    if color.iter().all(|c| (0.0..=65504.0).contains(c)) {
-        return Ok(());
-    }
-    rule(format!("{what} is {color:?}; it takes linear RGB, each between 0 and 65504"))
-}
-
 fn check_waveform(waveform: &Waveform) -> Result<(), SceneError> {
     positive("frequency_hz", waveform.frequency_hz, "cycles per second")?;
     if !(0.0..1.0).contains(&waveform.phase) {
@@ -966,14 +952,10 @@ fn texture_references(material: &mut Material) -> impl Iterator<Item = &mut Text
     .flatten()
 }
 
-pub(crate) fn check_material(material: &Material, textures: usize) -> Result<(), SceneError> {
+fn check_material(material: &Material, textures: usize) -> Result<(), SceneError> {
     let check = || {
-        let [r, g, b, alpha] = material.base_color;
-        light_color("base_color", [r, g, b])?;
-        within("alpha of base_color", alpha.into(), 0.0, 1.0)?;
-        light_color("emissive", material.emissive)?;
-        within("metallic", material.metallic.into(), 0.0, 1.0)?;
-        within("roughness", material.roughness.into(), 0.0, 1.0)?;
+        material.factors().check()?;
+        within("alpha of base_color", material.base_color[3].into(), 0.0, 1.0)?;
         within("occlusion_strength", material.occlusion_strength.into(), 0.0, 1.0)?;
         finite("normal_scale", material.normal_scale.into())?;
         if let AlphaMode::Mask(cutoff) = material.alpha {

@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use crate::error::SceneError;
-use crate::factors::MaterialFactors;
-use crate::host_poses::{DrivenMaterial, DrivenNode, HostPoses};
+use crate::host_poses::{DrivenMaterial, DrivenNode, DrivenPart, HostPoses};
 use crate::model::{Node, Primitive, Scene, Variant};
 use crate::motion::Motion;
 use crate::pose::SceneState;
@@ -80,12 +79,12 @@ impl Scene {
             let parts = parts.into_iter().map(|index| {
                 let material = &mut self.materials[index];
                 material.driven = true;
-                let own = MaterialFactors::of(material);
+                let own = material.factors();
                 let each: Vec<_> = self.variants.iter().map(|_| Arc::new(Steps::new(own))).collect();
                 for (variant, steps) in self.variants.iter_mut().zip(&each) {
                     variant.factors.push((index, Arc::clone(steps)));
                 }
-                (self.materials[index].clone(), each)
+                DrivenPart { name: material.name.clone(), model: material.model, factors: each }
             });
             host_materials.push(DrivenMaterial { name: name.clone(), parts: parts.collect() });
         }

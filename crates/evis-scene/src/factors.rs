@@ -1,6 +1,29 @@
-//! The factors of a material that a host may change while the scene runs.
+//! What a material is but for its textures, and how a host changes it while the scene runs.
 
-use crate::model::{Material, ShadingModel};
+use crate::error::SceneError;
+
+/// How a surface answers light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ShadingModel {
+    /// Base colour is the radiance (KHR_materials_unlit).
+    Unlit,
+    /// Lambert: no highlight.
+    Diffuse,
+    /// glTF 2.0 metallic-roughness (appendix B).
+    #[default]
+    MetallicRoughness,
+}
+
+impl ShadingModel {
+    /// Its name in scene files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unlit => "unlit",
+            Self::Diffuse => "diffuse",
+            Self::MetallicRoughness => "metallic_roughness",
+        }
+    }
+}
 
 /// Factors of a material at a time. Textures multiply them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -16,15 +39,15 @@ pub struct MaterialFactors {
 }
 
 impl MaterialFactors {
-    /// Those of `material` as it is.
-    pub const fn of(material: &Material) -> Self {
-        let [r, g, b, _] = material.base_color;
-        Self {
-            base_color: [r, g, b],
-            metallic: material.metallic,
-            emissive: material.emissive,
-            roughness: material.roughness,
-        }
+    /// Whether they are in range.
+    ///
+    /// # Errors
+    /// Names the first that is not, and its range.
+    pub(crate) fn check(&self) -> Result<(), SceneError> {
+        light_color("base_color", self.base_color)?;
+        light_color("emissive", self.emissive)?;
+        within("metallic", self.metallic.into(), 0.0, 1.0)?;
+        within("roughness", self.roughness.into(), 0.0, 1.0)
     }
 
     /// These, with what `change` gives.
@@ -35,18 +58,6 @@ impl MaterialFactors {
             metallic: change.metallic.unwrap_or(self.metallic),
             emissive: change.emissive.unwrap_or(self.emissive),
             roughness: change.roughness.unwrap_or(self.roughness),
-        }
-    }
-
-    /// `material` with these factors.
-    pub fn applied(&self, material: &Material) -> Material {
-        let ([r, g, b], alpha) = (self.base_color, material.base_color[3]);
-        Material {
-            base_color: [r, g, b, alpha],
-            metallic: self.metallic,
-            emissive: self.emissive,
-            roughness: self.roughness,
-            ..material.clone()
         }
     }
 }
@@ -76,4 +87,19 @@ impl MaterialChange {
             }
         }
     }
+}
+
+pub(crate) fn within(what: &str, value: f64, low: f64, high: f64) -> Result<(), SceneError> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(SceneError::Rule(format!("{what} is {value}; it takes a number between {low} and {high}")))
+}
+
+/// Linear light: no upper bound that matters, but halves of floats end at 65504.
+pub(crate) fn light_color(what: &str, color: [f32; 3]) -> Result<(), SceneError> {
+    if color.iter().all(|c| (0.0..=65504.0).contains(c)) {
+        return Ok(());
+    }
+    Err(SceneError::Rule(format!("{what} is {color:?}; it takes linear RGB, each between 0 and 65504")))
 }

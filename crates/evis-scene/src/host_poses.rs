@@ -7,10 +7,8 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use glam::DVec3;
 
-use crate::builder::check_material;
 use crate::error::SceneError;
-use crate::factors::{MaterialChange, MaterialFactors};
-use crate::model::Material;
+use crate::factors::{MaterialChange, MaterialFactors, ShadingModel};
 use crate::steps::Steps;
 use crate::track::{HostPose, Track};
 
@@ -77,8 +75,19 @@ pub(crate) struct DrivenNode {
 pub(crate) struct DrivenMaterial {
     /// As it was asked for.
     pub name: String,
-    /// Its materials as the scene has them, and their factors by environment.
-    pub parts: Vec<(Material, Vec<Arc<Steps<MaterialFactors>>>)>,
+    /// Its materials.
+    pub parts: Vec<DrivenPart>,
+}
+
+/// A material of a [`DrivenMaterial`].
+#[derive(Debug)]
+pub(crate) struct DrivenPart {
+    /// As the scene calls it.
+    pub name: String,
+    /// What it is.
+    pub model: ShadingModel,
+    /// By environment.
+    pub factors: Vec<Arc<Steps<MaterialFactors>>>,
 }
 
 /// What a host moves and changes in a scene, in each environment, and until when that is known.
@@ -255,17 +264,16 @@ impl HostPoses {
         let rule = |text: String| {
             Err(SceneError::Rule(format!("{}: {text}", self.place("material", &driven.name, environment))))
         };
-        for (material, _) in &driven.parts {
-            if let Some((factor, seen)) = change.unseen(material.model) {
+        for part in &driven.parts {
+            if let Some((factor, seen)) = change.unseen(part.model) {
                 return rule(format!(
                     "{factor} is not seen of the {} material '{}'; change {seen}",
-                    material.model.name(),
-                    material.name
+                    part.model.name(),
+                    part.name
                 ));
             }
-            // Its textures were checked when the scene was loaded.
-            let changed = MaterialFactors::of(material).with(change).applied(material);
-            if let Err(error) = check_material(&changed, usize::MAX) {
+            let last = part.factors[environment].at(f64::INFINITY).unwrap_or_default();
+            if let Err(error) = last.with(change).check() {
                 return rule(error.to_string());
             }
         }
@@ -377,7 +385,7 @@ impl HostPoses {
     /// Forgets what no time from `t_us` on needs.
     pub fn forget_before(&self, t_us: i64) {
         self.tracks().for_each(|track| track.forget_before(t_us));
-        let factors = self.driven.iter().flat_map(|driven| &driven.parts).flat_map(|(_, factors)| factors);
+        let factors = self.driven.iter().flat_map(|driven| &driven.parts).flat_map(|part| &part.factors);
         factors.for_each(|steps| steps.forget_before(t_us));
     }
 
@@ -387,7 +395,7 @@ impl HostPoses {
 
     fn factors(&self, environment: usize, material: usize) -> impl Iterator<Item = &Steps<MaterialFactors>> {
         let parts = self.driven[material].parts.iter();
-        parts.map(move |(_, factors)| &*factors[environment])
+        parts.map(move |part| &*part.factors[environment])
     }
 }
 

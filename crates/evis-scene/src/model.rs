@@ -11,6 +11,7 @@ use crate::factors::MaterialFactors;
 use crate::motion::{Motion, Waveform};
 use crate::steps::Steps;
 
+pub use crate::factors::ShadingModel;
 pub use crate::transform::Trs;
 
 /// Everything that can be seen, and what moves it.
@@ -138,29 +139,6 @@ pub struct MorphTarget {
     pub normals: Vec<[f32; 3]>,
 }
 
-/// How a surface answers light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ShadingModel {
-    /// Base colour is the radiance (KHR_materials_unlit).
-    Unlit,
-    /// Lambert: no highlight.
-    Diffuse,
-    /// glTF 2.0 metallic-roughness (appendix B).
-    #[default]
-    MetallicRoughness,
-}
-
-impl ShadingModel {
-    /// Its name in scene files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Unlit => "unlit",
-            Self::Diffuse => "diffuse",
-            Self::MetallicRoughness => "metallic_roughness",
-        }
-    }
-}
-
 /// How alpha is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum AlphaMode {
@@ -230,6 +208,19 @@ impl Default for Material {
             alpha: AlphaMode::Opaque,
             double_sided: false,
             driven: false,
+        }
+    }
+}
+
+impl Material {
+    /// Its factors.
+    pub const fn factors(&self) -> MaterialFactors {
+        let [r, g, b, _] = self.base_color;
+        MaterialFactors {
+            base_color: [r, g, b],
+            metallic: self.metallic,
+            emissive: self.emissive,
+            roughness: self.roughness,
         }
     }
 }

@@ -350,17 +350,6 @@ impl Motion {
         }
     }
 
-    /// What a host says of node `node`, which has this motion, in `variant`; `None` where no host moves it.
-    pub fn track_of<'a>(
-        &'a self,
-        variant: Option<&'a crate::model::Variant>,
-        node: usize,
-    ) -> Option<&'a Track> {
-        let Self::Driven(track) = self else { return None };
-        let own = variant.and_then(|v| v.poses.iter().find(|(n, _)| *n == node));
-        Some(own.map_or(track, |(_, own)| own))
-    }
-
     /// Whether the matrix is the same at all times, as far as the kind of motion tells.
     pub fn is_fixed(&self) -> bool {
         match self {

@@ -6,8 +6,10 @@ use glam::DMat4;
 
 use crate::error::SceneError;
 use crate::factors::MaterialFactors;
-use crate::model::{Scene, Variant};
+use crate::model::{Material, Scene, Variant};
+use crate::motion::Motion;
 use crate::steps::Steps;
+use crate::track::Track;
 
 /// Where everything is, and how bright, at one time.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,7 +64,7 @@ impl Scene {
 
         state.world_from_node.clear();
         for (index, node) in self.nodes.iter().enumerate() {
-            if let Some(track) = node.motion.track_of(variant, index) {
+            if let Some(track) = self.track_of(variant, index) {
                 state.world_from_node.push(track.world_from_node(host_us));
                 continue;
             }
@@ -90,12 +92,19 @@ impl Scene {
         state.emission_factor.clear();
         state.emission_factor.extend(self.materials.iter().map(|m| factor(&m.emission_waveform)));
         state.factors.clear();
-        state.factors.extend(self.materials.iter().map(MaterialFactors::of));
+        state.factors.extend(self.materials.iter().map(Material::factors));
         for (material, steps) in self.driven_factors(variant) {
             if let (Some(slot), Some(now)) = (state.factors.get_mut(*material), steps.at(host_us)) {
                 *slot = now;
             }
         }
+    }
+
+    /// What a host says of node `node` in `variant`; `None` where no host moves it.
+    pub fn track_of<'a>(&'a self, variant: Option<&'a Variant>, node: usize) -> Option<&'a Track> {
+        let Motion::Driven(track) = &self.nodes.get(node)?.motion else { return None };
+        let own = variant.and_then(|v| v.poses.iter().find(|(n, _)| *n == node));
+        Some(own.map_or(track, |(_, own)| own))
     }
 
     /// Materials that a host changes in `variant`; in the first one where none is chosen.
@@ -110,8 +119,8 @@ impl Scene {
     /// materials.
     pub fn host_step_times(&self, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
         let mut times = Vec::new();
-        for (index, node) in self.nodes.iter().enumerate() {
-            if let Some(track) = node.motion.track_of(variant, index) {
+        for index in 0..self.nodes.len() {
+            if let Some(track) = self.track_of(variant, index) {
                 times.extend(track.visible.times(start_us, end_us));
             }
         }
