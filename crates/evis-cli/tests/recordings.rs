@@ -74,7 +74,7 @@ fn a_check_names_the_hole_in_a_damaged_file() {
     let output = evis(&folder, "info a.h5 --check");
     assert_eq!(code(&output), 2, "{}", stdout(&output));
     let told = stderr(&output);
-    for words in ["a.h5", "rows ", " of left/events", " us) cannot be read", "info --repair"] {
+    for words in ["a.h5", "rows ", " of left/events", " cannot be read; ", "info --repair"] {
         assert!(told.contains(words), "the error lacks '{words}':\n{told}");
     }
     assert!(std::fs::read(&path).unwrap() == bytes, "a check writes nothing");
