@@ -6,7 +6,7 @@ use std::task::Poll;
 
 use evis_core::CameraInfo;
 use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, RunRequest};
-use evis_scene::{HostJump, HostPose, HostStep, MaterialChange};
+use evis_scene::{HostJump, HostPose, HostStep, MaterialChange, VisibleSteps};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -168,7 +168,7 @@ impl Simulator {
         py: Python<'_>,
         until_us: i64,
         poses: Option<Vec<NodePoses>>,
-        visible: Vec<(usize, usize, Vec<(i64, bool)>)>,
+        visible: Vec<VisibleSteps>,
         materials: Vec<(usize, usize, Factors)>,
     ) -> PyResult<Packet> {
         let driven = poses.is_some() || !visible.is_empty() || !materials.is_empty();

@@ -15,6 +15,9 @@ use crate::track::{HostPose, Track};
 /// How far a quaternion's length may be from 1.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
+/// Environment, node, and whether it is seen up to each time in microseconds.
+pub type VisibleSteps = (usize, usize, Vec<(i64, bool)>);
+
 /// What a host says of a step. Nodes are indices into [`HostPoses::names`], materials into [`HostPoses::materials`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HostStep<'a> {
@@ -22,7 +25,7 @@ pub struct HostStep<'a> {
     pub poses: &'a [(usize, usize, Vec<HostPose>)],
     /// Environment, node, and whether it is seen: up to each time in microseconds, from just after the one before; the first
     /// one from just after what is known, and in the very first step from ever. The last time is the step's end.
-    pub visible: &'a [(usize, usize, Vec<(i64, bool)>)],
+    pub visible: &'a [VisibleSteps],
     /// Environment, material, and what changes of it, just after what is known; in the very first step it was never otherwise.
     pub materials: &'a [(usize, usize, MaterialChange)],
 }

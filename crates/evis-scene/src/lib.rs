@@ -42,7 +42,7 @@ pub use distortion::Distortion;
 pub use error::SceneError;
 pub use factors::{MaterialChange, MaterialFactors};
 pub use framing::{rigid, rigid_or_unrotated};
-pub use host_poses::{HostJump, HostPoses, HostStep};
+pub use host_poses::{HostJump, HostPoses, HostStep, VisibleSteps};
 pub use lens::CalibratedLens;
 pub use model::*;
 pub use motion::{AppliedMotion, Motion};
