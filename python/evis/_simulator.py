@@ -164,8 +164,8 @@ class Simulator:
         agent. They begin where the scene has them, and a `step` may hide them. Such a simulator takes
         ``native`` or ``decoupled`` sampling, and neither streams nor exposes frames.
     materials : sequence of str
-        Names of materials that a `step` may change, or of nodes: what such a node draws gets materials of its
-        own, which change for it alone. Otherwise as ``poses``.
+        Names of materials that a `step` may change, or of nodes where no material has the name: what such a
+        node draws gets materials of its own, which change for it alone. Otherwise as ``poses``.
     pose_step_us : int, optional
         With ``poses`` or ``materials``: steps are multiples of so many microseconds; 10000 where not given.
         With ``native`` sampling it is a multiple of the time between two samples (250 us in every preset but

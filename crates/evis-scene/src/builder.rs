@@ -606,11 +606,7 @@ impl SceneBuilder {
         };
         let mut material = material;
         if shape.is_double_sided() && !found.double_sided {
-            let both = Material {
-                double_sided: true,
-                name: format!("{} (both sides)", found.name),
-                ..found.clone()
-            };
+            let both = Material { double_sided: true, name: both_sides(&found.name), ..found.clone() };
             let known = self.scene.materials.iter().position(|m| m.name == both.name && m.double_sided);
             material = match known {
                 Some(index) => index,
@@ -888,6 +884,11 @@ fn load_environment(
     let EnvironmentSettings { intensity, rotation_degrees, visible } = settings;
     let environment = Environment::load_with_warnings(path, warnings)?;
     Ok(Environment { intensity, rotation: rotation_degrees.to_radians(), visible, ..environment })
+}
+
+/// Name of what is made of material `name` for shapes that are drawn from both sides.
+pub(crate) fn both_sides(name: &str) -> String {
+    format!("{name} (both sides)")
 }
 
 fn rule<T>(message: String) -> Result<T, SceneError> {

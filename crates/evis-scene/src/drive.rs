@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
+use crate::builder::both_sides;
 use crate::error::SceneError;
 use crate::host_poses::{DrivenMaterial, DrivenNode, DrivenPart, HostPoses};
-use crate::model::{Node, Primitive, Scene, Variant};
+use crate::model::{Scene, Variant};
 use crate::motion::Motion;
 use crate::pose::SceneState;
 use crate::steps::Steps;
@@ -21,7 +22,7 @@ impl Scene {
 
     /// Leaves nodes and materials to a host from scene time `start_us` on; until it says anything they are as the scene has them
     /// at `start_us`. `nodes`: names of nodes or cameras, whose poses in the world then come through [`HostPoses::advance`].
-    /// `materials`: names of materials, or of nodes: what these draw gets materials of its own, which the scene's other nodes
+    /// `materials`: names of materials, or of nodes where no material has the name: what these draw gets materials of its own, which the scene's other nodes
     /// do not share, nor change with.
     ///
     /// # Errors
@@ -107,10 +108,13 @@ impl Scene {
             let materials: Vec<usize> = (0..own).filter(|&i| self.materials[i].name == *name).collect();
             let nodes: Vec<usize> = (0..self.nodes.len()).filter(|&i| self.nodes[i].name == *name).collect();
             found.push(match (&materials[..], &nodes[..]) {
-                (&[material], &[]) => vec![material],
+                // What the builder made of it for flat shapes is it, too.
+                (&[material], _) => {
+                    let both = both_sides(name);
+                    let others = (0..own).filter(|&i| self.materials[i].name == both);
+                    std::iter::once(material).chain(others).collect()
+                }
                 (&[], &[node]) => self.own_materials(node, name)?,
-                // Both are the same surfaces.
-                (&[material], &[node]) if self.draws_alone(node, material) => vec![material],
                 (&[], &[]) => {
                     let all = self.materials.iter().map(|m| &m.name).chain(self.nodes.iter().map(|n| &n.name));
                     return Err(SceneError::Unknown {
@@ -129,18 +133,6 @@ impl Scene {
             });
         }
         Ok(found)
-    }
-
-    /// Whether `node` draws nothing but `material`, and is the only one that does.
-    fn draws_alone(&self, node: usize, material: usize) -> bool {
-        let drawn = |of: &Node| {
-            of.mesh.and_then(|mesh| self.meshes.get(mesh)).map_or(&[][..], |mesh| &mesh.primitives)
-        };
-        let draws = |primitive: &Primitive| primitive.material == material;
-        self.nodes.iter().enumerate().all(|(index, other)| match index == node {
-            true => drawn(other).iter().all(draws),
-            false => !drawn(other).iter().any(draws),
-        })
     }
 
     /// Gives what `node` draws materials that no other node has, and returns their indices.
@@ -220,7 +212,7 @@ mod tests {
     use crate::builtin;
     use crate::factors::MaterialChange;
     use crate::host_poses::{HostJump, HostStep};
-    use crate::model::{Material, ShadingModel};
+    use crate::model::{Material, Node, ShadingModel};
     use crate::track::HostPose;
 
     fn poses(poses: &[(usize, usize, Vec<HostPose>)]) -> HostStep<'_> {
@@ -369,19 +361,14 @@ mod tests {
     fn a_material_changes_for_its_surfaces_and_a_nodes_own_for_it_alone() {
         let mut scene = builtin::load("spinner", 0).unwrap();
         let node = scene.nodes.iter().position(|n| n.mesh.is_some()).unwrap();
-        // `spinner` has nodes and materials of one name.
-        let same = scene.nodes[node].name.clone();
-        let meshes = scene.meshes.len();
-        scene.clone().drive_with(&[], std::slice::from_ref(&same), 0).unwrap();
-        assert_eq!(scene.meshes.len(), meshes, "its material is no one else's");
         let twin = Node { name: "twin".into(), ..scene.nodes[node].clone() };
         scene.nodes.push(twin);
-        let error = scene.clone().drive_with(&[], &[same], 0).unwrap_err().to_string();
-        assert!(error.contains("1 material(s) and 1 node(s)"), "{error}");
         let (node, name) = (scene.nodes.len() - 1, "twin".to_owned());
         let before = scene.clone();
         let theirs = scene.meshes[scene.nodes[node].mesh.unwrap()].primitives[0].material;
-        let whole = scene.materials[theirs].name.clone();
+        // A card is drawn from both sides, so the builder gave it a material of its own. `spinner` has a node of this name, too.
+        let whole = "plane".to_owned();
+        assert_eq!(scene.materials[theirs].name, "plane (both sides)");
         let host = scene.drive_with(&[], &[name.clone(), whole.clone()], 0).unwrap();
         assert_eq!((host.materials(), host.names().len()), (&[name, whole.clone()][..], 0));
         let own = scene.meshes[scene.nodes[node].mesh.unwrap()].primitives[0].material;
