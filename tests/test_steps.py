@@ -257,6 +257,17 @@ def test_a_reset_shows_and_paints_without_events(device: evis.Device, name: str)
     assert len(packet[1].events) > 100
 
 
+def test_a_material_of_flat_shapes_is_changed_by_its_name(device: evis.Device):
+    # `spinner` has a node and a material of this name; cards have the material's twin that is drawn from both sides.
+    spinner = evis.Scene.builtin("spinner")
+    settings = {"size": SIZE, "reference_luminance": 1.0, "pose_step_us": STEP_US, **SETTINGS["native"]}
+    still = evis.Simulator(
+        spinner, device=device, poses=["square", "camera"], materials=["square"], **settings
+    )
+    assert len(still.step(STEP_US).events) == 0
+    assert len(still.step(2 * STEP_US, materials={"square": {"color": (3.0, 3.0, 3.0)}}).events) > 100
+
+
 def test_materials_alone_may_be_left_to_a_host(device: evis.Device):
     sim = simulator(device, "native", poses=(), materials=["cube"])
     assert len(sim.step(STEP_US).events) == 0

@@ -115,7 +115,7 @@ impl Scene {
         variant.or_else(|| self.variants.first()).map_or(&[], |variant| &variant.factors)
     }
 
-    /// Times in (start, end), in microseconds of scene time, at which a host shows or hides nodes of `variant`, or changes its
+    /// Times in (start, end), in microseconds of scene time and ascending, at which a host shows or hides nodes of `variant`, or changes its
     /// materials.
     pub fn host_step_times(&self, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
         let mut times = Vec::new();
@@ -127,6 +127,8 @@ impl Scene {
         for (_, steps) in self.driven_factors(variant) {
             times.extend(steps.times(start_us, end_us));
         }
+        times.sort_by(f64::total_cmp);
+        times.dedup();
         times
     }
 
