@@ -258,7 +258,7 @@ def test_a_reset_shows_and_paints_without_events(device: evis.Device, name: str)
 
 
 def test_a_material_of_flat_shapes_is_changed_by_its_name(device: evis.Device):
-    # `spinner` has a node and a material of this name; cards have the material's twin that is drawn from both sides.
+    # `spinner` has a node of this name, too; its cards have a twin of the material, drawn from both sides.
     spinner = evis.Scene.builtin("spinner")
     settings = {"size": SIZE, "reference_luminance": 1.0, "pose_step_us": STEP_US, **SETTINGS["native"]}
     still = evis.Simulator(
