@@ -36,6 +36,7 @@ def test_exceptions_also_are_the_usual_ones():
         ("scene unknown", evis.ConfigError, "no camera named 'x'; there is left"),
         ("device", evis.DeviceError, "no driver"),
         ("panic", evis.EvisError, "internal error: probe"),
+        ("call after a panic", evis.EvisError, "this object is unusable since an internal error"),
     ],
 )
 def test_rust_errors_become_exceptions(kind: str, exception: type[Exception], message: str):

@@ -6,6 +6,7 @@ from typing import Any, final
 import numpy as np
 import numpy.typing as npt
 
+from ._poses import Factors
 from ._request import Request
 
 __all__ = [
@@ -389,9 +390,16 @@ class Simulator:
         self,
         until_us: int,
         poses: list[tuple[int, int, list[int], list[list[float]], list[list[float]] | None]] | None,
+        visible: list[tuple[int, int, list[tuple[int, bool]]]],
+        materials: list[tuple[int, int, Factors]],
     ) -> Packet: ...
     def reset(
-        self, environments: list[int], seeds: list[int], poses: list[tuple[int, int, list[float]]]
+        self,
+        environments: list[int],
+        seeds: list[int],
+        poses: list[tuple[int, int, list[float]]],
+        visible: list[tuple[int, int, bool]],
+        materials: list[tuple[int, int, Factors]],
     ) -> None: ...
     def stream(self, duration_us: int, packet_us: int) -> Stream: ...
 

@@ -572,7 +572,7 @@ class Writer:
         if self._pose_rate_hz is not None:
             if self._format != "hdf5":
                 raise ConfigError(f"{path.suffix} holds no poses; write to .h5, or leave pose_rate_hz away")
-            if simulator._driven:
+            if simulator._driven or simulator._changed:
                 raise ConfigError("pose_rate_hz is given, but poses come from outside; leave it away")
             _evis.body_times(self._pose_rate_hz, 0, 0)
         self._bodies_until_us = -1

@@ -1,8 +1,9 @@
-"""Poses that a host gives, as the engine takes them."""
+"""What a host says of a step, as the engine takes it: poses, what is seen, materials."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -10,9 +11,15 @@ from . import _check
 from ._evis import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+#: Base colour, metallic, emitted radiance, roughness; None for what stays.
+Factors: TypeAlias = tuple[list[float] | None, float | None, list[float] | None, float | None]
+
+#: What may change of a material, by name, and how many numbers it has.
+_FACTORS = {"color": 3, "metallic": 1, "emissive": 3, "roughness": 1}
 
 #: How far the columns of a rotation matrix may be from an orthonormal basis.
 _RIGID = 1e-3
@@ -32,7 +39,7 @@ def node_poses(
     times = [until_us] if times_us is None else _times(times_us)
     found = []
     for name, value in poses.items():
-        node = _node(names, name)
+        node = _index(names, name, "poses")
         size = (environments, len(times))
         values = _spread(f"poses[{name!r}]", _as_seven(name, value), size, times_us is None)
         speeds = None
@@ -50,24 +57,114 @@ def node_poses(
     return found
 
 
+def node_visible(
+    names: Sequence[str],
+    environments: int,
+    until_us: int,
+    visible: Mapping[str, ArrayLike],
+    times_us: ArrayLike | None,
+) -> list[tuple[int, int, list[tuple[int, bool]]]]:
+    """Per environment and node: whether it is seen up to each time."""
+    times = [until_us] if times_us is None else _times(times_us)
+    found = []
+    for name, value in visible.items():
+        node = _index(names, name, "visible")
+        what = f"visible[{name!r}]"
+        seen = _spread(what, _seen(what, value)[..., None], (environments, len(times)), times_us is None)
+        for environment in range(environments):
+            row = [bool(one) for one in seen[environment, :, 0]]
+            found.append((environment, node, list(zip(times, row, strict=True))))
+    return found
+
+
+def visible_jumps(
+    names: Sequence[str], environments: Sequence[int], visible: Mapping[str, ArrayLike]
+) -> list[tuple[int, int, bool]]:
+    """Per environment of ``environments`` and node: whether it is seen."""
+    found = []
+    for name, value in visible.items():
+        node = _index(names, name, "visible")
+        what = f"visible[{name!r}]"
+        seen = _spread(what, _seen(what, value)[..., None], (len(environments), 1), True)
+        found += [(e, node, bool(seen[row, 0, 0])) for row, e in enumerate(environments)]
+    return found
+
+
+def material_changes(
+    names: Sequence[str], environments: Iterable[int], materials: Mapping[str, Mapping[str, ArrayLike]]
+) -> list[tuple[int, int, Factors]]:
+    """Per environment of ``environments`` and material: new factors."""
+    each = list(environments)
+    found = []
+    for name, factors in materials.items():
+        index = _index(names, name, "materials")
+        what = f"materials[{name!r}]"
+        if not hasattr(factors, "items"):
+            raise ConfigError(
+                f"{what} is {_check.shown(factors)}; it must be a mapping such as {{'color': (1, 0, 0)}}"
+            )
+        columns = {}
+        for key, value in factors.items():
+            if key not in _FACTORS:
+                raise ConfigError(f"{what} has {key!r}; only {_check.one_of(_FACTORS)} can change in a step")
+            columns[key] = _factor(f"{what}[{key!r}]", value, len(each), _FACTORS[key])
+        for row, environment in enumerate(each):
+            color, emissive = (
+                columns[k][row].tolist() if k in columns else None for k in ("color", "emissive")
+            )
+            metallic, roughness = (
+                float(columns[k][row, 0]) if k in columns else None for k in ("metallic", "roughness")
+            )
+            found.append((environment, index, (color, metallic, emissive, roughness)))
+    return found
+
+
+def _factor(what: str, value: ArrayLike, environments: int, count: int) -> NDArray[np.float64]:
+    """Shape (environments, count)."""
+    array = _numbers(what, value)
+    per_environment = array if count > 1 else array[..., None]
+    wanted = (environments, count)
+    if per_environment.shape not in {(count,), (1, count), wanted}:
+        one = "a number" if count == 1 else f"({count},)"
+        raise ConfigError(
+            f"{what} has the shape {array.shape}; give {one}, or one per environment, of which there are "
+            f"{environments}"
+        )
+    return np.broadcast_to(per_environment, wanted)
+
+
 def node_jumps(
     names: Sequence[str], environments: Sequence[int], poses: Mapping[str, ArrayLike]
 ) -> list[tuple[int, int, list[float]]]:
     """Per environment of ``environments`` and node: a pose of seven numbers."""
     found = []
     for name, value in poses.items():
-        node = _node(names, name)
+        node = _index(names, name, "poses")
         size = (len(environments), 1)
         values = _spread(f"poses[{name!r}]", _as_seven(name, value), size, True)
         found += [(e, node, values[row, 0].tolist()) for row, e in enumerate(environments)]
     return found
 
 
-def _node(names: Sequence[str], name: str) -> int:
+def _index(names: Sequence[str], name: str, argument: str) -> int:
+    """Return the index of what ``argument`` of a step names, among what the simulator left to the host."""
     if name not in names:
-        known = ", ".join(repr(n) for n in names) or "none: name them as poses=[...] of the Simulator"
-        raise ConfigError(f"poses name {name!r}, which no host moves; there is {known}")
+        own, does = ("materials", "changes") if argument == "materials" else ("poses", "moves")
+        known = ", ".join(repr(n) for n in names) or f"none: name them as {own}=[...] of the Simulator"
+        near = get_close_matches(str(name), names, 1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ConfigError(
+            f"{argument} name{'' if argument == 'poses' else 's'} {name!r}, which no host {does}; "
+            f"there is {known}{hint}"
+        )
     return list(names).index(name)
+
+
+def _seen(what: str, value: Any) -> NDArray[np.bool_]:
+    array = np.asarray(value)
+    if array.dtype != np.bool_:
+        raise ConfigError(f"{what} is {_check.shown(value)}; give True or False, one per environment or time")
+    return array
 
 
 def _times(times_us: ArrayLike) -> list[int]:
@@ -126,18 +223,18 @@ def _from_matrices(name: str, matrices: NDArray[np.float64]) -> NDArray[np.float
     return np.concatenate([matrices[..., :3, 3], quaternion], axis=-1)
 
 
-def _spread(
-    what: str, array: NDArray[np.float64], size: tuple[int, int], at_end: bool
-) -> NDArray[np.float64]:
+def _spread(what: str, array: NDArray[Any], size: tuple[int, int], at_end: bool) -> NDArray[Any]:
     """Shape (environments, times, columns)."""
     environments, times = size
+    # What has one column is given without it.
+    columns = array.ndim == 0 or array.shape[-1] > 1
     shape = array.shape
     wanted = (*size, shape[-1] if shape else 0)
     if at_end and array.ndim == 2 and shape[0] == environments:
         array = array[:, None]
     if array.ndim > 3 or any(a not in {1, b} for a, b in zip(array.shape[::-1], wanted[::-1], strict=False)):
         raise ConfigError(
-            f"{what} has the shape {shape}; for {environments} environment(s) and {times} time(s) give "
-            f"{wanted}, or leave out what is the same for all"
+            f"{what} has the shape {shape if columns else shape[:-1]}; for {environments} environment(s) and "
+            f"{times} time(s) give {wanted if columns else size}, or leave out what is the same for all"
         )
     return np.broadcast_to(array, wanted)

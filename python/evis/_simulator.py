@@ -17,7 +17,7 @@ from . import _check, _evis, _method
 from ._evis import ConfigError, EvisError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
-from ._poses import node_jumps, node_poses
+from ._poses import material_changes, node_jumps, node_poses, node_visible, visible_jumps
 from ._progress import Progress, TimeLeft
 from ._request import Request
 from ._scene import EventCamera, Scene, motion_text, moved_scene, raw_of
@@ -161,12 +161,15 @@ class Simulator:
         Y_ref of the sensor's formula; the value that brings the first camera's log-mean to 0.18 if not given.
     poses : sequence of str
         Names of nodes and cameras whose poses come from outside, with each `step`: a physics engine, an
-        agent. They begin where the scene has them. Such a simulator takes ``native`` or ``decoupled``
-        sampling, and neither streams nor exposes frames.
+        agent. They begin where the scene has them, and a `step` may hide them. Such a simulator takes
+        ``native`` or ``decoupled`` sampling, and neither streams nor exposes frames.
+    materials : sequence of str
+        Names of materials that a `step` may change, or of nodes where no material has the name: what such a
+        node draws gets materials of its own, which change for it alone. Otherwise as ``poses``.
     pose_step_us : int, optional
-        With ``poses``: steps are multiples of so many microseconds; 10000 where not given. With ``native``
-        sampling it is a multiple of the time between two samples (250 us in every preset but ``reference``,
-        which has 125).
+        With ``poses`` or ``materials``: steps are multiples of so many microseconds; 10000 where not given.
+        With ``native`` sampling it is a multiple of the time between two samples (250 us in every preset but
+        ``reference``, which has 125).
     device : Device, str or int, optional
         A device, its index, or a part of its name; the fastest kind where not given. Where the machine has
         none, presets take decoupled sampling.
@@ -220,11 +223,15 @@ class Simulator:
         seed: int | None = None,
         reference_luminance: float | None = None,
         poses: Sequence[str] = (),
+        materials: Sequence[str] = (),
         pose_step_us: int | None = None,
         device: Device | str | int | None = None,
     ) -> None:
         raw_of(scene)
         self._driven = [str(name) for name in _check.items("poses", poses, "['a node', 'a camera']")]
+        self._changed = [
+            str(name) for name in _check.items("materials", materials, "['a material', 'a node']")
+        ]
         names: list[str] = []
         if cameras is not None:
             cameras = _check.items("cameras", cameras, f"{list(scene.cameras)}")
@@ -268,6 +275,7 @@ class Simulator:
             camera_speed=None if camera_speed is None else _speed(camera_speed),
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             poses=list(self._driven),
+            materials=list(self._changed),
             pose_step_us=None if pose_step_us is None else _check.time_us("pose_step_us", pose_step_us),
         )
         self._engine_of = (scene._raw, request, _selector(device))
@@ -286,7 +294,7 @@ class Simulator:
         each = (Sensor._of_json(json) for json in self._engine.sensors)
         self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}
         self._labels = tuple(self._engine.labels)
-        if not self._driven:
+        if not (self._driven or self._changed):
             _announce(scene, self._scene, [camera.name for camera in self._cameras])
 
     @property
@@ -382,6 +390,8 @@ class Simulator:
         *,
         pose_times_us: ArrayLike | None = None,
         velocities: Mapping[str, ArrayLike] | None = None,
+        visible: Mapping[str, ArrayLike] | None = None,
+        materials: Mapping[str, Mapping[str, ArrayLike]] | None = None,
     ) -> Packet:
         """Run to ``until_us`` and return everything from now on; the GIL is released meanwhile.
 
@@ -403,6 +413,17 @@ class Simulator:
         velocities : mapping of str to array, optional
             Metres per second at each pose, (3,) in place of (7,). Between two poses that have one the
             position is the cubic through both (exact for constant acceleration).
+        visible : mapping of str to bool or array of bool, optional
+            Whether nodes that a host moves are seen, with all that hangs on them but other such nodes; they
+            stay so. Not for nodes that carry a camera or a light. The change comes all at once, just after
+            `now_us`: light jumps there, and fires events at once. In the first step a node was never
+            otherwise. One per environment: (E,). With ``pose_times_us`` of T times, (T,) or (E, T): each
+            value holds up to its time, from just after the one before.
+        materials : mapping of str to mapping, optional
+            New factors of materials that a host changes (``materials`` of the simulator), by name; what is
+            not given stays. ``color``: linear RGB, (3,), which multiplies the texture; ``emissive``: emitted
+            radiance, (3,), strength included; ``metallic`` and ``roughness``: in [0, 1]. One per environment
+            in front. They change when ``visible`` does, once per step. Alpha and textures cannot change.
 
         Returns
         -------
@@ -413,8 +434,8 @@ class Simulator:
         ------
         ConfigError
             If ``until_us`` does not lie after `now_us`, or poses cannot be used: names that no host moves,
-            shapes, values that are not finite, rotations that are no unit quaternions, times out of order.
-            Then nothing has changed.
+            shapes, values that are not finite, rotations that are no unit quaternions, times out of order;
+            nodes that cannot be hidden, factors that a material does not have. Then nothing has changed.
         DeviceError
             If the device failed.
         EvisError
@@ -424,7 +445,10 @@ class Simulator:
         given = None
         if poses is not None:
             given = node_poses(self._driven, self.environments, until, poses, pose_times_us, velocities)
-        return packet_from(self._own_engine().step(until, given), self._cameras, self._labels)
+        seen = node_visible(self._driven, self.environments, until, visible or {}, pose_times_us)
+        changes = material_changes(self._changed, range(self.environments), materials or {})
+        raw = self._own_engine().step(until, given, seen, changes)
+        return packet_from(raw, self._cameras, self._labels)
 
     def reset(
         self,
@@ -432,6 +456,8 @@ class Simulator:
         *,
         seed: int | Sequence[int] | None = None,
         poses: Mapping[str, ArrayLike] | None = None,
+        visible: Mapping[str, ArrayLike] | None = None,
+        materials: Mapping[str, Mapping[str, ArrayLike]] | None = None,
     ) -> None:
         """Reset environments and their pixel memory at `now_us`; the time goes on.
 
@@ -451,6 +477,12 @@ class Simulator:
         poses : mapping of str to array, optional
             Where the nodes jump to that a host moves, without any event: as of `step`, (7,) or (4, 4), or one
             per environment of ``env_ids`` in front. A node without a pose stays where it is.
+        visible : mapping of str to bool or array of bool, optional
+            Which of these nodes are seen from now on, without any event: one, or one per environment of
+            ``env_ids``. Others stay as they are.
+        materials : mapping of str to mapping, optional
+            Factors of materials from now on, without any event: as of `step`, with one per environment of
+            ``env_ids`` in front.
 
         Raises
         ------
@@ -483,7 +515,9 @@ class Simulator:
             )
             seeds = [_check.whole("seed", one, 0, 2**63 - 1) for one in each]
         jumps = [] if poses is None else node_jumps(self._driven, environments, poses)
-        self._own_engine().reset(environments, seeds, jumps)
+        seen = visible_jumps(self._driven, environments, visible or {})
+        changes = material_changes(self._changed, environments, materials or {})
+        self._own_engine().reset(environments, seeds, jumps, seen, changes)
 
     def stream(
         self,

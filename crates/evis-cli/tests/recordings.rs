@@ -5,7 +5,8 @@
 mod common;
 
 use common::{
-    Folder, HEIGHT, OFF_EVENTS, ON_EVENTS, WIDTH, code, evis, json, program, stderr, stdout, write_recording,
+    Folder, HEIGHT, OFF_EVENTS, ON_EVENTS, WIDTH, code, evis, json, program, stderr, stdout,
+    write_many_events, write_recording,
 };
 
 const WHITE: [u8; 3] = [255, 255, 255];
@@ -56,6 +57,27 @@ fn a_file_that_was_cut_off_is_told_and_repaired() {
     let after = json(&evis(&folder, "info cut.h5 --repair --json"));
     assert_eq!(after["events"], ON_EVENTS + OFF_EVENTS);
     assert_eq!(after["repaired"]["reopened"], true);
+}
+
+#[test]
+fn a_check_names_the_hole_in_a_damaged_file() {
+    let folder = Folder::new("hole");
+    let path = folder.file("a.h5");
+    write_many_events(&path);
+    done(&folder, "info a.h5 --check");
+    let mut bytes = std::fs::read(&path).unwrap();
+    // A page that the disk gave back empty.
+    let page = bytes.len() / 2 / 4096 * 4096;
+    assert!(bytes[page..page + 4096].iter().any(|byte| *byte != 0));
+    bytes[page..page + 4096].fill(0);
+    std::fs::write(&path, &bytes).unwrap();
+    let output = evis(&folder, "info a.h5 --check");
+    assert_eq!(code(&output), 2, "{}", stdout(&output));
+    let told = stderr(&output);
+    for words in ["a.h5", "rows ", " of left/events", " cannot be read; ", "info --repair"] {
+        assert!(told.contains(words), "the error lacks '{words}':\n{told}");
+    }
+    assert!(std::fs::read(&path).unwrap() == bytes, "a check writes nothing");
 }
 
 #[test]

@@ -180,14 +180,8 @@ impl<'w, 'a> Blocks<'w, 'a> {
 
 /// Times in (start, end), in microseconds, at which what a host moves has a pose, and its motion bends.
 fn host_times(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
-    let mut times = Vec::new();
-    for (index, node) in scene.nodes.iter().enumerate() {
-        if let Motion::Driven(track) = &node.motion {
-            let own = variant.and_then(|v| v.poses.iter().find(|(n, _)| *n == index));
-            times.extend(own.map_or(track, |(_, own)| own).times(start_us, end_us));
-        }
-    }
-    times
+    let tracks = (0..scene.nodes.len()).filter_map(|node| scene.track_of(variant, node));
+    tracks.flat_map(|track| track.times(start_us, end_us)).collect()
 }
 
 /// Times in (start, end), in microseconds and ascending, at which a motion or a light bends or jumps.
@@ -198,7 +192,7 @@ pub fn breaks(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f
     let mut times = Vec::new();
     for node in &scene.nodes {
         match &node.motion {
-            // What a host moves bends, but does not jump: see `host_times`.
+            // What a host moves bends where `host_times` says, and jumps where it is shown or hidden.
             Motion::Fixed(_) | Motion::Driven(_) => {}
             Motion::Animated { translation, rotation, scale, .. } => {
                 for curve in [translation, rotation, scale].into_iter().flatten() {
@@ -216,7 +210,11 @@ pub fn breaks(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f
     times.retain(|t| *t > range_s[0] && *t < range_s[1]);
     times.sort_by(f64::total_cmp);
     times.dedup();
-    times.into_iter().map(|t| (t - offset_s) / speed * 1e6).collect()
+    let mut times: Vec<f64> = times.into_iter().map(|t| (t - offset_s) / speed * 1e6).collect();
+    times.extend(scene.host_step_times(variant, start_us, end_us));
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    times
 }
 
 fn of_curve(curve: &Curve, times: &mut Vec<f64>) {
@@ -416,9 +414,19 @@ mod tests {
         let mut found = Blocks::new(&world, 700, 8192, 10_000);
         assert_eq!(found.pop(), None, "nothing is known yet");
         let pose = |t_us: i64| evis_scene::HostPose::new(t_us, [0.0, 0.0, -2.8], [0.0, 0.0, 0.0, 1.0], None);
-        host.advance(&[(0, 0, vec![pose(3700), pose(20_700)])], 20_700).unwrap();
-        let borders: Vec<f64> = std::iter::from_fn(|| found.pop()).map(|b| b.end_us).collect();
+        let step =
+            evis_scene::HostStep { poses: &[(0, 0, vec![pose(3700), pose(20_700)])], ..Default::default() };
+        host.advance(&step, 20_700).unwrap();
+        let all = |found: &mut Blocks| std::iter::from_fn(|| found.pop()).collect::<Vec<_>>();
+        let first = all(&mut found);
+        let borders: Vec<f64> = first.iter().map(|b| b.end_us).collect();
         assert_eq!(borders, [3700.0, 8892.0, 10_700.0, 18_892.0, 20_700.0]);
+        assert!(first.iter().all(|b| !b.jump));
+        // What is hidden is gone all at once.
+        let visible = [(0, 0, vec![(25_700, false), (30_700, true)])];
+        host.advance(&evis_scene::HostStep { visible: &visible, ..Default::default() }, 30_700).unwrap();
+        let jumps = all(&mut found).iter().filter(|b| b.jump).map(|b| b.start_us).collect::<Vec<_>>();
+        assert_eq!(jumps, [20_700.0, 25_700.0]);
     }
 
     #[test]

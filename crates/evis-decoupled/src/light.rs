@@ -11,7 +11,7 @@ use std::hash::BuildHasher;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use evis_scene::motion::{WaveShape, Waveform};
-use evis_scene::{ShadingModel, TextureRef};
+use evis_scene::{Material, MaterialFactors, ShadingModel, TextureRef};
 use glam::{DMat2, DMat3, DMat4, DVec2, DVec3};
 
 use crate::Error;
@@ -26,7 +26,7 @@ use crate::material::{self, Around, Lamp, Point, Response, respond};
 use crate::pages::{Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::Textures;
-use crate::world::{Frame, World, wide};
+use crate::world::{Facet, Frame, World, wide};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
@@ -134,6 +134,8 @@ pub struct Lighting<'a> {
     shared: Arc<Shared>,
     looks: Vec<Look>,
     answers: Vec<Answer>,
+    /// Per material, as `looks` and `answers` have them.
+    factors: Vec<MaterialFactors>,
     /// Lamps and frames at both ends of the block.
     lamps: [Vec<Lamp>; 2],
     frames: Option<[Frame; 2]>,
@@ -271,20 +273,30 @@ impl Shared {
 impl<'a> Lighting<'a> {
     /// Light of `world`; `shared` is of its scene.
     pub fn new(world: &'a World<'a>, shared: &Arc<Shared>) -> Self {
+        let factors = world.scene.materials.iter().map(Material::factors).collect();
+        Self::with_factors(world, shared, factors)
+    }
+
+    /// As [`Lighting::new`], with these factors of the scene's materials.
+    fn with_factors(world: &'a World<'a>, shared: &Arc<Shared>, factors: Vec<MaterialFactors>) -> Self {
         let scene = world.scene;
         let textures = &shared.textures;
-        let looks = world.facets.iter().map(|f| look(world, textures, f.surface, f.corners)).collect();
+        let look = |f: &Facet| {
+            let own = &factors[world.surfaces[f.surface as usize].material];
+            look(world, textures, f.surface, f.corners, own.base_color)
+        };
+        let looks = world.facets.iter().map(look).collect();
         let answers = world.surfaces.iter().map(|s| {
-            let m = &scene.materials[s.material];
+            let (m, own) = (&scene.materials[s.material], &factors[s.material]);
             let mean = m.base_color_texture.map_or([1.0; 4], |t| whole_mean(textures, t));
             let of = |t: Option<TextureRef>| t.map_or([1.0; 4], |t| whole_mean(textures, t));
             let (surface, occlusion) = (of(m.metallic_roughness_texture), of(m.occlusion_texture));
-            let base = DVec3::from_slice(&m.base_color.map(f64::from)[..3]);
-            let glow = wide(m.emissive) * DVec3::from_slice(&of(m.emissive_texture).map(f64::from)[..3]);
+            let base = wide(own.base_color);
+            let glow = wide(own.emissive) * DVec3::from_slice(&of(m.emissive_texture).map(f64::from)[..3]);
             Answer {
                 model: m.model,
-                metallic: f64::from(m.metallic * surface[2]).clamp(0.0, 1.0),
-                roughness: f64::from(m.roughness * surface[1]).clamp(0.0, 1.0),
+                metallic: f64::from(own.metallic * surface[2]).clamp(0.0, 1.0),
+                roughness: f64::from(own.roughness * surface[1]).clamp(0.0, 1.0),
                 occlusion: 1.0 + f64::from(m.occlusion_strength * (occlusion[0] - 1.0)),
                 mean_base: base * DVec3::from_slice(&mean.map(f64::from)[..3]),
                 follows_view: m.model == ShadingModel::MetallicRoughness,
@@ -292,16 +304,18 @@ impl<'a> Lighting<'a> {
                 waveform: m.emission_waveform.filter(|w| !w.rests()),
                 maps: Maps::of(m).filter(|_| m.model != ShadingModel::Unlit).map(|maps| Mapped {
                     maps,
-                    metallic: f64::from(m.metallic),
-                    roughness: f64::from(m.roughness),
-                    emissive: wide(m.emissive),
+                    metallic: f64::from(own.metallic),
+                    roughness: f64::from(own.roughness),
+                    emissive: wide(own.emissive),
                 }),
             }
         });
+        let answers = answers.collect();
         Self {
             world,
             looks,
-            answers: answers.collect(),
+            answers,
+            factors,
             shared: Arc::clone(shared),
             lamps: Default::default(),
             frames: None,
@@ -334,6 +348,12 @@ impl<'a> Lighting<'a> {
         let world = self.world;
         self.block += 1;
         let frames = clock.ends()?;
+        if frames[0].state.factors != self.factors {
+            // What is kept of earlier blocks was lit as materials were then.
+            let (block, shaded) = (self.block, std::mem::take(&mut self.shaded));
+            let now = Self::with_factors(world, &Arc::clone(&self.shared), frames[0].state.factors.clone());
+            *self = Self { block, shaded, ..now };
+        }
         self.lamps = frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
         let apart = |l: &Lamp| l.casts_shadow || l.waveform.is_some();
         self.own = (0..self.lamps[0].len()).filter(|k| apart(&self.lamps[0][*k])).take(MOST_OWN).collect();
@@ -1348,13 +1368,12 @@ fn sine_hz(waveform: Option<Waveform>) -> f64 {
     waveform.filter(|w| w.shape == WaveShape::Sine).map_or(0.0, |w| w.frequency_hz)
 }
 
-fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4]) -> Look {
+fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4], factor: [f32; 3]) -> Look {
     let primitive = world.primitive(surface);
     let material = &world.scene.materials[world.surfaces[surface as usize].material];
     let [a, b, _, d] = corners.map(|c| c as usize);
     let base = |i: usize| {
         let color = primitive.colors.as_ref().and_then(|c| c.get(i)).copied().unwrap_or([1.0; 4]);
-        let factor = material.base_color;
         DVec3::new(
             f64::from(factor[0] * color[0]),
             f64::from(factor[1] * color[1]),

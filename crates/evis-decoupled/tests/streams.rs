@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use evis_core::sensor::TriggerRule;
 use evis_core::{Event, SensorConfig};
 use evis_decoupled::{Settings, Stream, StreamSettings, View, simulate};
-use evis_scene::{HostPose, Scene, Variant};
+use evis_scene::{HostJump, HostPose, HostStep, Scene, Variant};
 
 const SIZE: Option<(u32, u32)> = Some((40, 30));
 
@@ -178,7 +178,7 @@ fn stepped(step_us: i64, restart_us: Option<i64>, jump_us: i64) -> Vec<Event> {
     for until_us in (step_us..=40_000).step_by(step_us as usize) {
         let times = (until_us - step_us + 1000..=until_us).step_by(1000);
         let poses: Vec<_> = times.map(|t_us| HostPose { t_us, ..pose(t_us + ahead_us) }).collect();
-        host.advance(&[(0, 0, poses)], until_us).unwrap();
+        host.advance(&HostStep { poses: &[(0, 0, poses)], ..HostStep::default() }, until_us).unwrap();
         stream.want(until_us);
         while complete < until_us {
             let piece = stream.next(&go_on).unwrap().unwrap();
@@ -188,7 +188,8 @@ fn stepped(step_us: i64, restart_us: Option<i64>, jump_us: i64) -> Vec<Event> {
         assert_eq!(complete, until_us, "a step's events are all there, and none of what is not known");
         if restart_us == Some(until_us) {
             ahead_us = jump_us;
-            host.jump(&[(0, 0, pose(until_us + ahead_us))]).unwrap();
+            host.jump(&HostJump { poses: &[(0, 0, pose(until_us + ahead_us))], ..HostJump::default() })
+                .unwrap();
             stream.restart(vec![0]);
         }
     }

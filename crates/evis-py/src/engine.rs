@@ -1,6 +1,7 @@
 //! Every call of the engine's crates that is more than a method, in one place; names become enums here.
 
 use std::path::Path;
+use std::sync::Mutex;
 use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, LensDistortion, Polarity};
@@ -10,7 +11,7 @@ use half::f16;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::door::EnterEngine;
+use crate::door::{EnterEngine, usable};
 use crate::errors::Failure;
 use crate::packet;
 
@@ -208,6 +209,15 @@ pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
             return Ok(py.None());
         }
         "panic" => return py.enter_engine(|| -> Result<Py<PyAny>, Failure> { panic!("probe") }),
+        "call after a panic" => {
+            let object = Mutex::new(());
+            // The first call breaks it, and says so; the second one must not go on with it.
+            let first = py.enter_engine(|| -> Result<(), Failure> {
+                let _held = usable(&object)?;
+                panic!("probe")
+            });
+            return py.enter_engine(|| usable(&object).map(|_| first.is_ok())).map(|_| py.None());
+        }
         "config" => ConfigError::new("rate", -1, "above 0").into(),
         "scene io" => {
             SceneError::Io { path: "missing.glb".into(), source: std::io::Error::from_raw_os_error(2) }.into()

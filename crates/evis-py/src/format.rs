@@ -8,7 +8,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::door::{EnterEngine, lock};
+use crate::door::{EnterEngine, lock, usable};
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
 
@@ -92,7 +92,7 @@ impl EventFileReader {
     fn read<'py>(&self, py: Python<'py>) -> PyResult<Option<PacketParts<'py>>> {
         let packet = py.enter_engine(|| {
             let mut packet = Packet::default();
-            let more = lock(&self.reader).read_packet(&mut packet)?;
+            let more = usable(&self.reader)?.read_packet(&mut packet)?;
             Ok::<_, Failure>(more.then_some(packet))
         })?;
         let Some(packet) = packet else { return Ok(None) };
@@ -113,7 +113,7 @@ impl EventFileReader {
     /// All events that are left.
     fn read_events<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let all = py.enter_engine(|| {
-            let mut reader = lock(&self.reader);
+            let mut reader = usable(&self.reader)?;
             let (mut all, mut packet) = (Vec::new(), Packet::default());
             while reader.read_packet(&mut packet)? {
                 all.append(&mut packet.events);
@@ -125,7 +125,7 @@ impl EventFileReader {
 
     /// Moves so that everything at `t_us` and later is still to come.
     fn seek(&self, py: Python<'_>, t_us: i64) -> PyResult<()> {
-        py.enter_engine(|| lock(&self.reader).seek(t_us))
+        py.enter_engine(|| Ok::<_, Failure>(usable(&self.reader)?.seek(t_us)?))
     }
 }
 
@@ -171,7 +171,7 @@ impl EventFileWriter {
     ) -> PyResult<()> {
         let events = events::as_events(&events)?;
         py.enter_engine(|| {
-            let mut writer = lock(&self.writer);
+            let mut writer = usable(&self.writer)?;
             let writer = writer.as_mut().ok_or_else(finished)?;
             if triggers.is_empty() {
                 return Ok::<_, Failure>(writer.write_events(events)?);
@@ -184,7 +184,7 @@ impl EventFileWriter {
     /// Ends the file and gives it its name.
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
         py.enter_engine(|| {
-            let writer = lock(&self.writer).take().ok_or_else(finished)?;
+            let writer = usable(&self.writer)?.take().ok_or_else(finished)?;
             Ok::<_, Failure>(writer.finish()?)
         })
     }

@@ -173,7 +173,7 @@ impl Writer {
     /// Writes the report and closes the file.
     fn finish(&self, py: Python<'_>, report_json: &str) -> PyResult<()> {
         py.enter_engine(|| {
-            let writer = lock(&self.writer).take().ok_or_else(finished)?;
+            let writer = usable(&self.writer)?.take().ok_or_else(finished)?;
             Ok::<_, Failure>(writer.finish(report_json)?)
         })
     }

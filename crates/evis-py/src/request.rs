@@ -41,6 +41,7 @@ pub(crate) struct Request {
     camera_speed: Option<f64>,
     reference_luminance: Option<f32>,
     poses: Vec<String>,
+    materials: Vec<String>,
     pose_step_us: Option<i64>,
 }
 
@@ -84,6 +85,7 @@ impl TryFrom<Request> for RunRequest {
             camera_speed: asked.camera_speed,
             reference_luminance: asked.reference_luminance,
             poses: asked.poses,
+            materials: asked.materials,
             pose_step_us: asked.pose_step_us,
         })
     }

@@ -6,7 +6,7 @@ use std::task::Poll;
 
 use evis_core::CameraInfo;
 use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, RunRequest};
-use evis_scene::HostPose;
+use evis_scene::{HostJump, HostPose, HostStep, MaterialChange, VisibleSteps};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -160,16 +160,28 @@ impl Simulator {
     }
 
     /// Runs to `until_us` and returns everything from now on. `poses`: environment, index of the node, times, and per time
-    /// position (3), rotation (x, y, z, w) and velocity (3, or none).
-    #[pyo3(signature = (until_us, poses))]
-    fn step(&self, py: Python<'_>, until_us: i64, poses: Option<Vec<NodePoses>>) -> PyResult<Packet> {
-        let poses: Option<Vec<_>> = poses.map(|poses| poses.into_iter().map(host_poses).collect());
+    /// position (3), rotation (x, y, z, w) and velocity (3, or none). `visible`: environment, index of the node, and whether it
+    /// is seen up to each time. `materials`: environment, index of the material, new factors.
+    #[pyo3(signature = (until_us, poses, visible, materials))]
+    fn step(
+        &self,
+        py: Python<'_>,
+        until_us: i64,
+        poses: Option<Vec<NodePoses>>,
+        visible: Vec<VisibleSteps>,
+        materials: Vec<(usize, usize, Factors)>,
+    ) -> PyResult<Packet> {
+        let driven = poses.is_some() || !visible.is_empty() || !materials.is_empty();
+        let poses: Vec<_> = poses.into_iter().flatten().map(host_poses).collect();
+        let materials: Vec<_> = materials.into_iter().map(host_change).collect();
         let packet = py.enter_engine_for_long(&self.stop, || {
             let mut engine = usable(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(taken)?;
-            let packet = match &poses {
-                Some(poses) => simulator.step_with_poses(until_us, poses)?,
-                None => simulator.step(until_us)?,
+            let packet = if driven {
+                let step = HostStep { poses: &poses, visible: &visible, materials: &materials };
+                simulator.step_with(until_us, &step)?
+            } else {
+                simulator.step(until_us)?
             };
             self.now_us.store(simulator.now_us(), Ordering::Release);
             Ok::<_, Failure>(packet)
@@ -177,23 +189,28 @@ impl Simulator {
         packet::convert(py, packet, &sizes(&self.cameras))
     }
 
-    /// Resets environments. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w).
-    #[pyo3(signature = (environments, seeds, poses))]
+    /// Resets environments. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w). `visible` and
+    /// `materials`: as of a step, without times.
+    #[pyo3(signature = (environments, seeds, poses, visible, materials))]
     fn reset(
         &self,
         py: Python<'_>,
         environments: Vec<usize>,
         seeds: Vec<u64>,
         poses: Vec<(usize, usize, [f64; 7])>,
+        visible: Vec<(usize, usize, bool)>,
+        materials: Vec<(usize, usize, Factors)>,
     ) -> PyResult<()> {
         let pose = |(environment, node, [x, y, z, qx, qy, qz, qw]): (usize, usize, [f64; 7])| {
             (environment, node, HostPose::new(0, [x, y, z], [qx, qy, qz, qw], None))
         };
         let poses: Vec<_> = poses.into_iter().map(pose).collect();
+        let materials: Vec<_> = materials.into_iter().map(host_change).collect();
         py.enter_engine(|| {
             let mut engine = usable(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(taken)?;
-            Ok::<_, Failure>(simulator.reset(&environments, &seeds, &poses)?)
+            let jump = HostJump { poses: &poses, visible: &visible, materials: &materials };
+            Ok::<_, Failure>(simulator.reset_to(&environments, &seeds, &jump)?)
         })
     }
 
@@ -221,6 +238,14 @@ fn host_poses((environment, node, times, values, velocities): NodePoses) -> (usi
         HostPose::new(t_us, [x, y, z], [qx, qy, qz, qw], velocity(i))
     };
     (environment, node, times.into_iter().zip(values).enumerate().map(pose).collect())
+}
+
+/// Base colour, metallic, emitted radiance, roughness; what is none stays.
+type Factors = (Option<[f32; 3]>, Option<f32>, Option<[f32; 3]>, Option<f32>);
+
+fn host_change((environment, material, factors): (usize, usize, Factors)) -> (usize, usize, MaterialChange) {
+    let (base_color, metallic, emissive, roughness) = factors;
+    (environment, material, MaterialChange { base_color, metallic, emissive, roughness })
 }
 
 fn taken() -> Failure {

@@ -28,6 +28,7 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use crate::distortion::Distortion;
 use crate::environment::Environment;
 use crate::error::SceneError;
+use crate::factors::{light_color, within};
 use crate::model::{
     AlphaMode, Camera, CameraSensor, Image, Lens, Light, LightKind, Material, Mesh, Node, Primitive, Scene,
     SensorKind, ShadingModel, Texture, TextureRef, Trs, Variant, Wrap,
@@ -605,11 +606,7 @@ impl SceneBuilder {
         };
         let mut material = material;
         if shape.is_double_sided() && !found.double_sided {
-            let both = Material {
-                double_sided: true,
-                name: format!("{} (both sides)", found.name),
-                ..found.clone()
-            };
+            let both = Material { double_sided: true, name: both_sides(&found.name), ..found.clone() };
             let known = self.scene.materials.iter().position(|m| m.name == both.name && m.double_sided);
             material = match known {
                 Some(index) => index,
@@ -889,6 +886,11 @@ fn load_environment(
     Ok(Environment { intensity, rotation: rotation_degrees.to_radians(), visible, ..environment })
 }
 
+/// Name of what is made of material `name` for shapes that are drawn from both sides.
+pub(crate) fn both_sides(name: &str) -> String {
+    format!("{name} (both sides)")
+}
+
 fn rule<T>(message: String) -> Result<T, SceneError> {
     Err(SceneError::Rule(message))
 }
@@ -916,21 +918,6 @@ fn not_negative(what: &str, value: f64, unit: &str) -> Result<(), SceneError> {
         return Ok(());
     }
     rule(format!("{what} is {value}; it takes {unit}, 0 or more"))
-}
-
-fn within(what: &str, value: f64, low: f64, high: f64) -> Result<(), SceneError> {
-    if (low..=high).contains(&value) {
-        return Ok(());
-    }
-    rule(format!("{what} is {value}; it takes a number between {low} and {high}"))
-}
-
-/// Linear light: no upper bound that matters, but halves of floats end at 65504.
-fn light_color(what: &str, color: [f32; 3]) -> Result<(), SceneError> {
-    if color.iter().all(|c| (0.0..=65504.0).contains(c)) {
-        return Ok(());
-    }
-    rule(format!("{what} is {color:?}; it takes linear RGB, each between 0 and 65504"))
 }
 
 fn check_waveform(waveform: &Waveform) -> Result<(), SceneError> {
@@ -968,12 +955,8 @@ fn texture_references(material: &mut Material) -> impl Iterator<Item = &mut Text
 
 fn check_material(material: &Material, textures: usize) -> Result<(), SceneError> {
     let check = || {
-        let [r, g, b, alpha] = material.base_color;
-        light_color("base_color", [r, g, b])?;
-        within("alpha of base_color", alpha.into(), 0.0, 1.0)?;
-        light_color("emissive", material.emissive)?;
-        within("metallic", material.metallic.into(), 0.0, 1.0)?;
-        within("roughness", material.roughness.into(), 0.0, 1.0)?;
+        material.factors().check()?;
+        within("alpha of base_color", material.base_color[3].into(), 0.0, 1.0)?;
         within("occlusion_strength", material.occlusion_strength.into(), 0.0, 1.0)?;
         finite("normal_scale", material.normal_scale.into())?;
         if let AlphaMode::Mask(cutoff) = material.alpha {

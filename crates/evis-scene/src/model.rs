@@ -7,8 +7,11 @@ use half::f16;
 
 use crate::distortion::Distortion;
 use crate::error::SceneError;
+use crate::factors::MaterialFactors;
 use crate::motion::{Motion, Waveform};
+use crate::steps::Steps;
 
+pub use crate::factors::ShadingModel;
 pub use crate::transform::Trs;
 
 /// Everything that can be seen, and what moves it.
@@ -136,18 +139,6 @@ pub struct MorphTarget {
     pub normals: Vec<[f32; 3]>,
 }
 
-/// How a surface answers light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ShadingModel {
-    /// Base colour is the radiance (KHR_materials_unlit).
-    Unlit,
-    /// Lambert: no highlight.
-    Diffuse,
-    /// glTF 2.0 metallic-roughness (appendix B).
-    #[default]
-    MetallicRoughness,
-}
-
 /// How alpha is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum AlphaMode {
@@ -193,6 +184,8 @@ pub struct Material {
     pub alpha: AlphaMode,
     /// Back faces are drawn and lit with the flipped normal.
     pub double_sided: bool,
+    /// A host changes its factors while the scene runs: [`Scene::drive_with`] sets it.
+    pub driven: bool,
 }
 
 impl Default for Material {
@@ -214,6 +207,20 @@ impl Default for Material {
             emission_waveform: None,
             alpha: AlphaMode::Opaque,
             double_sided: false,
+            driven: false,
+        }
+    }
+}
+
+impl Material {
+    /// Its factors.
+    pub const fn factors(&self) -> MaterialFactors {
+        let [r, g, b, _] = self.base_color;
+        MaterialFactors {
+            base_color: [r, g, b],
+            metallic: self.metallic,
+            emissive: self.emissive,
+            roughness: self.roughness,
         }
     }
 }
@@ -393,6 +400,8 @@ pub struct Variant {
     pub node_offsets: Vec<(usize, DMat4)>,
     /// `(node, poses)` of nodes that a host moves.
     pub poses: Vec<(usize, std::sync::Arc<crate::track::Track>)>,
+    /// `(material, factors)` of materials that a host changes.
+    pub factors: Vec<(usize, std::sync::Arc<Steps<MaterialFactors>>)>,
 }
 
 impl Scene {

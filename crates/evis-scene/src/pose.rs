@@ -1,10 +1,15 @@
 //! The state of a scene at one time, and the trait through which poses reach the engine.
 
+use std::sync::Arc;
+
 use glam::DMat4;
 
 use crate::error::SceneError;
-use crate::model::{Scene, Variant};
+use crate::factors::MaterialFactors;
+use crate::model::{Material, Scene, Variant};
 use crate::motion::Motion;
+use crate::steps::Steps;
+use crate::track::Track;
 
 /// Where everything is, and how bright, at one time.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,6 +22,8 @@ pub struct SceneState {
     pub light_factor: Vec<f32>,
     /// Per material: the factor of its waveform.
     pub emission_factor: Vec<f32>,
+    /// Per material: what textures multiply.
+    pub factors: Vec<MaterialFactors>,
 }
 
 /// Poses over time: a scene's own motion, or poses fed by a host.
@@ -57,9 +64,7 @@ impl Scene {
 
         state.world_from_node.clear();
         for (index, node) in self.nodes.iter().enumerate() {
-            if let Motion::Driven(track) = &node.motion {
-                let own = variant.and_then(|v| v.poses.iter().find(|(n, _)| *n == index));
-                let track = own.map_or(track, |(_, own)| own);
+            if let Some(track) = self.track_of(variant, index) {
                 state.world_from_node.push(track.world_from_node(host_us));
                 continue;
             }
@@ -86,6 +91,45 @@ impl Scene {
         state.light_factor.extend(self.lights.iter().map(|l| factor(&l.waveform)));
         state.emission_factor.clear();
         state.emission_factor.extend(self.materials.iter().map(|m| factor(&m.emission_waveform)));
+        state.factors.clear();
+        state.factors.extend(self.materials.iter().map(Material::factors));
+        for (material, steps) in self.driven_factors(variant) {
+            if let (Some(slot), Some(now)) = (state.factors.get_mut(*material), steps.at(host_us)) {
+                *slot = now;
+            }
+        }
+    }
+
+    /// What a host says of node `node` in `variant`; `None` where no host moves it.
+    pub fn track_of<'a>(&'a self, variant: Option<&'a Variant>, node: usize) -> Option<&'a Track> {
+        let Motion::Driven(track) = &self.nodes.get(node)?.motion else { return None };
+        let own = variant.and_then(|v| v.poses.iter().find(|(n, _)| *n == node));
+        Some(own.map_or(track, |(_, own)| own))
+    }
+
+    /// Materials that a host changes in `variant`; in the first one where none is chosen.
+    fn driven_factors<'a>(
+        &'a self,
+        variant: Option<&'a Variant>,
+    ) -> &'a [(usize, Arc<Steps<MaterialFactors>>)] {
+        variant.or_else(|| self.variants.first()).map_or(&[], |variant| &variant.factors)
+    }
+
+    /// Times in (start, end), in microseconds of scene time and ascending, at which a host shows or hides nodes of `variant`, or changes its
+    /// materials.
+    pub fn host_step_times(&self, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
+        let mut times = Vec::new();
+        for index in 0..self.nodes.len() {
+            if let Some(track) = self.track_of(variant, index) {
+                times.extend(track.visible.times(start_us, end_us));
+            }
+        }
+        for (_, steps) in self.driven_factors(variant) {
+            times.extend(steps.times(start_us, end_us));
+        }
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times
     }
 
     /// The scene with everything that moves, deforms or changes its light `speed` times as fast as now. Offsets of

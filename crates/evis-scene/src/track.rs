@@ -6,6 +6,7 @@ use std::sync::{PoisonError, RwLock};
 use glam::{DMat4, DQuat, DVec3};
 
 use crate::interpolate::{hermite, slerp};
+use crate::steps::Steps;
 
 /// The pose of a node in the world at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,10 +31,11 @@ impl HostPose {
 
 /// The poses of a node in one environment. Between two of them positions run straight, or along the cubic that has the
 /// velocities of both where they are given; rotations turn evenly along the shorter arc. Before the first and after the last
-/// one the node rests.
+/// one the node rests. While it is hidden, it is scaled to nothing.
 pub struct Track {
     scale: DVec3,
     poses: RwLock<Vec<HostPose>>,
+    pub(crate) visible: Steps<bool>,
 }
 
 impl fmt::Debug for Track {
@@ -47,7 +49,7 @@ impl Track {
     pub fn new(t_us: i64, world_from_node: &DMat4) -> Self {
         let (scale, rotation, position) = world_from_node.to_scale_rotation_translation();
         let first = HostPose { t_us, position, rotation: rotation.normalize(), velocity: None };
-        Self { scale, poses: RwLock::new(vec![first]) }
+        Self { scale, poses: RwLock::new(vec![first]), visible: Steps::new(true) }
     }
 
     /// `world_from_node` at scene time `t_us`.
@@ -59,7 +61,8 @@ impl Track {
             (Some(only), None) | (None, Some(only)) => (only.position, only.rotation),
             (None, None) => (DVec3::ZERO, DQuat::IDENTITY),
         };
-        DMat4::from_scale_rotation_translation(self.scale, rotation, position)
+        let scale = if self.visible.at(t_us) == Some(false) { DVec3::ZERO } else { self.scale };
+        DMat4::from_scale_rotation_translation(scale, rotation, position)
     }
 
     /// Times in (start, end), in microseconds of scene time and ascending, at which it has a pose.
@@ -90,6 +93,7 @@ impl Track {
         let mut poses = self.poses.write().unwrap_or_else(PoisonError::into_inner);
         let old = poses.partition_point(|pose| pose.t_us <= t_us).saturating_sub(1);
         poses.drain(..old);
+        self.visible.forget_before(t_us);
     }
 
     /// The last pose.

@@ -212,6 +212,7 @@ fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
         camera_speed: args.camera_motion.camera_speed,
         reference_luminance: args.reference_luminance,
         poses: Vec::new(),
+        materials: Vec::new(),
         pose_step_us: None,
     })
 }

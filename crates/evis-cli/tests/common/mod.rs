@@ -139,6 +139,33 @@ pub fn write_recording(path: &Path, hdr: bool, finish: bool) {
     }
 }
 
+/// A recording of 300 000 events of a camera named left, which fill many pages.
+pub fn write_many_events(path: &Path) {
+    let header = RecordingHeader {
+        cameras: vec![camera("left")],
+        seed: 7,
+        method: "native".into(),
+        environment: 0,
+        config_toml: String::new(),
+        duration_us: None,
+        t_offset_us: 0,
+        labels: vec![],
+    };
+    let mut state = 1_u64;
+    let mut random = |below: u64| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) % below
+    };
+    let mut event = |k: i64| {
+        let (x, y) = (random(u64::from(WIDTH)) as u16, random(u64::from(HEIGHT)) as u16);
+        Event::new(50 * k + random(50) as i64, x, y, Polarity::On)
+    };
+    let events: Vec<Event> = (0..300_000).map(&mut event).collect();
+    let mut writer = RecordingWriter::create(path, &header, false).unwrap();
+    writer.write_events(0, &events).unwrap();
+    writer.finish("{}").unwrap();
+}
+
 /// Whether a test that needs a device may skip: only where no one insists on one.
 pub fn no_device(folder: &Folder) -> bool {
     let listed = json(&evis(folder, "devices --json"));

@@ -21,6 +21,9 @@ struct ObjectRecord {
     semantic_id: u32,
     // Factor of the material's emission waveform.
     emission_factor: f32,
+    // Of the material, where a host changes it: base colour and metallic, emitted radiance and roughness.
+    base_metallic: vec4<f32>,
+    emissive_roughness: vec4<f32>,
 };
 
 fn world_from_object(object: InstanceRecord, position: vec3<f32>) -> vec3<f32> {

@@ -32,6 +32,16 @@ struct GeometryOut {
     @location(2) ids: vec2<u32>,
 };
 
+// Clip position at another label. What is scaled to nothing is not seen there: it is as behind the camera.
+fn other_clip(object: InstanceRecord, position: vec3<f32>) -> vec4<f32> {
+    let clip = object.clip_from_object;
+    let none = vec4<f32>(0.0);
+    if (all(clip[0] == none) && all(clip[1] == none) && all(clip[2] == none)) {
+        return vec4<f32>(0.0, 0.0, 0.0, -1.0);
+    }
+    return clip * vec4<f32>(position, 1.0);
+}
+
 @vertex
 fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex_index) vertex: u32) -> GeometryVaryings {
     let next = instance + label.next_offset;
@@ -39,8 +49,8 @@ fn vs_main(in: VertexIn, @builtin(instance_index) instance: u32, @builtin(vertex
     var out: GeometryVaryings;
     out.here = input_clip(in) * vec4<f32>(deform(instance, in, vertex).position, 1.0);
     out.position = out.here;
-    out.next = instances[next].clip_from_object * vec4<f32>(deform(next, in, vertex).position, 1.0);
-    out.last = instances[last].clip_from_object * vec4<f32>(deform(last, in, vertex).position, 1.0);
+    out.next = other_clip(instances[next], deform(next, in, vertex).position);
+    out.last = other_clip(instances[last], deform(last, in, vertex).position);
     out.ids = vec2<u32>(objects[instance].instance_id, objects[instance].semantic_id);
     out.uv = vec4<f32>(input_uv0(in), input_uv1(in));
     out.alpha = input_color(in).a;

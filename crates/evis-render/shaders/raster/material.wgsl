@@ -16,6 +16,8 @@ override HAS_NORMAL_TEXTURE: bool = false;
 override HAS_OCCLUSION_TEXTURE: bool = false;
 override HAS_EMISSIVE_TEXTURE: bool = false;
 override ALPHA_MASK: bool = false;
+// Whether a host changes factors: then they come with the object.
+override DRIVEN_FACTORS: bool = false;
 // Whether any texture is read elsewhere than at the first uv set as it is.
 override UV_TRANSFORM: bool = true;
 // Smaller shares, by which a sample reads a texture at one place; see texture_samples() in pass/raster.rs.
@@ -118,9 +120,17 @@ fn texture_mean(image: texture_2d<f32>, filtering: sampler, uv: vec2<f32>, at: v
     return sum / f32(taps.rows * taps.columns);
 }
 
+// Factor of the base colour, and alpha.
+fn base_factor(v: Varyings) -> vec4<f32> {
+    if (DRIVEN_FACTORS) {
+        return vec4<f32>(vary_base_metallic(v).rgb, material.base_color.a);
+    }
+    return material.base_color;
+}
+
 // Linear base colour and alpha: factor * texture * vertex colour.
 fn base_color(v: Varyings) -> vec4<f32> {
-    var color = material.base_color * vary_color(v);
+    var color = base_factor(v) * vary_color(v);
     if (HAS_BASE_TEXTURE) {
         let uv = material_uv(v, 0u);
         if (ALPHA_MASK) {
@@ -136,6 +146,9 @@ fn base_color(v: Varyings) -> vec4<f32> {
 
 fn emitted(v: Varyings) -> vec3<f32> {
     var color = material.emissive.rgb;
+    if (DRIVEN_FACTORS) {
+        color = vary_emissive_roughness(v).rgb;
+    }
     if (HAS_EMISSIVE_TEXTURE) {
         let uv = material_uv(v, 4u);
         color *= texture_mean(emissive_texture, emissive_sampler, uv, v.position.xy).rgb;
@@ -146,6 +159,9 @@ fn emitted(v: Varyings) -> vec3<f32> {
 // Metallic, perceptual roughness.
 fn metallic_roughness(v: Varyings) -> vec2<f32> {
     var value = material.factors.xy;
+    if (DRIVEN_FACTORS) {
+        value = vec2<f32>(vary_base_metallic(v).w, vary_emissive_roughness(v).w);
+    }
     if (HAS_METALLIC_ROUGHNESS_TEXTURE) {
         let uv = material_uv(v, 1u);
         let level = texture_level(uv, textureDimensions(metallic_roughness_texture));

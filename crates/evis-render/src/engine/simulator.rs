@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use evis_core::event::MOST_T_US;
 use evis_core::{CameraInfo, ConfigError, SensorConfig};
-use evis_scene::{HostPose, HostPoses, Scene};
+use evis_scene::{HostJump, HostPose, HostPoses, HostStep, Scene};
 
 use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
@@ -195,7 +195,7 @@ impl Simulator {
     pub fn step(&mut self, until_us: i64) -> Result<Packet, EngineError> {
         self.check_time("until_us", until_us)?;
         if self.host_poses.is_some() {
-            return self.step_with_poses(until_us, &[]);
+            return self.step_with(until_us, &HostStep::default());
         }
         self.source.deliver(until_us, until_us)
     }
@@ -233,10 +233,18 @@ impl Simulator {
         until_us: i64,
         poses: &[(usize, usize, Vec<HostPose>)],
     ) -> Result<Packet, EngineError> {
-        let Some(host) = &self.host_poses else {
-            let remedy = "no poses: name the nodes that a host moves when the simulator is made";
-            return Err(ConfigError::new("poses", "given", remedy).into());
-        };
+        self.step_with(until_us, &HostStep { poses, ..HostStep::default() })
+    }
+
+    /// As [`Simulator::step_with_poses`], where a host also shows and hides nodes or changes materials
+    /// ([`Scene::drive_with`]): all at once, just after the present, so that light jumps there; in the first step things were
+    /// never otherwise. What is seen at the present itself, labels included, is as it was.
+    ///
+    /// # Errors
+    /// As [`Simulator::step_with_poses`]; nodes that cannot be hidden, factors that a material does not have or that are out
+    /// of range. Then nothing has changed.
+    pub fn step_with(&mut self, until_us: i64, step: &HostStep<'_>) -> Result<Packet, EngineError> {
+        let Some(host) = &self.host_poses else { return Err(not_driven().into()) };
         self.check_time("until_us", until_us)?;
         let needed_us = self.source.needed_us(until_us);
         if needed_us != until_us {
@@ -248,14 +256,24 @@ impl Simulator {
         }
         let start_us = self.config.start_us;
         // A step that was stopped goes on.
-        if !poses.is_empty() || host.known_until_us() < start_us + until_us {
-            let shifted: Vec<_> = poses
+        if !step.is_empty() || host.known_until_us() < start_us + until_us {
+            let poses: Vec<_> = step
+                .poses
                 .iter()
                 .map(|(environment, node, poses)| {
                     let poses = poses.iter().map(|p| HostPose { t_us: start_us + p.t_us, ..*p });
                     (*environment, *node, poses.collect())
                 })
                 .collect();
+            let visible: Vec<_> = step
+                .visible
+                .iter()
+                .map(|(environment, node, values)| {
+                    let values = values.iter().map(|(t_us, seen)| (start_us + t_us, *seen));
+                    (*environment, *node, values.collect())
+                })
+                .collect();
+            let shifted = HostStep { poses: &poses, visible: &visible, ..*step };
             host.advance(&shifted, start_us + until_us)?;
         }
         let packet = self.source.deliver(until_us, until_us)?;
@@ -279,6 +297,19 @@ impl Simulator {
         seeds: &[u64],
         poses: &[(usize, usize, HostPose)],
     ) -> Result<(), EngineError> {
+        self.reset_to(environments, seeds, &HostJump { poses, ..HostJump::default() })
+    }
+
+    /// As [`Simulator::reset`], where nodes and materials also are otherwise from now on, without any event.
+    ///
+    /// # Errors
+    /// As [`Simulator::reset`] and [`Simulator::step_with`]. Then nothing has changed.
+    pub fn reset_to(
+        &mut self,
+        environments: &[usize],
+        seeds: &[u64],
+        jump: &HostJump<'_>,
+    ) -> Result<(), EngineError> {
         for (place, environment) in environments.iter().enumerate() {
             if *environment >= self.environments {
                 let remedy = format!("between 0 and {}", self.environments - 1);
@@ -293,17 +324,15 @@ impl Simulator {
             return Err(ConfigError::new("seed", format!("{} seeds", seeds.len()), remedy).into());
         }
         self.source.check_reset()?;
-        if let Some((environment, ..)) = poses.iter().find(|(e, ..)| !environments.contains(e)) {
-            let remedy = "only for environments that are reset; others move with step";
-            return Err(ConfigError::new("poses", format!("for environment {environment}"), remedy).into());
+        if let Some(environment) = jump.environments().find(|e| !environments.contains(e)) {
+            let remedy = "only for environments that are reset; others change with step";
+            let what = if jump.poses.is_empty() { "visible or materials" } else { "poses" };
+            return Err(ConfigError::new(what, format!("for environment {environment}"), remedy).into());
         }
         match &self.host_poses {
-            Some(host) => host.jump(poses)?,
-            None if poses.is_empty() => {}
-            None => {
-                let remedy = "no poses: name the nodes that a host moves when the simulator is made";
-                return Err(ConfigError::new("poses", "given", remedy).into());
-            }
+            Some(host) => host.jump(jump)?,
+            None if jump.is_empty() => {}
+            None => return Err(not_driven().into()),
         }
         self.source.reset(environments, seeds)
     }
@@ -351,6 +380,11 @@ impl Simulator {
             .map_err(|e| EngineError::Device(format!("cannot start the stream's thread: {e}")))?;
         Ok(PacketStream { receive: Some(receive), stop, thread: Some(thread) })
     }
+}
+
+fn not_driven() -> ConfigError {
+    let remedy = "not given: name the nodes that a host moves, and the materials that it changes, when the simulator is made";
+    ConfigError::new("poses, visible or materials", "given", remedy)
 }
 
 /// Whether everything that `config` asks for can be had of poses that are known no further than a step's end.

@@ -375,6 +375,8 @@ fn visible_items(
 
 fn object_record(object: &Object, state: &SceneState, skins: &[u32], weights: &[u32]) -> ObjectRecord {
     let morph = object.morph;
+    let factors = &state.factors[object.material];
+    let with = |[r, g, b]: [f32; 3], w: f32| [r, g, b, w];
     ObjectRecord {
         joint_base: object.skin.map_or(0, |s| skins[s]),
         morph_weight_base: weights[object.node],
@@ -384,6 +386,8 @@ fn object_record(object: &Object, state: &SceneState, skins: &[u32], weights: &[
         instance_id: object.instance_id,
         semantic_id: object.semantic_id,
         emission_factor: state.emission_factor[object.material],
+        base_metallic: with(factors.base_color, factors.metallic),
+        emissive_roughness: with(factors.emissive, factors.roughness),
     }
 }
 

@@ -87,6 +87,10 @@ pub struct ObjectRecord {
     pub semantic_id: u32,
     /// Factor on emission.
     pub emission_factor: f32,
+    /// Linear base colour; w: metallic. Read where a host changes the material.
+    pub base_metallic: [f32; 4],
+    /// Emitted radiance; w: roughness. Read where a host changes the material.
+    pub emissive_roughness: [f32; 4],
 }
 
 /// `Material` in `raster/material.wgsl`.

@@ -112,6 +112,8 @@ pub struct SurfaceVariant {
     pub mirrored: bool,
     /// Emission varies in time.
     pub emission_waveform: bool,
+    /// A host changes the material's factors.
+    pub driven: bool,
 }
 
 impl SurfaceVariant {
@@ -148,6 +150,7 @@ impl SurfaceVariant {
             double_sided: material.double_sided,
             mirrored,
             emission_waveform: material.emission_waveform.is_some(),
+            driven: material.driven,
         }
     }
 
@@ -349,6 +352,22 @@ pub fn prelude(variant: &SurfaceVariant, interface: Interface, lights: &LightSet
             "objects[instance].emission_factor",
             "1.0",
             shading && variant.emission_waveform,
+        ),
+        (
+            "base_metallic",
+            "vec4<f32>",
+            "@interpolate(flat) ",
+            "objects[instance].base_metallic",
+            "vec4<f32>(0.0)",
+            shading && variant.driven,
+        ),
+        (
+            "emissive_roughness",
+            "vec4<f32>",
+            "@interpolate(flat) ",
+            "objects[instance].emissive_roughness",
+            "vec4<f32>(0.0)",
+            shading && variant.driven,
         ),
     ];
     out.push_str("struct Varyings {\n    @builtin(position) position: vec4<f32>,\n");

@@ -157,6 +157,8 @@ pub fn surface_pipeline(
         ("HAS_OCCLUSION_TEXTURE", flag(variant.occlusion_texture)),
         ("HAS_EMISSIVE_TEXTURE", flag(variant.emissive_texture)),
         ("ALPHA_MASK", flag(variant.mask)),
+        // Only what shades is given them.
+        ("DRIVEN_FACTORS", flag(variant.driven && what.interface.shades)),
         ("UV_TRANSFORM", flag(variant.uv_transform)),
         ("TEXTURE_SAMPLES", f64::from(scene.texture_samples)),
         ("TEXTURE_TAPS", f64::from(scene.texture_taps)),

@@ -73,6 +73,8 @@ pub struct RunRequest {
     pub reference_luminance: Option<f32>,
     /// Names of nodes and cameras that a host moves.
     pub poses: Vec<String>,
+    /// Names of the materials that a host changes, or of nodes whose own it changes.
+    pub materials: Vec<String>,
     /// [`RunConfig::pose_step_us`].
     pub pose_step_us: Option<i64>,
 }
@@ -132,8 +134,8 @@ impl RunRequest {
             None => {}
         }
         config.check()?;
-        let Self { set, camera_motion, camera_speed, poses, .. } = self;
-        Ok(Settled { config, sampling, for_all, set, camera_motion, camera_speed, poses })
+        let Self { set, camera_motion, camera_speed, poses, materials, .. } = self;
+        Ok(Settled { config, sampling, for_all, set, camera_motion, camera_speed, poses, materials })
     }
 
     /// The method that is asked for, with what is asked of its keyframes.
@@ -160,13 +162,18 @@ impl RunRequest {
         })))
     }
 
+    /// Whether a host moves or changes anything.
+    fn is_driven(&self) -> bool {
+        !(self.poses.is_empty() && self.materials.is_empty())
+    }
+
     fn pose_step(&self) -> Result<Option<i64>, ConfigError> {
         match self.pose_step_us {
-            Some(step_us) if self.poses.is_empty() => {
-                let remedy = "left out, or given with `poses`: the names of what a host moves";
+            Some(step_us) if !self.is_driven() => {
+                let remedy = "left out, or given with `poses` or `materials`: the names of what a host moves or changes";
                 Err(ConfigError::new("pose_step_us", step_us, remedy))
             }
-            None if !self.poses.is_empty() => Ok(Some(USUAL_POSE_STEP_US)),
+            None if self.is_driven() => Ok(Some(USUAL_POSE_STEP_US)),
             step_us => Ok(step_us),
         }
     }
@@ -191,6 +198,7 @@ pub struct Settled {
     camera_motion: Option<CameraMotion>,
     camera_speed: Option<f64>,
     poses: Vec<String>,
+    materials: Vec<String>,
 }
 
 impl Settled {
@@ -210,15 +218,15 @@ impl Settled {
         }
     }
 
-    /// `scene` with what is asked of its poses: driven by a host, its cameras moved.
+    /// `scene` as it is asked for: what a host moves and changes left to it, its cameras moved.
     ///
     /// # Errors
     /// Names that do not exist, a motion that cannot be had.
     pub fn moved(&self, scene: &Arc<Scene>) -> Result<Arc<Scene>, EngineError> {
         let mut scene = Arc::clone(scene);
-        if !self.poses.is_empty() {
+        if !(self.poses.is_empty() && self.materials.is_empty()) {
             let mut driven = Scene::clone(&scene);
-            driven.drive(&self.poses, self.config.start_us)?;
+            driven.drive_with(&self.poses, &self.materials, self.config.start_us)?;
             scene = Arc::new(driven);
         }
         Ok(camera_motion::moved(&scene, &self.camera_motion())?)

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use evis_scene::Scene;
 use glam::{DMat4, DVec3};
 
-use crate::gpu::uniforms::LightRecord;
+use crate::gpu::uniforms::{LightRecord, ObjectRecord};
 use crate::sampling::clusters::{Hull, Pieces, pieces};
 use crate::sampling::needs::Needs;
 use crate::sampling::shadow_rate::{Receiver, Scenery, shadows};
@@ -178,9 +178,8 @@ impl TileRateEstimator {
         let scenery = Scenery::new(view, gpu_scene, &self.pieces, (needs.columns, needs.rows));
         for &body in moving.iter().filter(|body| view.visible.contains(&(body.object() as u32))) {
             let o = body.object();
-            let glow = view.shared.windows(2).map(|pair| {
-                log_change(pair[0].records[o].emission_factor, pair[1].records[o].emission_factor)
-            });
+            let glow =
+                view.shared.windows(2).map(|pair| glow_change(&pair[0].records[o], &pair[1].records[o]));
             let glow = glow.fold(0.0, f64::max) / self.light_step();
             let activity = Activity::Moves(body);
             let deviations = scenery.deviations(activity);
@@ -253,6 +252,12 @@ impl TileRateEstimator {
             .collect();
         grid.speeds(lens, &steps, &view.camera_deviation(moments), view.sky, needs, self.step_px);
     }
+}
+
+/// How the logarithm of what a surface sends changes: without end where a host changes its material, all at once.
+fn glow_change(a: &ObjectRecord, b: &ObjectRecord) -> f64 {
+    let factors = |record: &ObjectRecord| (record.base_metallic, record.emissive_roughness);
+    if factors(a) == factors(b) { log_change(a.emission_factor, b.emission_factor) } else { f64::INFINITY }
 }
 
 /// How the logarithm of a light changes: without end where it moves.

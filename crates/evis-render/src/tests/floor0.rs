@@ -34,6 +34,7 @@ fn every_feature() -> SurfaceVariant {
         double_sided: false,
         mirrored: false,
         emission_waveform: true,
+        driven: true,
     }
 }
 
@@ -280,6 +281,8 @@ fn host_and_shader_structs_have_one_layout() {
             instance_id,
             semantic_id,
             emission_factor,
+            base_metallic,
+            emissive_roughness,
         }
     );
     same_layout!(

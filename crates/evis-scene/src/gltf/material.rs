@@ -108,6 +108,7 @@ impl Reader<'_> {
             emission_waveform: None,
             alpha,
             double_sided: source.double_sided,
+            driven: false,
         })
     }
 

@@ -139,11 +139,8 @@ fn material(mut keys: Keys<'_>, scene: &mut SceneBuilder) -> Result<(), SceneErr
     if scene.find_material(name).is_ok() {
         return Err(keys.error("there are two materials of this name; each needs its own"));
     }
-    let models = [
-        ("unlit", ShadingModel::Unlit),
-        ("diffuse", ShadingModel::Diffuse),
-        ("metallic_roughness", ShadingModel::MetallicRoughness),
-    ];
+    let models = [ShadingModel::Unlit, ShadingModel::Diffuse, ShadingModel::MetallicRoughness];
+    let models = models.map(|model| (model.name(), model));
     let mut material = Material {
         name: name.into(),
         model: keys.choice("model", &models)?.unwrap_or(ShadingModel::Diffuse),
@@ -480,10 +477,10 @@ fn environment(mut keys: Keys<'_>, scene: &mut SceneBuilder) -> Result<(), Scene
     }
     for i in 0..count {
         let variant = Variant {
-            poses: Vec::new(),
             seed_offset: seed_offset + i,
             time_offset_s: time_offset_s + i as f64 * time_step_s,
             node_offsets: node_offsets.clone(),
+            ..Variant::default()
         };
         scene.variant(variant).map_err(|e| keys.locate(e))?;
         if scene.scene().variants.len() as u64 > MAX_ENVIRONMENTS {

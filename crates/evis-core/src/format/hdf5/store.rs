@@ -79,6 +79,9 @@ pub(super) struct Store {
     found: u64,
     /// Where each write since [`Store::remember`] went, and what was there.
     overwritten: Option<Vec<(u64, Vec<u8>)>>,
+    /// Bytes that were written since it was opened.
+    #[cfg(test)]
+    pub written: u64,
 }
 
 impl Store {
@@ -122,6 +125,8 @@ impl Store {
             on_disk,
             found: on_disk,
             overwritten: None,
+            #[cfg(test)]
+            written: 0,
         })
     }
 
@@ -256,6 +261,10 @@ impl Store {
         }
         let result = self.file.seek(SeekFrom::Start(address)).and_then(|_| self.file.write_all(bytes));
         result.map_err(|e| self.io("write", e))?;
+        #[cfg(test)]
+        {
+            self.written += bytes.len() as u64;
+        }
         self.on_disk = self.on_disk.max(address + bytes.len() as u64);
         Ok(())
     }

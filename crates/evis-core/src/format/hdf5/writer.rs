@@ -1054,9 +1054,7 @@ mod tests {
     use super::*;
     use crate::event::Polarity;
 
-    #[test]
-    fn a_recording_with_events_that_cannot_be_is_refused() {
-        let path = std::env::temp_dir().join(format!("evis-writer-{}.h5", std::process::id()));
+    fn header() -> RecordingHeader {
         let camera = CameraInfo {
             name: "c".into(),
             width: 40,
@@ -1067,7 +1065,7 @@ mod tests {
             cy: 15.0,
             distortion: None,
         };
-        let header = RecordingHeader {
+        RecordingHeader {
             cameras: vec![camera],
             seed: 3,
             method: "native".into(),
@@ -1076,7 +1074,51 @@ mod tests {
             duration_us: Some(1_000_000),
             t_offset_us: 0,
             labels: Vec::new(),
+        }
+    }
+
+    /// Each flush stores unfinished chunks again; flushes go by the clock, not by the stream.
+    #[test]
+    fn a_run_faster_than_real_time_does_not_write_its_events_many_times() {
+        // 4 s of stream in packets of 10 ms, of events that hardly compress.
+        let written = |every_packet: bool| {
+            let name = format!("evis-written-{}-{every_packet}.h5", std::process::id());
+            let path = std::env::temp_dir().join(name);
+            let mut writer = RecordingWriter::create(&path, &header(), true).unwrap();
+            let mut state = 1_u64;
+            let mut random = |below: u64| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 33) % below
+            };
+            for packet in 0..400 {
+                let events: Vec<Event> = (0..200)
+                    .map(|k| {
+                        let t = packet * 10_000 + k * 50 + random(50) as i64;
+                        Event::new(t, random(40) as u16, random(30) as u16, Polarity::On)
+                    })
+                    .collect();
+                writer.write_events(0, &events).unwrap();
+                if every_packet {
+                    writer.flush().unwrap();
+                }
+            }
+            writer.flush().unwrap();
+            let written = writer.store.written as f64;
+            writer.finish("{}").unwrap();
+            let size = fs::metadata(&path).unwrap().len() as f64;
+            fs::remove_file(&path).unwrap();
+            [written, size]
         };
+        let ([by_the_clock, size], [each, larger]) = (written(false), written(true));
+        println!("{by_the_clock} bytes for {size}; {each} for {larger} with a flush per packet");
+        assert!(by_the_clock < 3.0 * size, "{by_the_clock} bytes for {size}");
+        assert!(each > 10.0 * size, "canary: {each} bytes for {size}");
+    }
+
+    #[test]
+    fn a_recording_with_events_that_cannot_be_is_refused() {
+        let path = std::env::temp_dir().join(format!("evis-writer-{}.h5", std::process::id()));
+        let header = header();
         let good: Vec<Event> =
             (0..600).map(|i| Event::new(i * 37, (i % 40) as u16, 3, Polarity::On)).collect();
         let read = |events: &[Event]| {
