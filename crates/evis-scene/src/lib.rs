@@ -24,6 +24,7 @@ pub mod motion;
 pub mod picture;
 pub mod pose;
 pub mod primitive;
+mod plausible;
 pub mod procedural;
 pub mod rig;
 pub mod source;
