@@ -12,9 +12,9 @@ use evis_video::{
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-use crate::door::{EnterEngine, Owned};
 use crate::emulator::from_json;
 use crate::errors::Failure;
+use crate::gil::{Detach, ProcessBound};
 
 impl From<VideoError> for Failure {
     fn from(error: VideoError) -> Self {
@@ -81,7 +81,7 @@ pub(crate) fn convert_video(
     let config = VideoConfig { sensor, seed, reference_luminance, ..VideoConfig::default() };
     let stop = AtomicBool::new(false);
     let failed = Mutex::new(None);
-    let json = py.enter_engine_for_long(&stop, || {
+    let json = py.detach_interruptible(&stop, || {
         let stream = VideoStream::new(source.open()?, config)?;
         let duration_us = stream.source().duration_us().unwrap_or(0);
         let mut told = Instant::now();
@@ -110,7 +110,7 @@ const TOLD_EVERY: Duration = Duration::from_millis(100);
 
 /// Frames, one after the other.
 #[pyclass(frozen, module = "evis._evis")]
-pub(crate) struct FrameReader(Owned<Mutex<FrameSource>>);
+pub(crate) struct FrameReader(ProcessBound<Mutex<FrameSource>>);
 
 /// Time, numbers, height, width, channels.
 type Read<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
@@ -119,12 +119,12 @@ type Read<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
 impl FrameReader {
     #[new]
     fn new(py: Python<'_>, source: Wanted) -> PyResult<Self> {
-        py.enter_engine(|| Ok::<_, Failure>(Self(Owned::new(Mutex::new(source.open()?)))))
+        py.detach_engine(|| Ok::<_, Failure>(Self(ProcessBound::new(Mutex::new(source.open()?)))))
     }
 
     /// The next frame as a flat array; None after the last one.
     fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<Read<'py>>> {
-        let read = py.enter_engine(|| {
+        let read = py.detach_engine(|| {
             let mut source = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             source.next_frame().map_err(Failure::from)
         })?;
@@ -141,7 +141,7 @@ impl FrameReader {
 
     /// Kind, curve, absolute time of the first frame used, warnings.
     fn about(&self, py: Python<'_>) -> PyResult<(&'static str, String, i64, Vec<String>)> {
-        py.enter_engine(|| {
+        py.detach_engine(|| {
             let source = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             let curve = transfer_name(source.transfer());
             Ok::<_, Failure>((source.kind(), curve, source.offset_us(), source.warnings()))

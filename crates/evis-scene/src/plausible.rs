@@ -84,7 +84,9 @@ impl Scene {
             let Some(place) = around.iter().position(|node| *node == triangle.node) else { return };
             let corners = triangle.corners.map(|p| p - eye);
             for (direction, nearest) in directions.iter().zip(&mut nearest[place]) {
-                let Some(depth) = hit(*direction, &corners, true).filter(|depth| *depth > 0.0) else { continue };
+                let Some(depth) = hit(*direction, &corners, true).filter(|depth| *depth > 0.0) else {
+                    continue;
+                };
                 if nearest.is_none_or(|nearest| depth < nearest.depth) {
                     let is_front = hit(*direction, &corners, false).is_some();
                     *nearest = Some(Nearest { depth, is_front, both: triangle.both });
@@ -119,7 +121,9 @@ impl Scene {
         (start_s, duration_s): (f64, f64),
         interval_s: f64,
     ) -> f64 {
-        let Some(pinhole) = self.cameras.get(camera).map(|camera| Pinhole::new(camera, size)) else { return 0.0 };
+        let Some(pinhole) = self.cameras.get(camera).map(|camera| Pinhole::new(camera, size)) else {
+            return 0.0;
+        };
         let [mut before, mut after] = [SceneState::default(), SceneState::default()];
         let mut most = 0.0_f64;
         for k in 0..MOTION_SAMPLES {
@@ -166,7 +170,9 @@ const DIRECTIONS: usize = 26;
 fn directions() -> [DVec3; DIRECTIONS] {
     let turn = glam::DQuat::from_euler(glam::EulerRot::XYZ, 0.31, 0.47, 0.23);
     let mut directions = [DVec3::ZERO; DIRECTIONS];
-    let steps = (0..27).filter(|k| *k != 13).map(|k| DVec3::new(f64::from(k % 3), f64::from(k / 3 % 3), f64::from(k / 9)) - 1.0);
+    let steps = (0..27)
+        .filter(|k| *k != 13)
+        .map(|k| DVec3::new(f64::from(k % 3), f64::from(k / 3 % 3), f64::from(k / 9)) - 1.0);
     directions.iter_mut().zip(steps).for_each(|(direction, step)| *direction = turn * step.normalize());
     directions
 }
@@ -186,7 +192,7 @@ mod tests {
         let wall = s.material(Material { double_sided, ..Material::unlit("wall") }).unwrap();
         s.shape("room", Shape::Box { size: [side; 3] }, wall, Placement::default()).unwrap();
         if let Some(at) = ball {
-            s.shape("ball", Shape::Sphere { radius: 0.5 }, wall, Placement::at(at.into())).unwrap();
+            s.shape("ball", Shape::Sphere { radius: 0.5 }, wall, Placement::at(at)).unwrap();
         }
         s.camera(EventCamera::new("eye"), Placement::at([0.1, 0.2, 0.1])).unwrap();
         s.build().unwrap()
@@ -196,7 +202,8 @@ mod tests {
     fn a_camera_inside_a_model_is_told_from_one_in_a_room() {
         let near = Some(DVec3::new(0.0, -1.0, -2.0));
         let far = Some(DVec3::new(0.0, 0.0, -20.0));
-        let enclosure = |side, double_sided, ball| room(side, double_sided, ball).enclosure(0, 0.0).map(|(_, e)| e);
+        let enclosure =
+            |side, double_sided, ball| room(side, double_sided, ball).enclosure(0, 0.0).map(|(_, e)| e);
         assert_eq!(enclosure(6.0, false, None), Some(Enclosure::Undrawn), "walls that are not drawn");
         assert_eq!(enclosure(6.0, false, near), Some(Enclosure::Undrawn));
         assert_eq!(enclosure(6.0, true, None), None, "the room is all there is");
@@ -229,7 +236,10 @@ mod tests {
         let mut s = SceneBuilder::new("pan");
         let white = s.material(Material::unlit("white")).unwrap();
         let velocity = DVec3::new(2.0, 0.0, 0.0);
-        let path = Path::ConstantVelocity { start: Trs { translation: DVec3::new(0.0, 0.0, -4.0), ..Trs::default() }, velocity };
+        let path = Path::ConstantVelocity {
+            start: Trs { translation: DVec3::new(0.0, 0.0, -4.0), ..Trs::default() },
+            velocity,
+        };
         s.shape("card", Shape::Card { size: [1.0, 1.0] }, white, Placement::along(path)).unwrap();
         s.camera(EventCamera::new("eye").fov_y_degrees(90.0), Placement::default()).unwrap();
         let scene = s.build().unwrap();

@@ -62,7 +62,8 @@ pub fn load_with_animation(source: &str, seed: u64, animation: Option<&str>) -> 
     match ending.as_deref() {
         Some("toml") => toml_scene::load(path),
         Some("gltf" | "glb") => {
-            let options = gltf::Options { animation: animation.map(str::to_owned), ..gltf::Options::default() };
+            let options =
+                gltf::Options { animation: animation.map(str::to_owned), ..gltf::Options::default() };
             let mut scene = gltf::load(path, &options)?;
             if scene.needs_light() && scene.environment.is_none() {
                 scene.warnings.push("no light in the file: lit by the built-in studio".into());

@@ -87,7 +87,8 @@ pub(super) fn read(document: &Document, index: Option<usize>, scene: &mut Scene)
     scene.duration_s = Some(end_s);
     if document.root.animations.len() > 1 {
         let name = animation.name.clone().unwrap_or(index.to_string());
-        let others: Vec<_> = names(document).enumerate().filter(|(i, _)| *i != index).map(|(_, name)| name).collect();
+        let others: Vec<_> =
+            names(document).enumerate().filter(|(i, _)| *i != index).map(|(_, name)| name).collect();
         scene.warnings.push(format!(
             "animation '{name}' plays; 'animation' chooses another of the file: {}",
             others.join(", ")

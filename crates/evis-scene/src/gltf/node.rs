@@ -175,7 +175,9 @@ fn read_class(document: &Document, index: usize, what: &str, scene: &mut Scene) 
     if let Some(name) = name.and_then(Value::as_str).filter(|name| id > 0 && !name.is_empty()) {
         let known = scene.class_names.entry(id).or_insert_with(|| name.to_owned());
         if known != name {
-            scene.warnings.push(format!("{what}: class {id} is '{name}' here and '{known}' elsewhere; '{known}' counts"));
+            scene.warnings.push(format!(
+                "{what}: class {id} is '{name}' here and '{known}' elsewhere; '{known}' counts"
+            ));
         }
     }
     id
