@@ -13,7 +13,7 @@ from . import _check, _evis
 from ._evis import ConfigError
 from ._packets import Poses
 
-Info: TypeAlias = tuple[str, int, int, str, list[list[float]]]
+BodyRow: TypeAlias = tuple[str, int, int, str, list[list[float]]]
 """Name, instance id, semantic id and name, lowest and highest corner: what the engine takes and gives."""
 
 
@@ -92,7 +92,7 @@ class Bodies:
             *columns,
         )
 
-    def _infos(self) -> list[Info]:
+    def _infos(self) -> list[BodyRow]:
         ids = self.instance_id.tolist(), self.semantic_id.tolist()
         return list(zip(self.names, *ids, self.semantic_names, self.box.tolist(), strict=True))
 

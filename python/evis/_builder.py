@@ -259,7 +259,7 @@ class SceneBuilder:
         instance_id: int | None = None,
         pose: Placement = HERE,
     ) -> None:
-        """Add a ``.gltf`` or ``.glb`` file, playing the animation of this name or index (the first if None)."""
+        """Add a ``.gltf`` or ``.glb`` file; its first animation plays, or that of this name or index."""
         self._add(
             "gltf",
             name=name,

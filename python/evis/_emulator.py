@@ -339,8 +339,8 @@ class EventEmulator(Generic[Out]):
 
         The light between two keyframes is warped along the motion vectors from both, at as many instants as
         the motion requires, then goes through the sensor model as in `push`. Where neither keyframe knows it,
-        a pixel's memory stays. Arrays are NumPy or DLPack on the CPU, float32 but for ``hdr``, which may hold integers; ``(H, W)``
-        stands for the sensor's size, larger by ``warp.margin`` on every side, and for ``(N, H, W)`` with a
+        a pixel's memory stays. Arrays are NumPy or DLPack on the CPU, float32 but for ``hdr``, which may hold
+        integers; ``(H, W)`` stands for the sensor's size, larger by ``warp.margin`` on every side, and for ``(N, H, W)`` with a
         batch.
 
         Parameters
@@ -640,8 +640,8 @@ def check_motion(
     Raises
     ------
     ConfigError
-        If shape, dtype or transfer cannot be used, or the pictures do not decide it: too few pixels that move by
-        1.5 pixels or more, or light that fits every convention or none.
+        If shape, dtype or transfer cannot be used, or the pictures do not decide it: too few pixels that move
+        by 1.5 pixels or more, or light that fits every convention or none.
 
     Examples
     --------

@@ -312,7 +312,7 @@ class Recording(EventCarrier, Mapping[str, RecordedView]):
 
     @property
     def classes(self) -> dict[int, str]:
-        """Names of semantic classes by ids in images of the label ``semantic``; empty where there are none."""
+        """Names of semantic classes by ids in images of the label ``semantic``; empty where none has one."""
         return {} if self.bodies is None else self.bodies.classes
 
     @property

@@ -496,7 +496,7 @@ class EventPipeline:
         return [int(index) for index in given]
 
     def _check_motion(self, light: npt.NDArray[Any], motion: Float, held: list[int]) -> set[int]:
-        """Check the convention with the environment that moves most; return the axes whose sign is decided."""
+        """Check the convention with the environment that moves most; return the axes that it decides."""
         if not self._unchecked or self._older is None:
             return set()
         began = [env for env, start in enumerate(self._starts) if start is not None and env not in held]

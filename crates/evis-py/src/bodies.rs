@@ -11,15 +11,15 @@ use crate::gil::Detach;
 use crate::scene::Scene;
 
 /// Name, instance id, semantic id and name, lowest and highest corner.
-pub(crate) type Info = (String, u32, u32, String, [[f64; 3]; 2]);
+pub(crate) type BodyRow = (String, u32, u32, String, [[f64; 3]; 2]);
 
 type Values<'py> = Bound<'py, PyArray3<f64>>;
 
 /// What bodies there are, times (T,), positions (T, N, 3), rotations (T, N, 4), linear and angular velocities (T, N, 3).
 pub(crate) type Columns<'py> =
-    (Vec<Info>, Bound<'py, PyArray1<i64>>, Values<'py>, Values<'py>, Values<'py>, Values<'py>);
+    (Vec<BodyRow>, Bound<'py, PyArray1<i64>>, Values<'py>, Values<'py>, Values<'py>, Values<'py>);
 
-pub(crate) fn infos_of(infos: Vec<Info>) -> Vec<BodyInfo> {
+pub(crate) fn infos_of(infos: Vec<BodyRow>) -> Vec<BodyInfo> {
     let info = |(name, instance_id, semantic_id, semantic_name, bounds)| BodyInfo {
         name,
         instance_id,

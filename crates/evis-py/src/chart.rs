@@ -107,11 +107,11 @@ pub(crate) fn chart_cache() -> Option<PathBuf> {
 }
 
 /// Rates, samples, edges, latch rates, most samples per second.
-type Shape = (Vec<f64>, Vec<u32>, bool, Vec<f64>, Option<f64>);
+type LadderShape = (Vec<f64>, Vec<u32>, bool, Vec<f64>, Option<f64>);
 
 /// Default shape of the ladder.
 #[pyfunction]
-pub(crate) fn chart_ladder(quick: bool) -> Shape {
+pub(crate) fn chart_ladder(quick: bool) -> LadderShape {
     let ladder = if quick { Ladder::quick() } else { Ladder::default() };
     let Ladder { rates_hz, samples, edges, latch_hz, most_samples_hz, .. } = ladder;
     (rates_hz, samples, edges, latch_hz, most_samples_hz)

@@ -24,8 +24,8 @@ pub(crate) fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
 pub(crate) fn from_json(json: &str) -> Result<SensorConfig, Failure> {
     let sensor: SensorConfig = serde_json::from_str(json).map_err(|error| {
         // The place in a text that the user never saw says nothing.
-        let told = error.to_string().replace('`', "'");
-        Failure::Config(format!("sensor: {}", told.split(" at line ").next().unwrap_or(&told)))
+        let reason = error.to_string().replace('`', "'");
+        Failure::Config(format!("sensor: {}", reason.split(" at line ").next().unwrap_or(&reason)))
     })?;
     Ok(Sensor::new(sensor)?.config().clone())
 }
@@ -262,7 +262,7 @@ impl EventEmulator {
         Ok(lists.into_iter().map(|list| PyArray1::from_vec(py, list)).collect())
     }
 
-    /// What became of the last keyframes, per environment.
+    /// Reports on the last keyframes, per environment.
     fn keyframe_reports<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
         let reports = py.detach_engine(|| {
             let emulator = lock_unpoisoned(&self.0)?;
@@ -271,7 +271,7 @@ impl EventEmulator {
         reports.iter().map(|report| keyframe_dict(py, report)).collect()
     }
 
-    /// Lets environments begin anew.
+    /// Resets environments.
     fn reset(&self, py: Python<'_>, environments: Option<Vec<usize>>) -> PyResult<()> {
         py.detach_engine(|| {
             let mut emulator = lock_unpoisoned(&self.0)?;
@@ -279,7 +279,7 @@ impl EventEmulator {
         })
     }
 
-    /// What happened: in the last push, and in all of them.
+    /// Counts of the last push, and of all pushes.
     fn reports<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
         let (last, total) = py.detach_engine(|| {
             let emulator = lock_unpoisoned(&self.0)?;
@@ -296,7 +296,7 @@ impl EventEmulator {
         })
     }
 
-    /// Everything that the next events depend on, apart from the settings.
+    /// The state that the next events depend on, apart from the settings.
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = py.detach_engine(|| {
             let emulator = lock_unpoisoned(&self.0)?;
@@ -305,7 +305,7 @@ impl EventEmulator {
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Takes up where `state` was given.
+    /// Restores what [`Self::state`] returned.
     fn restore(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
         py.detach_engine(|| {
             let mut emulator = lock_unpoisoned(&self.0)?;

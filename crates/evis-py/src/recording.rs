@@ -70,7 +70,7 @@ impl Writer {
         labels: Vec<String>,
         overwrite: bool,
         imus: Vec<String>,
-        bodies: Vec<bodies::Info>,
+        bodies: Vec<bodies::BodyRow>,
     ) -> PyResult<Self> {
         let header = RecordingHeader {
             cameras: cameras.iter().map(engine::camera_info).collect::<PyResult<_>>()?,

@@ -177,7 +177,7 @@ impl Simulator {
         let poses: Option<Vec<_>> = poses.map(|poses| poses.into_iter().map(host_poses).collect());
         let packet = py.detach_interruptible(&self.stop, || {
             let mut engine = lock_unpoisoned(&self.engine)?;
-            let simulator = engine.as_mut().ok_or_else(taken)?;
+            let simulator = engine.as_mut().ok_or_else(engine_in_stream)?;
             let packet = match &poses {
                 Some(poses) => simulator.step_with_poses(until_us, poses)?,
                 None => simulator.step(until_us)?,
@@ -203,7 +203,7 @@ impl Simulator {
         let poses: Vec<_> = poses.into_iter().map(pose).collect();
         py.detach_engine(|| {
             let mut engine = lock_unpoisoned(&self.engine)?;
-            let simulator = engine.as_mut().ok_or_else(taken)?;
+            let simulator = engine.as_mut().ok_or_else(engine_in_stream)?;
             Ok::<_, Failure>(simulator.reset(&environments, &seeds, &poses)?)
         })
     }
@@ -216,7 +216,7 @@ impl Simulator {
                     return Err(evis_core::ConfigError::new(what, value, "above 0 microseconds").into());
                 }
             }
-            let simulator = lock_unpoisoned(&self.engine)?.take().ok_or_else(taken)?;
+            let simulator = lock_unpoisoned(&self.engine)?.take().ok_or_else(engine_in_stream)?;
             Ok::<_, Failure>(simulator.stream(duration_us, packet_us)?)
         })?;
         Ok(Stream { engine: ProcessBound::new(Mutex::new(Some(stream))), sizes: sizes(&self.cameras) })
@@ -234,7 +234,7 @@ fn host_poses((environment, node, times, values, velocities): NodePoses) -> (usi
     (environment, node, times.into_iter().zip(values).enumerate().map(pose).collect())
 }
 
-fn taken() -> Failure {
+fn engine_in_stream() -> Failure {
     Failure::Engine("a stream has this simulator's engine; close the stream, or read it to its end".into())
 }
 

@@ -29,7 +29,7 @@ impl From<VideoError> for Failure {
 /// What to read, in the words of Python.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Wanted {
+pub(crate) struct SourceOptions {
     path: PathBuf,
     transfer: Option<String>,
     fps: Option<f64>,
@@ -40,7 +40,7 @@ pub(crate) struct Wanted {
     ffmpeg: Option<PathBuf>,
 }
 
-impl Wanted {
+impl SourceOptions {
     fn open(self) -> Result<FrameSource, Failure> {
         let clock = match (self.fps, self.timestamps) {
             (Some(_), Some(_)) => {
@@ -69,7 +69,7 @@ impl Wanted {
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
 pub(crate) fn convert_video(
     py: Python<'_>,
-    source: Wanted,
+    source: SourceOptions,
     output: PathBuf,
     sensor: &str,
     seed: u64,
@@ -84,10 +84,10 @@ pub(crate) fn convert_video(
     let json = py.detach_interruptible(&stop, || {
         let stream = VideoStream::new(source.open()?, config)?;
         let duration_us = stream.source().duration_us().unwrap_or(0);
-        let mut told = Instant::now();
+        let mut reported = Instant::now();
         let report = evis_video::convert(stream, &output, overwrite, |at| {
-            if let Some(progress) = progress.as_ref().filter(|_| told.elapsed() >= TOLD_EVERY) {
-                told = Instant::now();
+            if let Some(progress) = progress.as_ref().filter(|_| reported.elapsed() >= PROGRESS_PERIOD) {
+                reported = Instant::now();
                 let called =
                     Python::attach(|py| progress.call1(py, (at.t_us, duration_us, at.events)).map(|_| ()));
                 if let Err(error) = called {
@@ -106,24 +106,24 @@ pub(crate) fn convert_video(
 }
 
 /// Time between two calls of a progress function, at least.
-const TOLD_EVERY: Duration = Duration::from_millis(100);
+const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
 
 /// Frames, one after the other.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct FrameReader(ProcessBound<Mutex<FrameSource>>);
 
 /// Time, numbers, height, width, channels.
-type Read<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
+type FrameColumns<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
 
 #[pymethods]
 impl FrameReader {
     #[new]
-    fn new(py: Python<'_>, source: Wanted) -> PyResult<Self> {
+    fn new(py: Python<'_>, source: SourceOptions) -> PyResult<Self> {
         py.detach_engine(|| Ok::<_, Failure>(Self(ProcessBound::new(Mutex::new(source.open()?)))))
     }
 
     /// The next frame as a flat array; None after the last one.
-    fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<Read<'py>>> {
+    fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<FrameColumns<'py>>> {
         let read = py.detach_engine(|| {
             let mut source = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             source.next_frame().map_err(Failure::from)
