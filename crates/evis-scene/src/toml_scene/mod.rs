@@ -275,10 +275,10 @@ struct LabelKeys {
 impl LabelKeys {
     fn read(keys: &mut Keys<'_>) -> Result<Self, SceneError> {
         let class = keys.get("semantic_id").and_then(Value::as_str).map(str::to_owned);
-        let takes = "a whole number, or the name of a class in [classes]";
+        let takes = format!("a whole number between 0 and {}, or the name of a class in [classes]", u32::MAX);
         let semantic_id = match class {
             Some(_) => None,
-            None => keys.integer_or_else("semantic_id", u32::MAX.into(), takes)?,
+            None => keys.integer_or_else("semantic_id", u32::MAX.into(), &takes)?,
         };
         let instance_id = keys.integer("instance_id", u32::MAX.into())?;
         let [semantic_id, instance_id] = [semantic_id, instance_id].map(|id| id.unwrap_or(0) as u32);
