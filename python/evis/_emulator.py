@@ -340,8 +340,8 @@ class EventEmulator(Generic[Out]):
         The light between two keyframes is warped along the motion vectors from both, at as many instants as
         the motion requires, then goes through the sensor model as in `push`. Where neither keyframe knows it,
         a pixel's memory stays. Arrays are NumPy or DLPack on the CPU, float32 but for ``hdr``, which may hold
-        integers; ``(H, W)`` stands for the sensor's size, larger by ``warp.margin`` on every side, and for ``(N, H, W)`` with a
-        batch.
+        integers; ``(H, W)`` stands for the sensor's size, larger by ``warp.margin`` on every side, and for
+        ``(N, H, W)`` with a batch.
 
         Parameters
         ----------

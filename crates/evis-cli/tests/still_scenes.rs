@@ -244,7 +244,7 @@ fn a_scene_is_previewed_as_one_picture_at_a_time_of_its_animation() {
         (halves(&folder.file("still.png")), stderr(&output))
     };
     let ([left, right], said) = shown("");
-    assert!((left - right).abs() < 1.0 && left > 5.0, "at first it is in the middle: {left} {right}");
+    assert!((left - right).abs() < 1.0 && left > 3.0, "at first it is in the middle: {left} {right}");
     assert!(said.contains("animation 'left' plays") && said.contains("right"), "{said}");
     let ([left, right], _) = shown("--at 1");
     assert!(left > 4.0 * right, "the first animation: {left} {right}");
@@ -274,10 +274,7 @@ fn what_scenes_and_recordings_do_not_take_is_refused() {
         ("preview a.h5 -o x.png --size 64x48", "--size is for scenes, and a.h5 is none"),
         ("preview quad.gltf -o x.gif", "a scene becomes a still picture, .png"),
         ("preview quad.gltf -o x.png --fps 20", "--fps is for recordings, and quad.gltf is a scene"),
-        (
-            "preview quad.gltf -o x.png --camera eey",
-            "no camera named 'eey'; there is eye (did you mean 'eye'?)",
-        ),
+        ("preview quad.gltf -o x.png --camera eey", "no camera named 'eey'; there is eye"),
     ] {
         let output = evis(&folder, line);
         assert_eq!(code(&output), 2, "{line}\n{}", stderr(&output));
