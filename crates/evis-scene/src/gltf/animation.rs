@@ -43,6 +43,15 @@ fn names(document: &Document) -> impl Iterator<Item = String> {
     animations.map(|(i, animation)| animation.name.clone().unwrap_or_else(|| i.to_string()))
 }
 
+/// What is said where the first of several animations plays because nobody chose one.
+pub(super) fn unchosen(document: &Document) -> Option<String> {
+    let mut names = names(document);
+    let (first, others) = (names.next()?, names.collect::<Vec<_>>());
+    (!others.is_empty()).then(|| {
+        format!("animation '{first}' plays; 'animation' chooses another of the file: {}", others.join(", "))
+    })
+}
+
 /// Curves of animation `index`; sets the scene's duration.
 pub(super) fn read(document: &Document, index: Option<usize>, scene: &mut Scene) -> Result<Tracks, String> {
     let mut tracks = Tracks::new();
@@ -85,15 +94,6 @@ pub(super) fn read(document: &Document, index: Option<usize>, scene: &mut Scene)
         *slot = Some(curve);
     }
     scene.duration_s = Some(end_s);
-    if document.root.animations.len() > 1 {
-        let name = animation.name.clone().unwrap_or(index.to_string());
-        let others: Vec<_> =
-            names(document).enumerate().filter(|(i, _)| *i != index).map(|(_, name)| name).collect();
-        scene.warnings.push(format!(
-            "animation '{name}' plays; 'animation' chooses another of the file: {}",
-            others.join(", ")
-        ));
-    }
     Ok(tracks)
 }
 

@@ -91,6 +91,9 @@ fn read_within(bytes: &[u8], folder: &Path, options: &Options, budget: Budget) -
     let mut scene = Scene::default();
     let document = parse(bytes, folder, budget, &mut scene.warnings).map_err(SceneError::Rule)?;
     let animation = animation::choose(&document, options.animation.as_deref())?;
+    if options.animation.is_none() {
+        scene.warnings.extend(animation::unchosen(&document));
+    }
     fill(&document, folder, animation, &mut scene).map_err(SceneError::Rule)?;
     if options.standalone {
         scene.validate()?;
