@@ -19,12 +19,15 @@ SMALL = {"size": (64, 48), "rate_hz": 500.0, "samples": 1}
 @pytest.fixture(scope="module")
 def scene() -> evis.Scene:
     """A box, 2 m wide, that moves along x and spins about +Y, and a sphere that rests."""
-    builder = evis.SceneBuilder("things", ambient=(1.0, 1.0, 1.0))
+    classes = {"container": 4, "vehicle": 9}
+    builder = evis.SceneBuilder("things", ambient=(1.0, 1.0, 1.0), classes=classes)
     builder.material("white")
     moves = ConstantVelocity(velocity=(0.5, 0.0, 0.0))
     spins = Spin(axis=(0, 1, 0), degrees_per_s=90.0)
     motion = Chain(motions=[Placement(motion=moves), Placement(motion=spins)])
-    builder.box("crate", size=(2, 1, 0.5), material="white", pose=Placement(motion=motion), semantic_id=4)
+    builder.box(
+        "crate", size=(2, 1, 0.5), material="white", pose=Placement(motion=motion), semantic_id="container"
+    )
     builder.sphere("ball", radius=0.25, material="white", pose=Placement(position=(0, 1, 0)))
     builder.camera(evis.EventCamera(name="eye", width=64, height=48, pose=Placement(position=(0, 0, 6))))
     return builder.build()
@@ -34,6 +37,19 @@ def test_instances_have_names(scene: evis.Scene) -> None:
     crate, ball = scene.instances
     assert (crate.name, crate.semantic_id, ball.name, ball.semantic_id) == ("crate", 4, "ball", 0)
     assert 0 < crate.id < ball.id
+
+
+def test_classes_have_names(scene: evis.Scene, tmp_path: Path) -> None:
+    crate, ball = scene.instances
+    assert (crate.semantic_name, ball.semantic_name) == ("container", "")
+    assert scene.classes == {4: "container"}, "those that occur"
+    assert scene.bodies().semantic_names == ("container", "", "")
+    assert evis.Scene.builtin("spinner").classes == {2: "building", 5: "moving"}
+    builder = evis.SceneBuilder("bad", classes={"container": 4})
+    builder.material("white")
+    builder.box("crate", size=(1, 1, 1), material="white", semantic_id="contaner")
+    with pytest.raises(evis.FormatError, match=r"no class named 'contaner'.*did you mean 'container'"):
+        builder.build()
 
 
 def test_bodies_have_boxes_poses_and_velocities(scene: evis.Scene) -> None:
@@ -64,7 +80,8 @@ def test_bodies_have_boxes_poses_and_velocities(scene: evis.Scene) -> None:
 
 
 def test_recordings_name_and_follow_bodies(scene: evis.Scene, device: evis.Device, tmp_path: Path) -> None:
-    sim = evis.Simulator(scene, labels=["instance"], label_rate_hz=100.0, start=0.5, device=device, **SMALL)
+    labels = ["instance", "semantic"]
+    sim = evis.Simulator(scene, labels=labels, label_rate_hz=100.0, start=0.5, device=device, **SMALL)
     evis.save(tmp_path / "a.h5", sim.stream(duration=0.025), pose_rate_hz=200.0)
     recording = evis.load(tmp_path / "a.h5")
     bodies = recording.bodies
@@ -77,12 +94,15 @@ def test_recordings_name_and_follow_bodies(scene: evis.Scene, device: evis.Devic
     assert not np.array_equal(bodies.position, scene.bodies(bodies.t_us).position), "canary"
     assert np.array_equal(bodies.box, exact.box, equal_nan=True)
     assert recording.instances == scene.instances
+    assert recording.classes == scene.classes == {4: "container"}
+    assert set(np.unique(recording.labels["semantic"].data).tolist()) == {0, 4}
     seen = set(np.unique(recording.labels["instance"].data).tolist())
     assert seen <= {0, *(instance.id for instance in recording.instances)}
     assert len(seen) == 3
     # A copy keeps them; packets of other lengths and the command give the same.
     copied = evis.load(evis.save(tmp_path / "b.h5", recording)[0]).bodies
     assert copied is not None
+    assert copied.classes == scene.classes
     assert np.array_equal(copied.position, bodies.position)
     with evis.Writer(tmp_path / "c.h5", sim, pose_rate_hz=200.0) as writer:
         for packet in sim.stream(duration=0.025, packet_us=7_000):
@@ -147,7 +167,9 @@ def test_every_data_set_says_its_units(scene: evis.Scene, device: evis.Device, t
             if file == "a.h5":
                 names = opened["eye/labels/instance_names"].asstr()[:].tolist()
                 ids = opened["eye/labels/instance_ids"][:].tolist()
+                classes = opened["eye/labels/semantic_names"].asstr()[:].tolist()
     assert dict(zip(ids, names, strict=True)) == {i.id: i.name for i in scene.instances}
+    assert classes == ["container"]
     assert len(told) > 60
     assert told["eye/labels/depth"] == ("m", "planar z; +inf where nothing is")
     assert told["bodies/angular_velocity"][0] == "rad/s"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_door import interrupted
+from test_gil import interrupted
 
 import evis
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +81,71 @@ def test_an_unknown_key_is_named_with_the_nearest():
         evis.Scene.from_toml(TEXT.replace("duration_s", "durations"))
     with pytest.raises(evis.FormatError):
         evis.Scene.from_toml("name = ")
+
+
+def test_one_of_several_animations_plays(tmp_path: Path):
+    """A triangle that one animation moves along x, the other along y."""
+    columns = ([0, 0, 0, 1, 0, 0, 0, 1, 0], [0, 1], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0])
+    data = np.concatenate(columns).astype("<f4").tobytes()
+    starts, kinds = (0, 36, 44, 68), (("VEC3", 3), ("SCALAR", 2), ("VEC3", 2), ("VEC3", 2))
+    sizes = (36, 8, 24, 24)
+    target = {"node": 0, "path": "translation"}
+    document = {
+        "asset": {"version": "2.0"},
+        "buffers": [
+            {
+                "byteLength": len(data),
+                "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
+            }
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": size}
+            for start, size in zip(starts, sizes, strict=True)
+        ],
+        "accessors": [
+            {"bufferView": view, "componentType": 5126, "type": kind, "count": count}
+            for view, (kind, count) in enumerate(kinds)
+        ],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [{"name": "arrow", "mesh": 0}],
+        "animations": [
+            {
+                "name": name,
+                "samplers": [{"input": 1, "output": output}],
+                "channels": [{"sampler": 0, "target": target}],
+            }
+            for name, output in (("along", 2), ("up", 3))
+        ],
+    }
+    path = tmp_path / "arrow.gltf"
+    path.write_text(json.dumps(document))
+
+    def reached(animation: str | int | None) -> list[float]:
+        scene = evis.Scene.load(path, animation=animation)
+        again = pickle.loads(pickle.dumps(scene))
+        where = scene.bodies([1_000_000], cameras=[]).position[0, 0]
+        assert np.array_equal(again.bodies([1_000_000], cameras=[]).position[0, 0], where)
+        return where.tolist()
+
+    assert reached(None) == reached("along") == reached(0) == [1, 0, 0]
+    assert reached("up") == reached(1) == [0, 1, 0]
+    with pytest.raises(
+        evis.ConfigError, match=r"no animation named 'upp'; there is along, up.*did you mean 'up'"
+    ):
+        evis.Scene.load(path, animation="upp")
+    text = tmp_path / "still.toml"
+    text.write_text(TEXT)
+    with pytest.raises(evis.ConfigError, match=r"animation is 'up', but .*still\.toml is no \.gltf"):
+        evis.Scene.load(text, animation="up")
+
+
+def test_a_camera_inside_a_model_is_warned_of(device: evis.Device):
+    builder = evis.SceneBuilder("inside", ambient=(1, 1, 1))
+    builder.material("white")
+    builder.box("crate", size=(2, 2, 2), material="white", pose=Placement(motion=Spin(degrees_per_s=9)))
+    builder.camera(evis.EventCamera(name="eye", width=32, height=24))
+    with pytest.warns(UserWarning, match="camera 'eye' starts inside 'crate'"):
+        evis.Simulator(builder.build(), rate_hz=100.0, samples=1, device=device)
 
 
 def test_the_builder_knows_the_whole_vocabulary():

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import tomllib
-from test_door import interrupted
+from test_gil import interrupted
 
 import evis
 from evis._progress import TimeLeft

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_door import HEED_CTRL_C
+from test_gil import HEED_CTRL_C
 
 import evis
 

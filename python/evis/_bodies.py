@@ -13,8 +13,8 @@ from . import _check, _evis
 from ._evis import ConfigError
 from ._packets import Poses
 
-Info: TypeAlias = tuple[str, int, int, list[list[float]]]
-"""Name, instance id, semantic id, lowest and highest corner: what the engine takes and gives."""
+BodyRow: TypeAlias = tuple[str, int, int, str, list[list[float]]]
+"""Name, instance id, semantic id and name, lowest and highest corner: what the engine takes and gives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,14 @@ class Instance:
         Its name in the scene.
     semantic_id : int
         Its value in images of the label ``semantic``; 0 where it has no class.
+    semantic_name : str
+        Name of its class; empty where it has no class, or the class no name.
     """
 
     id: int
     name: str
     semantic_id: int
+    semantic_name: str = ""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -49,6 +52,8 @@ class Bodies:
         Names in the scene, N.
     instance_id, semantic_id : numpy.ndarray
         uint32 (N,): values in images of labels; 0 for cameras, and where there is no class.
+    semantic_names : tuple of str
+        Names of the classes, N; empty where there is no class, or it has no name.
     box : numpy.ndarray
         float64 (N, 2, 3): lowest and highest corner of what is drawn, in metres in the body's axes,
         undeformed where it is skinned or morphs; NaN for cameras.
@@ -67,6 +72,7 @@ class Bodies:
     names: tuple[str, ...]
     instance_id: npt.NDArray[np.uint32]
     semantic_id: npt.NDArray[np.uint32]
+    semantic_names: tuple[str, ...]
     box: npt.NDArray[np.float64]
     t_us: npt.NDArray[np.int64]
     position: npt.NDArray[np.float64]
@@ -81,20 +87,30 @@ class Bodies:
             tuple(info[0] for info in infos),
             np.array([info[1] for info in infos], np.uint32),
             np.array([info[2] for info in infos], np.uint32),
-            np.array([info[3] for info in infos], np.float64).reshape(-1, 2, 3),
+            tuple(info[3] for info in infos),
+            np.array([info[4] for info in infos], np.float64).reshape(-1, 2, 3),
             *columns,
         )
 
-    def _infos(self) -> list[Info]:
-        ids = zip(self.instance_id.tolist(), self.semantic_id.tolist(), self.box.tolist(), strict=True)
-        return [(name, *rest) for name, rest in zip(self.names, ids, strict=True)]
+    def _infos(self) -> list[BodyRow]:
+        ids = self.instance_id.tolist(), self.semantic_id.tolist()
+        return list(zip(self.names, *ids, self.semantic_names, self.box.tolist(), strict=True))
 
     @property
     def instances(self) -> tuple[Instance, ...]:
         """The objects, by id; the first node names an id that several share."""
-        return instances_of(
-            zip(self.instance_id.tolist(), self.names, self.semantic_id.tolist(), strict=True)
-        )
+        ids = self.instance_id.tolist(), self.semantic_id.tolist()
+        found: dict[int, Instance] = {}
+        for name, number, semantic, semantic_name in zip(self.names, *ids, self.semantic_names, strict=True):
+            if number:
+                found.setdefault(number, Instance(number, name, semantic, semantic_name))
+        return tuple(found[number] for number in sorted(found))
+
+    @property
+    def classes(self) -> dict[int, str]:
+        """The semantic classes that have a name, by their ids in images of the label ``semantic``."""
+        named = zip(self.semantic_id.tolist(), self.semantic_names, strict=True)
+        return {number: name for number, name in sorted(named) if name}
 
     def index(self, name: str) -> int:
         """Return the place of the first body of this name.
@@ -136,15 +152,6 @@ class Bodies:
         """Count bodies and times."""
         when = f", t_us {self.t_us[0]} to {self.t_us[-1]}" if len(self.t_us) else ""
         return f"Bodies({len(self.names)} bodies, {len(self.t_us)} times{when})"
-
-
-def instances_of(rows: Any) -> tuple[Instance, ...]:
-    """Return instances of (id, name, semantic id), each id once; cameras have the id 0 and are none."""
-    found: dict[int, Instance] = {}
-    for number, name, semantic in rows:
-        if number:
-            found.setdefault(number, Instance(number, name, semantic))
-    return tuple(found[number] for number in sorted(found))
 
 
 def bodies_of(

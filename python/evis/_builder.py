@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any, Literal, TypeAlias
 
@@ -35,6 +36,9 @@ class SceneBuilder:
         Colour where nothing is: linear RGB, or sRGB as ``"#rrggbb"``; so for every colour below.
     ambient : sequence of float or str, optional
         Light from everywhere: irradiance / pi, linear RGB.
+    classes : dict of str to int, optional
+        Ids of semantic classes, above 0, by name: a ``semantic_id`` may then be a name, and recordings with
+        semantic labels store the names.
 
     Examples
     --------
@@ -57,12 +61,14 @@ class SceneBuilder:
         duration: float | None = None,
         background: Color | None = None,
         ambient: Color | None = None,
+        classes: Mapping[str, int] | None = None,
     ) -> None:
         self._top: dict[str, Any] = {
             "name": name,
             "duration_s": duration,
             "background": background,
             "ambient": ambient,
+            "classes": classes,
         }
         self._tables: dict[str, list[dict[str, Any]]] = {}
         self._pictures: dict[str, npt.NDArray[np.float32]] = {}
@@ -248,15 +254,17 @@ class SceneBuilder:
         name: str,
         file: str | PathLike[str],
         *,
-        semantic_id: int | None = None,
+        animation: str | None = None,
+        semantic_id: int | str | None = None,
         instance_id: int | None = None,
         pose: Placement = HERE,
     ) -> None:
-        """Add a ``.gltf`` or ``.glb`` file with its animation."""
+        """Add a ``.gltf`` or ``.glb`` file; its first animation plays, or that of this name or index."""
         self._add(
             "gltf",
             name=name,
             file=file,
+            animation=animation,
             semantic_id=semantic_id,
             instance_id=instance_id,
             **table_of(name, pose),
@@ -284,7 +292,8 @@ class SceneBuilder:
         pose : Placement
             Where it is and how it moves.
         **more
-            ``semantic_id``, ``instance_id`` (int), ``segments`` ((int, int)), ``uv_repeat`` ((float, float)).
+            ``semantic_id`` (int, or a name in `classes`), ``instance_id`` (int), ``segments`` ((int, int)),
+            ``uv_repeat`` ((float, float)).
         """
         self._primitive("box", name, material, pose, more, size=size)
 

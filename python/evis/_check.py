@@ -1,6 +1,6 @@
 """Checks of arguments, so that an error names the argument, its value and what would work.
 
-They look at kinds; what a setting may be beyond that, the engine says.
+They check types and shapes; the engine checks which values are allowed.
 """
 
 from __future__ import annotations

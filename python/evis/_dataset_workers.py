@@ -22,7 +22,7 @@ from ._progress import Progress
 #: How often a shard whose worker was lost is begun again.
 RETRIES = 3
 
-#: What tells where there is no terminal, and how often (seconds).
+#: Seconds between two progress lines where standard error is no terminal.
 _LINE_S = 10.0
 
 
@@ -134,21 +134,21 @@ def local(
     Yields descriptions of shards in the order in which they are finished.
     """
     left, tries = list(reversed(shards)), dict.fromkeys((shard.name for shard in shards), 0)
-    crew: list[_Worker] = []
+    pool: list[_Worker] = []
     try:
         for _ in range(min(workers, len(shards))):
-            crew.append(_Worker(folder, base))
-            crew[-1].begin(left.pop())
-        while any(worker.shard is not None for worker in crew):
-            by_connection = {worker.connection: worker for worker in crew if worker.shard is not None}
+            pool.append(_Worker(folder, base))
+            pool[-1].begin(left.pop())
+        while any(worker.shard is not None for worker in pool):
+            by_connection = {worker.connection: worker for worker in pool if worker.shard is not None}
             for ready in wait(list(by_connection)):
                 worker = by_connection[ready]  # type: ignore[index]
                 assert worker.shard is not None
                 try:
                     kind, value = worker.connection.recv()
                 except (EOFError, OSError):
-                    crew.remove(worker)
-                    crew.append(_replaced(worker, folder, base, tries, meter))
+                    pool.remove(worker)
+                    pool.append(_replaced(worker, folder, base, tries, meter))
                     continue
                 if kind == "recorded":
                     meter.recorded(value)
@@ -160,7 +160,7 @@ def local(
                         worker.begin(left.pop())
                     yield value
     finally:
-        for worker in crew:
+        for worker in pool:
             worker.end()
 
 
@@ -195,7 +195,7 @@ def _ray() -> Any:
 
 
 def _check_address(address: str) -> None:
-    """Find out whether somebody listens at an address, for which Ray itself waits for minutes."""
+    """Refuse an address at which nothing listens; Ray itself would wait for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdecimal():
         return

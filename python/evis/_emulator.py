@@ -103,7 +103,7 @@ class KeyframeReport:
 
 
 class EventEmulator(Generic[Out]):
-    """Turn frames into events, for light that somebody else made.
+    """Turn frames into events, for frames of another renderer or camera.
 
     Between two frames, the signal is straight. Events lie in ``(t0, t1]``, sorted by (t, y, x, firing order);
     with an `Exposure` they come late, and still in this order from push to push.
@@ -210,7 +210,7 @@ class EventEmulator(Generic[Out]):
         }
         sensor.check()
         self._copies = (0, 0)
-        # Whether frames have come since the start or a reset: the first ones are looked at.
+        # Whether frames have come since the start or a reset: the first ones are checked.
         self._begun = False
         image: tuple[int, int] = (self._settings["height"], self._settings["width"])
         self._frame: tuple[int, ...] = image if batch is None else (self._settings["batch"], *image)
@@ -309,7 +309,7 @@ class EventEmulator(Generic[Out]):
         if transfer is None:
             transfer = "linear" if array.dtype == _FLOAT32 else "srgb"
         if not self._begun and self.now_us is None and array.dtype == _FLOAT32 and transfer == "linear":
-            self._doubt(array)
+            self._warn_of_8_bit_range(array)
         lists = self._emulator.push(
             array.reshape(-1),
             _check.time_us("t_us", t_us),
@@ -338,10 +338,10 @@ class EventEmulator(Generic[Out]):
         """Take what a renderer knows of one time; return the events since the last keyframe.
 
         The light between two keyframes is warped along the motion vectors from both, at as many instants as
-        the motion asks for, then felt as by `push`. Where neither keyframe knows it, a pixel's memory stays.
-        Arrays are NumPy or DLPack on the CPU, float32 but for ``hdr``, which may hold integers; ``(H, W)``
-        stands for the sensor's size, larger by ``warp.margin`` on every side, and for ``(N, H, W)`` with a
-        batch.
+        the motion requires, then goes through the sensor model as in `push`. Where neither keyframe knows it,
+        a pixel's memory stays. Arrays are NumPy or DLPack on the CPU, float32 but for ``hdr``, which may hold
+        integers; ``(H, W)`` stands for the sensor's size, larger by ``warp.margin`` on every side, and for
+        ``(N, H, W)`` with a batch.
 
         Parameters
         ----------
@@ -356,7 +356,7 @@ class EventEmulator(Generic[Out]):
             (H, W, 2): where each pixel's surface was at the last keyframe, as seen from where it is now, in
             pixels, x right, y down: ``before = here + motion``. This is `flow_backward` of a `Simulator` and
             ``motion_vectors`` of Isaac Lab as they are; docs/methods.md maps others. NaN, or 16 384 pixels
-            and more, means unknown. Those of an environment's first keyframe are not looked at. May be None
+            and more, means unknown. Those of an environment's first keyframe are not used. May be None
             with ``motion_steps``: it is then where these lead.
         t_us : int
             Time in microseconds, above that of the last push.
@@ -371,7 +371,7 @@ class EventEmulator(Generic[Out]):
             it, the next keyframe's vectors are turned around, and what it does not show moves on evenly.
         cut : bool or sequence of bool
             Whether this keyframe has nothing to do with the last one (a camera cut, a teleported robot), or
-            per environment. That environment begins anew, as after `reset`: it makes no events.
+            per environment. That environment is reset, as by `reset`: it makes no events.
         steps : int or {"auto"}, optional
             Instants per gap, before ``warp.steps``; ``auto``: K of ``motion_steps``, or else as many as
             ``warp.step_px`` asks for.
@@ -482,7 +482,7 @@ class EventEmulator(Generic[Out]):
         return cast("Out", made[0] if self.batch is None else made)
 
     def reset(self, env_ids: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None) -> None:
-        """Let environments begin anew with their next frame; time may start anywhere if all are reset.
+        """Reset environments: they start with their next frame; time may start anywhere if all are reset.
 
         Parameters
         ----------
@@ -540,8 +540,8 @@ class EventEmulator(Generic[Out]):
         batch = "" if self.batch is None else f", batch of {self.batch}"
         return f"EventEmulator({self.width}x{self.height}{batch}, now_us={self.now_us})"
 
-    def _doubt(self, array: npt.NDArray[Any]) -> None:
-        """Ask whether floats are 0 to 255."""
+    def _warn_of_8_bit_range(self, array: npt.NDArray[Any]) -> None:
+        """Warn where floats seem to range from 0 to 255."""
         known = array[np.isfinite(array)]
         mean = float(known.mean(dtype=np.float64)) if known.size else 0.0
         reference = float(self._settings["reference_luminance"])
@@ -640,8 +640,8 @@ def check_motion(
     Raises
     ------
     ConfigError
-        If shape, dtype or transfer cannot be used, or the pictures do not tell: too few pixels that move by
-        1.5 pixels or more, or light that fits every convention or none.
+        If shape, dtype or transfer cannot be used, or the pictures do not decide it: too few pixels that move
+        by 1.5 pixels or more, or light that fits every convention or none.
 
     Examples
     --------

@@ -290,7 +290,7 @@ class Scene:
     @staticmethod
     def builtin(name: str, seed: int) -> Scene: ...
     @staticmethod
-    def load(path: str | PathLike[str]) -> Scene: ...
+    def load(path: str | PathLike[str], animation: str | None = None) -> Scene: ...
     @staticmethod
     def from_toml(
         text: str, base: str | PathLike[str], pictures: list[tuple[str, npt.NDArray[np.float32]]]
@@ -371,6 +371,8 @@ class Simulator:
     @property
     def notes(self) -> list[str]: ...
     @property
+    def warnings(self) -> list[str]: ...
+    @property
     def quality(self) -> str | None: ...
     @property
     def method(self) -> str: ...
@@ -425,7 +427,7 @@ class Writer:
         labels: list[str],
         overwrite: bool,
         imus: list[str] = ...,
-        bodies: list[tuple[str, int, int, list[list[float]]]] = ...,
+        bodies: list[tuple[str, int, int, str, list[list[float]]]] = ...,
     ) -> Writer: ...
     def write_events(
         self, camera: int, events: npt.NDArray[np.void], causes: npt.NDArray[np.uint8] | None = None

@@ -311,6 +311,11 @@ class Recording(EventCarrier, Mapping[str, RecordedView]):
         return () if self.bodies is None else self.bodies.instances
 
     @property
+    def classes(self) -> dict[int, str]:
+        """Names of semantic classes by ids in images of the label ``semantic``; empty where none has one."""
+        return {} if self.bodies is None else self.bodies.classes
+
+    @property
     def imus(self) -> Mapping[str, ImuSamples]:
         """Samples of inertial measurement units by name; empty where there are none."""
         source = self._source

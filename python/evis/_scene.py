@@ -127,11 +127,18 @@ class Scene:
         return cls(_evis.Scene.builtin(str(name), seed), (_builtin, (str(name), seed)))
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Scene:
+    def load(cls, path: str | PathLike[str], *, animation: str | int | None = None) -> Scene:
         """Load a ``.toml``, ``.gltf`` or ``.glb`` file, or a picture: ``.png``, ``.jpg``, ``.hdr``, ``.exr``.
 
         A picture is a flat scene: sRGB, which is decoded to linear light, or linear light where it holds
         floats. What has neither a camera nor any motion gets a camera that moves: see `with_camera_motion`.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+        animation : str or int, optional
+            Which animation of a glTF file plays, by name or by index from 0; the first where not given.
 
         Raises
         ------
@@ -140,9 +147,12 @@ class Scene:
         FormatError
             If its content is not usable; says where and why.
         ConfigError
-            If the file's ending is another, or the scene breaks a rule.
+            If the file's ending is another, the scene breaks a rule, or there is no such animation; lists
+            those that exist.
         """
-        return cls(_evis.Scene.load(path), (Scene.load, (Path(path).absolute(),)))
+        if animation is not None and not isinstance(animation, str):
+            animation = str(_check.whole("animation", animation, 0))
+        return cls(_evis.Scene.load(path, animation), (_loaded, (Path(path).absolute(), animation)))
 
     @classmethod
     def from_toml(cls, text: str, *, base: str | PathLike[str] = ".") -> Scene:
@@ -287,6 +297,11 @@ class Scene:
         """The objects by their ids in images of the label ``instance``, with names and semantic ids."""
         return bodies_of(self._raw, [], 0, 0, []).instances
 
+    @property
+    def classes(self) -> dict[int, str]:
+        """Names of semantic classes by their ids in images of the label ``semantic``; those that occur."""
+        return bodies_of(self._raw, [], 0, 0, []).classes
+
     def bodies(
         self, t_us: npt.ArrayLike = (), *, cameras: Sequence[str] | None = None, environment: int = 0
     ) -> Bodies:
@@ -340,6 +355,10 @@ class Scene:
 
 def _builtin(name: str, seed: int) -> Scene:
     return Scene.builtin(name, seed=seed)
+
+
+def _loaded(path: Path, animation: str | None) -> Scene:
+    return Scene.load(path, animation=animation)
 
 
 def moved_scene(

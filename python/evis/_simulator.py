@@ -286,7 +286,7 @@ class Simulator:
         if applied is None or applied == scene._raw.camera_motion:
             self._scene = scene
         else:
-            # A motion that nobody asked for is made again by its name.
+            # A default motion is made again by its name.
             word = motion_text(camera_motion) or applied[0]
             first = names[0] if names else None
             self._scene = Scene(raw, (moved_scene, (scene, word, camera_speed, first, size)))
@@ -295,7 +295,9 @@ class Simulator:
         self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}
         self._labels = tuple(self._engine.labels)
         if not (self._driven or self._changed):
-            _announce(scene, self._scene, [camera.name for camera in self._cameras])
+            _warn_of_motion(scene, self._scene, [camera.name for camera in self._cameras])
+            for warning in self._engine.warnings:
+                warnings.warn(warning, stacklevel=2)
 
     @property
     def scene(self) -> Scene:
@@ -569,7 +571,7 @@ class Simulator:
         end_us = self.now_us + left_us
         engine = own.stream(left_us, _check.time_us("packet_us", packet_us))
         stream = Stream(self, engine, end_us, progress)
-        # Weakly: a stream that nobody reads any more gives the engine back.
+        # Weakly: a stream that is garbage-collected returns the engine.
         self._stream = weakref.ref(stream)
         return stream
 
@@ -614,7 +616,7 @@ class Stream(Iterator[Packet]):
         progress: bool | Callable[[StreamProgress], object] = False,
     ) -> None:
         self._start_us = simulator.now_us
-        self._told = progress if callable(progress) else None
+        self._on_progress = progress if callable(progress) else None
         self._bar = Progress(end_us - self._start_us, "us of stream") if progress is True else None
         self._began, self._left, self._count = time.monotonic(), TimeLeft(), 0
         self._simulator = simulator
@@ -657,8 +659,8 @@ class Stream(Iterator[Packet]):
         self._count += packet.report.events
         if self._bar is not None:
             self._bar.reach(packet.end_us - self._start_us)
-        if self._told is not None:
-            self._told(self._progress(packet.end_us))
+        if self._on_progress is not None:
+            self._on_progress(self._progress(packet.end_us))
         return packet
 
     def _progress(self, t_us: int) -> StreamProgress:
@@ -699,8 +701,8 @@ NO_EVENT = (
 )
 
 
-def _announce(given: Scene, moved: Scene, cameras: list[str]) -> None:
-    """Warn of a motion that nobody asked for, and of a scene that rests."""
+def _warn_of_motion(given: Scene, moved: Scene, cameras: list[str]) -> None:
+    """Warn of a default camera motion, and of a static scene."""
     applied = moved._raw.camera_motion
     if given._raw.camera_motion is None and applied is not None and applied[2]:
         warnings.warn(moved.warnings[-1], stacklevel=3)

@@ -1,4 +1,4 @@
-"""Python values as TOML text, for scenes built in Python: they take the same road as scene files."""
+"""Python values as TOML text, for scenes built in Python: they are parsed as scene files are."""
 
 from __future__ import annotations
 

@@ -207,12 +207,12 @@ class FailureCell:
     failure, method : str
         Id of the failure and name of the method.
     number : float or None
-        What tells the failure; ``FailureVerification.failures`` says what it is. None where the run gave
+        The measure of the failure; ``FailureVerification.failures`` says what it is. None where the run gave
         nothing to take it from.
     interval : (float, float) or None
         Where the number lies with 95 % confidence, for those that say so.
     details : dict of str to float or None
-        What else tells about it.
+        Further measures.
     f1 : float or None
         Within 1 ms, scaled by image speed, at all pixels of truth; None where truth has no events.
     median_us : float or None
@@ -517,7 +517,7 @@ def verify_light(
     Parameters
     ----------
     scene : Scene
-        What to look at.
+        The scene.
     at : float
         Scene time in seconds.
     samples : int

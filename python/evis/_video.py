@@ -209,7 +209,7 @@ def video(
     began, left = time.monotonic(), TimeLeft()
     bar: Progress | None = None
 
-    def told(t_us: int, duration_us: int, events: int) -> None:
+    def on_progress(t_us: int, duration_us: int, events: int) -> None:
         nonlocal bar
         if progress is True:
             bar = bar or Progress(duration_us, "us of frames")
@@ -226,7 +226,7 @@ def video(
         seed=_check.whole("seed", seed, 0, 2**63 - 1),
         reference_luminance=_check.number("reference_luminance", reference_luminance),
         overwrite=overwrite,
-        progress=told if progress else None,
+        progress=on_progress if progress else None,
     )
     if bar is not None:
         bar.close()

@@ -111,8 +111,8 @@ class Evaluation:
     @property
     def controls_fail(self) -> bool | None:
         """Whether every control fails, without which the other figures say nothing; None without controls."""
-        verdicts = [row.fails for row in self.rows if row.fails is not None]
-        return all(verdicts) if verdicts else None
+        outcomes = [row.fails for row in self.rows if row.fails is not None]
+        return all(outcomes) if outcomes else None
 
     def row(self, stream: str = EVENTS, setting: str | None = None) -> Row:
         """Return the row of a stream; of the first setting where none is given.
@@ -145,9 +145,9 @@ class Evaluation:
         names = list(dict.fromkeys(name for row in self.rows for name in row.scores))
         table = [["", "", "samples", *names, ""]]
         for row in self.rows:
-            verdict = {None: "", True: "fails", False: "DOES NOT FAIL"}[row.fails]
+            outcome = {None: "", True: "fails", False: "DOES NOT FAIL"}[row.fails]
             figures = [f"{row.scores[name]:.3f}" if name in row.scores else "" for name in names]
-            table.append([row.setting, row.stream, str(row.samples), *figures, verdict])
+            table.append([row.setting, row.stream, str(row.samples), *figures, outcome])
         wide = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
         lines = [
             "  ".join(
@@ -378,7 +378,7 @@ def reconstruct(
 
     The windows lie between rendered frames, as EVREAL has them: of a recording's label ``frame`` where it has
     one, else ``hdr``, mapped by `tone_map`. Measures: ``mse``, ``ssim`` (`evis.metrics.ssim`, range 1),
-    `ncc`, ``ncc_local``, which is `ncc` after the mean over 41x41 pixels is taken away: events tell little of
+    `ncc`, ``ncc_local``, which is `ncc` after the mean over 41x41 pixels is taken away: events hold little of
     slow gradients; with ``lpips``, that too. Controls are judged by `ncc`.
 
     Parameters

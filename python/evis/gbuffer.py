@@ -59,10 +59,10 @@ _STATIC_KEYFRAMES = 64
 _STATIC_SHARE = 1e-3
 """Share of a still picture's pixels that must have fired before anything is suspected."""
 
-_TELLS_PX = 0.75
+_DECISIVE_PX = 0.75
 """A flipped axis leads 1.5 px astray from here on, which is where `check_motion` compares."""
 
-_TELLING = 0.025
+_DECISIVE_SHARE = 0.025
 """Share of the pixels that must move so far along an axis before its sign counts as checked."""
 
 
@@ -91,7 +91,7 @@ class PipelineSettings:
         What x and y of motion vectors are multiplied by to lead, in pixels, x right and y down, from each
         keyframe to the last one.
     check_motion : bool
-        Whether the convention of the motion vectors is checked by the first pictures that tell it.
+        Whether the convention of the motion vectors is checked with the first pictures that decide it.
     voxel_bins : int
         Bins of ``event_voxels``.
     window_us : int
@@ -328,7 +328,7 @@ class EventPipeline:
         self._older = light.copy() if self._unchecked else None
         self._before_us, self._now_us = self._now_us, t_us
         self._starts = [t_us if start is None else start for start in self._starts]
-        self._keep(events)
+        self._set_last_events(events)
         self._check_still(light, motion, held)
         if copies.size:
             self._warn(
@@ -410,7 +410,7 @@ class EventPipeline:
         # With an exposure, events are as old as the light that they come of.
         return events, min(start_us, int(events.t[0])) if len(events) else start_us, end_us
 
-    def _keep(self, events: list[EventArray]) -> None:
+    def _set_last_events(self, events: list[EventArray]) -> None:
         self._last = events
         self._dense = {}
         for env, own in enumerate(events):
@@ -496,7 +496,7 @@ class EventPipeline:
         return [int(index) for index in given]
 
     def _check_motion(self, light: npt.NDArray[Any], motion: Float, held: list[int]) -> set[int]:
-        """Check the convention with the environment that moves most; return the axes that were told."""
+        """Check the convention with the environment that moves most; return the axes that it decides."""
         if not self._unchecked or self._older is None:
             return set()
         began = [env for env, start in enumerate(self._starts) if start is not None and env not in held]
@@ -506,7 +506,7 @@ class EventPipeline:
         env = began[int(np.argmax(speeds))]
         older, newer = (np.ascontiguousarray(light[env]) for light in (self._older, light))
         vectors = motion[env]
-        found, exchanged = (_told(older, newer, each) for each in (vectors, vectors[..., ::-1]))
+        found, exchanged = (_convention_of(older, newer, each) for each in (vectors, vectors[..., ::-1]))
         if exchanged is not None and exchanged.is_right:
             worse = found is None or (found.is_right and found.error > 2 * exchanged.error)
             if worse:
@@ -527,8 +527,8 @@ class EventPipeline:
                 f"{self._name}: motion_vectors are {found.convention}; they must be pixels from this "
                 f"keyframe to the last one, x right, y down: {remedy}"
             )
-        moved = np.abs(vectors) >= _TELLS_PX
-        return {axis for axis in (0, 1) if float(moved[..., axis].mean()) >= _TELLING}
+        moved = np.abs(vectors) >= _DECISIVE_PX
+        return {axis for axis in (0, 1) if float(moved[..., axis].mean()) >= _DECISIVE_SHARE}
 
     def _check_still(self, light: npt.NDArray[Any], motion: Float, held: list[int]) -> None:
         """Warn, once, where the light of a picture changes in which nothing moves."""
@@ -565,8 +565,8 @@ class EventPipeline:
         return f"EventPipeline({self._name!r}, {self._num_envs} x {width}x{height}, now_us={self._now_us})"
 
 
-def _told(older: npt.NDArray[Any], newer: npt.NDArray[Any], vectors: Float) -> MotionCheck | None:
-    """Return what the pictures tell of the vectors' convention, None if they do not."""
+def _convention_of(older: npt.NDArray[Any], newer: npt.NDArray[Any], vectors: Float) -> MotionCheck | None:
+    """Return the vectors' convention by the pictures; None if these do not decide it."""
     try:
         return check_motion(older, newer, np.ascontiguousarray(vectors))
     except ConfigError:

@@ -124,8 +124,8 @@ class _Batch:
         self.poses: dict[str, npt.NDArray[np.float64]] = {}
         self.steps = np.zeros(self.count, np.int64)
 
-    def begin(self) -> None:
-        """Begin time anew, so that what follows depends on nothing from before."""
+    def restart(self) -> None:
+        """Start again at time 0, so that nothing depends on what came before."""
         if self.simulator.now_us > 0:
             self.simulator = copy.copy(self.simulator)
 
@@ -237,7 +237,7 @@ class EventEnv(gymnasium.Env[Any, Any]):
     -----
     ``info["events"]`` has the events of the step, an `EventWindow`; their times go on over episodes.
     ``info["held"]`` tells that a pose was not finite or no unit quaternion: the environment then stays where
-    it is, and the episode is truncated. `reset` with a seed begins the simulator anew, at time 0: the same
+    it is, and the episode is truncated. `reset` with a seed restarts the simulator at time 0: the same
     seed and actions give the same bytes.
     """
 
@@ -270,7 +270,7 @@ class EventEnv(gymnasium.Env[Any, Any]):
         """Begin an episode; returns an observation of no events."""
         super().reset(seed=seed)
         if seed is not None:
-            self._batch.begin()
+            self._batch.restart()
         self._batch.reset(np.zeros(1, np.int64), [self.np_random], None if seed is None else [seed])
         nothing = self._batch.nothing()
         return self._batch.observe(nothing), {"events": nothing, "held": False}
@@ -306,7 +306,7 @@ class EventVectorEnv(VectorEnv[Any, Any, Any]):
     -----
     Observations are (N, C, H, W). ``info["events"]`` is an array of N `EventWindow`, ``info["held"]`` as of
     `EventEnv`. A reset sets the pixel memory of its environment and of no other one. Seeds: environment i has
-    ``seed + i``; a reset of all with seeds begins the simulator anew, at time 0.
+    ``seed + i``; a reset of all with seeds restarts the simulator at time 0.
     """
 
     def __init__(
@@ -380,7 +380,7 @@ class EventVectorEnv(VectorEnv[Any, Any, Any]):
             if all(one is not None for one in chosen):
                 seeds = chosen
                 if mask.all():
-                    self._batch.begin()
+                    self._batch.restart()
         self._ended[ids] = False
         self._reset(ids, seeds)
         nothing = self._batch.nothing()

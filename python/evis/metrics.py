@@ -101,7 +101,7 @@ class RegionScore:
 
 @dataclass(frozen=True, slots=True)
 class MatchScore:
-    """What one matching tells.
+    """The result of one matching.
 
     Attributes
     ----------
@@ -162,9 +162,9 @@ class Score:
     Attributes
     ----------
     duration_us, pixels : int
-        What was looked at.
+        Duration and number of the pixels that were compared.
     truth_events, events : int
-        Events of the truth, and those of the stream that were looked at.
+        Events of the truth, and those of the stream that were compared.
     ignored_unknown_pixel, ignored_outside_interval : int
         Events of the stream at pixels that the truth does not know, and outside ``[0, duration_us)``.
     count_ratio : float
@@ -465,7 +465,7 @@ class EndpointError:
     Attributes
     ----------
     pixels : int
-        Pixels that were looked at.
+        Pixels that were compared.
     mean, median : float
         Pixels.
     below_1px, below_3px, below_5px : float

@@ -101,7 +101,7 @@ def scene(
     ConfigError
         If it is no model, holds values that are not finite, or shows nothing.
     """
-    reading = _Reading(model, data, geom_groups, site_groups, size)
+    reading = _ModelReader(model, data, geom_groups, site_groups, size)
     cameras = [i for i in range(model.ncam) if not _is_orthographic(model, i)] or [-1]
     return reading.build(cameras, skybox)
 
@@ -168,7 +168,7 @@ class EventRenderer:
         **settings: Any,
     ) -> None:
         size = _check.size((width, height))
-        reading = _Reading(model, None, geom_groups, site_groups, size)
+        reading = _ModelReader(model, None, geom_groups, site_groups, size)
         chosen = list(camera) if isinstance(camera, (list, tuple)) else [camera]
         if not chosen:
             raise ConfigError("camera is empty; give a name, an index, or -1 for the free camera")
@@ -491,7 +491,7 @@ class EventRenderer:
         if self._pixels(off, reach) <= _TOLERANCE_PX:
             return []
         # A free camera moves by the caller's hand, evenly.
-        poses[:, self._by_hand] = _interpolated(first.poses, last.poses, share)[:, self._by_hand]
+        poses[:, self._free_cameras] = _interpolated(first.poses, last.poses, share)[:, self._free_cameras]
         knot = _Knot(middle_us, poses, path)
         return [
             *self._between(first, knot, path, reach, halvings - 1),
@@ -500,7 +500,7 @@ class EventRenderer:
         ]
 
     @property
-    def _by_hand(self) -> list[int]:
+    def _free_cameras(self) -> list[int]:
         return [i for i, frame in enumerate(self._frames) if frame.kind == _FREE]
 
     def _until(self, until_us: int, now_us: int) -> tuple[list[int], Array]:
@@ -517,7 +517,7 @@ class EventRenderer:
                 here = _interpolated(older.poses, knot.poses, share)
                 if knot.path is not None:
                     exact = self._at(knot.path, until_us)
-                    exact[:, self._by_hand] = here[:, self._by_hand]
+                    exact[:, self._free_cameras] = here[:, self._free_cameras]
                     here = exact
             if t_us > now_us or (t_us == 0 and self._packet is None):
                 times.append(t_us)
@@ -716,7 +716,7 @@ def _is_orthographic(model: Any, camera: int) -> bool:
     return bool(model.cam_orthographic[camera]) if hasattr(model, "cam_orthographic") else False
 
 
-class _Reading:
+class _ModelReader:
     """A model as a scene is made of it."""
 
     def __init__(
@@ -863,7 +863,7 @@ class _Reading:
         """Make the scene, with these cameras."""
         model = self.model
         self._meshes()
-        self._unread()
+        self._omit_unsupported()
         ambient = np.zeros(3)
         lights = self._lights()
         head = model.vis.headlight
@@ -901,9 +901,9 @@ class _Reading:
 
     def _shown(self) -> list[tuple[str, int]]:
         """Return what of the drawn groups can be seen."""
-        return [(kind, i) for kind, i in self.drawn if self._look(kind, i)[1][3] >= _TRANSPARENT]
+        return [(kind, i) for kind, i in self.drawn if self._appearance(kind, i)[1][3] >= _TRANSPARENT]
 
-    def _look(self, kind: str, index: int) -> tuple[int, tuple[float, ...]]:
+    def _appearance(self, kind: str, index: int) -> tuple[int, tuple[float, ...]]:
         """Material, -1 for none, and colour with alpha: the object's own if it is not the default."""
         model = self.model
         material = int(getattr(model, f"{kind}_matid")[index])
@@ -917,9 +917,9 @@ class _Reading:
         model, glb = self.model, self._glb
         on: dict[int, list[tuple[str, int]]] = {}
         for kind, index in self.drawn:
-            _, rgba = self._look(kind, index)
+            _, rgba = self._appearance(kind, index)
             if 0 < rgba[3] < _TRANSPARENT:
-                self._leave("transparent, not drawn (alpha below 0.5)", kind, index)
+                self._omit("transparent, not drawn (alpha below 0.5)", kind, index)
             elif rgba[3] > 0:
                 on.setdefault(int(getattr(model, f"{kind}_bodyid")[index]), []).append((kind, index))
         for body in range(model.nbody):
@@ -940,7 +940,7 @@ class _Reading:
     def _parts(self, kind: str, index: int) -> list[tuple[Triangles, int]]:
         """Triangles of a geom or site by material."""
         model = self.model
-        material, rgba = self._look(kind, index)
+        material, rgba = self._appearance(kind, index)
         size = np.asarray(getattr(model, f"{kind}_size")[index], np.float64)
         which = int(getattr(model, f"{kind}_type")[index])
         texture = self._texture_of(material)
@@ -1009,7 +1009,7 @@ class _Reading:
             return _shapes.height_field(heights.reshape(rows, columns), field_size, 1), False
         if _is_mesh(which) and data >= 0:
             return self._mesh(data)
-        self._leave("not drawn, its shape is unknown", kind, index)
+        self._omit("not drawn, its shape is unknown", kind, index)
         return None
 
     def _plane(self, size: Array) -> Triangles:
@@ -1088,7 +1088,7 @@ class _Reading:
                 metallic = float(model.mat_metallic[material])
                 roughness = float(model.mat_roughness[material])
             if float(model.mat_reflectance[material]) > 0:
-                self._leave_named("mirror images are not drawn (reflectance)", self._material_name(material))
+                self._omit_named("mirror images are not drawn (reflectance)", self._material_name(material))
         if roughness < 0:
             roughness = _roughness(128 * shininess) if specular > 0 else 1.0
         color = np.array(rgba[:3])
@@ -1244,16 +1244,16 @@ class _Reading:
 
     # What is not drawn
 
-    def _leave(self, why: str, kind: str, index: int) -> None:
+    def _omit(self, why: str, kind: str, index: int) -> None:
         which = {"geom": _OBJECT.mjOBJ_GEOM, "site": _OBJECT.mjOBJ_SITE}[kind]
-        self._leave_named(why, f"{kind} '{_name(self.model, which, index)}'")
+        self._omit_named(why, f"{kind} '{_name(self.model, which, index)}'")
 
-    def _leave_named(self, why: str, name: str) -> None:
+    def _omit_named(self, why: str, name: str) -> None:
         names = self.left_out.setdefault(why, [])
         if name not in names:
             names.append(name)
 
-    def _unread(self) -> None:
+    def _omit_unsupported(self) -> None:
         model = self.model
         not_drawn = "not drawn"
         for what, count, kind in (
@@ -1261,28 +1261,28 @@ class _Reading:
             ("skin", model.nskin, _OBJECT.mjOBJ_SKIN),
         ):
             for index in range(count):
-                self._leave_named(not_drawn, f"{what} '{_name(model, kind, index)}'")
+                self._omit_named(not_drawn, f"{what} '{_name(model, kind, index)}'")
         for index in range(model.ntendon):
             start, count = int(model.tendon_adr[index]), int(model.tendon_num[index])
             wraps = model.wrap_type[start : start + count]
             spatial = bool((wraps != int(mujoco.mjtWrap.mjWRAP_JOINT)).any())
             if spatial and model.tendon_group[index] <= 2 and model.tendon_rgba[index][3] > 0:
                 name = _name(model, _OBJECT.mjOBJ_TENDON, index)
-                self._leave_named(not_drawn, f"tendon '{name}'")
+                self._omit_named(not_drawn, f"tendon '{name}'")
         for index in range(model.ncam):
             if _is_orthographic(model, index):
-                self._leave_named("orthographic, left out", f"camera '{self.camera_name(index)}'")
+                self._omit_named("orthographic, left out", f"camera '{self.camera_name(index)}'")
         for index in range(model.nlight):
             if model.light_active[index] and self._light_kind(index) is None:
-                self._leave_named("image lights do not shine", _light_name(model, index))
+                self._omit_named("image lights do not shine", _light_name(model, index))
         for index in range(model.nmat):
             roles = np.atleast_1d(model.mat_texid[index])
             others = np.flatnonzero(roles >= 0)
             if roles.size > 1 and (others != int(mujoco.mjtTextureRole.mjTEXROLE_RGB)).any():
-                self._leave_named("textures of other roles than RGB are not read", self._material_name(index))
+                self._omit_named("textures of other roles than RGB are not read", self._material_name(index))
             rgb = int(roles[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] if roles.size > 1 else roles[0])
             if rgb >= 0 and self._texture_of(index) is None:
-                self._leave_named(
+                self._omit_named(
                     "textures of fewer than three channels are not read", self._material_name(index)
                 )
 

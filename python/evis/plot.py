@@ -91,7 +91,7 @@ class _Axis:
         self.origin_us = start_us if abs(start_us) > 100 * span and abs(start_us) > 3_600_000_000 else 0
         units = ((1e6, "s"), (1e3, "ms"), (1.0, "us"))
         self.us, self.unit = next((u for u in units if span >= 2 * u[0]), units[-1])
-        # A thousandth of the span can be told.
+        # A thousandth of the span is resolved.
         self._decimals = max(0, int(np.ceil(-np.log10(span / (1000 * self.us)))))
         after = f" after {self.origin_us} us" if self.origin_us else ""
         self.label = f"time{after} ({self.unit})"
@@ -104,7 +104,7 @@ class _Axis:
 
 
 def _plain(axes: Any) -> None:
-    """Take away what tells nothing."""
+    """Remove spines without information."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -517,7 +517,7 @@ _CLOUD = 4_000
 
 
 def _stamp(figure: Any, caption: float, width: int) -> Any:
-    """Write the legend of a film ``width`` pixels wide, and return the text that tells the time."""
+    """Write the legend of a film ``width`` pixels wide, and return the text artist of the time."""
     middle = caption / 2
     for right, name, color in ((8, "OFF", _OFF), (52, "ON", _ON)):
         place = 1 - right / width

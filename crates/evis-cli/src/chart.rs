@@ -8,6 +8,7 @@ use evis_chart::{
     ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, PictureKind, SceneChart, Stage,
 };
 use evis_render::Gpu;
+use evis_scene::source::Opening;
 
 use crate::args::{ChartArgs, MeasuringArgs, to_us};
 use crate::failure::bad_input;
@@ -119,8 +120,13 @@ fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
     let seed = args.measuring.seed.unwrap_or(0);
     let mut scenes = Vec::new();
     for name in &args.scenes {
-        let camera_motion = args.camera_motion.settings(settings.size, settings.camera.as_ref());
-        let scene = scene_source::open(name, seed, args.measuring.speed, camera_motion)?;
+        let opening = Opening {
+            seed,
+            speed: args.measuring.speed,
+            camera_motion: args.camera_motion.settings(settings.size, settings.camera.as_ref()),
+            ..Opening::default()
+        };
+        let scene = scene_source::open(name, &opening)?;
         if let Some(camera) = &settings.camera {
             scene.camera(camera)?;
         }

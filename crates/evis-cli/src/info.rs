@@ -9,7 +9,9 @@ use evis_core::{CameraInfo, SensorConfig};
 use serde::Serialize;
 
 use crate::args::InfoArgs;
-use crate::{convert, extent, scene_info, text};
+use crate::failure::bad_input;
+use crate::scene_info::{self, ClassLine};
+use crate::{convert, extent, text};
 
 #[derive(Serialize)]
 struct Info {
@@ -29,6 +31,8 @@ struct Info {
     on: u64,
     off: u64,
     cameras: Vec<CameraLine>,
+    /// Semantic classes that have a name.
+    classes: Vec<ClassLine>,
     /// The settings as they are stored.
     settings_toml: String,
 }
@@ -125,7 +129,13 @@ struct LabelLine {
 /// Describes a recording.
 pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
     if !args.repair && !args.check && scene_info::is_scene(&args.input) {
-        return scene_info::info(&args.input, args.json);
+        return scene_info::info(&args.input, args.animation.animation.as_deref(), args.json);
+    }
+    if let Some(animation) = &args.animation.animation {
+        return Err(bad_input(format!(
+            "--animation is '{animation}', but {} is no scene; leave it out",
+            args.input.display()
+        )));
     }
     // Recordings of EVIS have more to tell; a damaged one is explained by their own reader.
     let other = match evis_format::recognise(&args.input)? {
@@ -163,6 +173,7 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
         on: cameras.iter().map(|c| c.on).sum(),
         off: cameras.iter().map(|c| c.off).sum(),
         cameras,
+        classes: ClassLine::of(&recording.body_infos()?),
         settings_toml: header.config_toml.clone(),
     };
     if args.json {
@@ -325,6 +336,7 @@ fn describe(info: &Info) -> String {
             ));
         }
     }
+    lines.extend(ClassLine::in_words(&info.classes).map(|classes| format!("classes  {classes}")));
     lines.push("settings".into());
     lines.extend(info.settings_toml.lines().map(|line| format!("  {line}")));
     lines.join("\n")

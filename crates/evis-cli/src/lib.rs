@@ -23,6 +23,7 @@ mod scene_info;
 mod scene_source;
 mod score;
 mod sensor_source;
+mod still;
 mod text;
 mod trace;
 mod truth;

@@ -1,4 +1,4 @@
-//! `preview`: a recording as a picture, an animation or a film. The same recording and options give the
+//! `preview`: a recording as a picture, an animation or a film, or a scene as a picture. The same input and options give the
 //! same pixels.
 
 use std::fs::File;
@@ -18,7 +18,7 @@ use crate::failure::bad_input;
 use crate::label_picture::label_picture;
 use crate::picture::{self, Canvas, GLYPH_STEP, Palette, TEXT_LINE};
 use crate::progress::Progress;
-use crate::{extent, text};
+use crate::{extent, scene_info, still, text};
 
 /// Names the ffmpeg to use; the Python package's `video` extra sets it.
 const FFMPEG_VARIABLE: &str = "EVIS_FFMPEG";
@@ -41,6 +41,24 @@ pub(crate) fn preview(args: &PreviewArgs) -> anyhow::Result<i32> {
     let kind = Kind::of(&args.output)?;
     if same_file(&args.input, &args.output) {
         return Err(bad_input("--output is the recording itself; choose another name"));
+    }
+    if scene_info::is_scene(&args.input) {
+        if kind != Kind::Png {
+            let output = args.output.display();
+            return Err(bad_input(format!("--output {output}: a scene becomes a still picture, .png")));
+        }
+        let (canvas, shown) = still::still(args)?;
+        write_png(&args.output, &canvas)?;
+        text::say(&format!("{}  {}x{} pixels, {shown}", args.output.display(), canvas.width, canvas.height));
+        return Ok(0);
+    }
+    for (flag, given) in
+        [("--size", args.size.is_some()), ("--animation", args.animation.animation.is_some())]
+    {
+        if given {
+            let input = args.input.display();
+            return Err(bad_input(format!("{flag} is for scenes, and {input} is none; leave it out")));
+        }
     }
     let mut show = Show::open(args)?;
     let drawn = match kind {
@@ -254,17 +272,17 @@ fn png(args: &PreviewArgs, show: &mut Show) -> anyhow::Result<String> {
         }
         None => sheet(show, window_us)?,
     };
-    write_file(&args.output, |file| {
-        let encoder = image::codecs::png::PngEncoder::new(file);
-        encoder.write_image(
-            &canvas.bytes(),
-            canvas.width as u32,
-            canvas.height as u32,
-            ExtendedColorType::Rgb8,
-        )?;
-        Ok(())
-    })?;
+    write_png(&args.output, &canvas)?;
     Ok(format!("{}x{} pixels", canvas.width, canvas.height))
+}
+
+fn write_png(path: &Path, canvas: &Canvas) -> anyhow::Result<()> {
+    let (width, height) = (canvas.width as u32, canvas.height as u32);
+    write_file(path, |file| {
+        let encoder = image::codecs::png::PngEncoder::new(file);
+        encoder.write_image(&canvas.bytes(), width, height, ExtendedColorType::Rgb8)?;
+        Ok(())
+    })
 }
 
 fn sheet(show: &mut Show, window_us: i64) -> anyhow::Result<Canvas> {

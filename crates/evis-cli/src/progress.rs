@@ -143,14 +143,14 @@ pub(crate) struct Measured {
 
 impl Forecast {
     /// The stream of `duration_us` has reached `t_us` after `elapsed` of work. `Some` once: at the end of a packet behind the
-    /// first when a second of work is measured, or the stream is over.
+    /// first when a second of work is measured and the stream is not over.
     pub(crate) fn at(&mut self, t_us: i64, elapsed: Duration, duration_us: i64) -> Option<Measured> {
         let Some((first_us, first)) = self.first else {
             self.first = Some((t_us, elapsed));
             return None;
         };
         let measured = elapsed.saturating_sub(first);
-        if self.told || t_us <= first_us || (measured < LEAST_WORK && t_us < duration_us) {
+        if self.told || t_us <= first_us || measured < LEAST_WORK || t_us >= duration_us {
             return None;
         }
         self.told = true;
@@ -186,7 +186,7 @@ mod tests {
         assert_eq!(forecast.at(40_000, 8 * S, 1_000_000), None);
         let mut short = Forecast::default();
         assert_eq!(short.at(10_000, S, 20_000), None);
-        assert_eq!(short.at(20_000, S + S / 10, 20_000).unwrap().total, S + S / 10);
+        assert_eq!(short.at(20_000, 3 * S, 20_000), None, "it is over");
     }
 
     #[test]

@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use evis_scene::{CameraMotionSettings, Scene};
+use evis_core::format::hdf5::BodyInfo;
+use evis_render::Bodies;
+use evis_scene::Scene;
+use evis_scene::source::Opening;
 use serde::Serialize;
 
 use crate::{scene_source, text};
@@ -18,11 +21,34 @@ struct SceneInfo {
     nodes: usize,
     triangles: usize,
     cameras: Vec<String>,
+    /// Semantic classes of what is drawn that have a name.
+    classes: Vec<ClassLine>,
     lights: usize,
     materials: Vec<String>,
     textures: usize,
     /// What its loader had to say, and what stands out.
     notes: Vec<String>,
+}
+
+/// A semantic class, in images of labels and by name.
+#[derive(Serialize)]
+pub(crate) struct ClassLine {
+    id: u32,
+    name: String,
+}
+
+impl ClassLine {
+    /// The classes of `bodies`.
+    pub(crate) fn of(bodies: &[BodyInfo]) -> Vec<Self> {
+        let line = |(id, name): (u32, &str)| Self { id, name: name.to_owned() };
+        BodyInfo::classes(bodies).into_iter().map(line).collect()
+    }
+
+    /// `1 floor, 2 crate`; `None` where no class has a name.
+    pub(crate) fn in_words(classes: &[Self]) -> Option<String> {
+        let words: Vec<_> = classes.iter().map(|class| format!("{} {}", class.id, class.name)).collect();
+        (!words.is_empty()).then(|| words.join(", "))
+    }
 }
 
 /// Whether `input` names a scene: a built-in one that no file has the name of, or a file with a scene's ending.
@@ -33,10 +59,11 @@ pub(crate) fn is_scene(input: &Path) -> bool {
     by_ending || (!input.exists() && scene_source::builtins().iter().any(|(builtin, _)| *builtin == name))
 }
 
-/// Describes the scene `input`.
-pub(crate) fn info(input: &Path, json: bool) -> anyhow::Result<i32> {
-    let scene = scene_source::open(&input.to_string_lossy(), 0, None, CameraMotionSettings::default())?;
-    let info = describe(&input.display().to_string(), &scene);
+/// Describes the scene `input`, of which `animation` plays.
+pub(crate) fn info(input: &Path, animation: Option<&str>, json: bool) -> anyhow::Result<i32> {
+    let opening = Opening { animation: animation.map(str::to_owned), ..Opening::default() };
+    let scene = scene_source::open(&input.to_string_lossy(), &opening)?;
+    let info = describe(&input.display().to_string(), &scene)?;
     if json {
         text::say_json(&info)?;
     } else {
@@ -45,11 +72,12 @@ pub(crate) fn info(input: &Path, json: bool) -> anyhow::Result<i32> {
     Ok(0)
 }
 
-fn describe(name: &str, scene: &Scene) -> SceneInfo {
+fn describe(name: &str, scene: &Scene) -> anyhow::Result<SceneInfo> {
     let bounds_m = scene.bounds(0.0).map(|(low, high)| [low.to_array(), high.to_array()]);
     let mut notes = scene.warnings.clone();
-    notes.extend(bounds_m.and_then(scene_source::unlikely_size));
-    SceneInfo {
+    notes.extend(scene.unlikely_size());
+    let bodies = Bodies::new(scene, [], 0, 0)?;
+    Ok(SceneInfo {
         scene: name.to_owned(),
         bounds_m,
         duration_s: scene.duration_s,
@@ -57,11 +85,12 @@ fn describe(name: &str, scene: &Scene) -> SceneInfo {
         nodes: scene.nodes.len(),
         triangles: scene_source::triangles(scene),
         cameras: scene.cameras.iter().map(|camera| camera.name.clone()).collect(),
+        classes: ClassLine::of(bodies.infos()),
         lights: scene.lights.len(),
         materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
         textures: scene.textures.len(),
         notes,
-    }
+    })
 }
 
 fn lines(info: &SceneInfo) -> Vec<String> {
@@ -83,6 +112,7 @@ fn lines(info: &SceneInfo) -> Vec<String> {
     }
     lines.push(format!("nodes     {}, {} triangles", info.nodes, text::grouped(info.triangles as u64)));
     lines.push(format!("cameras   {}", info.cameras.join(", ")));
+    lines.extend(ClassLine::in_words(&info.classes).map(|classes| format!("classes   {classes}")));
     lines.push(format!("lights    {}", info.lights));
     let unnamed = info.materials.iter().filter(|name| name.is_empty()).count();
     let mut names: Vec<&str> =
@@ -111,7 +141,7 @@ mod tests {
 
     #[test]
     fn a_scene_has_its_size_and_what_is_in_it() -> anyhow::Result<()> {
-        let info = describe("desk", &scene_source::describe("desk")?);
+        let info = describe("desk", &scene_source::describe("desk")?)?;
         let [low, high] = info.bounds_m.unwrap_or_default();
         assert!(
             (0..3).all(|axis| high[axis] > low[axis] && high[axis] - low[axis] < 100.0),
@@ -119,7 +149,8 @@ mod tests {
         );
         assert!(info.triangles > 100 && info.lights > 0 && !info.cameras.is_empty() && info.notes.is_empty());
         let told = lines(&info).join("\n");
-        for part in ["desk  scene", "size ", " m, from (", "cameras   ", "materials "] {
+        for part in ["desk  scene", "size ", " m, from (", "cameras   ", "classes   1 ground, ", "materials "]
+        {
             assert!(told.contains(part), "{part}\n{told}");
         }
         Ok(())

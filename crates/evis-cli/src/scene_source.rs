@@ -3,27 +3,21 @@
 use std::path::Path;
 
 use evis_scene::source::Opening;
-use evis_scene::{CameraMotionSettings, Scene, SceneError, builtin, source};
+use evis_scene::{Scene, SceneError, builtin, source};
 
 /// Names of the built-in scenes, each with what it shows.
 pub(crate) fn builtins() -> &'static [(&'static str, &'static str)] {
     builtin::names()
 }
 
-/// Opens `source`: a built-in name, a `.toml`, `.gltf` or `.glb` file, or a picture. `seed` varies built-in scenes;
-/// everything in it happens `speed` times as fast.
-pub(crate) fn open(
-    source: &str,
-    seed: u64,
-    speed: Option<f64>,
-    camera_motion: CameraMotionSettings,
-) -> Result<Scene, SceneError> {
+/// Opens `source`: a built-in name, a `.toml`, `.gltf` or `.glb` file, or a picture.
+pub(crate) fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError> {
     if is_film(source) {
         return Err(SceneError::Rule(format!(
             "{source} is a film, or frames, and no scene; `video {source} -o OUT.h5` turns it into events"
         )));
     }
-    source::open(source, &Opening { seed, speed, camera_motion })
+    source::open(source, opening)
 }
 
 /// Endings of films, and of arrays of frames.
@@ -56,28 +50,4 @@ pub(crate) fn triangles(scene: &Scene) -> usize {
         scene.meshes.get(index).map_or(0, |mesh| mesh.primitives.iter().map(|p| p.indices.len() / 3).sum())
     };
     scene.nodes.iter().filter_map(|node| node.mesh).map(of_mesh).sum()
-}
-
-/// Largest sides beyond which a scene was hardly meant, metres.
-const LIKELY_M: std::ops::RangeInclusive<f64> = 1.0e-3..=1.0e4;
-
-/// What is said of a scene between two corners whose unit was hardly the metre.
-pub(crate) fn unlikely_size([low, high]: [[f64; 3]; 2]) -> Option<String> {
-    let largest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
-    (largest > 0.0 && !LIKELY_M.contains(&largest)).then(|| {
-        format!("its largest side is {largest:.3e} m; glTF counts in metres: scale the model, in Blender before the export or with a node above it")
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_sizes_that_nobody_means_are_told() {
-        let told = |side: f64| unlikely_size([[0.0; 3], [side / 2.0, side, 0.0]]);
-        assert_eq!([0.0, 2.0e-3, 1.0, 5.0e3].map(told), [None, None, None, None]);
-        assert!(told(4.0e-4).is_some_and(|text| text.contains("4.000e-4 m")));
-        assert!(told(2.0e4).is_some_and(|text| text.contains("metres")));
-    }
 }

@@ -3,6 +3,7 @@
 use evis_core::SensorConfig;
 use evis_render::scene_sensors;
 use evis_scene::Scene;
+use evis_scene::source::Opening;
 use evis_truth::{Audit, TruthError, TruthSettings};
 
 use crate::args::{TruthArgs, to_us};
@@ -18,8 +19,13 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
     check_free(&args.output, args.force)?;
     // What is wrong with the flags is said before a scene is read.
     settings(args, SensorConfig::default()).check()?;
-    let camera_motion = args.camera_motion.settings(args.size, args.camera.as_ref());
-    let scene = scene_source::open(&args.scene, args.seed.unwrap_or(0), args.speed, camera_motion)?;
+    let opening = Opening {
+        seed: args.seed.unwrap_or(0),
+        animation: args.animation.animation.clone(),
+        speed: args.speed,
+        camera_motion: args.camera_motion.settings(args.size, args.camera.as_ref()),
+    };
+    let scene = scene_source::open(&args.scene, &opening)?;
     let rest = scene_source::at_rest(&scene, args.camera.as_slice());
     for warning in scene.warnings.iter().chain(&rest) {
         text::complain(&format!("warning: {warning}"));

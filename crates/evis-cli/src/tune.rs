@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use evis_render::tune::{Goal, tune as search};
 use evis_render::{EngineError, Gpu, RunConfig, scene_sensors};
+use evis_scene::source::Opening;
 
 use crate::args::{TuneArgs, to_us};
 use crate::failure::bad_input;
@@ -32,8 +33,13 @@ pub(crate) fn tune(args: &TuneArgs) -> anyhow::Result<i32> {
         start_us: to_us(args.start.unwrap_or(0.0)),
         ..RunConfig::default()
     };
-    let camera_motion = args.camera_motion.settings(config.size, config.cameras.first());
-    let scene = scene_source::open(&args.scene, config.seed, args.speed, camera_motion)?;
+    let opening = Opening {
+        seed: config.seed,
+        animation: args.animation.animation.clone(),
+        speed: args.speed,
+        camera_motion: args.camera_motion.settings(config.size, config.cameras.first()),
+    };
+    let scene = scene_source::open(&args.scene, &opening)?;
     for warning in scene.warnings.iter().chain(&scene_source::at_rest(&scene, &config.cameras)) {
         text::complain(&format!("warning: {warning}"));
     }

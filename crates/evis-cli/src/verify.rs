@@ -10,6 +10,7 @@ use evis_chart::verify::{
 };
 use evis_chart::{ChartError, PictureKind, Stage};
 use evis_render::Gpu;
+use evis_scene::source::Opening;
 
 use crate::args::{VerifyArgs, to_us};
 use crate::chart::cache_folder;
@@ -120,8 +121,12 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
         shadows: args.shadows.unwrap_or(default.shadows),
         worst: default.worst,
     };
-    let camera_motion = args.camera_motion.settings(settings.size, settings.camera.as_ref());
-    let scene = scene_source::open(name, common.seed.unwrap_or(0), None, camera_motion)?;
+    let opening = Opening {
+        seed: common.seed.unwrap_or(0),
+        camera_motion: args.camera_motion.settings(settings.size, settings.camera.as_ref()),
+        ..Opening::default()
+    };
+    let scene = scene_source::open(name, &opening)?;
     if let Some(camera) = &settings.camera {
         scene.camera(camera)?;
     }
@@ -146,8 +151,12 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
 fn measure(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<SceneReport>> {
     let settings = settings(args);
     settings.settings()?;
-    let camera_motion = args.camera_motion.settings(settings.size, settings.camera.as_ref());
-    let scene = scene_source::open(name, args.common.seed.unwrap_or(0), None, camera_motion)?;
+    let opening = Opening {
+        seed: args.common.seed.unwrap_or(0),
+        camera_motion: args.camera_motion.settings(settings.size, settings.camera.as_ref()),
+        ..Opening::default()
+    };
+    let scene = scene_source::open(name, &opening)?;
     if let Some(camera) = &settings.camera {
         scene.camera(camera)?;
     }

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Folder, code, evis, json, stderr};
+use common::{Folder, code, evis, json, stderr, stdout};
 
 /// A cube on a stand, with a texture so that it fires everywhere.
 const STILL: &str = r#"
@@ -163,4 +163,138 @@ fn truth_moves_as_the_engine_does() {
     // Measured: 0.869; a motion of another kind leaves nearly nothing.
     let f1 = score["score"]["tolerances"][0]["plain"]["f1"].as_f64();
     assert!(f1.is_some_and(|f1| f1 > 0.8), "{score}");
+}
+
+/// A glTF file of one white quad in front of its camera, which moves left in one animation and right in the other.
+fn quad() -> String {
+    let mut bytes: Vec<u8> = Vec::new();
+    let mut floats = |values: &[f32]| values.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    floats(&[-0.5, -0.5, 0.0, 0.5, -0.5, 0.0, 0.5, 0.5, 0.0, -0.5, -0.5, 0.0, 0.5, 0.5, 0.0, -0.5, 0.5, 0.0]);
+    floats(&[0.0, 1.0]);
+    floats(&[0.0, 0.0, 0.0, -1.0, 0.0, 0.0]);
+    floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+    let digits: String = bytes.chunks(3).map(base64_of).collect();
+    let accessor = |view: usize, kind: &str, count: usize| {
+        format!(
+            "{{\"bufferView\": {view}, \"componentType\": 5126, \"type\": \"{kind}\", \"count\": {count}}}"
+        )
+    };
+    let accessors =
+        [accessor(0, "VEC3", 6), accessor(1, "SCALAR", 2), accessor(2, "VEC3", 2), accessor(3, "VEC3", 2)];
+    let animation = |name: &str, output: usize| {
+        format!(
+            "{{\"name\": \"{name}\", \"samplers\": [{{\"input\": 1, \"output\": {output}}}], \
+             \"channels\": [{{\"sampler\": 0, \"target\": {{\"node\": 0, \"path\": \"translation\"}}}}]}}"
+        )
+    };
+    let view = |offset: usize, length: usize| {
+        format!("{{\"buffer\": 0, \"byteOffset\": {offset}, \"byteLength\": {length}}}")
+    };
+    format!(
+        "{{\"asset\": {{\"version\": \"2.0\"}}, \"extensionsUsed\": [\"KHR_materials_unlit\"], \
+         \"buffers\": [{{\"byteLength\": 128, \"uri\": \"data:application/octet-stream;base64,{digits}\"}}], \
+         \"bufferViews\": [{}], \"accessors\": [{}], \
+         \"materials\": [{{\"extensions\": {{\"KHR_materials_unlit\": {{}}}}}}], \
+         \"meshes\": [{{\"primitives\": [{{\"attributes\": {{\"POSITION\": 0}}, \"material\": 0}}]}}], \
+         \"cameras\": [{{\"name\": \"eye\", \"type\": \"perspective\", \
+         \"perspective\": {{\"yfov\": 1.0, \"znear\": 0.1}}}}], \
+         \"nodes\": [{{\"name\": \"quad\", \"mesh\": 0, \"extras\": {{\"semantic_id\": 5, \"semantic_name\": \"sign\"}}}}, \
+         {{\"camera\": 0, \"translation\": [0, 0, 4]}}], \"scenes\": [{{\"nodes\": [0, 1]}}], \
+         \"animations\": [{}, {}]}}",
+        [view(0, 72), view(72, 8), view(80, 24), view(104, 24)].join(", "),
+        accessors.join(", "),
+        animation("left", 2),
+        animation("right", 3),
+    )
+}
+
+/// Up to three bytes as four digits (RFC 4648).
+fn base64_of(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let bits =
+        bytes.iter().fold(0_usize, |bits, byte| bits << 8 | usize::from(*byte)) << (8 * (3 - bytes.len()));
+    let digit = |k: usize| if k <= bytes.len() { char::from(DIGITS[bits >> (18 - 6 * k) & 63]) } else { '=' };
+    (0..4).map(digit).collect()
+}
+
+#[test]
+fn a_scene_is_previewed_as_one_picture_at_a_time_of_its_animation() {
+    let folder = folder("preview");
+    if common::no_device(&folder) {
+        return;
+    }
+    std::fs::write(folder.file("quad.gltf"), quad()).unwrap();
+    /// Mean brightness of the left and the right half.
+    fn halves(path: &std::path::Path) -> [f64; 2] {
+        let picture = image::open(path).unwrap().to_luma8();
+        assert_eq!(picture.dimensions(), (64, 48));
+        let mean = |from: u32| {
+            let sum: u32 = (0..48)
+                .flat_map(|y| (from..from + 32).map(move |x| (x, y)))
+                .map(|(x, y)| u32::from(picture[(x, y)][0]))
+                .sum();
+            f64::from(sum) / (32.0 * 48.0)
+        };
+        [mean(0), mean(32)]
+    }
+    let shown = |line: &str| {
+        let output = evis(&folder, &format!("preview quad.gltf -o still.png --size 64x48 {line}"));
+        assert_eq!(code(&output), 0, "{line}\n{}", stderr(&output));
+        assert!(stdout(&output).contains("64x48 pixels, camera 'eye'"), "{}", stdout(&output));
+        (halves(&folder.file("still.png")), stderr(&output))
+    };
+    let ([left, right], said) = shown("");
+    assert!((left - right).abs() < 1.0 && left > 3.0, "at first it is in the middle: {left} {right}");
+    assert!(said.contains("animation 'left' plays") && said.contains("right"), "{said}");
+    let ([left, right], _) = shown("--at 1");
+    assert!(left > 4.0 * right, "the first animation: {left} {right}");
+    for other in ["right", "1"] {
+        let ([left, right], _) = shown(&format!("--at 1 --animation {other}"));
+        assert!(right > 4.0 * left, "the other one: {left} {right}");
+    }
+    let info = json(&evis(&folder, "info quad.gltf --json"));
+    assert_eq!(info["classes"][0], serde_json::json!({"id": 5, "name": "sign"}));
+}
+
+#[test]
+fn what_scenes_and_recordings_do_not_take_is_refused() {
+    let folder = folder("refused-here");
+    std::fs::write(folder.file("quad.gltf"), quad()).unwrap();
+    common::write_recording(&folder.file("a.h5"), false, true);
+    for (line, expected) in [
+        (
+            "preview quad.gltf -o x.png --animation rigth",
+            "no animation named 'rigth'; there is left, right (did you mean 'right'?)",
+        ),
+        ("info quad.gltf --animation 2", "no animation named '2'; there is left, right"),
+        ("run quad.gltf -o x.h5 --animation up", "no animation named 'up'; there is left, right"),
+        ("run spinner -o x.h5 --animation up", "animation is 'up', but spinner is no .gltf or .glb file"),
+        ("info a.h5 --animation up", "--animation is 'up', but a.h5 is no scene"),
+        ("preview a.h5 -o x.png --animation up", "--animation is for scenes, and a.h5 is none"),
+        ("preview a.h5 -o x.png --size 64x48", "--size is for scenes, and a.h5 is none"),
+        ("preview quad.gltf -o x.gif", "a scene becomes a still picture, .png"),
+        ("preview quad.gltf -o x.png --fps 20", "--fps is for recordings, and quad.gltf is a scene"),
+        ("preview quad.gltf -o x.png --camera eey", "no camera named 'eey'; there is eye"),
+    ] {
+        let output = evis(&folder, line);
+        assert_eq!(code(&output), 2, "{line}\n{}", stderr(&output));
+        assert!(stderr(&output).contains(expected), "{line}\n{}", stderr(&output));
+    }
+    assert!(folder.names().iter().all(|name| !name.starts_with("x.")), "{:?}", folder.names());
+}
+
+#[test]
+fn runs_warn_of_what_was_hardly_meant() {
+    let folder = folder("meant");
+    let inside = STILL.replace("[100, 80, 60]", "[0.0004, 0.0004, 0.0004]");
+    let camera = "cameras = [{ name = \"own\", near = 0.00001, size = [64, 48] }]\n";
+    std::fs::write(folder.file("inside.toml"), format!("{camera}{inside}")).unwrap();
+    let (report, said) = run(&folder, "inside.toml");
+    for words in
+        ["largest side is 4.000e-4 m", "camera 'own' starts inside 'cube', whose surfaces face outwards"]
+    {
+        assert!(warns(&report, words), "{said}");
+    }
+    let (report, said) = run(&folder, "own.toml --camera-motion orbit");
+    assert!(!warns(&report, "inside") && !warns(&report, "largest side"), "{said}");
 }

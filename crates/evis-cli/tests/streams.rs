@@ -66,7 +66,7 @@ fn a_run_prints_four_lines_and_more_when_asked() {
     let (built_in, forecast) = told(&format!("run spinner -o a.h5 {short}"));
     assert_eq!(first_words(&built_in), ["file", "events", "time", "quality"], "{built_in}");
     assert!(built_in.contains("a.h5") && built_in.contains("built-in scenes at 640x480"), "{built_in}");
-    assert!(forecast.contains("quality draft") && forecast.contains("for 0.03 s of stream"), "{forecast}");
+    assert!(forecast.contains("quality draft") && forecast.contains("0.03 s of stream"), "{forecast}");
     // What was measured on built-in scenes is not said of another one.
     let (own, _) = told(&format!("run own.toml -o b.h5 {short}"));
     assert!(own.contains("not measured on this scene; `chart own.toml`"), "{own}");

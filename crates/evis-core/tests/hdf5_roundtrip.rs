@@ -8,7 +8,9 @@ use std::path::{Path, PathBuf};
 
 use evis_core::event::slice_time;
 use evis_core::format::FormatError;
-use evis_core::format::hdf5::{self, Recording, RecordingHeader, RecordingWriter, repair};
+use evis_core::format::hdf5::{
+    self, BodyInfo, Recording, RecordingExtras, RecordingHeader, RecordingWriter, repair,
+};
 use evis_core::{
     CameraInfo, Event, ImuSample, LabelData, LabelFrame, LabelKind, LensDistortion, Polarity, PoseSample,
 };
@@ -654,4 +656,50 @@ fn distortions_and_inertial_samples_come_back() {
     let plain = folder.file("plain.h5");
     RecordingWriter::create(&plain, &header, false).unwrap().finish("{}").unwrap();
     assert!(Recording::open(&plain).unwrap().imus().unwrap().is_empty());
+}
+
+#[test]
+fn semantic_classes_have_names_beside_their_ids() {
+    let folder = Folder::new("classes");
+    let path = folder.file("out.h5");
+    let mut content = header(vec![camera("cam", 16, 8)]);
+    content.labels = vec![LabelKind::Instance, LabelKind::Semantic];
+    let body = |name: &str, instance_id, semantic_id, semantic_name: &str| BodyInfo {
+        name: name.into(),
+        instance_id,
+        semantic_id,
+        semantic_name: semantic_name.into(),
+        bounds: [[0.0; 3], [1.0; 3]],
+    };
+    let bodies = vec![
+        body("ball", 2, 7, "toy"),
+        body("floor", 1, 3, "ground"),
+        body("leg", 2, 7, "toy"),
+        body("rock", 3, 9, ""),
+        body("cam", 0, 0, ""),
+    ];
+    assert_eq!(BodyInfo::instances(&bodies), [(1, "floor"), (2, "ball"), (3, "rock")]);
+    assert_eq!(BodyInfo::classes(&bodies), [(3, "ground"), (7, "toy")]);
+    let write = |bodies: &[BodyInfo]| {
+        let extras = RecordingExtras { bodies: bodies.to_vec(), ..RecordingExtras::default() };
+        RecordingWriter::create_with_extras(&path, &content, &extras, true).unwrap().finish("{}").unwrap();
+        Recording::open(&path).unwrap()
+    };
+    let recording = write(&bodies);
+    assert_eq!(recording.body_infos().unwrap(), bodies);
+    assert_eq!(recording.bodies().unwrap().infos, bodies);
+    let file = rust_hdf5::H5File::open(&path).unwrap();
+    let names = file.dataset("cam/labels/semantic_names").unwrap().read_vlen_strings().unwrap();
+    let ids: Vec<u32> = file.dataset("cam/labels/semantic_ids").unwrap().read_raw().unwrap();
+    assert_eq!((ids, names), (vec![3, 7], vec!["ground".to_owned(), "toy".to_owned()]));
+    drop(file);
+    // Files of scenes without names have no such data sets, as those from before there were any.
+    let unnamed: Vec<_> =
+        bodies.iter().map(|body| BodyInfo { semantic_name: String::new(), ..body.clone() }).collect();
+    assert_eq!(write(&unnamed).body_infos().unwrap(), unnamed);
+    let file = rust_hdf5::H5File::open(&path).unwrap();
+    assert!(
+        file.dataset("cam/labels/semantic_names").is_err() && file.dataset("bodies/semantic_name").is_err()
+    );
+    assert!(file.dataset("cam/labels/instance_names").is_ok(), "canary");
 }

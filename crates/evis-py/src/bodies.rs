@@ -6,21 +6,27 @@ use numpy::ndarray::Array3;
 use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray3};
 use pyo3::prelude::*;
 
-use crate::door::EnterEngine;
 use crate::errors::Failure;
+use crate::gil::Detach;
 use crate::scene::Scene;
 
-/// Name, instance id, semantic id, lowest and highest corner.
-pub(crate) type Info = (String, u32, u32, [[f64; 3]; 2]);
+/// Name, instance id, semantic id and name, lowest and highest corner.
+pub(crate) type BodyRow = (String, u32, u32, String, [[f64; 3]; 2]);
 
 type Values<'py> = Bound<'py, PyArray3<f64>>;
 
 /// What bodies there are, times (T,), positions (T, N, 3), rotations (T, N, 4), linear and angular velocities (T, N, 3).
 pub(crate) type Columns<'py> =
-    (Vec<Info>, Bound<'py, PyArray1<i64>>, Values<'py>, Values<'py>, Values<'py>, Values<'py>);
+    (Vec<BodyRow>, Bound<'py, PyArray1<i64>>, Values<'py>, Values<'py>, Values<'py>, Values<'py>);
 
-pub(crate) fn infos_of(infos: Vec<Info>) -> Vec<BodyInfo> {
-    let info = |(name, instance_id, semantic_id, bounds)| BodyInfo { name, instance_id, semantic_id, bounds };
+pub(crate) fn infos_of(infos: Vec<BodyRow>) -> Vec<BodyInfo> {
+    let info = |(name, instance_id, semantic_id, semantic_name, bounds)| BodyInfo {
+        name,
+        instance_id,
+        semantic_id,
+        semantic_name,
+        bounds,
+    };
     infos.into_iter().map(info).collect()
 }
 
@@ -32,7 +38,8 @@ pub(crate) fn columns(py: Python<'_>, bodies: hdf5::Bodies) -> Columns<'_> {
     };
     let rotation = Array3::from_shape_fn((times, count, 4), |(t, n, axis)| samples[t][n].rotation[axis])
         .into_pyarray(py);
-    let infos = infos.into_iter().map(|i| (i.name, i.instance_id, i.semantic_id, i.bounds)).collect();
+    let info = |i: BodyInfo| (i.name, i.instance_id, i.semantic_id, i.semantic_name, i.bounds);
+    let infos = infos.into_iter().map(info).collect();
     (
         infos,
         PyArray1::from_vec(py, t_us),
@@ -78,7 +85,7 @@ pub(crate) fn scene_bodies<'py>(
     t_us: Vec<i64>,
 ) -> PyResult<Columns<'py>> {
     let scene = scene.shared();
-    let bodies = py.enter_alone(|| {
+    let bodies = py.detach_pure(|| {
         let mut bodies = Bodies::new(&scene, cameras.iter().map(String::as_str), environment, start_us)?;
         let samples = t_us.iter().map(|t| bodies.at(&scene, *t)).collect();
         Ok::<_, Failure>(hdf5::Bodies { infos: bodies.infos().to_vec(), t_us, samples })

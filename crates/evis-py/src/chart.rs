@@ -9,8 +9,8 @@ use evis_render::Gpu;
 use evis_truth::PixelChoice;
 use pyo3::prelude::*;
 
-use crate::door::EnterEngine;
 use crate::errors::Failure;
+use crate::gil::Detach;
 use crate::scene::Scene;
 
 impl From<ChartError> for Failure {
@@ -92,7 +92,7 @@ pub(crate) fn chart(
     };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
-    py.enter_engine_for_long(&stop, || {
+    py.detach_interruptible(&stop, || {
         let gpu = Gpu::open(device.as_deref())?;
         let going = |_, _| !stop.load(Ordering::Relaxed);
         let made = evis_chart::chart(&gpu, &scene.name, &scene, &settings, &going)?;
@@ -107,11 +107,11 @@ pub(crate) fn chart_cache() -> Option<PathBuf> {
 }
 
 /// Rates, samples, edges, latch rates, most samples per second.
-type Shape = (Vec<f64>, Vec<u32>, bool, Vec<f64>, Option<f64>);
+type LadderShape = (Vec<f64>, Vec<u32>, bool, Vec<f64>, Option<f64>);
 
 /// Default shape of the ladder.
 #[pyfunction]
-pub(crate) fn chart_ladder(quick: bool) -> Shape {
+pub(crate) fn chart_ladder(quick: bool) -> LadderShape {
     let ladder = if quick { Ladder::quick() } else { Ladder::default() };
     let Ladder { rates_hz, samples, edges, latch_hz, most_samples_hz, .. } = ladder;
     (rates_hz, samples, edges, latch_hz, most_samples_hz)
@@ -120,7 +120,7 @@ pub(crate) fn chart_ladder(quick: bool) -> Shape {
 /// Checks that `json` is a chart that this version reads.
 #[pyfunction]
 pub(crate) fn check_chart(py: Python<'_>, json: &str) -> PyResult<()> {
-    py.enter_engine(|| ChartResult::from_json(json, Path::new(TEXT)).map(|_| ()))
+    py.detach_engine(|| ChartResult::from_json(json, Path::new(TEXT)).map(|_| ()))
 }
 
 /// Draws a chart's JSON to `path`.
@@ -132,7 +132,7 @@ pub(crate) fn draw_chart(
     tolerance_us: i64,
     render_ms: f64,
 ) -> PyResult<()> {
-    py.enter_engine(|| {
+    py.detach_engine(|| {
         let chart = ChartResult::from_json(json, Path::new(TEXT))?;
         draw::save(&chart, &Look { lens: Lens { tolerance_us, render_ms } }, &path)
     })
@@ -149,7 +149,7 @@ pub(crate) fn recommend_chart(
     tolerance_us: i64,
     render_ms: f64,
 ) -> PyResult<String> {
-    py.enter_engine(|| {
+    py.detach_engine(|| {
         let goal = match (budget_ms, target_f1) {
             (Some(ms), None) => Goal::Budget(ms),
             (None, Some(f1)) => Goal::TargetF1(f1),

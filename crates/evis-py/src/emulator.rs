@@ -12,9 +12,9 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::door::{EnterEngine, Owned, usable};
 use crate::errors::Failure;
 use crate::events;
+use crate::gil::{Detach, ProcessBound, lock_unpoisoned};
 
 /// A sensor as JSON, every value spelled out.
 pub(crate) fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
@@ -24,8 +24,8 @@ pub(crate) fn to_json(sensor: &SensorConfig) -> Result<String, Failure> {
 pub(crate) fn from_json(json: &str) -> Result<SensorConfig, Failure> {
     let sensor: SensorConfig = serde_json::from_str(json).map_err(|error| {
         // The place in a text that the user never saw says nothing.
-        let told = error.to_string().replace('`', "'");
-        Failure::Config(format!("sensor: {}", told.split(" at line ").next().unwrap_or(&told)))
+        let reason = error.to_string().replace('`', "'");
+        Failure::Config(format!("sensor: {}", reason.split(" at line ").next().unwrap_or(&reason)))
     })?;
     Ok(Sensor::new(sensor)?.config().clone())
 }
@@ -111,7 +111,7 @@ pub(crate) fn check_motion<'py>(
     let newer = Frames { data: newer.data(&transfer[1], gamma)?, channels: channels[1] };
     let motion = motion.as_slice()?;
     let MotionCheck { scale, convention, error_given, error } =
-        py.enter_engine(|| check(&older, &newer, motion, size).map_err(Failure::from))?;
+        py.detach_engine(|| check(&older, &newer, motion, size).map_err(Failure::from))?;
     let dict = PyDict::new(py);
     dict.set_item("scale", (scale[0], scale[1]))?;
     dict.set_item("convention", convention)?;
@@ -122,7 +122,7 @@ pub(crate) fn check_motion<'py>(
 
 /// Frames in, events out.
 #[pyclass(frozen, module = "evis._evis")]
-pub(crate) struct EventEmulator(Owned<Mutex<evis_core::EventEmulator>>);
+pub(crate) struct EventEmulator(ProcessBound<Mutex<evis_core::EventEmulator>>);
 
 /// One-dimensional, contiguous.
 #[derive(FromPyObject)]
@@ -190,8 +190,8 @@ impl EventEmulator {
             threads,
             causes,
         };
-        py.enter_engine(|| {
-            Ok::<_, Failure>(Self(Owned::new(Mutex::new(evis_core::EventEmulator::new(config)?))))
+        py.detach_engine(|| {
+            Ok::<_, Failure>(Self(ProcessBound::new(Mutex::new(evis_core::EventEmulator::new(config)?))))
         })
     }
 
@@ -208,8 +208,8 @@ impl EventEmulator {
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let data = frames.data(transfer, gamma)?;
         let frames = Frames { data, channels };
-        let lists = py.enter_engine(|| {
-            let mut emulator = usable(&self.0)?;
+        let lists = py.detach_engine(|| {
+            let mut emulator = lock_unpoisoned(&self.0)?;
             emulator.push(&frames, t_us).map_err(Failure::from)
         })?;
         Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
@@ -246,8 +246,8 @@ impl EventEmulator {
             motion_forward: motion_forward.as_ref().map(|values| values.as_slice()).transpose()?,
             cut: &cut,
         };
-        let lists = py.enter_engine(|| {
-            let mut emulator = usable(&self.0)?;
+        let lists = py.detach_engine(|| {
+            let mut emulator = lock_unpoisoned(&self.0)?;
             emulator.push_keyframe(&keyframes, t_us, &warp).map_err(Failure::from)
         })?;
         Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
@@ -255,34 +255,34 @@ impl EventEmulator {
 
     /// Why the events of the last push fired, an array per environment; none where that was not asked for.
     fn causes<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray1<u8>>>> {
-        let lists = py.enter_engine(|| {
-            let emulator = usable(&self.0)?;
+        let lists = py.detach_engine(|| {
+            let emulator = lock_unpoisoned(&self.0)?;
             Ok::<_, Failure>(emulator.causes().to_vec())
         })?;
         Ok(lists.into_iter().map(|list| PyArray1::from_vec(py, list)).collect())
     }
 
-    /// What became of the last keyframes, per environment.
+    /// Reports on the last keyframes, per environment.
     fn keyframe_reports<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
-        let reports = py.enter_engine(|| {
-            let emulator = usable(&self.0)?;
+        let reports = py.detach_engine(|| {
+            let emulator = lock_unpoisoned(&self.0)?;
             Ok::<_, Failure>(emulator.keyframe_reports().to_vec())
         })?;
         reports.iter().map(|report| keyframe_dict(py, report)).collect()
     }
 
-    /// Lets environments begin anew.
+    /// Resets environments.
     fn reset(&self, py: Python<'_>, environments: Option<Vec<usize>>) -> PyResult<()> {
-        py.enter_engine(|| {
-            let mut emulator = usable(&self.0)?;
+        py.detach_engine(|| {
+            let mut emulator = lock_unpoisoned(&self.0)?;
             emulator.reset(environments.as_deref()).map_err(Failure::from)
         })
     }
 
-    /// What happened: in the last push, and in all of them.
+    /// Counts of the last push, and of all pushes.
     fn reports<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
-        let (last, total) = py.enter_engine(|| {
-            let emulator = usable(&self.0)?;
+        let (last, total) = py.detach_engine(|| {
+            let emulator = lock_unpoisoned(&self.0)?;
             Ok::<_, Failure>((*emulator.report(), *emulator.total_report()))
         })?;
         Ok((report_dict(py, &last)?, report_dict(py, &total)?))
@@ -290,25 +290,25 @@ impl EventEmulator {
 
     /// Time of the last frame.
     fn now_us(&self, py: Python<'_>) -> PyResult<Option<i64>> {
-        py.enter_engine(|| {
-            let emulator = usable(&self.0)?;
+        py.detach_engine(|| {
+            let emulator = lock_unpoisoned(&self.0)?;
             Ok::<_, Failure>(emulator.now_us())
         })
     }
 
-    /// Everything that the next events depend on, apart from the settings.
+    /// The state that the next events depend on, apart from the settings.
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = py.enter_engine(|| {
-            let emulator = usable(&self.0)?;
+        let bytes = py.detach_engine(|| {
+            let emulator = lock_unpoisoned(&self.0)?;
             Ok::<_, Failure>(emulator.state())
         })?;
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Takes up where `state` was given.
+    /// Restores what [`Self::state`] returned.
     fn restore(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
-        py.enter_engine(|| {
-            let mut emulator = usable(&self.0)?;
+        py.detach_engine(|| {
+            let mut emulator = lock_unpoisoned(&self.0)?;
             emulator.restore(state).map_err(Failure::from)
         })
     }

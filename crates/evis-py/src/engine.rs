@@ -1,4 +1,4 @@
-//! Every call of the engine's crates that is more than a method, in one place; names become enums here.
+//! Conversions between Python's names and dictionaries and the engine's types, and calls that are more than a method.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -11,8 +11,8 @@ use half::f16;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::door::{EnterEngine, usable};
 use crate::errors::Failure;
+use crate::gil::{Detach, lock_unpoisoned};
 use crate::packet;
 
 /// One kind of label by its name.
@@ -88,12 +88,14 @@ pub(crate) fn builtin_scene(name: &str, seed: u64) -> Result<evis_scene::Scene, 
     evis_scene::builtin::load(name, seed)
 }
 
-pub(crate) fn load_scene(path: &Path) -> Result<evis_scene::Scene, Failure> {
+pub(crate) fn load_scene(path: &Path, animation: Option<&str>) -> Result<evis_scene::Scene, Failure> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-    match ending.as_deref() {
-        Some("toml" | "gltf" | "glb") => Ok(evis_scene::source::load(&path.to_string_lossy(), 0)?),
-        Some(ending) if evis_scene::picture::ENDINGS.contains(&ending) => {
-            Ok(evis_scene::picture::load(path)?)
+    let is_scene = |ending: &str| {
+        ["toml", "gltf", "glb"].contains(&ending) || evis_scene::picture::ENDINGS.contains(&ending)
+    };
+    match ending {
+        Some(ending) if is_scene(&ending) => {
+            Ok(evis_scene::source::load_with_animation(&path.to_string_lossy(), 0, animation)?)
         }
         _ => Err(ConfigError::new(
             "path",
@@ -193,7 +195,7 @@ pub(crate) fn label_kinds() -> Vec<(&'static str, &'static str, usize)> {
     LabelKind::ALL.iter().map(|kind| (kind.name(), packet::dtype(*kind), kind.channels())).collect()
 }
 
-/// What the tests see of the door and of the arrays without a device.
+/// For tests: raises each exception, releases the GIL and hands out an array, without a device.
 pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
     let failure = match kind {
         "events" => {
@@ -202,21 +204,21 @@ pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
             return Ok(packet::events_with_address(py, events)?.into_any().unbind());
         }
         "wait" => {
-            py.enter_engine(|| {
+            py.detach_engine(|| {
                 std::thread::sleep(Duration::from_millis(300));
                 Ok::<_, Failure>(())
             })?;
             return Ok(py.None());
         }
-        "panic" => return py.enter_engine(|| -> Result<Py<PyAny>, Failure> { panic!("probe") }),
+        "panic" => return py.detach_engine(|| -> Result<Py<PyAny>, Failure> { panic!("probe") }),
         "call after a panic" => {
             let object = Mutex::new(());
             // The first call breaks it, and says so; the second one must not go on with it.
-            let first = py.enter_engine(|| -> Result<(), Failure> {
-                let _held = usable(&object)?;
+            let first = py.detach_engine(|| -> Result<(), Failure> {
+                let _held = lock_unpoisoned(&object)?;
                 panic!("probe")
             });
-            return py.enter_engine(|| usable(&object).map(|_| first.is_ok())).map(|_| py.None());
+            return py.detach_engine(|| lock_unpoisoned(&object).map(|_| first.is_ok())).map(|_| py.None());
         }
         "config" => ConfigError::new("rate", -1, "above 0").into(),
         "scene io" => {
@@ -229,7 +231,7 @@ pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
         "device" => EngineError::Device("no driver".into()).into(),
         other => Failure::Engine(format!("no probe named '{other}'")),
     };
-    py.enter_engine(|| Err::<Py<PyAny>, _>(failure))
+    py.detach_engine(|| Err::<Py<PyAny>, _>(failure))
 }
 
 /// Everything that makes a stream what it is, as event files store it.

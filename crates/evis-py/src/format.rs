@@ -8,9 +8,9 @@ use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::door::{EnterEngine, lock, usable};
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
+use crate::gil::{Detach, lock, lock_unpoisoned};
 
 /// Start and end of the exposure, width, height, channels, pixels.
 type FrameParts<'py> = (i64, i64, u32, u32, u8, Bound<'py, PyBytes>);
@@ -22,7 +22,7 @@ type PacketParts<'py> = (Bound<'py, PyAny>, Bound<'py, PyBytes>, Vec<FrameParts<
 /// The name of the format of the file at `path`, from its content.
 #[pyfunction]
 pub(crate) fn recognise_format(py: Python<'_>, path: PathBuf) -> PyResult<Option<&'static str>> {
-    Ok(py.enter_engine(|| evis_format::recognise(&path))?.map(Format::name))
+    Ok(py.detach_engine(|| evis_format::recognise(&path))?.map(Format::name))
 }
 
 /// The name of the format that a file of this name would have.
@@ -54,7 +54,7 @@ impl EventFileReader {
         size: Option<(u32, u32)>,
     ) -> PyResult<Self> {
         let options = ReadOptions { camera, size };
-        let reader = py.enter_engine(|| evis_format::open(&path, &options))?;
+        let reader = py.detach_engine(|| evis_format::open(&path, &options))?;
         Ok(Self { reader: Mutex::new(reader) })
     }
 
@@ -90,9 +90,9 @@ impl EventFileReader {
 
     /// The next packet; `None` at the end.
     fn read<'py>(&self, py: Python<'py>) -> PyResult<Option<PacketParts<'py>>> {
-        let packet = py.enter_engine(|| {
+        let packet = py.detach_engine(|| {
             let mut packet = Packet::default();
-            let more = usable(&self.reader)?.read_packet(&mut packet)?;
+            let more = lock_unpoisoned(&self.reader)?.read_packet(&mut packet)?;
             Ok::<_, Failure>(more.then_some(packet))
         })?;
         let Some(packet) = packet else { return Ok(None) };
@@ -112,8 +112,8 @@ impl EventFileReader {
 
     /// All events that are left.
     fn read_events<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let all = py.enter_engine(|| {
-            let mut reader = usable(&self.reader)?;
+        let all = py.detach_engine(|| {
+            let mut reader = lock_unpoisoned(&self.reader)?;
             let (mut all, mut packet) = (Vec::new(), Packet::default());
             while reader.read_packet(&mut packet)? {
                 all.append(&mut packet.events);
@@ -125,7 +125,7 @@ impl EventFileReader {
 
     /// Moves so that everything at `t_us` and later is still to come.
     fn seek(&self, py: Python<'_>, t_us: i64) -> PyResult<()> {
-        py.enter_engine(|| Ok::<_, Failure>(usable(&self.reader)?.seek(t_us)?))
+        py.detach_engine(|| Ok::<_, Failure>(lock_unpoisoned(&self.reader)?.seek(t_us)?))
     }
 }
 
@@ -157,7 +157,7 @@ impl EventFileWriter {
         let format = Format::of_name(format)
             .ok_or_else(|| Failure::Config(format!("format is '{format}'; see evis.formats()")))?;
         let options = WriteOptions { size, overwrite };
-        let writer = py.enter_engine(|| evis_format::create(&path, format, &options))?;
+        let writer = py.detach_engine(|| evis_format::create(&path, format, &options))?;
         Ok(Self { writer: Mutex::new(Some(writer)) })
     }
 
@@ -170,8 +170,8 @@ impl EventFileWriter {
         triggers: Vec<(i64, i16, bool)>,
     ) -> PyResult<()> {
         let events = events::as_events(&events)?;
-        py.enter_engine(|| {
-            let mut writer = usable(&self.writer)?;
+        py.detach_engine(|| {
+            let mut writer = lock_unpoisoned(&self.writer)?;
             let writer = writer.as_mut().ok_or_else(finished)?;
             if triggers.is_empty() {
                 return Ok::<_, Failure>(writer.write_events(events)?);
@@ -183,15 +183,15 @@ impl EventFileWriter {
 
     /// Ends the file and gives it its name.
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
-        py.enter_engine(|| {
-            let writer = usable(&self.writer)?.take().ok_or_else(finished)?;
+        py.detach_engine(|| {
+            let writer = lock_unpoisoned(&self.writer)?.take().ok_or_else(finished)?;
             Ok::<_, Failure>(writer.finish()?)
         })
     }
 
     /// Leaves no file.
     fn abandon(&self, py: Python<'_>) -> PyResult<()> {
-        py.enter_engine(|| {
+        py.detach_engine(|| {
             drop(lock(&self.writer).take());
             Ok::<_, Failure>(())
         })

@@ -9,8 +9,8 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::door::EnterEngine;
 use crate::errors::Failure;
+use crate::gil::Detach;
 use crate::scene::Scene;
 
 /// fx, fy, cx, cy.
@@ -34,7 +34,7 @@ pub(crate) fn lens_project<'py>(
     points: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let points = points.as_array().to_owned();
-    let pixels = py.enter_alone(move || {
+    let pixels = py.detach_pure(move || {
         let lens = lens(intrinsics, distortion)?;
         let mut pixels = Array2::from_elem((points.nrows(), 2), f64::NAN);
         for (point, mut pixel) in points.rows().into_iter().zip(pixels.rows_mut()) {
@@ -57,7 +57,7 @@ pub(crate) fn lens_unproject<'py>(
     pixels: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let pixels = pixels.as_array().to_owned();
-    let directions = py.enter_alone(move || {
+    let directions = py.detach_pure(move || {
         let lens = lens(intrinsics, distortion)?;
         let mut directions = Array2::from_elem((pixels.nrows(), 3), f64::NAN);
         for (pixel, mut direction) in pixels.rows().into_iter().zip(directions.rows_mut()) {
@@ -77,19 +77,19 @@ fn json(rig: &Rig) -> Result<String, Failure> {
 /// A calibration file's rig, as JSON.
 #[pyfunction]
 pub(crate) fn load_rig(py: Python<'_>, path: PathBuf) -> PyResult<String> {
-    py.enter_alone(|| json(&Rig::load(&path)?))
+    py.detach_pure(|| json(&Rig::load(&path)?))
 }
 
 /// The rig of such a file's text, as JSON.
 #[pyfunction]
 pub(crate) fn parse_rig(py: Python<'_>, text: &str) -> PyResult<String> {
-    py.enter_alone(|| json(&Rig::parse(text)?))
+    py.detach_pure(|| json(&Rig::parse(text)?))
 }
 
 /// The text of a calibration file, of a rig as JSON.
 #[pyfunction]
 pub(crate) fn rig_text(py: Python<'_>, json: &str, format: &str) -> PyResult<String> {
-    py.enter_alone(|| {
+    py.detach_pure(|| {
         let rig: Rig =
             serde_json::from_str(json).map_err(|e| Failure::Config(format!("a rig cannot be read: {e}")))?;
         Ok::<_, Failure>(rig.text(CalibrationFormat::from_name(format)?)?)
@@ -145,7 +145,7 @@ pub(crate) fn simulate_imu<'py>(
     duration_us: i64,
 ) -> PyResult<ImuColumns<'py>> {
     let scene = scene.shared();
-    let samples = py.enter_alone(|| {
+    let samples = py.detach_pure(|| {
         let camera = scene.cameras.iter().find(|camera| camera.name == node).map(|camera| camera.node);
         let node = camera.map_or_else(|| crate::engine::find_node(&scene, node), Ok)?;
         let [

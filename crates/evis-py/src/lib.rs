@@ -1,13 +1,13 @@
-//! The Python module `evis._evis`: converts in, enters the engine through one door, converts out.
+//! The Python module `evis._evis`: converts arguments, calls the engine without the GIL ([`gil`]), converts results.
 
 mod bodies;
 mod chart;
-mod door;
 mod emulator;
 mod engine;
 mod errors;
 mod events;
 mod format;
+mod gil;
 mod lens;
 mod metrics;
 mod packet;
@@ -26,8 +26,8 @@ mod _evis {
     use pyo3::prelude::*;
     use pyo3::types::PyDict;
 
-    use crate::door::EnterEngine;
     use crate::errors::Failure;
+    use crate::gil::Detach;
 
     #[pymodule_export]
     use crate::bodies::{body_times, scene_bodies};
@@ -102,7 +102,7 @@ mod _evis {
     /// The devices that can run EVIS, as dictionaries.
     #[pyfunction]
     fn list_devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-        let devices = py.enter_engine(|| Ok::<_, Failure>(evis_render::list_devices()))?;
+        let devices = py.detach_engine(|| Ok::<_, Failure>(evis_render::list_devices()))?;
         devices.iter().map(|device| crate::engine::device_dict(py, device)).collect()
     }
 
@@ -123,11 +123,10 @@ mod _evis {
     /// Runs the command line; returns its exit code.
     #[pyfunction]
     fn run_cli(py: Python<'_>, args: Vec<String>) -> PyResult<i32> {
-        py.enter_engine(|| Ok::<_, Failure>(evis_cli::run(args)))
+        py.detach_engine(|| Ok::<_, Failure>(evis_cli::run(args)))
     }
 
-    /// Takes the door the way that `kind` says: lets the tests see every exception, the released GIL and
-    /// the array's ownership without a device.
+    /// For tests: what `kind` names, of exceptions, the released GIL and the ownership of arrays, without a device.
     #[pyfunction]
     fn _probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
         crate::engine::probe(py, kind)

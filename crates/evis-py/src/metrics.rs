@@ -11,10 +11,10 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyAr
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::door::EnterEngine;
 use crate::engine;
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
+use crate::gil::Detach;
 
 impl From<MetricError> for Failure {
     fn from(error: MetricError) -> Self {
@@ -102,11 +102,11 @@ impl Truth {
     /// A truth file, or camera `camera` of a recording.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, camera: Option<&str>) -> PyResult<Self> {
-        Ok(Self(Arc::new(py.enter_engine(|| evis_core::Truth::load(&path, camera))?)))
+        Ok(Self(Arc::new(py.detach_engine(|| evis_core::Truth::load(&path, camera))?)))
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf, overwrite: bool) -> PyResult<()> {
-        py.enter_engine(|| self.0.write(&path, overwrite))
+        py.detach_engine(|| self.0.write(&path, overwrite))
     }
 
     #[getter]
@@ -184,7 +184,7 @@ pub(crate) fn score(
 ) -> PyResult<String> {
     let events = events::as_events(&events)?;
     let settings = ScoreSettings { tolerances_us, sensor: sensor.map(sensor_config), size };
-    py.enter_engine(|| {
+    py.detach_engine(|| {
         let score = metric::score(events, &truth.0, &settings)?;
         serde_json::to_string(&score).map_err(|e| Failure::Engine(e.to_string()))
     })
@@ -212,7 +212,7 @@ pub(crate) fn voxel_l1(
     truth: &Truth,
 ) -> PyResult<Option<f64>> {
     let events = events::as_events(&events)?;
-    py.enter_engine(|| metric::voxel_l1(events, &truth.0))
+    py.detach_engine(|| metric::voxel_l1(events, &truth.0))
 }
 
 /// Pictures are f32 (H, W, C), contiguous.
@@ -230,7 +230,7 @@ pub(crate) fn ssim(
     data_range: f64,
 ) -> PyResult<f64> {
     let (picture, reference) = (picture.as_array(), reference.as_array());
-    py.enter_engine(|| Ok::<_, Failure>(metric::ssim(frame(&picture)?, frame(&reference)?, data_range)?))
+    py.detach_engine(|| Ok::<_, Failure>(metric::ssim(frame(&picture)?, frame(&reference)?, data_range)?))
 }
 
 #[pyfunction]
@@ -240,7 +240,7 @@ pub(crate) fn mse(
     reference: PyReadonlyArray3<'_, f32>,
 ) -> PyResult<f64> {
     let (picture, reference) = (picture.as_array(), reference.as_array());
-    py.enter_engine(|| Ok::<_, Failure>(metric::mse(frame(&picture)?, frame(&reference)?)?))
+    py.detach_engine(|| Ok::<_, Failure>(metric::mse(frame(&picture)?, frame(&reference)?)?))
 }
 
 #[pyfunction]
@@ -251,7 +251,7 @@ pub(crate) fn psnr(
     data_range: f64,
 ) -> PyResult<f64> {
     let (picture, reference) = (picture.as_array(), reference.as_array());
-    py.enter_engine(|| Ok::<_, Failure>(metric::psnr(frame(&picture)?, frame(&reference)?, data_range)?))
+    py.detach_engine(|| Ok::<_, Failure>(metric::psnr(frame(&picture)?, frame(&reference)?, data_range)?))
 }
 
 /// Vectors (N, 2) and a mask (N,); returns a dictionary.
@@ -265,7 +265,7 @@ pub(crate) fn endpoint_error<'py>(
     let mask = mask.as_ref().map(|m| m.as_slice()).transpose()?;
     let (flow, reference) = (flow.as_slice()?, reference.as_slice()?);
     let EndpointError { pixels, mean, median, below_1px, below_3px, below_5px } =
-        py.enter_engine(|| metric::endpoint_error(flow.as_chunks().0, reference.as_chunks().0, mask))?;
+        py.detach_engine(|| metric::endpoint_error(flow.as_chunks().0, reference.as_chunks().0, mask))?;
     let dict = PyDict::new(py);
     dict.set_item("pixels", pixels)?;
     dict.set_item("mean", mean)?;

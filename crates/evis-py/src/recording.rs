@@ -11,17 +11,17 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::bodies;
-use crate::door::{EnterEngine, Owned, lock, usable};
 use crate::engine;
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
+use crate::gil::{Detach, ProcessBound, lock, lock_unpoisoned};
 use crate::lens;
 use crate::packet;
 
 /// Events of a file, with pixels per row and rows.
 #[pyfunction]
 pub(crate) fn read_events(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAny>, u32, u32)> {
-    let file = py.enter_alone(|| evis_core::format::read_events(&path, None))?;
+    let file = py.detach_pure(|| evis_core::format::read_events(&path, None))?;
     Ok((events::into_numpy(py, file.events).into_any(), file.size.0, file.size.1))
 }
 
@@ -29,7 +29,7 @@ pub(crate) fn read_events(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, 
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Writer {
     /// `None` once it is finished or abandoned.
-    writer: Owned<Mutex<Option<RecordingWriter>>>,
+    writer: ProcessBound<Mutex<Option<RecordingWriter>>>,
 }
 
 fn finished() -> Failure {
@@ -42,8 +42,8 @@ impl Writer {
         py: Python<'_>,
         work: impl FnOnce(&mut RecordingWriter) -> Result<T, evis_core::format::FormatError> + Send,
     ) -> PyResult<T> {
-        py.enter_engine(|| {
-            let mut writer = usable(&self.writer)?;
+        py.detach_engine(|| {
+            let mut writer = lock_unpoisoned(&self.writer)?;
             Ok::<_, Failure>(work(writer.as_mut().ok_or_else(finished)?)?)
         })
     }
@@ -70,7 +70,7 @@ impl Writer {
         labels: Vec<String>,
         overwrite: bool,
         imus: Vec<String>,
-        bodies: Vec<bodies::Info>,
+        bodies: Vec<bodies::BodyRow>,
     ) -> PyResult<Self> {
         let header = RecordingHeader {
             cameras: cameras.iter().map(engine::camera_info).collect::<PyResult<_>>()?,
@@ -84,8 +84,8 @@ impl Writer {
         };
         let extras = RecordingExtras { imus, bodies: bodies::infos_of(bodies) };
         let writer =
-            py.enter_engine(|| RecordingWriter::create_with_extras(&path, &header, &extras, overwrite))?;
-        Ok(Self { writer: Owned::new(Mutex::new(Some(writer))) })
+            py.detach_engine(|| RecordingWriter::create_with_extras(&path, &header, &extras, overwrite))?;
+        Ok(Self { writer: ProcessBound::new(Mutex::new(Some(writer))) })
     }
 
     /// Appends EventCD events of camera `camera`, with their causes where the file has them.
@@ -172,15 +172,15 @@ impl Writer {
 
     /// Writes the report and closes the file.
     fn finish(&self, py: Python<'_>, report_json: &str) -> PyResult<()> {
-        py.enter_engine(|| {
-            let writer = usable(&self.writer)?.take().ok_or_else(finished)?;
+        py.detach_engine(|| {
+            let writer = lock_unpoisoned(&self.writer)?.take().ok_or_else(finished)?;
             Ok::<_, Failure>(writer.finish(report_json)?)
         })
     }
 
     /// Closes the file without a report: what was written stays readable, marked as incomplete.
     fn abandon(&self, py: Python<'_>) -> PyResult<()> {
-        py.enter_engine(|| {
+        py.detach_engine(|| {
             drop(lock(&self.writer).take());
             Ok::<_, Failure>(())
         })
@@ -195,7 +195,7 @@ pub(crate) struct Recording(hdf5::Recording);
 impl Recording {
     #[new]
     fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        Ok(Self(py.enter_alone(|| hdf5::Recording::open(&path))?))
+        Ok(Self(py.detach_pure(|| hdf5::Recording::open(&path))?))
     }
 
     /// Cameras as dictionaries: name, width, height, fx, fy, cx, cy.
@@ -235,15 +235,15 @@ impl Recording {
     }
 
     fn is_complete(&self, py: Python<'_>) -> PyResult<bool> {
-        py.enter_alone(|| self.0.is_complete())
+        py.detach_pure(|| self.0.is_complete())
     }
 
     fn report_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
-        py.enter_alone(|| self.0.report())
+        py.detach_pure(|| self.0.report())
     }
 
     fn event_count(&self, py: Python<'_>, camera: usize) -> PyResult<u64> {
-        py.enter_alone(|| self.0.event_count(camera))
+        py.detach_pure(|| self.0.event_count(camera))
     }
 
     /// Events of camera `camera` in `[start_us, end_us)`; all of them where there are no limits.
@@ -253,7 +253,7 @@ impl Recording {
         camera: usize,
         limits: Option<(i64, i64)>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let events = py.enter_alone(|| match limits {
+        let events = py.detach_pure(|| match limits {
             Some((start_us, end_us)) => self.0.events_between(camera, start_us, end_us),
             None => self.0.events(camera),
         })?;
@@ -267,7 +267,7 @@ impl Recording {
         camera: usize,
         limits: Option<(i64, i64)>,
     ) -> PyResult<Option<Bound<'py, PyArray1<u8>>>> {
-        let causes = py.enter_alone(|| self.0.causes(camera, limits))?;
+        let causes = py.detach_pure(|| self.0.causes(camera, limits))?;
         Ok(causes.map(|causes| PyArray1::from_vec(py, causes)))
     }
 
@@ -278,33 +278,33 @@ impl Recording {
         kind: &str,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let kind = engine::label(kind)?;
-        Ok(PyArray1::from_vec(py, py.enter_alone(|| self.0.label_times(camera, kind))?))
+        Ok(PyArray1::from_vec(py, py.detach_pure(|| self.0.label_times(camera, kind))?))
     }
 
     fn label(&self, py: Python<'_>, camera: usize, kind: &str, index: usize) -> PyResult<packet::Label> {
         let kind = engine::label(kind)?;
-        let frame = py.enter_alone(|| self.0.label(camera, kind, index))?;
+        let frame = py.detach_pure(|| self.0.label(camera, kind, index))?;
         let size = self.0.header().cameras.get(camera).map_or((0, 0), |info| (info.width, info.height));
         packet::label(py, frame, size)
     }
 
     /// Names of inertial measurement units.
     fn imus(&self, py: Python<'_>) -> PyResult<Vec<String>> {
-        py.enter_alone(|| self.0.imus())
+        py.detach_pure(|| self.0.imus())
     }
 
     /// Samples of the inertial measurement unit `name`.
     fn imu<'py>(&self, py: Python<'py>, name: &str) -> PyResult<lens::ImuColumns<'py>> {
-        Ok(lens::imu_columns(py, &py.enter_alone(|| self.0.imu(name))?))
+        Ok(lens::imu_columns(py, &py.detach_pure(|| self.0.imu(name))?))
     }
 
     /// Objects and cameras, and where they are.
     fn bodies<'py>(&self, py: Python<'py>) -> PyResult<bodies::Columns<'py>> {
-        Ok(bodies::columns(py, py.enter_alone(|| self.0.bodies())?))
+        Ok(bodies::columns(py, py.detach_pure(|| self.0.bodies())?))
     }
 
     fn poses(&self, py: Python<'_>, camera: usize) -> PyResult<Py<PyAny>> {
-        packet::poses(py, &py.enter_alone(|| self.0.poses(camera))?)
+        packet::poses(py, &py.detach_pure(|| self.0.poses(camera))?)
     }
 }
 

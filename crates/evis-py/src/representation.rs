@@ -4,9 +4,9 @@ use evis_representation::{Array, Decay, Error, Measure, Polarities, Slice};
 use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use crate::door::EnterEngine;
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
+use crate::gil::Detach;
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
@@ -29,7 +29,7 @@ where
 {
     let (events, size, (start_us, end_us), sorted) = source;
     let events = events::as_events(events)?;
-    let array = py.enter_alone(|| {
+    let array = py.detach_pure(|| {
         let slice = Slice::new(events, *size)?;
         let slice = match (start_us, end_us) {
             (None, None) => slice,

@@ -10,9 +10,9 @@ use half::f16;
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 
-use crate::door::EnterEngine;
 use crate::engine::{self, Picture};
 use crate::errors::Failure;
+use crate::gil::Detach;
 
 /// A scene, shared by the simulators that render it.
 #[pyclass(frozen, module = "evis._evis")]
@@ -36,7 +36,7 @@ impl Scene {
     ) -> PyResult<Arc<evis_scene::Scene>> {
         let settings =
             CameraMotionSettings { camera: camera.cloned(), size, ..CameraMotionSettings::default() };
-        py.enter_engine(|| camera_motion::moved(&self.0, &settings))
+        py.detach_engine(|| camera_motion::moved(&self.0, &settings))
     }
 }
 
@@ -45,13 +45,14 @@ impl Scene {
     /// A built-in scene.
     #[staticmethod]
     fn builtin(py: Python<'_>, name: &str, seed: u64) -> PyResult<Self> {
-        py.enter_engine(|| engine::builtin_scene(name, seed)).map(Self::new)
+        py.detach_engine(|| engine::builtin_scene(name, seed)).map(Self::new)
     }
 
-    /// A `.toml`, `.gltf` or `.glb` file.
+    /// A `.toml`, `.gltf` or `.glb` file, or a picture; `animation` of a glTF file plays, by name or by index in digits.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        py.enter_engine(|| engine::load_scene(&path)).map(Self::new)
+    #[pyo3(signature = (path, animation=None))]
+    fn load(py: Python<'_>, path: PathBuf, animation: Option<&str>) -> PyResult<Self> {
+        py.detach_engine(|| engine::load_scene(&path, animation)).map(Self::new)
     }
 
     /// A TOML text; relative paths in it start at `base`. `pictures` are linear RGBA pixels, f32 (H, W, 4),
@@ -65,12 +66,12 @@ impl Scene {
     ) -> PyResult<Self> {
         let pictures = pictures.into_iter().map(|(name, pixels)| picture(name, &pixels));
         let pictures = pictures.collect::<PyResult<Vec<_>>>()?;
-        py.enter_engine(|| engine::parse_scene(text, &base, pictures)).map(Self::new)
+        py.detach_engine(|| engine::parse_scene(text, &base, pictures)).map(Self::new)
     }
 
     /// This scene with the cameras of a TOML text, each on the node that `parents` names.
     fn with_cameras(&self, py: Python<'_>, text: &str, parents: Vec<Option<String>>) -> PyResult<Self> {
-        py.enter_engine(|| engine::with_cameras(&self.0, text, &parents)).map(Self::new)
+        py.detach_engine(|| engine::with_cameras(&self.0, text, &parents)).map(Self::new)
     }
 
     /// Everything `speed` times as fast.
@@ -91,7 +92,7 @@ impl Scene {
     ) -> PyResult<Self> {
         let motion = motion.map(engine::camera_motion).transpose()?;
         let settings = CameraMotionSettings { motion, speed_px_per_s: speed, camera, size };
-        py.enter_engine(|| camera_motion::moved(&self.0, &settings)).map(Self)
+        py.detach_engine(|| camera_motion::moved(&self.0, &settings)).map(Self)
     }
 
     /// Motion, pixels per second, whether nobody asked for it, and a description; None where cameras move as the scene

@@ -5,15 +5,15 @@ use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
 use evis_core::CameraInfo;
-use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, RunRequest};
+use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, RunRequest, implausible};
 use evis_scene::{HostJump, HostPose, HostStep, MaterialChange, VisibleSteps};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::door::{EnterEngine, Owned, SIGNAL_PERIOD, lock, usable};
 use crate::emulator;
 use crate::engine;
 use crate::errors::Failure;
+use crate::gil::{Detach, ProcessBound, SIGNAL_PERIOD, lock, lock_unpoisoned};
 use crate::packet::{self, Packet};
 use crate::request::Request;
 use crate::scene::Scene;
@@ -22,12 +22,13 @@ use crate::scene::Scene;
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Simulator {
     /// `None` while a stream has it.
-    engine: Owned<Mutex<Option<evis_render::Simulator>>>,
+    engine: ProcessBound<Mutex<Option<evis_render::Simulator>>>,
     cameras: Vec<CameraInfo>,
     environments: usize,
     config: RunConfig,
     scene: String,
     notes: Vec<String>,
+    warnings: Vec<String>,
     /// The scene that is rendered.
     moved: Arc<evis_scene::Scene>,
     device: evis_render::DeviceSummary,
@@ -39,7 +40,7 @@ pub(crate) struct Simulator {
 /// Packets in order, rendered ahead.
 #[pyclass(frozen, module = "evis._evis")]
 pub(crate) struct Stream {
-    engine: Owned<Mutex<Option<PacketStream>>>,
+    engine: ProcessBound<Mutex<Option<PacketStream>>>,
     sizes: Vec<(u32, u32)>,
 }
 
@@ -53,7 +54,7 @@ impl Simulator {
     fn new(py: Python<'_>, scene: &Scene, request: Request, device: Option<String>) -> PyResult<Self> {
         let mut settled = RunRequest::try_from(request)?.settle().map_err(Failure::from)?;
         let own = scene.shared();
-        let scene = py.enter_engine(|| settled.moved(&own))?;
+        let scene = py.detach_engine(|| settled.moved(&own))?;
         settled.take_sensors(&scene).map_err(Failure::from)?;
         let name = scene.name.clone();
         let moved = Arc::clone(&scene);
@@ -61,6 +62,9 @@ impl Simulator {
         let prepare = || {
             let gpu = Gpu::open_any(device.as_deref())?;
             let (config, notes) = settled.configure(gpu.as_ref(), &scene)?;
+            let duration_s = scene.duration_s.unwrap_or(1.0);
+            let left_us = ((duration_s * 1e6) as i64 - config.start_us).max(0);
+            let warnings = implausible(&scene, &config, left_us);
             let simulator = evis_render::Simulator::new(gpu.as_ref(), scene, config)?;
             Ok::<_, Failure>(Self {
                 cameras: simulator.cameras().to_vec(),
@@ -68,14 +72,15 @@ impl Simulator {
                 config: simulator.config().clone(),
                 scene: name,
                 notes,
+                warnings,
                 moved,
                 device: gpu.map_or_else(DeviceSummary::none, |gpu| gpu.summary().clone()),
                 now_us: AtomicI64::new(simulator.now_us()),
                 stop: Arc::clone(simulator.stop()),
-                engine: Owned::new(Mutex::new(Some(simulator))),
+                engine: ProcessBound::new(Mutex::new(Some(simulator))),
             })
         };
-        py.enter_engine_for_long(&stopped, prepare)
+        py.detach_interruptible(&stopped, prepare)
     }
 
     /// Cameras as dictionaries: name, width, height, fx, fy, cx, cy.
@@ -118,6 +123,12 @@ impl Simulator {
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.notes.clone()
+    }
+
+    /// What was hardly meant: see [`implausible`].
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.warnings.clone()
     }
 
     /// The preset in force, if one is.
@@ -174,9 +185,9 @@ impl Simulator {
         let driven = poses.is_some() || !visible.is_empty() || !materials.is_empty();
         let poses: Vec<_> = poses.into_iter().flatten().map(host_poses).collect();
         let materials: Vec<_> = materials.into_iter().map(host_change).collect();
-        let packet = py.enter_engine_for_long(&self.stop, || {
-            let mut engine = usable(&self.engine)?;
-            let simulator = engine.as_mut().ok_or_else(taken)?;
+        let packet = py.detach_interruptible(&self.stop, || {
+            let mut engine = lock_unpoisoned(&self.engine)?;
+            let simulator = engine.as_mut().ok_or_else(engine_in_stream)?;
             let packet = if driven {
                 let step = HostStep { poses: &poses, visible: &visible, materials: &materials };
                 simulator.step_with(until_us, &step)?
@@ -206,9 +217,9 @@ impl Simulator {
         };
         let poses: Vec<_> = poses.into_iter().map(pose).collect();
         let materials: Vec<_> = materials.into_iter().map(host_change).collect();
-        py.enter_engine(|| {
-            let mut engine = usable(&self.engine)?;
-            let simulator = engine.as_mut().ok_or_else(taken)?;
+        py.detach_engine(|| {
+            let mut engine = lock_unpoisoned(&self.engine)?;
+            let simulator = engine.as_mut().ok_or_else(engine_in_stream)?;
             let jump = HostJump { poses: &poses, visible: &visible, materials: &materials };
             Ok::<_, Failure>(simulator.reset_to(&environments, &seeds, &jump)?)
         })
@@ -216,16 +227,16 @@ impl Simulator {
 
     /// Hands the engine to a stream that renders ahead.
     fn stream(&self, py: Python<'_>, duration_us: i64, packet_us: i64) -> PyResult<Stream> {
-        let stream = py.enter_engine(|| {
+        let stream = py.detach_engine(|| {
             for (what, value) in [("duration", duration_us), ("packet_us", packet_us)] {
                 if value <= 0 {
                     return Err(evis_core::ConfigError::new(what, value, "above 0 microseconds").into());
                 }
             }
-            let simulator = usable(&self.engine)?.take().ok_or_else(taken)?;
+            let simulator = lock_unpoisoned(&self.engine)?.take().ok_or_else(engine_in_stream)?;
             Ok::<_, Failure>(simulator.stream(duration_us, packet_us)?)
         })?;
-        Ok(Stream { engine: Owned::new(Mutex::new(Some(stream))), sizes: sizes(&self.cameras) })
+        Ok(Stream { engine: ProcessBound::new(Mutex::new(Some(stream))), sizes: sizes(&self.cameras) })
     }
 }
 
@@ -248,7 +259,7 @@ fn host_change((environment, material, factors): (usize, usize, Factors)) -> (us
     (environment, material, MaterialChange { base_color, metallic, emissive, roughness })
 }
 
-fn taken() -> Failure {
+fn engine_in_stream() -> Failure {
     Failure::Engine("a stream has this simulator's engine; close the stream, or read it to its end".into())
 }
 
@@ -260,7 +271,7 @@ impl Stream {
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Packet>> {
         loop {
-            let waited = py.enter_engine(|| match lock(&self.engine).as_mut() {
+            let waited = py.detach_engine(|| match lock(&self.engine).as_mut() {
                 None => Ok(Poll::Ready(None)),
                 Some(stream) => match stream.poll_next(SIGNAL_PERIOD) {
                     Poll::Pending => Ok(Poll::Pending),
@@ -285,7 +296,7 @@ impl Stream {
 
     /// Stops the engine after the interval in work. Closing twice does nothing.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
-        py.enter_engine(|| {
+        py.detach_engine(|| {
             drop(lock(&self.engine).take());
             Ok::<_, Failure>(())
         })

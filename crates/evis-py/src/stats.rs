@@ -8,10 +8,10 @@ use pyo3::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::door::EnterEngine;
 use crate::emulator::{from_json, to_json};
 use crate::errors::Failure;
 use crate::events::{self, EventCd};
+use crate::gil::Detach;
 
 fn text(value: &impl Serialize) -> Result<String, Failure> {
     serde_json::to_string(value).map_err(|error| Failure::Engine(error.to_string()))
@@ -31,7 +31,7 @@ pub(crate) fn statistics(
     range_us: (i64, i64),
 ) -> PyResult<String> {
     let events = events::as_events(&events)?;
-    py.enter_engine(|| text(&evis_core::stats::stats(events, size, range_us)?))
+    py.detach_engine(|| text(&evis_core::stats::stats(events, size, range_us)?))
 }
 
 /// A fit to a still scene: JSON, the sensor's JSON, the table.
@@ -46,7 +46,7 @@ pub(crate) fn calibrate_still(
 ) -> PyResult<(String, String, String)> {
     let base = from_json(base)?;
     let events = events::as_events(&events)?;
-    py.enter_engine(|| {
+    py.detach_engine(|| {
         let made = evis_core::stats::calibrate(events, size, range_us, &base, seed)?;
         Ok::<_, Failure>((text(&made)?, to_json(&made.sensor)?, made.to_string()))
     })
@@ -68,7 +68,7 @@ pub(crate) fn calibrate_flicker(
         let stimulus = Stimulus::new(*hz, *contrast).map_err(Failure::from)?;
         parts.push((events::as_events(events)?, *size, stimulus));
     }
-    py.enter_engine(|| {
+    py.detach_engine(|| {
         let made = evis_core::stats::calibrate_flicker(&parts, &base)?;
         Ok::<_, Failure>((text(&made)?, to_json(&made.sensor)?, made.to_string()))
     })
@@ -84,7 +84,7 @@ pub(crate) fn compare_table(json: &str) -> PyResult<String> {
 #[pyfunction]
 pub(crate) fn draw_compare(py: Python<'_>, json: &str, path: PathBuf) -> PyResult<()> {
     let comparison: Comparison = value(json, "a comparison")?;
-    py.enter_engine(|| evis_chart::compare::save(&comparison, &path))
+    py.detach_engine(|| evis_chart::compare::save(&comparison, &path))
 }
 
 /// Events of a sensor before a still scene.
@@ -98,7 +98,7 @@ pub(crate) fn static_scene<'py>(
     seed: u64,
 ) -> PyResult<Bound<'py, PyAny>> {
     let sensor = from_json(sensor)?;
-    let made = py.enter_engine(|| {
+    let made = py.detach_engine(|| {
         Ok::<_, Failure>(evis_core::stats::static_scene(&sensor, size, duration_us, light, seed)?)
     })?;
     Ok(events::into_numpy(py, made).into_any())

@@ -11,8 +11,8 @@ use evis_render::Gpu;
 use evis_truth::PixelChoice;
 use pyo3::prelude::*;
 
-use crate::door::EnterEngine;
 use crate::errors::Failure;
+use crate::gil::Detach;
 use crate::scene::Scene;
 
 /// What a text of JSON is called in errors.
@@ -21,7 +21,7 @@ const TEXT: &str = "report";
 /// Measures the triggers on closed forms; returns the report as JSON.
 #[pyfunction]
 pub(crate) fn verify(py: Python<'_>) -> PyResult<String> {
-    py.enter_engine(|| Ok::<_, Failure>(verify_forms()?.to_json()?))
+    py.detach_engine(|| Ok::<_, Failure>(verify_forms()?.to_json()?))
 }
 
 /// Measures the engine on a scene; returns the report as JSON.
@@ -62,7 +62,7 @@ pub(crate) fn verify_scene(
     };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
-    py.enter_engine_for_long(&stop, || {
+    py.detach_interruptible(&stop, || {
         let gpu = Gpu::open(device.as_deref())?;
         let going = |_, _| !stop.load(Ordering::Relaxed);
         let made = evis_chart::verify::verify_scene(&gpu, &scene.name, &scene, &settings, &going)?;
@@ -88,7 +88,7 @@ pub(crate) fn verify_failures(
         cache,
     };
     let stop = AtomicBool::new(false);
-    py.enter_engine_for_long(&stop, || {
+    py.detach_interruptible(&stop, || {
         settings.check()?;
         let gpu = Gpu::open(device.as_deref())?;
         let going = |_, _| !stop.load(Ordering::Relaxed);
@@ -116,7 +116,7 @@ pub(crate) fn verify_light(
     let settings = LightSettings { camera, size, at_us, samples, shadows, worst };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
-    py.enter_engine_for_long(&stop, || {
+    py.detach_interruptible(&stop, || {
         let gpu = Gpu::open(device.as_deref())?;
         let going = |_, _| !stop.load(Ordering::Relaxed);
         let made = evis_chart::verify::verify_light(&gpu, &scene.name, &scene, &settings, &going)?;
@@ -134,11 +134,11 @@ fn variant(name: &str) -> PyResult<Variant> {
 /// The table of a report that is given as JSON.
 #[pyfunction]
 pub(crate) fn verify_table(py: Python<'_>, json: &str) -> PyResult<String> {
-    py.enter_engine(|| Ok::<_, Failure>(Report::from_json(json, Path::new(TEXT))?.to_string()))
+    py.detach_engine(|| Ok::<_, Failure>(Report::from_json(json, Path::new(TEXT))?.to_string()))
 }
 
 /// Draws a report's JSON to `path`.
 #[pyfunction]
 pub(crate) fn draw_verify(py: Python<'_>, json: &str, path: PathBuf) -> PyResult<()> {
-    py.enter_engine(|| Report::from_json(json, Path::new(TEXT))?.save(&path))
+    py.detach_engine(|| Report::from_json(json, Path::new(TEXT))?.save(&path))
 }

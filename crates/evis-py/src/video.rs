@@ -12,9 +12,9 @@ use evis_video::{
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-use crate::door::{EnterEngine, Owned};
 use crate::emulator::from_json;
 use crate::errors::Failure;
+use crate::gil::{Detach, ProcessBound};
 
 impl From<VideoError> for Failure {
     fn from(error: VideoError) -> Self {
@@ -29,7 +29,7 @@ impl From<VideoError> for Failure {
 /// What to read, in the words of Python.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Wanted {
+pub(crate) struct SourceOptions {
     path: PathBuf,
     transfer: Option<String>,
     fps: Option<f64>,
@@ -40,7 +40,7 @@ pub(crate) struct Wanted {
     ffmpeg: Option<PathBuf>,
 }
 
-impl Wanted {
+impl SourceOptions {
     fn open(self) -> Result<FrameSource, Failure> {
         let clock = match (self.fps, self.timestamps) {
             (Some(_), Some(_)) => {
@@ -69,7 +69,7 @@ impl Wanted {
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
 pub(crate) fn convert_video(
     py: Python<'_>,
-    source: Wanted,
+    source: SourceOptions,
     output: PathBuf,
     sensor: &str,
     seed: u64,
@@ -81,13 +81,13 @@ pub(crate) fn convert_video(
     let config = VideoConfig { sensor, seed, reference_luminance, ..VideoConfig::default() };
     let stop = AtomicBool::new(false);
     let failed = Mutex::new(None);
-    let json = py.enter_engine_for_long(&stop, || {
+    let json = py.detach_interruptible(&stop, || {
         let stream = VideoStream::new(source.open()?, config)?;
         let duration_us = stream.source().duration_us().unwrap_or(0);
-        let mut told = Instant::now();
+        let mut reported = Instant::now();
         let report = evis_video::convert(stream, &output, overwrite, |at| {
-            if let Some(progress) = progress.as_ref().filter(|_| told.elapsed() >= TOLD_EVERY) {
-                told = Instant::now();
+            if let Some(progress) = progress.as_ref().filter(|_| reported.elapsed() >= PROGRESS_PERIOD) {
+                reported = Instant::now();
                 let called =
                     Python::attach(|py| progress.call1(py, (at.t_us, duration_us, at.events)).map(|_| ()));
                 if let Err(error) = called {
@@ -106,25 +106,25 @@ pub(crate) fn convert_video(
 }
 
 /// Time between two calls of a progress function, at least.
-const TOLD_EVERY: Duration = Duration::from_millis(100);
+const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
 
 /// Frames, one after the other.
 #[pyclass(frozen, module = "evis._evis")]
-pub(crate) struct FrameReader(Owned<Mutex<FrameSource>>);
+pub(crate) struct FrameReader(ProcessBound<Mutex<FrameSource>>);
 
 /// Time, numbers, height, width, channels.
-type Read<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
+type FrameColumns<'py> = (i64, Bound<'py, PyAny>, u32, u32, usize);
 
 #[pymethods]
 impl FrameReader {
     #[new]
-    fn new(py: Python<'_>, source: Wanted) -> PyResult<Self> {
-        py.enter_engine(|| Ok::<_, Failure>(Self(Owned::new(Mutex::new(source.open()?)))))
+    fn new(py: Python<'_>, source: SourceOptions) -> PyResult<Self> {
+        py.detach_engine(|| Ok::<_, Failure>(Self(ProcessBound::new(Mutex::new(source.open()?)))))
     }
 
     /// The next frame as a flat array; None after the last one.
-    fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<Read<'py>>> {
-        let read = py.enter_engine(|| {
+    fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<FrameColumns<'py>>> {
+        let read = py.detach_engine(|| {
             let mut source = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             source.next_frame().map_err(Failure::from)
         })?;
@@ -141,7 +141,7 @@ impl FrameReader {
 
     /// Kind, curve, absolute time of the first frame used, warnings.
     fn about(&self, py: Python<'_>) -> PyResult<(&'static str, String, i64, Vec<String>)> {
-        py.enter_engine(|| {
+        py.detach_engine(|| {
             let source = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             let curve = transfer_name(source.transfer());
             Ok::<_, Failure>((source.kind(), curve, source.offset_us(), source.warnings()))

@@ -46,7 +46,7 @@ pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
 pub use output::{Bodies, BodyTimes, Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes, ViewPacket};
-pub use request::{RunRequest, SamplingRequest, Settled, quality, settings};
+pub use request::{RunRequest, SamplingRequest, Settled, implausible, quality, settings};
 pub use sampling::audit;
 /// The version that [`Gpu::from_device`] takes devices of.
 pub use wgpu;

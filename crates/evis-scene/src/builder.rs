@@ -393,6 +393,39 @@ impl SceneBuilder {
         Ok(self)
     }
 
+    /// Calls the semantic class `id` `name`: recordings with semantic labels store it.
+    ///
+    /// # Errors
+    /// An empty name, the id 0 (which labels nothing), an id that has another name, a name that another id has.
+    pub fn class_name(&mut self, id: u32, name: &str) -> Result<&mut Self, SceneError> {
+        if id == 0 || name.is_empty() {
+            return rule(format!("class '{name}' has the id {id}; a class takes a name, and an id above 0"));
+        }
+        let names = &mut self.scene.class_names;
+        if let Some((other, _)) = names.iter().find(|(other, known)| *known == name && **other != id) {
+            return rule(format!("class '{name}' has the ids {other} and {id}; each name takes one id"));
+        }
+        match names.insert(id, name.to_owned()) {
+            Some(other) if other != name => {
+                rule(format!("the classes '{other}' and '{name}' both have the id {id}; each takes its own"))
+            }
+            _ => Ok(self),
+        }
+    }
+
+    /// Id of the semantic class `name`.
+    ///
+    /// # Errors
+    /// Lists the classes that have a name.
+    pub fn find_class(&self, name: &str) -> Result<u32, SceneError> {
+        let names = &self.scene.class_names;
+        names.iter().find(|(_, known)| *known == name).map(|(id, _)| *id).ok_or_else(|| SceneError::Unknown {
+            what: "class",
+            name: name.into(),
+            known: names.values().cloned().collect(),
+        })
+    }
+
     /// Colour where nothing is.
     ///
     /// # Errors
@@ -747,6 +780,14 @@ impl SceneBuilder {
             }
             node
         }));
+        for (id, class) in scene.class_names {
+            let known = own.class_names.entry(id).or_insert_with(|| class.clone());
+            if *known != class {
+                own.warnings.push(format!(
+                    "{name}: class {id} is '{class}' there and '{known}' in this scene; '{known}' counts"
+                ));
+            }
+        }
         let distortions = scene.distortions.into_iter();
         own.distortions.extend(distortions.map(|(camera, of)| (format!("{name}/{camera}"), of)));
         own.cameras.extend(scene.cameras.into_iter().map(|mut camera| {

@@ -23,6 +23,7 @@ pub mod lens;
 pub mod model;
 pub mod motion;
 pub mod picture;
+mod plausible;
 pub mod pose;
 pub mod primitive;
 pub mod procedural;

@@ -35,6 +35,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Event cameras, in the order in which they are rendered.
     pub cameras: Vec<Camera>,
+    /// Names of semantic classes, by [`Node::semantic_id`]; a class that is not in here has none.
+    pub class_names: BTreeMap<u32, String>,
     /// Distortion of cameras, by name; a camera that is not in here is a pinhole.
     pub distortions: BTreeMap<String, Distortion>,
     /// Image-based light and sky.

@@ -10,6 +10,8 @@ use crate::{CameraMotionSettings, Scene, SceneError, builtin, gltf, picture, tom
 pub struct Opening {
     /// Varies built-in scenes.
     pub seed: u64,
+    /// Which of a glTF file's animations plays, by name or by index in digits; `None` plays the first.
+    pub animation: Option<String>,
     /// See [`Scene::at_speed`]; `None` for 1.
     pub speed: Option<f64>,
     /// See [`Scene::move_cameras`].
@@ -22,7 +24,7 @@ pub struct Opening {
 /// # Errors
 /// As [`load`], [`Scene::move_cameras`] and [`Scene::at_speed`].
 pub fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError> {
-    let mut scene = load(source, opening.seed)?;
+    let mut scene = load_with_animation(source, opening.seed, opening.animation.as_deref())?;
     scene.move_cameras(&opening.camera_motion)?;
     scene.at_speed(opening.speed.unwrap_or(1.0))
 }
@@ -36,15 +38,33 @@ pub fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError> {
 /// # Errors
 /// Unknown names (the ones that exist are listed), unreadable and invalid files.
 pub fn load(source: &str, seed: u64) -> Result<Scene, SceneError> {
+    load_with_animation(source, seed, None)
+}
+
+/// The same, where `animation` (by name, or by index in digits) of a glTF file plays instead of the first.
+///
+/// # Errors
+/// As [`load`]; an animation that does not exist (the ones that do are listed), and one of what is no glTF file.
+pub fn load_with_animation(source: &str, seed: u64, animation: Option<&str>) -> Result<Scene, SceneError> {
+    let path = Path::new(source);
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    if let Some(animation) = animation
+        && !matches!(ending.as_deref(), Some("gltf" | "glb"))
+    {
+        return Err(SceneError::Rule(format!(
+            "animation is '{animation}', but {source} is no .gltf or .glb file; leave it out (a scene file names \
+             animations in its [[gltf]] tables)"
+        )));
+    }
     if builtin::names().iter().any(|(name, _)| *name == source) {
         return builtin::load(source, seed);
     }
-    let path = Path::new(source);
-    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
         Some("toml") => toml_scene::load(path),
         Some("gltf" | "glb") => {
-            let mut scene = gltf::load(path, &gltf::Options::default())?;
+            let options =
+                gltf::Options { animation: animation.map(str::to_owned), ..gltf::Options::default() };
+            let mut scene = gltf::load(path, &options)?;
             if scene.needs_light() && scene.environment.is_none() {
                 scene.warnings.push("no light in the file: lit by the built-in studio".into());
                 scene.environment = Some(Environment::studio());

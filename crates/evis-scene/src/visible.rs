@@ -93,10 +93,19 @@ impl Pinhole {
     }
 }
 
+/// A triangle that is drawn.
+pub(crate) struct Triangle {
+    /// Node whose mesh it belongs to.
+    pub node: usize,
+    /// In the world, counter-clockwise from its front.
+    pub corners: [DVec3; 3],
+    /// Whether its back is drawn too.
+    pub both: bool,
+}
+
 impl Scene {
-    /// Calls `visit` with the corners of every triangle drawn at `t_s`, in the world and counter-clockwise from its
-    /// front, and whether its back is drawn too.
-    fn visit_triangles(&self, t_s: f64, mut visit: impl FnMut([DVec3; 3], bool)) {
+    /// Calls `visit` with every triangle drawn at `t_s`, node by node.
+    pub(crate) fn visit_triangles(&self, t_s: f64, mut visit: impl FnMut(&Triangle)) {
         let mut state = SceneState::default();
         self.evaluate(t_s, &mut state);
         let (mut joints, mut corners) = (Vec::new(), Vec::new());
@@ -117,7 +126,8 @@ impl Scene {
                     let [a, b, c] =
                         indices.map(|i| corners.get(i as usize).copied().flatten().filter(|p| p.is_finite()));
                     if let (Some(a), Some(b), Some(c)) = (a, b, c) {
-                        visit(if mirrored { [a, c, b] } else { [a, b, c] }, both);
+                        let corners = if mirrored { [a, c, b] } else { [a, b, c] };
+                        visit(&Triangle { node: index, corners, both });
                     }
                 }
             }
@@ -126,7 +136,7 @@ impl Scene {
 
     /// Calls `visit` with every point drawn at `t_s`, in the world.
     pub(crate) fn visit_points(&self, t_s: f64, mut visit: impl FnMut(DVec3)) {
-        self.visit_triangles(t_s, |corners, _| corners.into_iter().for_each(&mut visit));
+        self.visit_triangles(t_s, |triangle| triangle.corners.into_iter().for_each(&mut visit));
     }
 
     /// Points of surfaces that the camera shows at `t_s`, in its own frame, spread evenly over the picture.
@@ -136,12 +146,22 @@ impl Scene {
         world_from_camera: &DMat4,
         t_s: f64,
     ) -> Vec<DVec3> {
+        self.visible_surfaces(pinhole, world_from_camera, t_s).into_iter().map(|(_, point)| point).collect()
+    }
+
+    /// The same points, each with the node that shows there.
+    pub(crate) fn visible_surfaces(
+        &self,
+        pinhole: &Pinhole,
+        world_from_camera: &DMat4,
+        t_s: f64,
+    ) -> Vec<(usize, DVec3)> {
         let camera_from_world = world_from_camera.inverse();
         let rays: Vec<DVec3> = pinhole.grid().map(|(_, ray)| ray).collect();
-        let mut depths = vec![f64::INFINITY; rays.len()];
+        let mut nearest = vec![(0, f64::INFINITY); rays.len()];
         let per_cell = DVec2::new(COLUMNS as f64, ROWS as f64) / pinhole.size;
-        self.visit_triangles(t_s, |corners, both| {
-            let corners = corners.map(|p| camera_from_world.transform_point3(p));
+        self.visit_triangles(t_s, |triangle| {
+            let corners = triangle.corners.map(|p| camera_from_world.transform_point3(p));
             if corners.iter().all(|p| -p.z < pinhole.near) {
                 return;
             }
@@ -149,15 +169,17 @@ impl Scene {
             for row in first[1]..last[1] {
                 for column in first[0]..last[0] {
                     let i = row * COLUMNS + column;
-                    let depth = hit(rays[i], &corners, both).filter(|d| *d >= pinhole.near);
-                    depths[i] = depths[i].min(depth.unwrap_or(f64::INFINITY));
+                    let depth = hit(rays[i], &corners, triangle.both).filter(|d| *d >= pinhole.near);
+                    if let Some(depth) = depth.filter(|depth| *depth < nearest[i].1) {
+                        nearest[i] = (triangle.node, depth);
+                    }
                 }
             }
         });
         rays.iter()
-            .zip(depths)
-            .filter(|(_, depth)| depth.is_finite())
-            .map(|(ray, depth)| *ray * depth)
+            .zip(nearest)
+            .filter(|(_, (_, depth))| depth.is_finite())
+            .map(|(ray, (node, depth))| (node, *ray * depth))
             .collect()
     }
 
@@ -166,9 +188,9 @@ impl Scene {
     pub(crate) fn clearance(&self, eyes: &[DVec3]) -> f64 {
         let mut squared = f64::INFINITY;
         for t_s in self.framing_times() {
-            self.visit_triangles(t_s, |corners, _| {
+            self.visit_triangles(t_s, |triangle| {
                 for eye in eyes {
-                    squared = squared.min(eye.distance_squared(nearest_point(*eye, &corners)));
+                    squared = squared.min(eye.distance_squared(nearest_point(*eye, &triangle.corners)));
                 }
             });
         }
@@ -193,8 +215,9 @@ fn cells(pinhole: &Pinhole, per_cell: DVec2, corners: &[DVec3; 3]) -> [[usize; 2
     [[x.0, y.0], [x.1, y.1]]
 }
 
-/// Depth at which `ray`, from the origin and with z = -1, hits the triangle (Möller and Trumbore 1997).
-fn hit(ray: DVec3, [a, b, c]: &[DVec3; 3], both: bool) -> Option<f64> {
+/// Lengths of `ray`, from the origin, to where it hits the triangle, from its front or where `both` from either side: depth,
+/// where z = -1 (Möller and Trumbore 1997).
+pub(crate) fn hit(ray: DVec3, [a, b, c]: &[DVec3; 3], both: bool) -> Option<f64> {
     let (ab, ac) = (*b - *a, *c - *a);
     let p = ray.cross(ac);
     // Above 0 where the ray meets the front.

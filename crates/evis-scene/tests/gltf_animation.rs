@@ -232,7 +232,12 @@ fn weights_are_animated_and_the_animation_is_chosen_by_name_or_index() {
     scene.evaluate(0.5, &mut state);
     assert_eq!(state.morph_weights[0], [0.25, 0.875]);
     assert!(scene.warnings.iter().any(|w| w.contains("move no node")), "{:?}", scene.warnings);
+    assert!(
+        scene.warnings.iter().any(|w| w.contains("'grow' plays") && w.ends_with("the file: 1")),
+        "others"
+    );
     let scene = load(Some("1")).expect("valid");
+    assert!(!scene.warnings.iter().any(|w| w.contains("plays")), "it was chosen: {:?}", scene.warnings);
     scene.evaluate(0.5, &mut state);
     assert_eq!(state.morph_weights[0], [0.0, 0.0]);
     assert_eq!(state.world_from_node[0].w_axis.x, 1.0);

@@ -372,3 +372,32 @@ fn no_damage_makes_the_reader_panic() {
         "{accepted} accepted, {refused} refused: the damage tests too little"
     );
 }
+
+#[test]
+fn extras_of_nodes_give_classes_and_what_cannot_be_used_is_said() {
+    let scene = |extras: Value| {
+        let (glb, mut rest) = rich();
+        rest["nodes"][1]["extras"] = extras;
+        // A second node of the same class, in the scene of its own that the file has.
+        rest["nodes"][4]["extras"] = json!({"semantic_id": 7, "semantic_name": "other"});
+        parse(&glb.bytes(&rest)).expect("valid")
+    };
+    let named = scene(json!({"semantic_id": 7, "semantic_name": "sail", "price": 3}));
+    assert_eq!(named.nodes[1].semantic_id, 7);
+    assert_eq!(named.class_names.get(&7).map(String::as_str), Some("sail"));
+    let told = named.warnings.join("\n");
+    assert!(told.contains("class 7 is 'other' here and 'sail' elsewhere"), "{told}");
+    for (extras, expected) in [
+        (json!({"semantic_id": -1}), "semantic_id is -1 and ignored"),
+        (json!({"semantic_id": "sail"}), "semantic_id is \"sail\" and ignored"),
+        (json!({"semantic_id": 4_294_967_296_u64}), "semantic_id is 4294967296 and ignored"),
+        (json!({"semantic_name": "sail"}), "semantic_name is \"sail\" and ignored: it takes a semantic_id"),
+    ] {
+        let scene = scene(extras);
+        assert_eq!(scene.nodes[1].semantic_id, 0);
+        assert!(scene.warnings.iter().any(|warning| warning.contains(expected)), "{:?}", scene.warnings);
+    }
+    for silent in [json!({"semantic_id": 0}), json!("text"), json!({"semantic_id": 7, "semantic_name": ""})] {
+        assert!(!scene(silent).warnings.iter().any(|warning| warning.contains("ignored: it takes")));
+    }
+}

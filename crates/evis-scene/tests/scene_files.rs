@@ -434,6 +434,34 @@ fn real_files_come_together() {
 }
 
 #[test]
+fn classes_have_names_that_stand_for_their_ids() {
+    let classes = "[classes]\nfloor = 1\n'traffic light' = 12\n";
+    let scene =
+        read(&format!("{classes}{BALL}semantic_id = 'traffic light'")).unwrap_or_else(|e| panic!("{e}"));
+    let names: Vec<_> = scene.class_names.iter().map(|(id, name)| (*id, name.as_str())).collect();
+    assert_eq!(names, [(1, "floor"), (12, "traffic light")]);
+    let ball = scene.nodes.iter().find(|node| node.name == "ball").unwrap_or_else(|| panic!("the ball"));
+    assert_eq!(ball.semantic_id, 12);
+    for (text, expected) in [
+        (
+            format!("{classes}{BALL}semantic_id = 'flor'"),
+            "'ball': no class named 'flor'; there is floor, traffic light (did you mean 'floor'?)",
+        ),
+        (format!("{BALL}semantic_id = 'floor'"), "no class named 'floor'; there is none"),
+        (
+            format!("{BALL}semantic_id = -2"),
+            "semantic_id is -2; it takes a whole number between 0 and 4294967295",
+        ),
+        (format!("{BALL}semantic_id = 1.5"), "or the name of a class in [classes]"),
+        (format!("[classes]\nfloor = 'one'\n{BALL}"), "[classes]: floor is \"one\""),
+        (format!("[classes]\nfloor = 0\n{BALL}"), "class 'floor' has the id 0"),
+        (format!("[classes]\na = 3\nb = 3\n{BALL}"), "'a' and 'b' both have the id 3"),
+    ] {
+        assert!(message(&text).contains(expected), "{expected}\n{}", message(&text));
+    }
+}
+
+#[test]
 fn a_scene_without_a_camera_gets_one() {
     let scene = read(BALL).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(scene.cameras.len(), 1);

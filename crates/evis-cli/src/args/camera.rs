@@ -1,8 +1,18 @@
-//! `--camera-motion` and `--camera-speed`, of every command that opens a scene.
+//! `--camera-motion` and `--camera-speed`, of every command that simulates a scene, and `--animation`.
 
 use clap::Args;
 use evis_scene::camera_motion::check_speed;
 use evis_scene::{CameraMotion, CameraMotionSettings};
+
+/// What of a file plays.
+#[derive(Debug, Default, Args)]
+pub(crate) struct AnimationArgs {
+    /// Animation of a glTF file to play, by name or number [default: the first]
+    ///
+    /// Numbers count from 0. `info` names the others of a file that has several.
+    #[arg(long, value_name = "NAME", help_heading = "Scene", hide_short_help = true)]
+    pub(crate) animation: Option<String>,
+}
 
 /// How cameras move that the scene leaves at rest.
 #[derive(Debug, Default, Args)]

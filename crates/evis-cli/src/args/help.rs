@@ -36,7 +36,11 @@ const EXAMPLES: [(&str, &[&str]); 16] = [
     ("from-v2e", &["from-v2e -- --input in.mp4 --pos_thres 0.15 --cutoff_hz 30 --dvs346"]),
     (
         "preview",
-        &["preview events.h5 -o sheet.png", "preview events.h5 -o film.mp4 --slow 4 --background dark"],
+        &[
+            "preview events.h5 -o sheet.png",
+            "preview events.h5 -o film.mp4 --slow 4 --background dark",
+            "preview model.glb -o still.png --at 0.5",
+        ],
     ),
     (
         "chart",

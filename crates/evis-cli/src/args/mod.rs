@@ -85,7 +85,7 @@ pub(crate) enum Command {
     /// Print the command of `video` that does what a command line of v2e does.
     #[command(name = "from-v2e")]
     FromV2e(FromV2eArgs),
-    /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4).
+    /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4), or a scene as a picture.
     Preview(PreviewArgs),
     /// Measure settings on a scene: draw speed against accuracy, and recommend one.
     Chart(Box<ChartArgs>),

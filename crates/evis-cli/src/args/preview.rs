@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::camera::AnimationArgs;
 use super::choices::Background;
-use super::values::{Scale, fps, positive_seconds, scale, slow, start_seconds, window_ms};
+use super::values::{Scale, fps, positive_seconds, scale, size, slow, start_seconds, window_ms};
 
 /// `preview`.
 #[derive(Debug, Args)]
 pub(crate) struct PreviewArgs {
-    /// The recording.
+    /// A recording, or a scene to render as one still picture: a built-in name, .glb, .gltf or .toml.
     pub(crate) input: PathBuf,
 
     /// Picture to write: .png, .gif or .mp4
@@ -31,7 +32,14 @@ pub(crate) struct PreviewArgs {
     #[arg(long, value_name = "LABEL", value_parser = ["depth", "flow", "instance", "semantic", "normal", "hdr", "frame", "none"], hide_possible_values = true, help_heading = "Picture")]
     pub(crate) label: Option<String>,
 
-    /// PNG: the window that ends at this second, instead of a contact sheet
+    #[command(flatten)]
+    pub(crate) animation: AnimationArgs,
+
+    /// Of a scene: pixels [default: the camera's own, else 640x480]
+    #[arg(long, value_name = "WxH", value_parser = size, allow_hyphen_values = true, help_heading = "Scene")]
+    pub(crate) size: Option<(u32, u32)>,
+
+    /// PNG: the window that ends at this second, instead of a contact sheet; of a scene, its time
     #[arg(long, value_name = "S", value_parser = start_seconds, allow_hyphen_values = true, conflicts_with_all = ["start", "duration"], help_heading = "Input")]
     pub(crate) at: Option<f64>,
 

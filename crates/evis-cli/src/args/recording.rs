@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use evis_core::stats::Stimulus;
 
+use super::camera::AnimationArgs;
 use super::values::{positive_seconds, seed, start_seconds, stimulus, tolerance_us};
 
 /// `info`.
@@ -12,6 +13,8 @@ use super::values::{positive_seconds, seed, start_seconds, stimulus, tolerance_u
 pub(crate) struct InfoArgs {
     /// A recording, a file of events of any format that is read, or a scene: a built-in name, .glb, .gltf or .toml.
     pub(crate) input: PathBuf,
+    #[command(flatten)]
+    pub(crate) animation: AnimationArgs,
     /// The camera, of a file of another program that has several
     #[arg(long, value_name = "NAME", conflicts_with = "repair", help_heading = "Input")]
     pub(crate) camera: Option<String>,

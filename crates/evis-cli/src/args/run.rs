@@ -6,7 +6,7 @@ use clap::Args;
 use evis_core::TriggerRule;
 use evis_render::{Antialias, Between, Method, Quality, Shadows};
 
-use super::camera::CameraArgs;
+use super::camera::{AnimationArgs, CameraArgs};
 use super::choices::{labels, words};
 use super::values::{
     margin_pixels, positive, positive_seconds, rate_hz, sample_count, seed, shadow_map, size, speed,
@@ -20,6 +20,9 @@ pub(crate) struct RunArgs {
     ///
     /// `scenes` lists the built-in scenes. Pictures: .png, .jpg, .hdr, .exr, .tif.
     pub(crate) scene: String,
+
+    #[command(flatten)]
+    pub(crate) animation: AnimationArgs,
 
     #[command(flatten)]
     pub(crate) camera_motion: CameraArgs,

@@ -6,7 +6,7 @@ use clap::Args;
 use evis_core::TriggerRule;
 use evis_truth::{Lattice, PixelChoice};
 
-use super::camera::CameraArgs;
+use super::camera::{AnimationArgs, CameraArgs};
 use super::choices::words;
 use super::values::{
     crop, positive, positive_seconds, rate_hz, seed, size, speed, start_seconds, threshold, truth_pixels,
@@ -17,6 +17,9 @@ use super::values::{
 pub(crate) struct TruthArgs {
     /// A built-in scene (see `scenes`), a .toml, .gltf or .glb file, or a still picture (.png, .jpg, .hdr, .exr, .tif).
     pub(crate) scene: String,
+
+    #[command(flatten)]
+    pub(crate) animation: AnimationArgs,
 
     #[command(flatten)]
     pub(crate) camera_motion: CameraArgs,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use evis_render::Shadows;
 
-use super::camera::CameraArgs;
+use super::camera::{AnimationArgs, CameraArgs};
 use super::choices::words;
 use super::values::{size, speed, start_seconds};
 
@@ -14,6 +14,9 @@ use super::values::{size, speed, start_seconds};
 pub(crate) struct TuneArgs {
     /// A built-in scene (see `scenes`), a .toml, .gltf or .glb file, or a still picture (.png, .jpg, .hdr, .exr, .tif).
     pub(crate) scene: String,
+
+    #[command(flatten)]
+    pub(crate) animation: AnimationArgs,
 
     #[command(flatten)]
     pub(crate) camera_motion: CameraArgs,

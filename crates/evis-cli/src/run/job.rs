@@ -19,8 +19,9 @@ use crate::text;
 /// that flushing a fast run for each part of its stream would fill the disk.
 const FLUSH_EVERY: Duration = Duration::from_millis(400);
 
-/// What is in force, how long it takes by what was measured, and the preset that takes less.
-fn forecast_line(config: &RunConfig, measured: &Measured, duration_us: i64) -> String {
+/// What is in force, and the preset that takes less: what can be said before the first work. How long it takes depends on
+/// scene, size and device by factors of hundreds; a number that is not measured would be a guess.
+pub(super) fn before_line(config: &RunConfig, duration_us: i64) -> String {
     let force = config.quality.map_or_else(
         || format!("{}, set by hand", config.method.name()),
         |quality| format!("quality {} ({})", quality.name(), config.method.name()),
@@ -30,7 +31,15 @@ fn forecast_line(config: &RunConfig, measured: &Measured, duration_us: i64) -> S
         .and_then(|quality| quality.cheaper())
         .map_or_else(String::new, |quality| format!("; --quality {} takes less", quality.name()));
     format!(
-        "{force}: about {} for {} of stream, by what {} to {} took{cheaper}",
+        "{force}: {} of stream; after a second of work follows how long it takes{cheaper}",
+        text::seconds(duration_us)
+    )
+}
+
+/// How long the run takes, by what was measured.
+fn forecast_line(measured: &Measured, duration_us: i64) -> String {
+    format!(
+        "about {} for {} of stream, by what {} to {} took",
         text::about(measured.total),
         text::seconds(duration_us),
         text::seconds(measured.from_us),
@@ -83,7 +92,6 @@ impl Job {
         let progress = Progress::new(u64::try_from(duration_us).unwrap_or(0));
         let mut forecast = Forecast::default();
         let started = Instant::now();
-        let config = simulator.config().clone();
         for packet in simulator.stream(duration_us, PACKET_US)? {
             let packet = packet?;
             let writing = Instant::now();
@@ -91,7 +99,7 @@ impl Job {
             self.tally.add(&packet, writing.elapsed());
             let elapsed = started.elapsed();
             if let Some(measured) = forecast.at(packet.end_us, elapsed, duration_us) {
-                progress.line(&forecast_line(&config, &measured, duration_us));
+                progress.line(&forecast_line(&measured, duration_us));
             }
             progress.stream(packet.end_us, self.tally.report.events, elapsed);
             if interrupt.asked() {
@@ -179,17 +187,18 @@ mod tests {
     use evis_render::Quality;
 
     #[test]
-    fn a_forecast_names_what_is_in_force_and_what_takes_less() {
-        let measured = Measured { from_us: 10_000, until_us: 30_000, total: Duration::from_secs(150) };
-        let line = |quality| {
-            let config = RunConfig { quality, ..RunConfig::default() };
-            forecast_line(&config, &measured, 2_000_000)
-        };
+    fn what_is_in_force_is_said_before_the_first_work_and_how_long_it_takes_once_it_is_measured() {
+        let line = |quality| before_line(&RunConfig { quality, ..RunConfig::default() }, 2_000_000);
         assert_eq!(
             line(Some(Quality::Standard)),
-            "quality standard (native): about 2 min for 2 s of stream, by what 0.01 s to 0.03 s took; --quality draft takes less"
+            "quality standard (native): 2 s of stream; after a second of work follows how long it takes; --quality draft takes less"
         );
         assert!(!line(Some(Quality::Draft)).contains("takes less"), "nothing is cheaper than draft");
-        assert!(line(None).starts_with("native, set by hand: about 2 min"));
+        assert!(line(None).starts_with("native, set by hand: 2 s of stream"));
+        let measured = Measured { from_us: 10_000, until_us: 30_000, total: Duration::from_secs(150) };
+        assert_eq!(
+            forecast_line(&measured, 2_000_000),
+            "about 2 min for 2 s of stream, by what 0.01 s to 0.03 s took"
+        );
     }
 }

@@ -11,7 +11,8 @@ use std::time::Instant;
 
 use anyhow::Context;
 use evis_core::Word;
-use evis_render::{DeviceSummary, Gpu, PacketReport, RunRequest, SamplingRequest, Simulator};
+use evis_render::{DeviceSummary, Gpu, PacketReport, RunRequest, SamplingRequest, Simulator, implausible};
+use evis_scene::source::Opening;
 use evis_scene::{Scene, SceneState};
 
 use crate::args::{RunArgs, to_us};
@@ -22,7 +23,7 @@ use crate::trace::Trace;
 use crate::warnings::Warnings;
 use crate::{flags, scene_source, sensor_source, text};
 
-use job::{Job, Moving};
+use job::{Job, Moving, before_line};
 use report::Report;
 use settings::{PACKET_US, Settings, headers};
 use tally::Tally;
@@ -48,9 +49,13 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     }
     let trace = Trace::start(args.trace.as_deref())?;
     let mut settled = request(args)?.settle().map_err(flags::named)?;
-    let (seed, motion) = (settled.config().seed, settled.camera_motion());
-    let scene = tracing::trace_span!("load scene")
-        .in_scope(|| scene_source::open(&args.scene, seed, args.speed, motion))?;
+    let opening = Opening {
+        seed: settled.config().seed,
+        animation: args.animation.animation.clone(),
+        speed: args.speed,
+        camera_motion: settled.camera_motion(),
+    };
+    let scene = tracing::trace_span!("load scene").in_scope(|| scene_source::open(&args.scene, &opening))?;
     settled.take_sensors(&scene).map_err(flags::named)?;
     let environments = scene.variants.len().max(1);
     let outputs = output_paths(&args.output, environments);
@@ -77,11 +82,16 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     for note in notes {
         text::complain(&format!("quality: {note}"));
     }
+    for warning in implausible(&scene, &config, duration_us) {
+        warnings.add(flags::in_text(&warning));
+    }
+    text::complain(&before_line(&config, duration_us));
     let simulator = Simulator::new(gpu.as_ref(), Arc::clone(&scene), config)?;
     let settings = Settings {
         evis: env!("CARGO_PKG_VERSION"),
         scene: args.scene.clone(),
         speed: args.speed.unwrap_or(1.0),
+        animation: args.animation.animation.clone(),
         environments,
         duration_s: duration_us as f64 / 1.0e6,
         packet_us: PACKET_US,

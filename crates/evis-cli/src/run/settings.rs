@@ -18,6 +18,9 @@ pub(super) struct Settings {
     pub(super) evis: &'static str,
     pub(super) scene: String,
     pub(super) speed: f64,
+    /// Which of a glTF file's animations plays, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) animation: Option<String>,
     pub(super) environments: usize,
     pub(super) duration_s: f64,
     pub(super) packet_us: i64,
@@ -58,6 +61,7 @@ mod tests {
             evis: "0",
             scene: "spinner".into(),
             speed: 1.0,
+            animation: None,
             environments: 1,
             duration_s: 0.5,
             packet_us: PACKET_US,

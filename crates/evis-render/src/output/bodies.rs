@@ -53,6 +53,7 @@ impl Bodies {
                 name: node.name.clone(),
                 instance_id: node.instance_id,
                 semantic_id: node.semantic_id,
+                semantic_name: scene.class_names.get(&node.semantic_id).cloned().unwrap_or_default(),
                 bounds,
             });
             nodes.push(index);
@@ -60,7 +61,13 @@ impl Bodies {
         for name in cameras {
             let Some(camera) = scene.cameras.iter().find(|camera| camera.name == name) else { continue };
             let bounds = [[f64::NAN; 3]; 2];
-            infos.push(BodyInfo { name: name.into(), instance_id: 0, semantic_id: 0, bounds });
+            infos.push(BodyInfo {
+                name: name.into(),
+                instance_id: 0,
+                semantic_id: 0,
+                semantic_name: String::new(),
+                bounds,
+            });
             nodes.push(camera.node);
         }
         Ok(Self { infos, nodes, environment, start_us, states: Default::default() })

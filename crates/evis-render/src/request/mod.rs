@@ -4,6 +4,7 @@
 //! configuration of it for a scene and a device. What does not fit is refused here and nowhere else. Errors name settings
 //! by the fields of [`RunRequest`], in remedies between backticks: who shows them may put other names there.
 
+mod implausible;
 pub mod quality;
 mod sampling;
 pub mod settings;
@@ -16,6 +17,7 @@ use evis_core::{ConfigError, LabelKind, SensorConfig, TriggerRule, Warp, WarpVar
 use evis_scene::camera_motion::{self, CameraMotionSettings};
 use evis_scene::{CameraMotion, Scene};
 
+pub use implausible::implausible;
 pub use sampling::SamplingRequest;
 
 use crate::config::{EVIS_PAPER_LOG_EPS, Method, RunConfig, scene_sensors};

@@ -86,7 +86,11 @@ pub fn names() -> &'static [(&'static str, &'static str)] {
 /// A name that does not exist; the ones that do are listed.
 pub fn load(name: &str, seed: u64) -> Result<Scene, SceneError> {
     match SCENES.iter().find(|(n, _)| *n == name) {
-        Some((_, load)) => load(seed),
+        Some((_, load)) => {
+            let mut scene = load(seed)?;
+            scene.class_names = class::NAMES.map(|(id, name)| (id, name.to_owned())).into();
+            Ok(scene)
+        }
         None => Err(SceneError::Unknown {
             what: "built-in scene",
             name: name.into(),

@@ -33,7 +33,22 @@ pub(super) fn choose(document: &Document, asked: Option<&str>) -> Result<Option<
     by_name.or_else(by_index).map(Some).ok_or_else(|| SceneError::Unknown {
         what: "animation",
         name: asked.into(),
-        known: animations.iter().enumerate().map(|(i, a)| a.name.clone().unwrap_or(i.to_string())).collect(),
+        known: names(document).collect(),
+    })
+}
+
+/// What animations are asked for by: their names, else their indices.
+fn names(document: &Document) -> impl Iterator<Item = String> {
+    let animations = document.root.animations.iter().enumerate();
+    animations.map(|(i, animation)| animation.name.clone().unwrap_or_else(|| i.to_string()))
+}
+
+/// What is said where the first of several animations plays because nobody chose one.
+pub(super) fn unchosen(document: &Document) -> Option<String> {
+    let mut names = names(document);
+    let (first, others) = (names.next()?, names.collect::<Vec<_>>());
+    (!others.is_empty()).then(|| {
+        format!("animation '{first}' plays; 'animation' chooses another of the file: {}", others.join(", "))
     })
 }
 
@@ -79,11 +94,6 @@ pub(super) fn read(document: &Document, index: Option<usize>, scene: &mut Scene)
         *slot = Some(curve);
     }
     scene.duration_s = Some(end_s);
-    if document.root.animations.len() > 1 {
-        let name = animation.name.clone().unwrap_or(index.to_string());
-        let others = document.root.animations.len() - 1;
-        scene.warnings.push(format!("animation '{name}' plays; {others} more can be asked for"));
-    }
     Ok(tracks)
 }
 

@@ -91,6 +91,9 @@ fn read_within(bytes: &[u8], folder: &Path, options: &Options, budget: Budget) -
     let mut scene = Scene::default();
     let document = parse(bytes, folder, budget, &mut scene.warnings).map_err(SceneError::Rule)?;
     let animation = animation::choose(&document, options.animation.as_deref())?;
+    if options.animation.is_none() {
+        scene.warnings.extend(animation::unchosen(&document));
+    }
     fill(&document, folder, animation, &mut scene).map_err(SceneError::Rule)?;
     if options.standalone {
         scene.validate()?;
@@ -129,8 +132,9 @@ fn parse(
     }
     check_extensions(&value, warnings)?;
     complete(&mut value, warnings);
-    let root: Root =
-        serde_json::from_value(value.clone()).map_err(|e| format!("it is no valid glTF: {e}"))?;
+    let mut typed = value.clone();
+    remove_extras(&mut typed);
+    let root: Root = serde_json::from_value(typed).map_err(|e| format!("it is no valid glTF: {e}"))?;
     let buffers = root.buffers.iter().enumerate();
     let buffers =
         buffers.map(|(i, b)| file::buffer(i, b.uri.as_deref(), b.byte_length.0, folder, binary, &budget));
@@ -174,6 +178,18 @@ fn complete(value: &mut Value, warnings: &mut Vec<String>) {
             // No image has this index, so the texture counts as unreadable where it is used.
             texture.entry("source").or_insert_with(|| Value::from(u32::MAX));
         }
+    }
+}
+
+/// Takes away extras: they may have any type (glTF 2.0, 3.3.2), and the typed structure takes objects alone.
+fn remove_extras(value: &mut Value) {
+    match value {
+        Value::Object(members) => {
+            members.remove("extras");
+            members.values_mut().for_each(remove_extras);
+        }
+        Value::Array(elements) => elements.iter_mut().for_each(remove_extras),
+        _ => {}
     }
 }
 

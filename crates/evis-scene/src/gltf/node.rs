@@ -6,6 +6,7 @@ use ::gltf::json::camera::Type as CameraType;
 use ::gltf::json::extensions::scene::khr_lights_punctual::Type as Punctual;
 use ::gltf::json::validation::Checked;
 use glam::{DMat4, DQuat, Vec3};
+use serde_json::Value;
 
 use super::animation::{Track, Tracks};
 use super::{Document, element, label};
@@ -105,7 +106,7 @@ fn read_node(
     source: &json::Node,
     parent: Option<usize>,
     track: Track,
-    scene: &Scene,
+    scene: &mut Scene,
 ) -> Result<Node, String> {
     let what = label("node", index, source.name.as_ref());
     let motion = match source.matrix {
@@ -150,8 +151,36 @@ fn read_node(
         light,
         morph: weights.or(own_weights),
         instance_id: 0,
-        semantic_id: 0,
+        semantic_id: read_class(document, index, &what, scene),
     })
+}
+
+/// The semantic class in a node's extras (custom properties in Blender): `semantic_id`, and `semantic_name` beside it.
+/// Extras belong to whoever wrote them: what cannot be used is ignored, with a warning.
+fn read_class(document: &Document, index: usize, what: &str, scene: &mut Scene) -> u32 {
+    let extra = |key: &str| document.value.pointer(&format!("/nodes/{index}/extras/{key}"));
+    let (id, name) = (extra("semantic_id"), extra("semantic_name"));
+    let Some(value) = id else {
+        if let Some(name) = name {
+            let takes = "it takes a semantic_id beside it";
+            scene.warnings.push(format!("{what}: extras: semantic_name is {name} and ignored: {takes}"));
+        }
+        return 0;
+    };
+    let Some(id) = value.as_u64().and_then(|id| u32::try_from(id).ok()) else {
+        let takes = "it takes a whole number from 0 to 4294967295";
+        scene.warnings.push(format!("{what}: extras: semantic_id is {value} and ignored: {takes}"));
+        return 0;
+    };
+    if let Some(name) = name.and_then(Value::as_str).filter(|name| id > 0 && !name.is_empty()) {
+        let known = scene.class_names.entry(id).or_insert_with(|| name.to_owned());
+        if known != name {
+            scene.warnings.push(format!(
+                "{what}: class {id} is '{name}' here and '{known}' elsewhere; '{known}' counts"
+            ));
+        }
+    }
+    id
 }
 
 fn rest(source: &json::Node) -> Trs {

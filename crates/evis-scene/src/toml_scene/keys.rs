@@ -107,9 +107,17 @@ impl<'a> Keys<'a> {
     }
 
     pub fn integer(&mut self, key: &'static str, max: u64) -> Result<Option<u64>, SceneError> {
-        self.read(key, &format!("a whole number between 0 and {max}"), |v| {
-            u64::try_from(v.as_integer()?).ok().filter(|n| *n <= max)
-        })
+        self.integer_or_else(key, max, &format!("a whole number between 0 and {max}"))
+    }
+
+    /// The same, where messages say that it takes something else too.
+    pub fn integer_or_else(
+        &mut self,
+        key: &'static str,
+        max: u64,
+        takes: &str,
+    ) -> Result<Option<u64>, SceneError> {
+        self.read(key, takes, |v| whole(v, max))
     }
 
     /// Two whole numbers that fit 32 bits.
@@ -206,6 +214,19 @@ impl<'a> Keys<'a> {
         each.collect()
     }
 
+    /// Every key with its whole number, for tables whose keys are names of the user's.
+    pub fn named_integers(&mut self, key: &'static str, max: u64) -> Result<Vec<(&'a str, u64)>, SceneError> {
+        let Some(outer) = self.table(key)? else { return Ok(Vec::new()) };
+        let each = outer.table.iter().map(|(name, value)| {
+            let number = whole(value, max).ok_or_else(|| {
+                let value = shown(value);
+                outer.error(format!("{name} is {value}; it takes a whole number between 0 and {max}"))
+            })?;
+            Ok((name.as_str(), number))
+        });
+        each.collect()
+    }
+
     /// Unwraps a key that must be there.
     pub fn needs<T>(&self, key: &'static str, value: Option<T>) -> Result<T, SceneError> {
         value.ok_or_else(|| {
@@ -263,6 +284,10 @@ fn number(value: &Value) -> Option<f64> {
         Value::Float(f) => Some(*f),
         _ => None,
     }
+}
+
+fn whole(value: &Value, max: u64) -> Option<u64> {
+    u64::try_from(value.as_integer()?).ok().filter(|n| *n <= max)
 }
 
 fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {

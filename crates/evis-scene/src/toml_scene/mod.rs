@@ -87,6 +87,9 @@ fn settings(top: &mut Keys<'_>, scene: &mut SceneBuilder) -> Result<(), SceneErr
     if let Some(color) = top.color("ambient")? {
         scene.ambient(color).map_err(|e| top.locate(e))?;
     }
+    for (name, id) in top.named_integers("classes", u32::MAX.into())? {
+        scene.class_name(id as u32, name).map_err(|e| top.locate(e))?;
+    }
     let Some(mut keys) = top.table("environment_map")? else { return Ok(()) };
     let file = keys.file("file")?;
     let settings = EnvironmentSettings {
@@ -259,9 +262,30 @@ fn needed_name(keys: &mut Keys<'_>) -> Result<String, SceneError> {
     Ok(keys.needs("name", name)?.to_owned())
 }
 
-fn labels(keys: &mut Keys<'_>) -> Result<Labels, SceneError> {
-    let mut id = |key| Ok::<_, SceneError>(keys.integer(key, u32::MAX.into())?.unwrap_or(0) as u32);
-    Ok(Labels { semantic_id: id("semantic_id")?, instance_id: id("instance_id")? })
+/// Labels of an object, before the scene tells the ids of classes that it names.
+struct LabelKeys {
+    labels: Labels,
+    /// Name of the class, where it is given instead of an id.
+    class: Option<String>,
+}
+
+impl LabelKeys {
+    fn read(keys: &mut Keys<'_>) -> Result<Self, SceneError> {
+        let class = keys.get("semantic_id").and_then(Value::as_str).map(str::to_owned);
+        let takes = format!("a whole number between 0 and {}, or the name of a class in [classes]", u32::MAX);
+        let semantic_id = match class {
+            Some(_) => None,
+            None => keys.integer_or_else("semantic_id", u32::MAX.into(), &takes)?,
+        };
+        let instance_id = keys.integer("instance_id", u32::MAX.into())?;
+        let [semantic_id, instance_id] = [semantic_id, instance_id].map(|id| id.unwrap_or(0) as u32);
+        Ok(Self { labels: Labels { semantic_id, instance_id }, class })
+    }
+
+    fn of(self, scene: &SceneBuilder) -> Result<Labels, SceneError> {
+        let Some(class) = self.class else { return Ok(self.labels) };
+        Ok(Labels { semantic_id: scene.find_class(&class)?, ..self.labels })
+    }
 }
 
 fn node(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
@@ -274,11 +298,15 @@ fn gltf(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
     let file = keys.file("file")?;
     let file = keys.needs("file", file)?;
     let animation = keys.text("animation")?.map(str::to_owned);
-    let labels = labels(keys)?;
-    Ok((
-        name.clone(),
-        Box::new(move |scene, placement| scene.gltf(name, &file, animation.as_deref(), labels, placement)),
-    ))
+    let labels = LabelKeys::read(keys)?;
+    let add: Add = {
+        let name = name.clone();
+        Box::new(move |scene, placement| {
+            let labels = labels.of(scene)?;
+            scene.gltf(name, &file, animation.as_deref(), labels, placement)
+        })
+    };
+    Ok((name, add))
 }
 
 fn primitive(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
@@ -308,14 +336,16 @@ fn primitive(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
     let settings = ShapeSettings {
         segments: keys.pair("segments")?,
         uv_repeat: keys.numbers::<2>("uv_repeat")?.unwrap_or([1.0; 2]),
-        labels: labels(keys)?,
+        labels: Labels::default(),
     };
+    let labels = LabelKeys::read(keys)?;
     let material = keys.text("material")?;
     let material = keys.needs("material", material)?.to_owned();
     let add: Add = {
         let name = name.clone();
         Box::new(move |scene, placement| {
             let material = scene.find_material(&material)?;
+            let settings = ShapeSettings { labels: labels.of(scene)?, ..settings };
             scene.shape_with(name, shape, material, settings, placement)
         })
     };

@@ -11,7 +11,9 @@
 //! /<camera>/poses/{t_us (T), position (T, 3), rotation_xyzw (T, 4)}
 //! /<camera>/intrinsics/{fx, fy, cx, cy f64, width, height i64}
 //! /<camera>/labels/{instance_ids u32, instance_names}   with instance labels: names of the ids
+//! /<camera>/labels/{semantic_ids u32, semantic_names}   with semantic labels: names of the classes
 //! /bodies/{name, instance_id u32, semantic_id u32, box_min, box_max}   objects and cameras (N)
+//! /bodies/semantic_name     where a class has a name
 //! /bodies/{t_us (T), position, linear_velocity, angular_velocity (T, N, 3), rotation_xyzw (T, N, 4)}
 //! /evis/{seed u64, environment u32, complete u8}        attributes version, method
 //! /evis/{cameras, config_toml}                          strings
@@ -122,8 +124,31 @@ pub struct BodyInfo {
     pub instance_id: u32,
     /// Id in images of semantic classes; 0 where it has none.
     pub semantic_id: u32,
+    /// Name of that class; empty where it has none.
+    pub semantic_name: String,
     /// Lowest and highest corner, in metres in the body's axes, of what is drawn; NaN for cameras.
     pub bounds: [[f64; 3]; 2],
+}
+
+impl BodyInfo {
+    /// The objects among `bodies` by instance id: each id once, with the name of the first that has it.
+    pub fn instances(bodies: &[Self]) -> Vec<(u32, &str)> {
+        named(bodies.iter().map(|body| (body.instance_id, body.name.as_str())))
+    }
+
+    /// The semantic classes of `bodies` that have a name, by id.
+    pub fn classes(bodies: &[Self]) -> Vec<(u32, &str)> {
+        let classes = bodies.iter().map(|body| (body.semantic_id, body.semantic_name.as_str()));
+        named(classes.filter(|(_, name)| !name.is_empty()))
+    }
+}
+
+/// Ids in order, each once with its first name; 0 labels nothing.
+fn named<'a>(names: impl Iterator<Item = (u32, &'a str)>) -> Vec<(u32, &'a str)> {
+    let mut named: Vec<_> = names.filter(|(id, _)| *id > 0).collect();
+    named.sort_by_key(|(id, _)| *id);
+    named.dedup_by_key(|(id, _)| *id);
+    named
 }
 
 /// Where a body is at one time, and how it moves.

@@ -293,35 +293,26 @@ impl Recording {
         })
     }
 
+    /// Names, ids and boxes of what [`Self::bodies`] follows.
+    ///
+    /// # Errors
+    /// A file that can no longer be read.
+    pub fn body_infos(&self) -> Result<Vec<BodyInfo>, FormatError> {
+        with_file(&self.path, body_infos)
+    }
+
     /// Objects and cameras that the recording names and follows; none where it has no group `bodies`.
     ///
     /// # Errors
     /// A file that can no longer be read.
     pub fn bodies(&self) -> Result<Bodies, FormatError> {
         with_file(&self.path, |source| {
-            let root = source.file.root_group();
-            if !source.check("/", root.group_names())?.iter().any(|name| name == "bodies") {
+            let infos = body_infos(source)?;
+            if infos.is_empty() {
                 return Ok(Bodies::default());
             }
-            let at = "bodies";
+            let (at, count) = ("bodies", infos.len());
             let dataset = |part: &str| source.dataset(&format!("bodies/{part}"));
-            let ids: Vec<u32> = source.check(at, dataset("instance_id")?.read_raw())?;
-            let semantic: Vec<u32> = source.check(at, dataset("semantic_id")?.read_raw())?;
-            let names = source.check(at, dataset("name")?.read_vlen_strings())?;
-            let low: Vec<f64> = source.check(at, dataset("box_min")?.read_raw())?;
-            let high: Vec<f64> = source.check(at, dataset("box_max")?.read_raw())?;
-            let count = ids.len();
-            if [semantic.len(), names.len()] != [count; 2] || [low.len(), high.len()] != [3 * count; 2] {
-                return Err(source.damaged("its list of bodies has columns of unlike lengths".to_owned()));
-            }
-            let corners = low.as_chunks().0.iter().zip(high.as_chunks().0);
-            let infos = names.into_iter().zip(ids).zip(semantic).zip(corners);
-            let infos = infos.map(|(((name, instance_id), semantic_id), (&low, &high))| BodyInfo {
-                name,
-                instance_id,
-                semantic_id,
-                bounds: [low, high],
-            });
             let times = dataset("t_us")?;
             let mut rows = source.rows(&times, at)?;
             let mut columns = Vec::new();
@@ -356,7 +347,7 @@ impl Recording {
                 })
                 .collect();
             let samples = samples.chunks(count.max(1)).map(<[_]>::to_vec).collect();
-            Ok(Bodies { infos: infos.collect(), t_us, samples })
+            Ok(Bodies { infos, t_us, samples })
         })
     }
 
@@ -539,6 +530,43 @@ fn damaged(path: &Path, what: impl Into<String>) -> FormatError {
         what,
         "if its writer was killed, try evis-rs info --repair; else record or copy it again",
     )
+}
+
+/// See [`Recording::body_infos`].
+fn body_infos(source: &Source<'_>) -> Result<Vec<BodyInfo>, FormatError> {
+    let root = source.file.root_group();
+    if !source.check("/", root.group_names())?.iter().any(|name| name == "bodies") {
+        return Ok(Vec::new());
+    }
+    let at = "bodies";
+    let dataset = |part: &str| source.dataset(&format!("bodies/{part}"));
+    let ids: Vec<u32> = source.check(at, dataset("instance_id")?.read_raw())?;
+    let semantic: Vec<u32> = source.check(at, dataset("semantic_id")?.read_raw())?;
+    let names = source.check(at, dataset("name")?.read_vlen_strings())?;
+    let low: Vec<f64> = source.check(at, dataset("box_min")?.read_raw())?;
+    let high: Vec<f64> = source.check(at, dataset("box_max")?.read_raw())?;
+    let count = ids.len();
+    let group = source.check(at, root.group(at))?;
+    let members = source.check(at, group.dataset_names())?;
+    let classes = if members.iter().any(|name| name == "semantic_name") {
+        source.check(at, dataset("semantic_name")?.read_vlen_strings())?
+    } else {
+        vec![String::new(); count]
+    };
+    if [semantic.len(), names.len(), classes.len()] != [count; 3] || [low.len(), high.len()] != [3 * count; 2]
+    {
+        return Err(source.damaged("its list of bodies has columns of unlike lengths".to_owned()));
+    }
+    let corners = low.as_chunks().0.iter().zip(high.as_chunks().0);
+    let infos = names.into_iter().zip(ids).zip(semantic.into_iter().zip(classes)).zip(corners);
+    let info = |(((name, instance_id), (semantic_id, semantic_name)), (&low, &high))| BodyInfo {
+        name,
+        instance_id,
+        semantic_id,
+        semantic_name,
+        bounds: [low, high],
+    };
+    Ok(infos.map(info).collect())
 }
 
 impl Source<'_> {

@@ -978,17 +978,18 @@ fn lay_out_bodies(file: &H5File, header: &RecordingHeader, bodies: &[BodyInfo]) 
     if bodies.is_empty() {
         return Ok(());
     }
-    let objects: Vec<_> = bodies.iter().filter(|body| body.instance_id > 0).collect();
-    if header.labels.contains(&LabelKind::Instance) && !objects.is_empty() {
-        // Several nodes of one model may share an id: the first one names it.
-        let mut named: Vec<(u32, &str)> = objects.iter().map(|b| (b.instance_id, b.name.as_str())).collect();
-        named.sort_by_key(|(id, _)| *id);
-        named.dedup_by_key(|(id, _)| *id);
+    for (kind, [ids_name, names_name], named) in [
+        (LabelKind::Instance, ["instance_ids", "instance_names"], BodyInfo::instances(bodies)),
+        (LabelKind::Semantic, ["semantic_ids", "semantic_names"], BodyInfo::classes(bodies)),
+    ] {
+        if !header.labels.contains(&kind) || named.is_empty() {
+            continue;
+        }
         let (ids, names): (Vec<u32>, Vec<&str>) = named.into_iter().unzip();
         for camera in &header.cameras {
             let labels = file.root_group().group(&format!("{}/labels", camera.name))?;
-            values(&labels, "instance_ids", &ids, &[ids.len()])?;
-            strings(&labels, "instance_names", &names)?;
+            values(&labels, ids_name, &ids, &[ids.len()])?;
+            strings(&labels, names_name, &names)?;
         }
     }
     let (count, group) = (bodies.len(), file.create_group("bodies")?);
@@ -996,6 +997,10 @@ fn lay_out_bodies(file: &H5File, header: &RecordingHeader, bodies: &[BodyInfo]) 
     let ids = |id: fn(&BodyInfo) -> u32| bodies.iter().map(id).collect::<Vec<_>>();
     values(&group, "instance_id", &ids(|body| body.instance_id), &[count])?;
     values(&group, "semantic_id", &ids(|body| body.semantic_id), &[count])?;
+    if !BodyInfo::classes(bodies).is_empty() {
+        let classes: Vec<_> = bodies.iter().map(|body| body.semantic_name.as_str()).collect();
+        strings(&group, "semantic_name", &classes)?;
+    }
     for (name, side) in [("box_min", 0), ("box_max", 1)] {
         let corners: Vec<f64> = bodies.iter().flat_map(|body| body.bounds[side]).collect();
         values(&group, name, &corners, &[count, 3])?;

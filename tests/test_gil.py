@@ -1,4 +1,4 @@
-"""The one door into the engine: exceptions, the GIL, Ctrl-C."""
+"""Calls of the engine: exceptions, the GIL, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_python_runs_while_the_engine_works():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
-def test_ctrl_c_is_seen_at_the_door():
+def test_ctrl_c_interrupts_a_call():
     script = """
         from evis import _evis
         print("ready", flush=True)

@@ -1,4 +1,4 @@
-//! The one door through which Python enters the engine.
+//! Calls of the engine: without the GIL, with panics and errors as Python exceptions, and interruptible by Ctrl-C.
 
 use std::any::Any;
 use std::mem::ManuallyDrop;
@@ -13,12 +13,11 @@ use pyo3::prelude::*;
 
 use crate::errors::Failure;
 
-/// Enters the engine: releases the GIL, turns panics and errors into Python exceptions, and looks for
-/// Ctrl-C before coming back.
-pub(crate) trait EnterEngine {
-    /// Runs `work`, which uses no thread, no device and nothing that another call changes, without the GIL: what a forked
-    /// process may do too.
-    fn enter_alone<T, E, F>(self, work: F) -> PyResult<T>
+/// Runs work of the engine without the GIL, turns panics and errors into Python exceptions, and checks for Ctrl-C before it
+/// returns.
+pub(crate) trait Detach {
+    /// Runs `work`, which uses no thread, no device and no shared state, without the GIL. A forked process may do this too.
+    fn detach_pure<T, E, F>(self, work: F) -> PyResult<T>
     where
         T: Send,
         E: Into<Failure>,
@@ -26,14 +25,14 @@ pub(crate) trait EnterEngine {
 
     /// Runs `work` without the GIL. `work` must take every lock that it needs itself: a lock taken
     /// with the GIL held could wait for a thread that waits for the GIL.
-    fn enter_engine<T, E, F>(self, work: F) -> PyResult<T>
+    fn detach_engine<T, E, F>(self, work: F) -> PyResult<T>
     where
         T: Send,
         E: Into<Failure>,
         F: FnOnce() -> Result<T, E> + Send;
 
-    /// The same for work that may take long and ends soon after `stop` is set: Ctrl-C sets it.
-    fn enter_engine_for_long<T, E, F>(self, stop: &AtomicBool, work: F) -> PyResult<T>
+    /// As [`Self::detach_engine`], for work that may take long and ends soon after `stop` is set. Ctrl-C sets `stop`.
+    fn detach_interruptible<T, E, F>(self, stop: &AtomicBool, work: F) -> PyResult<T>
     where
         T: Send,
         E: Into<Failure>,
@@ -57,20 +56,20 @@ fn check_process() -> Result<(), Failure> {
     }
 }
 
-/// What only the process that made it may end: threads that it waits for, a device, a file that is being written. In a forked
-/// process it is left alone.
-pub(crate) struct Owned<T> {
+/// A value that is dropped only in the process that made it: one that joins threads, releases a device or finishes a file
+/// when it is dropped. A forked process leaks it.
+pub(crate) struct ProcessBound<T> {
     value: ManuallyDrop<T>,
     process: u32,
 }
 
-impl<T> Owned<T> {
+impl<T> ProcessBound<T> {
     pub(crate) fn new(value: T) -> Self {
         Self { value: ManuallyDrop::new(value), process: std::process::id() }
     }
 }
 
-impl<T> Deref for Owned<T> {
+impl<T> Deref for ProcessBound<T> {
     type Target = T;
 
     fn deref(&self) -> &T {
@@ -78,7 +77,7 @@ impl<T> Deref for Owned<T> {
     }
 }
 
-impl<T> Drop for Owned<T> {
+impl<T> Drop for ProcessBound<T> {
     fn drop(&mut self) {
         if std::process::id() == self.process {
             // SAFETY: it is dropped here alone, and never used again.
@@ -87,34 +86,34 @@ impl<T> Drop for Owned<T> {
     }
 }
 
-/// How long the door waits before it looks for Ctrl-C.
+/// Time between two checks for Ctrl-C.
 pub(crate) const SIGNAL_PERIOD: Duration = Duration::from_millis(50);
 
-impl EnterEngine for Python<'_> {
-    fn enter_alone<T, E, F>(self, work: F) -> PyResult<T>
+impl Detach for Python<'_> {
+    fn detach_pure<T, E, F>(self, work: F) -> PyResult<T>
     where
         T: Send,
         E: Into<Failure>,
         F: FnOnce() -> Result<T, E> + Send,
     {
-        let outcome = self.detach(|| caught(work));
+        let outcome = self.detach(|| catch_panic(work));
         self.check_signals()?;
         Ok(outcome?)
     }
 
-    fn enter_engine<T, E, F>(self, work: F) -> PyResult<T>
+    fn detach_engine<T, E, F>(self, work: F) -> PyResult<T>
     where
         T: Send,
         E: Into<Failure>,
         F: FnOnce() -> Result<T, E> + Send,
     {
         check_process()?;
-        let outcome = self.detach(|| caught(work));
+        let outcome = self.detach(|| catch_panic(work));
         self.check_signals()?;
         Ok(outcome?)
     }
 
-    fn enter_engine_for_long<T, E, F>(self, stop: &AtomicBool, work: F) -> PyResult<T>
+    fn detach_interruptible<T, E, F>(self, stop: &AtomicBool, work: F) -> PyResult<T>
     where
         T: Send,
         E: Into<Failure>,
@@ -127,7 +126,7 @@ impl EnterEngine for Python<'_> {
             let (send, receive) = channel();
             std::thread::scope(|scope| {
                 // The receiver waits for this message as long as the thread lives.
-                scope.spawn(move || send.send(caught(work)));
+                scope.spawn(move || send.send(catch_panic(work)));
                 let mut interruption = None;
                 loop {
                     match receive.recv_timeout(SIGNAL_PERIOD) {
@@ -153,7 +152,7 @@ impl EnterEngine for Python<'_> {
     }
 }
 
-fn caught<T, E: Into<Failure>>(work: impl FnOnce() -> Result<T, E>) -> Result<T, Failure> {
+fn catch_panic<T, E: Into<Failure>>(work: impl FnOnce() -> Result<T, E>) -> Result<T, Failure> {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(result) => result.map_err(Into::into),
         Err(panic) => Err(Failure::Engine(format!(
@@ -171,13 +170,13 @@ fn panic_message(panic: &(dyn Any + Send)) -> &str {
         .unwrap_or("a panic without a message")
 }
 
-/// A lock that a panic has poisoned still holds a usable `Option`: the panic was already reported.
+/// Locks `mutex` even if a panic has poisoned it. For values that stay valid, such as an `Option`; the panic was reported.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// Locks what a call works on. After an internal error half of it may have changed, and no call may go on with it.
-pub(crate) fn usable<T>(mutex: &Mutex<T>) -> Result<std::sync::MutexGuard<'_, T>, Failure> {
+/// Locks `mutex`; refused where a panic has poisoned it: the value may be half changed.
+pub(crate) fn lock_unpoisoned<T>(mutex: &Mutex<T>) -> Result<std::sync::MutexGuard<'_, T>, Failure> {
     mutex.lock().map_err(|_| {
         Failure::Engine(
             "this object is unusable since an internal error ended an earlier call; make a new one".into(),
