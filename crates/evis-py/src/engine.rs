@@ -84,13 +84,15 @@ pub(crate) fn device_dict<'py>(py: Python<'py>, device: &DeviceSummary) -> PyRes
 }
 
 pub(crate) fn builtin_scene(name: &str, seed: u64) -> Result<evis_scene::Scene, SceneError> {
-    evis_scene::builtin::load(name, seed)
+    let mut scene = evis_scene::builtin::load(name, seed)?;
+    evis_physics::simulate(&mut scene)?;
+    Ok(scene)
 }
 
 pub(crate) fn load_scene(path: &Path) -> Result<evis_scene::Scene, Failure> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
-        Some("toml" | "gltf" | "glb") => Ok(evis_scene::source::load(&path.to_string_lossy(), 0)?),
+        Some("toml" | "gltf" | "glb") => Ok(evis_physics::load(&path.to_string_lossy(), 0)?),
         Some(ending) if evis_scene::picture::ENDINGS.contains(&ending) => {
             Ok(evis_scene::picture::load(path)?)
         }
@@ -111,6 +113,7 @@ pub(crate) fn parse_scene(
     pictures: Vec<Picture>,
 ) -> Result<evis_scene::Scene, SceneError> {
     let mut scene = evis_scene::toml_scene::parse(text, base)?;
+    evis_physics::simulate(&mut scene)?;
     for picture in pictures {
         let Picture { name, width, height, texels } = picture;
         // A scene file's textures come before those of the glTF files that it includes.
