@@ -17,15 +17,18 @@ const PREDICTION_M: f64 = 0.002;
 const SLEEP_M_PER_S: f64 = 0.005;
 const SLEEP_S: f64 = 0.1;
 
-/// A step that changes the velocity by so much more than gravity can, in metres and radians per second, has a key on
-/// either side.
-const JUMP: f64 = 0.02;
+/// A step that changes a velocity by so much, gravity aside, has a key on either side; in metres and radians per second.
+const JUMP_M_PER_S: f64 = 0.1;
+const JUMP_RAD_PER_S: f64 = 1.0;
 
 /// A body that moves.
 struct Moving {
     node: usize,
     name: String,
+    /// Of the body in Rapier's world; none before a launch at time 0.
     handle: rapier::RigidBodyHandle,
+    start: rapier::Pose,
+    collider: rapier::ColliderBuilder,
     velocity: DVec3,
     /// Axis times radians per second.
     spin: DVec3,
@@ -54,9 +57,9 @@ pub(crate) fn run(scene: &mut Scene) -> Result<(), SceneError> {
     let mut world = World::new(scene)?;
     // Poses, and rapier's own share of a step, are small; what a list of them takes is not.
     let rows = steps * world.moving.len() as f64;
-    Budget::default()
-        .take_values::<([f64; 7], bool)>(rows as u64, "the poses of rigid bodies")
-        .map_err(|error| SceneError::Rule(format!("{error}; a shorter duration_s or a lower rate_hz takes less")))?;
+    Budget::default().take_values::<([f64; 7], bool)>(rows as u64, "the poses of rigid bodies").map_err(
+        |error| SceneError::Rule(format!("{error}; a shorter duration_s or a lower rate_hz takes less")),
+    )?;
     for step in 0..steps as usize {
         world.step(step)?;
     }
@@ -116,11 +119,12 @@ impl World {
                 BodyMass::Density(density) => collider.density(density),
                 BodyMass::Kilograms(mass) => collider.mass(mass),
             };
-            // A body that waits for its launch stays like a fixed one.
-            let (handle, _) = world.insert(fixed.ccd_enabled(true), collider);
-            let activation = world.bodies[handle].activation_mut();
-            activation.normalized_linear_threshold = SLEEP_M_PER_S;
-            activation.time_until_sleep = SLEEP_S;
+            // A body that waits for its launch is a fixed one.
+            let launch_step = (launch_s / step_s - 1e-9).ceil() as usize;
+            let handle = match launch_step {
+                0 => rapier::RigidBodyHandle::invalid(),
+                _ => world.insert(fixed, collider.clone()).0,
+            };
             // Directions are given in the parent's frame.
             let parent = scene.nodes[*node].parent.map_or(DMat4::IDENTITY, |p| state.world_from_node[p]);
             let turn = parent.to_scale_rotation_translation().1;
@@ -130,9 +134,11 @@ impl World {
                 node: *node,
                 name,
                 handle,
+                start: at,
+                collider,
                 velocity: turn * velocity,
                 spin: turn * spin_axis * spin_rate,
-                launch_step: (launch_s / step_s - 1e-9).ceil() as usize,
+                launch_step,
                 track,
             });
         }
@@ -141,10 +147,17 @@ impl World {
 
     fn step(&mut self, step: usize) -> Result<(), SceneError> {
         for moving in self.moving.iter_mut().filter(|moving| moving.launch_step == step) {
-            let body = &mut self.rapier.bodies[moving.handle];
-            body.set_body_type(rapier::RigidBodyType::Dynamic, true);
-            body.set_linvel(to_rapier(moving.velocity), true);
-            body.set_angvel(to_rapier(moving.spin), true);
+            // Another body in its place: one that only changed its type would never sleep.
+            self.rapier.remove_body(moving.handle);
+            let body = rapier::RigidBodyBuilder::dynamic()
+                .pose(moving.start)
+                .linvel(to_rapier(moving.velocity))
+                .angvel(to_rapier(moving.spin))
+                .ccd_enabled(true);
+            moving.handle = self.rapier.insert(body, moving.collider.clone()).0;
+            let activation = self.rapier.bodies[moving.handle].activation_mut();
+            activation.normalized_linear_threshold = SLEEP_M_PER_S;
+            activation.time_until_sleep = SLEEP_S;
             moving.track.velocity = [moving.velocity, moving.spin];
             moving.track.bend();
         }
@@ -169,11 +182,13 @@ impl World {
                 )));
             }
             let velocity = [from_rapier(body.linvel()), from_rapier(body.angvel())];
-            let [gained, turned] = [velocity[0] - moving.track.velocity[0], velocity[1] - moving.track.velocity[1]];
+            let [gained, turned] =
+                [velocity[0] - moving.track.velocity[0], velocity[1] - moving.track.velocity[1]];
             let track = &mut moving.track;
             let jumped = step >= moving.launch_step
                 && touching
-                && (gained.length() > JUMP + self.gravity.length() * self.step_s || turned.length() > JUMP);
+                && ((gained - self.gravity * self.step_s).length() > JUMP_M_PER_S
+                    || turned.length() > JUMP_RAD_PER_S);
             if jumped || touching != track.touching {
                 track.bend();
             }
@@ -266,7 +281,8 @@ fn shape(
         Collider::HalfSpace => rapier::SharedShape::halfspace(rapier::Vector::Y),
         Collider::Hull => {
             let (points, _) = triangles(scene, state, node, pose)?;
-            let flat = || "the hull of its meshes has no volume; give it another shape, such as a box".to_owned();
+            let flat =
+                || "the hull of its meshes has no volume; give it another shape, such as a box".to_owned();
             check_volume(&points).ok_or_else(flat)?;
             rapier::SharedShape::convex_hull(&points).ok_or_else(flat)?
         }
@@ -319,15 +335,21 @@ fn triangles(
         let body_from_mesh = body_from_world * state.world_from_node[index];
         for primitive in &mesh.primitives {
             let first = points.len() as u32;
-            points.extend(primitive.positions.iter().map(|p| {
-                to_rapier(body_from_mesh.transform_point3(DVec3::from_array(p.map(f64::from))))
-            }));
+            points.extend(
+                primitive
+                    .positions
+                    .iter()
+                    .map(|p| to_rapier(body_from_mesh.transform_point3(DVec3::from_array(p.map(f64::from))))),
+            );
             let corners = primitive.indices.as_chunks::<3>().0.iter();
             indices.extend(corners.map(|corners| corners.map(|corner| first + corner)));
         }
     }
     if indices.is_empty() {
-        return Err("there is no mesh on its node that its collider could be made of; give it a shape, such as a box".into());
+        return Err(
+            "there is no mesh on its node that its collider could be made of; give it a shape, such as a box"
+                .into(),
+        );
     }
     Ok((points, indices))
 }

@@ -48,14 +48,14 @@ fn place(scene: &Scene, name: &str, t_s: f64) -> DVec3 {
 /// Keys of translation and of rotation.
 fn keys(scene: &Scene, name: &str) -> [usize; 2] {
     let node = scene.nodes.iter().find(|node| node.name == name).unwrap();
-    let Motion::Animated { translation: Some(translation), rotation: Some(rotation), .. } = &node.motion else {
+    let Motion::Animated { translation: Some(translation), rotation: Some(rotation), .. } = &node.motion
+    else {
         panic!("{name}: {:?}", node.motion);
     };
     [translation.times.len(), rotation.times.len()]
 }
 
-const FLOOR: &str =
-    "[[primitives]]\nname = 'floor'\nshape = 'plane'\nsize = [4, 4]\nmaterial = 'm'\nrigid_body = { fixed = true }\n";
+const FLOOR: &str = "[[primitives]]\nname = 'floor'\nshape = 'plane'\nsize = [4, 4]\nmaterial = 'm'\nrigid_body = { fixed = true }\n";
 
 fn ball(keys: &str) -> String {
     format!("[[primitives]]\nname = 'ball'\nshape = 'sphere'\nradius = 0.1\nmaterial = 'm'\n{keys}\n")
@@ -109,13 +109,15 @@ fn a_bouncing_ball_rises_to_the_square_of_its_restitution() {
 
 #[test]
 fn a_box_that_has_come_to_rest_does_not_move_by_a_bit() {
-    let body = "position = [0, 0.4, 0]\nrotation_degrees = [8, 20, 5]\nrigid_body = { velocity = [0.6, 0, 0] }";
+    let body =
+        "position = [0, 0.4, 0]\nrotation_degrees = [8, 20, 5]\nrigid_body = { velocity = [0.6, 0, 0] }";
     let scene = simulated(&format!("{FLOOR}{}", cube(body)));
     let last = pose(&scene, "box", 2.0);
     assert!((last.w_axis.y - 0.15).abs() < 5e-4, "it lies on its side: {last}");
     assert!(last.y_axis.y > 1.0 - 1e-6, "upright: {last}");
     let bits = |m: DMat4| m.to_cols_array().map(f64::to_bits);
-    let still = (0..2000).rev().take_while(|k| bits(pose(&scene, "box", f64::from(*k) * 0.97e-3)) == bits(last));
+    let still =
+        (0..2000).rev().take_while(|k| bits(pose(&scene, "box", f64::from(*k) * 0.97e-3)) == bits(last));
     let still_s = still.count() as f64 * 0.97e-3;
     assert!(still_s > 1.0, "it rests for {still_s} s");
     assert_ne!(bits(pose(&scene, "box", 0.2)), bits(last), "canary");
@@ -137,9 +139,7 @@ fn the_same_scene_gives_the_same_bits() {
 fn a_thrown_body_keeps_its_angular_momentum() {
     // Spun about an axis near the middle one of its moments of inertia, it turns over and back.
     let body = "position = [0, 30, 0]\nrigid_body = { spin_axis = [0.02, 0.03, 1], spin_degrees_per_s = 900, mass = 2 }";
-    let scene = simulated(
-        &cube(body).replace("size = [0.2, 0.3, 0.4]", "size = [0.4, 0.1, 0.25]"),
-    );
+    let scene = simulated(&cube(body).replace("size = [0.2, 0.3, 0.4]", "size = [0.4, 0.1, 0.25]"));
     let [x, y, z] = [0.4, 0.1, 0.25_f64];
     let inertia = DVec3::new(y * y + z * z, x * x + z * z, x * x + y * y) * (2.0 / 12.0);
     let momentum = |t_s: f64| {
@@ -167,7 +167,8 @@ fn parents_that_rest_change_nothing_but_the_frame() {
     let thrown = "rigid_body = { velocity = [0, 0, 2], spin_axis = [0, 0, 1], spin_degrees_per_s = 300, shape = 'sphere', radius = 0.1 }";
     let free = simulated(&format!("{FLOOR}{}", cube(&format!("position = [1, 0.5, 0]\n{thrown}"))));
     // Half the size, at twice the distance, a quarter turn to the left.
-    let parent = "[[nodes]]\nname = 'table'\nposition = [1, 0, 0]\nrotation_degrees = [0, 90, 0]\nscale = 2\n";
+    let parent =
+        "[[nodes]]\nname = 'table'\nposition = [1, 0, 0]\nrotation_degrees = [0, 90, 0]\nscale = 2\n";
     let hung = cube(&format!("parent = 'table'\nposition = [0, 0.25, 0]\n{thrown}"))
         .replace("[0, 0, 2]", "[-2, 0, 0]")
         .replace("spin_axis = [0, 0, 1]", "spin_axis = [-1, 0, 0]")
@@ -264,4 +265,61 @@ fn the_built_in_scene_has_few_keys_and_comes_to_life() {
         assert!(to.y > 0.0 && to.is_finite(), "{name} is in the room: {to}");
         assert!(name.starts_with("tower") || from.distance(to) > 0.3, "{name} moves");
     }
+}
+
+/// Numbers that are the same in every run.
+struct Numbers(u64);
+
+impl Numbers {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Between the two, on a scale of logarithms.
+    fn scale(&mut self, low: f64, high: f64) -> f64 {
+        (low.ln() + (high / low).ln() * self.unit()).exp()
+    }
+}
+
+#[test]
+fn bodies_at_the_ends_of_their_ranges_never_panic() {
+    let mut numbers = Numbers(1);
+    let (mut good, mut refused) = (0, 0);
+    for _ in 0..60 {
+        let mut objects = FLOOR.to_owned();
+        for i in 0..6 {
+            let n = &mut numbers;
+            let length = |n: &mut Numbers| n.scale(2e-4, 1e4);
+            let shape = match (n.unit() * 4.0) as u32 {
+                0 => format!("shape = 'box'\nsize = [{}, {}, {}]", length(n), length(n), length(n)),
+                1 => format!("shape = 'sphere'\nradius = {}", length(n)),
+                2 => format!("shape = 'cylinder'\nradius = {}\nheight = {}", length(n), length(n)),
+                _ => format!("shape = 'capsule'\nradius = {}\nheight = {}", length(n), length(n)),
+            };
+            let hull = if n.unit() < 0.3 { ", shape = 'hull'" } else { "" };
+            let at = n.scale(1e-3, 10.0);
+            objects += &format!(
+                "[[primitives]]\nname = 'body {i}'\n{shape}\nmaterial = 'm'\nposition = [{at}, {at}, 0]\nrigid_body = {{ mass = {}, velocity = [{}, -{}, 0], spin_degrees_per_s = {}, restitution = {}, friction = {}{hull} }}\n",
+                n.scale(1e-6, 1e9),
+                n.scale(1e-3, 700.0),
+                n.scale(1e-3, 700.0),
+                n.scale(1.0, 9e4),
+                n.unit(),
+                n.scale(1e-3, 100.0),
+            );
+        }
+        let mut scene = read(&objects);
+        scene.duration_s = Some(0.03);
+        match simulate(&mut scene) {
+            Ok(()) => good += 1,
+            Err(error) => {
+                let error = error.to_string();
+                assert!(error.contains("diverges") || error.contains("no volume"), "{error}");
+                refused += 1;
+            }
+        }
+        assert!((0..6).all(|i| place(&scene, &format!("body {i}"), 0.03).is_finite()));
+    }
+    assert!(good > 30, "{good} scenes were simulated, {refused} refused");
 }

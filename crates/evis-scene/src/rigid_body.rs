@@ -291,7 +291,12 @@ impl Scene {
                     "{label} is a rigid body, and the scene has no duration_s until which it is to be simulated; give one"
                 ));
             }
-            if self.variants.iter().flat_map(|v| &v.node_offsets).any(|(moved, _)| self.carries(*moved, *node)) {
+            if self
+                .variants
+                .iter()
+                .flat_map(|v| &v.node_offsets)
+                .any(|(moved, _)| self.carries(*moved, *node))
+            {
                 return Err(format!(
                     "an environment has an offset for {label} or what it hangs on; rigid bodies are simulated once for all environments, so leave it out"
                 ));

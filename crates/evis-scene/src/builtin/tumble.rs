@@ -121,7 +121,8 @@ fn tower(scene: &mut SceneBuilder, paints: &Paints, dice: &mut Dice) -> Result<(
 
 fn thrown(scene: &mut SceneBuilder, paints: &Paints, dice: &mut Dice) -> Result<(), SceneError> {
     let carton = |size| Shape::Box { size };
-    let (ball, tin) = (|radius| Shape::Sphere { radius }, |radius, height| Shape::Cylinder { radius, height });
+    let (ball, tin) =
+        (|radius| Shape::Sphere { radius }, |radius, height| Shape::Cylinder { radius, height });
     let pill = Shape::Capsule { radius: 0.05, height: 0.14 };
     let lying = DQuat::from_rotation_x(FRAC_PI_2);
     let upright = DQuat::IDENTITY;
