@@ -176,7 +176,7 @@ fn a_file_and_builder_calls_give_equal_scenes() {
         let labels = Labels { semantic_id: 7, instance_id: 0 };
         let settings = ShapeSettings { labels, ..ShapeSettings::default().segments(8, 4).repeat(2.0, 1.0) };
         scene.shape_with("ball", Shape::Sphere { radius }, m, settings, Placement::along(spin).on(cart))?;
-        let gravity = DVec3::Y * -1.6;
+        let gravity = DVec3::new(0.0, -1.6, 0.0);
         scene.dynamics(Dynamics { gravity, rate_hz: 500.0, substeps: 8 })?;
         let rock = RigidBody::thrown([1.0, 2.0, 3.0])
             .mass(BodyMass::Kilograms(2.0))
