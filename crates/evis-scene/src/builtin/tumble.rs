@@ -24,7 +24,7 @@ pub(super) fn load(seed: u64) -> Result<Scene, SceneError> {
     tower(&mut scene, &paints, &mut dice)?;
     thrown(&mut scene, &paints, &mut dice)?;
 
-    let lamp = Light::spot("lamp", 130.0, 30.0, 60.0).colored([1.0, 0.95, 0.87]).with_shadow();
+    let lamp = Light::spot("lamp", 200.0, 30.0, 60.0).colored([1.0, 0.95, 0.87]).with_shadow();
     scene.light(lamp, Placement::looking_at([-1.5, 3.2, 2.4], [0.1, 0.2, -0.2]))?;
     let eye = Placement::looking_at([0.15, 0.95, 2.65], [0.05, 0.42, -0.15]);
     scene.camera(EventCamera::new("camera").fov_y_degrees(42.0), eye)?;
@@ -141,7 +141,8 @@ fn thrown(scene: &mut SceneBuilder, paints: &Paints, dice: &mut Dice) -> Result<
     for (i, (shape, place, turn, velocity, spin, density, restitution)) in bodies.into_iter().enumerate() {
         let material = match shape {
             Shape::Box { .. } => dice.pick(&paints.cartons),
-            Shape::Sphere { .. } => dice.pick(&paints.balls),
+            // Three balls, each of its own colour.
+            Shape::Sphere { .. } => paints.balls.get(i % paints.balls.len().max(1)).copied(),
             _ => dice.pick(&paints.tins),
         };
         let axis = DVec3::new(dice.between(-1.0, 1.0), dice.between(0.2, 1.0), dice.between(-1.0, 1.0));
