@@ -200,7 +200,7 @@ def test_a_rigid_body_falls_bounces_and_is_refused_with_a_motion():
     with pytest.raises(evis.FormatError, match="'both': it has a motion and is a rigid body"):
         builder.build()
     with pytest.raises(evis.ConfigError, match="it must be an evis.motion.RigidBody"):
-        builder.box("odd", size=(1, 1, 1), material="grey", pose=Placement(rigid_body="ball"))  # type: ignore[arg-type]
+        Placement(rigid_body="ball").table()  # type: ignore[arg-type]
     with pytest.raises(evis.ConfigError, match="camera 'eye' is a rigid body"):
         scene.with_cameras([evis.EventCamera(name="eye", pose=Placement(rigid_body=body))])
 

@@ -210,8 +210,8 @@ class RigidBody:
     fixed : bool
         Whether it stays where it is, and others hit it.
     shape : str, optional
-        What it touches others with: ``box``, ``sphere``, ``cylinder``, ``capsule``, ``half_space``, ``hull`` or
-        ``mesh``; the object's own shape, or else the hull of its meshes, if not given.
+        What it touches others with: ``box``, ``sphere``, ``cylinder``, ``capsule``, ``half_space``, ``hull``
+        or ``mesh``; the object's own shape, or else the hull of its meshes, if not given.
     size : sequence of float, optional
         Edges (x, y, z) of a ``box``, metres.
     radius, height : float, optional
@@ -311,8 +311,8 @@ class Placement(ShortRepr):
         if self.rigid_body is not None:
             if not isinstance(self.rigid_body, RigidBody):
                 raise ConfigError(
-                    f"rigid_body is {_check.shown(self.rigid_body)}; it must be an evis.motion.RigidBody, such as "
-                    "evis.motion.RigidBody(velocity=(1, 2, 0))"
+                    f"rigid_body is {_check.shown(self.rigid_body)}; it must be an evis.motion.RigidBody, "
+                    "such as evis.motion.RigidBody(velocity=(1, 2, 0))"
                 )
             table["rigid_body"] = fields_of(self.rigid_body)
         return table

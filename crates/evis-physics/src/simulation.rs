@@ -2,8 +2,7 @@
 
 use evis_limits::Budget;
 use evis_scene::motion::Motion;
-use evis_scene::rigid_body::BodyPose;
-use evis_scene::{BodyKind, BodyMass, Collider, RigidBody, Scene, SceneError, SceneState, Trs};
+use evis_scene::{BodyKind, BodyMass, BodyPose, Collider, RigidBody, Scene, SceneError, SceneState, Trs};
 use glam::{DMat4, DQuat, DVec3};
 use rapier3d_f64::prelude as rapier;
 

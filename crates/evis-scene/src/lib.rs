@@ -3,6 +3,7 @@
 //! Right-handed, metres, glTF axes (+Y up); cameras look along -Z. Colours are linear, scene-referred,
 //! Rec. 709 primaries. Nothing here knows about a GPU: the raster engine and the oracles read the same data.
 
+mod bodies;
 pub mod builder;
 pub mod builtin;
 pub mod camera_motion;
@@ -35,6 +36,7 @@ mod transform;
 mod validate;
 mod visible;
 
+pub use bodies::BodyPose;
 pub use camera_motion::{CameraMotion, CameraMotionSettings};
 pub use digest::digest;
 pub use distortion::Distortion;
