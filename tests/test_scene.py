@@ -12,7 +12,17 @@ import pytest
 
 import evis
 from evis import _builder, _toml
-from evis.motion import Ballistic, Chain, ConstantVelocity, FigureEight, Keys, Placement, Spin, Waveform
+from evis.motion import (
+    Ballistic,
+    Chain,
+    ConstantVelocity,
+    FigureEight,
+    Keys,
+    Placement,
+    RigidBody,
+    Spin,
+    Waveform,
+)
 
 TEXT = """
 name = "pair"
@@ -49,6 +59,9 @@ def everything() -> evis.SceneBuilder:
     builder.capsule("pill", radius=0.1, height=1.0, material="metal", pose=Placement(motion=keys, scale=2.0))
     eight = FigureEight(size=(1, 0.5), period_s=4.0, look_at=(0, 0, 0))
     builder.node("rig", pose=Placement(position=(0, 1, 3), motion=eight))
+    builder.dynamics(gravity=(0, -1.6, 0), rate_hz=2000)
+    thrown = RigidBody(velocity=(1, 2, 0), spin_degrees_per_s=90.0, mass=2.0, restitution=0.5, shape="hull")
+    builder.box("die", size=(0.1, 0.1, 0.1), material="wall", pose=Placement(rigid_body=thrown))
     drift = Placement(parent="rig", motion=ConstantVelocity(velocity=(0, 0, 0.1)))
     builder.camera(evis.EventCamera(name="eye", width=64, height=48, pose=drift, threshold_on=0.3))
     builder.camera(evis.EventCamera(name="other", width=64, height=48, fx=50.0, fy=50.0, cx=32.0, cy=24.0))
@@ -236,3 +249,31 @@ def test_python_values_become_toml(item: object, text: str):
 def test_other_values_are_refused():
     with pytest.raises(evis.ConfigError, match="item is <object"):
         _toml.value("item", object())
+
+
+def test_a_rigid_body_falls_bounces_and_is_refused_with_a_motion():
+    builder = evis.SceneBuilder("drop", duration=1.0, ambient=(1, 1, 1))
+    builder.material("grey")
+    builder.plane("floor", size=(2, 2), material="grey", pose=Placement(rigid_body=RigidBody(fixed=True)))
+    body = RigidBody(restitution=0.8, launch_s=0.1)
+    builder.sphere("ball", radius=0.1, material="grey", pose=Placement(position=(0, 1.1, 0), rigid_body=body))
+    scene = builder.build()
+    ball = scene.nodes.index("ball")
+    height = scene.bodies([0, 100_000, 300_000, 1_000_000]).position[:, ball, 1]
+    assert height[0] == height[1] == 1.1
+    assert abs(height[2] - (1.1 - 0.5 * 9.81 * 0.2 * 0.20025)) < 1e-6
+    assert 0.1 < height[3] < 1.1
+    both = Placement(rigid_body=body, motion=Spin(degrees_per_s=1.0))
+    builder.box("both", size=(1, 1, 1), material="grey", pose=both)
+    with pytest.raises(evis.FormatError, match="'both': it has a motion and is a rigid body"):
+        builder.build()
+    with pytest.raises(evis.ConfigError, match="it must be an evis.motion.RigidBody"):
+        Placement(rigid_body="ball").table()  # type: ignore[arg-type]
+    with pytest.raises(evis.ConfigError, match="camera 'eye' is a rigid body"):
+        scene.with_cameras([evis.EventCamera(name="eye", pose=Placement(rigid_body=body))])
+
+
+def test_the_bodies_of_a_built_in_scene_move():
+    scene = evis.Scene.builtin("tumble", seed=1)
+    poses = scene.bodies([0, 500_000]).position
+    assert (np.linalg.norm(poses[1] - poses[0], axis=-1) > 0.1).sum() >= 8

@@ -106,6 +106,26 @@ class SceneBuilder:
             "visible": visible,
         }
 
+    def dynamics(
+        self,
+        *,
+        gravity: Vector | None = None,
+        rate_hz: float | None = None,
+        substeps: int | None = None,
+    ) -> None:
+        """Say how rigid bodies (`evis.motion.RigidBody`) are simulated.
+
+        Parameters
+        ----------
+        gravity : sequence of float, optional
+            Metres per second squared; (0, -9.81, 0) if not given.
+        rate_hz : float, optional
+            Steps per second, 100 to 100000; 1000 if not given.
+        substeps : int, optional
+            Parts in which the solver takes a step, 1 to 64; 4 if not given.
+        """
+        self._top["dynamics"] = {"gravity": gravity, "rate_hz": rate_hz, "substeps": substeps}
+
     def texture(
         self,
         name: str,

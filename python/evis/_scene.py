@@ -205,6 +205,11 @@ class Scene:
         for camera in cameras:
             if not isinstance(camera, EventCamera):
                 raise ConfigError(f"cameras has {_check.shown(camera)}; it must hold evis.EventCamera")
+            if camera.pose.rigid_body is not None:
+                raise ConfigError(
+                    f"camera '{camera.name}' is a rigid body, and the bodies of this scene were simulated when "
+                    "it was made; add the camera to the evis.SceneBuilder or the scene file"
+                )
             tables.append(camera.table())
         # The parents are nodes of this scene, which the text of the cameras does not know.
         parents = [table.pop("parent", None) for table in tables]

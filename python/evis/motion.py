@@ -199,6 +199,69 @@ class Chain(_Motion):
 Motion: TypeAlias = ConstantVelocity | Spin | FigureEight | Ballistic | Trajectory | Keys | Chain
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RigidBody:
+    """Falls, flies and collides; simulated when the scene is built or loaded.
+
+    What is left out has the scene file's default. A fixed body takes none of the keys from `density` on.
+
+    Attributes
+    ----------
+    fixed : bool
+        Whether it stays where it is, and others hit it.
+    shape : str, optional
+        What it touches others with: ``box``, ``sphere``, ``cylinder``, ``capsule``, ``half_space``, ``hull``
+        or ``mesh``; the object's own shape, or else the hull of its meshes, if not given.
+    size : sequence of float, optional
+        Edges (x, y, z) of a ``box``, metres.
+    radius, height : float, optional
+        Of the round shapes, metres.
+    friction : float, optional
+        Coefficient of Coulomb friction, 0 to 100; the mean of two bodies' counts.
+    restitution : float, optional
+        Part of the normal speed that a bounce leaves, 0 to 1; the larger one of two bodies' counts.
+    density : float, optional
+        Kilograms per cubic metre.
+    mass : float, optional
+        Kilograms, in place of `density`.
+    velocity : sequence of float, optional
+        Of the centre of mass at the launch, metres per second in the frame of the parent.
+    spin_axis : sequence of float, optional
+        Axis of the spin in the frame of the parent.
+    spin_degrees_per_s : float, optional
+        Rate of the spin.
+    launch_s : float, optional
+        When it starts to move; rounded up to a step.
+
+    Examples
+    --------
+    >>> import evis
+    >>> from evis.motion import Placement, RigidBody
+    >>> builder = evis.SceneBuilder("drop", duration=0.5, ambient=(1, 1, 1))
+    >>> builder.material("grey")
+    >>> builder.plane("floor", size=(2, 2), material="grey", pose=Placement(rigid_body=RigidBody(fixed=True)))
+    >>> start = Placement(position=(0, 1, 0), rigid_body=RigidBody(restitution=0.8))
+    >>> builder.sphere("ball", radius=0.1, material="grey", pose=start)
+    >>> scene = builder.build()
+    >>> float(scene.bodies([400_000]).position[0, 1, 1].round(3))
+    0.213
+    """
+
+    fixed: bool = False
+    shape: Literal["box", "sphere", "cylinder", "capsule", "half_space", "hull", "mesh"] | None = None
+    size: Vector | None = None
+    radius: float | None = None
+    height: float | None = None
+    friction: float | None = None
+    restitution: float | None = None
+    density: float | None = None
+    mass: float | None = None
+    velocity: Vector | None = None
+    spin_axis: Vector | None = None
+    spin_degrees_per_s: float | None = None
+    launch_s: float | None = None
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class Placement(ShortRepr):
     """Where something is, what it hangs on, and how it moves.
@@ -221,6 +284,8 @@ class Placement(ShortRepr):
         Name of the object that carries it; the world if not given.
     motion : Motion, optional
         How it moves, in the frame of the pose.
+    rigid_body : RigidBody, optional
+        The rigid body that it is, in place of a motion; the pose is where it starts.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -231,6 +296,7 @@ class Placement(ShortRepr):
     scale: float | Vector | None = None
     parent: str | None = None
     motion: Motion | None = None
+    rigid_body: RigidBody | None = None
 
     def table(self) -> dict[str, Any]:
         """Return the placement as a scene file has it."""
@@ -242,6 +308,13 @@ class Placement(ShortRepr):
                     "evis.motion.Spin(degrees_per_s=90)"
                 )
             table["motion"] = self.motion.table()
+        if self.rigid_body is not None:
+            if not isinstance(self.rigid_body, RigidBody):
+                raise ConfigError(
+                    f"rigid_body is {_check.shown(self.rigid_body)}; it must be an evis.motion.RigidBody, "
+                    "such as evis.motion.RigidBody(velocity=(1, 2, 0))"
+                )
+            table["rigid_body"] = fields_of(self.rigid_body)
         return table
 
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use evis_scene::source::Opening;
-use evis_scene::{Scene, SceneError, builtin, source};
+use evis_scene::{Scene, SceneError, builtin};
 
 /// Names of the built-in scenes, each with what it shows.
 pub(crate) fn builtins() -> &'static [(&'static str, &'static str)] {
@@ -17,7 +17,7 @@ pub(crate) fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError>
             "{source} is a film, or frames, and no scene; `video {source} -o OUT.h5` turns it into events"
         )));
     }
-    source::open(source, opening)
+    evis_physics::open(source, opening)
 }
 
 /// Endings of films, and of arrays of frames.
@@ -41,7 +41,7 @@ pub(crate) fn at_rest(scene: &Scene, cameras: &[String]) -> Option<String> {
 
 /// Loads a built-in scene to describe it.
 pub(crate) fn describe(name: &str) -> Result<Scene, SceneError> {
-    builtin::load(name, 0)
+    evis_physics::load(name, 0, None)
 }
 
 /// Triangles drawn at one instant, a mesh counted once per node that carries it.

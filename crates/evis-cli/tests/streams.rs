@@ -456,3 +456,41 @@ fn a_trace_names_the_passes_and_the_steps_of_a_run() {
         ["a.h5", "b.h5"].map(|file| json(&evis(&folder, &format!("info {file} --json")))["events"].clone());
     assert_eq!(counts[0], counts[1]);
 }
+
+#[test]
+fn a_body_of_a_scene_file_falls_and_fires_and_rests_in_silence() {
+    let folder = Folder::new("rigid-body");
+    let scene = r##"
+duration_s = 1.0
+ambient = [1, 1, 1]
+background = [0.4, 0.4, 0.4]
+textures = [{ name = "t", pattern = "checker", size = 64 }]
+materials = [{ name = "m", texture = "t" }]
+primitives = [
+  { name = "floor", shape = "plane", size = [3, 3], material = "m", rigid_body = { fixed = true } },
+  { name = "box", shape = "box", size = [0.3, 0.2, 0.3], material = "m", position = [0, 0.6, 0], rigid_body = {} },
+]
+cameras = [{ name = "eye", position = [0, 0.5, 1.6], look_at = [0, 0.3, 0], size = [64, 48] }]
+"##;
+    let times = |scene: &str| {
+        std::fs::write(folder.file("drop.toml"), scene).unwrap();
+        // Decoupled sampling needs no device.
+        let output = evis(&folder, "run drop.toml -o drop.h5 --force --method decoupled --duration 1");
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        let file = evis_core::format::read_events(&folder.file("drop.h5"), None).unwrap();
+        file.events.iter().map(|event| event.t).collect::<Vec<_>>()
+    };
+    // It falls by half a metre in 0.32 s, and lies still.
+    let fallen = times(scene);
+    let early = fallen.iter().filter(|t| **t < 320_000).count();
+    assert!(early > 500, "{early} events while it falls");
+    assert!(fallen.iter().all(|t| *t < 500_000), "the last event is at {:?} us", fallen.last());
+    let floating = times(&scene.replace("rigid_body = {} }", "rigid_body = { fixed = true } }"));
+    assert!(floating.is_empty(), "canary: nothing moves where it is fixed");
+
+    std::fs::write(folder.file("drop.toml"), scene.replace("= {} }", "= { mas = 2 } }")).unwrap();
+    let wrong = evis(&folder, "run drop.toml -o wrong.h5");
+    assert_eq!(code(&wrong), 2, "{}", stderr(&wrong));
+    let said = stderr(&wrong);
+    assert!(said.contains("unknown key 'mas' in [[primitives]] 'box', rigid_body"), "{said}");
+}

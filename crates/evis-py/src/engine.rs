@@ -85,7 +85,9 @@ pub(crate) fn device_dict<'py>(py: Python<'py>, device: &DeviceSummary) -> PyRes
 }
 
 pub(crate) fn builtin_scene(name: &str, seed: u64) -> Result<evis_scene::Scene, SceneError> {
-    evis_scene::builtin::load(name, seed)
+    let mut scene = evis_scene::builtin::load(name, seed)?;
+    evis_physics::simulate(&mut scene)?;
+    Ok(scene)
 }
 
 pub(crate) fn load_scene(path: &Path, animation: Option<&str>) -> Result<evis_scene::Scene, Failure> {
@@ -94,9 +96,7 @@ pub(crate) fn load_scene(path: &Path, animation: Option<&str>) -> Result<evis_sc
         ["toml", "gltf", "glb"].contains(&ending) || evis_scene::picture::ENDINGS.contains(&ending)
     };
     match ending {
-        Some(ending) if is_scene(&ending) => {
-            Ok(evis_scene::source::load_with_animation(&path.to_string_lossy(), 0, animation)?)
-        }
+        Some(ending) if is_scene(&ending) => Ok(evis_physics::load(&path.to_string_lossy(), 0, animation)?),
         _ => Err(ConfigError::new(
             "path",
             format!("'{}'", path.display()),
@@ -114,6 +114,7 @@ pub(crate) fn parse_scene(
     pictures: Vec<Picture>,
 ) -> Result<evis_scene::Scene, SceneError> {
     let mut scene = evis_scene::toml_scene::parse(text, base)?;
+    evis_physics::simulate(&mut scene)?;
     for picture in pictures {
         let Picture { name, width, height, texels } = picture;
         // A scene file's textures come before those of the glTF files that it includes.

@@ -36,6 +36,7 @@ use crate::model::{
 use crate::motion::{Motion, Path, WaveShape, Waveform};
 use crate::primitive::Shape;
 use crate::procedural::Procedural;
+use crate::rigid_body::{BodyKind, BodyMass, Collider, Dynamics, RigidBody};
 
 /// Where something is, what it hangs on, and how it moves.
 #[derive(Clone, Debug, Default)]
@@ -46,6 +47,8 @@ pub struct Placement {
     pub path: Option<Path>,
     /// Node that carries it; `None` is the world.
     pub parent: Option<usize>,
+    /// The rigid body that it is, in place of a path; `evis_physics::simulate` moves it.
+    pub rigid_body: Option<RigidBody>,
 }
 
 impl Placement {
@@ -80,6 +83,12 @@ impl Placement {
     /// On the node `parent`.
     pub fn on(mut self, parent: usize) -> Self {
         self.parent = Some(parent);
+        self
+    }
+
+    /// As this rigid body; its node's pose is where it starts.
+    pub fn as_body(mut self, body: RigidBody) -> Self {
+        self.rigid_body = Some(body);
         self
     }
 
@@ -446,6 +455,19 @@ impl SceneBuilder {
         Ok(self)
     }
 
+    /// How rigid bodies are simulated.
+    ///
+    /// # Errors
+    /// A gravity that is not finite, a rate or substeps out of range.
+    pub fn dynamics(&mut self, dynamics: Dynamics) -> Result<&mut Self, SceneError> {
+        finite_vector("gravity", dynamics.gravity)?;
+        within("length of gravity", dynamics.gravity.length(), 0.0, 1000.0)?;
+        within("rate_hz", dynamics.rate_hz, 100.0, 100_000.0)?;
+        within("substeps", dynamics.substeps.into(), 1.0, 64.0)?;
+        self.scene.dynamics = dynamics;
+        Ok(self)
+    }
+
     /// Image-based light.
     pub fn environment(&mut self, environment: Environment) -> &mut Self {
         self.scene.environment = Some(environment);
@@ -661,6 +683,10 @@ impl SceneBuilder {
                 mesh
             }
         };
+        let mut placement = placement;
+        if let Some(body) = &mut placement.rigid_body {
+            body.collider.get_or_insert(shape.collider());
+        }
         self.object(name, mesh, labels, placement)
     }
 
@@ -768,6 +794,7 @@ impl SceneBuilder {
             skin
         }));
         own.lights.extend(scene.lights);
+        own.rigid_bodies.extend(scene.rigid_bodies.into_iter().map(|(node, body)| (node + nodes, body)));
         own.nodes.extend(scene.nodes.into_iter().map(|mut node| {
             node.parent = Some(node.parent.map_or(root, |parent| parent + nodes));
             node.mesh = node.mesh.map(|mesh| mesh + meshes);
@@ -895,6 +922,10 @@ impl SceneBuilder {
             return rule(format!("parent {parent} of '{name}' does not exist; parents come before children"));
         }
         let motion = placement.motion().map_err(|error| in_object(&name, error))?;
+        if let Some(body) = &placement.rigid_body {
+            let body = check_body(body, placement.path.is_some()).map_err(|error| in_object(&name, error))?;
+            self.scene.rigid_bodies.push((self.scene.nodes.len(), body));
+        }
         let index =
             self.scene.add_node(Node { name: name.clone(), parent: placement.parent, motion, ..node });
         self.named.push((name, index));
@@ -1047,6 +1078,38 @@ fn check_light(light: &Light) -> Result<(), SceneError> {
         light.waveform.as_ref().map_or(Ok(()), check_waveform)
     };
     check().map_err(|error| in_object(&light.name, error))
+}
+
+/// The body, its axis made a unit.
+fn check_body(body: &RigidBody, moves: bool) -> Result<RigidBody, SceneError> {
+    let mut body = *body;
+    if moves {
+        return rule("it has a motion and is a rigid body; give it one of the two".into());
+    }
+    within("friction", body.friction, 0.0, 100.0)?;
+    within("restitution", body.restitution, 0.0, 1.0)?;
+    for (what, length) in body.collider.iter().flat_map(Collider::lengths) {
+        within(&format!("{what} of its collider"), length, 1e-4, 1e5)?;
+    }
+    let BodyKind::Dynamic { mass, velocity, spin_axis, spin_rate, launch_s } = &mut body.kind else {
+        return Ok(body);
+    };
+    if let Some(collider @ (Collider::HalfSpace | Collider::Mesh)) = body.collider {
+        return rule(format!(
+            "its collider is a {}, which has no mass; a body that moves takes box, sphere, cylinder, capsule or hull",
+            collider.name()
+        ));
+    }
+    match *mass {
+        BodyMass::Density(density) => within("density", density, 1e-3, 1e6)?,
+        BodyMass::Kilograms(mass) => within("mass", mass, 1e-6, 1e9)?,
+    }
+    finite_vector("velocity", *velocity)?;
+    within("length of velocity", velocity.length(), 0.0, 1000.0)?;
+    *spin_axis = unit_axis("spin_axis", *spin_axis)?;
+    finite("spin_rate", *spin_rate)?;
+    not_negative("launch_s", *launch_s, "seconds")?;
+    Ok(body)
 }
 
 pub(crate) fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {

@@ -11,6 +11,9 @@ use crate::pose::SceneState;
 /// Instants at which a moving scene is measured for its framing camera.
 const FRAMING_INSTANTS: u32 = 33;
 
+/// Vertical field of view of a framing camera: 45 degrees.
+const FRAMING_FOV_Y: f64 = std::f64::consts::FRAC_PI_4;
+
 impl Scene {
     /// Corners of the world-aligned box around everything drawn at `t_s`, deformed as it is then; `None` where
     /// nothing is drawn.
@@ -60,17 +63,20 @@ impl Scene {
         }
     }
 
+    /// Places the camera anew that [`Framing::Model`] has added, for motion that the scene did not have then.
+    pub fn frame_again(&mut self) {
+        let (Some(Framing::Model), [camera]) = (self.framing, &self.cameras[..]) else { return };
+        let node = camera.node;
+        if let Some((pose, near)) = self.framing_pose() {
+            self.nodes[node].motion = Motion::Fixed(pose.matrix());
+            self.cameras[0].near = near;
+        }
+    }
+
     /// Adds the camera `default`, 45 degrees high, that sees the whole scene over its whole motion from a
     /// three-quarter view; returns its index, or `None` where there is nothing to see.
     pub fn add_framing_camera(&mut self) -> Option<usize> {
-        let (low, high) = self.bounds_over_time()?;
-        let centre = 0.5 * (low + high);
-        let fov_y = 45_f64.to_radians();
-        let rotation = looking_along(-DVec3::new(0.55, 0.45, 0.9))?;
-        let corners = (0..8)
-            .map(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low) - centre);
-        let distance = framing_distance(rotation, 0.5 * fov_y, 4.0 / 3.0, corners);
-        let pose = Trs { translation: centre + rotation * DVec3::Z * distance, rotation, scale: DVec3::ONE };
+        let (pose, near) = self.framing_pose()?;
         let node = self.add_node(Node {
             name: "default camera".into(),
             motion: Motion::Fixed(pose.matrix()),
@@ -79,16 +85,28 @@ impl Scene {
         self.cameras.push(Camera {
             name: "default".into(),
             node,
-            lens: Lens::FieldOfView { fov_y },
+            lens: Lens::FieldOfView { fov_y: FRAMING_FOV_Y },
             width: None,
             height: None,
             aspect: None,
-            near: distance * 0.01,
+            near,
             threshold_on: None,
             threshold_off: None,
             sensor: None,
         });
         Some(self.cameras.len() - 1)
+    }
+
+    /// Pose of a framing camera, and its near plane; `None` where there is nothing to see.
+    fn framing_pose(&self) -> Option<(Trs, f64)> {
+        let (low, high) = self.bounds_over_time()?;
+        let centre = 0.5 * (low + high);
+        let rotation = looking_along(-DVec3::new(0.55, 0.45, 0.9))?;
+        let corners = (0..8)
+            .map(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low) - centre);
+        let distance = framing_distance(rotation, 0.5 * FRAMING_FOV_Y, 4.0 / 3.0, corners);
+        let pose = Trs { translation: centre + rotation * DVec3::Z * distance, rotation, scale: DVec3::ONE };
+        Some((pose, distance * 0.01))
     }
 
     /// Whether something is drawn that would be black: it needs light, and the scene has none.

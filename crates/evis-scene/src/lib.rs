@@ -3,6 +3,7 @@
 //! Right-handed, metres, glTF axes (+Y up); cameras look along -Z. Colours are linear, scene-referred,
 //! Rec. 709 primaries. Nothing here knows about a GPU: the raster engine and the oracles read the same data.
 
+mod bodies;
 pub mod builder;
 pub mod builtin;
 pub mod camera_motion;
@@ -28,6 +29,7 @@ pub mod pose;
 pub mod primitive;
 pub mod procedural;
 pub mod rig;
+pub mod rigid_body;
 pub mod source;
 pub mod steps;
 pub mod texture;
@@ -37,6 +39,7 @@ mod transform;
 mod validate;
 mod visible;
 
+pub use bodies::BodyPose;
 pub use camera_motion::{CameraMotion, CameraMotionSettings};
 pub use digest::digest;
 pub use distortion::Distortion;
@@ -49,4 +52,5 @@ pub use model::*;
 pub use motion::{AppliedMotion, Motion};
 pub use pose::{PoseSource, SceneMotion, SceneState};
 pub use rig::{CalibrationFormat, Rig, RigCamera};
+pub use rigid_body::{BodyKind, BodyMass, Collider, Dynamics, RigidBody};
 pub use track::HostPose;

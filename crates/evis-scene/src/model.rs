@@ -57,6 +57,11 @@ pub struct Scene {
     pub camera_motion: Option<crate::motion::AppliedMotion>,
     /// What a host moves; `None` where everything moves by itself. [`Scene::drive`] sets it.
     pub host_poses: Option<std::sync::Arc<crate::host_poses::HostPoses>>,
+    /// How rigid bodies are simulated.
+    pub dynamics: crate::rigid_body::Dynamics,
+    /// `(node, body)` of rigid bodies that are still to be simulated, which makes motion of them and leaves none here;
+    /// [`Scene::check_simulated`] tells.
+    pub rigid_bodies: Vec<(usize, crate::rigid_body::RigidBody)>,
     /// What the loader had to say: once each, for the user.
     pub warnings: Vec<String>,
 }

@@ -288,6 +288,10 @@ impl Curve {
                     .zip(value(3 * k0 + 2, i))
                     .zip(value(3 * k1, i).zip(value(3 * k1 + 1, i)))
                     .map(|((p0, m0), (m1, p1))| {
+                        if p0 == p1 && m0 == 0.0 && m1 == 0.0 {
+                            // What rests keeps its bits: the weights of both values add up to 1 only but for rounding.
+                            return p0;
+                        }
                         h0 * p0 + ht0 * length_s * m0 + h1 * p1 + ht1 * length_s * m1
                     }),
             };

@@ -10,6 +10,7 @@ use glam::{DMat4, DVec3, Vec3};
 
 use crate::error::SceneError;
 use crate::model::Primitive;
+use crate::rigid_body::Collider;
 
 /// A shape and its size in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,6 +64,19 @@ impl Shape {
             Self::Cylinder { .. } => "cylinder",
             Self::Capsule { .. } => "capsule",
             Self::Card { .. } => "card",
+        }
+    }
+
+    /// What a rigid body of this shape touches others with. Like MuJoCo's, a plane is seen as far as its size and felt
+    /// without an end.
+    pub const fn collider(&self) -> Collider {
+        match *self {
+            Self::Plane { .. } => Collider::HalfSpace,
+            Self::Box { size } => Collider::Box { size },
+            Self::Sphere { radius } => Collider::Sphere { radius },
+            Self::Cylinder { radius, height } => Collider::Cylinder { radius, height },
+            Self::Capsule { radius, height } => Collider::Capsule { radius, height },
+            Self::Card { .. } => Collider::Mesh,
         }
     }
 

@@ -359,7 +359,7 @@ impl SceneBuilder {
         rig.check()?;
         let body = self.node(name, placement)?;
         for camera in &rig.cameras {
-            let placement = Placement { pose: camera.into(), parent: Some(body), path: None };
+            let placement = Placement { pose: camera.into(), ..Placement::default() }.on(body);
             let EventCamera { name, lens, size, distortion, .. } = camera.event_camera()?;
             self.camera(EventCamera { name, lens, size, distortion, ..like.clone() }, placement)?;
         }

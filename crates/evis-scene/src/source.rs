@@ -24,7 +24,21 @@ pub struct Opening {
 /// # Errors
 /// As [`load`], [`Scene::move_cameras`] and [`Scene::at_speed`].
 pub fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError> {
+    open_with(source, opening, |_| Ok(()))
+}
+
+/// As [`open`], with `simulate` between loading and moving: it makes motion of rigid bodies, as `evis_physics::simulate`
+/// does.
+///
+/// # Errors
+/// As [`open`], and those of `simulate`.
+pub fn open_with(
+    source: &str,
+    opening: &Opening,
+    simulate: impl FnOnce(&mut Scene) -> Result<(), SceneError>,
+) -> Result<Scene, SceneError> {
     let mut scene = load_with_animation(source, opening.seed, opening.animation.as_deref())?;
+    simulate(&mut scene)?;
     scene.move_cameras(&opening.camera_motion)?;
     scene.at_speed(opening.speed.unwrap_or(1.0))
 }

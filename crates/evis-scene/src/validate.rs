@@ -21,6 +21,7 @@ impl Scene {
             .and_then(|()| self.check_meshes())
             .and_then(|()| self.check_lights_and_cameras())
             .and_then(|()| self.check_variants())
+            .and_then(|()| self.check_rigid_bodies())
             .and_then(|()| self.check_not_empty())
             .map_err(SceneError::Rule)?;
         self.repair_meshes();

@@ -9,7 +9,9 @@ use evis_scene::motion::{PathInterpolation, WaveShape, Waveform};
 use evis_scene::primitive::Shape;
 use evis_scene::procedural::{PATTERNS, Pattern, Procedural, srgb};
 use evis_scene::toml_scene::{load, parse};
-use evis_scene::{Light, Material, Motion, Scene, SceneError, Trs, Variant};
+use evis_scene::{
+    BodyMass, Collider, Dynamics, Light, Material, Motion, RigidBody, Scene, SceneError, Trs, Variant,
+};
 use glam::{DMat4, DQuat, DVec3};
 
 const DOCUMENT: &str = include_str!("../../../docs/scene-files.md");
@@ -109,6 +111,31 @@ fn a_file_and_builder_calls_give_equal_scenes() {
         name = "cart"
         position = [1, 0, 0]
         motion = { kind = "constant_velocity", velocity = [1, 0, 0] }
+        [dynamics]
+        gravity = [0, -1.6, 0]
+        rate_hz = 500
+        substeps = 8
+        [[primitives]]
+        name = "rock"
+        shape = "box"
+        size = [1, 2, 3]
+        material = "m"
+        position = [5, 0, 0]
+        [primitives.rigid_body]
+        mass = 2
+        friction = 0.25
+        restitution = 0.75
+        velocity = [1, 2, 3]
+        spin_axis = [0, 0, 2]
+        spin_degrees_per_s = 180
+        launch_s = 0.5
+        [[primitives]]
+        name = "wall"
+        shape = "card"
+        size = [1, 2]
+        material = "m"
+        position = [9, 0, 0]
+        rigid_body = { fixed = true, shape = "box", size = [1, 2, 0.5] }
         [[lights]]
         name = "spot"
         kind = "spot"
@@ -149,6 +176,18 @@ fn a_file_and_builder_calls_give_equal_scenes() {
         let labels = Labels { semantic_id: 7, instance_id: 0 };
         let settings = ShapeSettings { labels, ..ShapeSettings::default().segments(8, 4).repeat(2.0, 1.0) };
         scene.shape_with("ball", Shape::Sphere { radius }, m, settings, Placement::along(spin).on(cart))?;
+        let gravity = DVec3::new(0.0, -1.6, 0.0);
+        scene.dynamics(Dynamics { gravity, rate_hz: 500.0, substeps: 8 })?;
+        let rock = RigidBody::thrown([1.0, 2.0, 3.0])
+            .mass(BodyMass::Kilograms(2.0))
+            .surface(0.25, 0.75)
+            .spinning(DVec3::Z * 2.0, std::f64::consts::PI)
+            .launched(0.5);
+        let place = Placement::at([5.0, 0.0, 0.0]).as_body(rock);
+        scene.shape("rock", Shape::Box { size: [1.0, 2.0, 3.0] }, m, place)?;
+        let wall = RigidBody::fixed().collider(Collider::Box { size: [1.0, 2.0, 0.5] });
+        let place = Placement::at([9.0, 0.0, 0.0]).as_body(wall);
+        scene.shape("wall", Shape::Card { size: [1.0, 2.0] }, m, place)?;
         let spot = Light::spot("spot", 5.0, 10.0, 20.0).with_shadow();
         scene.light(spot, Placement::looking_at([0.0, 3.0, 0.0], [0.0; 3]))?;
         let keys = evis_scene::motion::Path::Keys {
@@ -176,6 +215,7 @@ const BALL: &str = "[[materials]]\nname = 'm'\n[[primitives]]\nname = 'ball'\nsh
 #[test]
 fn mistakes_are_named_with_their_place_and_the_remedy() {
     let ball = |more: &str| format!("{BALL}{more}");
+    let body = |body: &str| format!("duration_s = 1\n{BALL}rigid_body = {body}");
     for (text, expected) in [
         ("nmae = 'x'".into(), vec!["unknown key 'nmae' at the top level", "did you mean 'name'?"]),
         (ball("positon = [0, 0, 0]"), vec!["unknown key 'positon' in [[primitives]] 'ball'", "'position'"]),
@@ -204,6 +244,46 @@ fn mistakes_are_named_with_their_place_and_the_remedy() {
             ball("motion = { kind = 'trajectory', file = 'none.csv' }"),
             vec!["cannot read", "none.csv"],
         ),
+        (body("{ friction = -1 }"), vec!["[[primitives]] 'ball': friction is -1", "between 0 and 100"]),
+        (body("{ mass = -2 }"), vec!["'ball': mass is -2", "between"]),
+        (body("{ density = nan }"), vec!["'ball': density is NaN"]),
+        (body("{ density = 1, mass = 1 }"), vec!["'ball', rigid_body: density and mass exclude each other"]),
+        (body("{ restitution = 1.5 }"), vec!["restitution is 1.5", "between 0 and 1"]),
+        (body("{ shape = 'bix' }"), vec!["'ball', rigid_body: shape is", "did you mean \"box\"?"]),
+        (body("{ shape = 'box' }"), vec!["rigid_body: the key 'size' is missing"]),
+        (body("{ shape = 'sphere', radius = 0 }"), vec!["'ball': radius of its collider is 0", "between"]),
+        (body("{ shape = 'box', size = [1, nan, 1] }"), vec!["size of its collider is NaN"]),
+        (body("{ shape = 'mesh' }"), vec!["'ball': its collider is a mesh, which has no mass", "hull"]),
+        (body("{ shape = 'half_space' }"), vec!["its collider is a half_space"]),
+        (body("{ velocity = [0, inf, 0] }"), vec!["'ball': velocity is", "finite"]),
+        (body("{ velocity = [0, 1e5, 0] }"), vec!["length of velocity is 100000", "1000"]),
+        (body("{ spin_axis = [0, 0, 0] }"), vec!["spin_axis is", "not zero"]),
+        (body("{ launch_s = -1 }"), vec!["launch_s is -1", "0 or more"]),
+        (body("{ veloctiy = [0, 0, 0] }"), vec!["unknown key 'veloctiy' in [[primitives]] 'ball', rigid_body", "'velocity'"]),
+        (body("{ fixed = true, velocity = [0, 0, 0] }"), vec!["unknown key 'velocity'", "rigid_body"]),
+        (body("{}\nmotion = { kind = 'spin', degrees_per_s = 9 }"), vec!["'ball': it has a motion and is a rigid body"]),
+        (body("{}").replace("duration_s", "#"), vec!["'ball' is a rigid body, and the scene has no duration_s"]),
+        (body("{}\nscale = [1, 2, 1]"), vec!["'ball': its scale is [1, 2, 1]", "no sphere of a sphere", "hull"]),
+        (
+            body("{}\nparent = 'p'\n[[nodes]]\nname = 'p'\nmotion = { kind = 'spin', degrees_per_s = 9 }"),
+            vec!["'ball' hangs on 'p', which moves"],
+        ),
+        (
+            body("{}\nparent = 'p'\nrotation_degrees = [0, 0, 30]\n[[nodes]]\nname = 'p'\nscale = [1, 2, 1]"),
+            vec!["'ball' is skewed by the scales above it"],
+        ),
+        (
+            body("{}\nparent = 'p'\n[[nodes]]\nname = 'p'\nrigid_body = { shape = 'sphere', radius = 1 }"),
+            vec!["'ball' hangs on the rigid body 'p' and is one itself"],
+        ),
+        (
+            body("{}\n[[environments]]\noffsets.ball = { position = [0, 1, 0] }"),
+            vec!["an environment has an offset for 'ball'", "leave it out"],
+        ),
+        ("[dynamics]\nrate_hz = 10".into(), vec!["[dynamics]: rate_hz is 10", "between 100 and 100000"]),
+        ("[dynamics]\nsubsteps = 0".into(), vec!["[dynamics]: substeps is 0", "between 1 and 64"]),
+        ("[dynamics]\ngravity = [0, nan, 0]".into(), vec!["[dynamics]: gravity is"]),
+        ("[dynamics]\ngravitiy = [0, 1, 0]".into(), vec!["unknown key 'gravitiy' in [dynamics]", "'gravity'"]),
         ("[[cameras]]\nname = 'c'\nfov_y_degrees = 180".into(), vec!["[[cameras]] 'c': fov_y_degrees is 180", "179"]),
         ("[[cameras]]\nname = 'c'\nthreshold_on = 0".into(), vec!["threshold_on is 0", "above 0"]),
         ("[[cameras]]\nname = 'c'\nsize = [0, 4]".into(), vec!["size is [0, 4]", "8192"]),
@@ -238,8 +318,12 @@ fn mistakes_are_named_with_their_place_and_the_remedy() {
             assert!(message.contains(part), "{text}\n=> {message}\nlacks {part}");
         }
     }
-    // Canary: the base of all these is fine.
+    // Canary: the bases of all these are fine.
     assert!(read(BALL).is_ok());
+    assert!(read(&body("{}")).is_ok_and(|scene| scene.check_simulated().is_err()));
+    assert!(
+        read(&body("{ fixed = true }").replace("duration_s", "#")).is_ok_and(|s| s.check_simulated().is_ok())
+    );
 }
 
 #[test]

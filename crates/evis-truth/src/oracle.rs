@@ -41,13 +41,15 @@ struct Provenance<'a> {
 /// the work by returning false.
 ///
 /// # Errors
-/// A setting that cannot be used, a camera that does not exist or has no lens, or a stop.
+/// A setting that cannot be used, a camera that does not exist or has no lens, rigid bodies that were not simulated, or a
+/// stop.
 pub fn truth(
     scene: &Scene,
     settings: &TruthSettings,
     progress: &(dyn Fn(f64) -> bool + Sync),
 ) -> Result<Truth, TruthError> {
     settings.check()?;
+    scene.check_simulated()?;
     let started = std::time::Instant::now();
     let camera = match &settings.camera {
         Some(name) => scene.camera(name)?,

@@ -94,13 +94,15 @@ impl Simulator {
     /// Prepares `scene` on `gpu`; [`Method::Decoupled`] needs one for labels and frames only.
     ///
     /// # Errors
-    /// A setting that cannot be used, a camera that does not exist, or a device that is too small or missing.
+    /// A setting that cannot be used, a camera that does not exist, rigid bodies that were not simulated, or a device that
+    /// is too small or missing.
     pub fn new<'a>(
         gpu: impl Into<Option<&'a Gpu>>,
         scene: Arc<Scene>,
         mut config: RunConfig,
     ) -> Result<Self, EngineError> {
         config.check()?;
+        scene.check_simulated()?;
         let gpu = gpu.into();
         gpu.map_or(Ok(()), Gpu::check_not_lost)?;
         let (views, cameras) = view::views(&scene, &config)?;

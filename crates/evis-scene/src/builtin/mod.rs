@@ -5,6 +5,7 @@
 mod desk;
 mod spinner;
 mod street;
+mod tumble;
 mod warehouse;
 
 use glam::{DMat4, DQuat, DVec3};
@@ -55,14 +56,15 @@ pub mod class {
 
 type Load = fn(u64) -> Result<Scene, SceneError>;
 
-const SCENES: [(&str, Load); 4] = [
+const SCENES: [(&str, Load); 5] = [
     ("warehouse", warehouse::load),
     ("spinner", spinner::load),
     ("street", street::load),
     ("desk", desk::load),
+    ("tumble", tumble::load),
 ];
 
-const NAMES: [(&str, &str); 4] = [
+const NAMES: [(&str, &str); 5] = [
     (
         "warehouse",
         "shelves full of cartons, several lights, thrown objects, a camera on a figure eight (4 s)",
@@ -73,6 +75,7 @@ const NAMES: [(&str, &str); 4] = [
     ),
     ("street", "a drive along a street with facades, poles, trees and cars (6 s)"),
     ("desk", "a still camera before a desk on which one toy moves (4 s)"),
+    ("tumble", "rigid bodies, dropped and thrown, that collide before a still camera (1 s)"),
 ];
 
 /// Names and one-line descriptions.
@@ -80,7 +83,8 @@ pub fn names() -> &'static [(&'static str, &'static str)] {
     &NAMES
 }
 
-/// The built-in scene `name`; `seed` changes its textures and what lies where.
+/// The built-in scene `name`; `seed` changes its textures and what lies where. The bodies of `tumble` are still to be
+/// simulated: `evis_physics::load` does both.
 ///
 /// # Errors
 /// A name that does not exist; the ones that do are listed.
@@ -209,7 +213,7 @@ mod tests {
         }
         let message = load("wharehouse", 0).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(
-            message.contains("'wharehouse'") && message.contains("warehouse, spinner, street, desk"),
+            message.contains("'wharehouse'") && message.contains("warehouse, spinner, street, desk, tumble"),
             "{message}"
         );
     }

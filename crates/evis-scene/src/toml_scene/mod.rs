@@ -5,6 +5,7 @@
 
 mod keys;
 mod motion;
+mod rigid_body;
 pub(crate) mod trajectory;
 
 use std::path::Path;
@@ -89,6 +90,9 @@ fn settings(top: &mut Keys<'_>, scene: &mut SceneBuilder) -> Result<(), SceneErr
     }
     for (name, id) in top.named_integers("classes", u32::MAX.into())? {
         scene.class_name(id as u32, name).map_err(|e| top.locate(e))?;
+    }
+    if let Some(keys) = top.table("dynamics")? {
+        rigid_body::dynamics(keys, scene)?;
     }
     let Some(mut keys) = top.table("environment_map")? else { return Ok(()) };
     let file = keys.file("file")?;
@@ -213,7 +217,8 @@ struct Object {
 }
 
 fn object(mut keys: Keys<'_>, read: Read) -> Result<Object, SceneError> {
-    let placement = motion::placement(&mut keys)?;
+    let mut placement = motion::placement(&mut keys)?;
+    placement.rigid_body = rigid_body::rigid_body(&mut keys)?;
     let parent = keys.text("parent")?.map(str::to_owned);
     let (name, add) = read(&mut keys)?;
     let at = keys.at().to_owned();

@@ -18,7 +18,7 @@ pub(super) fn placement(keys: &mut Keys<'_>) -> Result<Placement, SceneError> {
     let (path, started) = path(&mut motion, pose)?;
     motion.finish()?;
     let pose = if started { Trs::default() } else { pose };
-    Ok(Placement { pose, path: Some(path), parent: None })
+    Ok(Placement { pose, path: Some(path), ..Placement::default() })
 }
 
 /// `position`, one way to turn, `scale`.
@@ -195,6 +195,6 @@ pub(super) fn waveform(keys: &mut Keys<'_>, key: &'static str) -> Result<Option<
 }
 
 /// Three numbers.
-fn vector(keys: &mut Keys<'_>, key: &'static str) -> Result<Option<DVec3>, SceneError> {
+pub(super) fn vector(keys: &mut Keys<'_>, key: &'static str) -> Result<Option<DVec3>, SceneError> {
     Ok(keys.numbers::<3>(key)?.map(DVec3::from_array))
 }
