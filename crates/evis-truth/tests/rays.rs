@@ -51,6 +51,7 @@ fn still(scene: &Scene) -> SceneState {
         morph_weights: vec![Vec::new(); scene.nodes.len()],
         light_factor: vec![1.0; scene.lights.len()],
         emission_factor: vec![1.0; scene.materials.len()],
+        ..SceneState::default()
     }
 }
 
