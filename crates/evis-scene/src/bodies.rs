@@ -63,7 +63,9 @@ impl Scene {
         let (scale, rotation, translation) = world.to_scale_rotation_translation();
         let again = DMat4::from_scale_rotation_translation(scale, rotation, translation);
         let error = (again - world).to_cols_array().into_iter().fold(0.0, |e: f64, v| e.max(v.abs()));
-        if !(error <= SHEAR * scale.abs().max_element()) {
+        // A scale of 0 leaves no rotation.
+        let upright = rotation.is_finite() && error <= SHEAR * scale.abs().max_element();
+        if !upright {
             return Err(format!(
                 "{label} is skewed by the scales above it; a rigid body takes parents that are scaled the same along all axes"
             ));
