@@ -449,7 +449,14 @@ mod tests {
         let world = World::new(&scene, 0, Some((8, 6))).unwrap();
         for start_us in [0, 300_000, 250_000] {
             let mut found = Blocks::new(&world, start_us, 8192, 1);
-            let wanted = blocks(&scene, None, start_us as f64, 500_000.0, 8192);
+            let mut wanted = blocks(&scene, None, start_us as f64, 500_000.0, 8192);
+            // But for the first one, which is cut short.
+            let border = ((start_us as f64 / FIRST_US).floor() + 1.0) * FIRST_US;
+            if border + FIRST_US < wanted[0].end_us {
+                let rest = Block { start_us: border, jump: false, ..wanted[0] };
+                wanted[0].end_us = border;
+                wanted.insert(1, rest);
+            }
             for (index, want) in wanted[..wanted.len() - 1].iter().enumerate() {
                 let next = found.pop().unwrap();
                 // A whole run does not know what was before it.

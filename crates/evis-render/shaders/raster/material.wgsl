@@ -128,9 +128,9 @@ fn base_factor(v: Varyings) -> vec4<f32> {
     return material.base_color;
 }
 
-// Linear base colour and alpha: factor * texture * vertex colour.
-fn base_color(v: Varyings) -> vec4<f32> {
-    var color = base_factor(v) * vary_color(v);
+// `factor` * texture * vertex colour.
+fn textured(v: Varyings, factor: vec4<f32>) -> vec4<f32> {
+    var color = factor * vary_color(v);
     if (HAS_BASE_TEXTURE) {
         let uv = material_uv(v, 0u);
         if (ALPHA_MASK) {
@@ -142,6 +142,16 @@ fn base_color(v: Varyings) -> vec4<f32> {
         }
     }
     return color;
+}
+
+// Linear base colour and alpha.
+fn base_color(v: Varyings) -> vec4<f32> {
+    return textured(v, base_factor(v));
+}
+
+// Alpha alone, which no host changes.
+fn alpha(v: Varyings) -> f32 {
+    return textured(v, material.base_color).a;
 }
 
 fn emitted(v: Varyings) -> vec3<f32> {

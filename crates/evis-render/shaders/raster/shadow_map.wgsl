@@ -4,7 +4,7 @@
 
 @fragment
 fn fs_masked(v: Varyings) {
-    if (base_color(v).a < material.emissive.w) {
+    if (alpha(v) < material.emissive.w) {
         discard;
     }
 }

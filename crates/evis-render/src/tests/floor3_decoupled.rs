@@ -176,7 +176,7 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     let expected = if software { (Method::Decoupled, Some(1.0)) } else { (Method::Native, Some(0.5)) };
     assert_eq!((method, step_px), expected);
     // Without a device there is nothing else.
-    let (method, _, notes) = apply(None, &desk, quality(Quality::Draft), base()).unwrap();
+    let (method, _, notes) = apply(None, &desk, quality(Quality::Reference), base()).unwrap();
     assert!(method == Method::Decoupled && notes.contains("no device"), "{notes}");
     // Intervals can be set; settings of instants ask for rendering.
     let by_hand = SamplingRequest { adaptive_px: Some(0.7), ..quality(Quality::High) };
