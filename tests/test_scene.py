@@ -267,7 +267,7 @@ def test_a_rigid_body_falls_bounces_and_is_refused_with_a_motion():
     builder.box("both", size=(1, 1, 1), material="grey", pose=both)
     with pytest.raises(evis.FormatError, match="'both': it has a motion and is a rigid body"):
         builder.build()
-    with pytest.raises(evis.ConfigError, match="it must be an evis.motion.RigidBody"):
+    with pytest.raises(evis.ConfigError, match=r"it must be an evis\.motion\.RigidBody"):
         Placement(rigid_body="ball").table()  # type: ignore[arg-type]
     with pytest.raises(evis.ConfigError, match="camera 'eye' is a rigid body"):
         scene.with_cameras([evis.EventCamera(name="eye", pose=Placement(rigid_body=body))])

@@ -207,8 +207,8 @@ class Scene:
                 raise ConfigError(f"cameras has {_check.shown(camera)}; it must hold evis.EventCamera")
             if camera.pose.rigid_body is not None:
                 raise ConfigError(
-                    f"camera '{camera.name}' is a rigid body, and the bodies of this scene were simulated when "
-                    "it was made; add the camera to the evis.SceneBuilder or the scene file"
+                    f"camera '{camera.name}' is a rigid body, and the bodies of this scene were simulated "
+                    "when it was made; add the camera to the evis.SceneBuilder or the scene file"
                 )
             tables.append(camera.table())
         # The parents are nodes of this scene, which the text of the cameras does not know.
