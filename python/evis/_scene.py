@@ -205,7 +205,7 @@ class Scene:
         for camera in cameras:
             if not isinstance(camera, EventCamera):
                 raise ConfigError(f"cameras has {_check.shown(camera)}; it must hold evis.EventCamera")
-            if camera.pose.rigid_body is not None:
+            if isinstance(camera.pose, Placement) and camera.pose.rigid_body is not None:
                 raise ConfigError(
                     f"camera '{camera.name}' is a rigid body, and the bodies of this scene were simulated "
                     "when it was made; add the camera to the evis.SceneBuilder or the scene file"

@@ -244,7 +244,7 @@ class RigidBody:
     >>> builder.sphere("ball", radius=0.1, material="grey", pose=start)
     >>> scene = builder.build()
     >>> float(scene.bodies([400_000]).position[0, 1, 1].round(3))
-    0.213
+    0.215
     """
 
     fixed: bool = False
