@@ -29,7 +29,7 @@ const BEFORE_US: f64 = 1e-3;
 const AFTER_US: f64 = 1e-5;
 
 /// A stream's first block ends at a multiple of this, in microseconds.
-const FIRST_US: f64 = 1024.0;
+const FIRST_US: f64 = 2048.0;
 
 /// A half-open interval of scene time within which nothing jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
