@@ -19,7 +19,7 @@ const SAMPLES_ALONG: u32 = 3;
 /// Longest side of what is rendered, in pixels: what the weakest device of wgpu's defaults can.
 const LONGEST_SIDE: u32 = 8192;
 
-/// The picture that `args` ask for, and what it shows in words.
+/// Renders the picture that `args` describe; also gives a line that says what it shows.
 pub(crate) fn still(args: &PreviewArgs) -> anyhow::Result<(Canvas, String)> {
     refuse_options_of_recordings(args)?;
     let opening = Opening {

@@ -447,12 +447,11 @@ mod tests {
         assert!(!all[1].jump);
         // One after another they are the same, wherever a stream begins.
         let world = World::new(&scene, 0, Some((8, 6))).unwrap();
-        for start_us in [0, 300_000, 250_000] {
+        for (start_us, first_ends_us) in [(0, Some(2048.0)), (300_000, None), (250_000, None)] {
             let mut found = Blocks::new(&world, start_us, 8192, 1);
             let mut wanted = blocks(&scene, None, start_us as f64, 500_000.0, 8192);
-            // But for the first one, which is cut short.
-            let border = ((start_us as f64 / FIRST_US).floor() + 1.0) * FIRST_US;
-            if border + FIRST_US < wanted[0].end_us {
+            // But for the first one, where there is room for a short one before it.
+            if let Some(border) = first_ends_us {
                 let rest = Block { start_us: border, jump: false, ..wanted[0] };
                 wanted[0].end_us = border;
                 wanted.insert(1, rest);

@@ -22,8 +22,8 @@ impl Scene {
 
     /// Leaves nodes and materials to a host from scene time `start_us` on; until it says anything they are as the scene has them
     /// at `start_us`. `nodes`: names of nodes or cameras, whose poses in the world then come through [`HostPoses::advance`].
-    /// `materials`: names of materials, or of nodes where no material has the name: what these draw gets materials of its own, which the scene's other nodes
-    /// do not share, nor change with.
+    /// `materials`: names of materials, or of nodes where no material has the name: what these draw gets materials of its own,
+    /// which other nodes do not share.
     ///
     /// # Errors
     /// Names that do not exist, that several have, or that are given twice; nodes that draw nothing, as materials.

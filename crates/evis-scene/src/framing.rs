@@ -63,7 +63,7 @@ impl Scene {
         }
     }
 
-    /// Places the camera anew that [`Framing::Model`] has added, for motion that the scene did not have then.
+    /// Places the camera that [`Framing::Model`] has added again, for motion that the scene did not have then.
     pub fn frame_again(&mut self) {
         let (Some(Framing::Model), [camera]) = (self.framing, &self.cameras[..]) else { return };
         let node = camera.node;

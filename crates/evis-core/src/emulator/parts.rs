@@ -1,4 +1,4 @@
-//! What another engine takes from this sensor: what is frozen about pixels, when noise may strike, and the wire.
+//! What another engine takes from this sensor: what is frozen about pixels, noise candidates, and the readout.
 //!
 //! A shader that walks pixels needs thresholds, candidates of noise and a readout that are the emulator's, bit for bit.
 
@@ -25,7 +25,7 @@ pub fn emulator(config: EmulatorConfig, key: Key) -> Result<EventEmulator, Confi
     EventEmulator::keyed(EmulatorConfig { batch: 1, ..config }, |_| key)
 }
 
-/// A time at which noise may strike a pixel.
+/// A time at which noise may cause an event of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseCandidate {
     /// Row-major index.
@@ -53,7 +53,7 @@ pub struct NoiseFeed {
 }
 
 impl NoiseFeed {
-    /// The noise of the pixels whose thresholds these are; `None` where nothing ever strikes.
+    /// The noise of the pixels whose thresholds these are; `None` without noise that has times of its own.
     pub fn new(sensor: &SensorConfig, key: Key, frozen: &Frozen) -> Option<Self> {
         let pixels = frozen.on.len();
         let noise = &sensor.noise;
@@ -69,7 +69,7 @@ impl NoiseFeed {
         Some(Self { sensor: sensor.clone(), key, isa: Isa::detect(), pixels, tiles })
     }
 
-    /// What may strike in `(start_us, end_us]`, by pixel and time.
+    /// Candidates in `(start_us, end_us]`, by pixel and time.
     pub fn candidates(&mut self, start_us: i64, end_us: i64) -> impl Iterator<Item = NoiseCandidate> + '_ {
         let Self { sensor, key, isa, pixels, tiles } = self;
         let noise = &sensor.noise;
@@ -78,7 +78,7 @@ impl NoiseFeed {
             tile.gather(*isa, noise, *key, (first as u32, (*pixels - first).min(TILE)), (start_us, end_us));
         });
         tiles.iter().enumerate().flat_map(move |(i, tile)| {
-            let strike = move |candidate: &Candidate| {
+            let settled_at = move |candidate: &Candidate| {
                 let settled = candidate.settle(noise, &tile.rates(candidate.pixel as usize));
                 NoiseCandidate {
                     pixel: (i * TILE) as u32 + candidate.pixel,
@@ -89,7 +89,7 @@ impl NoiseFeed {
                     cause: settled.cause,
                 }
             };
-            tile.now.iter().map(strike)
+            tile.now.iter().map(settled_at)
         })
     }
 }

@@ -664,7 +664,7 @@ const fn frames_of(unit: &Unit) -> u32 {
     1 + unit.instants
 }
 
-/// Tells the trigger the rates of blocks of `length` instants; what is still is looked at when they end.
+/// Writes the tile rates of blocks of `length` instants for the trigger; static tiles are sampled at the end of each block.
 fn write_tile_rates(context: &Context, targets: &Targets, tile_rates: &[TileRates], length: u32) {
     let slowest = length.trailing_zeros() as u8;
     let bytes: Vec<u8> = tile_rates

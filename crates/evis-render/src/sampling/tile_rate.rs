@@ -254,7 +254,7 @@ impl TileRateEstimator {
     }
 }
 
-/// How the logarithm of what a surface sends changes: without end where a host changes its material, all at once.
+/// Rate of change of a surface's log emission: infinite where a host changes its material in a step.
 fn glow_change(a: &ObjectRecord, b: &ObjectRecord) -> f64 {
     let factors = |record: &ObjectRecord| (record.base_metallic, record.emissive_roughness);
     if factors(a) == factors(b) { log_change(a.emission_factor, b.emission_factor) } else { f64::INFINITY }

@@ -1,5 +1,5 @@
 //! The whole sensor chain on the device: which stages a pipeline has, what a pixel remembers, and what the host hands
-//! over: what is frozen, and when noise may strike.
+//! over: what is frozen, and noise candidates.
 
 use evis_core::emulator::parts::{Frozen, NoiseFeed, ReadoutQueue};
 use evis_core::sensor::{
@@ -395,7 +395,7 @@ impl GroupChain {
         *self = fresh;
     }
 
-    /// When noise may strike in `(base_us, end_us]`: where each block's candidates begin, then the candidates.
+    /// Noise candidates in `(base_us, end_us]`: where each block's begin, then the candidates.
     pub fn feed(&mut self, base_us: i64, end_us: i64) -> Vec<u32> {
         let row_blocks = (row_stride(self.width) / BLOCK_PIXELS) as usize;
         let view_blocks = row_blocks * self.height as usize;

@@ -234,7 +234,7 @@ pub struct Slot {
     pub params: wgpu::Buffer,
     /// For offsets of blocks.
     pub scan_params: wgpu::Buffer,
-    /// When noise may strike (chain only).
+    /// Noise candidates (chain only).
     pub feed: Option<wgpu::Buffer>,
     /// Events that fit.
     pub capacity: u32,
