@@ -4,9 +4,9 @@
 //! negative, and its inverse depth is linear there. Shared edges are exact negatives of each other, so facets neither
 //! overlap nor leave gaps.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec4};
 
-use crate::lists::Record;
+use crate::lists::{Record, TILE};
 
 /// A linear function a x + b y + c on the pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -117,7 +117,57 @@ impl Line {
     }
 }
 
+/// Pixels of a tile, row by row from bit 0, in which a line about the tile's centre is above -`reach` anywhere and above
+/// `reach` everywhere, `reach` being its change from a pixel's centre to a corner: no pixel lacks in the first, and none is
+/// wrong in the second.
+#[inline(always)]
+fn pixels_above(line: &Line, reach: f64) -> (u64, u64) {
+    // What rounding to 32 bits may do.
+    let slack = 1e-6 * (line.c.abs() + TILE as f64 * (line.a.abs() + line.b.abs()));
+    let [a, b, c, least, most] = [line.a, line.b, line.c, -(reach + slack), reach + slack].map(|v| v as f32);
+    let (mut some, mut whole) = (0, 0);
+    let across = [Vec4::new(-3.5, -2.5, -1.5, -0.5), Vec4::new(0.5, 1.5, 2.5, 3.5)].map(|x| x * a + c);
+    for y in 0..TILE {
+        let down = (y as f32 + 0.5 - 0.5 * TILE as f32) * b;
+        for (half, across) in across.into_iter().enumerate() {
+            let values = across + down;
+            let place = TILE * y + 4 * half;
+            some |= u64::from(values.cmpge(Vec4::splat(least)).bitmask()) << place;
+            whole |= u64::from(values.cmpge(Vec4::splat(most)).bitmask()) << place;
+        }
+    }
+    (some, whole)
+}
+
 impl Sight {
+    /// Pixels of the tile that this may cover a part of, and pixels that it covers.
+    pub fn pixels(&self) -> (u64, u64) {
+        let edges = (0..4).map(|k| (Line { a: self.a[k], b: self.b[k], c: self.c[k] }, self.reach[k]));
+        let near = self.near.map(|line| (line, line.reach()));
+        let (mut some, mut whole) = (u64::MAX, u64::MAX);
+        for (line, reach) in edges.chain(near) {
+            let (own_some, own_whole) = pixels_above(&line, reach);
+            some &= own_some;
+            whole &= own_whole;
+            if some == 0 {
+                break;
+            }
+        }
+        (some, whole)
+    }
+
+    /// Pixels of the tile in all of which this lies before `other`.
+    pub fn pixels_before(&self, other: &Self) -> u64 {
+        let d = self.inverse_depth.minus(other.inverse_depth);
+        let (reach, tile) = (d.reach(), TILE as f64);
+        let own = &self.inverse_depth;
+        // As of [`Fragment::before`], for all of the tile.
+        if d.c.abs() + tile * reach < 1e-10 * (own.c.abs() - tile * own.reach()) {
+            return if self.facet < other.facet { u64::MAX } else { 0 };
+        }
+        pixels_above(&d, reach).1
+    }
+
     /// `record` as a tile about a centre sees it at `v` of its span, with squares of `size` pixels in the place of pixels;
     /// `None` where nobody does.
     pub fn new(record: &Record, [x, y]: [f64; 2], size: f64, v: f64, near: f64) -> Option<Self> {

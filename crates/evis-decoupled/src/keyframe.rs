@@ -14,8 +14,6 @@
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-use crate::texture::Reader;
-
 /// Cells per texel of the level that is read, at least.
 const PER_TEXEL: f64 = 3.0;
 /// Cells along a pixel's side. Textures with more texels than this suffices for are read along the edges of footprints.
@@ -72,7 +70,7 @@ impl Grid {
 }
 
 /// How a projective map's image changes to the right and down at (x, y).
-fn change(map: &DMat3, [x, y]: [f64; 2]) -> DMat2 {
+pub(crate) fn change(map: &DMat3, [x, y]: [f64; 2]) -> DMat2 {
     let h = *map * DVec3::new(x, y, 1.0);
     let place = DVec2::new(h.x, h.y) / h.z;
     let of = |c: DVec3| (DVec2::new(c.x, c.y) - place * c.z) / h.z;
@@ -115,50 +113,9 @@ impl Footprint {
 }
 
 impl Keyframe {
-    /// Renders what `texels_from_facet` and `reader` say about a rectangle (left, top, right, bottom) of the picture, and
-    /// appends its sums to `sums`. `None` where there would be too many cells, or too much perspective.
-    pub fn new<'r>(
-        image_from_facet: DMat3,
-        texels_from_facet: DMat3,
-        rect: [f64; 4],
-        reader: impl FnOnce(f64) -> Option<Reader<'r>>,
-        sums: &mut Vec<[f32; 4]>,
-    ) -> Option<Self> {
-        let texels_from_image = texels_from_facet * image_from_facet.inverse();
-        if !texels_from_image.is_finite() {
-            return None;
-        }
-        let corners = corners(&texels_from_image, rect)?;
-        let [left, top, right, bottom] = rect;
-        // How texels change to the right and down.
-        let middle = change(&texels_from_image, [0.5 * (left + right), 0.5 * (top + bottom)]);
-        let (p, q) = (middle.x_axis, middle.y_axis);
-        let (xx, xy, yy) = (p.x * p.x + q.x * q.x, p.x * p.y + q.x * q.y, p.y * p.y + q.y * q.y);
-        let shorter = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-        let reader = reader(shorter)?;
-        for corner in corners {
-            let change = change(&texels_from_image, corner);
-            let texels = |v: DVec2| (v * reader.scale()).length();
-            let wanted = PER_TEXEL * texels(change.x_axis).max(texels(change.y_axis));
-            if wanted.is_nan() || wanted > DENSITY {
-                return None;
-            }
-        }
-        let Grid { first, columns, rows } = Grid::about(rect, DENSITY)?;
-        let step = DVec2::splat(1.0 / DENSITY);
-        let start = sums.len();
-        let stride = columns + 1;
-        sums.resize(start + stride * (rows + 1), [0.0; 4]);
-        let mean = reader.overall();
-        reader.render(&texels_from_image, first, step, columns, mean, &mut sums[start..]);
-        let blur = blur(&middle, reader.blur(), DENSITY);
-        let means = [mean, [0.0; 4], [0.0; 4], [0.0; 4]];
-        Some(Self { first, density: DENSITY, stride, rows, start, planes: 1, blur, means })
-    }
-
     /// Renders `planes` values that `shade` finds at places (s, t) of a facet about `rect`, with `texels` per (s, t) along
     /// either axis of its finest map, and appends their sums to `sums`. `shade` is told which area of (s, t) a cell is.
-    /// `None` as of [`Keyframe::new`].
+    /// `None` where there would be too many cells, or too much perspective.
     pub fn of_light(
         image_from_facet: DMat3,
         texels: Option<DMat2>,
@@ -322,6 +279,18 @@ mod tests {
         evis_scene::Scene { images: vec![image], textures: vec![texture], ..Default::default() }
     }
 
+    /// A picture of light that is a texture; parameters of the facet are texels.
+    fn picture(
+        textures: &Textures,
+        texels: DMat3,
+        rect: [f64; 4],
+        sums: &mut Vec<[f32; 4]>,
+    ) -> Option<Keyframe> {
+        let places = textures.places(0, 1.0).expect("a texture");
+        let shade = |place: [f64; 2], _: f64, out: &mut [[f32; 4]; MOST_PLANES]| out[0] = places.at(place);
+        Keyframe::of_light(texels.inverse(), Some(DMat2::IDENTITY), rect, 1, sums, shade)
+    }
+
     #[test]
     fn means_from_a_picture_are_those_of_edges() {
         let scene = noise();
@@ -338,9 +307,7 @@ mod tests {
                 DVec3::new(2.3 * f, 5.0 - 1.1 * f, 1.0),
             );
             let mut sums = Vec::new();
-            let reader = |shorter: f64| textures.reader(0, shorter);
-            let rect = [-6.0, -6.0, 6.0, 6.0];
-            let picture = Keyframe::new(DMat3::IDENTITY, texels, rect, reader, &mut sums).expect("few cells");
+            let picture = picture(&textures, texels, [-6.0, -6.0, 6.0, 6.0], &mut sums).expect("few cells");
             // Time went on: the screen lies a little turned, moved and grown on the picture.
             let (s, c) = (0.03 * (f - 20.0) / 20.0).sin_cos();
             let warp = DMat3::from_cols(
@@ -380,12 +347,10 @@ mod tests {
         let scene = noise();
         let textures = Textures::new(&scene);
         let mut sums = Vec::new();
-        let reader = |shorter: f64| textures.reader(0, shorter);
         let new = |side: f64, sums: &mut Vec<_>| {
-            let rect = [-side, -side, side, side];
-            Keyframe::new(DMat3::IDENTITY, DMat3::IDENTITY, rect, reader, sums)
+            picture(&textures, DMat3::IDENTITY, [-side, -side, side, side], sums)
         };
-        assert!(new(20.0, &mut sums).is_none(), "too many cells");
+        assert!(new(60.0, &mut sums).is_none(), "too many cells");
         assert!(sums.is_empty());
         let picture = new(2.0, &mut sums).expect("few cells");
         let at = |x: f64, y: f64| {

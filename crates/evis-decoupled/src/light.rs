@@ -19,13 +19,13 @@ use crate::blocks::{Block, Clock};
 use crate::coverage::{Moments, Polygon, Polygons};
 use crate::fragment::{Line, Sight};
 use crate::hash::Words;
-use crate::keyframe::{Footprint, Keyframe, MOST_PLANES};
+use crate::keyframe::{Footprint, Keyframe, MOST_PLANES, change};
 use crate::lists::{Entry, Record, TILE};
 use crate::maps::{Map as TextureMap, MapReader, Maps};
 use crate::material::{self, Around, Lamp, Point, Response, respond};
 use crate::pages::{Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
-use crate::texture::Textures;
+use crate::texture::{Cells, Textures};
 use crate::world::{Facet, Frame, World, wide};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
@@ -36,6 +36,8 @@ const MOST_FINER: u32 = 3;
 const SMOOTH: f64 = 0.0015;
 /// A texture is rendered for this many pixels that see it, times one more than those of motion during the block.
 const PAGE_PIXELS: f64 = 30.0;
+/// Part by which 1/depth may change over a pixel whose texture is averaged along edges that it shares with others.
+const MOST_PERSPECTIVE: f64 = 0.015;
 /// Places along either side of a footprint on a surface with maps, where there is no picture.
 const PLACES: u32 = 4;
 /// Maps that share the work of a lock.
@@ -191,6 +193,26 @@ pub struct TileLight {
     once: bool,
     /// By moment and slot: from the screen to its picture.
     warps: Vec<Option<DMat3>>,
+    cells: CellMeans,
+}
+
+/// Means of a facet's texture over some pixels of a tile.
+#[derive(Default)]
+struct CellMeans {
+    corners: Vec<DVec2>,
+    room: Cells,
+    /// Pixels whose means are known, and the first one's place and their number per row.
+    pixels: u64,
+    first: [usize; 2],
+    columns: usize,
+}
+
+impl CellMeans {
+    fn of(&self, pixel: usize) -> Option<[f32; 4]> {
+        let [x, y] = [pixel % TILE, pixel / TILE];
+        let known = self.pixels >> pixel & 1 == 1;
+        known.then(|| self.room.means[(y - self.first[1]) * self.columns + x - self.first[0]].to_array())
+    }
 }
 
 impl TileLight {
@@ -1058,7 +1080,7 @@ impl<'a> Lighting<'a> {
     fn picture(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) -> Option<u32> {
         let facet = record.facet as usize;
         let mapped = self.answers[self.world.facets[facet].surface as usize].maps.is_some();
-        if self.looks[facet].texture.is_none() && !mapped {
+        if !mapped {
             return None;
         }
         let motion_px = if record.still { 0.0 } else { record.motion_px(tile.centre) };
@@ -1085,22 +1107,6 @@ impl<'a> Lighting<'a> {
         let (centre, moments) = part.moments.central();
         let place = DVec2::new(part.offset[0] + centre[0], part.offset[1] + centre[1]);
         Some((Footprint::under(warp, place, moments)?, picture))
-    }
-
-    /// Renders a page of a facet's texture.
-    fn texture_page(
-        &self,
-        facet: u32,
-        texture: usize,
-        picture: &Picture,
-        rect: [f64; 4],
-        sums: &mut Vec<[f32; 4]>,
-    ) -> Option<Keyframe> {
-        let look = &self.looks[facet as usize];
-        let [along_s, along_t] = look.along.map(|v| DVec3::new(v[0], v[1], 0.0));
-        let texels = DMat3::from_cols(along_s, along_t, DVec3::new(look.origin[0], look.origin[1], 1.0));
-        let reader = |shorter: f64| self.shared.textures.reader(texture, shorter);
-        Keyframe::new(picture.image_from_facet, texels, rect, reader, sums)
     }
 
     /// Renders a page of the light of a facet with maps.
@@ -1205,17 +1211,7 @@ impl<'a> Lighting<'a> {
 
     /// Mean of the texture of entry `part.slot` over `part.moments`.
     #[inline(always)]
-    fn texel(&self, tile: &mut TileLight, part: &Part, at: &Instant, texture: usize) -> [f32; 4] {
-        if let Some((footprint, picture)) = self.footprint(tile, part, at.moment) {
-            let facet = part.sight.facet;
-            let render = |rect: [f64; 4], sums: &mut Vec<[f32; 4]>| {
-                self.texture_page(facet, texture, &picture, rect, sums)
-            };
-            let page = tile.pages.about(&picture, footprint.at, render);
-            if let Some(texel) = page.and_then(|(page, sums)| page.mean(sums, &footprint)) {
-                return texel;
-            }
-        }
+    fn texel(&self, part: &Part, texture: usize) -> [f32; 4] {
         let look = &self.looks[part.sight.facet as usize];
         let (centre, axes) = part.moments.footprint();
         let (place, change) = part.sight.parameters([0, 1].map(|k| part.offset[k] + centre[k]));
@@ -1227,8 +1223,78 @@ impl<'a> Lighting<'a> {
         self.shared.textures.mean(texture, at, axes.map(along))
     }
 
+    /// Luminance of the `pixels` of a tile that see nothing but entry `slot`, which is `sight` at `at`.
+    pub fn of_pixels(
+        &self,
+        tile: &mut TileLight,
+        (slot, sight): (usize, &Sight),
+        pixels: u64,
+        at: &Instant,
+        out: &mut [f64; TILE * TILE],
+    ) {
+        self.find_cells(tile, sight, pixels);
+        for pixel in bits(pixels) {
+            let offset = [pixel % TILE, pixel / TILE].map(|v| v as f64 + 0.5 - 0.5 * TILE as f64);
+            let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, offset };
+            let texel = tile.cells.of(pixel);
+            out[pixel] = self.luminance(tile, &part, at, texel);
+        }
+    }
+
+    /// Finds means of a facet's texture over `pixels`, which share their edges, unless it has maps or none.
+    fn find_cells(&self, tile: &mut TileLight, sight: &Sight, pixels: u64) {
+        tile.cells.pixels = 0;
+        let facet = sight.facet as usize;
+        let look = &self.looks[facet];
+        let mapped = self.answers[self.world.facets[facet].surface as usize].maps.is_some();
+        let Some(texture) = look.texture.filter(|_| !mapped) else { return };
+        let columns_of = bits(pixels).fold(0_u64, |m, pixel| m | 1 << (pixel % TILE));
+        let [left, right] = [columns_of.trailing_zeros(), 64 - columns_of.leading_zeros()];
+        let [top, bottom] = [pixels.trailing_zeros(), 63 - pixels.leading_zeros()].map(|v| v / TILE as u32);
+        let [columns, rows] = [right - left, bottom + 1 - top].map(|v| v as usize);
+        if (pixels.count_ones() as usize) * 2 < columns * rows {
+            return;
+        }
+        let [along_s, along_t] = look.along.map(|v| DVec3::new(v[0], v[1], 0.0));
+        let texels = DMat3::from_cols(along_s, along_t, DVec3::new(look.origin[0], look.origin[1], 1.0));
+        let texels_from_image = texels * sight.facet_from_image();
+        let half = 0.5 * TILE as f64;
+        let first = DVec2::new(f64::from(left), f64::from(top)) - half;
+        let last = first + DVec2::new(columns as f64, rows as f64);
+        // Pixels are smallest on the texture where it is nearest.
+        let corners = [[first.x, first.y], [last.x, first.y], [first.x, last.y], [last.x, last.y]];
+        let depth = &sight.inverse_depth;
+        let [nearest, farthest] = [f64::total_cmp, |a: &f64, b: &f64| b.total_cmp(a)].map(|order| {
+            corners.into_iter().max_by(|a, b| order(&depth.at(*a), &depth.at(*b))).unwrap_or_default()
+        });
+        // A mean over a part of the texture counts what is farther away more than one over the pixel does.
+        if 2.0 * depth.reach() > MOST_PERSPECTIVE * depth.at(farthest) {
+            return;
+        }
+        let pixel = change(&texels_from_image, nearest);
+        let cells = &mut tile.cells;
+        cells.corners.clear();
+        for j in 0..=rows {
+            for i in 0..=columns {
+                let h = texels_from_image * DVec3::new(first.x + i as f64, first.y + j as f64, 1.0);
+                cells.corners.push(DVec2::new(h.x, h.y) / h.z);
+            }
+        }
+        let axes = [pixel.x_axis.to_array(), pixel.y_axis.to_array()];
+        let textures = &self.shared.textures;
+        if textures.cells(texture, &cells.corners, columns, axes, &mut cells.room).is_some() {
+            (cells.pixels, cells.first, cells.columns) = (pixels, [left as usize, top as usize], columns);
+        }
+    }
+
     /// Luminance that a facet, entry `part.slot` of its tile, adds to a pixel.
     pub fn of_part(&self, tile: &mut TileLight, part: &Part, at: &Instant) -> f64 {
+        self.luminance(tile, part, at, None)
+    }
+
+    /// The same; `texel` is the mean of its texture over the part, where that is known.
+    #[inline(always)]
+    fn luminance(&self, tile: &mut TileLight, part: &Part, at: &Instant, texel: Option<[f32; 4]>) -> f64 {
         let Part { slot, moments, .. } = *part;
         let inverse = 1.0 / moments.area;
         let place = part.sight.place([0, 1].map(|k| part.offset[k] + moments.first[k] * inverse));
@@ -1243,7 +1309,7 @@ impl<'a> Lighting<'a> {
             base += look.base_along[0] * place[0] + look.base_along[1] * place[1];
         }
         if let Some(texture) = look.texture {
-            let texel = self.texel(tile, part, at, texture);
+            let texel = texel.unwrap_or_else(|| self.texel(part, texture));
             base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
         }
         let glow = answer.waveform.map_or(1.0, |w| w.factor(at.t_s));
@@ -1325,6 +1391,15 @@ impl<'a> Lighting<'a> {
         let (a, b) = (of(&frames[0]), of(&frames[1]));
         a + (b - a) * u
     }
+}
+
+/// Numbers of the bits that are set.
+pub fn bits(mut of: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let bit = of.trailing_zeros() as usize;
+        of &= of.wrapping_sub(1);
+        (bit < 64).then_some(bit)
+    })
 }
 
 /// A time within a block.

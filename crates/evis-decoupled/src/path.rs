@@ -42,6 +42,15 @@ fn whole_parts(wanted: f64) -> u32 {
     parts.min(UNITS / 2)
 }
 
+/// Every how many units of `block` a pixel is evaluated at least, in intervals of `step_px`: at their middles and ends. 0 where
+/// it is not evaluated that often.
+pub fn stride(block: Block, step_px: f64, activity: &PixelActivity) -> u32 {
+    if activity.still || block.length_us() <= INSTANT_US {
+        return 0;
+    }
+    UNITS / whole_parts((activity.motion_px / step_px).max(activity.periods * PERIOD_PARTS)) / 2
+}
+
 /// What a pixel remembers between blocks.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelPath {
@@ -176,12 +185,10 @@ impl PixelPath {
             self.before = None;
             return walk.evaluations;
         }
-        let parts = whole_parts((activity.motion_px / step_px).max(activity.periods * PERIOD_PARTS));
-        let length = UNITS / parts;
-        for part in 0..parts {
-            let to = (part + 1) * length;
-            let end = walk.at(to);
-            walk.interval(self, [part * length, to], end);
+        let length = 2 * stride(block, step_px, activity);
+        for from in (0..UNITS).step_by(length as usize) {
+            let end = walk.at(from + length);
+            walk.interval(self, [from, from + length], end);
         }
         walk.evaluations
     }

@@ -51,9 +51,32 @@ struct Own {
     covers: bool,
 }
 
+/// Pixels of a tile.
+const PIXELS: usize = TILE * TILE;
+
+/// A tile at a time at which several of its pixels are evaluated.
+struct Layer {
+    /// Luminance of the pixels that see one facet only; NaN of others.
+    luminance: [f64; PIXELS],
+    /// Where in [`Work::touched`] its entries begin.
+    touched: usize,
+}
+
 /// Room for the work on one tile after another.
 pub struct Work {
     tile: [usize; 2],
+    /// Per pixel, where in `own` its entries are.
+    owns: [[u32; 2]; PIXELS],
+    /// Pixels of which nothing changes.
+    still: u64,
+    /// Per pixel, every how many units it is surely evaluated; 0 for never.
+    strides: [u32; PIXELS],
+    layers: Vec<Layer>,
+    /// Per moment, its number among `layers` plus 1.
+    layer_of: Vec<u32>,
+    /// Per layer and entry, pixels that see it.
+    touched: Vec<u64>,
+    whole: Vec<(usize, u32, u64)>,
     /// By time: the number of the moment plus 1.
     numbers: Vec<u16>,
     moments: Vec<Instant>,
@@ -84,6 +107,13 @@ impl Default for Work {
     fn default() -> Self {
         Self {
             tile: [0; 2],
+            owns: [[0; 2]; PIXELS],
+            still: 0,
+            strides: [0; PIXELS],
+            layers: Vec::new(),
+            layer_of: Vec::new(),
+            touched: Vec::new(),
+            whole: Vec::new(),
             numbers: vec![0; UNITS as usize + 1],
             moments: Vec::new(),
             known: Vec::new(),
@@ -108,7 +138,8 @@ impl Default for Work {
 impl Work {
     /// Entries of the pixel in work.
     pub fn entry_count(&self) -> usize {
-        self.own.len()
+        let [from, to] = self.owns[self.pixel];
+        (to - from) as usize
     }
 
     fn centre(&self) -> [f64; 2] {
@@ -136,6 +167,12 @@ impl Evaluator<'_> {
     /// Prepares `work` for a tile.
     pub fn enter_tile(&self, work: &mut Work, entries: &[Entry], tile: [usize; 2]) {
         work.tile = tile;
+        work.own.clear();
+        work.still = 0;
+        work.strides.fill(0);
+        work.layers.clear();
+        work.layer_of.clear();
+        work.touched.clear();
         work.numbers.fill(0);
         work.moments.clear();
         work.known.clear();
@@ -155,10 +192,20 @@ impl Evaluator<'_> {
         self.lighting.enter_tile(&mut work.light, entries, tile);
     }
 
-    /// Prepares `work` for pixel number `pixel` of its tile.
-    pub fn enter_pixel(&self, work: &mut Work, entries: &[Entry], pixel: usize) -> PixelActivity {
+    /// Goes on to pixel number `pixel` of the tile, whose activity is known.
+    pub fn enter_pixel(&self, work: &mut Work, pixel: usize) {
         work.pixel = pixel;
-        work.own.clear();
+        work.light.enter_pixel(self.once || work.still >> pixel & 1 == 1);
+    }
+
+    /// Says that pixel number `pixel` will be evaluated at all multiples of `stride` units.
+    pub fn expect(&self, work: &mut Work, pixel: usize, stride: u32) {
+        work.strides[pixel] = stride;
+    }
+
+    /// What pixel number `pixel` of the tile sees, and what that does; to be asked once for each pixel, before any is entered.
+    pub fn activity(&self, work: &mut Work, entries: &[Entry], pixel: usize) -> PixelActivity {
+        let from = work.own.len();
         let mut activity = PixelActivity { still: true, motion_px: 0.0, periods: 0.0 };
         let block_s = self.block.length_us() * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
         for (slot, entry) in entries.iter().enumerate() {
@@ -177,9 +224,10 @@ impl Evaluator<'_> {
                 }
             }
         }
-        let covered = work.own.iter().any(|o| o.covers);
+        let covered = work.own[from..].iter().any(|o| o.covers);
         activity.still &= covered || self.lighting.background_rests();
-        work.light.enter_pixel(self.once || activity.still);
+        work.owns[pixel] = [from, work.own.len()].map(|v| v as u32);
+        work.still |= u64::from(activity.still) << pixel;
         activity
     }
 
@@ -195,6 +243,7 @@ impl Evaluator<'_> {
         work.moments.push(Instant { moment: index, u, t_s });
         work.numbers[unit as usize] = index as u16 + 1;
         work.known.resize(work.moments.len() * work.slot_count, Known::Not);
+        work.layer_of.push(0);
         index
     }
 
@@ -236,22 +285,87 @@ impl Evaluator<'_> {
         self.lighting.of_part(&mut work.light, &part, at)
     }
 
+    /// The tile at a moment, `unit` of the block; `None` where the pixel in work is not surely evaluated then.
+    fn layer(&self, work: &mut Work, entries: &[Entry], unit: u32, at: &Instant) -> Option<usize> {
+        let expected = |stride: u32| stride > 0 && unit.is_multiple_of(stride);
+        if !expected(work.strides[work.pixel]) {
+            return None;
+        }
+        if work.layer_of[at.moment] == 0 {
+            let pixels = (0..PIXELS).filter(|p| expected(work.strides[*p])).fold(0, |m, p| m | 1 << p);
+            self.find_layer(work, entries, pixels, at);
+        }
+        Some(work.layer_of[at.moment] as usize - 1)
+    }
+
+    /// Finds what of the tile the `pixels` see at a time, and the light of those that see one facet only.
+    fn find_layer(&self, work: &mut Work, entries: &[Entry], pixels: u64, at: &Instant) {
+        let touched = work.touched.len();
+        work.whole.clear();
+        for (slot, entry) in entries.iter().enumerate() {
+            let mut seen = 0;
+            if entry.touches & pixels != 0
+                && let Some(number) = self.sight(work, slot, entry.record, at)
+            {
+                let (some, whole) = work.sights[number as usize].pixels();
+                seen = entry.touches & (some | entry.covers);
+                let whole = entry.touches & (whole | entry.covers) & pixels;
+                if whole != 0 {
+                    work.whole.push((slot, number, whole));
+                }
+            }
+            work.touched.push(seen);
+        }
+        let mut luminance = [f64::NAN; PIXELS];
+        let once = work.light.enter_pixel(self.once);
+        for k in 0..work.whole.len() {
+            let (slot, number, mut alone) = work.whole[k];
+            let sight = &work.sights[number as usize];
+            for (other, seen) in work.touched[touched..].iter().enumerate() {
+                if other != slot
+                    && alone & seen != 0
+                    && let Known::Seen(number) = work.known[at.moment * work.slot_count + other]
+                {
+                    alone &= !seen | sight.pixels_before(&work.sights[number as usize]);
+                }
+            }
+            if alone != 0 {
+                let index = entries[slot].record;
+                self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
+                self.lighting.of_pixels(&mut work.light, (slot, sight), alone, at, &mut luminance);
+            }
+        }
+        work.light.enter_pixel(once);
+        work.layers.push(Layer { luminance, touched });
+        work.layer_of[at.moment] = work.layers.len() as u32;
+    }
+
     /// Mean luminance of the pixel at the block's start, as a picture of that time alone has it.
-    pub fn first_luminance(&self, work: &mut Work) -> f64 {
+    pub fn first_luminance(&self, work: &mut Work, entries: &[Entry]) -> f64 {
         let once = work.light.enter_pixel(true);
-        let luminance = self.luminance(work, 0);
+        let luminance = self.luminance(work, entries, 0);
         work.light.enter_pixel(once);
         luminance
     }
 
-    /// Mean luminance of the pixel at `unit` of [`UNITS`] of the block.
-    pub fn luminance(&self, work: &mut Work, unit: u32) -> f64 {
+    /// Mean luminance of the pixel in work at `unit` of [`UNITS`] of the block; `entries` are those of its tile.
+    pub fn luminance(&self, work: &mut Work, entries: &[Entry], unit: u32) -> f64 {
         work.count += 1;
         let timer = work.count.is_multiple_of(TIMED).then(Timer::now);
         let moment = self.moment(work, unit);
         let at = work.moments[moment];
+        let layer = self.layer(work, entries, unit, &at);
+        let touched = layer.map(|number| work.layers[number].touched);
+        if let Some(luminance) = layer.map(|number| work.layers[number].luminance[work.pixel])
+            && !luminance.is_nan()
+        {
+            work.plain += 1;
+            work.shading_s += timer.map_or(0.0, |t| t.elapsed().as_secs_f64() * TIMED as f64);
+            return luminance;
+        }
         let (centre, offset) = (work.centre(), Work::offset_of(work.pixel));
-        if let [Own { slot, record, covers: true }] = work.own[..] {
+        let [from, to] = work.owns[work.pixel].map(|v| v as usize);
+        if let [Own { slot, record, covers: true }] = work.own[from..to] {
             work.plain += 1;
             let light = self.of_one(work, slot, record, &at);
             work.shading_s += timer.map_or(0.0, |t| t.elapsed().as_secs_f64() * TIMED as f64);
@@ -259,8 +373,11 @@ impl Evaluator<'_> {
         }
         work.fragments.clear();
         work.seen.clear();
-        for k in 0..work.own.len() {
+        for k in from..to {
             let Own { slot, record: index, covers } = work.own[k];
+            if touched.is_some_and(|start| work.touched[start + slot] >> work.pixel & 1 == 0) {
+                continue;
+            }
             if let Some(sight) = self.sight(work, slot, index, &at)
                 && let Some(fragment) = work.sights[sight as usize].at(index, offset, covers)
             {
@@ -307,5 +424,73 @@ impl Evaluator<'_> {
             work.shading_s += since.elapsed().as_secs_f64() * TIMED as f64;
         }
         sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blocks::Clock;
+    use crate::light::Shared;
+
+    /// Luminance of all pixels at `unit` of `block`: tile by tile, and each for itself.
+    fn pictures(scene: &evis_scene::Scene, block: Block, unit: u32) -> (Vec<[f64; 2]>, usize) {
+        let world = World::new(scene, 0, Some((100, 76))).unwrap();
+        let mut clock = Clock::new(&world, block);
+        let lists = Lists::new(&world, &mut clock).unwrap();
+        let mut lighting = Lighting::new(&world, &Shared::new(scene));
+        lighting.prepare(&mut clock, &block).unwrap();
+        let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block, once: false };
+        let mut work = Work::default();
+        let (mut out, mut together) = (Vec::new(), 0);
+        for row in 0..lists.row_count() {
+            for (column, entries) in lists.row(row).iter().enumerate() {
+                let from = out.len();
+                for stride in [1, 0] {
+                    evaluator.enter_tile(&mut work, entries, [column, row]);
+                    for pixel in 0..PIXELS {
+                        evaluator.activity(&mut work, entries, pixel);
+                        evaluator.expect(&mut work, pixel, stride);
+                    }
+                    for pixel in 0..PIXELS {
+                        evaluator.enter_pixel(&mut work, pixel);
+                        let luminance = evaluator.luminance(&mut work, entries, unit);
+                        if stride == 1 {
+                            out.push([luminance; 2]);
+                        } else {
+                            out[from + pixel][1] = luminance;
+                        }
+                    }
+                    let layers = work.layers.iter().flat_map(|l| l.luminance);
+                    together += layers.filter(|v| !v.is_nan()).count();
+                }
+            }
+        }
+        (out, together)
+    }
+
+    #[test]
+    fn a_tile_at_once_sees_what_its_pixels_see() {
+        let names = ["spinner", "desk", "street", "warehouse"];
+        let scenes = names.map(|name| evis_scene::builtin::load(name, 0).unwrap());
+        let block = Block { start_us: 98_304.0, end_us: 131_072.0, jump: false };
+        let (mut all, mut together) = (0, 0);
+        for (name, scene) in names.iter().zip(&scenes) {
+            for unit in [0, UNITS / 3, UNITS] {
+                let (found, alone) = pictures(scene, block, unit);
+                let mean = found.iter().map(|v| v[1]).sum::<f64>() / found.len() as f64;
+                let off = found.iter().map(|[a, b]| (a - b).abs() / (b + 0.05 * mean).max(1e-9));
+                let worst = off.clone().fold(0.0, f64::max);
+                let rms = (off.map(|v| v * v).sum::<f64>() / found.len() as f64).sqrt();
+                println!(
+                    "{name} at {unit}: {alone} of {} together, worst {worst:.4}, RMS {rms:.5}",
+                    found.len()
+                );
+                assert!(worst < 0.08 && rms < 0.004, "{name} at {unit}: {worst} {rms}");
+                all += found.len();
+                together += alone;
+            }
+        }
+        assert!(together * 2 > all, "{together} of {all} pixels were found together");
     }
 }

@@ -14,7 +14,7 @@ use crate::blocks::{Block, Blocks, Clock, blocks};
 use crate::events::Thresholds;
 use crate::light::{Lighting, Shared};
 use crate::lists::{Entry, Lists, TILE};
-use crate::path::{PixelPath, STEP_PX};
+use crate::path::{PixelPath, STEP_PX, stride};
 use crate::pixel::{Evaluator, UNITS, Work};
 use crate::world::World;
 
@@ -304,22 +304,28 @@ impl Row {
         let block = evaluator.block;
         let lens = &evaluator.world.lens;
         evaluator.enter_tile(work, entries, [column, row]);
-        for pixel in 0..TILE * TILE {
-            let (x, y) = (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
-            if x >= lens.width as usize || y >= lens.height as usize {
-                continue;
-            }
-            let activity = evaluator.enter_pixel(work, entries, pixel);
+        let (width, height) = (lens.width as usize, lens.height as usize);
+        let place = |pixel: usize| (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
+        let inside = |pixel: &usize| place(*pixel).0 < width && place(*pixel).1 < height;
+        let mut activities = [None; TILE * TILE];
+        for pixel in (0..TILE * TILE).filter(inside) {
+            let activity = evaluator.activity(work, entries, pixel);
+            evaluator.expect(work, pixel, stride(block, *step_px, &activity));
+            activities[pixel] = Some(activity);
+        }
+        for (pixel, activity) in activities.iter().enumerate() {
+            let (Some(activity), (x, y)) = (activity, place(pixel)) else { continue };
+            evaluator.enter_pixel(work, pixel);
             self.report.entries += work.entry_count() as u64;
             self.report.pixel_blocks += 1;
             let slot = column * TILE * TILE + pixel;
             let path = self.paths[slot].get_or_insert_with(|| {
-                PixelPath::new(block.start_us, evaluator.first_luminance(work), thresholds)
+                PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)
             });
-            let light = |unit: u32| evaluator.luminance(work, unit);
+            let light = |unit: u32| evaluator.luminance(work, entries, unit);
             let events = &mut self.events;
             self.report.evaluations +=
-                path.walk(thresholds, block, *step_px, &activity, light, |t_us, polarity| {
+                path.walk(thresholds, block, *step_px, activity, light, |t_us, polarity| {
                     let t = t_us.floor() as i64 - start_us;
                     events.push(Event::new(t, x as u16, y as u16, polarity));
                 });
@@ -379,12 +385,17 @@ pub(crate) fn picture(
         let mut work = Work::default();
         for (column, tile) in lists.row(row).iter().enumerate() {
             evaluator.enter_tile(&mut work, tile, [column, row]);
-            for pixel in 0..TILE * TILE {
-                let (x, y) = (column * TILE + pixel % TILE, pixel / TILE);
-                if x < width && (y + 1) * width <= out.len() {
-                    evaluator.enter_pixel(&mut work, tile, pixel);
-                    out[y * width + x] = evaluator.luminance(&mut work, unit);
-                }
+            let place = |pixel: usize| (column * TILE + pixel % TILE, pixel / TILE);
+            let height = out.len() / width;
+            let inside = |pixel: &usize| place(*pixel).0 < width && place(*pixel).1 < height;
+            for pixel in (0..TILE * TILE).filter(inside) {
+                evaluator.activity(&mut work, tile, pixel);
+                evaluator.expect(&mut work, pixel, 1);
+            }
+            for pixel in (0..TILE * TILE).filter(inside) {
+                let (x, y) = place(pixel);
+                evaluator.enter_pixel(&mut work, pixel);
+                out[y * width + x] = evaluator.luminance(&mut work, tile, unit);
             }
         }
     });

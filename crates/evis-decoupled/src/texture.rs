@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 
 use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
-use glam::{DMat3, DVec2, DVec3, DVec4, Vec4};
+use glam::{DVec2, DVec4, Vec4};
 
 /// An edge is read at one place between two lines where its lean times the cube of its height there, over the footprint's
 /// area, is at most this.
@@ -27,6 +27,10 @@ const GAUSS: f32 = 0.288_675_13;
 const FLAT: f32 = 1e-6;
 /// A footprint is no longer than this many texels; a smaller level is read in its place.
 const MOST_LINES: f64 = 128.0;
+/// A grid that spans more texels than this is not read.
+const MOST_EXTENT: f64 = 2048.0;
+/// Texels beyond either end of a clamped line whose sums are kept.
+const BORDER: i32 = 48;
 /// A footprint of less than this many texels is a point.
 const POINT: f64 = 0.3;
 /// Places per texel along either axis, beyond one, where places are read.
@@ -50,8 +54,10 @@ struct Level {
 
 /// Sums of texels along lines, less the mean of all texels, which keeps them small.
 struct Sums {
-    /// Texels after which a line begins anew.
+    /// Texels after which a line begins anew, or ends if it is clamped.
     period: usize,
+    /// Texels before the first one that are kept of clamped lines, and after the last one.
+    border: i32,
     lines: i32,
     wrap: Wrap,
     mean: Vec4,
@@ -65,19 +71,34 @@ impl Sums {
         let (length, lines) = if across { (level.height, level.width) } else { (level.width, level.height) };
         let (along, wrap) =
             if across { (texture.wrap_v, texture.wrap_u) } else { (texture.wrap_u, texture.wrap_v) };
-        let period = if along == Wrap::Mirror { 2 * length } else { length };
+        let border = if along == Wrap::Clamp { BORDER } else { 0 };
+        let period = match along {
+            Wrap::Repeat => length,
+            Wrap::Mirror => 2 * length,
+            Wrap::Clamp => length + 2 * BORDER,
+        };
         let mut sums = Vec::with_capacity(lines as usize * (period as usize + 3));
         for line in 0..lines {
             let mut sum = DVec4::ZERO;
             for k in 0..period + 3 {
                 sums.push(sum.as_vec4());
-                let k = wrap_index(k, length, along) as i32;
+                let k = wrap_index(k - border, length, along) as i32;
                 let (x, y) = if across { (line, k) } else { (k, line) };
                 let texel = &level.texels[(y * level.width + x) as usize];
                 sum += DVec4::from_array(std::array::from_fn(|c| f64::from(texel[c]) - f64::from(mean[c])));
             }
         }
-        Self { period: period as usize, lines, wrap, mean: Vec4::from_array(mean), sums }
+        Self { period: period as usize, border, lines, wrap, mean: Vec4::from_array(mean), sums }
+    }
+
+    /// Number of the sum before texel `column`, of which lines reach `extent` texels further; `None` where they do not.
+    #[inline(always)]
+    fn column(&self, column: i32, extent: f64) -> Option<usize> {
+        if self.border == 0 {
+            return Some(column.rem_euclid(self.period as i32) as usize);
+        }
+        let column = f64::from(column) + f64::from(self.border);
+        (column >= 0.0 && column + extent < self.period as f64).then_some(column as usize)
     }
 
     /// Sums of a line.
@@ -88,11 +109,13 @@ impl Sums {
     }
 
     /// Mean over the parallelogram about `centre` with the half sides `p` and `q`, neither of which leads up.
-    fn mean_over(&self, centre: [f64; 2], p: [f64; 2], q: [f64; 2]) -> Vec4 {
+    /// `None` beyond the lines of a clamped texture.
+    fn mean_over(&self, centre: [f64; 2], p: [f64; 2], q: [f64; 2]) -> Option<Vec4> {
         // Texels from whole ones before its corner: 32 bits suffice for what is left.
         let corner = [centre[0] - p[0].abs() - q[0].abs(), centre[1] - p[1] - q[1]];
         let [column, row] = corner.map(floor);
-        let within = Within { sums: self, column: column.rem_euclid(self.period as i32) as usize, row };
+        let within =
+            Within { sums: self, column: self.column(column, 2.0 * (centre[0] - corner[0]) + 2.0)?, row };
         let top = [centre[0] - p[0] - q[0] - f64::from(column), corner[1] - f64::from(row)].map(|v| v as f32);
         let [p, q] = [p, q].map(|half| half.map(|v| 2.0 * v as f32));
         let area = p[0] * q[1] - p[1] * q[0];
@@ -101,7 +124,7 @@ impl Sums {
         // Its two ways down from the upper corner to the lower one, along p first, and along q first.
         let one = within.edge(top, p, scale) + within.edge(along(top, p), q, scale);
         let other = within.edge(top, q, scale) + within.edge(along(top, q), p, scale);
-        self.mean + (one - other) * (1.0 / area)
+        Some(self.mean + (one - other) * (1.0 / area))
     }
 }
 
@@ -221,10 +244,7 @@ impl Textures {
         let chain = self.chains.get(texture.image).filter(|c| !c.is_empty())?;
         let number = if texture.nearest { 0 } else { (width.max(1.0).log2() as usize).min(chain.len() - 1) };
         let level = &chain[number];
-        let scale = [
-            f64::from(level.width) / f64::from(chain[0].width),
-            f64::from(level.height) / f64::from(chain[0].height),
-        ];
+        let scale = level.scale(&chain[0]);
         Some(Places { level, texture, scale })
     }
 
@@ -235,15 +255,9 @@ impl Textures {
         let Some(texture) = self.textures.get(number) else { return [1.0; 4] };
         let Some(chain) = self.chains.get(texture.image).filter(|c| !c.is_empty()) else { return [1.0; 4] };
         let [p, q] = axes;
-        // The shorter axis of the ellipse with the parallelogram's variance limits the blur that a level may add.
-        let (xx, xy, yy) = (p[0] * p[0] + q[0] * q[0], p[0] * p[1] + q[0] * q[1], p[1] * p[1] + q[1] * q[1]);
-        let shorter = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-        let level = if texture.nearest { 0 } else { level_of(shorter, xx + yy, chain.len()) };
+        let level = if texture.nearest { 0 } else { level_of(axes, chain.len()) };
         let source = &chain[level];
-        let scale = [
-            f64::from(source.width) / f64::from(chain[0].width),
-            f64::from(source.height) / f64::from(chain[0].height),
-        ];
+        let scale = source.scale(&chain[0]);
         let texel = 1.0 / scale[0].min(scale[1]).max(1e-9);
         // A level's own blur is taken from the footprint.
         let axes = [p, q].map(|axis| {
@@ -263,14 +277,7 @@ impl Textures {
         }
         let across = extent[0] < extent[1];
         let (x, y) = if across { (1, 0) } else { (0, 1) };
-        let (wrap, length) =
-            if across { (texture.wrap_v, source.height) } else { (texture.wrap_u, source.width) };
-        let reach = 0.5 * extent[x] + 1.0;
-        if wrap == Wrap::Clamp && (middle[x] < reach || middle[x] > f64::from(length - 1) - reach) {
-            return source.places(middle, axes, texture);
-        }
-        let sums = self.sums[number][level][usize::from(across)]
-            .get_or_init(|| Sums::new(source, texture, across, self.overall(number)));
+        let sums = self.sums(number, level, across);
         // Half of its sides, in the direction in which they lead down.
         let [p, q] = axes.map(|axis| {
             let half = 0.5_f64.copysign(axis[y]);
@@ -280,7 +287,10 @@ impl Textures {
         if area.is_nan() || area < 1e-6 || p[1] + q[1] > MOST_LINES {
             return source.places(middle, axes, texture);
         }
-        sums.mean_over([middle[x], middle[y]], p, q).to_array()
+        match sums.mean_over([middle[x], middle[y]], p, q) {
+            Some(mean) => mean.to_array(),
+            None => source.places(middle, axes, texture),
+        }
     }
 }
 
@@ -313,113 +323,104 @@ impl Places<'_> {
     }
 }
 
-/// A level of a texture, for pictures of it.
-#[derive(Clone, Copy)]
-pub struct Reader<'a> {
-    level: &'a Level,
-    texture: &'a Texture,
-    scale: [f64; 2],
-    overall: [f32; 4],
+/// Means over the cells of a grid, and room for finding them.
+#[derive(Default)]
+pub struct Cells {
+    /// Row by row.
+    pub means: Vec<Vec4>,
+    upper: Vec<[f32; 2]>,
+    lower: Vec<[f32; 2]>,
+    above: Vec<Vec4>,
 }
 
 impl Textures {
-    /// The level of texture `number` for footprints whose shorter axis squared is `shorter` base texels; `None` where only
-    /// single places can be read.
-    pub fn reader(&self, number: usize, shorter: f64) -> Option<Reader<'_>> {
+    /// Means of texture `number` over the cells of a grid with `columns` cells per row and corners at `places`, row by row,
+    /// in base texels; `pixel` are the sides of a pixel's footprint there. `None` where single places are all that can be
+    /// read.
+    pub fn cells(
+        &self,
+        number: usize,
+        places: &[DVec2],
+        columns: usize,
+        pixel: [[f64; 2]; 2],
+        Cells { means, upper, lower, above }: &mut Cells,
+    ) -> Option<()> {
         let texture = self.textures.get(number).filter(|t| !t.nearest)?;
         let chain = self.chains.get(texture.image).filter(|c| !c.is_empty())?;
-        let level = &chain[level_of(shorter, 0.0, chain.len())];
-        let scale = [
-            f64::from(level.width) / f64::from(chain[0].width),
-            f64::from(level.height) / f64::from(chain[0].height),
-        ];
-        Some(Reader { level, texture, scale, overall: self.overall(number) })
-    }
-}
-
-impl Reader<'_> {
-    /// Texels of the level per base texel.
-    pub fn scale(&self) -> DVec2 {
-        DVec2::from_array(self.scale)
-    }
-
-    /// Mean of all texels.
-    pub fn overall(&self) -> [f32; 4] {
-        self.overall
-    }
-
-    /// Variance of the level's own blur in square base texels.
-    pub fn blur(&self) -> [f64; 2] {
-        self.scale.map(|s| 0.25 * (1.0 / (s * s) - 1.0).max(0.0))
-    }
-
-    /// Fills rows of `columns` + 1 sums, after a first one of zeros: of all cells to the left and above, less `mean`. The
-    /// first cell's middle is at `first`, the next ones `step` apart; `texels` maps these places to homogeneous base texels.
-    pub fn render(
-        &self,
-        texels: &DMat3,
-        first: DVec2,
-        step: DVec2,
-        columns: usize,
-        mean: [f32; 4],
-        sums: &mut [[f32; 4]],
-    ) {
+        let level = level_of(pixel, chain.len());
+        let source = &chain[level];
+        let scale = source.scale(&chain[0]);
+        let [p, q] = pixel.map(|axis| [axis[0] * scale[0], axis[1] * scale[1]]);
+        let extent = [0, 1].map(|k| p[k].abs() + q[k].abs());
+        let across = extent[0] < extent[1];
+        let axes = if across { [1, 0] } else { [0, 1] };
         let stride = columns + 1;
-        let rows = sums.len() / stride - 1;
-        let to_level =
-            |h: DVec3| DVec2::new(h.x / h.z * self.scale[0] - 0.5, h.y / h.z * self.scale[1] - 0.5);
-        let at =
-            |x: f64, y: f64| to_level(*texels * DVec3::new(first.x + x * step.x, first.y + y * step.y, 1.0));
-        let (right, bottom) = (columns as f64 - 1.0, rows as f64 - 1.0);
-        let corners = [at(0.0, 0.0), at(right, 0.0), at(0.0, bottom), at(right, bottom)];
-        let low = corners.into_iter().fold(DVec2::INFINITY, DVec2::min);
-        let high = corners.into_iter().fold(DVec2::NEG_INFINITY, DVec2::max);
-        // Whole periods away, all of it may lie between the texture's borders.
-        let size = DVec2::new(f64::from(self.level.width), f64::from(self.level.height));
-        let mut shift = DVec2::ZERO;
-        for (k, wrap) in [self.texture.wrap_u, self.texture.wrap_v].into_iter().enumerate() {
-            if wrap == Wrap::Repeat {
-                shift[k] = (low[k] / size[k]).floor() * size[k];
-            }
+        let on_level = |place: &DVec2| axes.map(|k| place[k] * scale[k] - 0.5);
+        // Straight lines between corners keep all places within those of the grid.
+        let outer = [0, columns, places.len() - stride, places.len() - 1].map(|k| on_level(&places[k]));
+        let bound = |k: usize, least: fn(f64, f64) -> f64| outer.iter().map(|c| c[k]).reduce(least);
+        let [low, high] = [f64::min, f64::max].map(|f| [0, 1].map(|k| bound(k, f).unwrap_or(f64::NAN)));
+        let area = (p[0] * q[1] - p[1] * q[0]).abs();
+        if !(area > 1e-6 && high[0] - low[0] < MOST_EXTENT && high[1] - low[1] < MOST_EXTENT) {
+            return None;
         }
-        // Straight lines between exact places leave the corners' box by rounding only.
-        let inside = (low - shift).min_element() >= 1e-3 && (size - (high - shift)).min_element() >= 1.001;
-        for row in 0..rows {
-            let (above, own) = sums[row * stride..(row + 2) * stride].split_at_mut(stride);
-            let mut sum = [0.0_f32; 4];
-            let mut column = 0;
-            let mut from = at(0.0, row as f64) - shift;
-            while column < columns {
-                let count = SEGMENT.min(columns - column);
-                let to = at((column + count) as f64, row as f64) - shift;
-                let change = (to - from) * (1.0 / count as f64);
-                for k in 0..count {
-                    let place = from + change * k as f64;
-                    let texel = if inside {
-                        self.level.within(place.x, place.y)
-                    } else {
-                        let mut texel = [0.0; 4];
-                        self.level.bilinear(place.x, place.y, self.texture, &mut texel);
-                        texel
-                    };
-                    let up = &above[column + k + 1];
-                    let out = &mut own[column + k + 1];
-                    for c in 0..4 {
-                        sum[c] += texel[c] - mean[c];
-                        out[c] = up[c] + sum[c];
-                    }
-                }
-                column += count;
-                from = to;
+        let sums = self.sums(number, level, across);
+        let [column, row] = [low[0] - 1.0, low[1] - 1.0].map(floor);
+        let within = Within { sums, column: sums.column(column, high[0] - low[0] + 2.0)?, row };
+        let base = [column, row].map(f64::from);
+        let near = |place: &DVec2| {
+            let at = on_level(place);
+            [0, 1].map(|k| (at[k] - base[k]) as f32)
+        };
+        let scale_of_edges = (1.0 / area) as f32;
+        let edge = |a: [f32; 2], b: [f32; 2]| {
+            let by = [b[0] - a[0], b[1] - a[1]];
+            if by[1] >= 0.0 {
+                within.edge(a, by, scale_of_edges)
+            } else {
+                -within.edge(b, [-by[0], -by[1]], scale_of_edges)
             }
+        };
+        let mut corners = places.chunks_exact(stride);
+        means.clear();
+        upper.clear();
+        upper.extend(corners.next()?.iter().map(near));
+        above.clear();
+        above.extend(upper.windows(2).map(|pair| edge(pair[0], pair[1])));
+        for row in corners {
+            lower.clear();
+            lower.extend(row.iter().map(near));
+            let mut left = edge(upper[0], lower[0]);
+            for k in 0..columns {
+                let [a, b, c, d] = [upper[k], upper[k + 1], lower[k + 1], lower[k]];
+                let right = edge(b, c);
+                let below = edge(d, c);
+                let area = 0.5 * ((c[0] - a[0]) * (d[1] - b[1]) - (c[1] - a[1]) * (d[0] - b[0]));
+                means.push(sums.mean + (above[k] + right - below - left) * (1.0 / area));
+                left = right;
+                above[k] = below;
+            }
+            std::mem::swap(upper, lower);
         }
+        means.iter().all(|m| m.is_finite()).then_some(())
+    }
+
+    /// Sums of a level of texture `number` along rows, or along columns if `across`.
+    fn sums(&self, number: usize, level: usize, across: bool) -> &Sums {
+        let texture = &self.textures[number];
+        let source = &self.chains[texture.image][level];
+        self.sums[number][level][usize::from(across)]
+            .get_or_init(|| Sums::new(source, texture, across, self.overall(number)))
     }
 }
-
-/// Cells of a row between places that are found exactly.
-const SEGMENT: usize = 8;
 
 impl Level {
+    /// Its texels per texel of `base`, along either axis.
+    #[inline(always)]
+    fn scale(&self, base: &Self) -> [f64; 2] {
+        [f64::from(self.width) / f64::from(base.width), f64::from(self.height) / f64::from(base.height)]
+    }
+
     /// Bilinear interpolant where all four texels exist.
     #[inline(always)]
     fn within(&self, x: f64, y: f64) -> [f32; 4] {
@@ -469,10 +470,13 @@ impl Level {
     }
 }
 
-/// The smallest level whose blur is at most that of a footprint whose shorter axis squared is `shorter`, unless its
-/// longest, whose square is at most `longer`, would have too many texels there.
+/// The smallest level whose blur is at most that of the shorter axis of a footprint with the sides `p` and `q`, unless its
+/// longer one would have too many texels there.
 #[inline(always)]
-fn level_of(shorter: f64, longer: f64, levels: usize) -> usize {
+fn level_of([p, q]: [[f64; 2]; 2], levels: usize) -> usize {
+    // Of the ellipse with the parallelogram's variance.
+    let (xx, xy, yy) = (p[0] * p[0] + q[0] * q[0], p[0] * p[1] + q[0] * q[1], p[1] * p[1] + q[1] * q[1]);
+    let (shorter, longer) = (0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt(), xx + yy);
     let texel = (shorter.max(0.0) * BLUR / 3.0 + 1.0).max(longer / (MOST_LINES * MOST_LINES));
     let mut level = 0;
     let mut squared = 4.0;
@@ -582,5 +586,51 @@ mod tests {
         println!("relative errors at 0.3, 1, 2.5 and 8 texels per pixel, 2.5 by 15 and 1 by 20: {rms:.4?}");
         assert!(rms.iter().all(|e| *e < 0.012), "{rms:?}");
         assert!(canary > 0.2, "a point is no mean: {canary}");
+    }
+
+    #[test]
+    fn cells_of_a_grid_share_edges_and_have_the_means_of_many_places() {
+        let mut scene = noise(64);
+        for wrap_u in [Wrap::Repeat, Wrap::Clamp] {
+            scene.textures[0].wrap_u = wrap_u;
+            let textures = Textures::new(&scene);
+            let base = &textures.chains[0][0];
+            let (mut squares, mut canary, mut count) = (0.0, 0.0, 0);
+            let mut cells = Cells::default();
+            for i in 0..48 {
+                // Texels per pixel, turned, with perspective; some beyond the border of a clamped texture.
+                let (f, size) = (f64::from(i), [0.3, 1.0, 2.5, 6.0][i as usize % 4]);
+                let (s, c) = (0.7 * f).sin_cos();
+                let at = |x: f64, y: f64| {
+                    let z = 1.0 + 0.01 * x - 0.02 * y;
+                    let (x, y) = (size * (c * x - 1.2 * s * y) / z, size * (s * x + 1.2 * c * y) / z);
+                    DVec2::new(x + 1.7 * f, y + 2.3 * f)
+                };
+                let corners: Vec<DVec2> =
+                    (0..25).map(|k| at(f64::from(k % 5) - 2.0, f64::from(k / 5) - 2.0)).collect();
+                let pixel = [(at(0.5, 0.0) - at(-0.5, 0.0)), (at(0.0, 0.5) - at(0.0, -0.5))];
+                textures.cells(0, &corners, 4, pixel.map(|v| v.to_array()), &mut cells).expect("near");
+                for (cell, mean) in cells.means.iter().enumerate() {
+                    let (x, y) = ((cell % 4) as f64 - 2.0, (cell / 4) as f64 - 2.0);
+                    let mut exact = [0.0; 4];
+                    for k in 0..32 * 32 {
+                        let [u, v] = [k % 32, k / 32].map(|v| (f64::from(v) + 0.5) / 32.0);
+                        let place = at(x + u, y + v) - 0.5;
+                        base.bilinear(place.x, place.y, &textures.textures[0], &mut exact);
+                    }
+                    let exact = f64::from(exact[0]) / 1024.0;
+                    squares += (f64::from(mean.x) / exact - 1.0).powi(2);
+                    let next = cells.means[(cell + 1) % 16];
+                    canary += (f64::from(next.x) / exact - 1.0).powi(2);
+                    count += 1;
+                }
+            }
+            let [rms, canary] = [squares, canary].map(|v| (v / f64::from(count)).sqrt());
+            println!(
+                "{wrap_u:?}: relative error {rms:.4} over {count} cells, {canary:.4} of their neighbours"
+            );
+            assert!(rms < 0.005, "{wrap_u:?}: {rms}");
+            assert!(canary > 0.1, "{wrap_u:?}: {canary}");
+        }
     }
 }
