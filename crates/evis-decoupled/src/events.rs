@@ -92,23 +92,16 @@ impl Piece {
         (self.end - self.start) / self.length_us - self.bend * self.length_us
     }
 
-    /// First time in [from, to] at which a monotone part reaches `level`.
+    /// The time in [from, to], a monotone part whose ends lie on either side of `level`, at which it is reached.
     fn reach(&self, level: f64, from: f64, to: f64) -> f64 {
-        let (mut a, mut b) = (from, to);
-        let rising = self.value(to) > self.value(from);
-        // Of a monotone quadratic, false position beside bisection: a microsecond in a dozen steps.
-        for _ in 0..60 {
-            if b - a < 1e-3 {
-                break;
-            }
-            let (va, vb) = (self.value(a), self.value(b));
-            let mut m = a + (b - a) * ((level - va) / (vb - va)).clamp(0.05, 0.95);
-            if !m.is_finite() {
-                m = 0.5 * (a + b);
-            }
-            if (self.value(m) < level) == rising { a = m } else { b = m }
-        }
-        0.5 * (a + b)
+        let (slope, below) = (self.slope(), self.start - level);
+        // The two roots without cancellation; rounding may leave none where the level is touched at the vertex.
+        let root = (slope * slope - 4.0 * self.bend * below).max(0.0).sqrt();
+        let q = -0.5 * (slope + root.copysign(slope));
+        let off = |t: f64| (t - t.clamp(from, to)).abs();
+        let [one, other] = [below / q, q / self.bend];
+        let t = if off(one) <= off(other) || other.is_nan() { one } else { other };
+        if t.is_nan() { from } else { t.clamp(from, to) }
     }
 
     /// Calls `fire` with time and polarity of each crossing and moves `reference` along.

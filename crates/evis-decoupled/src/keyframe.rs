@@ -1,22 +1,21 @@
-//! A facet's texture, or its light, on the screen of one time, summed over rectangles.
+//! A facet's light on the screen of one time, summed over rectangles.
 //!
-//! While a facet moves by a few pixels, the footprint of a pixel on it hardly changes: only where it lies does. So a
-//! tile renders a facet's texture once per block, in cells finer than pixels, and keeps the sums of all rectangles of
-//! cells from the first one. At any time of the block a homography maps the screen to that picture, and the mean over a
-//! rectangle there follows from the sums at its four corners, however many texels it holds. The picture is linear
-//! between the middles of cells: the integral up to a point is a quadratic B-spline of nine sums.
+//! Of surfaces with normal, roughness or other maps, light is no product of what changes slowly and a texture. While a
+//! facet moves by a few pixels, the footprint of a pixel on it hardly changes: only where it lies does. So light of such
+//! a facet is rendered once per block, in cells finer than pixels, one value per lamp, and where it changes, at both ends
+//! of the block; kept are the sums of all rectangles of cells from the first one. At any time of the block a homography
+//! maps the screen to that picture, and the mean over a rectangle there follows from the sums at its four corners,
+//! however many texels it holds. The picture is linear between the middles of cells: the integral up to a point is a
+//! quadratic B-spline of nine sums.
 //!
 //! The level of the mip chain that is read, and the cells, add blur of their own. Its variance is taken from the
 //! rectangle, so that all together has the second moments of the footprint.
-//!
-//! Of surfaces with normal, roughness or other maps, light is no product of what changes slowly and a texture: their
-//! pictures hold light itself, one value per lamp, and where it changes, that of both ends of the block.
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 /// Cells per texel of the level that is read, at least.
 const PER_TEXEL: f64 = 3.0;
-/// Cells along a pixel's side. Textures with more texels than this suffices for are read along the edges of footprints.
+/// Cells along a pixel's side, at most.
 const DENSITY: f64 = 8.0;
 /// Cells along a pixel's side where light changes slowly: it bends with the normals between vertices.
 const LEAST_LIGHT_DENSITY: f64 = 3.0;
@@ -31,7 +30,7 @@ pub const MOST_PLANES: usize = 4;
 /// Least part of its greatest 1/depth that a facet has anywhere in its picture.
 const LEAST_DEPTH_RATIO: f64 = 0.3;
 
-/// A facet's texture about a tile at a reference time.
+/// A facet's light about a tile at a reference time.
 #[derive(Clone, Debug)]
 pub struct Keyframe {
     /// Image point of the first cell's middle.

@@ -34,8 +34,6 @@ const MOST_LEVEL: u32 = 14;
 const MOST_FINER: u32 = 3;
 /// Part of the light by which the middle between nodes may be off.
 const SMOOTH: f64 = 0.0015;
-/// A texture is rendered for this many pixels that see it, times one more than those of motion during the block.
-const PAGE_PIXELS: f64 = 30.0;
 /// Part by which 1/depth may change over a pixel whose texture is averaged along edges that it shares with others.
 const MOST_PERSPECTIVE: f64 = 0.015;
 /// Places along either side of a footprint on a surface with maps, where there is no picture.
@@ -759,7 +757,7 @@ impl<'a> Lighting<'a> {
         }
     }
 
-    /// Finds what throws shadows on entry `slot` and renders its texture; before its light is asked for.
+    /// Finds what throws shadows on entry `slot`, and where its light is rendered; before its light is asked for.
     #[inline(always)]
     pub fn shade_slot(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
         if !tile.slots[slot].shaded {
@@ -770,7 +768,7 @@ impl<'a> Lighting<'a> {
         }
         if !tile.slots[slot].pictured && !tile.once {
             tile.slots[slot].pictured = true;
-            tile.slots[slot].picture = self.picture(tile, record, index, slot);
+            tile.slots[slot].picture = self.picture(tile, record, index);
         }
     }
 
@@ -1075,19 +1073,10 @@ impl<'a> Lighting<'a> {
         tile.line_starts[index] as usize - 1
     }
 
-    /// Decides whether the texture of entry `slot`, which is `record`, number `index` of the block, is rendered, or if it has
-    /// maps, its light.
-    fn picture(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) -> Option<u32> {
-        let facet = record.facet as usize;
-        let mapped = self.answers[self.world.facets[facet].surface as usize].maps.is_some();
-        if !mapped {
-            return None;
-        }
-        let motion_px = if record.still { 0.0 } else { record.motion_px(tile.centre) };
-        let seen = f64::from(tile.slots[slot].touches.count_ones()) * (1.0 + motion_px);
-        if !mapped && seen < PAGE_PIXELS {
-            return None;
-        }
+    /// Where light of entry `slot`, which is `record`, number `index` of the block, is rendered, if it has maps.
+    fn picture(&self, tile: &mut TileLight, record: &Record, index: u32) -> Option<u32> {
+        let surface = self.world.facets[record.facet as usize].surface as usize;
+        self.answers[surface].maps.as_ref()?;
         let size = [f64::from(self.world.lens.width), f64::from(self.world.lens.height)];
         tile.pictures.push(Picture::new(record, index, size, self.world.lens.near)?);
         Some(tile.pictures.len() as u32 - 1)

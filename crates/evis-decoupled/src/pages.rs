@@ -1,6 +1,6 @@
-//! Pictures of facets, in pages that neighbouring tiles share.
+//! Pictures of facets' light, in pages that neighbouring tiles share.
 //!
-//! The picture of a facet at the middle of a block ([`crate::keyframe`]) is cut into squares as large as tiles. What moves
+//! The picture of a facet with maps at the middle of a block ([`crate::keyframe`]) is cut into squares as large as tiles. What moves
 //! far during a block is seen by many tiles; a thread that works on one tile after another renders each page once.
 
 use std::collections::HashMap;

@@ -1,7 +1,8 @@
 //! A pixel's luminance at a time: the sum over what it sees of area times mean light.
 //!
 //! Times are whole parts of a block, so that the pixels of a tile share what its facets and shadows are at a time: a
-//! pixel only moves their lines to its own centre.
+//! pixel only moves their lines to its own centre. At times at which many pixels are evaluated, bits say which facets each
+//! of them sees, and those that see one only are found together: neighbours share edges on its texture.
 
 use std::time::Instant as Timer;
 

@@ -6,8 +6,8 @@
 //! line, where an edge leans at two points of Gauss between two lines, else at one. Lines are rows or columns of texels,
 //! whichever are fewer. Where many lie across, a smaller level of the mip chain is read: that adds its own blur, of variance
 //! (m^2 - 1) / 4 for texels of m base texels (box (m^2 - 1) / 12, and tent m^2 / 6 in place of 1 / 6), so the parallelogram
-//! is drawn together until the variance of both is that of the footprint. Nearest texels, and footprints across the edge of
-//! a clamped texture, are read at a grid of places.
+//! is drawn together until the variance of both is that of the footprint. Pixels of a grid share their edges: two are
+//! followed for each, and a level's blur is left. Nearest texels are read at a grid of places.
 
 use std::sync::OnceLock;
 
