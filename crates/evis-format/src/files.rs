@@ -38,6 +38,11 @@ impl Input {
         self.at
     }
 
+    /// The part of the file before the next byte, 0 to 1.
+    pub(crate) fn part(&self) -> f64 {
+        self.at as f64 / self.length.max(1) as f64
+    }
+
     pub(crate) fn seek(&mut self, at: u64) -> Result<(), FormatError> {
         self.at = self
             .file

@@ -185,6 +185,10 @@ impl EventReader for NpyReader {
         }
     }
 
+    fn part(&self) -> Option<f64> {
+        Some(self.input.part())
+    }
+
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {
         self.damage = None;
         let held = self.input.length().saturating_sub(self.start) / self.row as u64;
@@ -408,6 +412,10 @@ impl EventReader for NpzReader {
             Some(what) if packet.is_empty() => Err(FormatError::corrupt(&self.path, what, COLUMNS)),
             _ => Ok(true),
         }
+    }
+
+    fn part(&self) -> Option<f64> {
+        Some(self.next as f64 / self.rows.max(1) as f64)
     }
 
     fn seek(&mut self, _t_us: i64) -> Result<(), FormatError> {
