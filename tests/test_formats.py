@@ -410,7 +410,7 @@ def test_a_recording_becomes_a_bag_with_all_that_it_has(tmp_path, capfd):
     recording, t_us, values = recording_with_everything(tmp_path / "a.h5")
     bag = tmp_path / "a.mcap"
     assert run("convert", tmp_path / "a.h5", bag) == 0
-    assert ", 12 poses, 20 inertial samples" in capfd.readouterr().out
+    assert ", 80 images, 10 poses, 20 inertial samples" in capfd.readouterr().out
     topics = {"camera": "/camera/events", "right eye": "/right_eye/events"}
     for name, topic in topics.items():
         assert len(recording[name].events) > 100

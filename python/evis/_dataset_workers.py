@@ -244,6 +244,8 @@ def on_ray(
         if address is None:
             # Only plans and descriptions pass through the store, whose usual size is a third of the memory.
             options |= {"num_cpus": workers, "include_dashboard": False, "object_store_memory": 100 * 2**20}
+            # Ray reports its use to its makers unless it is told not to; who wants that sets it to 1.
+            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         else:
             _check_address(address)
         try:
