@@ -558,6 +558,7 @@ def test_a_ladder_evaluates_one_scene_by_several_settings(
 
     pytest.importorskip("matplotlib")
     axes = found.figure().axes
+    assert axes[0].get_ylim()[0] > axes[0].get_ylim()[1], "the first settings are at the top"
     assert [each.get_xlabel() for each in axes] == ["ssim", "ncc"]
     bars = [bar.get_width() for bar in axes[1].patches]
     assert bars == [

@@ -269,8 +269,9 @@ class Ladder:
                 axes.barh(places + (k - (len(settings) - 1) / 2) * height, values, height, label=setting)
             axes.set_xlabel(measure)
             axes.set_yticks(places, list(self.evaluations))
-            axes.invert_yaxis()
-        figure.axes[0].legend()
+        # Both share it: the first settings at the top.
+        axes.invert_yaxis()
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
         figure.suptitle(_head(first), fontsize="medium")
         return figure
 
