@@ -22,8 +22,8 @@ from ._progress import Progress
 #: How often a shard whose worker was lost is begun again.
 RETRIES = 3
 
-#: Of a cluster that is started here, where the user sets nothing else. Ray would report its use to its makers,
-#: and its workers would be nice by 15: beside other work on the machine they get little of the processors.
+#: Of a cluster that is started here, where the user sets nothing else. Ray would report its use to its
+#: makers, and its workers would be nice by 15: beside other work on the machine they get little of it.
 _RAY_SETTINGS = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
 
 #: Seconds between two progress lines where standard error is no terminal.
