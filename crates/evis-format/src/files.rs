@@ -61,6 +61,21 @@ impl Input {
         Ok(())
     }
 
+    /// Fills `bytes` with the next ones, and returns how many there are: fewer at the end of the file.
+    pub(crate) fn read_into(&mut self, bytes: &mut [u8]) -> Result<usize, FormatError> {
+        let mut filled = 0;
+        while let Some(rest) = bytes.get_mut(filled..).filter(|rest| !rest.is_empty()) {
+            match self.file.read(rest) {
+                Ok(0) => break,
+                Ok(count) => filled += count,
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(FormatError::io(&self.path, "read", error)),
+            }
+        }
+        self.at += filled as u64;
+        Ok(filled)
+    }
+
     /// The file is damaged at byte `at`; `what` completes "at byte N, ".
     pub(crate) fn damaged(&self, at: u64, what: &str) -> FormatError {
         damaged(&self.path, at, what)

@@ -546,11 +546,12 @@ fn a_conversion_cuts_crops_and_flips() {
 fn what_comes_before_damage_is_kept_on_request() {
     let folder = Folder::new("damage");
     let events = stream(0, 500);
-    for format in [Format::Evt3, Format::Dat, Format::Aedat4, Format::Text, Format::Npy, Format::Mcap] {
+    for format in [Format::Evt3, Format::Dat, Format::Aedat4, Format::Text, Format::Npy] {
         let (from, to) = (folder.file(format), folder.0.join("kept"));
         write(&from, format, &packets(&events, 300)).unwrap();
         let bytes = std::fs::read(&from).unwrap();
-        std::fs::write(&from, &bytes[..bytes.len() / 2 + 1]).unwrap();
+        // An odd number of bytes is missing, so that no word and no row ends there.
+        std::fs::write(&from, &bytes[..bytes.len() - (bytes.len() / 2 | 1)]).unwrap();
         let attempt = |until_damage| {
             let options = ConvertOptions { until_damage, ..ConvertOptions::default() };
             let writer = create(&to, Format::Npz, &WriteOptions { size: SIZE, overwrite: true }).unwrap();
@@ -620,5 +621,29 @@ fn bags_hold_images_and_inertial_samples_beside_events() {
     for wrong in [Frame { channels: 2, ..frame.clone() }, Frame { start_us: -1, ..frame }] {
         let part = Packet { frames: vec![wrong], ..Packet::default() };
         assert!(write(&path, Format::Mcap, &[part]).is_err());
+    }
+}
+
+#[test]
+fn bytes_that_carry_nothing_do_not_come_along_from_numpy() {
+    let folder = Folder::new("padding");
+    let path = folder.file(Format::Npy);
+    let events = stream(0, 50);
+    write(&path, Format::Npy, &packets(&events, 100)).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let start = bytes.len() - events.len() * size_of::<Event>();
+    bytes[start + 6] = 0xAB;
+    std::fs::write(&path, &bytes).unwrap();
+    // Equal as bytes, as all streams are.
+    assert!(read(&path).unwrap().events == events);
+    // Polarities of -1 are OFF; others are none.
+    let off = events.iter().position(|event| event.p == 0).unwrap();
+    for (value, good) in [(-1_i16, true), (-2, false), (2, false)] {
+        let at = start + off * size_of::<Event>() + 4;
+        bytes[at..at + 2].copy_from_slice(&value.to_le_bytes());
+        std::fs::write(&path, &bytes).unwrap();
+        let (packet, error) = read_all(&mut *open(&path, &ReadOptions::default()).unwrap());
+        assert_eq!(error.is_none(), good, "{value}");
+        assert!(packet.events == events[..if good { events.len() } else { off }], "{value}");
     }
 }
