@@ -551,7 +551,7 @@ fn what_comes_before_damage_is_kept_on_request() {
         write(&from, format, &packets(&events, 300)).unwrap();
         let bytes = std::fs::read(&from).unwrap();
         // An odd number of bytes is missing, so that no word and no row ends there.
-        std::fs::write(&from, &bytes[..bytes.len() - (bytes.len() / 2 | 1)]).unwrap();
+        std::fs::write(&from, &bytes[..bytes.len() - ((bytes.len() / 2) | 1)]).unwrap();
         let attempt = |until_damage| {
             let options = ConvertOptions { until_damage, ..ConvertOptions::default() };
             let writer = create(&to, Format::Npz, &WriteOptions { size: SIZE, overwrite: true }).unwrap();
