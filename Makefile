@@ -143,7 +143,8 @@ bench: setup ## Speed, as ratios on this machine.
 	  --bench representations
 	if [ -f benches/bench.py ]; then \
 	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py \
-	  && $(BIN)/python benches/representations.py && $(BIN)/python benches/closed_loop.py; fi
+	  && $(BIN)/python benches/representations.py && $(BIN)/python benches/formats.py \
+	  && $(BIN)/python benches/closed_loop.py && $(BIN)/python benches/dataset.py; fi
 
 bench-gpu: setup ## Cost of each method with many cameras on this machine's adapter; tables in out/.
 	cargo bench --profile release --workspace --locked --bench gpu -- out="$(CURDIR)/out"

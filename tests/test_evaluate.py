@@ -519,6 +519,92 @@ def test_the_command_prints_tables_and_json(
             _commands.run_evaluate(wrong)
 
 
+RUNGS = {"draft": {"quality": "draft"}, "60 Hz": {"method": "native", "rate_hz": 60.0}}
+
+
+def test_a_ladder_evaluates_one_scene_by_several_settings(
+    network: Callable[[str], Path], device: evis.Device, tmp_path: Path
+):
+    options = {
+        "duration_s": 0.5,
+        "size": SIDE[::-1],
+        "normalize": False,
+        "skip": 2,
+        "windows_us": [20_000, 40_000],
+    }
+    scene = evis.Scene.builtin("spinner")
+    found = evaluate.ladder("reconstruct", scene, network("integrator"), rungs=RUNGS, **options)
+    assert list(found.evaluations) == list(found.events) == list(RUNGS)
+    assert found.controls_fail is True
+    draft, slow = found.evaluations.values()
+    assert draft.row().scores["ncc"] > slow.row().scores["ncc"], "a low rate costs what the ladder shows"
+    # The same as recording and evaluating by hand.
+    path = tmp_path / "spinner.h5"
+    recording = evaluate.record(scene, path, "reconstruct", duration_s=0.5, size=SIDE[::-1])
+    assert len(recording.events) == found.events["draft"]
+    alone = evaluate.reconstruct(
+        path, network("integrator"), normalize=False, skip=2, windows_us=[20_000, 40_000]
+    )
+    assert alone == draft
+    lines = str(found).splitlines()
+    assert [line.split("  ")[0] for line in lines[2:]] == ["20 ms", "20 ms", "40 ms", "40 ms"]
+    assert all("4 of 4 fail" in line for line in lines[2:])
+    held = json.loads(found.to_json())
+    assert [each["name"] for each in held["ladder"]] == list(RUNGS)
+    with pytest.raises(evis.ConfigError, match="task is 'guess'"):
+        evaluate.ladder("guess", scene)  # type: ignore[arg-type]
+    with pytest.raises(evis.ConfigError, match="rungs is empty"):
+        evaluate.ladder("flow", scene, rungs={})
+
+    pytest.importorskip("matplotlib")
+    axes = found.figure().axes
+    assert axes[0].get_ylim()[0] > axes[0].get_ylim()[1], "the first settings are at the top"
+    assert [each.get_xlabel() for each in axes] == ["ssim", "ncc"]
+    bars = [bar.get_width() for bar in axes[1].patches]
+    assert bars == [
+        each.row(setting=setting).scores["ncc"] for setting in ("20 ms", "40 ms") for each in (draft, slow)
+    ]
+
+
+def test_the_ladder_has_the_settings_of_the_paper(device: evis.Device):
+    assert [name for name in evaluate.LADDER if name.startswith("paper")] == [
+        "paper 1000 Hz", "paper 250 x 4", "paper 125 x 8", "paper 40 x 8", "paper 30 x 8"
+    ]  # fmt: skip
+    methods = {
+        name: evis.Simulator(evis.Scene.builtin("spinner"), size=(32, 24), **settings).method
+        for name, settings in evaluate.LADDER.items()
+    }
+    assert methods["native 1000 Hz"] == methods["paper 1000 Hz"] == "native"
+    assert methods["paper 30 x 8"] == "evis-paper"
+
+
+def test_the_command_takes_scenes(
+    network: Callable[[str], Path],
+    recording: Path,
+    device: evis.Device,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    options = ["--size", "96x72", "--duration", "0.2", "--windows-ms", "40"]
+    assert _commands.run_evaluate(["flow", "spinner", *options]) == 0
+    assert capsys.readouterr().out.startswith("flow of spinner.h5")
+    monkeypatch.setattr(evaluate, "LADDER", RUNGS)
+    monkeypatch.setitem(evaluate.ladder.__kwdefaults__, "rungs", RUNGS)
+    assert _commands.run_evaluate(["flow", "spinner", *options, "--ladder", "--json"]) == 0
+    assert [each["name"] for each in json.loads(capsys.readouterr().out)["ladder"]] == list(RUNGS)
+    for wrong, told in (
+        (["flow", str(recording), "--size", "96x72"], "are for scenes"),
+        (["flow", str(recording), "--ladder"], "is no scene"),
+        (["flow", "spinner", "--figure", "a.png"], "add --ladder"),
+        (["flow", "spinner", "--ladder", "--figure", "a.xyz"], "it must end with"),
+        (["flow", "spinner", "--ladder", "--quality", "draft"], "leave --quality out"),
+        (["flow", "spiner"], "one of the scenes warehouse, spinner"),
+    ):
+        assert _commands.run_evaluate(wrong) == 2
+        assert told in capsys.readouterr().err
+
+
 def test_help_tells_of_the_command():
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run([sys.executable, "-m", "evis", *arguments], capture_output=True, text=True)

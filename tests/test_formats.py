@@ -10,6 +10,7 @@ import pytest
 
 import evis
 from evis import _evis
+from evis.imu import ImuSamples
 
 FORMATS = ["evt3", "evt2", "dat", "aedat4", "text", "text-zip", "npz", "npy", "hdf5", "mcap", "es"]
 
@@ -383,3 +384,116 @@ def test_a_recording_becomes_a_folder_of_dsec(tmp_path):
     assert run("convert", folder, tmp_path / "a.raw") == 0
     assert evis.load(tmp_path / "a.raw").events == want
     assert run("convert", tmp_path / "a.h5", folder, "--format", "dsec") == 2
+
+
+def recording_with_everything(path):
+    """Record two cameras with images of all types, poses and an inertial unit."""
+    right = evis.EventCamera(name="right eye", pose=evis.Placement(parent="camera", position=(0.1, 0, 0)))
+    sim = evis.Simulator(
+        evis.Scene.builtin("spinner"),
+        cameras=["camera", right],
+        size=(48, 36),
+        labels=("depth", "flow", "instance", "normal", "hdr"),
+        label_rate_hz=50,
+        seed=1,
+    )
+    t_us = np.arange(0, 100_000, 5000)
+    values = np.arange(t_us.size * 3, dtype=np.float64).reshape(-1, 3)
+    with evis.Writer(path, sim, imus=["body"], duration_us=100_000) as writer:
+        for packet in sim.stream(duration=0.1):
+            writer.write(packet)
+        writer.write_imu("body", ImuSamples(t_us, values, values + 0.5))
+    return evis.load(path), t_us, values
+
+
+def test_a_recording_becomes_a_bag_with_all_that_it_has(tmp_path, capfd):
+    recording, t_us, values = recording_with_everything(tmp_path / "a.h5")
+    bag = tmp_path / "a.mcap"
+    assert run("convert", tmp_path / "a.h5", bag) == 0
+    assert ", 80 images, 10 poses, 20 inertial samples" in capfd.readouterr().out
+    topics = {"camera": "/camera/events", "right eye": "/right_eye/events"}
+    for name, topic in topics.items():
+        assert len(recording[name].events) > 100
+        assert evis.load(bag, camera=topic).events == recording[name].events
+    # A part of it holds the events alone.
+    assert run("convert", tmp_path / "a.h5", tmp_path / "b.mcap", "--camera", "camera", "--end", "0.05") == 0
+    assert evis.load(tmp_path / "b.mcap").events == recording["camera"].slice_time(0, 50_000)
+    assert run("convert", tmp_path / "a.h5", bag) == 2
+
+    pytest.importorskip("rosbags", reason="run by make test-readers")
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    view, store = recording["camera"], get_typestore(Stores.ROS2_HUMBLE)
+    found = {}
+    with AnyReader([bag], default_typestore=store) as reader:
+        for connection, stamp_ns, raw in reader.messages():
+            if connection.msgtype != "event_camera_msgs/msg/EventPacket":
+                message = store.deserialize_cdr(raw, connection.msgtype)
+                stamp = message.header.stamp
+                assert stamp.sec * 10**9 + stamp.nanosec == stamp_ns
+                found.setdefault(connection.topic, []).append((stamp_ns // 1000, message))
+    assert set(found) == {f"/{name}/{kind}" for name in ("camera", "right_eye") for kind in view.labels} | {
+        "/camera/camera_info", "/camera/pose", "/right_eye/camera_info", "/right_eye/pose", "/body/imu"
+    }  # fmt: skip
+    encodings = {"depth": "32FC1", "flow_forward": "32FC2", "flow_forward_valid": "8UC1", "instance": "32SC1"}
+    for kind, images in view.labels.items():
+        messages = found[f"/camera/{kind}"]
+        assert [t for t, _ in messages] == images.t_us.tolist()
+        for k, (_, message) in enumerate(messages):
+            assert (message.width, message.height, message.is_bigendian) == (48, 36, 0)
+            assert message.encoding == encodings.get(kind, message.encoding)
+            image = np.frombuffer(message.data.tobytes(), images[k].dtype).reshape(images[k].shape)
+            # The world has z up.
+            want = images[k][..., [0, 2, 1]] * np.float32([1, -1, 1]) if kind == "normal" else images[k]
+            assert np.array_equal(image, want)
+            assert message.step == image.nbytes // 36
+    lens = view.camera
+    info = found["/camera/camera_info"][0][1]
+    assert np.array_equal(info.k, [lens.fx, 0, lens.cx - 0.5, 0, lens.fy, lens.cy - 0.5, 0, 0, 1])
+    assert (info.distortion_model, info.d.tolist(), info.width) == ("plumb_bob", [0.0] * 5, 48)
+    # A point ahead of the camera lies where EVIS has it, in a world whose z is EVIS's y.
+    z_up = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    for (t, message), want_t, matrix in zip(
+        found["/camera/pose"], view.poses.t_us, view.poses.matrix, strict=True
+    ):
+        assert t == want_t
+        p, q = message.pose.position, message.pose.orientation
+        u = np.array([q.x, q.y, q.z])
+        point = np.array([0.3, 0.2, 2.0])
+        turned = point + 2 * np.cross(u, np.cross(u, point) + q.w * point)
+        want = z_up @ (matrix[:3, :3] @ (point * [1, -1, -1]) + matrix[:3, 3])
+        assert np.abs(np.add([p.x, p.y, p.z], turned) - want).max() < 1e-12
+        assert np.abs(np.add([p.x, p.y, p.z], point) - want).max() > 1e-3, "the comparison can fail"
+    samples = found["/body/imu"]
+    assert [t for t, _ in samples] == t_us.tolist()
+    for (_, message), value in zip(samples, values, strict=True):
+        own = message.linear_acceleration
+        assert [own.x, own.y, own.z] == value.tolist()
+        assert message.angular_velocity.z == value[2] + 0.5
+        assert message.orientation_covariance[0] == -1
+
+
+def test_the_good_part_of_a_damaged_file_is_kept_on_request(tmp_path, capfd):
+    events = some_events()
+    evis.save(tmp_path / "a.raw", events)
+    data = (tmp_path / "a.raw").read_bytes()
+    (tmp_path / "a.raw").write_bytes(data[: len(data) // 4 * 2 + 1])
+    assert run("convert", tmp_path / "a.raw", tmp_path / "b.npz") == 2
+    assert not (tmp_path / "b.npz").exists()
+    capfd.readouterr()
+    assert run("convert", tmp_path / "a.raw", tmp_path / "b.npz", "--until-damage") == 0
+    assert "at byte" in capfd.readouterr().err
+    kept = evis.load(tmp_path / "b.npz").events
+    assert 1000 < len(kept) < len(events)
+    assert kept == events[: len(kept)]
+
+
+def test_a_folder_of_dsec_holds_the_events_of_any_file(tmp_path):
+    events = some_events()
+    evis.save(tmp_path / "a.raw", events)
+    assert run("convert", tmp_path / "a.raw", tmp_path / "sequence", "--format", "dsec") == 0
+    assert evis.load(tmp_path / "sequence").events == events
+    with h5py.File(tmp_path / "sequence/events/left/events.h5") as file:
+        assert np.array_equal(file["events/t"][:], events.t)
+    assert run("convert", tmp_path / "a.raw", tmp_path / "sequence", "--format", "dsec") == 2

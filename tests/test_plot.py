@@ -483,7 +483,9 @@ def test_the_gallery_shows_all_of_its_pictures_and_they_are_small():
     held = {path.name: path.stat().st_size for path in (ROOT / "docs/images/gallery").iterdir()}
     assert len(held) >= 6
     assert shown == set(held)
-    assert max(held.values()) < 150_000
-    assert sum(held.values()) < 1_000_000
+    films = {name for name in held if name.endswith(".gif")}
+    assert max(held[name] for name in films) < 1_600_000
+    assert max(size for name, size in held.items() if name not in films) < 150_000
+    assert sum(size for name, size in held.items() if name not in films) < 1_000_000
     script = (ROOT / "tools/gallery.py").read_text("utf-8")
     assert {name for name in held if name not in script} == set(), "one command makes them all"

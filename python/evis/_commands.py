@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from . import _check, dataset, evaluate, plot, rerun
+from ._evaluate_scenes import scene_named
 from ._events import EventArray
 from ._evis import ConfigError, EvisError
 from ._files import load
+from ._scene import Scene, scenes
 
 HELP = """
 Commands in Python:
@@ -38,6 +41,17 @@ def _times(text: str) -> list[int]:
     return [_milliseconds(part) for part in text.split(",")]
 
 
+def _size(text: str) -> tuple[int, int]:
+    """Return a width and a height in pixels."""
+    with suppress(ValueError):
+        width, height = map(int, text.split("x"))
+        return width, height
+    raise argparse.ArgumentTypeError(f"it is {text!r}; it must be width x height, such as 320x240")
+
+
+_QUALITIES = ("draft", "standard", "high", "reference")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="evis evaluate",
@@ -50,7 +64,21 @@ def _parser() -> argparse.ArgumentParser:
     flow = tasks.add_parser("flow", help="hold events against exact optical flow, and a network's")
     match = tasks.add_parser("match", help="match views 200 ms apart, and of two cameras")
     for task in (reconstruct, flow, match):
-        task.add_argument("file", metavar="FILE", help="a recording with labels, as evis run writes them")
+        task.add_argument(
+            "source",
+            metavar="SCENE_OR_FILE",
+            help="a recording with labels, as evis run writes them; or a built-in scene or scene file, "
+            "which is simulated",
+        )
+        task.add_argument("--size", type=_size, metavar="WxH", help="of a scene: pixels (320x240)")
+        task.add_argument("--duration", type=float, metavar="S", help="of a scene: seconds (1)")
+        task.add_argument("--quality", choices=_QUALITIES, help="of a scene: the preset (draft)")
+        task.add_argument(
+            "--ladder",
+            action="store_true",
+            help="of a scene: once for each of: " + ", ".join(evaluate.LADDER),
+        )
+        task.add_argument("--figure", metavar="OUT.png", help="with --ladder: draw it")
         task.add_argument("--no-controls", action="store_true", help="leave the controls out")
         task.add_argument("--json", action="store_true", help="print JSON in place of a table")
         task.add_argument("--skip", type=int, metavar="N", help="windows at the start that do not count")
@@ -79,11 +107,55 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _scene_of(source: str) -> Scene:
+    scene = scene_named(source)
+    if scene is None:
+        raise ConfigError(
+            f"'{source}' is no scene; --ladder simulates one: {', '.join(scenes())}, or a .toml, .glb or "
+            ".gltf file"
+        )
+    return scene
+
+
+def _evaluated(
+    task: str,
+    source: str,
+    network: str | None,
+    scene_settings: Mapping[str, Any],
+    settings: Mapping[str, Any],
+) -> evaluate.Evaluation:
+    """Evaluate a recording, or a scene that is recorded for it."""
+    run: Callable[..., evaluate.Evaluation] = getattr(evaluate, task)
+    scene = scene_named(source)
+    if scene is None:
+        if scene_settings:
+            raise ConfigError(
+                f"--size, --duration and --quality are for scenes, and '{source}' is none; leave them out, "
+                f"or give one of {', '.join(scenes())}"
+            )
+        if not Path(source).exists():
+            raise FileNotFoundError(
+                f"{source} does not exist; give a recording, one of the scenes {', '.join(scenes())}, or a "
+                "scene file"
+            )
+        return run(source, network, **settings)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{scene.name.replace('/', '_')}.h5"
+        evaluate.record(scene, path, task, progress=True, **scene_settings)
+        return run(path, network, **settings)
+
+
 def run_evaluate(arguments: Sequence[str]) -> int:
     """Run ``evis evaluate`` and return its exit code."""
     given = vars(_parser().parse_args(arguments))
-    task, file = given.pop("task"), given.pop("file")
+    task, source = given.pop("task"), given.pop("source")
     as_json, network = given.pop("json"), given.pop("network")
+    as_ladder, picture = given.pop("ladder"), given.pop("figure")
+    scene_settings = {
+        own: value
+        for name, own in (("size", "size"), ("duration", "duration_s"), ("quality", "quality"))
+        if (value := given.pop(name)) is not None
+    }
     settings = {name: value for name, value in given.items() if value is not None}
     settings["normalize"] = not settings.pop("no_normalize")
     if settings.pop("no_controls"):
@@ -93,15 +165,35 @@ def run_evaluate(arguments: Sequence[str]) -> int:
             settings[f"{name[:-3]}_us"] = settings.pop(name)
     if "cameras" in settings:
         settings["cameras"] = settings["cameras"].split(",")
-    run: Callable[..., evaluate.Evaluation] = getattr(evaluate, task)
     try:
-        found = run(file, network, **settings)
+        if picture is not None and not as_ladder:
+            raise ConfigError("--figure draws a ladder; add --ladder")
+        if as_ladder:
+            if "quality" in scene_settings:
+                raise ConfigError("--ladder has presets among its settings; leave --quality out")
+            _check_picture("--figure", picture or "ladder.png")
+            rungs = evaluate.ladder(
+                task, _scene_of(source), network, progress=True, **scene_settings, **settings
+            )
+            if picture is not None:
+                _save_figure(rungs.figure(), Path(picture))
+            found: evaluate.Evaluation | evaluate.Ladder = rungs
+        else:
+            found = _evaluated(task, source, network, scene_settings, settings)
     except (EvisError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(found.to_json(indent=2) if as_json else found)
     if found.controls_fail is False:
-        wrong = sorted({f"{row.stream} ({row.setting})" for row in found.rows if row.fails is False})
+        one_by_one = found.evaluations if isinstance(found, evaluate.Ladder) else {"": found}
+        wrong = sorted(
+            {
+                f"{f'{name}: ' if name else ''}{row.stream} ({row.setting})"
+                for name, each in one_by_one.items()
+                for row in each.rows
+                if row.fails is False
+            }
+        )
         print(f"error: these controls do not fail: {', '.join(wrong)}", file=sys.stderr)
         return 1
     return 0
@@ -224,12 +316,25 @@ def _same_file(a: str, b: str) -> bool:
     return False
 
 
+def _check_picture(option: str, name: str) -> None:
+    if Path(name).suffix.lower() not in _PICTURES:
+        raise ConfigError(f"{option} is {name}; it must end with {', '.join(_PICTURES)}")
+
+
+def _save_figure(figure: Any, path: Path) -> None:
+    part = path.with_name(f"{path.name}.part")
+    try:
+        figure.savefig(part, format=path.suffix[1:].lower())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def _draw(given: argparse.Namespace) -> str:
     """Write a picture, and say what it shows."""
     path, kind = Path(given.output), given.kind or "summary"
     options: dict[str, Any] = {}
-    if path.suffix.lower() not in _PICTURES:
-        raise ConfigError(f"--output is {given.output}; it must end with {', '.join(_PICTURES)}")
+    _check_picture("--output", given.output)
     if given.window_ms is not None and not given.video:
         if kind not in _WINDOWS:
             raise ConfigError(
@@ -239,12 +344,7 @@ def _draw(given: argparse.Namespace) -> str:
         options[_WINDOWS[kind]] = given.window_ms
     events = _events_of(given)
     figure = plot.KINDS[kind](events, **options)
-    part = path.with_name(f"{path.name}.part")
-    try:
-        figure.savefig(part, format=path.suffix[1:].lower())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    _save_figure(figure, path)
     return f"{kind} of {len(events)} events"
 
 

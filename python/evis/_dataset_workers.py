@@ -22,6 +22,10 @@ from ._progress import Progress
 #: How often a shard whose worker was lost is begun again.
 RETRIES = 3
 
+#: Of a cluster that is started here, where the user sets nothing else. Ray would report its use to its
+#: makers, and its workers would be nice by 15: beside other work on the machine they get little of it.
+_RAY_SETTINGS = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
+
 #: Seconds between two progress lines where standard error is no terminal.
 _LINE_S = 10.0
 
@@ -244,6 +248,8 @@ def on_ray(
         if address is None:
             # Only plans and descriptions pass through the store, whose usual size is a third of the memory.
             options |= {"num_cpus": workers, "include_dashboard": False, "object_store_memory": 100 * 2**20}
+            for name, value in _RAY_SETTINGS.items():
+                os.environ.setdefault(name, value)
         else:
             _check_address(address)
         try:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ._events import Events
+from ._evis import ConfigError
 from ._files import RecordedView, Recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Picture = npt.NDArray[np.uint8]
 """uint8 (H, W, 3), red, green, blue as screens take them (sRGB)."""
@@ -26,6 +30,18 @@ POLARITY_COLORS = np.array([BACKGROUND, OFF, ON], np.uint8)
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Rec. ITU-R BT.709-6, item 3.2."""
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Make an empty figure of Matplotlib, in inches."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ConfigError("plots are not drawn without Matplotlib; pip install 'evis[plot]'") from error
+    # Without pyplot: no window, and nothing that outlives the figure.
+    figure = Figure(figsize=(width, height), dpi=100, layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
+    return figure
 
 
 def last_polarity(events: Events, size: tuple[int, int]) -> npt.NDArray[np.uint8]:

@@ -11,31 +11,43 @@ docs/evaluate.md has the methods, their sources, and figures.
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _check, metrics
+from ._evaluate_scenes import LADDER, record
 from ._events import EventArray
 from ._evis import ConfigError
 from ._files import RecordedLabels, RecordedView, Recording, load
 from ._networks import MatchNetwork, Network, Points, VoxelNetwork, opencv
+from ._pictures import new_figure
+from ._progress import Progress
+from ._scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "CONTROLS",
+    "LADDER",
     "Evaluation",
+    "Ladder",
     "Row",
     "flow",
     "fwl",
+    "ladder",
     "match",
     "ncc",
     "pose_auc",
     "reconstruct",
+    "record",
     "tone_map",
 ]
 
@@ -148,17 +160,185 @@ class Evaluation:
             outcome = {None: "", True: "fails", False: "DOES NOT FAIL"}[row.fails]
             figures = [f"{row.scores[name]:.3f}" if name in row.scores else "" for name in names]
             table.append([row.setting, row.stream, str(row.samples), *figures, outcome])
-        wide = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
-        lines = [
-            "  ".join(
-                cell.ljust(w) if k < 2 else cell.rjust(w)
-                for k, (cell, w) in enumerate(zip(line, wide, strict=True))
-            )
-            for line in table
+        return "\n".join([_head(self), *_aligned(table)])
+
+
+def _head(found: Evaluation) -> str:
+    used = ", ".join(f"{role} {name}" for role, name in found.networks.items())
+    return f"{found.task} of {found.source}" + (f" with {used}" if used else "")
+
+
+def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
+    """Lay a table out: two columns to the left, the others to the right."""
+    wide = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
+    lines = (
+        "  ".join(
+            cell.ljust(w) if k < 2 else cell.rjust(w)
+            for k, (cell, w) in enumerate(zip(line, wide, strict=True))
+        )
+        for line in table
+    )
+    return [line.rstrip() for line in lines]
+
+
+_LEADING = {
+    "reconstruct": ("ssim", "ncc"),
+    "flow": ("fwl", "increments"),
+    "match": ("precision_3px", "auc_10deg"),
+}
+"""The measures of each task that a figure shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ladder:
+    """One evaluation of a scene by settings of the simulator; ``print(ladder)`` shows a table.
+
+    Attributes
+    ----------
+    evaluations : mapping of str to Evaluation
+        By the name of the settings.
+    events : mapping of str to int
+        Events of each recording.
+    """
+
+    evaluations: Mapping[str, Evaluation]
+    events: Mapping[str, int]
+
+    @property
+    def controls_fail(self) -> bool | None:
+        """Whether every control of every evaluation fails; None without controls."""
+        outcomes = [found.controls_fail for found in self.evaluations.values()]
+        known = [outcome for outcome in outcomes if outcome is not None]
+        return all(known) if known else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return dictionaries, lists and numbers; None where a mean is nan, which JSON does not have."""
+        return {
+            "controls_fail": self.controls_fail,
+            "ladder": [
+                {"name": name, "events": self.events[name], **found.to_dict()}
+                for name, found in self.evaluations.items()
+            ],
+        }
+
+    def to_json(self, *, indent: int | None = None) -> str:
+        """Return the ladder as JSON."""
+        return json.dumps(self.to_dict(), indent=indent)
+
+    def __str__(self) -> str:
+        """Show a table: what the events of each scored, and how many of its controls fail."""
+        rows = [
+            (name, row, [other.fails for other in found.rows if other.worse and other.setting == row.setting])
+            for name, found in self.evaluations.items()
+            for row in found.rows
+            if row.stream == EVENTS
         ]
-        used = ", ".join(f"{role} {name}" for role, name in self.networks.items())
-        head = f"{self.task} of {self.source}" + (f" with {used}" if used else "")
-        return "\n".join([head, *(line.rstrip() for line in lines)])
+        names = list(dict.fromkeys(measure for _, row, _ in rows for measure in row.scores))
+        table = [["", "", "events", "samples", *names, "controls"]]
+        for name, row, fail in rows:
+            figures = [f"{row.scores[each]:.3f}" if each in row.scores else "" for each in names]
+            outcome = f"{sum(map(bool, fail))} of {len(fail)} fail" if fail else ""
+            table.append([row.setting, name, str(self.events[name]), str(row.samples), *figures, outcome])
+        order = list(dict.fromkeys(row.setting for _, row, _ in rows))
+        body = sorted(table[1:], key=lambda line: order.index(line[0]))
+        return "\n".join([_head(next(iter(self.evaluations.values()))), *_aligned([table[0], *body])])
+
+    def figure(self) -> Figure:
+        """Draw the leading measures as bars: SSIM and NCC, FWL and increments, or precision and AUC.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            ``figure.savefig("ladder.png")`` writes it.
+
+        Raises
+        ------
+        ConfigError
+            If Matplotlib is not installed: ``pip install 'evis[plot]'``.
+        """
+        first = next(iter(self.evaluations.values()))
+        settings = list(dict.fromkeys(row.setting for row in first.rows if row.stream == EVENTS))
+        measures = _LEADING[first.task]
+        figure = new_figure(4.5 * len(measures), 1.2 + 0.4 * len(self.evaluations))
+        places = np.arange(len(self.evaluations))
+        height = 0.8 / len(settings)
+        for axes, measure in zip(figure.subplots(1, len(measures), sharey=True), measures, strict=True):
+            for k, setting in enumerate(settings):
+                rows = [found.row(EVENTS, setting) for found in self.evaluations.values()]
+                values = [row.scores.get(measure, float("nan")) for row in rows]
+                axes.barh(places + (k - (len(settings) - 1) / 2) * height, values, height, label=setting)
+            axes.set_xlabel(measure)
+            axes.set_yticks(places, list(self.evaluations))
+        # Both share it: the first settings at the top.
+        axes.invert_yaxis()
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+        figure.suptitle(_head(first), fontsize="medium")
+        return figure
+
+
+def ladder(
+    task: Literal["reconstruct", "flow", "match"],
+    scene: Scene,
+    network: str | PathLike[str] | None = None,
+    *,
+    rungs: Mapping[str, Mapping[str, Any]] = LADDER,
+    duration_s: float = 1.0,
+    size: tuple[int, int] = (320, 240),
+    seed: int | None = None,
+    progress: bool = False,
+    **options: Any,
+) -> Ladder:
+    """Evaluate a scene that is simulated with different settings.
+
+    Parameters
+    ----------
+    task : {"reconstruct", "flow", "match"}
+        The evaluation, with ``network`` and ``options`` as its function takes them.
+    scene : Scene
+        What is seen; see `record`.
+    network : path, optional
+        The network.
+    rungs : mapping of str to mapping
+        Arguments of `evis.Simulator` by name; `LADDER` where not given: rendering at 1000 Hz, the presets,
+        and the rates of the EVIS paper.
+    duration_s : float
+        Seconds of each recording.
+    size : tuple of int
+        Width and height in pixels.
+    seed : int, optional
+        Of the simulator.
+    progress : bool
+        Show a bar.
+    **options
+        Of the evaluation, such as ``controls`` and ``windows_us``.
+
+    Returns
+    -------
+    Ladder
+        One evaluation by name; the recordings are removed.
+
+    Raises
+    ------
+    ConfigError, OSError, FormatError
+        As the evaluation and `record`.
+    """
+    runs: Mapping[str, Callable[..., Evaluation]] = {"reconstruct": reconstruct, "flow": flow, "match": match}
+    if task not in runs:
+        raise ConfigError(f"task is {_check.shown(task)}; it must be {_check.one_of(list(runs))}")
+    if not rungs:
+        raise ConfigError(
+            "rungs is empty; it must hold settings by name, such as {'draft': {'quality': 'draft'}}"
+        )
+    evaluations, events = {}, {}
+    with tempfile.TemporaryDirectory() as folder, Progress(len(rungs), "settings", shown=progress) as bar:
+        # Its name is the table's.
+        path = Path(folder) / f"{scene.name.replace('/', '_')}.h5"
+        for name, settings in rungs.items():
+            recording = record(scene, path, task, duration_s=duration_s, size=size, seed=seed, **settings)
+            events[name] = sum(len(view) for view in recording.values())
+            evaluations[name] = runs[task](path, network, **options)
+            bar.advance(1, name)
+    return Ladder(evaluations, events)
 
 
 def ncc(picture: npt.ArrayLike, reference: npt.ArrayLike) -> float:

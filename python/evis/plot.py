@@ -18,7 +18,7 @@ from . import _check
 from ._events import EventArray, EventCarrier, Events
 from ._evis import ConfigError
 from ._files import load
-from ._pictures import OFF, ON, polarity_picture, surface_picture
+from ._pictures import OFF, ON, new_figure, polarity_picture, surface_picture
 from ._progress import Progress
 
 if TYPE_CHECKING:
@@ -43,17 +43,6 @@ Source: TypeAlias = "EventArray | EventCarrier | str | PathLike[str]"
 
 _ON, _OFF = ("#{:02x}{:02x}{:02x}".format(*color) for color in (ON, OFF))
 _GREY = "#666666"
-
-
-def _figure(width: float, height: float) -> Figure:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ConfigError("plots are not drawn without Matplotlib; pip install 'evis[plot]'") from error
-    # Without pyplot: no window, and nothing that outlives the figure.
-    figure = Figure(figsize=(width, height), dpi=100, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
-    return figure
 
 
 def _events(source: Source) -> EventArray:
@@ -225,7 +214,7 @@ def rates(events: Source, *, bin_us: int | None = None) -> Figure:
     ConfigError
         If there are no events, ``bin_us`` cannot be used, or Matplotlib is missing.
     """
-    array, figure = _events(events), _figure(8, 3)
+    array, figure = _events(events), new_figure(8, 3)
     _draw_rates(figure.subplots(), array, bin_us)
     return figure
 
@@ -252,7 +241,7 @@ def intervals(events: Source) -> Figure:
     ConfigError
         If there are no events, or Matplotlib is missing.
     """
-    array, figure = _events(events), _figure(8, 3)
+    array, figure = _events(events), new_figure(8, 3)
     _draw_intervals(figure.subplots(), array)
     return figure
 
@@ -275,7 +264,7 @@ def rate_map(events: Source) -> Figure:
     ConfigError
         If there are no events, or Matplotlib is missing.
     """
-    array, figure = _events(events), _figure(6, 4.2)
+    array, figure = _events(events), new_figure(6, 4.2)
     _draw_rate_map(figure, figure.subplots(), array)
     return figure
 
@@ -298,7 +287,7 @@ def polarity(events: Source) -> Figure:
     ConfigError
         If there are no events, or Matplotlib is missing.
     """
-    array, figure = _events(events), _figure(6, 4.6)
+    array, figure = _events(events), new_figure(6, 4.6)
     axes = figure.subplots()
     start, end = _span_us(array)
     axis = _Axis(start, end)
@@ -335,7 +324,7 @@ def surface(events: Source, *, tau_us: float = 30_000, at_us: int | None = None)
     -----
     `EventArray.time_surface` has the formula and its source.
     """
-    array, figure = _events(events), _figure(6, 4.6)
+    array, figure = _events(events), new_figure(6, 4.6)
     axes = figure.subplots()
     at = int(array.t[-1]) if at_us is None else _check.time_us("at_us", at_us)
     _imshow(axes, surface_picture(array.time_surface(tau_us, at_us=at)))
@@ -400,7 +389,7 @@ def thumbnails(events: Source, *, count: int = 4, window_us: int | None = None) 
     array = _events(events)
     count = _check.whole("count", count, 1, 20)
     length = None if window_us is None else _check.whole("window_us", window_us, 1, unit=" microseconds")
-    figure = _figure(1 + 2.2 * count, 0.6 + 3 * 2.2 * array.height / array.width)
+    figure = new_figure(1 + 2.2 * count, 0.6 + 3 * 2.2 * array.height / array.width)
     _draw_thumbnails(figure, array, count, length)
     return figure
 
@@ -453,7 +442,7 @@ def xyt(events: Source, *, most: int = 20_000) -> Figure:
     """
     array = _events(events)
     most = _check.whole("most", most, 1)
-    figure = _figure(8, 4.2)
+    figure = new_figure(8, 4.2)
     figure.set_layout_engine("none")
     axes = figure.add_axes((0, 0, 0.97, 0.97), projection="3d")
     axis = _Axis(*_span_us(array))
@@ -483,7 +472,7 @@ def summary(events: Source) -> Figure:
     """
     array = _events(events)
     tiles = 0.6 + 3 * 2.2 * array.height / array.width
-    figure = _figure(10, 6 + tiles)
+    figure = new_figure(10, 6 + tiles)
     top, bottom = figure.subfigures(2, 1, height_ratios=[6, tiles])
     above, below = top.subfigures(2, 1)
     _draw_rates(above.subplots(), array, None)
@@ -535,7 +524,7 @@ def _frames(
     sides = (width * scale, height * scale) if kind != "xyt" else (800, 440)
     # Films have even sides, which every player shows.
     sides = (sides[0] + sides[0] % 2, sides[1] + (sides[1] + _CAPTION) % 2)
-    figure = _figure(sides[0] / 100, (sides[1] + _CAPTION) / 100)
+    figure = new_figure(sides[0] / 100, (sides[1] + _CAPTION) / 100)
     figure.set_layout_engine("none")
     canvas = _canvas(figure)
     caption = _CAPTION / (sides[1] + _CAPTION)

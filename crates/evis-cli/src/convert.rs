@@ -4,13 +4,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use evis_format::{
-    ConvertOptions, EventReader, Extent, Format, FormatError, ReadOptions, WriteOptions, measure, open,
+    ConvertOptions, DsecExport, EventReader, Extent, Format, FormatError, McapExport, ReadOptions,
+    WriteOptions, measure, open,
 };
 use serde::Serialize;
 
 use crate::args::ConvertArgs;
 use crate::failure::bad_input;
 use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
+use crate::progress::{Progress, WHOLE};
 use crate::{text, undistort};
 
 #[derive(Serialize)]
@@ -26,6 +28,8 @@ struct Report {
     frames: u64,
     imu: u64,
     interrupted: bool,
+    /// How the input is damaged, where --until-damage ended there.
+    damage: Option<String>,
 }
 
 /// Writes the input in another format.
@@ -39,15 +43,19 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
     if same_file(args) {
         return Err(bad_input("the output is the input; choose another name"));
     }
-    if format == Format::Dsec {
-        return export_dsec(args);
+    if matches!(format, Format::Dsec | Format::Mcap) && is_whole(args) && is_recording(&args.input) {
+        return if format == Format::Dsec { export_dsec(args) } else { export_mcap(args) };
     }
     let read = ReadOptions { camera: args.camera.clone(), size: args.size };
     let mut reader = open(&args.input, &read)?;
     let input_format = reader.info().format;
     // What the file itself does not say takes a reading of its own.
     let needs_extent = reader.info().size.is_none() || (args.rebase && args.start.is_none());
-    let extent = if needs_extent { Some(measure(&mut *reader)?) } else { None };
+    let extent = match needs_extent {
+        true if args.until_damage => Some(measured(&mut *reader).0),
+        true => Some(measure(&mut *reader)?),
+        false => None,
+    };
     if needs_extent {
         reader = open(&args.input, &read)?;
     }
@@ -73,6 +81,7 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
         flip_y: flips('y'),
         events_only: args.events_only,
         shift_us: if args.rebase { args.start.unwrap_or(first_us).saturating_neg() } else { 0 },
+        until_damage: args.until_damage,
     };
     if !options.fits(size) {
         let (width, height) = size;
@@ -83,7 +92,17 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
     let write = WriteOptions { size: (width, height), overwrite: args.force };
     let writer = evis_format::create(&args.output, format, &write)?;
     let interrupt = Interrupt::listen();
-    let converted = evis_format::convert(reader, writer, size, &options, |_| !interrupt.asked())?;
+    let progress = Progress::new(WHOLE);
+    let converted = evis_format::convert(reader, writer, size, &options, |part| {
+        if let Some(part) = part {
+            progress.part("of the input", part);
+        }
+        !interrupt.asked()
+    })?;
+    drop(progress);
+    if let Some(damage) = &converted.damage {
+        text::complain(&format!("warning: {damage}"));
+    }
     let report = Report {
         input: args.input.display().to_string(),
         output: args.output.display().to_string(),
@@ -96,13 +115,18 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
         frames: converted.frames,
         imu: converted.imu,
         interrupted: interrupt.asked(),
+        damage: converted.damage,
     };
     if args.json {
         text::say_json(&report)?;
     } else {
         let mut line =
             format!("{}  {format}, {width}x{height}, {} events", report.output, text::grouped(report.events));
-        line += &others(report.triggers, report.frames, report.imu);
+        line += &others(&[
+            (report.triggers, "triggers"),
+            (report.frames, "frames"),
+            (report.imu, "inertial samples"),
+        ]);
         text::say(&line);
     }
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
@@ -130,12 +154,9 @@ pub(crate) fn format_of(path: &Path) -> anyhow::Result<Format> {
 }
 
 /// `, 3 triggers, 2 frames`, of what there is.
-fn others(triggers: u64, frames: u64, imu: u64) -> String {
-    [(triggers, "triggers"), (frames, "frames"), (imu, "inertial samples")]
-        .into_iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, name)| format!(", {} {name}", text::grouped(count)))
-        .collect()
+fn others(counted: &[(u64, &str)]) -> String {
+    let there = counted.iter().filter(|(count, _)| *count > 0);
+    there.map(|(count, name)| format!(", {} {name}", text::grouped(*count))).collect()
 }
 
 fn same_file(args: &ConvertArgs) -> bool {
@@ -143,15 +164,50 @@ fn same_file(args: &ConvertArgs) -> bool {
     place(&args.input).is_some_and(|input| place(&args.output) == Some(input))
 }
 
-fn export_dsec(args: &ConvertArgs) -> anyhow::Result<i32> {
+/// Whether all of the input is asked for, as it is.
+fn is_whole(args: &ConvertArgs) -> bool {
     let part = args.start.is_some() || args.end.is_some() || args.crop.is_some() || args.flip.is_some();
-    if part || args.rebase || args.undistort || args.camera.is_some() {
-        return Err(bad_input(
-            "--format dsec writes the whole recording; leave --start, --end, --rebase, --undistort, --crop, --flip and \
-             --camera out",
-        ));
+    !(part || args.rebase || args.undistort || args.events_only || args.camera.is_some())
+}
+
+/// Whether the input is a recording of EVIS, of which more than events is kept.
+fn is_recording(input: &Path) -> bool {
+    evis_core::format::hdf5::Recording::open(input).is_ok()
+}
+
+fn export_mcap(args: &ConvertArgs) -> anyhow::Result<i32> {
+    let export = evis_format::export_mcap(&args.input, &args.output, args.force)?;
+    if args.json {
+        let McapExport { cameras, events, images, poses, imu } = export;
+        text::say_json(&serde_json::json!({
+            "input": args.input.display().to_string(), "output": args.output.display().to_string(),
+            "format": Format::Mcap.name(), "cameras": cameras, "events": events, "images": images, "poses": poses,
+            "imu": imu,
+        }))?;
+        return Ok(0);
     }
+    text::say(&format!(
+        "{}  {}, {}, {} events{}",
+        args.output.display(),
+        Format::Mcap,
+        export.cameras.join(", "),
+        text::grouped(export.events),
+        others(&[(export.images, "images"), (export.poses, "poses"), (export.imu, "inertial samples")])
+    ));
+    Ok(0)
+}
+
+fn export_dsec(args: &ConvertArgs) -> anyhow::Result<i32> {
     let export = evis_format::export_dsec(&args.input, &args.output, args.force)?;
+    if args.json {
+        let DsecExport { cameras, events, flows, disparities, notes } = export;
+        text::say_json(&serde_json::json!({
+            "input": args.input.display().to_string(), "output": args.output.display().to_string(),
+            "format": Format::Dsec.name(), "cameras": cameras, "events": events, "flows": flows,
+            "disparities": disparities, "notes": notes,
+        }))?;
+        return Ok(0);
+    }
     let cameras: Vec<String> = export.cameras.iter().map(|(own, eye)| format!("{own} as {eye}")).collect();
     let mut lines = vec![format!(
         "{}  DSEC folder, {}, {} events, {} flow images, {} disparity images",
@@ -277,7 +333,7 @@ mod tests {
 
     #[test]
     fn what_a_file_has_beside_events_is_counted() {
-        assert_eq!(others(2, 0, 1), ", 2 triggers, 1 inertial samples");
-        assert_eq!(others(0, 0, 0), "");
+        assert_eq!(others(&[(2, "triggers"), (0, "frames"), (1, "poses")]), ", 2 triggers, 1 poses");
+        assert_eq!(others(&[(0, "frames")]), "");
     }
 }

@@ -29,6 +29,8 @@ pub struct ConvertOptions {
     pub events_only: bool,
     /// Added to all times, microseconds, after the cut.
     pub shift_us: i64,
+    /// Of a damaged input, keep what comes before the damage.
+    pub until_damage: bool,
 }
 
 impl Default for ConvertOptions {
@@ -42,6 +44,7 @@ impl Default for ConvertOptions {
             flip_y: false,
             events_only: false,
             shift_us: 0,
+            until_damage: false,
         }
     }
 }
@@ -127,7 +130,7 @@ impl ConvertOptions {
 }
 
 /// What a conversion wrote.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Converted {
     /// Events.
     pub events: u64,
@@ -137,10 +140,13 @@ pub struct Converted {
     pub frames: u64,
     /// Inertial samples.
     pub imu: u64,
+    /// How the input is damaged, where [`ConvertOptions::until_damage`] ended there.
+    pub damage: Option<String>,
 }
 
 /// Copies what `options` keep from `reader`, whose sensor has `size`, to `writer`, and finishes the file.
-/// `proceed` is called now and then with the time reached; where it says no, the file ends there.
+/// `proceed` is called now and then with the part of the input that has been read, where it is known; where it says
+/// no, the file ends there.
 ///
 /// # Errors
 /// As [`EventReader::read_packet`] and [`EventWriter::write`].
@@ -149,14 +155,21 @@ pub fn convert(
     mut writer: Box<dyn EventWriter>,
     size: (u32, u32),
     options: &ConvertOptions,
-    mut proceed: impl FnMut(i64) -> bool,
+    mut proceed: impl FnMut(Option<f64>) -> bool,
 ) -> Result<Converted, FormatError> {
     let mut reader = Between::new(reader, options.start_us, options.end_us)?;
     let (mut packet, mut converted) = (Packet::default(), Converted::default());
-    while reader.read_packet(&mut packet)? {
-        if let Some(last) = packet.events.last()
-            && !proceed(last.t)
-        {
+    loop {
+        match reader.read_packet(&mut packet) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(error) if options.until_damage && matches!(error, FormatError::Corrupt { .. }) => {
+                converted.damage = Some(error.to_string());
+                break;
+            }
+            Err(error) => return Err(error),
+        }
+        if !proceed(reader.part()) {
             break;
         }
         options.apply(size, &mut packet);

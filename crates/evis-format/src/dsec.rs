@@ -18,12 +18,13 @@ use std::path::{Path, PathBuf};
 
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, LabelData, LabelKind, PoseSample};
+use evis_core::{CameraInfo, Event, LabelData, LabelKind, PoseSample};
 use rust_hdf5::{H5File, Hdf5Error};
 
-use crate::hdf5::Hdf5Reader;
+use crate::hdf5::{Hdf5Reader, Hdf5Writer};
 use crate::packet::Packet;
 use crate::read::{EventReader, ReadOptions, StreamInfo};
+use crate::write::{EventWriter, WriteOptions};
 
 /// Microseconds of events that are copied at once.
 const US_AT_ONCE: i64 = 20_000;
@@ -92,8 +93,36 @@ impl EventReader for DsecReader {
         self.0.read_packet(packet)
     }
 
+    fn part(&self) -> Option<f64> {
+        self.0.part()
+    }
+
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {
         self.0.seek(t_us)
+    }
+}
+
+/// Writes events alone, as those of a folder's left camera.
+pub(crate) struct DsecWriter(Hdf5Writer);
+
+impl DsecWriter {
+    pub(crate) fn create(folder: &Path, options: &WriteOptions) -> Result<Self, FormatError> {
+        let own = new_folder(folder, EYES[0], options.overwrite)?;
+        Ok(Self(Hdf5Writer::create(&own.join("events.h5"), &WriteOptions { overwrite: true, ..*options })?))
+    }
+}
+
+impl EventWriter for DsecWriter {
+    fn write(&mut self, packet: &Packet) -> Result<(), FormatError> {
+        self.0.write(packet)
+    }
+
+    fn write_events(&mut self, events: &[Event]) -> Result<(), FormatError> {
+        self.0.write_events(events)
+    }
+
+    fn finish(self: Box<Self>) -> Result<(), FormatError> {
+        Box::new(self.0).finish()
     }
 }
 
@@ -129,14 +158,11 @@ pub fn export_dsec(path: &Path, folder: &Path, overwrite: bool) -> Result<DsecEx
             return Err(FormatError::invalid(path, what, "DSEC has a left and a right one: record those"));
         }
     };
-    if folder.exists() && !overwrite {
-        return Err(FormatError::Exists { path: folder.into() });
-    }
     let mut export = DsecExport::default();
     for (&camera, eye) in order.iter().zip(EYES) {
         let Some(info) = cameras.get(camera) else { continue };
-        let own = folder.join("events").join(eye);
-        make_folder(&own)?;
+        // The first one was refused where the folder is old; the second one finds it made.
+        let own = new_folder(folder, eye, overwrite || eye != EYES[0])?;
         export.events += write_events(&recording, camera, info, &own.join("events.h5"))?;
         if info.distortion.is_none() {
             write_map(&own.join("rectify_map.h5"), info)?;
@@ -163,6 +189,16 @@ pub fn export_dsec(path: &Path, folder: &Path, overwrite: bool) -> Result<DsecEx
     let infos: Vec<&CameraInfo> = order.iter().filter_map(|&camera| cameras.get(camera)).collect();
     write_file(&calibration.join("cam_to_cam.yaml"), calibration_yaml(&infos, pair.as_ref()).as_bytes())?;
     Ok(export)
+}
+
+/// Makes the folder of a camera's events.
+fn new_folder(folder: &Path, eye: &str, overwrite: bool) -> Result<PathBuf, FormatError> {
+    if folder.exists() && !overwrite {
+        return Err(FormatError::Exists { path: folder.into() });
+    }
+    let own = folder.join("events").join(eye);
+    make_folder(&own)?;
+    Ok(own)
 }
 
 fn make_folder(path: &Path) -> Result<(), FormatError> {

@@ -114,6 +114,10 @@ impl EventReader for EsReader {
         Ok(!self.block.is_empty())
     }
 
+    fn part(&self) -> Option<f64> {
+        Some(self.input.part())
+    }
+
     fn seek(&mut self, _t_us: i64) -> Result<(), FormatError> {
         // Times are differences: from the start.
         (self.t, self.damage) = (0, None);

@@ -38,6 +38,11 @@ impl Input {
         self.at
     }
 
+    /// The part of the file before the next byte, 0 to 1.
+    pub(crate) fn part(&self) -> f64 {
+        self.at as f64 / self.length.max(1) as f64
+    }
+
     pub(crate) fn seek(&mut self, at: u64) -> Result<(), FormatError> {
         self.at = self
             .file
@@ -54,6 +59,21 @@ impl Input {
         let read = (&mut self.file).take(size as u64).read_to_end(block);
         self.at += read.map_err(|error| FormatError::io(&self.path, "read", error))? as u64;
         Ok(())
+    }
+
+    /// Fills `bytes` with the next ones, and returns how many there are: fewer at the end of the file.
+    pub(crate) fn read_into(&mut self, bytes: &mut [u8]) -> Result<usize, FormatError> {
+        let mut filled = 0;
+        while let Some(rest) = bytes.get_mut(filled..).filter(|rest| !rest.is_empty()) {
+            match self.file.read(rest) {
+                Ok(0) => break,
+                Ok(count) => filled += count,
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(FormatError::io(&self.path, "read", error)),
+            }
+        }
+        self.at += filled as u64;
+        Ok(filled)
     }
 
     /// The file is damaged at byte `at`; `what` completes "at byte N, ".

@@ -310,6 +310,10 @@ impl EventReader for Hdf5Reader {
         }
     }
 
+    fn part(&self) -> Option<f64> {
+        Some(self.next as f64 / self.rows.max(1) as f64)
+    }
+
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {
         let (mut low, mut high) = (0, self.rows);
         while low < high {

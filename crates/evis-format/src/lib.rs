@@ -15,7 +15,6 @@ mod es;
 mod files;
 mod format;
 mod hdf5;
-mod mcap;
 mod numpy;
 mod open;
 mod packet;
@@ -23,6 +22,7 @@ mod pixel_map;
 mod prophesee;
 mod read;
 mod recognise;
+mod ros;
 mod text;
 mod write;
 
@@ -34,6 +34,7 @@ pub use packet::{Frame, ImuSample, Packet, Trigger};
 pub use pixel_map::PixelMap;
 pub use read::{Between, EventReader, Extent, ReadOptions, StreamInfo, measure};
 pub use recognise::recognise;
+pub use ros::{McapExport, export_mcap};
 pub use write::{EventWriter, WriteOptions};
 
 pub use evis_core::Event;

@@ -117,13 +117,44 @@ impl NpyReader {
         fields.map(|(at, integer)| row.get(at..at + integer.bytes()).and_then(|bytes| integer.read(bytes)))
     }
 
+    /// Reads up to `wanted` rows, which are events as they lie in memory, to where events go. Returns how many there are,
+    /// and whether one is wrong: then they are in the block, to be taken one by one.
+    fn read_events(
+        &mut self,
+        wanted: usize,
+        (width, height): (u32, u32),
+        events: &mut Vec<Event>,
+    ) -> Result<(usize, bool), FormatError> {
+        events.resize(wanted, Event::default());
+        let bytes = self.input.read_into(bytemuck::cast_slice_mut(events))?;
+        events.truncate(bytes / size_of::<Event>());
+        let (mut wrong, mut marked) = (false, 0);
+        for [x, y, p, mark, ..] in bytemuck::cast_slice::<Event, [u16; 8]>(events) {
+            wrong |= (*p > 1) | (u32::from(*x) >= width) | (u32::from(*y) >= height);
+            marked |= mark;
+        }
+        if wrong {
+            self.block.clear();
+            self.block.extend_from_slice(bytemuck::cast_slice(events));
+        } else if marked != 0 {
+            // What other programs leave between p and t.
+            bytemuck::cast_slice_mut::<Event, [u16; 8]>(events).iter_mut().for_each(|halves| halves[3] = 0);
+        }
+        Ok((events.len(), wrong))
+    }
+
     /// Whether rows are events as they lie in memory.
     fn is_event_cd(&self) -> bool {
         let is = |(at, integer): (usize, Integer), place, descr| {
             at == place && Some(integer) == Integer::of(descr)
         };
         let [t, x, y, p] = self.fields;
-        self.row == 16 && is(t, 8, "<i8") && is(x, 0, "<u2") && is(y, 2, "<u2") && is(p, 4, "<i2")
+        cfg!(target_endian = "little")
+            && self.row == 16
+            && is(t, 8, "<i8")
+            && is(x, 0, "<u2")
+            && is(y, 2, "<u2")
+            && is(p, 4, "<i2")
     }
 }
 
@@ -142,24 +173,15 @@ impl EventReader for NpyReader {
         if wanted == 0 {
             return Ok(false);
         }
-        self.input.read_block(&mut self.block, wanted * self.row)?;
+        let (width, height) = self.info.size.unwrap_or((1 << 16, 1 << 16));
+        let (whole, wrong) = if self.is_event_cd() {
+            self.read_events(wanted, (width, height), &mut packet.events)?
+        } else {
+            self.input.read_block(&mut self.block, wanted * self.row)?;
+            (self.block.len() / self.row, true)
+        };
         let (fields, row) = (self.fields, self.row);
         let rows = self.block.chunks_exact(row);
-        let whole = rows.len();
-        let (width, height) = self.info.size.unwrap_or((1 << 16, 1 << 16));
-        let mut wrong = false;
-        if self.is_event_cd() {
-            packet.events.extend(self.block.as_chunks::<16>().0.iter().map(|row| {
-                let [x0, x1, y0, y1, p0, p1, _, _, t @ ..] = *row;
-                let (x, y) = (u16::from_le_bytes([x0, x1]), u16::from_le_bytes([y0, y1]));
-                let p = u16::from_le_bytes([p0, p1]);
-                wrong |= (p > 1) | (u32::from(x) >= width) | (u32::from(y) >= height);
-                let polarity = if p == 0 { Polarity::Off } else { Polarity::On };
-                Event::new(i64::from_le_bytes(t), x, y, polarity)
-            }));
-        } else {
-            wrong = true;
-        }
         if wrong {
             packet.events.clear();
             for (index, bytes) in rows.enumerate() {
@@ -183,6 +205,10 @@ impl EventReader for NpyReader {
             Some((at, what)) if packet.is_empty() => Err(self.input.damaged(*at, what)),
             _ => Ok(true),
         }
+    }
+
+    fn part(&self) -> Option<f64> {
+        Some(self.input.part())
     }
 
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {
@@ -408,6 +434,10 @@ impl EventReader for NpzReader {
             Some(what) if packet.is_empty() => Err(FormatError::corrupt(&self.path, what, COLUMNS)),
             _ => Ok(true),
         }
+    }
+
+    fn part(&self) -> Option<f64> {
+        Some(self.next as f64 / self.rows.max(1) as f64)
     }
 
     fn seek(&mut self, _t_us: i64) -> Result<(), FormatError> {

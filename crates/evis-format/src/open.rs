@@ -8,7 +8,7 @@ use crate::format::Format;
 use crate::read::{EventReader, ReadOptions};
 use crate::recognise::recognise;
 use crate::write::{EventWriter, WriteOptions};
-use crate::{aedat, dsec, es, hdf5, mcap, numpy, prophesee, text};
+use crate::{aedat, dsec, es, hdf5, numpy, prophesee, ros, text};
 
 /// Opens the file at `path`, whatever its format is.
 ///
@@ -38,7 +38,7 @@ pub fn open(path: &Path, options: &ReadOptions) -> Result<Box<dyn EventReader>, 
         Format::Npz => Box::new(numpy::NpzReader::open(path, options)?),
         Format::Npy => Box::new(numpy::NpyReader::open(path, options)?),
         Format::Hdf5 => Box::new(hdf5::Hdf5Reader::open(path, options)?),
-        Format::Mcap => Box::new(mcap::McapReader::open(path, options)?),
+        Format::Mcap => Box::new(ros::McapReader::open(path, options)?),
         Format::Es => Box::new(es::EsReader::open(path)?),
         Format::Dsec => Box::new(dsec::DsecReader::open(path, options)?),
     };
@@ -54,14 +54,31 @@ pub fn create(
     format: Format,
     options: &WriteOptions,
 ) -> Result<Box<dyn EventWriter>, FormatError> {
-    if format == Format::Dsec {
-        return Err(FormatError::invalid(
-            path,
-            "a folder in DSEC's layout holds a whole recording",
-            "convert an HDF5 recording of EVIS with --format dsec",
-        ));
-    }
-    let (width, height) = options.size;
+    check_size(path, format, options.size)?;
+    let writer: Box<dyn EventWriter> = match format {
+        Format::Evt3 => Box::new(prophesee::Evt3Writer::create(path, options)?),
+        Format::Evt2 => Box::new(prophesee::Evt2Writer::create(path, options)?),
+        Format::Dat => Box::new(prophesee::DatWriter::create(path, options)?),
+        Format::Aedat4 => Box::new(aedat::Aedat4Writer::create(path, options)?),
+        Format::Aedat2 => Box::new(aedat::Aedat2Writer::create(path, options)?),
+        Format::Text => Box::new(text::TextWriter::create(path, options)?),
+        Format::TextZip => Box::new(text::ZipWriter::create(path, options)?),
+        Format::Npz => Box::new(numpy::NpzWriter::create(path, options)?),
+        Format::Npy => Box::new(numpy::NpyWriter::create(path, options)?),
+        Format::Mcap => Box::new(ros::McapWriter::create(path, options)?),
+        Format::Es => Box::new(es::EsWriter::create(path, options)?),
+        Format::Hdf5 => Box::new(hdf5::Hdf5Writer::create(path, options)?),
+        Format::Dsec => Box::new(dsec::DsecWriter::create(path, options)?),
+    };
+    Ok(writer)
+}
+
+/// Refuses a sensor that is larger than those of `format`.
+pub(crate) fn check_size(
+    path: &Path,
+    format: Format,
+    (width, height): (u32, u32),
+) -> Result<(), FormatError> {
     let most = match format {
         Format::Evt3 | Format::Evt2 | Format::Mcap => 2048,
         Format::Dat => 1 << 14,
@@ -76,19 +93,5 @@ pub fn create(
             format!("{format} holds sizes from 1x1 to {most}x{most}"),
         ));
     }
-    let writer: Box<dyn EventWriter> = match format {
-        Format::Evt3 => Box::new(prophesee::Evt3Writer::create(path, options)?),
-        Format::Evt2 => Box::new(prophesee::Evt2Writer::create(path, options)?),
-        Format::Dat => Box::new(prophesee::DatWriter::create(path, options)?),
-        Format::Aedat4 => Box::new(aedat::Aedat4Writer::create(path, options)?),
-        Format::Aedat2 => Box::new(aedat::Aedat2Writer::create(path, options)?),
-        Format::Text => Box::new(text::TextWriter::create(path, options)?),
-        Format::TextZip => Box::new(text::ZipWriter::create(path, options)?),
-        Format::Npz => Box::new(numpy::NpzWriter::create(path, options)?),
-        Format::Npy => Box::new(numpy::NpyWriter::create(path, options)?),
-        Format::Mcap => Box::new(mcap::McapWriter::create(path, options)?),
-        Format::Es => Box::new(es::EsWriter::create(path, options)?),
-        Format::Hdf5 | Format::Dsec => Box::new(hdf5::Hdf5Writer::create(path, options)?),
-    };
-    Ok(writer)
+    Ok(())
 }

@@ -50,6 +50,11 @@ pub trait EventReader: Send {
     /// A file that cannot be read or is damaged; the message names the byte.
     fn read_packet(&mut self, packet: &mut Packet) -> Result<bool, FormatError>;
 
+    /// The part of the file that has been read, 0 to 1, where it is known.
+    fn part(&self) -> Option<f64> {
+        None
+    }
+
     /// Moves, back or forth, so that the packets to come hold everything at `t_us` and later. They may
     /// begin with what is somewhat earlier; [`Between`] takes that away.
     ///
@@ -100,6 +105,10 @@ impl EventReader for Box<dyn EventReader> {
         (**self).read_packet(packet)
     }
 
+    fn part(&self) -> Option<f64> {
+        (**self).part()
+    }
+
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {
         (**self).seek(t_us)
     }
@@ -120,6 +129,10 @@ impl<R: EventReader> EventReader for Between<R> {
         self.done = packet.events.first().is_some_and(|event| event.t >= past_us);
         packet.retain_between(self.start_us, self.end_us);
         Ok(!self.done)
+    }
+
+    fn part(&self) -> Option<f64> {
+        self.reader.part()
     }
 
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {

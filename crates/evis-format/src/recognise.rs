@@ -7,7 +7,7 @@ use std::path::Path;
 use evis_core::format::FormatError;
 
 use crate::format::Format;
-use crate::{dsec, es, hdf5, mcap, prophesee, text};
+use crate::{dsec, es, hdf5, prophesee, ros, text};
 
 /// Bytes at the start of a file that tell its format.
 const HEAD: u64 = 64 << 10;
@@ -34,7 +34,7 @@ fn of_head(head: &[u8]) -> Option<Format> {
         Some(Format::Aedat2)
     } else if head.starts_with(b"\x93NUMPY") {
         Some(Format::Npy)
-    } else if head.starts_with(mcap::MAGIC) {
+    } else if head.starts_with(ros::MAGIC) {
         Some(Format::Mcap)
     } else if head.starts_with(es::MAGIC) {
         Some(Format::Es)

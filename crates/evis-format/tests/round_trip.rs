@@ -541,3 +541,109 @@ fn a_conversion_cuts_crops_and_flips() {
     assert!(same(&read(&to).unwrap().events, &want));
     assert!(!options.fits((899, 720)) && options.fits((900, 650)));
 }
+
+#[test]
+fn what_comes_before_damage_is_kept_on_request() {
+    let folder = Folder::new("damage");
+    let events = stream(0, 500);
+    for format in [Format::Evt3, Format::Dat, Format::Aedat4, Format::Text, Format::Npy] {
+        let (from, to) = (folder.file(format), folder.0.join("kept"));
+        write(&from, format, &packets(&events, 300)).unwrap();
+        let bytes = std::fs::read(&from).unwrap();
+        // An odd number of bytes is missing, so that no word and no row ends there.
+        std::fs::write(&from, &bytes[..bytes.len() - ((bytes.len() / 2) | 1)]).unwrap();
+        let attempt = |until_damage| {
+            let options = ConvertOptions { until_damage, ..ConvertOptions::default() };
+            let writer = create(&to, Format::Npz, &WriteOptions { size: SIZE, overwrite: true }).unwrap();
+            let reader = open(&from, &ReadOptions::default()).unwrap();
+            convert(reader, writer, SIZE, &options, |_| true)
+        };
+        // Without the request there is an error, and no file.
+        assert!(attempt(false).is_err() && !to.exists(), "{format}");
+        let converted = attempt(true).unwrap();
+        assert!(converted.damage.is_some_and(|damage| damage.contains("at byte")), "{format}");
+        let kept = read(&to).unwrap().events;
+        assert!(kept.len() > events.len() / 4 && kept.len() < events.len(), "{format}: {}", kept.len());
+        assert!(same(&kept, &events[..kept.len()]), "{format}");
+        std::fs::remove_file(&to).unwrap();
+    }
+}
+
+#[test]
+fn a_folder_of_dsec_holds_the_events_of_any_file() {
+    let folder = Folder::new("dsec");
+    let events = stream(0, 500);
+    let own = folder.0.join("sequence");
+    write(&own, Format::Dsec, &packets(&events, 300)).unwrap();
+    assert!(own.join("events/left/events.h5").is_file());
+    assert_eq!(recognise(&own).unwrap(), Some(Format::Dsec));
+    let mut reader = open(&own, &ReadOptions::default()).unwrap();
+    assert_eq!(reader.info().size, Some(SIZE));
+    let (packet, error) = read_all(&mut *reader);
+    assert!(error.is_none() && same(&packet.events, &events));
+    assert!(!same(&packet.events, &events[1..]), "the comparison can fail");
+    // An old folder is not overwritten unasked.
+    let again = create(&own, Format::Dsec, &WriteOptions { size: SIZE, overwrite: false });
+    assert!(matches!(again, Err(FormatError::Exists { .. })));
+}
+
+#[test]
+fn bags_hold_images_and_inertial_samples_beside_events() {
+    let folder = Folder::new("bag");
+    let path = folder.file(Format::Mcap);
+    let events = stream(1_000_000, 200);
+    let frame = Frame {
+        start_us: 1_000_000,
+        end_us: 1_000_400,
+        width: 3,
+        height: 2,
+        channels: 1,
+        pixels: vec![7, 77, 177, 201, 202, 203],
+    };
+    let sample = ImuSample { t: 1_000_007, acceleration: [1.0, 0.0, 0.0], ..ImuSample::default() };
+    let mut parts = packets(&events, 100);
+    parts[0].frames.push(frame.clone());
+    parts[0].imu.push(sample);
+    write(&path, Format::Mcap, &parts).unwrap();
+    assert!(same(&read(&path).unwrap().events, &events));
+    let bytes = std::fs::read(&path).unwrap();
+    let holds = |part: &[u8]| bytes.windows(part.len()).any(|window| window == part);
+    // Encoding, byte order, step and pixels as CDR has them: the text ends at an odd place.
+    let image =
+        [b"mono8\0\0\0".as_slice(), &3_u32.to_le_bytes(), &6_u32.to_le_bytes(), &frame.pixels].concat();
+    assert!(holds(&image) && holds(b"/event_camera/image_raw"));
+    assert!(holds(b"/event_camera/imu") && holds(&9.806_65_f64.to_le_bytes()));
+    // Files of events alone have no such topics.
+    write(&path, Format::Mcap, &packets(&events, 100)).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    assert!(!bytes.windows(9).any(|window| window == b"image_raw"));
+    // What does not fit is refused.
+    for wrong in [Frame { channels: 2, ..frame.clone() }, Frame { start_us: -1, ..frame }] {
+        let part = Packet { frames: vec![wrong], ..Packet::default() };
+        assert!(write(&path, Format::Mcap, &[part]).is_err());
+    }
+}
+
+#[test]
+fn bytes_that_carry_nothing_do_not_come_along_from_numpy() {
+    let folder = Folder::new("padding");
+    let path = folder.file(Format::Npy);
+    let events = stream(0, 50);
+    write(&path, Format::Npy, &packets(&events, 100)).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let start = bytes.len() - events.len() * size_of::<Event>();
+    bytes[start + 6] = 0xAB;
+    std::fs::write(&path, &bytes).unwrap();
+    // Equal as bytes, as all streams are.
+    assert!(read(&path).unwrap().events == events);
+    // Polarities of -1 are OFF; others are none.
+    let off = events.iter().position(|event| event.p == 0).unwrap();
+    for (value, good) in [(-1_i16, true), (-2, false), (2, false)] {
+        let at = start + off * size_of::<Event>() + 4;
+        bytes[at..at + 2].copy_from_slice(&value.to_le_bytes());
+        std::fs::write(&path, &bytes).unwrap();
+        let (packet, error) = read_all(&mut *open(&path, &ReadOptions::default()).unwrap());
+        assert_eq!(error.is_none(), good, "{value}");
+        assert!(packet.events == events[..if good { events.len() } else { off }], "{value}");
+    }
+}

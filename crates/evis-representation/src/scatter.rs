@@ -4,7 +4,7 @@ use crate::array::Array;
 use crate::error::Error;
 use crate::slice::{Clock, Slice};
 
-/// Adds all events of `slice` to `grid`, `bins` planes of pixels, or twice as many, OFF first, where `SPLIT`. An event at
+/// Adds all events of `slice` to `grid`, zeros in `bins` planes of pixels, or twice as many, OFF first, where `SPLIT`. An event at
 /// `place`, from 0 to bins - 1, adds `worth(place, on)` times its nearness to the bins before and after it.
 pub(crate) fn scatter<const SPLIT: bool>(
     slice: &Slice<'_>,
@@ -14,25 +14,27 @@ pub(crate) fn scatter<const SPLIT: bool>(
 ) -> Result<(), Error> {
     let (width, pixels, last) = (slice.width(), slice.pixels(), bins - 1);
     let clock = Clock::new(slice, last)?;
-    let share = |t_us: i64, on: bool| {
-        let place = clock.at(t_us);
-        let bin = place as u32 as usize;
-        let later = (place - bin as f64) as f32;
-        let worth = worth(place, on);
-        (bin, [worth * (1.0 - later), worth * later])
+    // Events of a time share its place: many fire in the same microsecond.
+    let mut before = Moment { t_us: i64::MIN, place: 0.0, bin: 0, later: 0.0 };
+    let mut moment = move |t_us: i64| {
+        if t_us != before.t_us {
+            before = Moment::at(&clock, t_us);
+        }
+        before
     };
     // Of few events, each goes to its two planes. Of many, those between two bins meet in one array first, where both parts
-    // of a pixel are side by side: half the memory is waited for. Both planes are then added once.
+    // of a pixel are side by side: half the memory is waited for. A plane is written once, when time has passed it.
     if slice.len() < pixels * last / 4 {
         return slice.blocks(|block| {
             for event in block {
                 let on = event.p > 0;
-                let (bin, [before, after]) = share(event.t, on);
+                let Moment { place, bin, later, .. } = moment(event.t);
+                let worth = worth(place, on);
                 let plane = bin + usize::from(SPLIT && on) * bins;
                 let voxel = plane * pixels + usize::from(event.y) * width + usize::from(event.x);
-                grid[voxel] += before;
+                grid[voxel] += worth * (1.0 - later);
                 if bin < last {
-                    grid[voxel + pixels] += after;
+                    grid[voxel + pixels] += worth * later;
                 }
             }
         });
@@ -42,36 +44,50 @@ pub(crate) fn scatter<const SPLIT: bool>(
     slice.blocks(|block| {
         for event in block {
             let on = event.p > 0;
-            let (bin, [before, after]) = share(event.t, on);
-            if bin != current {
-                add(&mut pairs, current, bins, pixels, grid);
-                current = bin;
+            let Moment { place, bin, later, .. } = moment(event.t);
+            while current < bin {
+                pass(&mut pairs, current, bins, pixels, grid);
+                current += 1;
             }
+            let worth = worth(place, on);
             let from = usize::from(SPLIT && on) * pixels;
             let pair = &mut pairs[from + usize::from(event.y) * width + usize::from(event.x)];
-            *pair = [pair[0] + before, pair[1] + after];
+            *pair = [pair[0] + worth * (1.0 - later), pair[1] + worth * later];
         }
     })?;
-    add(&mut pairs, current, bins, pixels, grid);
+    for bin in current..bins.min(current + 2) {
+        pass(&mut pairs, bin, bins, pixels, grid);
+    }
     Ok(())
 }
 
-/// Adds what met between `bin` and the next one to their planes, and leaves zeros.
-fn add(pairs: &mut [[f32; 2]], bin: usize, bins: usize, pixels: usize, grid: &mut [f32]) {
+/// A time, and where it lies among the bins.
+#[derive(Clone, Copy)]
+struct Moment {
+    t_us: i64,
+    /// From 0 to bins - 1.
+    place: f64,
+    /// The bin before it.
+    bin: usize,
+    /// How far it is past that bin.
+    later: f32,
+}
+
+impl Moment {
+    fn at(clock: &Clock, t_us: i64) -> Self {
+        let place = clock.at(t_us);
+        let bin = place as u32 as usize;
+        Self { t_us, place, bin, later: (place - bin as f64) as f32 }
+    }
+}
+
+/// Writes the plane of `bin`, to which nothing more comes, and takes along what belongs to the next one.
+fn pass(pairs: &mut [[f32; 2]], bin: usize, bins: usize, pixels: usize, grid: &mut [f32]) {
     for (polarity, pairs) in pairs.chunks_mut(pixels).enumerate() {
-        let (before, after) = grid[(polarity * bins + bin) * pixels..].split_at_mut(pixels);
-        if bin + 1 < bins {
-            for ((pair, before), after) in pairs.iter_mut().zip(before).zip(after) {
-                *before += pair[0];
-                *after += pair[1];
-                *pair = [0.0; 2];
-            }
-        } else {
-            // Nothing is after the last one.
-            for (pair, before) in pairs.iter_mut().zip(before) {
-                *before += pair[0];
-                *pair = [0.0; 2];
-            }
+        let plane = &mut grid[(polarity * bins + bin) * pixels..][..pixels];
+        for (pair, voxel) in pairs.iter_mut().zip(plane) {
+            *voxel = pair[0];
+            *pair = [pair[1], 0.0];
         }
     }
 }

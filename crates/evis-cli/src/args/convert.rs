@@ -16,13 +16,18 @@ pub(crate) struct ConvertArgs {
 
     /// The format of the output, where its name does not tell
     ///
-    /// evt3, evt2, dat, aedat4, aedat2, text, text-zip, npz, npy, hdf5, mcap, es; dsec makes a folder of a recording of EVIS.
+    /// evt3, evt2, dat, aedat4, aedat2, text, text-zip, npz, npy, hdf5, mcap, es, dsec (a folder). Of a whole recording of EVIS, mcap
+    /// and dsec hold labels and calibration too; of a part of it, as of other files, events alone.
     #[arg(long, value_name = "FORMAT", value_parser = format, help_heading = "Output")]
     pub(crate) format: Option<Format>,
 
     /// The camera, where the input has several
     #[arg(long, value_name = "NAME", help_heading = "Input")]
     pub(crate) camera: Option<String>,
+
+    /// Of a damaged input, write what comes before the damage
+    #[arg(long, help_heading = "Input")]
+    pub(crate) until_damage: bool,
 
     /// The sensor's size, where the input does not say
     ///
@@ -77,7 +82,7 @@ pub(crate) struct ConvertArgs {
     #[arg(long, value_name = "x|y|xy", value_parser = ["x", "y", "xy"], help_heading = "Events")]
     pub(crate) flip: Option<String>,
 
-    /// Leave out triggers, frames and inertial samples
+    /// Leave out triggers, frames, inertial samples and labels
     #[arg(long, help_heading = "Events")]
     pub(crate) events_only: bool,
 

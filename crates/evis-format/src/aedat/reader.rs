@@ -173,6 +173,10 @@ impl EventReader for Aedat4Reader {
         }
     }
 
+    fn part(&self) -> Option<f64> {
+        Some(self.input.part())
+    }
+
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {
         if self.index.is_empty() {
             self.build_index()?;

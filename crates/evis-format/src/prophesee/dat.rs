@@ -134,6 +134,10 @@ impl EventReader for DatReader {
         }
     }
 
+    fn part(&self) -> Option<f64> {
+        Some(self.input.part())
+    }
+
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {
         let (mut low, mut high) = (0, self.rows);
         while low < high {

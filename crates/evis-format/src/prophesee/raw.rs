@@ -122,6 +122,10 @@ impl EventReader for RawReader {
         }
     }
 
+    fn part(&self) -> Option<f64> {
+        Some(self.input.part())
+    }
+
     fn seek(&mut self, t_us: i64) -> Result<(), FormatError> {
         // Times count wraps from the start, so the way leads from a place whose time is known.
         let index =

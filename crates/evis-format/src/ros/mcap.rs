@@ -2,59 +2,30 @@
 //!
 //! Layouts: the MCAP specification, and OMG's CDR as ROS 2 writes it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use evis_core::Event;
 use evis_core::format::FormatError;
 
+pub(crate) use super::bag::MAGIC;
+use super::bag::{Bag, CHANNEL, CHUNK, DATA_END, FOOTER, MESSAGE, SCHEMA};
+use super::cdr::Cdr;
+use super::message::{self, EVENT_PACKET, IMAGE, IMU, Pixels};
 use crate::check::Check;
-use crate::files::{Input, Output, u16_at, u32_at, u64_at};
+use crate::files::{Input, u16_at, u32_at, u64_at};
 use crate::format::Format;
-use crate::packet::{Packet, Trigger};
+use crate::packet::{Frame, Packet, Trigger};
 use crate::prophesee::{Evt3Decoder, Evt3Encoder};
 use crate::read::{EventReader, ReadOptions, StreamInfo};
 use crate::write::{EventWriter, WriteOptions};
 
-/// First and last bytes of a file.
-pub(crate) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 /// Largest record that is read, and largest chunk when it is unpacked.
 const MOST_RECORD: u64 = 256 << 20;
 
-const HEADER: u8 = 0x01;
-const FOOTER: u8 = 0x02;
-const SCHEMA: u8 = 0x03;
-const CHANNEL: u8 = 0x04;
-const MESSAGE: u8 = 0x05;
-const CHUNK: u8 = 0x06;
-const MESSAGE_INDEX: u8 = 0x07;
-const CHUNK_INDEX: u8 = 0x08;
-const STATISTICS: u8 = 0x0B;
-const SUMMARY_OFFSET: u8 = 0x0E;
-const DATA_END: u8 = 0x0F;
-
 /// Types of messages that carry events.
-const TYPES: [&str; 2] = ["event_camera_msgs/msg/EventPacket", "event_array_msgs/msg/EventArray"];
-/// Where events are written.
-const TOPIC: &str = "/event_camera/events";
-/// The definition of [`TYPES`]'s first, from `event_camera_msgs`, with what it refers to.
-const DEFINITION: &str = "\
-std_msgs/Header header
-uint32 height
-uint32 width
-uint64 seq
-uint64 time_base
-string encoding
-bool is_bigendian
-uint8[] events
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-";
+const TYPES: [&str; 2] = [EVENT_PACKET.name, "event_array_msgs/msg/EventArray"];
+/// The camera of a file that names none.
+const CAMERA: &str = "event_camera";
 
 /// Numbers and texts of a record, one after the other.
 struct Fields<'a> {
@@ -392,6 +363,10 @@ impl EventReader for McapReader {
         }
     }
 
+    fn part(&self) -> Option<f64> {
+        Some(self.input.part())
+    }
+
     fn seek(&mut self, _t_us: i64) -> Result<(), FormatError> {
         // Indexes hold the time of recording, not of the events: from the start.
         self.begin()
@@ -401,105 +376,39 @@ impl EventReader for McapReader {
 /// Events of a message at most, and microseconds that it spans at most.
 const EVENTS_PER_MESSAGE: usize = 16 << 10;
 const US_PER_MESSAGE: i64 = 10_000;
-/// Bytes of a chunk.
-const CHUNK_BYTES: usize = 1 << 20;
+/// Latest stamp: seconds have 31 bits.
+pub(super) const LATEST_US: i64 = i32::MAX as i64 * 1_000_000;
 
-/// Writes MCAP files.
-pub(crate) struct McapWriter {
-    output: Output,
+/// A topic of events in a bag that is being written.
+pub(super) struct EventTopic {
     check: Check,
+    /// Its place among the bag's topics.
+    place: usize,
+    frame: String,
     size: (u32, u32),
-    at: u64,
-    sequence: u32,
+    sequence: u64,
     events: Vec<Event>,
     triggers: Vec<Trigger>,
     words: Vec<u16>,
-    chunk: Vec<u8>,
-    /// Time and offset of each message of the chunk.
-    index: Vec<(u64, u64)>,
-    chunks: Vec<ChunkEntry>,
 }
 
-/// A chunk, as the summary lists it.
-struct ChunkEntry {
-    first: u64,
-    last: u64,
-    at: u64,
-    length: u64,
-    index_at: u64,
-    index_length: u64,
-    size: u64,
-}
-
-fn put_text(out: &mut Vec<u8>, text: &str) {
-    out.extend((text.len() as u32).to_le_bytes());
-    out.extend(text.as_bytes());
-}
-
-fn record(op: u8, content: &[u8]) -> Vec<u8> {
-    let mut bytes = vec![op];
-    bytes.extend((content.len() as u64).to_le_bytes());
-    bytes.extend(content);
-    bytes
-}
-
-fn schema() -> Vec<u8> {
-    let mut content = 1_u16.to_le_bytes().to_vec();
-    put_text(&mut content, TYPES[0]);
-    put_text(&mut content, "ros2msg");
-    put_text(&mut content, DEFINITION);
-    record(SCHEMA, &content)
-}
-
-fn channel() -> Vec<u8> {
-    let mut content = Vec::new();
-    content.extend(1_u16.to_le_bytes());
-    content.extend(1_u16.to_le_bytes());
-    put_text(&mut content, TOPIC);
-    put_text(&mut content, "cdr");
-    let mut metadata = Vec::new();
-    put_text(&mut metadata, "offered_qos_profiles");
-    put_text(&mut metadata, "");
-    content.extend((metadata.len() as u32).to_le_bytes());
-    content.extend(metadata);
-    record(CHANNEL, &content)
-}
-
-impl McapWriter {
-    pub(crate) fn create(path: &Path, options: &WriteOptions) -> Result<Self, FormatError> {
-        // Stamps hold seconds in 31 bits.
-        let latest_us = i64::from(i32::MAX) * 1_000_000;
-        let check = Check::new(path, Format::Mcap, options.size, (0, latest_us), 15);
-        let mut writer = Self {
-            output: Output::create(path, options.overwrite)?,
-            check,
-            size: options.size,
-            at: 0,
-            sequence: 0,
-            events: Vec::new(),
-            triggers: Vec::new(),
-            words: Vec::new(),
-            chunk: Vec::new(),
-            index: Vec::new(),
-            chunks: Vec::new(),
-        };
-        let mut header = Vec::new();
-        put_text(&mut header, "ros2");
-        put_text(&mut header, "evis");
-        writer.put(MAGIC)?;
-        writer.put(&record(HEADER, &header))?;
-        writer.put(&schema())?;
-        writer.put(&channel())?;
-        Ok(writer)
-    }
-
-    fn put(&mut self, bytes: &[u8]) -> Result<(), FormatError> {
-        self.at += bytes.len() as u64;
-        self.output.write(bytes)
+impl EventTopic {
+    /// Adds the topic `/<name>/events` of a camera.
+    pub fn new(
+        bag: &mut Bag,
+        path: &Path,
+        name: &str,
+        frame: &str,
+        size: (u32, u32),
+    ) -> Result<Self, FormatError> {
+        let place = bag.topic(format!("/{name}/events"), &EVENT_PACKET)?;
+        let check = Check::new(path, Format::Mcap, size, (0, LATEST_US), 15);
+        let (events, triggers, words) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { check, place, frame: frame.into(), size, sequence: 0, events, triggers, words })
     }
 
     /// Makes a message of what has gathered.
-    fn message(&mut self) -> Result<(), FormatError> {
+    pub fn flush(&mut self, bag: &mut Bag) -> Result<(), FormatError> {
         let times = [self.events.first().map(|e| e.t), self.triggers.first().map(|e| e.t)];
         let Some(first_us) = times.into_iter().flatten().min() else { return Ok(()) };
         // Each message can be decoded alone: it starts with its time and its row.
@@ -513,76 +422,24 @@ impl McapWriter {
             rest = after;
         }
         encoder.events(rest, &mut self.words);
-        let time_ns = first_us as u64 * 1000;
-        let mut content = Vec::with_capacity(self.words.len() * 2 + 128);
-        content.extend(1_u16.to_le_bytes());
-        content.extend(self.sequence.to_le_bytes());
-        content.extend(time_ns.to_le_bytes());
-        content.extend(time_ns.to_le_bytes());
-        let start = content.len() + 4;
-        content.extend([0, 1, 0, 0]);
-        content.extend(((first_us / 1_000_000) as i32).to_le_bytes());
-        content.extend(((first_us % 1_000_000) as u32 * 1000).to_le_bytes());
-        let align = |content: &mut Vec<u8>, size: usize| {
-            let end = start + (content.len() - start).next_multiple_of(size);
-            content.resize(end, 0);
-        };
-        put_text(&mut content, "event_camera\0");
-        align(&mut content, 4);
-        content.extend(self.size.1.to_le_bytes());
-        content.extend(self.size.0.to_le_bytes());
-        align(&mut content, 8);
-        content.extend(u64::from(self.sequence).to_le_bytes());
+        let mut message = Cdr::stamped(first_us, &self.frame, self.words.len() * 2);
+        message.u32(self.size.1);
+        message.u32(self.size.0);
+        message.u64(self.sequence);
         // What is added to a message's own 24-bit time, in nanoseconds.
-        content.extend(((first_us as u64 & !0xFF_FFFF) * 1000).to_le_bytes());
-        put_text(&mut content, "evt3\0");
-        content.push(0);
-        align(&mut content, 4);
-        content.extend((self.words.len() as u32 * 2).to_le_bytes());
-        content.extend_from_slice(bytemuck::cast_slice(&self.words));
-        self.index.push((time_ns, self.chunk.len() as u64));
-        self.chunk.extend(record(MESSAGE, &content));
+        message.u64((first_us as u64 & !0xFF_FFFF) * 1000);
+        message.text("evt3");
+        message.bool(false);
+        message.bytes(bytemuck::cast_slice(&self.words));
         self.sequence += 1;
         self.events.clear();
         self.triggers.clear();
-        if self.chunk.len() >= CHUNK_BYTES { self.end_chunk() } else { Ok(()) }
+        bag.message(self.place, first_us, &message.finish())
     }
 
-    fn end_chunk(&mut self) -> Result<(), FormatError> {
-        let (Some(&(first, _)), Some(&(last, _))) = (self.index.first(), self.index.last()) else {
-            return Ok(());
-        };
-        let mut content = Vec::with_capacity(self.chunk.len() + 64);
-        content.extend(first.to_le_bytes());
-        content.extend(last.to_le_bytes());
-        content.extend((self.chunk.len() as u64).to_le_bytes());
-        // No checksum.
-        content.extend(0_u32.to_le_bytes());
-        put_text(&mut content, "");
-        content.extend((self.chunk.len() as u64).to_le_bytes());
-        content.extend(&self.chunk);
-        let at = self.at;
-        let bytes = record(CHUNK, &content);
-        let length = bytes.len() as u64;
-        self.put(&bytes)?;
-        let mut index = 1_u16.to_le_bytes().to_vec();
-        index.extend((self.index.len() as u32 * 16).to_le_bytes());
-        for (time, offset) in &self.index {
-            index.extend(time.to_le_bytes());
-            index.extend(offset.to_le_bytes());
-        }
-        let index_at = self.at;
-        let bytes = record(MESSAGE_INDEX, &index);
-        let index_length = bytes.len() as u64;
-        self.put(&bytes)?;
-        let size = self.chunk.len() as u64;
-        self.chunks.push(ChunkEntry { first, last, at, length, index_at, index_length, size });
-        self.chunk.clear();
-        self.index.clear();
-        Ok(())
-    }
-
-    fn gather(&mut self, packet: &Packet) -> Result<(), FormatError> {
+    /// Adds events and triggers, and makes messages of what is enough for one.
+    pub fn gather(&mut self, packet: &Packet, bag: &mut Bag) -> Result<(), FormatError> {
+        self.check.triggers_among_events(packet)?;
         let (mut events, mut triggers) = (packet.events.as_slice(), packet.triggers.as_slice());
         while !events.is_empty() || !triggers.is_empty() {
             let own = [self.events.first().map(|e| e.t), self.triggers.first().map(|e| e.t)];
@@ -605,85 +462,106 @@ impl McapWriter {
             self.triggers.extend_from_slice(now);
             triggers = later;
             if full || !events.is_empty() || !triggers.is_empty() {
-                self.message()?;
+                self.flush(bag)?;
             }
         }
         Ok(())
     }
+}
 
-    fn summary(&mut self) -> Result<(), FormatError> {
-        self.put(&record(DATA_END, &[0; 4]))?;
-        let start = self.at;
-        let mut groups: Vec<(u8, u64, u64)> = Vec::new();
-        self.put(&schema())?;
-        groups.push((SCHEMA, start, self.at - start));
-        let at = self.at;
-        self.put(&channel())?;
-        groups.push((CHANNEL, at, self.at - at));
-        let mut statistics = Vec::new();
-        statistics.extend(u64::from(self.sequence).to_le_bytes());
-        statistics.extend(1_u16.to_le_bytes());
-        statistics.extend(1_u32.to_le_bytes());
-        statistics.extend([0; 8]);
-        statistics.extend((self.chunks.len() as u32).to_le_bytes());
-        statistics.extend(self.chunks.first().map_or(0, |chunk| chunk.first).to_le_bytes());
-        statistics.extend(self.chunks.last().map_or(0, |chunk| chunk.last).to_le_bytes());
-        statistics.extend(10_u32.to_le_bytes());
-        statistics.extend(1_u16.to_le_bytes());
-        statistics.extend(u64::from(self.sequence).to_le_bytes());
-        let at = self.at;
-        self.put(&record(STATISTICS, &statistics))?;
-        groups.push((STATISTICS, at, self.at - at));
-        let at = self.at;
-        for entry in std::mem::take(&mut self.chunks) {
-            let mut content = Vec::new();
-            for number in [entry.first, entry.last, entry.at, entry.length] {
-                content.extend(number.to_le_bytes());
-            }
-            content.extend(10_u32.to_le_bytes());
-            content.extend(1_u16.to_le_bytes());
-            content.extend(entry.index_at.to_le_bytes());
-            content.extend(entry.index_length.to_le_bytes());
-            put_text(&mut content, "");
-            content.extend(entry.size.to_le_bytes());
-            content.extend(entry.size.to_le_bytes());
-            self.put(&record(CHUNK_INDEX, &content))?;
+/// Writes MCAP files of one camera: events, and images and inertial samples where there are any.
+pub(crate) struct McapWriter {
+    bag: Bag,
+    events: EventTopic,
+    images: Option<usize>,
+    imu: Option<usize>,
+    path: PathBuf,
+}
+
+/// Metres per second squared of a g, and radians of a degree: ISO 80000-3 and the third CGPM.
+const G: f64 = 9.806_65;
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+impl McapWriter {
+    pub(crate) fn create(path: &Path, options: &WriteOptions) -> Result<Self, FormatError> {
+        let mut bag = Bag::create(path, options.overwrite)?;
+        let events = EventTopic::new(&mut bag, path, CAMERA, CAMERA, options.size)?;
+        Ok(Self { bag, events, images: None, imu: None, path: path.into() })
+    }
+
+    fn check(&self, packet: &Packet) -> Result<(), FormatError> {
+        let frames = packet.frames.iter().flat_map(|frame| [frame.start_us, frame.end_us]);
+        let mut times = frames.chain(packet.imu.iter().map(|sample| sample.t));
+        if let Some(t) = times.find(|t| !(0..=LATEST_US).contains(t)) {
+            return Err(FormatError::invalid(
+                &self.path,
+                format!("an image or inertial sample is at {t} us"),
+                format!(
+                    "{} holds times from 0 to {LATEST_US} us: cut the stream, or shift its times",
+                    Format::Mcap
+                ),
+            ));
         }
-        if self.at > at {
-            groups.push((CHUNK_INDEX, at, self.at - at));
+        let fits = |frame: &&Frame| {
+            let values = [frame.width, frame.height, frame.channels.into()].map(u64::from);
+            encoding(frame.channels).is_some() && values.iter().product::<u64>() == frame.pixels.len() as u64
+        };
+        if let Some(frame) = packet.frames.iter().find(|frame| !fits(frame)) {
+            let Frame { width, height, channels, ref pixels, .. } = *frame;
+            return Err(FormatError::invalid(
+                &self.path,
+                format!("an image of {width}x{height}, {channels} channels, has {} bytes", pixels.len()),
+                "give 1, 3 or 4 channels of 8 bits",
+            ));
         }
-        let offsets = self.at;
-        for (op, at, length) in groups {
-            let mut content = vec![op];
-            content.extend(at.to_le_bytes());
-            content.extend(length.to_le_bytes());
-            self.put(&record(SUMMARY_OFFSET, &content))?;
-        }
-        let mut footer = Vec::new();
-        footer.extend(start.to_le_bytes());
-        footer.extend(offsets.to_le_bytes());
-        footer.extend(0_u32.to_le_bytes());
-        self.put(&record(FOOTER, &footer))?;
-        self.put(MAGIC)
+        Ok(())
+    }
+}
+
+/// The name of an encoding of 8-bit channels.
+const fn encoding(channels: u8) -> Option<&'static str> {
+    match channels {
+        1 => Some("mono8"),
+        3 => Some("rgb8"),
+        4 => Some("rgba8"),
+        _ => None,
     }
 }
 
 impl EventWriter for McapWriter {
     fn write(&mut self, packet: &Packet) -> Result<(), FormatError> {
-        self.check.refuse(packet.frames.len(), "frames")?;
-        self.check.refuse(packet.imu.len(), "inertial samples")?;
-        self.check.triggers_among_events(packet)?;
-        self.gather(packet)
+        self.check(packet)?;
+        self.events.gather(packet, &mut self.bag)?;
+        for frame in &packet.frames {
+            let place = match self.images {
+                Some(place) => place,
+                None => *self.images.insert(self.bag.topic(format!("/{CAMERA}/image_raw"), &IMAGE)?),
+            };
+            // The middle of the exposure.
+            let t_us = frame.start_us + (frame.end_us - frame.start_us) / 2;
+            let encoding = encoding(frame.channels).unwrap_or_default();
+            let pixels = Pixels { size: (frame.width, frame.height), encoding, bytes: &frame.pixels };
+            self.bag.message(place, t_us, &message::image(t_us, CAMERA, &pixels))?;
+        }
+        for sample in &packet.imu {
+            let place = match self.imu {
+                Some(place) => place,
+                None => *self.imu.insert(self.bag.topic(format!("/{CAMERA}/imu"), &IMU)?),
+            };
+            let accelerometer = sample.acceleration.map(|value| f64::from(value) * G);
+            let gyroscope = sample.rotation.map(|value| f64::from(value) * DEGREE);
+            let content = message::imu(sample.t, CAMERA, accelerometer, gyroscope);
+            self.bag.message(place, sample.t, &content)?;
+        }
+        Ok(())
     }
 
     fn write_events(&mut self, events: &[Event]) -> Result<(), FormatError> {
-        self.write(&Packet { events: events.to_vec(), ..Packet::default() })
+        self.events.gather(&Packet { events: events.to_vec(), ..Packet::default() }, &mut self.bag)
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), FormatError> {
-        self.message()?;
-        self.end_chunk()?;
-        self.summary()?;
-        self.output.finish()
+        self.events.flush(&mut self.bag)?;
+        self.bag.finish()
     }
 }
