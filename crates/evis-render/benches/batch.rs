@@ -2,14 +2,20 @@
 //!
 //! 1 to 256 environments of one camera at 64x64, 1 to 16 at 346x260, by `--quality standard` and by `native` at 500 Hz with 4
 //! samples. Every environment shows the same, so that a camera of a large batch has the same work as a single one. Rows are
-//! measured in turn, several times, and the least time counts: other work on the machine does not last through all of them.
+//! measured in turn, several times, and the least counts: of time on all cores, which other work on the machine hardly moves,
+//! and of time on the wall.
+
+#[allow(dead_code, reason = "other benchmarks ask for more")]
+#[path = "support/measure.rs"]
+mod measure;
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use evis_render::gpu::work::Counts;
 use evis_render::scene::{Scene, Variant};
-use evis_render::{Gpu, Quality, RunConfig, Simulator, quality};
+use evis_render::{EngineError, Gpu, Quality, RunConfig, Simulator, quality};
+
+use measure::{Series, measure};
 
 /// Whatever ends a measurement.
 type Failure = Box<dyn std::error::Error>;
@@ -28,7 +34,7 @@ struct Row {
     simulator: Simulator,
     step_us: i64,
     now_us: i64,
-    wall_ms: f64,
+    series: Series,
     counts: [u64; 3],
     /// Bytes of luminance drawn and of events.
     bytes: [u64; 2],
@@ -38,11 +44,10 @@ impl Row {
     /// Simulates on, and keeps the least time.
     fn measure(&mut self, gpu: &Gpu, samples: u32) -> Result<(), Failure> {
         let before = gpu.counts();
-        let started = Instant::now();
-        let packet = self.simulator.step(self.now_us + self.step_us)?;
-        let wall_ms = started.elapsed().as_secs_f64() * 1e3;
+        let step = || self.simulator.step(self.now_us + self.step_us);
+        let (sample, packet) = measure::<_, EngineError>(step)?;
+        self.series.push(sample);
         self.now_us += self.step_us;
-        self.wall_ms = self.wall_ms.min(wall_ms);
         let now = gpu.counts();
         let of = |count: fn(&Counts) -> u64| count(&now) - count(&before);
         self.counts = [of(|c| c.submissions), of(|c| c.passes), of(|c| c.dispatches)];
@@ -50,19 +55,25 @@ impl Row {
         Ok(())
     }
 
-    /// `single`: milliseconds per camera of the batch of one.
+    /// `single`: milliseconds of a core per camera of the batch of one.
     fn line(&self, single: f64) -> String {
         let per = self.per_camera();
         let [submissions, passes, dispatches] = self.counts.map(|n| n as f64 * per);
         let [drawn, events] = self.bytes.map(|n| n as f64 * per / 1e6);
         let (width, height) = self.size;
         format!(
-            "| {} | {width}×{height} | {} | {:.0} | {:.2} | {submissions:.0} | {passes:.0} | {dispatches:.0} | {drawn:.1} | {events:.2} |",
+            "| {} | {width}×{height} | {} | {:.0} | {:.2} | {:.0} | {submissions:.0} | {passes:.0} | {dispatches:.0} | {drawn:.1} | {events:.2} |",
             self.method,
             self.cameras,
-            self.wall_ms * per,
-            self.wall_ms * per / single,
+            self.cpu_ms(),
+            self.cpu_ms() / single,
+            self.series.wall() * 1e3 * per,
         )
+    }
+
+    /// Milliseconds of a core per camera and second of stream.
+    fn cpu_ms(&self) -> f64 {
+        self.series.cpu() * 1e3 * self.per_camera()
     }
 
     /// One over cameras times seconds of stream.
@@ -103,8 +114,8 @@ fn main() -> Result<(), Failure> {
         device.name, device.kind, device.driver
     );
     println!(
-        "| method | pixels | cameras | ms | of one camera | submissions | passes | dispatches | luminance, MB | events, MB |\n\
-         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|"
+        "| method | pixels | cameras | core-ms | of one camera | wall ms | submissions | passes | dispatches | luminance, MB | events, MB |\n\
+         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|"
     );
     for (standard, step_us) in [true, false].into_iter().zip(STEPS_US) {
         for (counts, size) in SIZES {
@@ -131,7 +142,7 @@ fn main() -> Result<(), Failure> {
                     simulator,
                     step_us,
                     now_us,
-                    wall_ms: f64::INFINITY,
+                    series: Series::default(),
                     counts,
                     bytes,
                 });
@@ -141,7 +152,7 @@ fn main() -> Result<(), Failure> {
                     row.measure(&gpu, samples)?;
                 }
             }
-            let single = rows.first().map_or(1.0, |row| row.wall_ms * row.per_camera());
+            let single = rows.first().map_or(1.0, Row::cpu_ms);
             for row in &rows {
                 println!("{}", row.line(single));
             }

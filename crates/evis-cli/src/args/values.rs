@@ -57,7 +57,7 @@ pub(super) fn imu_noise(text: &str) -> Result<(usize, f64), String> {
     let (key, value) =
         text.split_once('=').ok_or_else(|| format!("it must be KEY=VALUE; keys are {}", known()))?;
     let place = ImuNoise::KEYS.iter().position(|known| *known == key.trim()).ok_or_else(|| {
-        let near = evis_core::limits::nearest(key.trim(), ImuNoise::KEYS);
+        let near = evis_core::limits::nearest(key.trim(), ImuNoise::KEYS.into_iter());
         let hint = near.map_or_else(String::new, |near| format!(" (did you mean {near}?)"));
         format!("there is no '{key}'{hint}; keys are {}", known())
     })?;

@@ -164,7 +164,7 @@ fn clipped_warning(report: &PacketReport) -> Option<String> {
     let worst = report.clipped_light.iter().max_by(|a, b| a.luminance.total_cmp(&b.luminance))?;
     let others = report.clipped_light.len() - 1;
     let rest = if others > 0 { format!(" ({others} more cameras saw such light)") } else { String::new() };
-    Some(worst.warning() + &rest)
+    Some(flags::in_text(&worst.warning()) + &rest)
 }
 
 /// What audits found: the first skipped tiles that changed, each by itself, and the worst of those that were sampled too

@@ -110,7 +110,7 @@ impl ClippedLight {
         format!(
             "camera '{camera}' of environment {environment}, from {t_us} us on: {pixels} pixels of keyframes have light of up to \
              {luminance:.4e}, and evis-paper counts no more than {:.0} Y_ref = {brightest:.4e}, which they were clipped to; take \
-             --method splat, which clips nothing, or --reference-luminance {:.3e} and more",
+             the `method` splat, which clips nothing, or a `reference_luminance` of {:.3e} and more",
             brightest / reference_luminance,
             // Rounded up, so that what is given suffices.
             1.001 * luminance / brightest * reference_luminance,
@@ -141,7 +141,8 @@ mod tests {
         assert_eq!((list[0].t_us, list[0].pixels, list[0].luminance), (8000, 7, 2e5));
         assert_eq!(list[1], ClippedLight { environment: 1, ..one.clone() });
         let text = one.warning();
-        for part in ["'eye'", "8000 us", "3 pixels", "2.0000e5", "65536 Y_ref", "--reference-luminance 3.05"]
+        for part in
+            ["'eye'", "8000 us", "3 pixels", "2.0000e5", "65536 Y_ref", "a `reference_luminance` of 3.05"]
         {
             assert!(text.contains(part), "{part}: {text}");
         }

@@ -139,7 +139,12 @@ impl SplatSampler {
         let canvas = u64::from(canvas_width) * u64::from(canvas_height);
         let target = u64::from(width) * u64::from(height);
         let bytes = (canvas * 2 * PLACED_PLANES * 4).max(target * 2 * SUM_PLANES * 4);
-        (bytes <= limits.storage_binding).then_some(MethodNeeds { bytes, layers: SLOTS, block: 1 })
+        (bytes <= limits.storage_binding).then_some(MethodNeeds {
+            bytes,
+            layers: SLOTS,
+            block: 1,
+            keeps: true,
+        })
     }
 
     /// Adds what the views of one class need, in the order of `Targets`.
