@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 use evis_render::gpu::work::Counts;
 use evis_render::scene::{Scene, Variant};
-use evis_render::{EngineError, Gpu, Quality, RunConfig, Simulator, quality};
+use evis_render::{EngineError, Gpu, Method, Quality, RunConfig, Simulator, quality};
 
 use measure::{Series, measure};
 
@@ -36,7 +36,7 @@ struct Row {
     now_us: i64,
     series: Series,
     counts: [u64; 3],
-    /// Bytes of luminance drawn and of events.
+    /// Bytes of luminance, 4 per pixel and sample drawn or evaluation of a pixel, and of events, 8 each.
     bytes: [u64; 2],
 }
 
@@ -124,7 +124,8 @@ fn main() -> Result<(), Failure> {
             for &cameras in counts {
                 let scene = environments(&scene, cameras);
                 let config = config(&gpu, &scene, size, standard)?;
-                samples = config.samples;
+                // An evaluation of decoupled sampling is one value.
+                samples = if config.method == Method::Decoupled { 1 } else { config.samples };
                 let method = match config.quality {
                     Some(quality) => format!("`{}` ({})", quality.name(), config.method.name()),
                     None => format!("`{}`", config.method.name()),
