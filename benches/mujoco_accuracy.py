@@ -1,8 +1,8 @@
-"""Accuracy and cost of a MuJoCo robot's events: `EventRenderer` as it comes, and by `native`, beside the truth.
+"""Accuracy and cost of a MuJoCo robot's events: `EventRenderer` as it comes, and `native`, beside the truth.
 
-``python benches/mujoco_accuracy.py MODEL.xml [--camera INDEX]`` simulates the model, renders it by both methods, and
-scores them against the oracle, which traces rays through a copy of the scene whose bodies move as MuJoCo moved
-them (an animation in the scene's glTF file). Cost is processor time of `observe` and `render`.
+``python benches/mujoco_accuracy.py MODEL.xml [--camera INDEX]`` simulates a model, renders it by each method,
+and scores the events against the oracle, which traces rays through a copy of the scene whose bodies move as
+MuJoCo moved them (an animation in its glTF file). Cost is processor time of `observe` and `render`.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def started(model: mujoco.MjModel, speed: float) -> mujoco.MjData:
 def render(
     model: mujoco.MjModel, arguments: argparse.Namespace, settings: dict[str, Any]
 ) -> tuple[evis.mujoco.EventRenderer, npt.NDArray[Any], Motion, float]:
-    """Return the renderer, its events, the poses that it was given, and the processor seconds that it took."""
+    """Return the renderer, its events, the poses that it was given, and its processor seconds."""
     data = started(model, arguments.speed)
     width, height = arguments.size
     renderer = evis.mujoco.EventRenderer(
@@ -107,9 +107,11 @@ def animated(glb: bytes, motion: Motion) -> bytes:
         if name not in names:
             continue
         node = document["nodes"][names[name]]
-        assert "matrix" not in node and names[name] not in {
-            child for other in document["nodes"] if other.get("name") for child in other.get("children", ())
-        }, name
+        # Poses are those in the world: no other body may carry the node.
+        named = [other for other in document["nodes"] if other.get("name")]
+        carried = {child for other in named for child in other.get("children", ())}
+        if "matrix" in node or names[name] in carried:
+            raise SystemExit(f"the node {name} cannot be animated: it has a matrix, or hangs on another body")
         clock = accessor(times, "SCALAR")
         for path, values, kind in [
             ("translation", poses[:, :3], "VEC3"),
@@ -123,7 +125,8 @@ def animated(glb: bytes, motion: Motion) -> bytes:
     text += b" " * (-len(text) % 4)
     binary.extend(b"\0" * (-len(binary) % 4))
     head = struct.pack("<III", 0x46546C67, 2, 28 + len(text) + len(binary))
-    return head + struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + bytes(binary)
+    parts = [(0x4E4F534A, text), (0x004E4942, bytes(binary))]
+    return head + b"".join(struct.pack("<II", len(part), kind) + part for kind, part in parts)
 
 
 def moved(text: str, motion: Motion, folder: Path) -> str:
@@ -132,8 +135,9 @@ def moved(text: str, motion: Motion, folder: Path) -> str:
         found = re.search(r"\{[^{}]*name = " + re.escape(json.dumps(name)) + r"[^{}]*\}", text)
         if found is None:
             continue
-        rows = np.column_stack([times, poses])
-        (folder / f"{number}.txt").write_text("".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()))
+        rows = np.column_stack([times, poses]).tolist()
+        lines = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
+        (folder / f"{number}.txt").write_text(lines)
         still = re.sub(r"(position|rotation) = \[[^\]]*\],? ?", "", found.group()).rstrip("} ,")
         motions = f'{{ kind = "trajectory", file = "{number}.txt", from_zero = false }}'
         text = text.replace(found.group(), f"{still}, motion = {motions} }}")
@@ -151,11 +155,13 @@ def truth(renderer: evis.mujoco.EventRenderer, motion: Motion, arguments: argpar
             (place / "sky.hdr").write_bytes(sky)
         (place / "scene.toml").write_text(moved(text, motion, place))
         width, height = arguments.size
-        command = [sys.executable, "-m", "evis", "truth", str(place / "scene.toml"), "-o", str(place / "truth.h5")]
+        made = place / "truth.h5"
+        command = [sys.executable, "-m", "evis", "truth", str(place / "scene.toml"), "-o", str(made)]
+        command += ["--camera", renderer.cameras[0].name]
         command += ["--size", f"{width}x{height}", "--duration", str(arguments.duration)]
         command += ["--truth-pixels", str(arguments.truth_pixels), "--reference-luminance", str(reference)]
-        subprocess.run([*command, "--camera", renderer.cameras[0].name], check=True, stdout=subprocess.DEVNULL)
-        return evis.Truth.load(place / "truth.h5")
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        return evis.Truth.load(made)
 
 
 def main() -> None:
@@ -172,7 +178,8 @@ def main() -> None:
     warnings.simplefilter("ignore")
     model = mujoco.MjModel.from_xml_path(arguments.model)
     known = None
-    print("| method | F1 1 ms scaled | 1 ms | 300 us | events | core-s per simulated second |\n|---|--:|--:|--:|--:|--:|")
+    print("| method | F1 1 ms scaled | 1 ms | 300 us | events | core-s per simulated second |")
+    print("|---|--:|--:|--:|--:|--:|")
     for name, settings in METHODS.items():
         renderer, events, motion, took = render(model, arguments, settings)
         if known is None:
@@ -181,8 +188,8 @@ def main() -> None:
         one, fine = made.at(1000), made.at(300)
         method = renderer.simulator.method
         print(
-            f"| {name} (`{method}`) | {one.scaled.f1:.3f} | {one.plain.f1:.3f} | {fine.plain.f1:.3f} | {len(events)} | "
-            f"{took / arguments.duration:.0f} |",
+            f"| {name} (`{method}`) | {one.scaled.f1:.3f} | {one.plain.f1:.3f} | {fine.plain.f1:.3f} | "
+            f"{len(events)} | {took / arguments.duration:.0f} |",
             flush=True,
         )
         renderer.close()
