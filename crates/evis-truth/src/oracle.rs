@@ -37,12 +37,12 @@ struct Provenance<'a> {
     seconds: f64,
 }
 
-/// What `scene` makes an ideal sensor fire. `progress` is told the part that is done, from several threads, and stops
+/// What `scene` makes an ideal sensor fire; where a host moves, shows or paints things ([`Scene::drive_with`]), as it said. `progress` is told the part that is done, from several threads, and stops
 /// the work by returning false.
 ///
 /// # Errors
-/// A setting that cannot be used, a camera that does not exist or has no lens, rigid bodies that were not simulated, or a
-/// stop.
+/// A setting that cannot be used, a camera that does not exist or has no lens, rigid bodies that were not simulated, a stretch
+/// of time of which a host has not said everything or no longer has, or a stop.
 pub fn truth(
     scene: &Scene,
     settings: &TruthSettings,
