@@ -110,7 +110,8 @@ fn light_that_the_paper_cannot_count_is_warned_of_once() {
     };
     let (report, told) = run("a.h5", "1e-6");
     assert!(report["clipped"].as_u64().unwrap() > 0, "{report}");
-    for words in ["camera 'camera'", "from 0 us on", "65536 Y_ref", "the --method splat", "--reference-luminance"]
+    for words in
+        ["camera 'camera'", "from 0 us on", "65536 Y_ref", "the --method splat", "--reference-luminance"]
     {
         assert!(told.contains(words), "{words}: {told}");
     }
