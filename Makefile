@@ -44,7 +44,7 @@ LONG_SCENES ?= 12..324
 # Seconds that `make check-long` and `make fuzz` read mutants of each kind of file.
 FUZZ_S ?= 600
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check lint-rust lint-python check-long loom asan fuzz format bench bench-gpu chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check lint-rust lint-python check-long loom asan fuzz format bench bench-gpu bench-batch chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -145,6 +145,9 @@ bench: setup ## Speed, as ratios on this machine.
 	  $(MAKE) wheel && tools/install "$(BIN)" test && $(BIN)/python benches/bench.py \
 	  && $(BIN)/python benches/representations.py && $(BIN)/python benches/formats.py \
 	  && $(BIN)/python benches/closed_loop.py && $(BIN)/python benches/dataset.py; fi
+
+bench-batch: setup ## Cost per camera with 1 to 256 cameras, on this machine's adapter; minutes on a software driver.
+	cargo bench --profile release --workspace --locked --bench batch
 
 bench-gpu: setup ## Cost of each method with many cameras on this machine's adapter; tables in out/.
 	cargo bench --profile release --workspace --locked --bench gpu -- out="$(CURDIR)/out"

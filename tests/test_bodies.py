@@ -131,6 +131,31 @@ def test_the_command_follows_bodies(device: evis.Device, tmp_path: Path) -> None
     assert run().position.shape == (0, len(bodies.names), 3), "without a rate, names and boxes alone"
 
 
+def test_the_command_records_inertial_measurement_units_as_python_does(
+    device: evis.Device, tmp_path: Path
+) -> None:
+    options = "--duration 0.02 --size 64x48 --seed 5 --imu square --imu-rate 500"
+    noise = "--imu-noise accelerometer_noise_density=2e-3 --imu-noise gyroscope_random_walk=1e-4"
+    done = subprocess.run(
+        [sys.executable, "-m", "evis", "run", "spinner", "-o", "x.h5", *options.split(), *noise.split()],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    recording = evis.load(tmp_path / "x.h5")
+
+    def simulated(seed: int) -> evis.imu.ImuSamples:
+        own = evis.imu.ImuNoise(accelerometer_noise_density=2e-3, gyroscope_random_walk=1e-4)
+        scene = evis.Scene.builtin("spinner", seed=5)
+        return evis.imu.simulate(scene, "square", duration=0.02, rate_hz=500, noise=own, seed=seed)
+
+    found = recording.imus["square"]
+    for column in ("t_us", "accelerometer", "gyroscope"):
+        assert np.array_equal(getattr(found, column), getattr(simulated(5), column))
+    assert not np.array_equal(found.gyroscope, simulated(6).gyroscope), "canary"
+
+
 def test_poses_that_cannot_be_written_are_refused(scene: evis.Scene, tmp_path: Path) -> None:
     sim = evis.Simulator(scene, **SMALL)
     with pytest.raises(evis.ConfigError, match=r"\.raw holds no poses"):

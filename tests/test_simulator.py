@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -382,6 +383,27 @@ def test_sampling_that_contradicts_itself_is_refused(device: evis.Device, tmp_pa
         evis.Simulator(scene, settings=settings)
     with pytest.raises(FileNotFoundError, match="gone"):
         evis.Simulator(scene, settings=tmp_path / "gone.toml")
+
+
+def test_clipped_light_is_counted_and_warned_of_once(device: evis.Device):
+    scene = evis.Scene.builtin("spinner")
+
+    def simulator(reference_luminance: float) -> evis.Simulator:
+        settings: Any = {"method": "evis-paper", "reference_luminance": reference_luminance}
+        return evis.Simulator(scene, size=(48, 36), **settings)
+
+    bright = simulator(1e-6)
+    with pytest.warns(UserWarning, match=r"camera 'camera' of environment 0, from 0 us on"):
+        first = bright.step(20_000)
+    assert first.report.clipped > 0
+    assert [text for text in first.report.clipped_light if "65536 Y_ref" in text]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert bright.step(40_000).report.clipped > 0
+        with bright.stream(duration=0.01) as stream:
+            list(stream)
+        quiet = simulator(0.1).step(20_000)
+    assert (quiet.report.clipped, quiet.report.clipped_light) == (0, [])
 
 
 def test_a_method_samples_instants_from_keyframes(device: evis.Device):

@@ -261,6 +261,10 @@ class Report:
         Pixels drawn for events, all views and instants, each by all of its samples; margins of keyframes too.
     keyframes : int
         Keyframes drawn, all views; 0 for a method without them.
+    clipped : int
+        Pixels of keyframes, margins included, with more light than `evis-paper` counts: 65 536 Y_ref.
+    clipped_light : list of str
+        Of which cameras: the first time, and the brightest light.
     unknown : int
         Pixels and instants that the method could not know; there the pixel waits for its next known instant.
     reruns : int
@@ -285,6 +289,8 @@ class Report:
     instants: int
     drawn_pixels: int
     keyframes: int
+    clipped: int
+    clipped_light: list[str]
     unknown: int
     reruns: int
     audited: int

@@ -294,6 +294,7 @@ class Simulator:
         each = (Sensor._of_json(json) for json in self._engine.sensors)
         self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}
         self._labels = tuple(self._engine.labels)
+        self._clipped_told = False
         if not (self._driven or self._changed):
             _warn_of_motion(scene, self._scene, [camera.name for camera in self._cameras])
             for warning in self._engine.warnings:
@@ -450,7 +451,15 @@ class Simulator:
         seen = node_visible(self._driven, self.environments, until, visible or {}, pose_times_us)
         changes = material_changes(self._changed, range(self.environments), materials or {})
         raw = self._own_engine().step(until, given, seen, changes)
-        return packet_from(raw, self._cameras, self._labels)
+        return self._packet(raw)
+
+    def _packet(self, raw: _evis.Packet) -> Packet:
+        """Return a packet; the first one with light that was clipped warns."""
+        packet = packet_from(raw, self._cameras, self._labels)
+        if packet.report.clipped_light and not self._clipped_told:
+            self._clipped_told = True
+            warnings.warn(packet.report.clipped_light[0], stacklevel=3)
+        return packet
 
     def reset(
         self,
@@ -652,7 +661,7 @@ class Stream(Iterator[Packet]):
             # Ctrl-C and failures end the engine too.
             self._ended = True
             raise
-        packet = packet_from(raw, self._simulator.cameras, self._simulator.labels)
+        packet = self._simulator._packet(raw)
         if self._events is not None:
             self._events += packet.report.events
         self._last_us = packet.end_us

@@ -5,7 +5,7 @@ use std::path::Path;
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::{self, Recording, RepairReport, stored_sensor};
 use evis_core::sensor::PRESETS;
-use evis_core::{CameraInfo, SensorConfig};
+use evis_core::{CameraInfo, ImuSample, SensorConfig};
 use serde::Serialize;
 
 use crate::args::InfoArgs;
@@ -31,6 +31,8 @@ struct Info {
     on: u64,
     off: u64,
     cameras: Vec<CameraLine>,
+    /// Inertial measurement units.
+    imus: Vec<ImuLine>,
     /// Semantic classes that have a name.
     classes: Vec<ClassLine>,
     /// The settings as they are stored.
@@ -119,6 +121,14 @@ struct CameraLine {
 }
 
 #[derive(Serialize)]
+struct ImuLine {
+    name: String,
+    samples: usize,
+    first_s: Option<f64>,
+    last_s: Option<f64>,
+}
+
+#[derive(Serialize)]
 struct LabelLine {
     kind: &'static str,
     frames: usize,
@@ -159,6 +169,13 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
     for (index, camera) in header.cameras.iter().enumerate() {
         cameras.push(camera_line(&recording, index, camera, duration_s)?);
     }
+    let mut imus = Vec::new();
+    for name in recording.imus()? {
+        let samples = recording.imu(&name)?;
+        let s = |sample: &ImuSample| sample.t_us as f64 / 1.0e6;
+        let (first_s, last_s) = (samples.first().map(s), samples.last().map(s));
+        imus.push(ImuLine { name, samples: samples.len(), first_s, last_s });
+    }
     let info = Info {
         file: args.input.display().to_string(),
         complete: recording.is_complete()?,
@@ -173,6 +190,7 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
         on: cameras.iter().map(|c| c.on).sum(),
         off: cameras.iter().map(|c| c.off).sum(),
         cameras,
+        imus,
         classes: ClassLine::of(&recording.body_infos()?),
         settings_toml: header.config_toml.clone(),
     };
@@ -335,6 +353,15 @@ fn describe(info: &Info) -> String {
                 l.last_s.unwrap_or_default(),
             ));
         }
+    }
+    for imu in &info.imus {
+        lines.push(format!(
+            "imu {}  {} samples from {} s to {} s",
+            imu.name,
+            text::grouped(imu.samples as u64),
+            imu.first_s.unwrap_or_default(),
+            imu.last_s.unwrap_or_default(),
+        ));
     }
     lines.extend(ClassLine::in_words(&info.classes).map(|classes| format!("classes  {classes}")));
     lines.push("settings".into());

@@ -47,6 +47,82 @@ fn a_scene_becomes_a_recording() {
 }
 
 #[test]
+fn a_run_records_inertial_measurement_units() {
+    use evis_core::format::hdf5::Recording;
+    use evis_render::{Imu, ImuConfig, ImuNoise};
+
+    let folder = Folder::new("imu");
+    if no_device(&folder) {
+        return;
+    }
+    let units = "--imu camera --imu square --imu-rate 400 --imu-noise gyroscope_noise_density=1e-3 \
+                 --imu-noise accelerometer_random_walk=2e-3 --seed 3 --start 0.1";
+    let output = evis(&folder, &format!("run spinner -o a.h5 {SMALL} {units}"));
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let recording = Recording::open(&folder.file("a.h5")).unwrap();
+    assert_eq!(recording.imus().unwrap(), ["camera", "square"]);
+    let scene = evis_scene::builtin::load("spinner", 3).unwrap();
+    let noise =
+        ImuNoise { gyroscope_noise_density: 1e-3, accelerometer_random_walk: 2e-3, ..ImuNoise::default() };
+    for name in ["camera", "square"] {
+        let node = scene.camera_or_node(name).unwrap();
+        let config = ImuConfig { rate_hz: 400.0, noise, seed: 3, start_us: 100_000, ..ImuConfig::new(node) };
+        let expected = |config| Imu::new(&scene, config).unwrap().advance(&scene, 50_000);
+        let found = recording.imu(name).unwrap();
+        assert_eq!(found.len(), 20);
+        assert!(found == expected(config), "{name}");
+        assert!(found != expected(ImuConfig { seed: 4, ..config }), "canary: {name}");
+    }
+    let info = json(&evis(&folder, "info a.h5 --json"));
+    assert_eq!((&info["imus"][1]["name"], &info["imus"][1]["samples"]), (&"square".into(), &20.into()));
+    assert!(info["settings_toml"].as_str().unwrap().contains("accelerometer_random_walk = 0.002"));
+    let told = stdout(&evis(&folder, "info a.h5"));
+    assert!(told.contains("imu camera  20 samples from 0 s to 0.0475 s"), "{told}");
+    assert_eq!(code(&evis(&folder, "preview a.h5 -o a.gif")), 0);
+    for (bad, words) in [
+        ("--imu camra", "did you mean 'camera'?"),
+        ("--imu a/b", "slash"),
+        ("--imu camera --imu camera", "twice"),
+        ("--imu camera --imu-noise gyro=1", "gyroscope_noise_density"),
+        ("--imu camera --imu-noise gyroscope_random_walk=-1", "0 or more"),
+        ("--imu-rate 100", "--imu"),
+    ] {
+        let output = evis(&folder, &format!("run spinner -o b.h5 {SMALL} {bad}"));
+        assert!(code(&output) == 2 && stderr(&output).contains(words), "{bad}: {}", stderr(&output));
+        assert!(!folder.file("b.h5").exists(), "{bad}");
+    }
+}
+
+#[test]
+fn light_that_the_paper_cannot_count_is_warned_of_once() {
+    let folder = Folder::new("clipped");
+    if no_device(&folder) {
+        return;
+    }
+    let run = |name: &str, reference: &str| {
+        let line = format!(
+            "run spinner -o {name} --size 64x48 --duration 0.05 --samples 1 --method evis-paper --keyframe-rate 100 \
+             --reference-luminance {reference} --json"
+        );
+        let output = evis(&folder, &line);
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        (json(&output), stderr(&output))
+    };
+    let (report, told) = run("a.h5", "1e-6");
+    assert!(report["clipped"].as_u64().unwrap() > 0, "{report}");
+    for words in
+        ["camera 'camera'", "from 0 us on", "65536 Y_ref", "the --method splat", "--reference-luminance"]
+    {
+        assert!(told.contains(words), "{words}: {told}");
+    }
+    assert_eq!(told.matches("pixels of keyframes").count(), 1, "{told}");
+    let warned = |report: &serde_json::Value| report["warnings"].to_string().contains("pixels of keyframes");
+    assert!(warned(&report));
+    let (report, told) = run("b.h5", "0.1");
+    assert!(report["clipped"] == 0 && !warned(&report) && !told.contains("pixels of keyframes"), "{told}");
+}
+
+#[test]
 fn a_run_prints_four_lines_and_more_when_asked() {
     let folder = Folder::new("lines");
     if no_device(&folder) {

@@ -125,6 +125,40 @@ fn integers_are_light_under_their_curve() {
 }
 
 #[test]
+fn light_of_pushed_keyframes_has_no_limit() {
+    // A lamp slides over a dark wall, by both warps.
+    let wall = |lamp: f64, k: i64| {
+        Picture::new(move |x, _| {
+            let left = 30.0 + 6.0 * k as f64;
+            if x > left && x < left + 20.0 { (lamp, 1.0, [-6.0, 0.0]) } else { (0.1, 3.0, [0.0; 2]) }
+        })
+    };
+    let most = |lamp: f64, warp: &Warp| {
+        let mut emulator = emulator(1, 1);
+        let mut count = vec![0_u32; PIXELS];
+        for k in 0..2 {
+            let picture = wall(lamp, k);
+            for event in emulator.push_keyframe(&picture.keyframes(), k * GAP_US, warp).unwrap().remove(0) {
+                count[usize::from(event.y) * WIDTH + usize::from(event.x)] += u32::from(event.p == 1);
+            }
+        }
+        count.into_iter().max().unwrap()
+    };
+    let sensor = SensorConfig::default();
+    for warp in [Warp::default(), Warp { variant: evis_core::WarpVariant::EvisPaper, ..Warp::default() }] {
+        for lamp in [10.0, 1e6, 1e12, 1e30] {
+            let eps = f64::from(sensor.log_eps);
+            let ladder = ((lamp + eps) / (0.1 + eps)).ln() / f64::from(sensor.threshold_on);
+            let fired = f64::from(most(lamp, &warp));
+            assert!(
+                (fired - ladder).abs() <= 1.0,
+                "{warp:?}: lamp {lamp}: {fired} events, {ladder} thresholds"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_sliding_wall_fires_as_if_it_were_seen_all_the_time() {
     for speed in [[4.0, 0.0], [-2.6, 1.7], [0.0, -6.3]] {
         let truth = truth(|t| sliding(speed, t), 4);

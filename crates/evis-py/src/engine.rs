@@ -155,7 +155,7 @@ pub(crate) fn with_cameras(
                 "the scene has a camera named '{name}' already; give the new one another name"
             )));
         }
-        let parent = parent.as_deref().map(|name| find_node(&scene, name)).transpose()?;
+        let parent = parent.as_deref().map(|name| scene.node(name)).transpose()?;
         let node = added.nodes.get(camera.node).cloned().unwrap_or_default();
         let node = scene.add_node(evis_scene::Node { parent, ..node });
         if let Some(distortion) = added.distortions.get(&camera.name) {
@@ -164,21 +164,6 @@ pub(crate) fn with_cameras(
         scene.cameras.push(evis_scene::Camera { node, ..camera });
     }
     Ok(scene)
-}
-
-pub(crate) fn find_node(scene: &evis_scene::Scene, name: &str) -> Result<usize, SceneError> {
-    let mut found = scene.nodes.iter().enumerate().filter(|(_, node)| node.name == name);
-    match (found.next(), found.next()) {
-        (Some((index, _)), None) => Ok(index),
-        (Some(_), Some(_)) => Err(SceneError::Rule(format!(
-            "more than one node is named '{name}'; a parent needs its own name"
-        ))),
-        (None, _) => Err(SceneError::Unknown {
-            what: "node",
-            name: name.into(),
-            known: scene.nodes.iter().map(|node| node.name.clone()).filter(|name| !name.is_empty()).collect(),
-        }),
-    }
 }
 
 /// Linear light of every 8-bit sRGB value.

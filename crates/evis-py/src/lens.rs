@@ -146,20 +146,8 @@ pub(crate) fn simulate_imu<'py>(
 ) -> PyResult<ImuColumns<'py>> {
     let scene = scene.shared();
     let samples = py.detach_pure(|| {
-        let camera = scene.cameras.iter().find(|camera| camera.name == node).map(|camera| camera.node);
-        let node = camera.map_or_else(|| crate::engine::find_node(&scene, node), Ok)?;
-        let [
-            accelerometer_noise_density,
-            accelerometer_random_walk,
-            gyroscope_noise_density,
-            gyroscope_random_walk,
-        ] = noise;
-        let noise = ImuNoise {
-            accelerometer_noise_density,
-            accelerometer_random_walk,
-            gyroscope_noise_density,
-            gyroscope_random_walk,
-        };
+        let node = scene.camera_or_node(node)?;
+        let noise = ImuNoise::of(noise);
         let config =
             ImuConfig { environment, rate_hz, noise, gravity, seed, start_us, ..ImuConfig::new(node) };
         Ok::<_, Failure>(Imu::new(&scene, config)?.advance(&scene, duration_us))

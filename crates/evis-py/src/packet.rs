@@ -98,6 +98,10 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     dict.set_item("instants", report.instants)?;
     dict.set_item("drawn_pixels", report.drawn_pixels)?;
     dict.set_item("keyframes", report.keyframes)?;
+    dict.set_item("clipped", report.clipped)?;
+    let clipped: Vec<String> =
+        report.clipped_light.iter().map(evis_render::clipped::ClippedLight::warning).collect();
+    dict.set_item("clipped_light", clipped)?;
     dict.set_item("unknown", report.unknown)?;
     dict.set_item("reruns", report.reruns)?;
     dict.set_item("audited", report.audited)?;

@@ -47,7 +47,7 @@ pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
 pub use output::{Bodies, BodyTimes, Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes, ViewPacket};
 pub use request::{RunRequest, SamplingRequest, Settled, implausible, quality, settings};
-pub use sampling::audit;
+pub use sampling::{audit, clipped};
 /// The version that [`Gpu::from_device`] takes devices of.
 pub use wgpu;
 

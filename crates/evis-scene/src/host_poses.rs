@@ -103,6 +103,7 @@ pub struct HostPoses {
     driven: Vec<DrivenMaterial>,
     start_us: i64,
     known_until_us: AtomicI64,
+    known_from_us: AtomicI64,
 }
 
 impl HostPoses {
@@ -121,6 +122,7 @@ impl HostPoses {
             driven,
             start_us: known_until_us,
             known_until_us: AtomicI64::new(known_until_us),
+            known_from_us: AtomicI64::new(i64::MIN),
         }
     }
 
@@ -142,6 +144,11 @@ impl HostPoses {
     /// Scene time in microseconds until which the poses of all nodes are known. Nothing is sampled after it.
     pub fn known_until_us(&self) -> i64 {
         self.known_until_us.load(Ordering::Acquire)
+    }
+
+    /// Scene time in microseconds from which poses are still known: what is before it was forgotten.
+    pub fn known_from_us(&self) -> i64 {
+        self.known_from_us.load(Ordering::Acquire)
     }
 
     /// Whether no step was made: then nothing was seen of the scene.
@@ -369,6 +376,10 @@ impl HostPoses {
         for (environment, material, change) in jump.materials {
             self.check_material(*environment, *material, change)?;
         }
+        if !jump.is_empty() {
+            // What was before is no longer told.
+            self.known_from_us.fetch_max(now_us, Ordering::AcqRel);
+        }
         for (environment, node, pose) in jump.poses {
             let unit =
                 HostPose { t_us: now_us, rotation: pose.rotation.normalize(), velocity: None, ..*pose };
@@ -387,6 +398,7 @@ impl HostPoses {
 
     /// Forgets what no time from `t_us` on needs.
     pub fn forget_before(&self, t_us: i64) {
+        self.known_from_us.fetch_max(t_us, Ordering::AcqRel);
         self.tracks().for_each(|track| track.forget_before(t_us));
         let factors = self.driven.iter().flat_map(|driven| &driven.parts).flat_map(|part| &part.factors);
         factors.for_each(|steps| steps.forget_before(t_us));

@@ -429,4 +429,32 @@ impl Scene {
             known: self.cameras.iter().map(|c| c.name.clone()).collect(),
         })
     }
+
+    /// Index of the node `name`.
+    ///
+    /// # Errors
+    /// Lists the nodes that exist; several nodes of this name.
+    pub fn node(&self, name: &str) -> Result<usize, SceneError> {
+        let mut found = (0..self.nodes.len()).filter(|&i| self.nodes[i].name == name);
+        match (found.next(), found.next()) {
+            (Some(node), None) => Ok(node),
+            (Some(_), Some(_)) => Err(SceneError::Rule(format!(
+                "more than one node is named '{name}'; give the one that is meant a name of its own"
+            ))),
+            (None, _) => Err(SceneError::Unknown {
+                what: "node",
+                name: name.into(),
+                known: self.nodes.iter().map(|n| n.name.clone()).filter(|n| !n.is_empty()).collect(),
+            }),
+        }
+    }
+
+    /// Node of the camera `name`, or where there is none, the node `name`.
+    ///
+    /// # Errors
+    /// As [`Scene::node`].
+    pub fn camera_or_node(&self, name: &str) -> Result<usize, SceneError> {
+        let camera = self.cameras.iter().find(|camera| camera.name == name);
+        camera.map_or_else(|| self.node(name), |camera| Ok(camera.node))
+    }
 }

@@ -327,6 +327,54 @@ fn mistakes_are_named_with_their_place_and_the_remedy() {
 }
 
 #[test]
+fn errors_name_the_line_of_the_key() {
+    let file = |body: &str| {
+        format!(
+            "duration_s = 1\n\n[dynamics]\nrate_hz = 500\n\n[[materials]]\nname = 'm'\n\n[[primitives]]\nname = 'floor'\n\
+             shape = 'plane'\nsize = [1, 1]\nmaterial = 'm'\n\n[[primitives]] # line 15\nname = 'ball'\nshape = 'sphere'\n\
+             radius = 1\nmaterial = 'm'\n{body}\n\n[[cameras]]\nname = 'c'\n"
+        )
+    };
+    for (body, expected) in [
+        ("rigid_body = { mass = -2 }", "line 20: [[primitives]] 'ball': mass is -2"),
+        ("rigid_body.friction = 1\nrigid_body.mass = -2", "line 21: [[primitives]] 'ball': mass is -2"),
+        (
+            "\n[primitives.rigid_body]\nfriction = 0.1\ndensity = nan",
+            "line 23: [[primitives]] 'ball': density is NaN",
+        ),
+        (
+            "\n[primitives.rigid_body]\nshape = 'box'",
+            "line 21: [[primitives]] 'ball', rigid_body: the key 'size' is missing",
+        ),
+        ("rigid_body = { }\nrotation = [0, 0, 0, 2]", "line 21: [[primitives]] 'ball': rotation is"),
+        ("rigid_body = { velocity = [0, inf, 0] }", "line 20: [[primitives]] 'ball': velocity is"),
+        ("rigid_body = { }\nparent = 'bell'", "line 21: [[primitives]] 'ball': no object named 'bell'"),
+        ("rigid_body = { }\nscale = [1, 2, 1]", "line 21: 'ball': its scale is [1, 2, 1]"),
+        (
+            "rigid_body = { }\n[[environments]]\noffsets.bell = { }",
+            "line 22: [[environments]] number 1, offsets 'bell': no object",
+        ),
+        ("rigid_body = { }\nrigidbody = 1", "line 21: unknown key 'rigidbody' in [[primitives]] 'ball'"),
+        (
+            "motion = { kind = 'spin' }",
+            "line 20: [[primitives]] 'ball', motion: the key 'degrees_per_s' is missing",
+        ),
+        (
+            "[[lights]]\nname = 'sun'\nkind = 'point'\nintensity = 1\nwaveform = { shape = 'pwm',\nfrequency_hz = 5, duty = 1 }",
+            "line 25: [[lights]] 'sun': duty is 1",
+        ),
+        ("[[cameras]]\nfov_y_degrees = 50", "line 20: [[cameras]] number 1: the key 'name' is missing"),
+    ] {
+        let message = message(&file(body));
+        assert!(message.contains(expected), "{body}\n=> {message}\nlacks {expected}");
+    }
+    let dynamics = message(&file("").replace("rate_hz = 500", "rate_hz = 5"));
+    assert!(dynamics.contains("line 4: [dynamics]: rate_hz is 5"), "{dynamics}");
+    // Canary.
+    assert!(read(&file("rigid_body = { mass = 2 }")).is_ok());
+}
+
+#[test]
 fn files_are_found_beside_the_scene_file_and_named_when_they_are_not() {
     let folder = folder("scene_files");
     let scene_file = folder.join("walk.toml");
@@ -345,7 +393,7 @@ fn files_are_found_beside_the_scene_file_and_named_when_they_are_not() {
     assert!(absent.contains("cannot read") && absent.contains("absent.toml"), "{absent}");
     std::fs::write(&scene_file, "nmae = 1").expect("write");
     let wrong = load(&scene_file).err().map_or_else(String::new, |e| e.to_string());
-    assert!(wrong.contains("walk.toml: unknown key 'nmae'"), "{wrong}");
+    assert!(wrong.contains("walk.toml: line 1: unknown key 'nmae'"), "{wrong}");
 }
 
 #[test]

@@ -92,6 +92,14 @@ impl<'a> Clock<'a> {
         }
     }
 
+    /// Times within the stream's first `duration_us` microseconds, from its start and ascending, at which a host shows or hides
+    /// nodes or changes materials. There everything is still as it was.
+    pub fn host_steps(&self, duration_us: i64) -> Vec<i64> {
+        let start_us = self.start_us as f64;
+        let times = self.scene.host_step_times(None, start_us - 0.5, start_us + duration_us as f64);
+        times.into_iter().map(|t_us| (t_us - start_us).round() as i64).collect()
+    }
+
     /// Whether any light moves.
     pub fn lights_move(&self) -> bool {
         self.scene.nodes.iter().zip(&self.moves).any(|(node, moves)| node.light.is_some() && *moves)
@@ -103,7 +111,7 @@ impl<'a> Clock<'a> {
         !self.moves[node]
             && !self.lights_move()
             && self.scene.lights.iter().all(|l| l.waveform.is_none())
-            && self.scene.materials.iter().all(|m| m.emission_waveform.is_none())
+            && self.scene.materials.iter().all(|m| m.emission_waveform.is_none() && !m.driven)
     }
 
     /// Shortest period of any light or material, in microseconds.

@@ -37,12 +37,12 @@ struct Provenance<'a> {
     seconds: f64,
 }
 
-/// What `scene` makes an ideal sensor fire. `progress` is told the part that is done, from several threads, and stops
+/// What `scene` makes an ideal sensor fire; where a host moves, shows or paints things ([`Scene::drive_with`]), as it said. `progress` is told the part that is done, from several threads, and stops
 /// the work by returning false.
 ///
 /// # Errors
-/// A setting that cannot be used, a camera that does not exist or has no lens, rigid bodies that were not simulated, or a
-/// stop.
+/// A setting that cannot be used, a camera that does not exist or has no lens, rigid bodies that were not simulated, a stretch
+/// of time of which a host has not said everything or no longer has, or a stop.
 pub fn truth(
     scene: &Scene,
     settings: &TruthSettings,
@@ -50,6 +50,7 @@ pub fn truth(
 ) -> Result<Truth, TruthError> {
     settings.check()?;
     scene.check_simulated()?;
+    check_host(scene, settings)?;
     let started = std::time::Instant::now();
     let camera = match &settings.camera {
         Some(name) => scene.camera(name)?,
@@ -68,7 +69,14 @@ pub fn truth(
     let shortest = given.map_or_else(|| schedule::shortest(&clock, settings.duration_us), |s| (s, 0.0));
     match &instants {
         Some(instants) => clock.share(instants.iter().copied()),
-        None => clock.share((0..=settings.duration_us / shortest.0).map(|k| k * shortest.0)),
+        None => {
+            let mut shared: Vec<i64> =
+                (0..=settings.duration_us / shortest.0).map(|k| k * shortest.0).collect();
+            shared.extend(schedule::host_looks(&clock, settings.duration_us));
+            shared.sort_unstable();
+            shared.dedup();
+            clock.share(shared.into_iter());
+        }
     }
     let schedule = match given {
         Some(step_us) => Schedule::even(&clock, step_us, settings.duration_us),
@@ -133,6 +141,26 @@ pub fn truth(
     };
     let provenance = serde_json::to_string(&provenance).unwrap_or_default();
     Ok(assemble(camera_info(scene, &info.name, &pinhole), rules, pixels, &walked, provenance))
+}
+
+/// Refuses a stretch of which a host has not said everything, or no longer has.
+fn check_host(scene: &Scene, settings: &TruthSettings) -> Result<(), SceneError> {
+    let Some(host) = &scene.host_poses else { return Ok(()) };
+    let (start_us, end_us) = (settings.start_us, settings.start_us + settings.duration_us);
+    let (from_us, until_us) = (host.known_from_us(), host.known_until_us());
+    if end_us > until_us {
+        return Err(SceneError::Rule(format!(
+            "a host has said where things are until {until_us} us of scene time, and the truth ends at {end_us} us; say more \
+             first, or choose a shorter duration"
+        )));
+    }
+    if start_us < from_us {
+        return Err(SceneError::Rule(format!(
+            "a host's poses before {from_us} us of scene time were forgotten, and the truth begins at {start_us} us; make it of a \
+             scene that no simulator steps"
+        )));
+    }
+    Ok(())
 }
 
 fn camera_info(scene: &Scene, name: &str, pinhole: &Pinhole) -> CameraInfo {
@@ -259,8 +287,11 @@ impl<'a> Stillness<'a> {
             return None;
         }
         let mut boxes: Vec<(glam::DVec3, glam::DVec3)> = Vec::new();
-        for k in 0..=Self::INSTANTS {
-            let moment = clock.at(duration_us as f64 * k as f64 / Self::INSTANTS as f64);
+        let even = (0..=Self::INSTANTS).map(|k| duration_us as f64 * k as f64 / Self::INSTANTS as f64);
+        // What is shown for a short while.
+        let shown = schedule::host_looks(clock, duration_us);
+        for t_us in even.chain(shown.into_iter().map(|t_us| t_us as f64)) {
+            let moment = clock.at(t_us);
             for (i, (low, high)) in moment.moving_boxes(Self::MARGIN).into_iter().enumerate() {
                 match boxes.get_mut(i) {
                     Some(known) => *known = (known.0.min(low), known.1.max(high)),

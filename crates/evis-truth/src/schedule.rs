@@ -55,6 +55,12 @@ pub fn shortest(clock: &Clock, duration_us: i64) -> (i64, f64) {
     (step, fastest)
 }
 
+/// Looks at both sides of each of a host's steps.
+pub fn host_looks(clock: &Clock, duration_us: i64) -> Vec<i64> {
+    let steps = clock.host_steps(duration_us).into_iter();
+    steps.flat_map(|t_us| [t_us, t_us + 1]).filter(|t_us| (0..=duration_us).contains(t_us)).collect()
+}
+
 /// Time between two looks where light moves this fast, in pixels per second.
 fn wanted_us(speed: f64) -> f64 {
     1e6 * MOTION_PER_STEP / (MARGIN * speed).max(1.0)
@@ -65,6 +71,8 @@ pub struct Schedule<'c, 'a> {
     clock: &'c Clock<'a>,
     shortest_us: i64,
     duration_us: i64,
+    /// Times between which light changes all at once: those of a host's steps, and the ones just after.
+    steps_us: Vec<i64>,
     /// `None`: all pixels are looked at equally often.
     local: Option<Local<'a>>,
 }
@@ -88,7 +96,8 @@ struct Window<'a> {
 impl<'c, 'a> Schedule<'c, 'a> {
     /// The same step for all.
     pub fn even(clock: &'c Clock<'a>, step_us: i64, duration_us: i64) -> Self {
-        Self { clock, shortest_us: step_us, duration_us, local: None }
+        let steps_us = host_looks(clock, duration_us);
+        Self { clock, shortest_us: step_us, duration_us, steps_us, local: None }
     }
 
     /// Steps from the fastest motion near each pixel; `shortest_us` and `fastest` are what [`shortest`] says.
@@ -104,7 +113,8 @@ impl<'c, 'a> Schedule<'c, 'a> {
         let count = duration_us.div_euclid(window_us) + 1;
         let windows = (0..count).map(|_| OnceLock::new()).collect();
         let reach_px = 1.0 + 0.5 * MARGIN * fastest * window_us as f64 * 1e-6;
-        Self { clock, shortest_us, duration_us, local: Some(Local { window_us, reach_px, windows }) }
+        let local = Some(Local { window_us, reach_px, windows });
+        Self { local, ..Self::even(clock, shortest_us, duration_us) }
     }
 
     /// When pixel (x, y) is looked at, from 0 to the end.
@@ -133,6 +143,11 @@ impl<'c, 'a> Schedule<'c, 'a> {
                     fill(step, ((k as i64 + 1) * local.window_us).min(self.duration_us));
                 }
             }
+        }
+        if !self.steps_us.is_empty() {
+            times.extend(&self.steps_us);
+            times.sort_unstable();
+            times.dedup();
         }
         times
     }

@@ -30,6 +30,8 @@ const TIME_STEP_US: f64 = 0.5;
 /// How far an excursion goes past a threshold to be called missed, in log light: a hundredth of a usual threshold. Of one
 /// that only touches it, truths of other samples do not know either.
 const AUDIT_DEPTH: f64 = 0.002;
+/// Two looks so far apart, in microseconds, are at the sides of a host's step.
+const JUMP_US: f64 = 1.0;
 /// Regions are looked up this often, in microseconds.
 const REGION_US: f64 = 4000.0;
 
@@ -106,7 +108,14 @@ pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, times: &[i64], x: u
             (Some(p), Some(r)) => second_difference(p, q, r),
             _ => 0.0,
         };
-        let bend = bend(before, a, Some(end)).max(bend(Some(a), end, after));
+        // A jump is no bend, and says nothing of the steps beside it.
+        let smooth = |p: Look, q: Look| q.t_us - p.t_us > JUMP_US;
+        let bend = if smooth(a, end) {
+            let (before, after) = (before.filter(|p| smooth(*p, a)), after.filter(|r| smooth(end, *r)));
+            bend(before, a, Some(end)).max(bend(Some(a), end, after))
+        } else {
+            0.0
+        };
         walker.step_us = end.t_us - a.t_us;
         let fired = walker.truth.events.len();
         let end = walker.advance(a, end, bend, 0);

@@ -22,7 +22,7 @@ pub(crate) use choices::Background;
 pub(crate) use convert::ConvertArgs;
 pub(crate) use preview::PreviewArgs;
 pub(crate) use recording::{CalibrateArgs, CompareArgs, InfoArgs, ScoreArgs};
-pub(crate) use run::RunArgs;
+pub(crate) use run::{ImuArgs, RunArgs};
 pub(crate) use truth::TruthArgs;
 pub(crate) use tune::TuneArgs;
 pub(crate) use values::{Scale, to_us};

@@ -9,8 +9,8 @@ use evis_render::{Antialias, Between, Method, Quality, Shadows};
 use super::camera::{AnimationArgs, CameraArgs};
 use super::choices::{labels, words};
 use super::values::{
-    margin_pixels, positive, positive_seconds, rate_hz, sample_count, seed, shadow_map, size, speed,
-    start_seconds, step_count, texture_taps, threshold, window_ms,
+    imu_noise, margin_pixels, positive, positive_seconds, rate_hz, sample_count, seed, shadow_map, size,
+    speed, start_seconds, step_count, texture_taps, threshold, window_ms,
 };
 
 /// `run`.
@@ -109,6 +109,9 @@ pub(crate) struct RunArgs {
     /// They go to the group `bodies`, up to the end of the stream; names, ids and boxes of objects are there in any case.
     #[arg(long, value_name = "HZ", value_parser = rate_hz, allow_hyphen_values = true, help_heading = "Labels", hide_short_help = true)]
     pub(crate) pose_rate: Option<f64>,
+
+    #[command(flatten)]
+    pub(crate) imu: ImuArgs,
 
     /// Preset (see `sensors`) or TOML file [default: the scene's, or ideal]
     ///
@@ -232,6 +235,28 @@ pub(crate) struct RunArgs {
     /// Index or part of a name (see `devices`) [default: the fastest]
     #[arg(long, value_name = "DEVICE", help_heading = "Device")]
     pub(crate) device: Option<String>,
+}
+
+/// Inertial measurement units.
+#[derive(Debug, Args)]
+pub(crate) struct ImuArgs {
+    /// An inertial measurement unit on this camera or node; repeat for several [default: none]
+    ///
+    /// Specific force and angular rate go to the group `imus`, in the axes of its node, which has x right, y up and z back for a
+    /// camera.
+    #[arg(long, value_name = "NAME", help_heading = "Labels")]
+    pub(crate) imu: Vec<String>,
+
+    /// Samples per second of those units [default: 200]
+    #[arg(long, value_name = "HZ", requires = "imu", value_parser = rate_hz, allow_hyphen_values = true, help_heading = "Labels", hide_short_help = true)]
+    pub(crate) imu_rate: Option<f64>,
+
+    /// Noise of those units, such as gyroscope_noise_density=1.7e-4; repeat for several [default: none]
+    ///
+    /// Names and units are those of Kalibr's imu.yaml: accelerometer_noise_density (m/s^2/sqrt(Hz)), accelerometer_random_walk
+    /// (m/s^3/sqrt(Hz)), gyroscope_noise_density (rad/s/sqrt(Hz)), gyroscope_random_walk (rad/s^2/sqrt(Hz)). The seed is --seed.
+    #[arg(long, value_name = "KEY=VALUE", requires = "imu", value_parser = imu_noise, help_heading = "Labels", hide_short_help = true)]
+    pub(crate) imu_noise: Vec<(usize, f64)>,
 }
 
 /// Options of methods with keyframes; the defaults named are those of `splat`.

@@ -3,6 +3,7 @@
 use evis_core::Transfer;
 use evis_core::metric::MAX_TOLERANCE_US;
 use evis_core::stats::Stimulus;
+use evis_render::ImuNoise;
 use evis_truth::PixelChoice;
 
 /// Longest stream and latest start in seconds: 31 days, the most that a recording holds.
@@ -48,6 +49,19 @@ pub(super) fn speed(text: &str) -> Result<f64, String> {
 
 pub(super) fn rate_hz(text: &str) -> Result<f64, String> {
     checked(text, "a number of Hz above 0 and at most 1000000, such as 1000", |v| v > 0.0 && v <= 1.0e6)
+}
+
+/// A value of [`ImuNoise`]: its place among the keys, and the number.
+pub(super) fn imu_noise(text: &str) -> Result<(usize, f64), String> {
+    let known = || ImuNoise::KEYS.join(", ");
+    let (key, value) =
+        text.split_once('=').ok_or_else(|| format!("it must be KEY=VALUE; keys are {}", known()))?;
+    let place = ImuNoise::KEYS.iter().position(|known| *known == key.trim()).ok_or_else(|| {
+        let near = evis_core::limits::nearest(key.trim(), ImuNoise::KEYS.into_iter());
+        let hint = near.map_or_else(String::new, |near| format!(" (did you mean {near}?)"));
+        format!("there is no '{key}'{hint}; keys are {}", known())
+    })?;
+    checked(value, "a number, 0 or more", |v| v >= 0.0).map(|value| (place, value))
 }
 
 pub(super) fn threshold(text: &str) -> Result<f32, String> {

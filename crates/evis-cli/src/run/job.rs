@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use evis_core::format::hdf5::{RecordingExtras, RecordingHeader, RecordingWriter};
-use evis_render::{Bodies, BodyTimes, Packet, RunConfig, Simulator};
+use evis_render::{Bodies, BodyTimes, Imu, Packet, RunConfig, Simulator};
 use evis_scene::Scene;
 
-use super::settings::PACKET_US;
+use super::settings::{ImuSettings, PACKET_US};
 use super::tally::Tally;
 use crate::interrupt::Interrupt;
 use crate::progress::{Forecast, Measured, Progress};
@@ -54,21 +54,29 @@ pub(super) struct Moving {
     bodies: Vec<Bodies>,
     /// When they are sampled, where that was asked for.
     times: Option<BodyTimes>,
+    /// Names of inertial measurement units, and the units, per environment.
+    imu_names: Vec<String>,
+    imus: Vec<Vec<Imu>>,
 }
 
 impl Moving {
-    /// Objects of `scene`, and the cameras of `simulator`, `rate_hz` times per second.
+    /// Objects of `scene`, and the cameras of `simulator`, `rate_hz` times per second; and `imus` in every environment.
     pub(super) fn new(
         scene: Arc<Scene>,
         simulator: &Simulator,
         rate_hz: Option<f64>,
+        imus: &[ImuSettings],
     ) -> anyhow::Result<Self> {
         let start_us = simulator.config().start_us;
         let cameras = || simulator.cameras().iter().map(|camera| camera.name.as_str());
         let bodies = (0..simulator.environments())
             .map(|environment| Bodies::new(&scene, cameras(), environment, start_us))
             .collect::<Result<_, _>>()?;
-        Ok(Self { scene, bodies, times: rate_hz.map(BodyTimes::new).transpose()? })
+        let imu_names = imus.iter().map(|imu| imu.name.clone()).collect();
+        let units =
+            |environment| imus.iter().map(|imu| imu.unit(&scene, simulator.config(), environment)).collect();
+        let imus = (0..simulator.environments()).map(units).collect::<anyhow::Result<_>>()?;
+        Ok(Self { scene, bodies, times: rate_hz.map(BodyTimes::new).transpose()?, imu_names, imus })
     }
 }
 
@@ -124,7 +132,8 @@ impl Job {
     fn create_writers(&mut self) -> anyhow::Result<()> {
         let files = self.outputs.iter().zip(&self.headers).zip(&self.moving.bodies);
         for ((path, header), bodies) in files.skip(self.writers.len()) {
-            let extras = RecordingExtras { bodies: bodies.infos().to_vec(), ..RecordingExtras::default() };
+            let (bodies, imus) = (bodies.infos().to_vec(), self.moving.imu_names.clone());
+            let extras = RecordingExtras { imus, bodies };
             self.writers.push(RecordingWriter::create_with_extras(path, header, &extras, self.overwrite)?);
         }
         Ok(())
@@ -145,10 +154,15 @@ impl Job {
                 writer.write_pose(view.camera, pose)?;
             }
         }
-        let Moving { scene, bodies, times } = &mut self.moving;
+        let Moving { scene, bodies, times, imus, .. } = &mut self.moving;
         for t_us in times.as_mut().map_or_else(Vec::new, |times| times.advance(packet.end_us)) {
             for (bodies, writer) in bodies.iter_mut().zip(&mut self.writers) {
                 writer.write_bodies(t_us, &bodies.at(scene, t_us))?;
+            }
+        }
+        for (imus, writer) in imus.iter_mut().zip(&mut self.writers) {
+            for (index, imu) in imus.iter_mut().enumerate() {
+                writer.write_imu(index, &imu.advance(scene, packet.end_us))?;
             }
         }
         if self.flushed.elapsed() >= FLUSH_EVERY {

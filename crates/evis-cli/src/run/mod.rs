@@ -25,7 +25,7 @@ use crate::{flags, scene_source, sensor_source, text};
 
 use job::{Job, Moving, before_line};
 use report::Report;
-use settings::{PACKET_US, Settings, headers};
+use settings::{ImuSettings, PACKET_US, Settings, headers};
 use tally::Tally;
 
 /// Seconds simulated where neither the user nor the scene says how many.
@@ -48,6 +48,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         check_beside("--trace", trace, args.force, &taken)?;
     }
     let trace = Trace::start(args.trace.as_deref())?;
+    let imus = ImuSettings::asked(&args.imu)?;
     let mut settled = request(args)?.settle().map_err(flags::named)?;
     let opening = Opening {
         seed: settled.config().seed,
@@ -96,10 +97,11 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         duration_s: duration_us as f64 / 1.0e6,
         packet_us: PACKET_US,
         camera_motion: moved,
+        imus,
         run: simulator.config().clone(),
     };
     let mut job = Job {
-        moving: Moving::new(scene, &simulator, args.pose_rate)?,
+        moving: Moving::new(scene, &simulator, args.pose_rate, &settings.imus)?,
         headers: headers(&settings, simulator.cameras())?,
         tally: Tally::new(environments, simulator.cameras()),
         outputs,
@@ -124,7 +126,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
             "{clamped} pixel intervals hit the limit of events and were clamped; raise --rate or the thresholds"
         ));
     }
-    for warning in audit_warnings(&job.tally.report) {
+    for warning in clipped_warning(&job.tally.report).into_iter().chain(audit_warnings(&job.tally.report)) {
         warnings.add(warning);
     }
     let report = |job: &Job, interrupted| {
@@ -155,6 +157,14 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         }
     }
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
+}
+
+/// Light that was clipped: the camera that saw the brightest, and how many others there are.
+fn clipped_warning(report: &PacketReport) -> Option<String> {
+    let worst = report.clipped_light.iter().max_by(|a, b| a.luminance.total_cmp(&b.luminance))?;
+    let others = report.clipped_light.len() - 1;
+    let rest = if others > 0 { format!(" ({others} more cameras saw such light)") } else { String::new() };
+    Some(flags::in_text(&worst.warning()) + &rest)
 }
 
 /// What audits found: the first skipped tiles that changed, each by itself, and the worst of those that were sampled too

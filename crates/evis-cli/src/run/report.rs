@@ -52,6 +52,8 @@ pub(super) struct Report {
     /// Pixels drawn, all views and instants, each by all of its samples.
     pub(super) drawn_pixels: u64,
     pub(super) keyframes: u64,
+    /// Pixels of keyframes that were brighter than the method counts.
+    pub(super) clipped: u64,
     /// Pixels and instants that the method could not know.
     pub(super) unknown: u64,
     pub(super) reruns: u64,
@@ -105,6 +107,7 @@ impl Report {
             instants: tally.report.instants,
             drawn_pixels: tally.report.drawn_pixels,
             keyframes: tally.report.keyframes,
+            clipped: tally.report.clipped,
             unknown: tally.report.unknown,
             reruns: tally.report.reruns,
             audited: tally.report.audited,

@@ -3,11 +3,12 @@
 use anyhow::Context;
 use evis_core::CameraInfo;
 use evis_core::format::hdf5::RecordingHeader;
-use evis_render::RunConfig;
-use evis_scene::AppliedMotion;
+use evis_render::{Imu, ImuConfig, ImuNoise, RunConfig};
+use evis_scene::{AppliedMotion, Scene};
 use serde::Serialize;
 
-use crate::args::to_us;
+use crate::args::{ImuArgs, to_us};
+use crate::failure::bad_input;
 
 /// Packets are this long; the stream's bytes do not depend on it.
 pub(super) const PACKET_US: i64 = 10_000;
@@ -27,7 +28,56 @@ pub(super) struct Settings {
     /// How cameras were moved that the scene leaves at rest.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) camera_motion: Option<AppliedMotion>,
+    /// Inertial measurement units.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) imus: Vec<ImuSettings>,
     pub(super) run: RunConfig,
+}
+
+/// An inertial measurement unit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct ImuSettings {
+    /// Name of a camera, or of a node.
+    pub(super) name: String,
+    pub(super) rate_hz: f64,
+    pub(super) noise: ImuNoise,
+}
+
+impl ImuSettings {
+    /// Those that were asked for.
+    pub(super) fn asked(args: &ImuArgs) -> anyhow::Result<Vec<Self>> {
+        let mut values = ImuNoise::default().values();
+        for (key, value) in &args.imu_noise {
+            values[*key] = *value;
+        }
+        let rate_hz = args.imu_rate.unwrap_or(ImuConfig::new(0).rate_hz);
+        for (number, name) in args.imu.iter().enumerate() {
+            if name.contains('/') {
+                return Err(bad_input(format!(
+                    "--imu is '{name}', and a recording cannot store a unit with a slash in its name; rename the node"
+                )));
+            }
+            if args.imu[..number].contains(name) {
+                return Err(bad_input(format!("--imu is '{name}' twice; give each unit once")));
+            }
+        }
+        let unit = |name: &String| Self { name: name.clone(), rate_hz, noise: ImuNoise::of(values) };
+        Ok(args.imu.iter().map(unit).collect())
+    }
+
+    /// The unit in environment `environment` of a run.
+    pub(super) fn unit(&self, scene: &Scene, run: &RunConfig, environment: usize) -> anyhow::Result<Imu> {
+        let node = scene.camera_or_node(&self.name).map_err(|e| bad_input(format!("--imu: {e}")))?;
+        let config = ImuConfig {
+            environment,
+            rate_hz: self.rate_hz,
+            noise: self.noise,
+            seed: run.seed,
+            start_us: run.start_us,
+            ..ImuConfig::new(node)
+        };
+        Ok(Imu::new(scene, config)?)
+    }
 }
 
 /// One per environment.
@@ -66,11 +116,17 @@ mod tests {
             duration_s: 0.5,
             packet_us: PACKET_US,
             camera_motion: None,
+            imus: vec![ImuSettings {
+                name: "left".into(),
+                rate_hz: 100.0,
+                noise: ImuNoise::of([0.1, 0.0, 0.2, 0.0]),
+            }],
             run: config.clone(),
         };
         let stored: toml::Table = headers(&settings, &[]).unwrap()[0].config_toml.parse().unwrap();
         let run: RunConfig = stored["run"].clone().try_into().unwrap();
         assert_eq!(run, config);
+        assert_eq!(stored["imus"][0]["noise"]["gyroscope_noise_density"].as_float(), Some(0.2));
         assert_ne!(run, RunConfig::default(), "canary: the comparison must see a difference");
     }
 }

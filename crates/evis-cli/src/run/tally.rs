@@ -85,6 +85,10 @@ impl Tally {
         sum.findings.extend_from_slice(&new.findings);
         sum.drawn_pixels += new.drawn_pixels;
         sum.keyframes += new.keyframes;
+        sum.clipped += new.clipped;
+        for light in &new.clipped_light {
+            light.clone().add_to(&mut sum.clipped_light);
+        }
         sum.unknown += new.unknown;
         add_times(&mut sum.times, &new.times);
         self.packets += 1;

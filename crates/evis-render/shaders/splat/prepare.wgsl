@@ -1,5 +1,5 @@
 // A keyframe's pictures to what the splat passes read: light averaged over the samples, and nothing in it that is not a
-// number. Twin: cpu/splat.rs, prepare.
+// number. Twin: cpu/splat.rs, prepare and clipped.
 
 override SAMPLES: u32 = 1;
 override WITH_OBJECTS: bool = false;
@@ -12,6 +12,11 @@ struct KeyParams {
     view: u32,
     // Pixels beyond each border of the sensor.
     margin: u32,
+    // Light above this counts as this.
+    brightest: f32,
+    pad_0: u32,
+    pad_1: u32,
+    pad_2: u32,
 };
 
 @group(0) @binding(0) var<uniform> key: KeyParams;
@@ -27,6 +32,8 @@ struct KeyParams {
 @group(0) @binding(7) var<storage, read_write> objects: array<u32>;
 // Per view: bits of the largest luminance, and of the largest 1 / depth that the sensor itself sees; positive floats are ordered as their bits are.
 @group(0) @binding(8) var<storage, read_write> largest: array<atomic<u32>>;
+// Of this view and keyframe: pixels above `brightest`, and bits of the largest luminance among them.
+@group(0) @binding(9) var<storage, read_write> clipped: array<atomic<u32>>;
 
 const LARGEST_LUMINANCE: f32 = 1e30;
 const LARGEST_INVERSE_DEPTH: f32 = 1e6;
@@ -71,6 +78,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     if (luminance > 0.0) {
         atomicMax(&largest[key.view * 2u], bitcast<u32>(luminance));
+    }
+    if (luminance > key.brightest) {
+        atomicAdd(&clipped[0], 1u);
+        atomicMax(&clipped[1], bitcast<u32>(luminance));
     }
     // A margin changes no weight of the softmax.
     let low = vec2<u32>(key.margin);

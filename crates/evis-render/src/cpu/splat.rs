@@ -106,6 +106,12 @@ pub fn prepare(pictures: &Pictures) -> Vec<Source> {
         .collect()
 }
 
+/// What `splat/prepare.wgsl` counts: pixels of `sources` above `brightest`, and their largest luminance, 0 where there are none.
+pub fn clipped(sources: &[Source], brightest: f32) -> (u32, f32) {
+    let above = sources.iter().map(|s| s.luminance).filter(|luminance| *luminance > brightest);
+    above.fold((0, 0.0), |(pixels, largest), luminance| (pixels + 1, largest.max(luminance)))
+}
+
 /// The four pixels around a position, x fastest, with their weights in 1 / [`SUBPIXELS`]²; `None` outside.
 fn taps(q: [i32; 2], size: [usize; 2]) -> [Option<(usize, u32)>; 4] {
     let base = q.map(|v| v >> 10);

@@ -111,6 +111,7 @@ impl Engine {
             instant_ms: SUBMISSION_MS / 2.0,
             collected: None,
             complete_us: vec![0; groups.len()],
+            clipped_until: vec![i64::MIN; groups.len()],
             next_label: 0,
             next_label_group: 0,
             labels_complete: 0,

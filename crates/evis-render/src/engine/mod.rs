@@ -30,8 +30,9 @@ use crate::output::packet::{Packet, PacketReport, StageTimes, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::raster::context::Context;
 use crate::raster::readback::mean_luminance;
-use crate::sampling::Sampling;
 use crate::sampling::audit::{AuditRun, Finding};
+use crate::sampling::clipped::{self, ClippedLight, ClippedRun};
+use crate::sampling::{Readbacks, Sampling};
 use crate::sensor::chain::CANDIDATE_WORDS;
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::host::{HostWalk, LuminanceReadback};
@@ -66,14 +67,19 @@ enum Work {
     LuminanceReadback(LuminanceReadback),
 }
 
+/// What tells that a buffer can be read.
+type Mapped = Receiver<Result<(), wgpu::BufferAsyncError>>;
+
 /// Audits of a submission, on their way.
-type PendingAudit = (AuditRun, Receiver<Result<(), wgpu::BufferAsyncError>>);
+type PendingAudit = (AuditRun, Mapped);
 
 struct InFlight {
     work: Work,
     submitted: Instant,
     submission: wgpu::SubmissionIndex,
-    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+    mapped: Mapped,
+    /// Counts of clipped light, on their way.
+    clipped: Option<(ClippedRun, Mapped)>,
 }
 
 /// The engine.
@@ -102,6 +108,8 @@ pub struct Engine {
     collected: Option<Instant>,
     /// Per group: events before this are complete.
     complete_us: Vec<i64>,
+    /// Per group: the keyframe up to which clipped light is counted. Some are drawn more than once.
+    clipped_until: Vec<i64>,
     next_label: i64,
     next_label_group: usize,
     labels_complete: i64,
@@ -228,6 +236,7 @@ impl Engine {
         self.sampling.restart(only, every_instant);
         self.groups.iter_mut().for_each(|group| group.next = 0);
         self.complete_us.fill(0);
+        self.clipped_until.fill(i64::MIN);
         self.arrived.iter_mut().for_each(|arrived| *arrived = Arrived::default());
         (self.next_label, self.next_label_group, self.labels_complete) = (0, 0, 0);
         self.poses = CameraPoses::new(self.label_grid, start_us);
@@ -377,7 +386,7 @@ impl Engine {
         let last = self.last_counts[group.targets];
         let predicted = (last / 2 * 3).saturating_add(4096).min(slot.capacity);
         let mut encoder = Commands::new(&self.context.gpu, "events");
-        let audit = submission::encode(
+        let Readbacks { audit, clipped } = submission::encode(
             &mut self.context,
             &self.passes,
             &mut self.sampling,
@@ -394,6 +403,7 @@ impl Engine {
             let mapped = map(&run.staging);
             (run, mapped)
         });
+        let clipped = clipped.map(pending);
         group.parity = 1 - group.parity;
         group.next = unit.first + i64::from(unit.instants);
         self.in_flight.push_back(InFlight {
@@ -401,6 +411,7 @@ impl Engine {
             submitted,
             submission,
             mapped,
+            clipped,
         });
         Ok(())
     }
@@ -412,16 +423,18 @@ impl Engine {
         let targets = &self.targets[group.targets];
         let mut encoder = Commands::new(&self.context.gpu, "light for the host");
         // Every instant of every tile is sampled: there is nothing to audit.
-        let _ = self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
+        let sampled = self.sampling.encode(&mut self.context, &mut encoder, targets, group, &unit);
         let readback = self.host_walk.encode(&self.context.gpu, &mut encoder, targets, group, unit)?;
         let submission = encoder.submit(&self.context.gpu);
         let mapped = map(&readback.staging);
+        let clipped = sampled.clipped.map(pending);
         group.next = unit.first + i64::from(unit.instants);
         self.in_flight.push_back(InFlight {
             work: Work::LuminanceReadback(readback),
             submitted,
             submission,
             mapped,
+            clipped,
         });
         Ok(())
     }
@@ -434,7 +447,8 @@ impl Engine {
         let (job, submission) =
             renderer.submit(&mut self.context, &self.groups[group], group, self.next_label, &self.label_grid);
         let mapped = map(&job.staging);
-        self.in_flight.push_back(InFlight { work: Work::Labels(job), submitted, submission, mapped });
+        let work = Work::Labels(job);
+        self.in_flight.push_back(InFlight { work, submitted, submission, mapped, clipped: None });
         self.next_label_group += 1;
         if self.next_label_group == self.groups.len() {
             self.next_label_group = 0;
@@ -461,6 +475,11 @@ impl Engine {
             &oldest.work
         {
             self.instant_ms = 0.5 * (self.instant_ms + milliseconds(began) / f64::from(unit.instants));
+        }
+        // Also where the submission has to run again: what its keyframes' slots still hold is not drawn then.
+        if let Some((run, mapped)) = &oldest.clipped {
+            wait_mapped(&self.context.gpu, &oldest.submission, mapped)?;
+            self.take_clipped(run)?;
         }
         match oldest.work {
             Work::Events { unit, slot, predicted, audit } => {
@@ -515,11 +534,7 @@ impl Engine {
             let scene = &self.context.scene;
             self.report.findings.push(Finding {
                 environment: view.environment,
-                camera: scene
-                    .cameras
-                    .iter()
-                    .find(|c| c.node == view.node)
-                    .map_or_else(String::new, |c| c.name.clone()),
+                camera: self.context.camera_name(view),
                 pixel,
                 t_us: entry.t_us,
                 object: entry.node.map(|node| scene.nodes[node].name.clone()),
@@ -528,6 +543,38 @@ impl Engine {
                 change,
             });
         }
+        Ok(())
+    }
+
+    /// Reports what was clipped of keyframes that were not counted yet.
+    fn take_clipped(&mut self, run: &ClippedRun) -> Result<(), EngineError> {
+        let failed = |e: wgpu::MapRangeError| {
+            EngineError::Device(format!("cannot read counts of clipped light back: {e}"))
+        };
+        let until = &mut self.clipped_until[run.group];
+        let known = *until;
+        {
+            let bytes = run.staging.get_mapped_range(..).map_err(failed)?;
+            for (entry, (pixels, luminance)) in run.entries.iter().zip(clipped::counts(&bytes)) {
+                *until = (*until).max(entry.keyframe);
+                if pixels == 0 || entry.keyframe <= known {
+                    continue;
+                }
+                let view = &self.context.views[entry.view];
+                self.report.clipped += u64::from(pixels);
+                let light = ClippedLight {
+                    environment: view.environment,
+                    camera: self.context.camera_name(view),
+                    t_us: entry.t_us,
+                    pixels: u64::from(pixels),
+                    luminance,
+                    brightest: run.brightest,
+                    reference_luminance: self.context.reference_luminance,
+                };
+                light.add_to(&mut self.report.clipped_light);
+            }
+        }
+        run.staging.unmap();
         Ok(())
     }
 
@@ -691,6 +738,12 @@ impl Drop for Engine {
         // Nothing of ours may still run when the caller's device is handed on.
         let _ = self.context.gpu.device.poll(wgpu::PollType::wait_indefinitely());
     }
+}
+
+/// Counts of clipped light, and what tells that they came.
+fn pending(run: ClippedRun) -> (ClippedRun, Mapped) {
+    let mapped = map(&run.staging);
+    (run, mapped)
 }
 
 fn milliseconds(since: Instant) -> f64 {

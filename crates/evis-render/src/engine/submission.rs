@@ -3,8 +3,7 @@
 use crate::gpu::commands::Commands;
 use crate::gpu::uniforms::Status;
 use crate::raster::context::Context;
-use crate::sampling::Sampling;
-use crate::sampling::audit::AuditRun;
+use crate::sampling::{Readbacks, Sampling};
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::TriggerPasses;
 use crate::sensor::targets::Targets;
@@ -22,9 +21,9 @@ pub fn encode(
     unit: &Unit,
     slot: &Slot,
     predicted: u32,
-) -> Option<AuditRun> {
+) -> Readbacks {
     // Luminance of every pixel at every instant, by whatever method.
-    let audit = tracing::trace_span!("sampling", instants = unit.instants)
+    let readbacks = tracing::trace_span!("sampling", instants = unit.instants)
         .in_scope(|| sampling.encode(context, encoder, targets, group, unit));
     // Events of it.
     let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, unit, slot);
@@ -37,5 +36,5 @@ pub fn encode(
     encoder.copy_buffer_to_buffer(&group.view_offsets, 0, &slot.staging, header, offsets);
     let bytes = u64::from(predicted.min(slot.capacity)) * 8;
     encoder.copy_buffer_to_buffer(&slot.events, 0, &slot.staging, group.header_bytes(), bytes);
-    audit
+    readbacks
 }

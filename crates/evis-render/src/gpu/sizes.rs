@@ -16,6 +16,14 @@ pub const LUMINANCE_BUDGET: u64 = 48 << 20;
 /// Most instants in one submission: a pixel's `fired` has a bit for each.
 pub const MAX_INSTANTS: u32 = 32;
 
+/// A submission has several views where one alone has fewer pixels than this: a device with many processors wants more in
+/// a dispatch.
+pub const PARALLEL_PIXELS: u64 = 1 << 16;
+
+/// Views share a submission only as far as it keeps so many instants: what an instant takes beside its samples, pixel memory
+/// above all, is read and written once per submission.
+pub const SHARED_INSTANTS: u32 = 8;
+
 /// How views of one size share targets and submissions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
@@ -39,6 +47,9 @@ pub struct MethodNeeds {
     pub layers: u32,
     /// Instants that belong together, where more than one do; a power of two, at most [`MAX_INSTANTS`].
     pub block: u32,
+    /// Whether groups of views would take from each other what is kept from one submission to the next: then all views that
+    /// fit share one.
+    pub keeps: bool,
 }
 
 /// What the device allows.
@@ -95,15 +106,29 @@ pub fn plan(
     if by_layers < block {
         return None;
     }
-    let views_per_group = by_binding
+    let most_views = by_binding
         .min((by_budget / block).max(1))
         .min(by_layers / block)
         .min(by_needs)
         .min(u64::from(views))
-        .max(1) as u32;
-    let instants = (by_budget / u64::from(views_per_group))
-        .min(by_layers / u64::from(views_per_group))
-        .clamp(1, u64::from(max_instants.clamp(1, MAX_INSTANTS)));
+        .max(1);
+    let instants_of = |views: u64| {
+        let most = u64::from(max_instants.clamp(1, MAX_INSTANTS));
+        (by_budget / views).min(by_layers / views).clamp(1, most)
+    };
+    // As many views as cost no instants, then as a device's processors want.
+    let full = instants_of(1);
+    let wanted = PARALLEL_PIXELS.div_ceil(u64::from(width) * u64::from(height));
+    let fits =
+        |views: u64, instants: u64| (1..=views).rev().find(|v| instants_of(*v) >= instants).unwrap_or(1);
+    let views_per_group = if needs.keeps {
+        most_views
+    } else {
+        let free = fits(most_views, full);
+        free.max(fits(most_views.min(wanted), full.min(u64::from(SHARED_INSTANTS))))
+    };
+    let instants = instants_of(views_per_group);
+    let views_per_group = views_per_group as u32;
     let instants = (instants / block * block).max(block) as u32;
     Some(Plan { views_per_group, instants, layers: views_per_group * instants * samples })
 }
@@ -154,6 +179,31 @@ mod tests {
             }
         }
         assert!(plan(8193, 1, 1, 1, 32, MethodNeeds::default(), LIMITS).is_none());
+    }
+
+    #[test]
+    fn views_of_a_batch_keep_the_instants_of_a_single_one() {
+        let limits = DeviceLimits { texture_layers: 2048, ..LIMITS };
+        let of = |w, h, samples, views, limits, needs| plan(w, h, samples, views, 32, needs, limits).unwrap();
+        let free = MethodNeeds::default();
+        // What a camera costs beside its samples is shared by as many instants, however many cameras there are.
+        for (w, h, samples) in [(346, 260, 4), (640, 480, 4), (1280, 720, 1), (64, 64, 16)] {
+            let alone = of(w, h, samples, 1, limits, free);
+            for views in [2, 16, 256] {
+                let batch = of(w, h, samples, views, limits, free);
+                assert!(
+                    batch.instants >= alone.instants.min(SHARED_INSTANTS),
+                    "{w}x{h}: {batch:?}, {alone:?}"
+                );
+            }
+        }
+        assert_eq!(of(346, 260, 4, 16, limits, free), Plan { views_per_group: 1, instants: 32, layers: 128 });
+        // Small pictures go many at a time.
+        let small = of(64, 64, 4, 256, limits, free);
+        assert_eq!((small.views_per_group, small.instants), (16, 32));
+        // Where a group's keyframes are in the way of another's, all go together.
+        let keeping = MethodNeeds { keeps: true, ..free };
+        assert_eq!(of(346, 260, 1, 16, limits, keeping).views_per_group, 16);
     }
 
     #[test]

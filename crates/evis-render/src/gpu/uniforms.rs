@@ -310,7 +310,7 @@ pub struct ScanParams {
 
 /// `KeyParams` in `splat/prepare.wgsl`.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct KeyParams {
     /// Pixels per row of the keyframe, margins included.
     pub width: u32,
@@ -320,6 +320,14 @@ pub struct KeyParams {
     pub view: u32,
     /// Pixels beyond each border of the sensor.
     pub margin: u32,
+    /// Light above this counts as this.
+    pub brightest: f32,
+    /// Zero.
+    pub pad_0: u32,
+    /// Zero.
+    pub pad_1: u32,
+    /// Zero.
+    pub pad_2: u32,
 }
 
 /// `SplatParams` in `splat/layout.wgsl`.

@@ -7,12 +7,13 @@ use evis_core::random::{Key, StreamId, normals};
 use evis_core::{ConfigError, ImuSample, TimeGrid};
 use evis_scene::{Scene, SceneState};
 use glam::{DMat3, DMat4, DQuat, DVec3};
+use serde::Serialize;
 
 /// Seconds between the poses that derivatives are taken from.
 const STEP_S: f64 = 1e-3;
 
 /// Noise of an inertial measurement unit: white noise, and biases that walk. Names and units are those of Kalibr's `imu.yaml`.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ImuNoise {
     /// m/s^2/sqrt(Hz).
     pub accelerometer_noise_density: f64,
@@ -22,6 +23,42 @@ pub struct ImuNoise {
     pub gyroscope_noise_density: f64,
     /// rad/s^2/sqrt(Hz).
     pub gyroscope_random_walk: f64,
+}
+
+impl ImuNoise {
+    /// Names of its values.
+    pub const KEYS: [&str; 4] = [
+        "accelerometer_noise_density",
+        "accelerometer_random_walk",
+        "gyroscope_noise_density",
+        "gyroscope_random_walk",
+    ];
+
+    /// In the order of [`ImuNoise::KEYS`].
+    pub const fn values(&self) -> [f64; 4] {
+        [
+            self.accelerometer_noise_density,
+            self.accelerometer_random_walk,
+            self.gyroscope_noise_density,
+            self.gyroscope_random_walk,
+        ]
+    }
+
+    /// With these values, in the order of [`ImuNoise::KEYS`].
+    pub const fn of(values: [f64; 4]) -> Self {
+        let [
+            accelerometer_noise_density,
+            accelerometer_random_walk,
+            gyroscope_noise_density,
+            gyroscope_random_walk,
+        ] = values;
+        Self {
+            accelerometer_noise_density,
+            accelerometer_random_walk,
+            gyroscope_noise_density,
+            gyroscope_random_walk,
+        }
+    }
 }
 
 /// An inertial measurement unit on a node of a scene.
@@ -50,12 +87,7 @@ impl ImuConfig {
             node,
             environment: 0,
             rate_hz: 200.0,
-            noise: ImuNoise {
-                accelerometer_noise_density: 0.0,
-                accelerometer_random_walk: 0.0,
-                gyroscope_noise_density: 0.0,
-                gyroscope_random_walk: 0.0,
-            },
+            noise: ImuNoise::of([0.0; 4]),
             // Standard acceleration of free fall (3rd CGPM, 1901).
             gravity: [0.0, -9.806_65, 0.0],
             seed: 0,
@@ -94,13 +126,7 @@ impl Imu {
             ));
         }
         let grid = TimeGrid::new(config.rate_hz).map_err(|e| ConfigError { what: "imu rate".into(), ..e })?;
-        let noise = &config.noise;
-        for (what, value) in [
-            ("accelerometer_noise_density", noise.accelerometer_noise_density),
-            ("accelerometer_random_walk", noise.accelerometer_random_walk),
-            ("gyroscope_noise_density", noise.gyroscope_noise_density),
-            ("gyroscope_random_walk", noise.gyroscope_random_walk),
-        ] {
+        for (what, value) in ImuNoise::KEYS.into_iter().zip(config.noise.values()) {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(ConfigError::new(what, value, "0 or more"));
             }

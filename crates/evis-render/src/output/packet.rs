@@ -4,6 +4,7 @@ use evis_core::{Event, LabelFrame, PoseSample};
 use serde::Serialize;
 
 use crate::sampling::audit::Finding;
+use crate::sampling::clipped::ClippedLight;
 
 /// Everything that happened in `[start_us, end_us)`, all environments and cameras.
 #[derive(Clone, Debug, Default)]
@@ -52,6 +53,10 @@ pub struct PacketReport {
     pub drawn_pixels: u64,
     /// Keyframes drawn, all views; 0 for a method without them.
     pub keyframes: u64,
+    /// Pixels of keyframes, margins included, brighter than the method counts: `evis-paper` clips them to 65 536 Y_ref.
+    pub clipped: u64,
+    /// Which, one per camera and environment.
+    pub clipped_light: Vec<ClippedLight>,
     /// Pixels and instants that the method could not know: there the pixel waits for its next known instant.
     pub unknown: u64,
     /// Tiles that were skipped or sampled less often, and were rendered once more to compare.

@@ -27,6 +27,7 @@ pub const PREPARE_BINDINGS: &[Binding] = &[
     bind(6, "backward", Access::StorageLayersRgba),
     bind(7, "objects", Access::Write),
     bind(8, "largest", Access::Write),
+    bind(9, "clipped", Access::Write),
 ];
 
 /// `splat/place.wgsl`.

@@ -66,6 +66,12 @@ impl Context {
         (self.start_us + t_us) as f64 * 1e-6
     }
 
+    /// Name of the camera of `view`.
+    pub(crate) fn camera_name(&self, view: &View) -> String {
+        let camera = self.scene.cameras.iter().find(|camera| camera.node == view.node);
+        camera.map_or_else(String::new, |camera| camera.name.clone())
+    }
+
     /// What renders `view`, where its lens is distorted.
     pub(crate) fn resampler(&self, view: &View) -> Option<&Resampler> {
         let own = view.distorted.as_ref()?;

@@ -16,6 +16,7 @@ use crate::raster::geometry::{GeometryGroups, GeometryPass, GeometryRenderer, sk
 use crate::raster::layers::{LayerUse, Layers};
 use crate::raster::luminance::encode_luminance;
 use crate::raster::shadows::MovingShadows;
+use crate::sampling::clipped::{CLIPPED_BYTES, CLIPPED_STRIDE, Clipping};
 use crate::world::view::{PixelLens, View};
 
 /// Keyframes that are kept.
@@ -144,9 +145,23 @@ impl KeyframeStore {
         }
     }
 
-    /// From the pictures to `entry`: views of slot 0, then of slot 1.
-    pub fn encode_prepare(&self, gpu: &Gpu, encoder: &mut Commands, prepare: &ComputePass, entry: u32) {
-        let params = KeyParams { width: self.width, height: self.height, view: entry, margin: self.margin };
+    /// From the pictures to `entry`: views of slot 0, then of slot 1. What is clipped goes to count `count` of `clipping`.
+    pub fn encode_prepare(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut Commands,
+        prepare: &ComputePass,
+        entry: u32,
+        (clipping, count): (&Clipping, u32),
+    ) {
+        let params = KeyParams {
+            width: self.width,
+            height: self.height,
+            view: entry,
+            margin: self.margin,
+            brightest: clipping.brightest,
+            ..Default::default()
+        };
         let offset = u64::from(entry) * UNIFORM_ALIGNMENT;
         gpu.queue.write_buffer(&self.keys, offset, bytemuck::bytes_of(&params));
         let texture = wgpu::BindingResource::TextureView;
@@ -161,6 +176,7 @@ impl KeyframeStore {
             texture(&self.backward),
             self.objects.as_entire_binding(),
             self.largest.as_entire_binding(),
+            pass::part(&clipping.counts, u64::from(count) * CLIPPED_STRIDE, CLIPPED_BYTES),
         ];
         let group = pass::group(&gpu.device, "prepare", &prepare.layout, PREPARE_BINDINGS, resources);
         let workgroups = (self.width.div_ceil(SPLAT_WORKGROUP), self.height, 1);
@@ -214,7 +230,8 @@ impl KeyframeFrames {
         Self { views, first, times: times.len() as u32, frame_group, geometry }
     }
 
-    /// Draws keyframe `j` into its slot of `store`.
+    /// Draws keyframe `j` into its slot of `store`. What is clipped of its views goes to the counts from `first_count` on.
+    #[expect(clippy::too_many_arguments, reason = "what a keyframe is drawn from, and where it goes")]
     pub fn draw(
         &self,
         context: &Context,
@@ -223,6 +240,7 @@ impl KeyframeFrames {
         prepare: &ComputePass,
         store: &KeyframeStore,
         j: i64,
+        (clipping, first_count): (&Clipping, u32),
     ) {
         let (count, slot) = (self.views.len() as u32, slot_of(j));
         let place = (j - self.first) as u32;
@@ -241,7 +259,8 @@ impl KeyframeFrames {
                 depth: &store.depth,
             };
             renderer.encode(context, encoder, &self.frame_group, &self.geometry, &what);
-            store.encode_prepare(&context.gpu, encoder, prepare, slot * count + view);
+            let clipped = (clipping, first_count + view);
+            store.encode_prepare(&context.gpu, encoder, prepare, slot * count + view, clipped);
         }
     }
 }

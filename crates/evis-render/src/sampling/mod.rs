@@ -2,6 +2,7 @@
 
 pub mod adaptive;
 pub mod audit;
+pub mod clipped;
 pub mod clusters;
 pub mod coverage;
 pub mod draw_list;
@@ -17,6 +18,7 @@ use crate::gpu::commands::Commands;
 use crate::raster::context::Context;
 use crate::sampling::adaptive::AdaptiveSampler;
 use crate::sampling::audit::AuditRun;
+use crate::sampling::clipped::ClippedRun;
 use crate::sampling::native::NativeSampler;
 use crate::sampling::splat::SplatSampler;
 use crate::sensor::group::{Group, Unit};
@@ -32,6 +34,15 @@ pub enum Sampling {
     Splat(Box<SplatSampler>),
 }
 
+/// What a submission brings back of its sampling, beside luminance.
+#[derive(Default)]
+pub struct Readbacks {
+    /// Audits of what was skipped.
+    pub audit: Option<AuditRun>,
+    /// Light of keyframes that was clipped.
+    pub clipped: Option<ClippedRun>,
+}
+
 impl Sampling {
     /// Records what makes the luminance of every view of `group` at every instant of `unit`: instant k of view v, sample
     /// s, in layer `(v * instants + k) * samples + s`.
@@ -42,13 +53,18 @@ impl Sampling {
         targets: &Targets,
         group: &Group,
         unit: &Unit,
-    ) -> Option<AuditRun> {
+    ) -> Readbacks {
+        let mut readbacks = Readbacks::default();
         match self {
             Self::Native(sampler) => sampler.encode(context, encoder, targets, group, unit),
-            Self::Adaptive(sampler) => return sampler.encode(context, encoder, targets, group, unit),
-            Self::Splat(sampler) => sampler.encode(context, encoder, targets, group, unit),
+            Self::Adaptive(sampler) => {
+                readbacks.audit = sampler.encode(context, encoder, targets, group, unit);
+            }
+            Self::Splat(sampler) => {
+                readbacks.clipped = sampler.encode(context, encoder, targets, group, unit);
+            }
         }
-        None
+        readbacks
     }
 
     /// Forgets what was shown. In adaptive time, only the tiles `only` of each view are rendered from now on; with

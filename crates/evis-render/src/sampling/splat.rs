@@ -18,6 +18,7 @@ use crate::pass::{self, ComputePass};
 use crate::raster::context::Context;
 use crate::raster::geometry::GeometryRenderer;
 use crate::raster::layers::LayerUse;
+use crate::sampling::clipped::{self, ClippedRun, Clipping};
 use crate::sampling::keyframes::{KeyframeFrames, KeyframeStore, SLOTS, canvas_lens, slot_of};
 use crate::sensor::group::{Group, Unit};
 use crate::sensor::targets::Targets;
@@ -138,7 +139,12 @@ impl SplatSampler {
         let canvas = u64::from(canvas_width) * u64::from(canvas_height);
         let target = u64::from(width) * u64::from(height);
         let bytes = (canvas * 2 * PLACED_PLANES * 4).max(target * 2 * SUM_PLANES * 4);
-        (bytes <= limits.storage_binding).then_some(MethodNeeds { bytes, layers: SLOTS, block: 1 })
+        (bytes <= limits.storage_binding).then_some(MethodNeeds {
+            bytes,
+            layers: SLOTS,
+            block: 1,
+            keeps: true,
+        })
     }
 
     /// Adds what the views of one class need, in the order of `Targets`.
@@ -166,7 +172,8 @@ impl SplatSampler {
         std::mem::take(&mut self.drawn_pixels)
     }
 
-    /// Fills the layers of `unit`'s instants.
+    /// Fills the layers of `unit`'s instants. Returns how much light of the keyframes that this took was clipped, where any
+    /// can be.
     pub fn encode(
         &mut self,
         context: &mut Context,
@@ -174,9 +181,9 @@ impl SplatSampler {
         targets: &Targets,
         group: &Group,
         unit: &Unit,
-    ) {
+    ) -> Option<ClippedRun> {
         let steps = steps(context, unit);
-        let (Some(first), Some(last)) = (steps.first(), steps.last()) else { return };
+        let (first, last) = (steps.first()?, steps.last()?);
         let keys = [first.gap.max(0), last.gap + 1];
         // Where everything is, at every keyframe and at those beside them.
         let config = self.config;
@@ -205,7 +212,8 @@ impl SplatSampler {
                 [older, Some(step.gap + 1)].map(|key| key.filter(|&j| !held.claim(unit.group, j)))
             })
             .collect();
-        let drawn = u64::from(count) * draws.iter().flatten().flatten().count() as u64;
+        let keyframes: Vec<i64> = draws.iter().flatten().flatten().copied().collect();
+        let drawn = u64::from(count) * keyframes.len() as u64;
         self.drawn += drawn;
         self.drawn_pixels += drawn * u64::from(held.width) * u64::from(held.height);
 
@@ -217,9 +225,14 @@ impl SplatSampler {
         };
         let work = Work::new(&context.gpu.device, &self.config, &self.passes, store, &inputs, count);
         let store = &store.keyframes;
+        let brightest = if exact { f32::MAX } else { BRIGHTEST * context.reference_luminance };
+        let clipping = Clipping::new(&context.gpu.device, brightest, drawn as usize);
+        let mut first_count = 0;
         for (k, (step, draws)) in steps.iter().zip(draws).enumerate() {
             for j in draws.into_iter().flatten() {
-                frames.draw(context, encoder, &self.geometry, &self.passes.prepare, store, j);
+                let clipped = (&clipping, first_count);
+                frames.draw(context, encoder, &self.geometry, &self.passes.prepare, store, j, clipped);
+                first_count += count;
             }
             if step.elapsed < 1.0 {
                 work.encode_instant(encoder, k);
@@ -227,6 +240,16 @@ impl SplatSampler {
                 work.encode_keyframe(encoder, k);
             }
         }
+        (!exact && drawn > 0).then(|| {
+            let staging = clipping.staging(&context.gpu.device);
+            encoder.copy_buffer_to_buffer(&clipping.counts, 0, &staging, 0, staging.size());
+            let entry = |keyframe: i64| {
+                let t_us = context.grid.keyframe_us(keyframe);
+                group.views.iter().map(move |&view| clipped::Entry { view, keyframe, t_us })
+            };
+            let entries = keyframes.into_iter().flat_map(entry).collect();
+            ClippedRun { group: unit.group, brightest, entries, staging }
+        })
     }
 
     /// Params of every step: the older side, then the newer one.

@@ -352,7 +352,11 @@ fn host_and_shader_structs_have_one_layout() {
         "Status",
         uniforms::Status { stalled, event_count, clamped, mismatched, unknown, suppressed }
     );
-    same_layout!("splat/prepare.wgsl", "KeyParams", uniforms::KeyParams { width, height, view, margin });
+    same_layout!(
+        "splat/prepare.wgsl",
+        "KeyParams",
+        uniforms::KeyParams { width, height, view, margin, brightest, pad_0, pad_1, pad_2 }
+    );
     same_layout!(
         "splat/place.wgsl",
         "SplatParams",

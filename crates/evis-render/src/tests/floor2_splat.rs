@@ -13,6 +13,8 @@ use crate::cpu::splat::Side;
 
 use crate::cpu::splat::Source;
 
+use crate::cpu::splat::clipped;
+
 use crate::cpu::splat::instant;
 
 use crate::cpu::splat::prepare;
@@ -23,6 +25,7 @@ use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::uniforms::SplatParams;
 use crate::pass::splat::SplatPasses;
 use crate::raster::layers::{LayerUse, Layers};
+use crate::sampling::clipped::{Clipping, counts};
 use crate::sampling::splat::{Inputs, Store, Work};
 
 const SIZE: [usize; 2] = [70, 41];
@@ -113,6 +116,8 @@ struct Ran {
     placed: Vec<u32>,
     sums: Vec<u32>,
     luminance: Vec<f32>,
+    /// Of each keyframe: pixels above the brightest light, and the largest.
+    clipped: Vec<(u32, f32)>,
 }
 
 fn at(elapsed: f32) -> Instant {
@@ -136,6 +141,7 @@ fn run_with(
     let store = Store::new(device, &warp, size, 1, SAMPLES, LayerUse::Rendered);
     let passes = SplatPasses::new(device, variant, SAMPLES, run_length);
     let keyframes = &store.keyframes;
+    let clipping = Clipping::new(device, brightest, 2);
     for slot in 0..2 {
         let pictures = pictures(slot);
         for (s, sample) in pictures.samples.iter().enumerate() {
@@ -144,7 +150,7 @@ fn run_with(
         write(gpu, keyframes.pictures[0].texture(), 0, &pictures.inverse_depth);
         write(gpu, keyframes.pictures[1].texture(), 0, &pictures.flow);
         let mut encoder = Commands::new(gpu, "test");
-        keyframes.encode_prepare(gpu, &mut encoder, &passes.prepare, slot);
+        keyframes.encode_prepare(gpu, &mut encoder, &passes.prepare, slot, (&clipping, slot));
         encoder.submit(gpu);
     }
     let buffer = |size: usize, usage| {
@@ -190,7 +196,9 @@ fn run_with(
         buffer(store.placed.size() as usize, read),
         buffer(store.sums.size() as usize, read),
         buffer((row * size[1]) as usize, read),
+        clipping.staging(device),
     ];
+    encoder.copy_buffer_to_buffer(&clipping.counts, 0, &staging[3], 0, staging[3].size());
     encoder.copy_buffer_to_buffer(&store.placed, 0, &staging[0], 0, store.placed.size());
     encoder.copy_buffer_to_buffer(&store.sums, 0, &staging[1], 0, store.sums.size());
     encoder.copy_texture_to_buffer(
@@ -206,17 +214,18 @@ fn run_with(
         layers.texture.size(),
     );
     let submission = encoder.submit(gpu);
-    let words = staging.each_ref().map(|buffer| {
+    let read = staging.each_ref().map(|buffer| {
         wait_mapped(gpu, &submission, &map(buffer)).unwrap();
-        let bytes = buffer.get_mapped_range(..).unwrap();
-        bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned::<u32>).collect::<Vec<_>>()
+        buffer.get_mapped_range(..).unwrap().to_vec()
     });
-    let [placed, sums, rows] = words;
+    let clipped = counts(&read[3]).collect();
+    let [placed, sums, rows, _] =
+        read.map(|bytes| bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned::<u32>).collect::<Vec<_>>());
     let luminance = rows
         .chunks_exact(row as usize / 4)
         .flat_map(|row| row[..SIZE[0]].iter().map(|&b| f32::from_bits(b)))
         .collect();
-    Ran { placed, sums, luminance }
+    Ran { placed, sums, luminance, clipped }
 }
 
 fn sources() -> [Vec<Source>; 2] {
@@ -291,6 +300,25 @@ fn splat_passes_equal_their_twin() {
             let swapped = instant([newer, older], &at, variant);
             assert!(!differences(&ran, &swapped, &resolve(&swapped, &at, variant), variant).is_empty());
         }
+    }
+}
+
+#[test]
+fn light_above_the_range_is_counted_as_by_the_twin() {
+    let Some(gpu) = super::device() else { return };
+    let sources = sources();
+    let brightest = sources.each_ref().map(|s| s.iter().map(|s| s.luminance).fold(0.0, f32::max));
+    let most = brightest[0].max(brightest[1]);
+    for limit in [0.02, 0.5, 0.5 * most, most] {
+        let ran = run_with(&gpu, WarpVariant::EvisPaper, 0.4, 1, (pictures, limit));
+        let twin = sources.each_ref().map(|sources| clipped(sources, limit));
+        for ((pixels, light), (expected, largest)) in ran.clipped.iter().zip(twin) {
+            // Sums of samples may round otherwise.
+            assert!(pixels.abs_diff(expected) <= expected / 1000, "{limit}: {pixels}, twin {expected}");
+            assert!((light - largest).abs() <= 1e-5 * largest, "{limit}: {light}, twin {largest}");
+        }
+        let pixels: u32 = ran.clipped.iter().map(|(pixels, _)| pixels).sum();
+        assert_eq!(pixels > 0, limit < most, "{limit} of {most}: {pixels}");
     }
 }
 

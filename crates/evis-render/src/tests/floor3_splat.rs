@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use evis_core::{Warp, WarpVariant};
+use evis_core::{SensorConfig, Warp, WarpVariant};
 use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder, ShapeSettings};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
@@ -167,6 +167,38 @@ fn what_stands_still_never_fires() {
         assert!(packet.report.instants >= 24 && packet.report.keyframes >= 6);
         let mut moving = Simulator::new(&gpu, sliding(1.0), config).unwrap();
         assert!(moving.step(60_000).unwrap().report.events > 1000, "canary");
+    }
+}
+
+#[test]
+fn light_beyond_the_papers_range_is_counted_and_told() {
+    let Some(gpu) = super::device() else { return };
+    let scene = board(Path::ConstantVelocity { start: start(), velocity: DVec3::ZERO });
+    let run = |splat: Warp, reference: f32, steps: i64, sensor: SensorConfig| {
+        let config = RunConfig { reference_luminance: Some(reference), sensor, ..config(splat) };
+        let mut simulator = Simulator::new(&gpu, scene.clone(), config).unwrap();
+        let packets = (1..=steps).map(|k| simulator.step(k * 60_000 / steps).unwrap().report);
+        packets.collect::<Vec<_>>()
+    };
+    let ideal = SensorConfig::default;
+    // Light of 0.05 to 3; 65 536 Y_ref are 0.3.
+    let dim = 0.3 / 65_536.0;
+    let whole = run(paper(), dim, 1, ideal()).remove(0);
+    assert!(whole.keyframes >= 6 && whole.clipped > 0, "{whole:?}");
+    assert_eq!(whole.clipped % whole.keyframes, 0, "every keyframe shows the same: {whole:?}");
+    let [light] = &whole.clipped_light[..] else { panic!("{whole:?}") };
+    assert_eq!((light.camera.as_str(), light.environment, light.t_us), ("camera", 0, 0));
+    assert_eq!((light.pixels, light.reference_luminance), (whole.clipped, dim));
+    assert!(light.luminance > 0.5 && light.luminance < 3.0, "{light:?}");
+    assert!((light.brightest - 0.3).abs() < 1e-6, "{light:?}");
+    // However the stream is cut, and where the host walks the pixels.
+    let parts = run(paper(), dim, 7, ideal());
+    assert_eq!(parts.iter().map(|report| report.clipped).sum::<u64>(), whole.clipped);
+    let walked = SensorConfig::preset("davis346").unwrap();
+    assert_eq!(run(paper(), dim, 1, walked)[0].clipped, whole.clipped);
+    // Below, nothing is counted; nor where nothing is clipped.
+    for quiet in [run(paper(), 0.5, 1, ideal()), run(splat(), dim, 1, ideal())] {
+        assert_eq!((quiet[0].clipped, quiet[0].clipped_light.len()), (0, 0));
     }
 }
 

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use evis_limits::nearest;
-use toml::{Table, Value};
+use toml::de::{DeTable, DeValue};
+use toml::{Spanned, Table, Value};
 
 use crate::error::SceneError;
 use crate::procedural::srgb;
@@ -14,40 +15,145 @@ pub(super) struct Source<'a> {
     pub file: &'a Path,
     /// Folder that relative paths start from.
     pub base: &'a Path,
+    /// All of it.
+    pub text: &'a str,
+}
+
+/// A table of the file.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Place {
+    /// How messages name it; empty for the file itself.
+    at: String,
+    /// The way to it.
+    path: Vec<Step>,
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    Key(String),
+    /// Number of a table under `[[…]]`.
+    Number(usize),
+}
+
+impl Place {
+    fn under(&self, at: String, steps: impl IntoIterator<Item = Step>) -> Self {
+        Self { at, path: self.path.iter().cloned().chain(steps).collect() }
+    }
 }
 
 impl Source<'_> {
-    pub fn error(&self, at: &str, reason: impl AsRef<str>) -> SceneError {
-        let separator = if at.is_empty() { "" } else { ": " };
-        SceneError::invalid(self.file, format!("{at}{separator}{}", reason.as_ref()))
+    /// What is wrong in a table, with the line of the first of its keys that `reason` names; of the table where it names none.
+    pub fn error(&self, place: &Place, reason: impl AsRef<str>) -> SceneError {
+        self.error_about(place, place, reason.as_ref())
     }
+
+    /// As [`Source::error`], where the message names `place` itself.
+    fn error_about(&self, place: &Place, named: &Place, reason: &str) -> SceneError {
+        let line = self.line(place, reason).map_or_else(String::new, |line| format!("line {line}: "));
+        let separator = if named.at.is_empty() { "" } else { ": " };
+        SceneError::invalid(self.file, format!("{line}{}{separator}{reason}", named.at))
+    }
+
+    /// From 1. The text is parsed once more, for errors alone.
+    fn line(&self, place: &Place, reason: &str) -> Option<usize> {
+        let whole = DeTable::parse(self.text).ok()?;
+        let (mut table, mut start) = (whole.get_ref(), None);
+        let mut steps = place.path.iter();
+        while let Some(step) = steps.next() {
+            let Step::Key(key) = step else { return None };
+            let (key, value) = table.get_key_value(key.as_str())?;
+            let value = match value.get_ref() {
+                DeValue::Array(list) => match steps.next() {
+                    Some(Step::Number(number)) => list.get(*number)?,
+                    _ => return None,
+                },
+                _ => value,
+            };
+            table = value.get_ref().as_table()?;
+            start = Some(first_of(table, value.span().start, key.span().start));
+        }
+        // Remedies name other keys.
+        let cause = reason.split(';').next().unwrap_or_default();
+        // Rules about the whole scene name an object.
+        let object = if place.path.is_empty() { object_in(table, cause) } else { None };
+        if let Some((of, from)) = object {
+            (table, start) = (of, Some(from));
+        }
+        let at = key_in(table, cause).or(start)?;
+        Some(self.text.get(..at)?.matches('\n').count() + 1)
+    }
+}
+
+/// Where a table begins: a table under `[[…]]` at its header, one that is written in place at its brace, and one whose keys have
+/// dots at its key.
+fn first_of(table: &DeTable<'_>, own: usize, key: usize) -> usize {
+    let first = table.keys().map(|key| key.span().start).min().unwrap_or(own);
+    if own <= first && own > 0 { own } else { key }
+}
+
+/// Where the first key is that `cause` names: of this table, or else of those in it.
+fn key_in(table: &DeTable<'_>, cause: &str) -> Option<usize> {
+    let mut words =
+        cause.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == '-')).filter(|w| !w.is_empty());
+    let own = words.find_map(|word| table.get_key_value(word));
+    let value_named = || {
+        let quoted = |value: &Spanned<DeValue<'_>>| {
+            value.get_ref().as_str().is_some_and(|text| cause.contains(&format!("'{text}'")))
+        };
+        // The name of the object itself says nothing.
+        table.iter().find(|(key, value)| key.get_ref() != "name" && quoted(value))
+    };
+    let found = own.or_else(value_named).map(|(key, _)| key.span().start);
+    found.or_else(|| table.values().filter_map(|v| v.get_ref().as_table()).find_map(|t| key_in(t, cause)))
+}
+
+/// The object of the file whose name `cause` quotes first, and where it begins.
+fn object_in<'t, 'i>(whole: &'t DeTable<'i>, cause: &str) -> Option<(&'t DeTable<'i>, usize)> {
+    let lists = whole.values().filter_map(|value| match value.get_ref() {
+        DeValue::Array(list) => Some(list),
+        _ => None,
+    });
+    let tables = lists.flat_map(|list| list.iter()).filter_map(|value| {
+        let table = value.get_ref().as_table()?;
+        let name = table.get("name")?.get_ref().as_str()?;
+        Some((cause.find(&format!("'{name}'"))?, table, value.span().start))
+    });
+    tables.min_by_key(|(at, ..)| *at).map(|(_, table, start)| (table, start))
 }
 
 /// A table while it is read. [`Keys::finish`] refuses what nobody asked for.
 pub(super) struct Keys<'a> {
     source: &'a Source<'a>,
     table: &'a Table,
-    /// How messages name the table.
-    at: String,
+    place: Place,
     asked: Vec<&'static str>,
 }
 
 impl<'a> Keys<'a> {
-    pub fn new(source: &'a Source<'a>, table: &'a Table, at: impl Into<String>) -> Self {
-        Self { source, table, at: at.into(), asked: Vec::new() }
+    /// Of a whole file.
+    pub fn new(source: &'a Source<'a>, table: &'a Table) -> Self {
+        Self::of(source, table, Place::default())
+    }
+
+    fn of(source: &'a Source<'a>, table: &'a Table, place: Place) -> Self {
+        Self { source, table, place, asked: Vec::new() }
     }
 
     pub fn error(&self, reason: impl AsRef<str>) -> SceneError {
-        self.source.error(&self.at, reason)
+        self.source.error(&self.place, reason)
     }
 
     /// Puts the place before what a builder had to say.
     pub fn locate(&self, error: SceneError) -> SceneError {
-        locate(self.source, &self.at, error)
+        locate(self.source, &self.place, error)
+    }
+
+    pub fn place(&self) -> &Place {
+        &self.place
     }
 
     pub fn at(&self) -> &str {
-        &self.at
+        &self.place.at
     }
 
     /// The file's name, for messages.
@@ -182,8 +288,9 @@ impl<'a> Keys<'a> {
 
     pub fn table(&mut self, key: &'static str) -> Result<Option<Keys<'a>>, SceneError> {
         let table = self.read(key, "a table", Value::as_table)?;
-        let at = if self.at.is_empty() { format!("[{key}]") } else { format!("{}, {key}", self.at) };
-        Ok(table.map(|table| Keys::new(self.source, table, at)))
+        let at = if self.at().is_empty() { format!("[{key}]") } else { format!("{}, {key}", self.at()) };
+        let place = self.place.under(at, [Step::Key(key.into())]);
+        Ok(table.map(|table| Keys::of(self.source, table, place)))
     }
 
     /// The tables of `[[key]]`, each named by its number, or its `name` where it has one.
@@ -191,13 +298,14 @@ impl<'a> Keys<'a> {
         let takes = format!("tables, each under [[{key}]]");
         let tables = self
             .read(key, &takes, |v| v.as_array()?.iter().map(Value::as_table).collect::<Option<Vec<_>>>())?;
-        let prefix = if self.at.is_empty() { format!("[[{key}]]") } else { format!("{}, {key}", self.at) };
+        let prefix =
+            if self.at().is_empty() { format!("[[{key}]]") } else { format!("{}, {key}", self.at()) };
         let named = |(i, table): (usize, &'a Table)| {
             let at = match table.get("name").and_then(Value::as_str) {
                 Some(name) => format!("{prefix} '{name}'"),
                 None => format!("{prefix} number {}", i + 1),
             };
-            Keys::new(self.source, table, at)
+            Keys::of(self.source, table, self.place.under(at, [Step::Key(key.into()), Step::Number(i)]))
         };
         Ok(tables.unwrap_or_default().into_iter().enumerate().map(named).collect())
     }
@@ -207,7 +315,9 @@ impl<'a> Keys<'a> {
         let Some(outer) = self.table(key)? else { return Ok(Vec::new()) };
         let each = outer.table.iter().map(|(name, value)| match value.as_table() {
             Some(table) => {
-                Ok((name.as_str(), Keys::new(self.source, table, format!("{} '{name}'", outer.at))))
+                let at = format!("{} '{name}'", outer.at());
+                let place = outer.place.under(at, [Step::Key(name.clone())]);
+                Ok((name.as_str(), Keys::of(self.source, table, place)))
             }
             None => Err(outer.error(format!("{name} is {}; it takes a table", shown(value)))),
         });
@@ -253,27 +363,28 @@ impl<'a> Keys<'a> {
             return Ok(());
         };
         let place =
-            if self.at.is_empty() { "at the top level".to_owned() } else { format!("in {}", self.at) };
+            if self.at().is_empty() { "at the top level".to_owned() } else { format!("in {}", self.at()) };
         let help = match nearest(unknown, self.asked.iter().copied()) {
             Some(near) => format!("did you mean '{near}'?"),
             None => format!("it takes {}", self.asked.join(", ")),
         };
-        Err(self.source.error("", format!("unknown key '{unknown}' {place}; {help}")))
+        let reason = format!("unknown key '{unknown}' {place}; {help}");
+        Err(self.source.error_about(&self.place, &Place::default(), &reason))
     }
 }
 
 /// Puts the place before what a builder had to say; other files' errors name their own place.
-pub(super) fn locate(source: &Source<'_>, at: &str, error: SceneError) -> SceneError {
+pub(super) fn locate(source: &Source<'_>, place: &Place, error: SceneError) -> SceneError {
     match error {
         SceneError::Rule(message) => {
             // The builder starts with the object's name, which `at` ends with.
             let message = match message.split_once(": ") {
-                Some((name, rest)) if at.ends_with(name) => rest,
+                Some((name, rest)) if place.at.ends_with(name) => rest,
                 _ => &message,
             };
-            source.error(at, message)
+            source.error(place, message)
         }
-        unknown @ SceneError::Unknown { .. } => source.error(at, unknown.to_string()),
+        unknown @ SceneError::Unknown { .. } => source.error(place, unknown.to_string()),
         other => other,
     }
 }

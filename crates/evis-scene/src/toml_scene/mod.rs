@@ -13,7 +13,7 @@ use std::path::Path;
 use glam::DMat4;
 use toml::{Table, Value};
 
-use self::keys::{Keys, Source, locate};
+use self::keys::{Keys, Place, Source, locate};
 use crate::builder::{
     ColorSpace, EnvironmentSettings, EventCamera, Labels, Placement, Sampling, SceneBuilder, ShapeSettings,
 };
@@ -40,7 +40,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
     let text = crate::file::text(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
     let base = path.parent().unwrap_or(Path::new(""));
     let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    scene(&text, &Source { file: path, base }, &name)
+    scene(&Source { file: path, base, text: &text }, &name)
 }
 
 /// The scene of `text`; relative paths in it start from `base_dir`.
@@ -48,13 +48,13 @@ pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
 /// # Errors
 /// See [`load`].
 pub fn parse(text: &str, base_dir: impl AsRef<Path>) -> Result<Scene, SceneError> {
-    scene(text, &Source { file: Path::new("scene text"), base: base_dir.as_ref() }, "scene")
+    scene(&Source { file: Path::new("scene text"), base: base_dir.as_ref(), text }, "scene")
 }
 
-fn scene(text: &str, source: &Source<'_>, default_name: &str) -> Result<Scene, SceneError> {
-    let table: Table =
-        text.parse().map_err(|error: toml::de::Error| source.error("", error.to_string().trim_end()))?;
-    let mut top = Keys::new(source, &table, "");
+fn scene(source: &Source<'_>, default_name: &str) -> Result<Scene, SceneError> {
+    let syntax = |error: toml::de::Error| SceneError::invalid(source.file, error.to_string().trim_end());
+    let table: Table = source.text.parse().map_err(syntax)?;
+    let mut top = Keys::new(source, &table);
     let mut scene = SceneBuilder::new(top.text("name")?.unwrap_or(default_name));
     settings(&mut top, &mut scene)?;
     for keys in top.tables("textures")? {
@@ -75,7 +75,7 @@ fn scene(text: &str, source: &Source<'_>, default_name: &str) -> Result<Scene, S
     for keys in environments {
         environment(keys, &mut scene)?;
     }
-    scene.build().map_err(|error| locate(source, "", error))
+    scene.build().map_err(|error| locate(source, &Place::default(), error))
 }
 
 fn settings(top: &mut Keys<'_>, scene: &mut SceneBuilder) -> Result<(), SceneError> {
@@ -209,7 +209,7 @@ const OBJECTS: [(&str, Read); 6] = [
 
 /// An object that has been read and not yet been added.
 struct Object {
-    at: String,
+    place: Place,
     name: String,
     parent: Option<String>,
     placement: Placement,
@@ -221,9 +221,9 @@ fn object(mut keys: Keys<'_>, read: Read) -> Result<Object, SceneError> {
     placement.rigid_body = rigid_body::rigid_body(&mut keys)?;
     let parent = keys.text("parent")?.map(str::to_owned);
     let (name, add) = read(&mut keys)?;
-    let at = keys.at().to_owned();
+    let place = keys.place().clone();
     keys.finish()?;
-    Ok(Object { at, name, parent, placement, add })
+    Ok(Object { place, name, parent, placement, add })
 }
 
 /// Adds parents before children, otherwise in the order of the file.
@@ -243,11 +243,11 @@ fn add_objects(
                     waiting.push(object);
                     continue;
                 }
-                Some(name) => Some(scene.find(name).map_err(|e| locate(source, &object.at, e))?),
+                Some(name) => Some(scene.find(name).map_err(|e| locate(source, &object.place, e))?),
                 None => None,
             };
             let placement = Placement { parent, ..object.placement };
-            (object.add)(scene, placement).map_err(|e| locate(source, &object.at, e))?;
+            (object.add)(scene, placement).map_err(|e| locate(source, &object.place, e))?;
         }
         if let [first, ..] = waiting.as_slice()
             && waiting.len() == count
@@ -255,7 +255,7 @@ fn add_objects(
             let parent = first.parent.as_deref().unwrap_or_default();
             let reason =
                 format!("its parent '{parent}' hangs on it in turn; parents cannot go round in a circle");
-            return Err(source.error(&first.at, reason));
+            return Err(source.error(&first.place, reason));
         }
         objects = waiting;
     }

@@ -1,6 +1,6 @@
 //! A scene at one instant, seen ray by ray.
 
-use evis_scene::{AlphaMode, Material, Primitive, Scene, SceneState, TextureRef};
+use evis_scene::{AlphaMode, Material, MaterialFactors, Primitive, Scene, SceneState, TextureRef};
 use glam::{DVec2, DVec3, DVec4};
 use rayon::prelude::*;
 
@@ -70,6 +70,8 @@ pub struct RayCaster<'a> {
     geometry: Geometry,
     lamps: Vec<Lamp>,
     emission_factor: Vec<f32>,
+    /// Of materials, as a host has them then.
+    factors: Vec<MaterialFactors>,
 }
 
 /// Labels, one sample at each pixel's centre, row-major from the top.
@@ -102,7 +104,15 @@ impl<'a> RayCaster<'a> {
         geometry: Geometry,
     ) -> Self {
         let lamps = shade::lamps(scene, state);
-        Self { scene, textures, options, geometry, lamps, emission_factor: state.emission_factor.clone() }
+        Self {
+            scene,
+            textures,
+            options,
+            geometry,
+            lamps,
+            emission_factor: state.emission_factor.clone(),
+            factors: state.factors.clone(),
+        }
     }
 
     /// The triangles that rays are cast against.
@@ -347,8 +357,12 @@ impl<'a> RayCaster<'a> {
         }
     }
 
+    fn factors(&self, primitive: &Primitive, material: &Material) -> MaterialFactors {
+        self.factors.get(primitive.material).copied().unwrap_or_else(|| material.factors())
+    }
+
     fn base_color(&self, primitive: &Primitive, material: &Material, hit: &Hit, ray: &Ray) -> DVec4 {
-        let factor = DVec4::from_array(material.base_color.map(f64::from));
+        let factor = rgb(self.factors(primitive, material).base_color).extend(material.base_color[3].into());
         let vertex = primitive.colors.as_ref().map_or(DVec4::ONE, |colors| {
             let corners = self.object(hit).corners(hit.triangle);
             blend(
@@ -439,6 +453,7 @@ impl<'a> RayCaster<'a> {
             .texel(primitive, material.emissive_texture, hit, ray, self.options.filter)
             .map_or(DVec3::ONE, DVec4::truncate);
         let surface_map = texel(material.metallic_roughness_texture).unwrap_or(DVec4::ONE);
+        let factors = self.factors(primitive, material);
         let occlusion = texel(material.occlusion_texture)
             .map_or(1.0, |t| 1.0 + f64::from(material.occlusion_strength) * (t.x - 1.0));
         let surface = Surface {
@@ -447,10 +462,10 @@ impl<'a> RayCaster<'a> {
             normal: self.shading_normal(primitive, material, hit, ray),
             to_eye: -ray.direction.normalize(),
             base: self.base_color(primitive, material, hit, ray).truncate(),
-            metallic: (f64::from(material.metallic) * surface_map.z).clamp(0.0, 1.0),
-            roughness: (f64::from(material.roughness) * surface_map.y).clamp(0.0, 1.0),
+            metallic: (f64::from(factors.metallic) * surface_map.z).clamp(0.0, 1.0),
+            roughness: (f64::from(factors.roughness) * surface_map.y).clamp(0.0, 1.0),
             occlusion,
-            emitted: rgb(material.emissive) * emissive * emission_factor,
+            emitted: rgb(factors.emissive) * emissive * emission_factor,
             emission_factor,
         };
         let environment = self.scene.environment.as_ref();
