@@ -26,7 +26,6 @@ pub(crate) struct Simulator {
     cameras: Vec<CameraInfo>,
     environments: usize,
     config: RunConfig,
-    scene: String,
     notes: Vec<String>,
     warnings: Vec<String>,
     /// The scene that is rendered.
@@ -56,7 +55,6 @@ impl Simulator {
         let own = scene.shared();
         let scene = py.detach_engine(|| settled.moved(&own))?;
         settled.take_sensors(&scene).map_err(Failure::from)?;
-        let name = scene.name.clone();
         let moved = Arc::clone(&scene);
         let stopped = AtomicBool::new(false);
         let prepare = || {
@@ -70,7 +68,6 @@ impl Simulator {
                 cameras: simulator.cameras().to_vec(),
                 environments: simulator.environments(),
                 config: simulator.config().clone(),
-                scene: name,
                 notes,
                 warnings,
                 moved,
@@ -115,8 +112,7 @@ impl Simulator {
     /// The settings in force as TOML, with `reference_luminance` filled in; what event files store.
     #[getter]
     fn config_toml(&self) -> PyResult<String> {
-        engine::config_toml(&self.scene, self.environments, self.moved.camera_motion.as_ref(), &self.config)
-            .map_err(Into::into)
+        engine::config_toml(&self.moved, self.environments, &self.config).map_err(Into::into)
     }
 
     /// What the preset could not have on this scene and device.
