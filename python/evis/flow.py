@@ -175,8 +175,8 @@ class _Interpolation:
         if self.channels not in (1, 3) or not alike or bool(others) != self.knows_times:
             shapes = ", ".join(f"{name} {shape}" for name, shape in net.inputs)
             raise ConfigError(
-                f"{net.path.name} takes {shapes}; it must take two pictures (1, C, H, W), or one of both, and a "
-                "time between 0 and 1 or none"
+                f"{net.path.name} takes {shapes}; it must take two pictures (1, C, H, W), or one of both, "
+                "and a time between 0 and 1 or none"
             )
         self._time_shape = (1,) * len(others[0][1]) if self.knows_times and not full else None
 
@@ -198,8 +198,8 @@ class _Interpolation:
         made = self.network.run(arrays)[0]
         if made.shape != (1, self.channels, high, wide):
             raise ConfigError(
-                f"{self.network.path.name} gives {made.shape} for {sides[0].shape}; it must give a picture of that "
-                "shape"
+                f"{self.network.path.name} gives {made.shape} for {sides[0].shape}; it must give a picture "
+                "of that shape"
             )
         return np.asarray(made[0, :, :height, :width], np.float32)
 
@@ -254,9 +254,10 @@ class Upsampler:
     ----------
     network : path, optional
         An ONNX file that gives the frame between two, in place of warping by optical flow. It takes stored
-        values from 0 to 1: two pictures, float32 (1, C, H, W), or one of both (1, 2 C, H, W), with C of 1 or 3;
-        and a number between 0 and 1 (or a picture (1, 1, H, W) full of it) where it knows times. Without that
-        it is asked for the middle, again and again. Needs onnxruntime too: ``pip install 'evis[evaluate]'``.
+        values from 0 to 1: two pictures, float32 (1, C, H, W), or one of both (1, 2 C, H, W), with C of 1 or
+        3; and a number between 0 and 1 (or a picture (1, 1, H, W) full of it) where it knows times. Without
+        that it is asked for the middle, again and again. Needs onnxruntime too:
+        ``pip install 'evis[evaluate]'``.
     step_px : float
         Pixels per step that at most a hundredth of the pixels exceeds. A pair of frames that moves by no more
         than a pixel is left alone, whatever this is.

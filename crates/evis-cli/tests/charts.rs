@@ -35,6 +35,7 @@ fn bad_input_is_told_before_any_work() {
     refused(&folder, "chart spinner --camera nobody", &["nobody"]);
     refused(&folder, "chart spinner --from newer.json", &["--from"]);
     refused(&folder, "chart --from newer.json --size 32x24", &["--from", "--size"]);
+    refused(&folder, "chart --from newer.json --animation up", &["--from", "--animation"]);
     refused(&folder, "chart --from newer.json -o x.png", &["newer.json", "version 99"]);
     refused(&folder, "chart --from none.json", &["none.json", "no scene"]);
     refused(&folder, "chart --from other.json", &["other.json", "no chart"]);
