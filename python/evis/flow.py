@@ -225,7 +225,8 @@ class _Learned:
         colours = value if value.ndim == 3 else value[..., None]
         if self._network.channels == 1 and colours.shape[2] == 3:
             colours = (colours @ _LUMINANCE)[..., None]
-        return np.repeat(colours, self._network.channels // colours.shape[2], axis=2).transpose(2, 0, 1)
+        each = np.repeat(colours, self._network.channels // colours.shape[2], axis=2)
+        return np.asarray(each.transpose(2, 0, 1), np.float32)
 
     def at(self, part: float) -> Float:
         """Return linear luminance at ``part`` of the way, float32 (H, W)."""
@@ -333,7 +334,7 @@ class Upsampler:
         if lights[0].shape != lights[1].shape:
             shapes = [light.shape for light in lights]
             raise ConfigError(f"a frame is of shape {shapes[1]}; those before it are {shapes[0]}")
-        pair = _Pair(self._cv2, *lights, self._log_eps)
+        pair = _Pair(self._cv2, lights[0], lights[1], self._log_eps)
         motion = pair.motion()
         if motion <= _UNDIVIDED_PX:
             return []
@@ -343,7 +344,7 @@ class Upsampler:
             eps = np.float32(self._log_eps)
 
             def light_at(part: float) -> Float:
-                return np.maximum(np.exp(pair.at(part)) - eps, 0).astype(np.float32)
+                return np.asarray(np.maximum(np.exp(pair.at(part)) - eps, 0), np.float32)
 
         else:
             light_at = _Learned(self._network, np.asarray(first), np.asarray(last), transfer).at

@@ -105,7 +105,9 @@ fn the_standard_preset_renders_a_background_that_may_move_and_rests() {
         let (found, events) = accuracy(&gpu, scene);
         assert!(events > 300, "{name}: {events}");
         for (how, (f1, median_us)) in ["by default", "rendered"].into_iter().zip(found) {
-            eprintln!("{name}, {how}: F1 (1 ms) {f1:.4}, median time error {median_us:.1} us, {events} events in truth");
+            eprintln!(
+                "{name}, {how}: F1 (1 ms) {f1:.4}, median time error {median_us:.1} us, {events} events in truth"
+            );
             assert!(f1 >= 0.98, "{name}, {how}: F1 {f1}");
             assert!(median_us <= 50.0, "{name}, {how}: median {median_us} us");
         }

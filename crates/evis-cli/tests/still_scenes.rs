@@ -245,7 +245,10 @@ fn a_scene_is_previewed_as_one_picture_at_a_time_of_its_animation() {
     };
     let ([left, right], said) = shown("");
     assert!((left - right).abs() < 1.0 && left > 3.0, "at first it is in the middle: {left} {right}");
-    assert!(said.contains("animation 'left' plays; --animation chooses another of the file: right"), "{said}");
+    assert!(
+        said.contains("animation 'left' plays; --animation chooses another of the file: right"),
+        "{said}"
+    );
     let ([left, right], _) = shown("--at 1");
     assert!(left > 4.0 * right, "the first animation: {left} {right}");
     for other in ["right", "1"] {
@@ -290,7 +293,8 @@ fn settings_of_a_recording_play_what_was_recorded_of_the_same_scene() {
     assert_ne!(of(&other).1, of(&first).1, "canary");
 
     // What moved the camera moves it again.
-    let (first, _) = run("still.toml -o a.h5 --camera-motion dolly --camera-speed 300 --duration 0.05 --size 64x48");
+    let (first, _) =
+        run("still.toml -o a.h5 --camera-motion dolly --camera-speed 300 --duration 0.05 --size 64x48");
     let (second, said) = again("still.toml");
     assert_eq!(second["settings"]["camera_motion"], first["settings"]["camera_motion"]);
     assert_eq!(of(&second), of(&first));

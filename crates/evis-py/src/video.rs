@@ -153,7 +153,8 @@ impl Upsampler for PythonUpsampler {
             };
             let curve = PyDict::new(py);
             curve.set_item("transfer", transfer_name(transfer))?;
-            let made = self.0.bind(py).call_method("between", (frame(before)?, frame(after)?), Some(&curve))?;
+            let made =
+                self.0.bind(py).call_method("between", (frame(before)?, frame(after)?), Some(&curve))?;
             let made: Vec<(i64, PyReadonlyArray2<'_, f32>)> = made.extract()?;
             let picture = |(t_us, light): (i64, PyReadonlyArray2<'_, f32>)| {
                 let [height, width] = [0, 1].map(|axis| light.shape()[axis] as u32);

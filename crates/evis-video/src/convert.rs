@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, ConfigError, EmulatorConfig, Event, EventEmulator, Sensor, SensorConfig, Transfer};
+use evis_core::{
+    CameraInfo, ConfigError, EmulatorConfig, Event, EventEmulator, Sensor, SensorConfig, Transfer,
+};
 use serde::Serialize;
 
 use crate::error::VideoError;
@@ -136,8 +138,9 @@ impl VideoStream {
             self.doubt = picture.values.hardly_light(self.config.reference_luminance);
         }
         let between = match (&mut self.upsampler, &self.before) {
-            (Some(upsampler), Some(before)) => tracing::trace_span!("upsample")
-                .in_scope(|| upsampler.between(before, &frame, transfer))?,
+            (Some(upsampler), Some(before)) => {
+                tracing::trace_span!("upsample").in_scope(|| upsampler.between(before, &frame, transfer))?
+            }
             _ => Vec::new(),
         };
         let emulator = match &mut self.emulator {

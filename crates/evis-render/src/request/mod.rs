@@ -137,7 +137,17 @@ impl RunRequest {
         }
         config.check()?;
         let Self { set, camera_motion, camera_speed, poses, materials, .. } = self;
-        Ok(Settled { config, recorded, sampling, for_all, set, camera_motion, camera_speed, poses, materials })
+        Ok(Settled {
+            config,
+            recorded,
+            sampling,
+            for_all,
+            set,
+            camera_motion,
+            camera_speed,
+            poses,
+            materials,
+        })
     }
 
     /// The method that is asked for, with what is asked of its keyframes.

@@ -125,8 +125,7 @@ impl SettingsFile {
     /// # Errors
     /// A file that cannot be read, is no settings file, was written by another version, or has unknown keys or values.
     pub fn read(path: &Path) -> Result<Self, EngineError> {
-        let bytes =
-            std::fs::read(path).map_err(|source| EngineError::Read { path: path.into(), source })?;
+        let bytes = std::fs::read(path).map_err(|source| EngineError::Read { path: path.into(), source })?;
         let source = path.display().to_string();
         let text = String::from_utf8(bytes).map_err(|_| no_settings(&source, "it is no text"))?;
         Ok(Self::parse(&text, &source)?)
@@ -139,9 +138,8 @@ impl SettingsFile {
     pub fn parse(text: &str, source: &str) -> Result<Self, ConfigError> {
         let refuse = |value: String, remedy: &str| ConfigError::new(source, value, remedy);
         let mut table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
-            let line = e.span().map_or_else(String::new, |span| {
-                format!("line {}: ", line_of(text, span.start))
-            });
+            let line =
+                e.span().map_or_else(String::new, |span| format!("line {}: ", line_of(text, span.start)));
             no_settings(source, &format!("it is no TOML, {line}{}", of_serde(e.message())))
         })?;
         let Some(version) = table.get("evis").and_then(toml::Value::as_str) else {
@@ -274,10 +272,7 @@ mod tests {
         for other in ["models/Wolf.glb", "spinner", "models"] {
             assert_eq!(moved.of(other), RecordedScene::default(), "{other}");
         }
-        assert_eq!(
-            moved.in_words().as_deref(),
-            Some("animation 'Run', speed 2, camera motion orbit, 0.5 s")
-        );
+        assert_eq!(moved.in_words().as_deref(), Some("animation 'Run', speed 2, camera motion orbit, 0.5 s"));
         assert_eq!(RecordedScene::default().in_words(), None);
 
         let nothing = CameraMotionSettings { size: Some((64, 48)), ..CameraMotionSettings::default() };
