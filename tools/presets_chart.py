@@ -8,10 +8,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from pathlib import Path
-
-import matplotlib as mpl
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "accuracy.md"
@@ -46,8 +43,16 @@ def points(page: str, pattern: str) -> Points:
     return found
 
 
-def draw(page: str) -> Figure:
-    """Return the picture."""
+def drawn(page: str) -> str:
+    """Return all numbers that are drawn; the picture holds them as its description."""
+    return repr([dict(points(page, pattern)) for pattern, _, _ in SERIES.values()])
+
+
+def draw(page: str) -> Any:
+    """Return the picture, a figure of matplotlib."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FixedLocator, NullLocator
+
     figure = Figure(figsize=(7.5, 4.2), layout="constrained")
     axes = figure.subplots()
     for name, (pattern, colour, marker) in SERIES.items():
@@ -76,9 +81,12 @@ def draw(page: str) -> Figure:
 
 def main() -> None:
     """Draw it."""
+    import matplotlib as mpl
+
     # The same picture for the same numbers.
     mpl.rcParams["svg.hashsalt"] = "evis"
-    draw(PAGE.read_text("utf-8")).savefig(PICTURE, metadata={"Date": None})
+    page = PAGE.read_text("utf-8")
+    draw(page).savefig(PICTURE, metadata={"Date": None, "Description": drawn(page)})
 
 
 if __name__ == "__main__":
