@@ -216,7 +216,8 @@ class Halves:
         if self.network is not None:
             raise evis.ConfigError("this network is tired")
         (start_us, first), (end_us, last) = before, after
-        return [((start_us + end_us) // 2, (first + last) / np.float32(2))]
+        lights = [flow._light(frame, transfer) for frame in (first, last)]
+        return [((start_us + end_us) // 2, (lights[0] + lights[1]) / np.float32(2))]
 
 
 def test_the_command_and_the_function_put_frames_between_frames(
@@ -240,6 +241,20 @@ def test_the_command_and_the_function_put_frames_between_frames(
     plain = evis.video(tmp_path / "film.npy", tmp_path / "b.h5", fps=100)
     assert plain.between == 0
     assert evis.load(tmp_path / "b.h5").events != recording.events, "canary"
+
+    # Coloured codes: the frames between are light.
+    codes = rng.integers(0, 256, (4, 12, 16, 3), dtype=np.uint8)
+    np.save(tmp_path / "colours.npy", codes)
+    report = evis.video(tmp_path / "colours.npy", tmp_path / "d.h5", fps=100, upsampler=Halves())  # type: ignore[arg-type]
+    lights = [flow._light(frame, "srgb") for frame in codes]
+    emulator = evis.EventEmulator(16, 12)
+    count = len(emulator.push(lights[0], 0))
+    for k in range(3):
+        count += len(emulator.push((lights[k] + lights[k + 1]) / np.float32(2), 10_000 * k + 5000))
+        count += len(emulator.push(lights[k + 1], 10_000 * (k + 1)))
+    # But for roundings of the luminance.
+    assert report.between == 3
+    assert report.events == pytest.approx(count, rel=0.005)
 
     monkeypatch.setattr(flow, "Upsampler", Halves)
     line = ["evis", "video", str(tmp_path / "film.npy"), "-o", str(tmp_path / "c.h5"), "--fps", "100"]

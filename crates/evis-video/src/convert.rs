@@ -45,7 +45,8 @@ pub trait Upsampler: Send + std::fmt::Debug {
     /// What recordings call it.
     fn name(&self) -> String;
 
-    /// Frames between `before` and `after`, of their size, with their times, in order. Integers are read through `transfer`.
+    /// Frames between `before` and `after`, of their size, with their times, in order: linear light, one channel. Integers are
+    /// read through `transfer`.
     ///
     /// # Errors
     /// [`VideoError::Between`]: frames that it cannot use.
@@ -156,7 +157,14 @@ impl VideoStream {
             })?),
         };
         let mut events = Vec::new();
-        let given = (frame.t_us, picture);
+        // A sensor sees frames of one kind: those between are light, of one channel.
+        let light = match &self.upsampler {
+            Some(_) => Some(picture.resized(picture.width, picture.height, transfer)?),
+            None => None,
+        };
+        let between: Vec<_> =
+            between.into_iter().map(|(t_us, made)| (t_us, made.repeated(picture.channels))).collect();
+        let given = (frame.t_us, light.as_ref().unwrap_or(picture));
         for (t_us, picture) in between.iter().map(|(t_us, picture)| (*t_us, picture)).chain([given]) {
             let mut lists = [Vec::new()];
             tracing::trace_span!("emulate sensor", t_us)
