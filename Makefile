@@ -152,14 +152,14 @@ bench-batch: setup ## Cost per camera with 1 to 256 cameras, on this machine's a
 bench-gpu: setup ## Cost of each method with many cameras on this machine's adapter; tables in out/.
 	cargo bench --profile release --workspace --locked --bench gpu -- out="$(CURDIR)/out"
 
-chart: wheel ## Measure speed against accuracy on the built-in scenes; redraws docs/images/chart-*.
-	tools/install "$(BIN)"
-	mkdir -p docs/chart docs/images
+chart: wheel ## Measure speed against accuracy on the built-in scenes, in out/chart; redraw docs/images/presets.svg.
+	tools/install "$(BIN)" plot
+	mkdir -p out/chart
 	for scene in $(CHART_SCENES); do \
-	  $(BIN)/evis chart "$$scene" $(CHART_ARGS) --report "docs/chart/$$scene.json" -o "docs/images/chart-$$scene.png"; \
+	  $(BIN)/evis chart "$$scene" $(CHART_ARGS) --report "out/chart/$$scene.json" -o "out/chart/$$scene.png"; \
 	done
-	$(BIN)/evis chart $(CHART_SCENES:%=--from docs/chart/%.json) -o docs/images/chart-builtin.svg
-	$(BIN)/evis chart $(CHART_SCENES:%=--from docs/chart/%.json) --render-ms 10 -o docs/images/chart-builtin-10ms.svg
+	$(BIN)/evis chart $(CHART_SCENES:%=--from out/chart/%.json) -o out/chart/all.svg
+	$(BIN)/python tools/presets_chart.py
 
 accuracy: wheel ## Measure what limits accuracy; refills the tables of docs/accuracy.md.
 	tools/install "$(BIN)"

@@ -38,7 +38,7 @@ def test_points_are_typed_and_scored(made: evis.measure.Chart):
     scene = made.scenes[0]
     assert (scene.scene, scene.width, scene.height, scene.duration_us) == ("spinner", 32, 24, 20_000)
     names = [point.setting.published for point in made.points]
-    assert names[:3] == [None, None, "EVIS 1000 Hz"]
+    assert names[:3] == [None, None, "paper 1000 Hz"]
     assert [name and name.split()[1][:2] for name in names[3:]] == ["25", "12", "40", "30"]
     assert scene.floor is not None
     assert scene.floor.at(1000).scaled.f1 > max(point.f1() for point in made.points)

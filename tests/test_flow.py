@@ -1,14 +1,18 @@
-"""Frames between frames; runs where OpenCV is installed."""
+"""Frames between frames; what finds optical flow runs where OpenCV is installed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import evis
-from evis import flow
+from evis import _evis, flow
 
 HEIGHT, WIDTH = 72, 96
 SPEED = 150.0
@@ -96,3 +100,166 @@ def test_bad_frames_are_refused() -> None:
         list(flow.upsample([(0, frame)], step_px=0))
     with pytest.raises(evis.ConfigError, match="transfer is 'film'"):
         list(flow.upsample([(0, np.zeros((8, 8), np.uint8))], transfer="film"))
+
+
+class Session:
+    """A stand-in of onnxruntime's: what a file of this name computes."""
+
+    def __init__(self, content: bytes, options: Any, providers: list[str]) -> None:
+        self._shapes, self._function = NETWORKS[content.decode()]
+
+    def get_inputs(self) -> list[Any]:
+        each = enumerate(self._shapes)
+        return [types.SimpleNamespace(name=f"in{i}", shape=s, type="tensor(float)") for i, s in each]
+
+    def get_outputs(self) -> list[Any]:
+        return [types.SimpleNamespace(name="out", shape=[1, 3, "H", "W"])]
+
+    def run(self, names: None, arrays: dict[str, Any]) -> list[Any]:
+        assert all(array.dtype == np.float32 for array in arrays.values())
+        return [self._function(*arrays.values())]
+
+
+COLOURS, GREY = [1, 3, "H", "W"], [1, 1, "H", "W"]
+#: Shapes of the inputs, and a function of them.
+NETWORKS: dict[str, tuple[list[list[Any]], Callable[..., Any]]] = {
+    "middle": ([COLOURS, COLOURS], lambda a, b: (a + b) / 2),
+    "packed": ([[1, 2, "H", "W"]], lambda both: both.mean(axis=1, keepdims=True)),
+    "number": ([COLOURS, COLOURS, [1]], lambda a, b, t: a * (1 - t[0]) + b * t[0]),
+    "scalar": ([GREY, GREY, []], lambda a, b, t: a * (1 - t) + b * t),
+    "picture": ([GREY, GREY, GREY], lambda a, b, t: a * (1 - t) + b * t),
+    "three": ([COLOURS, COLOURS, COLOURS], lambda a, b, c: a),
+    "small": ([[1, 3, 32, 32], [1, 3, 32, 32]], lambda a, b: a),
+    "crop": ([COLOURS, COLOURS], lambda a, b: a[..., :8, :8]),
+}
+
+
+@pytest.fixture
+def network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], Path]:
+    """Give the path of a network by its name."""
+    stand_in = types.ModuleType("onnxruntime")
+    stand_in.SessionOptions = types.SimpleNamespace  # type: ignore[attr-defined]
+    stand_in.InferenceSession = Session  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "onnxruntime", stand_in)
+
+    def made(name: str) -> Path:
+        path = tmp_path / f"{name}.onnx"
+        path.write_text(name)
+        return path
+
+    return made
+
+
+class Pair:
+    """A stand-in of optical flow: everything moves by 3.2 pixels."""
+
+    def __init__(self, cv2: Any, before: Any, after: Any, eps: float) -> None:
+        pass
+
+    def motion(self) -> float:
+        return 3.2
+
+
+@pytest.mark.parametrize("name", ["middle", "packed", "number", "scalar", "picture"])
+def test_networks_of_every_shape_give_the_frames_between(
+    name: str, network: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flow, "_opencv", lambda: None)
+    monkeypatch.setattr(flow, "_Pair", Pair)
+    upsampler = flow.Upsampler(network(name))
+    assert str(upsampler).startswith(f"{name}.onnx, sha256 ")
+    # No multiple of what networks are padded to.
+    before, after = np.full((24, 40, 3), 40, np.uint8), np.full((24, 40, 3), 200, np.uint8)
+    made = upsampler.between((1000, before), (9000, after), transfer="linear")
+    # 3.2 pixels in steps of one at most.
+    assert [t_us for t_us, _ in made] == [3000, 5000, 7000]
+    for t_us, light in made:
+        assert light.shape == (24, 40)
+        assert light.dtype == np.float32
+        np.testing.assert_allclose(light, (40 + 160 * (t_us - 1000) / 8000) / 255, atol=1e-6)
+    # Networks see stored values: halfway between them is not halfway between lights.
+    (curved,) = (light for t_us, light in upsampler.between((1000, before), (9000, after)) if t_us == 5000)
+    np.testing.assert_allclose(curved, ((120 / 255 + 0.055) / 1.055) ** 2.4, rtol=1e-5)
+    # Floats are light, and given stored values.
+    lights = [np.full((24, 40), value, np.float32) for value in (0.1, 0.9)]
+    stored = [1.055 * light[0, 0] ** (1 / 2.4) - 0.055 for light in lights]
+    (middle,) = (light for t, light in upsampler.between((0, lights[0]), (8, lights[1])) if t == 4)
+    np.testing.assert_allclose(middle, ((sum(stored) / 2 + 0.055) / 1.055) ** 2.4, rtol=1e-5)
+
+
+def test_networks_that_do_not_fit_are_refused(
+    network: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flow, "_opencv", lambda: None)
+    monkeypatch.setattr(flow, "_Pair", Pair)
+    with pytest.raises(evis.ConfigError, match=r"three\.onnx takes .*two pictures"):
+        flow.Upsampler(network("three"))
+    frames = [(t_us, np.full((48, 64), 0.1 + t_us / 1e5, np.float32)) for t_us in (0, 10_000)]
+    for name, told in (("small", "pictures of 32x32; the frames are 64x48"), ("crop", "must give a picture")):
+        with pytest.raises(evis.ConfigError, match=told):
+            list(flow.upsample(frames, network=network(name)))
+    with pytest.raises(FileNotFoundError):
+        flow.Upsampler("none.onnx")
+
+
+class Halves:
+    """A stand-in of `flow.Upsampler`: the mean of two frames, in the middle."""
+
+    def __init__(self, network: Path | None = None) -> None:
+        self.network = network
+
+    def __str__(self) -> str:
+        return f"halves of {self.network}"
+
+    def between(self, before: Any, after: Any, *, transfer: str) -> list[tuple[int, Any]]:
+        assert transfer == "srgb"
+        if self.network is not None:
+            raise evis.ConfigError("this network is tired")
+        (start_us, first), (end_us, last) = before, after
+        lights = [flow._light(frame, transfer) for frame in (first, last)]
+        return [((start_us + end_us) // 2, (lights[0] + lights[1]) / np.float32(2))]
+
+
+def test_the_command_and_the_function_put_frames_between_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(0)
+    stack = rng.random((4, 12, 16), np.float32)
+    np.save(tmp_path / "film.npy", stack)
+    given = [(10_000 * k, frame) for k, frame in enumerate(stack)]
+    halves = [(10_000 * k + 5000, (stack[k] + stack[k + 1]) / np.float32(2)) for k in range(3)]
+    emulator = evis.EventEmulator(16, 12)
+    wanted = [
+        emulator.push(frame, t_us).to_numpy() for t_us, frame in sorted(given + halves, key=lambda f: f[0])
+    ]
+
+    report = evis.video(tmp_path / "film.npy", tmp_path / "a.h5", fps=100, upsampler=Halves())  # type: ignore[arg-type]
+    assert (report.frames, report.between) == (4, 3)
+    recording = evis.load(tmp_path / "a.h5")
+    np.testing.assert_array_equal(recording.events.to_numpy(), np.concatenate(wanted))
+    assert 'upsampler = "halves of None"' in recording.config_toml
+    plain = evis.video(tmp_path / "film.npy", tmp_path / "b.h5", fps=100)
+    assert plain.between == 0
+    assert evis.load(tmp_path / "b.h5").events != recording.events, "canary"
+
+    # Coloured codes: the frames between are light.
+    codes = rng.integers(0, 256, (4, 12, 16, 3), dtype=np.uint8)
+    np.save(tmp_path / "colours.npy", codes)
+    report = evis.video(tmp_path / "colours.npy", tmp_path / "d.h5", fps=100, upsampler=Halves())  # type: ignore[arg-type]
+    lights = [flow._light(frame, "srgb") for frame in codes]
+    emulator = evis.EventEmulator(16, 12)
+    count = len(emulator.push(lights[0], 0))
+    for k in range(3):
+        count += len(emulator.push((lights[k] + lights[k + 1]) / np.float32(2), 10_000 * k + 5000))
+        count += len(emulator.push(lights[k + 1], 10_000 * (k + 1)))
+    # But for roundings of the luminance.
+    assert report.between == 3
+    assert report.events == pytest.approx(count, rel=0.005)
+
+    monkeypatch.setattr(flow, "Upsampler", Halves)
+    line = ["evis", "video", str(tmp_path / "film.npy"), "-o", str(tmp_path / "c.h5"), "--fps", "100"]
+    assert _evis.run_cli([*line, "--upsample"]) == 0
+    assert evis.load(tmp_path / "c.h5").events == recording.events
+    assert "frames   4 and 3 between them, stack" in capfd.readouterr().out
+    assert _evis.run_cli([*line, "--force", "--upsample", "tired.onnx"]) == 2
+    assert "frames between frames: this network is tired" in capfd.readouterr().err

@@ -12,7 +12,8 @@ import evis
 from evis import _evis
 from evis.imu import ImuSamples
 
-FORMATS = ["evt3", "evt2", "dat", "aedat4", "text", "text-zip", "npz", "npy", "hdf5", "mcap", "es"]
+#: Files that are written and read: jAER's AEDAT is written only, and DSEC's layout is a folder.
+FORMATS = [name for name in evis.formats() if name not in ("aedat2", "dsec")]
 
 
 def some_events(count=5000, width=1280, height=720, latest_us=20_000_000) -> evis.EventArray:

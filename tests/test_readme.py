@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import importlib.util
 import re
 import shlex
 import subprocess
@@ -155,6 +157,21 @@ def test_links_lead_somewhere(document: Path) -> None:
     text = document.read_text("utf-8")
     assert broken_links(text, document.parent) == []
     assert broken_links(text + "[x](no/such/file.md)", document.parent) == ["no/such/file.md"]  # canary
+
+
+def test_the_chart_of_the_readme_shows_the_table_of_the_presets() -> None:
+    spec = importlib.util.spec_from_file_location("presets_chart", ROOT / "tools/presets_chart.py")
+    assert spec is not None
+    assert spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    page = tool.PAGE.read_text("utf-8")
+    picture = html.unescape(tool.PICTURE.read_text("utf-8"))
+    assert tool.drawn(page) in picture, "run tools/presets_chart.py"
+    assert "docs/images/presets.svg" in (ROOT / "README.md").read_text("utf-8")
+    # Canary: another number is another picture.
+    assert page.count("| 0.990 | 0.861 |") == 1
+    assert tool.drawn(page.replace("| 0.990 | 0.861 |", "| 0.991 | 0.861 |")) not in picture
 
 
 def test_pictures_are_small() -> None:

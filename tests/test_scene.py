@@ -5,10 +5,12 @@ from __future__ import annotations
 import base64
 import json
 import pickle
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomllib
 
 import evis
 from evis import _builder, _toml
@@ -146,6 +148,18 @@ def test_one_of_several_animations_plays(tmp_path: Path):
         evis.ConfigError, match=r"no animation named 'upp'; there is along, up.*did you mean 'up'"
     ):
         evis.Scene.load(path, animation="upp")
+    # Recordings store which one plays.
+    ups = evis.Simulator(evis.Scene.load(path, animation="up"), size=(16, 12), quality="draft")
+    stored = tomllib.loads(ups.config_toml)
+    assert (stored["scene"], stored["animation"], stored["speed"]) == ("arrow", "up", 1.0)
+    settings = tmp_path / "settings.toml"
+    settings.write_text(ups.config_toml)
+    for animation, warned in (("up", False), ("along", True)):
+        scene = evis.Scene.load(path, animation=animation)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            evis.Simulator(scene, settings=settings)
+        assert any("plays animation 'up', and the scene 'along'" in str(w.message) for w in told) == warned
     text = tmp_path / "still.toml"
     text.write_text(TEXT)
     with pytest.raises(evis.ConfigError, match=r"animation is 'up', but .*still\.toml is no \.gltf"):

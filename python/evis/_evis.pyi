@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from ._poses import Factors
 from ._request import Request
+from .flow import Upsampler
 
 __all__ = [
     "MOST_T_US",
@@ -116,6 +117,7 @@ def convert_video(
     sensor: str,
     seed: int,
     reference_luminance: float,
+    upsampler: Upsampler | None,
     overwrite: bool,
     progress: Callable[[int, int, int], object] | None,
 ) -> str: ...

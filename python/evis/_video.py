@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,9 @@ from . import _check, _evis
 from ._evis import ConfigError
 from ._progress import Progress, TimeLeft
 from ._sensor import Sensor, sensor_of
+
+if TYPE_CHECKING:
+    from .flow import Upsampler
 
 
 def _ffmpeg() -> str | None:
@@ -66,6 +69,8 @@ class VideoReport:
         Pixels of the sensor.
     frames : int
         Frames that were used.
+    between : int
+        Frames that were put between them.
     offset_us : int
         Time of the first one, as the source counts it, in microseconds; the recording starts at 0.
     stream_s, wall_s : float
@@ -88,6 +93,7 @@ class VideoReport:
     width: int
     height: int
     frames: int
+    between: int
     offset_us: int
     stream_s: float
     wall_s: float
@@ -139,6 +145,7 @@ def video(
     size: tuple[int, int] | None = None,
     start: float = 0.0,
     duration: float | None = None,
+    upsampler: Upsampler | None = None,
     reference_luminance: float = 1.0,
     overwrite: bool = False,
     progress: bool | Callable[[VideoProgress], object] = False,
@@ -173,6 +180,8 @@ def video(
         Width and height of the sensor; frames are averaged to it in linear light.
     start, duration : float
         Seconds after the first frame to begin at, and to convert; all if not given.
+    upsampler : evis.flow.Upsampler, optional
+        Puts frames between frames, by optical flow or by a network; none if not given.
     reference_luminance : float
         Y_ref of the sensor's formula; white of integer frames is 1.
     overwrite : bool
@@ -225,6 +234,7 @@ def video(
         sensor=sensor._json(),
         seed=_check.whole("seed", seed, 0, 2**63 - 1),
         reference_luminance=_check.number("reference_luminance", reference_luminance),
+        upsampler=upsampler,
         overwrite=overwrite,
         progress=on_progress if progress else None,
     )

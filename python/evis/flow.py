@@ -1,4 +1,4 @@
-"""Frames between frames, by optical flow: for films whose motion is above a pixel per frame.
+"""Frames between frames, by optical flow or by a network: for films whose motion is above a pixel per frame.
 
 Needs OpenCV: ``pip install 'evis[flow]'``. What it measures, and what it cannot do, is in docs/video.md.
 """
@@ -6,6 +6,7 @@ Needs OpenCV: ``pip install 'evis[flow]'``. What it measures, and what it cannot
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,12 @@ import numpy.typing as npt
 
 from . import _check
 from ._evis import ConfigError
+from ._networks import Network
 
 Float = npt.NDArray[np.float32]
+
+_MULTIPLE = 32
+"""Networks halve pictures; sides that they leave open are padded to multiples of this."""
 
 _UNDIVIDED_PX = 1.0
 """A pair that moves no farther is left alone: straight light between its frames is nearer to the truth."""
@@ -33,31 +38,42 @@ def _opencv() -> Any:
     return cv2
 
 
+def _decoded(value: npt.NDArray[Any], transfer: str) -> npt.NDArray[Any]:
+    """Return the light of stored values, both from 0 to 1."""
+    if transfer == "srgb":
+        return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    if transfer == "rec709":
+        return np.where(value < 0.081, value / 4.5, ((value + 0.099) / 1.099) ** (1 / 0.45))
+    if transfer == "linear":
+        return value
+    if transfer.startswith("gamma:"):
+        return np.asarray(value ** float(transfer[6:]))
+    raise ConfigError(f"transfer is {transfer!r}; it must be srgb, rec709, gamma:G or linear")
+
+
+def _checked(frame: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a frame whose dtype and shape can be used."""
+    if frame.dtype not in (np.uint8, np.uint16, np.float32):
+        raise ConfigError(f"frames are of dtype {frame.dtype}; they must be uint8, uint16 or float32")
+    if frame.ndim != 2 and not (frame.ndim == 3 and frame.shape[2] == 3):
+        raise ConfigError(f"frames are of shape {frame.shape}; they must be (H, W) or (H, W, 3)")
+    return frame
+
+
+def _luminance(light: npt.NDArray[Any]) -> Float:
+    """Return the luminance of light, float32 (H, W)."""
+    grey = light @ _LUMINANCE if light.ndim == 3 else light
+    return np.ascontiguousarray(grey, np.float32)
+
+
 def _light(frame: npt.NDArray[Any], transfer: str) -> Float:
     """Return linear luminance, float32 (H, W)."""
-    if frame.dtype in (np.uint8, np.uint16):
-        last = int(np.iinfo(frame.dtype).max)
-        value = np.arange(last + 1, dtype=np.float64) / last
-        if transfer == "srgb":
-            table = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-        elif transfer == "rec709":
-            table = np.where(value < 0.081, value / 4.5, ((value + 0.099) / 1.099) ** (1 / 0.45))
-        elif transfer == "linear":
-            table = value
-        elif transfer.startswith("gamma:"):
-            table = value ** float(transfer[6:])
-        else:
-            raise ConfigError(f"transfer is {transfer!r}; it must be srgb, rec709, gamma:G or linear")
-        light = table.astype(np.float32)[frame]
-    elif frame.dtype == np.float32:
-        light = frame
-    else:
-        raise ConfigError(f"frames are of dtype {frame.dtype}; they must be uint8, uint16 or float32")
-    if light.ndim == 3 and light.shape[2] == 3:
-        light = light @ _LUMINANCE
-    if light.ndim != 2:
-        raise ConfigError(f"frames are of shape {frame.shape}; they must be (H, W) or (H, W, 3)")
-    return np.ascontiguousarray(light, np.float32)
+    frame = _checked(frame)
+    if frame.dtype == np.float32:
+        return _luminance(frame)
+    last = int(np.iinfo(frame.dtype).max)
+    table = _decoded(np.arange(last + 1, dtype=np.float64) / last, transfer)
+    return _luminance(table.astype(np.float32)[frame])
 
 
 class _Pair:
@@ -132,10 +148,218 @@ class _Pair:
         return np.asarray(mean, np.float32)
 
 
+def _is_time(shape: list[Any]) -> bool:
+    """Whether an input of this shape is a number."""
+    sides = shape[1:] if len(shape) == 4 else shape
+    return all(side == 1 or (len(shape) < 4 and not isinstance(side, int)) for side in sides)
+
+
+class _Interpolation:
+    """A network that gives the frame between two.
+
+    It takes stored values from 0 to 1: two pictures (1, C, H, W), or one of both, (1, 2 C, H, W), with C of 1
+    or 3; and, where it knows times, a number between 0 and 1, or a picture (1, 1, H, W) full of it. Its first
+    output is the picture.
+    """
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self.network = net = Network(path)
+        channels = [shape[1] if len(shape) == 4 and not _is_time(shape) else 0 for _, shape in net.inputs]
+        self._packed = channels[:1] in ([2], [6])
+        pictures = 1 if self._packed else 2
+        self.channels = (channels or [0])[0] // (2 if self._packed else 1)
+        others = net.inputs[pictures:]
+        full = len(others) == 1 and channels[pictures] == 1
+        self.knows_times = len(others) == 1 and (full or _is_time(others[0][1]))
+        alike = all(count == channels[0] for count in channels[:pictures])
+        if self.channels not in (1, 3) or not alike or bool(others) != self.knows_times:
+            shapes = ", ".join(f"{name} {shape}" for name, shape in net.inputs)
+            raise ConfigError(
+                f"{net.path.name} takes {shapes}; it must take two pictures (1, C, H, W), or one of both, "
+                "and a time between 0 and 1 or none"
+            )
+        self._time_shape = (1,) * len(others[0][1]) if self.knows_times and not full else None
+
+    def __call__(self, before: Float, after: Float, part: float) -> Float:
+        """Return the picture (C, H, W) at ``part`` of the way; in the middle, if it knows no times."""
+        height, width = before.shape[1:]
+        _, high, wide = self.network.image_shape(0, height, width, _MULTIPLE)
+        if high < height or wide < width:
+            raise ConfigError(
+                f"{self.network.path.name} takes pictures of {wide}x{high}; the frames are {width}x{height}: "
+                "export it for this size, or with open sizes"
+            )
+        room = ((0, 0), (0, high - height), (0, wide - width))
+        sides = [np.pad(side, room, mode="edge")[None].astype(np.float32) for side in (before, after)]
+        arrays = [np.concatenate(sides, axis=1)] if self._packed else sides
+        if self.knows_times:
+            shape = (1, 1, high, wide) if self._time_shape is None else self._time_shape
+            arrays.append(np.full(shape, part, np.float32))
+        made = self.network.run(arrays)[0]
+        if made.shape != (1, self.channels, high, wide):
+            raise ConfigError(
+                f"{self.network.path.name} gives {made.shape} for {sides[0].shape}; it must give a picture "
+                "of that shape"
+            )
+        return np.asarray(made[0, :, :height, :width], np.float32)
+
+
+class _Learned:
+    """Frames between two by a network."""
+
+    def __init__(
+        self, network: _Interpolation, before: npt.NDArray[Any], after: npt.NDArray[Any], transfer: str
+    ) -> None:
+        self._network = network
+        # Networks see pictures as people do: floats are light, and get the curve of screens.
+        self._curve = "srgb" if before.dtype == np.float32 else transfer
+        self._known = {0.0: self._stored(before), 1.0: self._stored(after)}
+
+    def _stored(self, frame: npt.NDArray[Any]) -> Float:
+        """Return stored values from 0 to 1, float32 (C, H, W)."""
+        if frame.dtype == np.float32:
+            light = np.clip(frame, 0, 1)
+            value = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+        else:
+            value = frame / np.iinfo(frame.dtype).max
+        colours = value if value.ndim == 3 else value[..., None]
+        if self._network.channels == 1 and colours.shape[2] == 3:
+            colours = (colours @ _LUMINANCE)[..., None]
+        each = np.repeat(colours, self._network.channels // colours.shape[2], axis=2)
+        return np.asarray(each.transpose(2, 0, 1), np.float32)
+
+    def at(self, part: float) -> Float:
+        """Return linear luminance at ``part`` of the way, float32 (H, W)."""
+        value = np.clip(self._value(part), 0, 1).transpose(1, 2, 0)
+        light = _decoded(value, self._curve)
+        return _luminance(light if light.shape[2] == 3 else light[..., 0])
+
+    def _value(self, part: float) -> Float:
+        if part not in self._known:
+            if self._network.knows_times:
+                made = self._network(self._known[0.0], self._known[1.0], part)
+            else:
+                # Halves of halves: `part` is a fraction of a power of two.
+                step = 1.0
+                while (part / step) % 1:
+                    step /= 2
+                made = self._network(self._value(part - step), self._value(part + step), 0.5)
+            self._known[part] = made
+        return self._known[part]
+
+
+class Upsampler:
+    """Puts frames between two frames; what `upsample` and ``evis video --upsample`` use.
+
+    Parameters
+    ----------
+    network : path, optional
+        An ONNX file that gives the frame between two, in place of warping by optical flow. It takes stored
+        values from 0 to 1: two pictures, float32 (1, C, H, W), or one of both (1, 2 C, H, W), with C of 1 or
+        3; and a number between 0 and 1 (or a picture (1, 1, H, W) full of it) where it knows times. Without
+        that it is asked for the middle, again and again. Needs onnxruntime too:
+        ``pip install 'evis[evaluate]'``.
+    step_px : float
+        Pixels per step that at most a hundredth of the pixels exceeds. A pair of frames that moves by no more
+        than a pixel is left alone, whatever this is.
+    most : int
+        Steps per pair of frames, at most.
+    log_eps : float
+        ``eps`` in ln(Y + eps), in which flow blends frames; the sensor's.
+
+    Raises
+    ------
+    ConfigError
+        If OpenCV or onnxruntime is missing, or a value or the network cannot be used.
+    FormatError
+        If the file holds no network.
+    OSError
+        If it cannot be read.
+    """
+
+    __slots__ = ("_cv2", "_log_eps", "_most", "_network", "_step_px")
+
+    def __init__(
+        self,
+        network: str | PathLike[str] | None = None,
+        *,
+        step_px: float = 1.0,
+        most: int = 64,
+        log_eps: float = 1e-3,
+    ) -> None:
+        self._cv2 = _opencv()
+        for what, value in (("step_px", step_px), ("most", most), ("log_eps", log_eps)):
+            if not _check.number(what, value) > 0:
+                raise ConfigError(f"{what} is {value}; it must be above 0")
+        self._network = None if network is None else _Interpolation(network)
+        self._step_px, self._most, self._log_eps = step_px, most, log_eps
+
+    def __str__(self) -> str:
+        """Say what makes the frames."""
+        if self._network is None:
+            return "optical flow (DIS)"
+        return f"{self._network.network.path.name}, sha256 {self._network.network.sha256}"
+
+    def between(
+        self,
+        before: tuple[int, npt.NDArray[Any]],
+        after: tuple[int, npt.NDArray[Any]],
+        *,
+        transfer: str = "srgb",
+    ) -> list[tuple[int, Float]]:
+        """Return the frames between two.
+
+        Parameters
+        ----------
+        before, after : (int, ndarray)
+            Microseconds and frame: uint8, uint16 or float32, (H, W) or (H, W, 3).
+        transfer : str
+            Curve of integers: ``"srgb"``, ``"rec709"``, ``"gamma:G"``, ``"linear"``.
+
+        Returns
+        -------
+        list of (int, ndarray)
+            Microseconds, and linear luminance, float32 (H, W), in order; none where hardly anything moves.
+
+        Raises
+        ------
+        ConfigError
+            If a frame or the curve cannot be used, the second does not come after the first, or the network
+            does not run.
+        """
+        (start_us, first), (end_us, last) = before, after
+        if end_us <= start_us:
+            raise ConfigError(f"t_us is {end_us}; it must be above {start_us}, the time of the frame before")
+        lights = [_light(np.asarray(frame), transfer) for frame in (first, last)]
+        if lights[0].shape != lights[1].shape:
+            shapes = [light.shape for light in lights]
+            raise ConfigError(f"a frame is of shape {shapes[1]}; those before it are {shapes[0]}")
+        pair = _Pair(self._cv2, lights[0], lights[1], self._log_eps)
+        motion = pair.motion()
+        if motion <= _UNDIVIDED_PX:
+            return []
+        most = min(self._most, end_us - start_us)
+        steps = int(np.clip(np.ceil(motion / self._step_px), 1, most))
+        if self._network is None:
+            eps = np.float32(self._log_eps)
+
+            def light_at(part: float) -> Float:
+                return np.asarray(np.maximum(np.exp(pair.at(part)) - eps, 0), np.float32)
+
+        else:
+            light_at = _Learned(self._network, np.asarray(first), np.asarray(last), transfer).at
+            if not self._network.knows_times:
+                # Halves of halves.
+                steps = 1 << min((steps - 1).bit_length(), most.bit_length() - 1)
+        span_us = end_us - start_us
+        return [(start_us + round(span_us * k / steps), light_at(k / steps)) for k in range(1, steps)]
+
+
 def upsample(
     frames: Iterable[tuple[int, npt.NDArray[Any]]],
     *,
     transfer: str = "srgb",
+    network: str | PathLike[str] | None = None,
     step_px: float = 1.0,
     most: int = 64,
     log_eps: float = 1e-3,
@@ -143,9 +367,9 @@ def upsample(
     """Put frames between frames until nearly nothing moves by more than a pixel per step.
 
     Flow (DIS) is found in both directions, and each new frame is warped from both sides, weighted by time
-    and by whether the two flows agree, in log light. The given frames come out unchanged; the signal is
-    continuous at them. Where flow is wrong (repeated texture, thin or fast things, flicker, what comes into
-    view), so are the new frames.
+    and by whether the two flows agree, in log light; or a network makes it. The given frames come out
+    unchanged; the signal is continuous at them. Where flow is wrong (repeated texture, thin or fast things,
+    flicker, what comes into view), so are the new frames.
 
     Parameters
     ----------
@@ -153,13 +377,8 @@ def upsample(
         Microseconds and frame, as `evis.frames` gives them: uint8, uint16 or float32, (H, W) or (H, W, 3).
     transfer : str
         Curve of integers: ``"srgb"``, ``"rec709"``, ``"gamma:G"``, ``"linear"``; `Frames` knows its own.
-    step_px : float
-        Pixels per step that at most a hundredth of the pixels exceeds. A pair of frames that moves by no more
-        than a pixel is left alone, whatever this is.
-    most : int
-        Steps per pair of frames, at most.
-    log_eps : float
-        ``eps`` in ln(Y + eps), in which frames are blended; the sensor's.
+    network, step_px, most, log_eps
+        As `Upsampler` takes them.
 
     Yields
     ------
@@ -168,32 +387,15 @@ def upsample(
 
     Raises
     ------
-    ConfigError
-        If OpenCV is missing, or a frame cannot be used.
+    ConfigError, FormatError, OSError
+        As `Upsampler` and `Upsampler.between`.
     """
-    cv2 = _opencv()
-    for what, value in (("step_px", step_px), ("most", most), ("log_eps", log_eps)):
-        if not _check.number(what, value) > 0:
-            raise ConfigError(f"{what} is {value}; it must be above 0")
-    held: tuple[int, Float] | None = None
+    upsampler = Upsampler(network, step_px=step_px, most=most, log_eps=log_eps)
+    held: tuple[int, npt.NDArray[Any]] | None = None
     for t_us, frame in frames:
-        light = _light(np.asarray(frame), transfer)
+        given = (t_us, np.asarray(frame))
+        light = _light(given[1], transfer)
         if held is not None:
-            start_us, before = held
-            if t_us <= start_us:
-                raise ConfigError(
-                    f"t_us is {t_us}; it must be above {start_us}, the time of the frame before"
-                )
-            if light.shape != before.shape:
-                raise ConfigError(f"a frame is of shape {light.shape}; those before it are {before.shape}")
-            pair = _Pair(cv2, before, light, log_eps)
-            motion = pair.motion()
-            steps = 1
-            if motion > _UNDIVIDED_PX:
-                steps = int(np.clip(np.ceil(motion / step_px), 1, min(most, t_us - start_us)))
-            for k in range(1, steps):
-                log = pair.at(k / steps)
-                between = np.maximum(np.exp(log) - np.float32(log_eps), 0).astype(np.float32)
-                yield start_us + round((t_us - start_us) * k / steps), between
+            yield from upsampler.between(held, given, transfer=transfer)
         yield t_us, light
-        held = (t_us, light)
+        held = given

@@ -165,6 +165,7 @@ pub(crate) fn measured(
     let device = gpu.summary();
     Ok(SceneChart {
         scene: name.to_owned(),
+        run_as: None,
         camera: truth.camera.name.clone(),
         of_cameras: scene.cameras.len(),
         width: truth.camera.width,

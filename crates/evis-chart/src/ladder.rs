@@ -391,11 +391,11 @@ impl Ladder {
 /// and eps are those of the chart, as for every other point: truth has one pixel.
 pub fn published() -> Vec<Setting> {
     let warp = |rendered_hz: f64, steps: u32| Setting {
-        published: Some(format!("EVIS {}×{steps}", number(rendered_hz))),
+        published: Some(format!("paper {}×{steps}", number(rendered_hz))),
         ..Setting::splat(Warp::evis_paper(steps).at(rendered_hz, steps), 4, TriggerRule::Latch)
     };
     let rendered = Setting {
-        published: Some("EVIS 1000 Hz".into()),
+        published: Some("paper 1000 Hz".into()),
         ..Setting::native(1000.0, 4, Antialias::Samples, TriggerRule::Latch)
     };
     vec![rendered, warp(250.0, 4), warp(125.0, 8), warp(40.0, 8), warp(30.0, 8)]
@@ -418,7 +418,7 @@ mod tests {
         labels.dedup();
         assert_eq!(labels.len(), before, "labels tell settings apart");
         let named: Vec<_> = all.iter().filter_map(|s| s.published.as_deref()).collect();
-        assert_eq!(named, ["EVIS 1000 Hz", "EVIS 250×4", "EVIS 125×8", "EVIS 40×8", "EVIS 30×8"]);
+        assert_eq!(named, ["paper 1000 Hz", "paper 250×4", "paper 125×8", "paper 40×8", "paper 30×8"]);
         let draft = Setting::quality(Quality::Draft);
         assert_eq!((draft.label(), draft.run_flags()), ("draft".into(), "--quality draft".into()));
         let ran = RunConfig { rate_hz: 4000.0, samples: 4, ..RunConfig::default() };

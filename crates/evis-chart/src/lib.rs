@@ -29,5 +29,5 @@ pub use chart::{ChartSettings, Progress, Stage, chart};
 pub use draw::{Look, PictureKind};
 pub use error::ChartError;
 pub use ladder::{Ladder, Setting};
-pub use recommend::{Goal, Recommendation};
+pub use recommend::{Goal, Recommendation, shell_quoted};
 pub use result::{ChartResult, Lens, Measure, Point, SceneChart};

@@ -86,6 +86,7 @@ pub(crate) fn scene_chart(name: &str) -> SceneChart {
         all.into_iter().partition(|s| s.method == "evis-paper" && s.published.is_some());
     SceneChart {
         scene: name.into(),
+        run_as: None,
         camera: "camera".into(),
         of_cameras: 1,
         width: 160,

@@ -137,16 +137,9 @@ impl SceneChart {
     /// The command that runs `setting` on this scene.
     pub fn command(&self, setting: &Setting) -> String {
         let default = SensorConfig::default();
-        let quoted = |word: &str| {
-            if word.contains(|c: char| c.is_whitespace() || "'\"$`\\&;()<>|*?".contains(c)) {
-                format!("'{}'", word.replace('\'', "'\\''"))
-            } else {
-                word.to_owned()
-            }
-        };
-        let mut scene = quoted(&self.scene);
+        let mut scene = self.run_as.clone().unwrap_or_else(|| shell_quoted(&self.scene));
         if self.of_cameras > 1 {
-            scene += &format!(" --camera {}", quoted(&self.camera));
+            scene += &format!(" --camera {}", shell_quoted(&self.camera));
         }
         let mut line = format!(
             "evis run {scene} -o events.h5 --size {}x{} {}",
@@ -167,6 +160,15 @@ impl SceneChart {
         }
         line
     }
+}
+
+/// `word` as a shell takes it.
+pub fn shell_quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 fn milliseconds(ms: f64) -> String {
@@ -209,6 +211,12 @@ mod tests {
         let several = SceneChart { of_cameras: 2, camera: "left eye".into(), ..scene.clone() };
         let command = several.recommend(Goal::Budget(1000.0), lens).unwrap().command;
         assert!(command.starts_with("evis run spinner --camera 'left eye' -o events.h5"), "{command}");
+
+        let moved = SceneChart { run_as: Some("a.glb --animation Walk".into()), ..several };
+        let command = moved.recommend(Goal::Budget(1000.0), lens).unwrap().command;
+        assert!(command.starts_with("evis run a.glb --animation Walk --camera 'left eye' -o"), "{command}");
+        let words = [shell_quoted("a b"), shell_quoted("it's"), shell_quoted("x=1")];
+        assert_eq!(words, ["'a b'", "'it'\\''s'", "x=1"]);
 
         // A heavier renderer makes each frame dearer, so fewer frames fit.
         let heavy = scene.recommend(Goal::Budget(6000.0), Lens { render_ms: 10.0, ..lens }).unwrap();

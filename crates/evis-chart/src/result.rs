@@ -28,8 +28,11 @@ pub struct ChartResult {
 /// Everything measured on one scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneChart {
-    /// The scene, as it was called.
+    /// The scene, as it was called, with what was changed.
     pub scene: String,
+    /// What `run` is given to open the scene as it was measured: its name or file, and options. `None`: [`Self::scene`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run_as: Option<String>,
     /// The camera.
     pub camera: String,
     /// Cameras of the scene; the others were neither rendered nor timed.

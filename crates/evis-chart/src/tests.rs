@@ -39,14 +39,14 @@ fn the_svg_says_everything() {
         "charged 10 ms",
         "crossing, 16 samples",
         "latch, 4 samples",
-        "Not measured: EVIS 250×4, EVIS 125×8, EVIS 40×8, EVIS 30×8 (method evis-paper",
+        "Not measured: paper 250×4, paper 125×8, paper 40×8, paper 30×8 (method evis-paper",
         "A device, 2 cores",
     ] {
         assert!(all.contains(said), "the picture lacks '{said}':\n{all}");
     }
     let count = |text: &str| texts.iter().filter(|t| *t == text).count();
-    assert_eq!((count("EVIS 1000 Hz"), count("real time"), count("truth's own error")), (4, 4, 4));
-    assert_eq!(count("EVIS 250×4"), 0, "canary: what was not measured is no point");
+    assert_eq!((count("paper 1000 Hz"), count("real time"), count("truth's own error")), (4, 4, 4));
+    assert_eq!(count("paper 250×4"), 0, "canary: what was not measured is no point");
     for scene in &chart.scenes {
         for i in scene.front(crate::Measure::Voxel, look(10.0).lens) {
             let label = scene.points[i].setting.label();

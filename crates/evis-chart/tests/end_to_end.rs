@@ -80,7 +80,7 @@ fn a_scene_becomes_a_chart() {
     made.recommend(Goal::Budget(1.0e9), Lens::default()).unwrap();
     let result = ChartResult::new(vec![made]);
     let back = ChartResult::from_json(&result.to_json().unwrap(), Path::new("r.json")).unwrap();
-    assert!(draw::svg(&back, &Look::default()).unwrap().contains("EVIS 1000 Hz"));
+    assert!(draw::svg(&back, &Look::default()).unwrap().contains("paper 1000 Hz"));
 }
 
 #[test]

@@ -58,27 +58,32 @@ fn scene(card: bool, velocity: DVec3, turn: f64) -> Scene {
     scene
 }
 
-/// F1 within 1 ms, scaled by image speed, and the median time error in microseconds.
-fn accuracy(gpu: &Gpu, scene: Scene) -> (f64, f64, usize) {
+/// F1 within 1 ms, scaled by image speed, and the median time error in microseconds: of what `standard` is on this machine,
+/// and of what it renders where it does.
+fn accuracy(gpu: &Gpu, scene: Scene) -> ([(f64, f64); 2], usize) {
     let settings = TruthSettings {
         duration_us: DURATION_US,
         pixels: PixelChoice::Count(250),
         ..TruthSettings::default()
     };
     let truth = truth(&scene, &settings, &|_| true).unwrap();
-    let mut config = RunConfig {
-        quality: Some(Quality::Standard),
-        reference_luminance: Some(truth.reference_luminance as f32),
-        ..RunConfig::default()
-    };
-    // By rendering: what rests must not be left out there.
-    Quality::Standard.sampling().rendered().apply(Some(gpu), &scene, &mut config).unwrap();
-    let mut simulator = Simulator::new(gpu, Arc::new(scene), config).unwrap();
-    let events = simulator.step(DURATION_US).unwrap().views.remove(0).events;
-    let settings = ScoreSettings { tolerances_us: vec![1000], ..ScoreSettings::default() };
-    let score = score(&events, &truth, &settings).unwrap();
-    let scaled = &score.at(1000).unwrap().scaled;
-    (scaled.f1, scaled.time_error.as_ref().unwrap().median_us, truth.events.len())
+    let scene = Arc::new(scene);
+    let standard = Quality::Standard.sampling();
+    let found = [standard, standard.rendered()].map(|sampling| {
+        let mut config = RunConfig {
+            quality: Some(Quality::Standard),
+            reference_luminance: Some(truth.reference_luminance as f32),
+            ..RunConfig::default()
+        };
+        sampling.apply(Some(gpu), &scene, &mut config).unwrap();
+        let mut simulator = Simulator::new(gpu, Arc::clone(&scene), config).unwrap();
+        let events = simulator.step(DURATION_US).unwrap().views.remove(0).events;
+        let settings = ScoreSettings { tolerances_us: vec![1000], ..ScoreSettings::default() };
+        let score = score(&events, &truth, &settings).unwrap();
+        let scaled = &score.at(1000).unwrap().scaled;
+        (scaled.f1, scaled.time_error.as_ref().unwrap().median_us)
+    });
+    (found, truth.events.len())
 }
 
 #[test]
@@ -97,10 +102,14 @@ fn the_standard_preset_renders_a_background_that_may_move_and_rests() {
         ("three times as fast", passing().at_speed(3.0).unwrap()),
         ("coming nearer", scene(false, DVec3::new(0.0, 0.0, -6.0), 0.0)),
     ] {
-        let (f1, median_us, events) = accuracy(&gpu, scene);
-        eprintln!("{name}: F1 (1 ms) {f1:.4}, median time error {median_us:.1} us, {events} events in truth");
+        let (found, events) = accuracy(&gpu, scene);
         assert!(events > 300, "{name}: {events}");
-        assert!(f1 >= 0.98, "{name}: F1 {f1}");
-        assert!(median_us <= 50.0, "{name}: median {median_us} us");
+        for (how, (f1, median_us)) in ["by default", "rendered"].into_iter().zip(found) {
+            eprintln!(
+                "{name}, {how}: F1 (1 ms) {f1:.4}, median time error {median_us:.1} us, {events} events in truth"
+            );
+            assert!(f1 >= 0.98, "{name}, {how}: F1 {f1}");
+            assert!(median_us <= 50.0, "{name}, {how}: median {median_us} us");
+        }
     }
 }

@@ -6,8 +6,10 @@ use anyhow::Context;
 use evis_chart::result::REAL_TIME_MS;
 use evis_chart::{
     ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, PictureKind, SceneChart, Stage,
+    shell_quoted,
 };
 use evis_render::Gpu;
+use evis_scene::CameraMotion;
 use evis_scene::source::Opening;
 
 use crate::args::{ChartArgs, MeasuringArgs, to_us};
@@ -122,9 +124,9 @@ fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
     for name in &args.scenes {
         let opening = Opening {
             seed,
+            animation: args.animation.animation.clone(),
             speed: args.measuring.speed,
             camera_motion: args.camera_motion.settings(settings.size, settings.camera.as_ref()),
-            ..Opening::default()
         };
         let scene = scene_source::open(name, &opening)?;
         if let Some(camera) = &settings.camera {
@@ -135,23 +137,22 @@ fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
             text::complain(&format!("warning: {warning}"));
         }
         // What a chart is called says what was changed.
-        let name = match args.measuring.speed {
-            Some(speed) => format!("{name} at speed {speed}"),
-            None => name.clone(),
-        };
-        scenes.push((name, scene));
+        let animation = args.animation.animation.as_ref().map(|animation| format!(", animation {animation}"));
+        let speed = args.measuring.speed.map(|speed| format!(" at speed {speed}"));
+        let title = [Some(name.clone()), animation, speed].into_iter().flatten().collect::<String>();
+        scenes.push((title, run_as(name, args), scene));
     }
     let gpu = Gpu::open(args.measuring.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let interrupt = Interrupt::listen();
     let (mut charts, mut ended) = (Vec::new(), None);
-    for (name, scene) in &scenes {
+    for (name, run_as, scene) in &scenes {
         let progress = Progress::new(WHOLE);
         let told = |stage: Stage, part: f64| {
             progress.part(&format!("{name}: {}", stage.name()), part);
             !interrupt.asked()
         };
         match evis_chart::chart(&gpu, name, scene, &settings, &told) {
-            Ok(chart) => charts.push(chart),
+            Ok(chart) => charts.push(SceneChart { run_as: Some(run_as.clone()), ..chart }),
             Err(ChartError::Stopped) => {
                 drop(progress);
                 text::complain(&format!("interrupted; {name} was not measured"));
@@ -165,6 +166,21 @@ fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
         }
     }
     Ok((ChartResult::new(charts), ended))
+}
+
+/// What `run` is given to open `scene` as `args` say.
+fn run_as(scene: &str, args: &ChartArgs) -> String {
+    let motion = &args.camera_motion;
+    let options = [
+        ("--animation", args.animation.animation.clone()),
+        ("--speed", args.measuring.speed.map(|speed| speed.to_string())),
+        ("--start", args.measuring.start.map(|start| start.to_string())),
+        ("--seed", args.measuring.seed.map(|seed| seed.to_string())),
+        ("--camera-motion", motion.camera_motion.as_ref().map(CameraMotion::name)),
+        ("--camera-speed", motion.camera_speed.map(|speed| speed.to_string())),
+    ];
+    let given = options.into_iter().filter_map(|(flag, value)| Some((flag, value?)));
+    given.fold(shell_quoted(scene), |line, (flag, value)| format!("{line} {flag} {}", shell_quoted(&value)))
 }
 
 /// Flags over defaults.

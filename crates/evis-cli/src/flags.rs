@@ -6,7 +6,8 @@ use evis_render::EngineError;
 use crate::failure::bad_input;
 
 /// Fields of a request, and the options that set them.
-const FLAGS: [(&str, &str); 31] = [
+const FLAGS: [(&str, &str); 32] = [
+    ("animation", "--animation"),
     ("settings", "--settings"),
     ("sensor", "--sensor"),
     ("set", "--set"),

@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
+use evis_chart::shell_quoted;
 use evis_core::SensorConfig;
 use evis_core::sensor::NoiseLaw;
 use evis_core::words::did_you_mean;
@@ -111,8 +112,8 @@ const OPTIONS: [(&str, Values, Meaning); 60] = [
 
 /// Prints our command line, and what it leaves out on standard error.
 pub(crate) fn from_v2e(args: &FromV2eArgs, program: &str) -> anyhow::Result<i32> {
-    let (words, notes) = translate(&args.line)?;
-    let line: Vec<_> = words.iter().map(|word| quoted(word)).collect();
+    let (words, notes) = translate(&args.line, program)?;
+    let line: Vec<_> = words.iter().map(|word| shell_quoted(word)).collect();
     text::say(&format!("{program} {}", line.join(" ")));
     for note in notes {
         text::complain(&format!("note: {note}"));
@@ -145,7 +146,7 @@ struct Line {
 }
 
 /// Our arguments, and what they leave out.
-fn translate(given: &[String]) -> anyhow::Result<(Vec<String>, Vec<String>)> {
+fn translate(given: &[String], program: &str) -> anyhow::Result<(Vec<String>, Vec<String>)> {
     let mut line = Line::default();
     // `python v2e.py --input …`, `v2e -i …`: what comes before the first option is the program.
     let mut words = given.iter().skip_while(|word| !word.starts_with('-')).peekable();
@@ -173,7 +174,7 @@ fn translate(given: &[String]) -> anyhow::Result<(Vec<String>, Vec<String>)> {
         }
         line.take(name, *meaning, value.unwrap_or_default())?;
     }
-    line.words()
+    line.words(program)
 }
 
 impl Line {
@@ -225,7 +226,7 @@ impl Line {
     }
 
     /// Our arguments, and what they leave out.
-    fn words(mut self) -> anyhow::Result<(Vec<String>, Vec<String>)> {
+    fn words(mut self, program: &str) -> anyhow::Result<(Vec<String>, Vec<String>)> {
         let Some(input) = self.input.take() else {
             return Err(bad_input("v2e's command line names no input; add --input FILE to it"));
         };
@@ -280,10 +281,13 @@ impl Line {
         if self.force {
             words.push("--force".into());
         }
-        if !self.without_slomo {
+        // Only the Python package can.
+        if !self.without_slomo && program == "evis" {
+            words.push("--upsample".into());
+        } else if !self.without_slomo {
             self.notes.push(
-                "v2e puts frames between the film's own unless --disable_slomo is given; `video` does not: \
-                 evis.flow.upsample does in Python (docs/video.md)"
+                "v2e puts frames between the film's own unless --disable_slomo is given; `evis video --upsample`, the command of \
+                 the Python package, does too"
                     .into(),
             );
         }
@@ -334,28 +338,19 @@ fn rounded(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// `word` as a shell takes it.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', "'\\''"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn told(line: &str) -> (String, String) {
         let given: Vec<_> = line.split(' ').map(str::to_owned).collect();
-        let (words, notes) = translate(&given).unwrap();
+        let (words, notes) = translate(&given, "evis-rs").unwrap();
         (words.join(" "), notes.join("\n"))
     }
 
     fn refused(line: &str) -> String {
         let given: Vec<_> = line.split(' ').map(str::to_owned).collect();
-        translate(&given).unwrap_err().to_string()
+        translate(&given, "evis-rs").unwrap_err().to_string()
     }
 
     #[test]
@@ -379,7 +374,10 @@ mod tests {
             notes.contains("threshold_on=0.3 is left out") && notes.contains("--crop is left out"),
             "{notes}"
         );
-        assert!(told("-i in.mp4").1.contains("evis.flow.upsample"));
+        assert!(told("-i in.mp4").1.contains("evis video --upsample"));
+        let (words, notes) = translate(&["-i".to_owned(), "in.mp4".to_owned()], "evis").unwrap();
+        assert_eq!(words.join(" "), "video in.mp4 -o events.h5 --like v2e --upsample");
+        assert!(notes.is_empty(), "{notes:?}");
     }
 
     #[test]
@@ -416,7 +414,6 @@ mod tests {
             told("-i in.mp4 --pos_thres 0.2 --output_width 64 --output_height 48 --dvs_aedat4 a --dvs_h5 b");
         let words = ["evis-rs"].into_iter().chain(line.split(' '));
         crate::args::help::command("evis-rs").try_get_matches_from(words).unwrap();
-        assert_eq!([quoted("a b"), quoted("it's"), quoted("x=1")], ["'a b'", "'it'\\''s'", "x=1"]);
     }
 
     #[test]

@@ -33,9 +33,15 @@ mod verify;
 mod video;
 mod warnings;
 
+use std::path::Path;
+
 use clap::FromArgMatches;
+use evis_video::{Upsampler, VideoError};
 
 use crate::args::{Cli, Command};
+
+/// Makes what `video --upsample` puts between frames: by the network in a file, or by optical flow.
+pub type MakeUpsampler = dyn Fn(Option<&Path>) -> Result<Box<dyn Upsampler>, VideoError> + Sync;
 
 /// Runs the command line `args` (program name first) and returns the exit code: 0 for success, 2 for bad
 /// input (arguments, files, no usable device, no space), 1 for a failure, 130 when interrupted.
@@ -43,6 +49,14 @@ use crate::args::{Cli, Command};
 /// Help texts show the program name of `args[0]`. While it runs, SIGINT and SIGTERM end the stream in good
 /// order: the file is finished; a second one ends the process.
 pub fn run(args: Vec<String>) -> i32 {
+    run_with(args, &|_| {
+        let told = "evis-rs has no optical flow and runs no network; `evis video`, the command of the Python package, does";
+        Err(VideoError::Between(told.into()))
+    })
+}
+
+/// As [`run`], with `upsampler` for `video --upsample`.
+pub fn run_with(args: Vec<String>, upsampler: &MakeUpsampler) -> i32 {
     let (cli, program) = match parse(args) {
         Ok(parsed) => parsed,
         Err(error) => {
@@ -60,7 +74,7 @@ pub fn run(args: Vec<String>) -> i32 {
     let done = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Tune(args) => tune::tune(&args),
-        Command::Video(args) => video::video(&args),
+        Command::Video(args) => video::video(&args, upsampler),
         Command::FromV2e(args) => from_v2e::from_v2e(&args, program),
         Command::Preview(args) => preview::preview(&args),
         Command::Chart(args) => chart::chart(&args, program),

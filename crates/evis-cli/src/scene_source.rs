@@ -5,6 +5,8 @@ use std::path::Path;
 use evis_scene::source::Opening;
 use evis_scene::{Scene, SceneError, builtin};
 
+use crate::flags;
+
 /// Names of the built-in scenes, each with what it shows.
 pub(crate) fn builtins() -> &'static [(&'static str, &'static str)] {
     builtin::names()
@@ -17,7 +19,17 @@ pub(crate) fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError>
             "{source} is a film, or frames, and no scene; `video {source} -o OUT.h5` turns it into events"
         )));
     }
-    evis_physics::open(source, opening)
+    if is_recording(source) {
+        return Err(SceneError::Rule(format!(
+            "{source} is a file of events, and no scene; `info {source}` and `preview {source} -o OUT.png` show it, and \
+             `run SCENE --settings {source}` simulates with its settings"
+        )));
+    }
+    let mut scene = evis_physics::open(source, opening)?;
+    for warning in &mut scene.warnings {
+        *warning = flags::in_text(warning);
+    }
+    Ok(scene)
 }
 
 /// Endings of films, and of arrays of frames.
@@ -29,6 +41,13 @@ fn is_film(source: &str) -> bool {
     let path = Path::new(source);
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     ending.is_some_and(|ending| FILMS.contains(&ending.as_str())) || path.is_dir()
+}
+
+/// Whether `source` is a recording that exists.
+fn is_recording(source: &str) -> bool {
+    let path = Path::new(source);
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    path.is_file() && ending.is_some_and(|ending| ["h5", "hdf5"].contains(&ending.as_str()))
 }
 
 /// What is said of a scene in which nothing changes for `cameras` (all, if empty).

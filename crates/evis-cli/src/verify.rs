@@ -10,6 +10,7 @@ use evis_chart::verify::{
 };
 use evis_chart::{ChartError, PictureKind, Stage};
 use evis_render::Gpu;
+use evis_scene::Scene;
 use evis_scene::source::Opening;
 
 use crate::args::{VerifyArgs, to_us};
@@ -29,10 +30,9 @@ pub(crate) fn verify(args: &VerifyArgs) -> anyhow::Result<i32> {
         PictureKind::of(output)?;
         check_parent(output, "--output")?;
     }
-    if let (Some(flag), None, None) = (args.camera_motion.given(), &args.what.scene, &args.what.light) {
-        return Err(bad_input(format!(
-            "{flag} moves the camera of a scene; add --scene SCENE or --light SCENE"
-        )));
+    let given = args.animation.given().or(args.camera_motion.given());
+    if let (Some(flag), None, None) = (given, &args.what.scene, &args.what.light) {
+        return Err(bad_input(format!("{flag} is for a scene; add --scene SCENE or --light SCENE")));
     }
     if args.what.failures {
         let Some(report) = survive(args)? else { return interrupted() };
@@ -101,6 +101,29 @@ fn survive(args: &VerifyArgs) -> anyhow::Result<Option<FailureReport>> {
     }
 }
 
+/// The scene `name`, seen by `camera`, and what its loader has to say.
+fn open(
+    name: &str,
+    args: &VerifyArgs,
+    size: Option<(u32, u32)>,
+    camera: Option<&String>,
+) -> anyhow::Result<Scene> {
+    let opening = Opening {
+        seed: args.common.seed.unwrap_or(0),
+        animation: args.animation.animation.clone(),
+        speed: None,
+        camera_motion: args.camera_motion.settings(size, camera),
+    };
+    let scene = scene_source::open(name, &opening)?;
+    if let Some(camera) = camera {
+        scene.camera(camera)?;
+    }
+    for warning in &scene.warnings {
+        text::complain(&format!("warning: {warning}"));
+    }
+    Ok(scene)
+}
+
 /// Light at one instant; `None` where it was interrupted.
 fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
     let common = &args.common;
@@ -121,18 +144,7 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
         shadows: args.shadows.unwrap_or(default.shadows),
         worst: default.worst,
     };
-    let opening = Opening {
-        seed: common.seed.unwrap_or(0),
-        camera_motion: args.camera_motion.settings(settings.size, settings.camera.as_ref()),
-        ..Opening::default()
-    };
-    let scene = scene_source::open(name, &opening)?;
-    if let Some(camera) = &settings.camera {
-        scene.camera(camera)?;
-    }
-    for warning in &scene.warnings {
-        text::complain(&format!("warning: {warning}"));
-    }
+    let scene = open(name, args, settings.size, settings.camera.as_ref())?;
     let gpu = Gpu::open(common.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let interrupt = Interrupt::listen();
     let progress = Progress::new(WHOLE);
@@ -151,18 +163,7 @@ fn light(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<LightReport>> {
 fn measure(name: &str, args: &VerifyArgs) -> anyhow::Result<Option<SceneReport>> {
     let settings = settings(args);
     settings.settings()?;
-    let opening = Opening {
-        seed: args.common.seed.unwrap_or(0),
-        camera_motion: args.camera_motion.settings(settings.size, settings.camera.as_ref()),
-        ..Opening::default()
-    };
-    let scene = scene_source::open(name, &opening)?;
-    if let Some(camera) = &settings.camera {
-        scene.camera(camera)?;
-    }
-    for warning in &scene.warnings {
-        text::complain(&format!("warning: {warning}"));
-    }
+    let scene = open(name, args, settings.size, settings.camera.as_ref())?;
     let settings = SceneSettings { cache: cache_folder(args.common.cache.as_deref()), ..settings };
     let gpu = Gpu::open(args.common.device.as_deref()).map_err(|e| bad_input(e.to_string()))?;
     let interrupt = Interrupt::listen();

@@ -17,10 +17,10 @@ use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
 use crate::outputs::{check_beside, check_free, check_output, check_parent};
 use crate::progress::Progress;
 use crate::trace::Trace;
-use crate::{flags, sensor_source, text};
+use crate::{MakeUpsampler, flags, sensor_source, text};
 
 /// Converts and tells.
-pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
+pub(crate) fn video(args: &VideoArgs, upsampler: &MakeUpsampler) -> anyhow::Result<i32> {
     let outputs = Outputs::of(&args.output)?;
     if let Some(report) = &args.report {
         let mut taken: Vec<_> = args.output.iter().map(|output| ("--output", output.as_path())).collect();
@@ -64,9 +64,14 @@ pub(crate) fn video(args: &VideoArgs) -> anyhow::Result<i32> {
         duration_us: args.duration.map(to_us),
         ..SourceConfig::new(&args.input)
     };
+    let upsampler = args.upsample.as_ref().map(|network| upsampler(network.as_deref())).transpose()?;
     // From here on Ctrl-C leaves a whole file.
     let interrupt = Interrupt::listen();
     let stream = VideoStream::new(FrameSource::open(source)?, config)?;
+    let stream = match upsampler {
+        Some(upsampler) => stream.upsampled(upsampler),
+        None => stream,
+    };
     let progress =
         Progress::new(stream.source().duration_us().and_then(|us| u64::try_from(us).ok()).unwrap_or(0));
     let started = Instant::now();
@@ -165,6 +170,10 @@ fn summary(report: &VideoReport, is_temporary: bool) -> String {
     let VideoReport { width, height, frames, stream_s, wall_s, events, .. } = report;
     let per = |seconds: f64| text::short(if seconds > 0.0 { *events as f64 / seconds } else { 0.0 });
     let stopped = if report.interrupted { " (interrupted; the file is complete up to here)" } else { "" };
+    let between = match report.between {
+        0 => String::new(),
+        count => format!(" and {} between them", text::grouped(count)),
+    };
     let file = if is_temporary { "no recording".into() } else { report.output.display().to_string() };
     let mut lines = vec![
         format!("file     {file}  ({width}x{height})"),
@@ -178,7 +187,7 @@ fn summary(report: &VideoReport, is_temporary: bool) -> String {
             "time     {stream_s} s of stream{stopped} in {wall_s:.1} s, {} × real time",
             text::significant(stream_s / wall_s.max(1.0e-9))
         ),
-        format!("frames   {}, {}, curve {}", text::grouped(*frames), report.kind, report.transfer),
+        format!("frames   {}{between}, {}, curve {}", text::grouped(*frames), report.kind, report.transfer),
     ];
     for (what, count) in [
         ("unknown pixels", report.unknown),

@@ -35,6 +35,7 @@ fn bad_input_is_told_before_any_work() {
     refused(&folder, "chart spinner --camera nobody", &["nobody"]);
     refused(&folder, "chart spinner --from newer.json", &["--from"]);
     refused(&folder, "chart --from newer.json --size 32x24", &["--from", "--size"]);
+    refused(&folder, "chart --from newer.json --animation up", &["--from", "--animation"]);
     refused(&folder, "chart --from newer.json -o x.png", &["newer.json", "version 99"]);
     refused(&folder, "chart --from none.json", &["none.json", "no scene"]);
     refused(&folder, "chart --from other.json", &["other.json", "no chart"]);
@@ -70,7 +71,7 @@ fn a_scene_is_charted_and_drawn_again() {
         "both usual goals are spoken of:\n{told}"
     );
     let svg = std::fs::read_to_string(folder.file("a.svg")).unwrap();
-    assert!(svg.contains("32×24 pixels") && svg.contains("EVIS 1000 Hz"));
+    assert!(svg.contains("32×24 pixels") && svg.contains("paper 1000 Hz"));
     assert!(image::open(folder.file("a.png")).unwrap().width() > 1000);
     let read = |name: &str| -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(folder.file(name)).unwrap()).unwrap()

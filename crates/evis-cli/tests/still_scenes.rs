@@ -245,7 +245,10 @@ fn a_scene_is_previewed_as_one_picture_at_a_time_of_its_animation() {
     };
     let ([left, right], said) = shown("");
     assert!((left - right).abs() < 1.0 && left > 3.0, "at first it is in the middle: {left} {right}");
-    assert!(said.contains("animation 'left' plays") && said.contains("right"), "{said}");
+    assert!(
+        said.contains("animation 'left' plays; --animation chooses another of the file: right"),
+        "{said}"
+    );
     let ([left, right], _) = shown("--at 1");
     assert!(left > 4.0 * right, "the first animation: {left} {right}");
     for other in ["right", "1"] {
@@ -254,6 +257,51 @@ fn a_scene_is_previewed_as_one_picture_at_a_time_of_its_animation() {
     }
     let info = json(&evis(&folder, "info quad.gltf --json"));
     assert_eq!(info["classes"][0], serde_json::json!({"id": 5, "name": "sign"}));
+}
+
+#[test]
+fn settings_of_a_recording_play_what_was_recorded_of_the_same_scene() {
+    let folder = folder("again");
+    std::fs::write(folder.file("quad.gltf"), quad()).unwrap();
+    std::fs::write(folder.file("other.gltf"), quad()).unwrap();
+    let run = |line: &str| {
+        let output = evis(&folder, &format!("run {line} --force --json --quality draft"));
+        assert_eq!(code(&output), 0, "{line}\n{}", stderr(&output));
+        (json(&output), stderr(&output))
+    };
+    let again = |line: &str| {
+        let output = evis(&folder, &format!("run {line} -o b.h5 --force --json --settings a.h5"));
+        assert_eq!(code(&output), 0, "{line}\n{}", stderr(&output));
+        (json(&output), stderr(&output))
+    };
+    let of = |report: &serde_json::Value| {
+        let settings = &report["settings"];
+        let kept = ["animation", "speed", "duration_s"].map(|key| settings[key].clone());
+        (kept, report["events"].clone(), report["on"].clone())
+    };
+    let (first, _) = run("quad.gltf -o a.h5 --animation right --speed 2 --duration 0.3 --size 64x48");
+    assert!(first["events"].as_u64().unwrap() > 50, "{first}");
+    let (second, said) = again("quad.gltf");
+    assert_eq!(of(&second), of(&first));
+    assert!(said.contains("settings of a.h5: animation 'right', speed 2, 0.3 s"), "{said}");
+    let (faster, _) = again("quad.gltf --speed 4 --duration 0.1");
+    assert_eq!(of(&faster).0, ["right".into(), 4.0.into(), 0.1.into()] as [serde_json::Value; 3]);
+    // Another scene has its own.
+    let (other, said) = again("other.gltf --duration 0.3");
+    assert_eq!(of(&other).0, ["left".into(), 1.0.into(), 0.3.into()] as [serde_json::Value; 3]);
+    assert!(!said.contains("settings of"), "{said}");
+    assert_ne!(of(&other).1, of(&first).1, "canary");
+
+    // What moved the camera moves it again.
+    let (first, _) =
+        run("still.toml -o a.h5 --camera-motion dolly --camera-speed 300 --duration 0.05 --size 64x48");
+    let (second, said) = again("still.toml");
+    assert_eq!(second["settings"]["camera_motion"], first["settings"]["camera_motion"]);
+    assert_eq!(of(&second), of(&first));
+    assert!(said.contains("camera motion dolly"), "{said}");
+    let refused = evis(&folder, "run a.h5 -o c.h5");
+    let said = stderr(&refused);
+    assert!(code(&refused) == 2 && said.contains("`run SCENE --settings a.h5`"), "{said}");
 }
 
 #[test]
@@ -269,6 +317,11 @@ fn what_scenes_and_recordings_do_not_take_is_refused() {
         ("info quad.gltf --animation 2", "no animation named '2'; there is left, right"),
         ("run quad.gltf -o x.h5 --animation up", "no animation named 'up'; there is left, right"),
         ("run spinner -o x.h5 --animation up", "animation is 'up', but spinner is no .gltf or .glb file"),
+        ("verify --scene quad.gltf --animation up", "no animation named 'up'; there is left, right"),
+        ("verify --light quad.gltf --animation up", "no animation named 'up'; there is left, right"),
+        ("verify --animation up", "--animation is for a scene; add --scene SCENE or --light SCENE"),
+        ("chart quad.gltf --animation up", "no animation named 'up'; there is left, right"),
+        ("truth quad.gltf -o x.h5 --animation up", "no animation named 'up'; there is left, right"),
         ("info a.h5 --animation up", "--animation is 'up', but a.h5 is no scene"),
         ("preview a.h5 -o x.png --animation up", "--animation is for scenes, and a.h5 is none"),
         ("preview a.h5 -o x.png --size 64x48", "--size is for scenes, and a.h5 is none"),

@@ -242,8 +242,10 @@ fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes()
     let version = env!("CARGO_PKG_VERSION");
     std::fs::write(folder.file("typo.toml"), format!("evis = \"{version}\"\n[run]\nsample = 3\n")).unwrap();
     refused("--settings other.toml", &["other.toml", "7.1.0", version]);
-    refused("--settings none.toml", &["none.toml", "evis tune"]);
-    refused("--settings typo.toml", &["typo.toml", "sample"]);
+    refused("--settings none.toml", &["none.toml is no settings file", "evis tune"]);
+    std::fs::write(folder.file("picture.toml"), [0x89, b'P', b'N', b'G', 0xff]).unwrap();
+    refused("--settings picture.toml", &["picture.toml is no settings file (it is no text)"]);
+    refused("--settings typo.toml", &["typo.toml", "sample", "did you mean 'samples'"]);
     refused("--settings gone.toml", &["gone.toml"]);
     refused("--settings draft.h5 --quality high", &["quality", "high", "settings file"]);
     refused("--quality high --method splat", &["quality", "high", "splat"]);

@@ -140,6 +140,11 @@ fn several_formats_hold_the_same_events() {
         ("video a.npy -o c.h5 -o c.xyz --fps 1000", "tells no format"),
         ("video a.npy -o c.h5 -o a.raw --fps 1000", "--force"),
         ("video a.npy -o c.h5 --fps 1000 --set noise.shot=1", "did you mean"),
+        (
+            "video a.npy -o c.h5 --fps 1000 --upsample",
+            "`evis video`, the command of the Python package, does",
+        ),
+        ("video --upsample a.npy -o c.h5 --fps 1000", "put --upsample behind the input"),
     ] {
         let output = evis(&folder, line);
         assert_eq!(code(&output), 2, "{line}");

@@ -38,6 +38,25 @@ pub fn did_you_mean<'w>(word: &str, known: impl Iterator<Item = &'w str>) -> Str
     nearest(word, known).map_or_else(String::new, |near| format!(" (did you mean '{near}'?)"))
 }
 
+/// Number of the line of `text` that byte `at` stands in, from 1.
+pub fn line_of(text: &str, at: usize) -> usize {
+    text.get(..at).unwrap_or(text).matches('\n').count() + 1
+}
+
+/// `message`, which serde gives of a text, with the nearest key where one is unknown.
+pub fn of_serde(message: &str) -> String {
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    match quoted.next() {
+        Some(key) if message.starts_with("unknown field") => {
+            let known: Vec<_> = quoted.collect();
+            let hint = did_you_mean(key, known.iter().copied());
+            let hint = if hint.is_empty() { format!("; it takes {}", known.join(", ")) } else { hint };
+            format!("unknown key '{key}'{hint}")
+        }
+        _ => message.replace('`', "'"),
+    }
+}
+
 /// Implements [`Word`] for an enum: variant, word, what it means.
 #[macro_export]
 macro_rules! words {

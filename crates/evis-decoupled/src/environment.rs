@@ -130,6 +130,26 @@ mod tests {
     use super::*;
 
     #[test]
+    fn at_a_corner_of_the_cube_light_is_the_mean_of_three_faces() {
+        const SIZE: usize = 4;
+        for corner in 0..8 {
+            let signs = [0, 1, 2].map(|axis| if corner >> axis & 1 == 0 { 1.0 } else { -1.0 });
+            let direction = DVec3::from_array(signs);
+            // Of each face the texel at the corner has light of its own, which sums keep apart; the others have far more.
+            let value = |index: usize| {
+                let centre = |k: usize| (2 * k + 1) as f64 / SIZE as f64 - 1.0;
+                let (face, s, t) = (index / SIZE.pow(2), centre(index % SIZE), centre(index / SIZE % SIZE));
+                let nearest = cube_direction(face, s, t).normalize().dot(direction.normalize()) > 0.95;
+                Vec4::splat(if nearest { (1 << face) as f32 } else { 1e6 })
+            };
+            let light = Level::new(SIZE, value).at(direction);
+            let faces = (0..3).map(|axis| 2 * axis + (corner >> axis & 1));
+            let mean = faces.map(|face| (1 << face) as f32).sum::<f32>() / 3.0;
+            assert!((light - Vec4::splat(mean)).abs().max_element() < 1e-5, "{signs:?}: {light}, not {mean}");
+        }
+    }
+
+    #[test]
     fn light_from_all_around_is_the_scenes() {
         // Noise, so that neighbours differ.
         let value =

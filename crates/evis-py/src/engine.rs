@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, LensDistortion, Polarity};
 use evis_render::{DeviceSummary, EngineError, RunConfig};
-use evis_scene::{AppliedMotion, Image, SceneError};
+use evis_scene::{Image, SceneError};
 use half::f16;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -222,18 +222,21 @@ pub(crate) fn probe(py: Python<'_>, kind: &str) -> PyResult<Py<PyAny>> {
 
 /// Everything that makes a stream what it is, as event files store it.
 pub(crate) fn config_toml(
-    scene: &str,
+    scene: &evis_scene::Scene,
     environments: usize,
-    camera_motion: Option<&AppliedMotion>,
     config: &RunConfig,
 ) -> Result<String, Failure> {
     let unstorable =
         |error: toml::ser::Error| Failure::Config(format!("the settings cannot be stored: {error}"));
     let mut table = toml::Table::new();
     table.insert("evis".into(), env!("CARGO_PKG_VERSION").into());
-    table.insert("scene".into(), scene.into());
+    table.insert("scene".into(), scene.name.as_str().into());
+    table.insert("speed".into(), scene.speed.unwrap_or(1.0).into());
+    if let Some(animation) = &scene.animation {
+        table.insert("animation".into(), animation.as_str().into());
+    }
     table.insert("environments".into(), toml::Value::try_from(environments).map_err(unstorable)?);
-    if let Some(moved) = camera_motion {
+    if let Some(moved) = &scene.camera_motion {
         table.insert("camera_motion".into(), toml::Value::try_from(moved).map_err(unstorable)?);
     }
     table.insert("run".into(), toml::Value::try_from(config).map_err(unstorable)?);

@@ -123,7 +123,7 @@ mod _evis {
     /// Runs the command line; returns its exit code.
     #[pyfunction]
     fn run_cli(py: Python<'_>, args: Vec<String>) -> PyResult<i32> {
-        py.detach_engine(|| Ok::<_, Failure>(evis_cli::run(args)))
+        py.detach_engine(|| Ok::<_, Failure>(evis_cli::run_with(args, &crate::video::upsampler)))
     }
 
     /// For tests: what `kind` names, of exceptions, the released GIL and the ownership of arrays, without a device.

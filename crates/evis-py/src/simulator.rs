@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::task::Poll;
 
 use evis_core::CameraInfo;
+use evis_render::settings::RecordedScene;
 use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, RunRequest, implausible};
 use evis_scene::{HostJump, HostPose, HostStep, MaterialChange, VisibleSteps};
 use pyo3::prelude::*;
@@ -26,7 +27,6 @@ pub(crate) struct Simulator {
     cameras: Vec<CameraInfo>,
     environments: usize,
     config: RunConfig,
-    scene: String,
     notes: Vec<String>,
     warnings: Vec<String>,
     /// The scene that is rendered.
@@ -48,6 +48,17 @@ fn sizes(cameras: &[CameraInfo]) -> Vec<(u32, u32)> {
     cameras.iter().map(|camera| (camera.width, camera.height)).collect()
 }
 
+/// What is said where a scene plays another animation than in the recording whose settings are taken.
+fn other_animation(recorded: &RecordedScene, scene: &evis_scene::Scene) -> Option<String> {
+    let (recorded, playing) = (recorded.animation.as_deref()?, scene.animation.as_deref()?);
+    (recorded != playing).then(|| {
+        format!(
+            "the recording whose settings are taken plays animation '{recorded}', and the scene '{playing}'; \
+             Scene.load(…, animation='{recorded}') plays the same"
+        )
+    })
+}
+
 #[pymethods]
 impl Simulator {
     #[new]
@@ -56,21 +67,20 @@ impl Simulator {
         let own = scene.shared();
         let scene = py.detach_engine(|| settled.moved(&own))?;
         settled.take_sensors(&scene).map_err(Failure::from)?;
-        let name = scene.name.clone();
         let moved = Arc::clone(&scene);
+        let other = other_animation(&settled.recorded(&scene.name), &scene);
         let stopped = AtomicBool::new(false);
         let prepare = || {
             let gpu = Gpu::open_any(device.as_deref())?;
             let (config, notes) = settled.configure(gpu.as_ref(), &scene)?;
             let duration_s = scene.duration_s.unwrap_or(1.0);
             let left_us = ((duration_s * 1e6) as i64 - config.start_us).max(0);
-            let warnings = implausible(&scene, &config, left_us);
+            let warnings = implausible(&scene, &config, left_us).into_iter().chain(other).collect();
             let simulator = evis_render::Simulator::new(gpu.as_ref(), scene, config)?;
             Ok::<_, Failure>(Self {
                 cameras: simulator.cameras().to_vec(),
                 environments: simulator.environments(),
                 config: simulator.config().clone(),
-                scene: name,
                 notes,
                 warnings,
                 moved,
@@ -115,8 +125,7 @@ impl Simulator {
     /// The settings in force as TOML, with `reference_luminance` filled in; what event files store.
     #[getter]
     fn config_toml(&self) -> PyResult<String> {
-        engine::config_toml(&self.scene, self.environments, self.moved.camera_motion.as_ref(), &self.config)
-            .map_err(Into::into)
+        engine::config_toml(&self.moved, self.environments, &self.config).map_err(Into::into)
     }
 
     /// What the preset could not have on this scene and device.

@@ -93,7 +93,8 @@ impl FromStr for CameraMotion {
 }
 
 impl CameraMotion {
-    fn name(&self) -> String {
+    /// Its word, or its path; [`Self::from_str`] reads it.
+    pub fn name(&self) -> String {
         match self {
             Self::File(path) => path.display().to_string(),
             word => WORDS.iter().find(|(_, m)| m == word).map_or("", |(word, _)| word).to_owned(),

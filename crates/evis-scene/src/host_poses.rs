@@ -55,11 +55,6 @@ impl HostJump<'_> {
         let visible = self.visible.iter().map(|(environment, ..)| *environment);
         poses.chain(visible).chain(self.materials.iter().map(|(environment, ..)| *environment))
     }
-
-    /// Whether nothing is said.
-    pub const fn is_empty(&self) -> bool {
-        self.poses.is_empty() && self.visible.is_empty() && self.materials.is_empty()
-    }
 }
 
 /// A node that a host moves.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DMat4, DQuat, DVec3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::interpolate::{hermite, slerp, unit};
 use crate::track::Track;
@@ -708,7 +708,7 @@ impl Waveform {
 }
 
 /// How a scene's cameras were moved, as recordings store it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AppliedMotion {
     /// `none`, `orbit`, `dolly`, `shake`, or a file of poses.
     pub motion: String,

@@ -4,10 +4,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, ConfigError, EmulatorConfig, Event, EventEmulator, Sensor, SensorConfig};
+use evis_core::{
+    CameraInfo, ConfigError, EmulatorConfig, Event, EventEmulator, Sensor, SensorConfig, Transfer,
+};
 use serde::Serialize;
 
 use crate::error::VideoError;
+use crate::picture::Picture;
 use crate::source::{FrameSource, TimedFrame, name};
 
 /// What makes events of frames.
@@ -37,11 +40,34 @@ impl Default for VideoConfig {
     }
 }
 
+/// Puts frames between frames: an optical flow, a network.
+pub trait Upsampler: Send + std::fmt::Debug {
+    /// What recordings call it.
+    fn name(&self) -> String;
+
+    /// Frames between `before` and `after`, of their size, with their times, in order: linear light, one channel. Integers are
+    /// read through `transfer`.
+    ///
+    /// # Errors
+    /// [`VideoError::Between`]: frames that it cannot use.
+    fn between(
+        &mut self,
+        before: &TimedFrame,
+        after: &TimedFrame,
+        transfer: Transfer,
+    ) -> Result<Vec<(i64, Picture)>, VideoError>;
+}
+
 /// Frames on their way through a sensor.
 #[derive(Debug)]
 pub struct VideoStream {
     source: FrameSource,
     config: VideoConfig,
+    upsampler: Option<Box<dyn Upsampler>>,
+    /// The last frame, where an upsampler needs it.
+    before: Option<TimedFrame>,
+    /// Frames that were put between those of the source.
+    between: u64,
     /// Made when the first frame says how large it is.
     emulator: Option<EventEmulator>,
     frames: u64,
@@ -72,7 +98,23 @@ impl VideoStream {
             let remedy = "between 1e-30 and 1e30";
             return Err(ConfigError::new("reference_luminance", config.reference_luminance, remedy).into());
         }
-        Ok(Self { source, config, emulator: None, frames: 0, end_us: 0, doubt: None })
+        Ok(Self {
+            source,
+            config,
+            upsampler: None,
+            before: None,
+            between: 0,
+            emulator: None,
+            frames: 0,
+            end_us: 0,
+            doubt: None,
+        })
+    }
+
+    /// With frames of `upsampler` between those of the source.
+    #[must_use]
+    pub fn upsampled(self, upsampler: Box<dyn Upsampler>) -> Self {
+        Self { upsampler: Some(upsampler), ..self }
     }
 
     /// Where frames come from.
@@ -88,13 +130,20 @@ impl VideoStream {
     /// Reads a frame; gives the events since the one before, none for the first. `None` after the last frame.
     ///
     /// # Errors
-    /// As [`FrameSource::next_frame`], and frames that the sensor refuses.
+    /// As [`FrameSource::next_frame`] and [`Upsampler::between`], and frames that the sensor refuses.
     pub fn next_events(&mut self) -> Result<Option<FrameEvents>, VideoError> {
         let next = tracing::trace_span!("decode frame").in_scope(|| self.source.next_frame())?;
-        let Some(TimedFrame { index, t_us, picture }) = next else { return Ok(None) };
+        let Some(frame) = next else { return Ok(None) };
+        let (picture, transfer) = (&frame.picture, self.source.transfer());
         if self.emulator.is_none() {
             self.doubt = picture.values.hardly_light(self.config.reference_luminance);
         }
+        let between = match (&mut self.upsampler, &self.before) {
+            (Some(upsampler), Some(before)) => {
+                tracing::trace_span!("upsample").in_scope(|| upsampler.between(before, &frame, transfer))?
+            }
+            _ => Vec::new(),
+        };
         let emulator = match &mut self.emulator {
             Some(emulator) => emulator,
             none => none.insert(EventEmulator::new(EmulatorConfig {
@@ -107,12 +156,27 @@ impl VideoStream {
                 ..EmulatorConfig::default()
             })?),
         };
-        let mut lists = [Vec::new()];
-        tracing::trace_span!("emulate sensor", t_us)
-            .in_scope(|| emulator.push_into(&picture.frames(self.source.transfer()), t_us, &mut lists))?;
-        let [events] = lists;
+        let mut events = Vec::new();
+        // A sensor sees frames of one kind: those between are light, of one channel.
+        let light = match &self.upsampler {
+            Some(_) => Some(picture.resized(picture.width, picture.height, transfer)?),
+            None => None,
+        };
+        let between: Vec<_> =
+            between.into_iter().map(|(t_us, made)| (t_us, made.repeated(picture.channels))).collect();
+        let given = (frame.t_us, light.as_ref().unwrap_or(picture));
+        for (t_us, picture) in between.iter().map(|(t_us, picture)| (*t_us, picture)).chain([given]) {
+            let mut lists = [Vec::new()];
+            tracing::trace_span!("emulate sensor", t_us)
+                .in_scope(|| emulator.push_into(&picture.frames(transfer), t_us, &mut lists))?;
+            let [fired] = lists;
+            events.extend(fired);
+        }
         self.frames += 1;
-        self.end_us = t_us;
+        self.between += between.len() as u64;
+        self.end_us = frame.t_us;
+        let (index, t_us) = (frame.index, frame.t_us);
+        self.before = self.upsampler.is_some().then_some(frame);
         Ok(Some(FrameEvents { index, t_us, events }))
     }
 }
@@ -147,6 +211,8 @@ pub struct VideoReport {
     pub height: u32,
     /// Frames that were used.
     pub frames: u64,
+    /// Frames that were put between them.
+    pub between: u64,
     /// Time of the first one as the source counts it, microseconds.
     pub offset_us: i64,
     /// From the first to the last one, seconds.
@@ -187,6 +253,9 @@ struct StoredSource {
     kind: &'static str,
     clock: String,
     transfer: String,
+    /// What made frames between frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    upsampler: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -257,6 +326,7 @@ pub fn convert(
         width: emulator.config().width,
         height: emulator.config().height,
         frames: stream.frames,
+        between: stream.between,
         offset_us: stream.source.offset_us(),
         stream_s: stream.end_us as f64 / 1e6,
         wall_s: started.elapsed().as_secs_f64(),
@@ -291,6 +361,7 @@ fn header(stream: &VideoStream, duration_us: Option<i64>) -> Result<RecordingHea
             kind: stream.source.kind(),
             clock,
             transfer: name(stream.source.transfer()),
+            upsampler: stream.upsampler.as_ref().map(|upsampler| upsampler.name()),
         },
         run: StoredRun {
             method: METHOD,

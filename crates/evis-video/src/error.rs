@@ -13,6 +13,9 @@ pub enum VideoError {
     /// A file that cannot be read or written.
     #[error(transparent)]
     Format(#[from] FormatError),
+    /// Frames between frames could not be made.
+    #[error("frames between frames: {0}")]
+    Between(String),
     /// ffmpeg could not be started.
     #[error(
         "films need ffmpeg, and {program} did not start ({reason}); install it (apt-get install ffmpeg, brew install \

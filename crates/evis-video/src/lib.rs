@@ -12,7 +12,7 @@ mod picture;
 mod source;
 mod times;
 
-pub use convert::{FrameEvents, Progress, VideoConfig, VideoReport, VideoStream, convert};
+pub use convert::{FrameEvents, Progress, Upsampler, VideoConfig, VideoReport, VideoStream, convert};
 pub use error::VideoError;
 pub use ffmpeg::FFMPEG_VARIABLE;
 pub use picture::{Picture, Values};

@@ -114,6 +114,22 @@ impl Picture {
         Ok(Self { width, height, channels: self.channels, values: Values::F32(values) })
     }
 
+    /// A picture of one channel in each of `channels` channels.
+    pub(crate) fn repeated(self, channels: usize) -> Self {
+        fn all<T: Copy>(values: Vec<T>, channels: usize) -> Vec<T> {
+            values.into_iter().flat_map(|value| std::iter::repeat_n(value, channels)).collect()
+        }
+        if self.channels != 1 || channels == 1 {
+            return self;
+        }
+        let values = match self.values {
+            Values::U8(values) => Values::U8(all(values, channels)),
+            Values::U16(values) => Values::U16(all(values, channels)),
+            Values::F32(values) => Values::F32(all(values, channels)),
+        };
+        Self { channels, values, ..self }
+    }
+
     fn averaged(&self, columns: &[Weights], rows: &[Weights], light: impl Fn(usize) -> f32) -> Vec<f32> {
         let (channels, wide) = (self.channels, columns.len() * self.channels);
         let mut out = vec![0.0_f32; wide * rows.len()];

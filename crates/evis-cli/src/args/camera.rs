@@ -14,6 +14,13 @@ pub(crate) struct AnimationArgs {
     pub(crate) animation: Option<String>,
 }
 
+impl AnimationArgs {
+    /// The flag, where it was given.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        self.animation.as_ref().map(|_| "--animation")
+    }
+}
+
 /// How cameras move that the scene leaves at rest.
 #[derive(Debug, Default, Args)]
 pub(crate) struct CameraArgs {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use evis_truth::PixelChoice;
 
-use super::camera::CameraArgs;
+use super::camera::{AnimationArgs, CameraArgs};
 use super::choices::ToleranceArg;
 use super::values::{
     budget_ms, f1_share, positive, positive_seconds, rate_hz, render_ms, repetitions, sample_count, seed,
@@ -34,7 +34,7 @@ pub(crate) struct ChartArgs {
     pub(crate) json: bool,
 
     /// Draw what was measured before; repeat for several
-    #[arg(long, value_name = "R.json", conflicts_with_all = ["scenes", "measuring", "CameraArgs"], help_heading = "Output")]
+    #[arg(long, value_name = "R.json", conflicts_with_all = ["scenes", "measuring", "CameraArgs", "AnimationArgs"], help_heading = "Output")]
     pub(crate) from: Vec<PathBuf>,
 
     /// Most milliseconds of work per simulated second [default: 1000]
@@ -56,6 +56,9 @@ pub(crate) struct ChartArgs {
     /// As a heavier renderer would cost.
     #[arg(long, value_name = "MS", value_parser = render_ms, allow_hyphen_values = true, help_heading = "Recommendation", hide_short_help = true)]
     pub(crate) render_ms: Option<f64>,
+
+    #[command(flatten)]
+    pub(crate) animation: AnimationArgs,
 
     #[command(flatten)]
     pub(crate) camera_motion: CameraArgs,

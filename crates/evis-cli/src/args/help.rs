@@ -29,8 +29,8 @@ const EXAMPLES: [(&str, &[&str]); 16] = [
         &[
             "video in.mp4 -o events.h5",
             "video in.mp4 -o events.h5 --like v2e --size 346x260",
+            "video in.mp4 -o events.h5 --upsample",
             "video frames/ -o events.h5 -o events.raw --fps 240 --sensor davis346",
-            "video stack.npy -o events.h5 --fps 1000 --transfer linear",
         ],
     ),
     ("from-v2e", &["from-v2e -- --input in.mp4 --pos_thres 0.15 --cutoff_hz 30 --dvs346"]),
@@ -149,8 +149,9 @@ mod tests {
 
     #[test]
     fn short_help_keeps_its_bounds_and_names_the_program() {
-        let helps = short_helps("evis");
+        let mut helps = short_helps("evis");
         assert!(helps.len() > 10);
+        helps.push(("evis".into(), command("evis").render_help().to_string()));
         for (name, text) in helps {
             assert_eq!(too_large(&text), None, "{name}:\n{text}");
             assert!(!text.contains("evis-rs"), "{name}:\n{text}");

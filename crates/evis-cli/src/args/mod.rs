@@ -80,12 +80,12 @@ pub(crate) enum Command {
     Run(Box<RunArgs>),
     /// Find the cheapest settings that are accurate enough on a scene, for `run --settings`.
     Tune(Box<TuneArgs>),
-    /// Turn a film, a folder of pictures or an array of frames into events, and write them to an HDF5 file.
+    /// Turn a film, a folder of pictures or an array of frames into a file of events.
     Video(Box<VideoArgs>),
     /// Print the command of `video` that does what a command line of v2e does.
     #[command(name = "from-v2e")]
     FromV2e(FromV2eArgs),
-    /// Show a recording as a picture (PNG), an animation (GIF) or a film (MP4), or a scene as a picture.
+    /// Show a recording as a picture, a GIF or a film (MP4), or a scene as a picture.
     Preview(PreviewArgs),
     /// Measure settings on a scene: draw speed against accuracy, and recommend one.
     Chart(Box<ChartArgs>),
@@ -93,13 +93,19 @@ pub(crate) enum Command {
     Truth(Box<TruthArgs>),
     /// Check that events converge to truth as theory says: on closed forms, or on a scene.
     Verify(Box<VerifyArgs>),
-    /// Write a file of events in another format: Prophesee RAW and DAT, AEDAT, text, NumPy, HDF5, ROS 2 bags, DSEC.
+    /// Write a file of events in another format.
+    ///
+    /// Prophesee RAW and DAT, AEDAT, text, NumPy, HDF5, ROS 2 bags, DSEC.
     Convert(Box<ConvertArgs>),
-    /// Show what a recording, a file of events or a scene holds; repair a recording that was cut off.
+    /// Show what a recording, a file of events or a scene holds.
+    ///
+    /// Also checks recordings, and repairs those that were cut off.
     Info(InfoArgs),
-    /// Score the events of a recording against truth: matches within a tolerance, time errors, regions.
+    /// Score the events of a recording against truth.
+    ///
+    /// Matches within a tolerance, time errors, regions.
     Score(ScoreArgs),
-    /// Fit a sensor to a recording of a still scene, or to recordings of flickering light (--stimulus).
+    /// Fit a sensor to a recording of a still scene, or to recordings of flickering light.
     Calibrate(CalibrateArgs),
     /// Set two recordings' statistics side by side, as a table and a figure.
     Compare(CompareArgs),

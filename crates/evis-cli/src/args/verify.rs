@@ -7,7 +7,7 @@ use evis_core::closed_form::convergence::Variant;
 use evis_render::Shadows;
 use evis_truth::PixelChoice;
 
-use super::camera::CameraArgs;
+use super::camera::{AnimationArgs, CameraArgs};
 use super::choices::words;
 use super::values::{
     positive_seconds, rate_hz, sample_count, seed, size, start_seconds, threshold, truth_pixels,
@@ -44,6 +44,9 @@ pub(crate) struct VerifyArgs {
     /// An existing one is replaced.
     #[arg(short, long, value_name = "X.{png,svg}", help_heading = "Output")]
     pub(crate) output: Vec<PathBuf>,
+
+    #[command(flatten)]
+    pub(crate) animation: AnimationArgs,
 
     #[command(flatten)]
     pub(crate) camera_motion: CameraArgs,

@@ -11,6 +11,15 @@ use super::values::{positive, positive_seconds, rate_hz, seed, size, start_secon
 const LIKE: [&str; 8] =
     ["v2e", "v2e-clean", "v2e-noisy", "esim", "openeb", "pix2nvs", "davis346", "davis240"];
 
+/// The path of a network. What stands behind the option by mistake is the input.
+fn network(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension() {
+        Some(ending) if ending.eq_ignore_ascii_case("onnx") => Ok(path),
+        _ => Err("it must be a network, .onnx; without one, put --upsample behind the input".into()),
+    }
+}
+
 /// `video`.
 #[derive(Debug, Args)]
 pub(crate) struct VideoArgs {
@@ -75,6 +84,13 @@ pub(crate) struct VideoArgs {
     /// Seconds to convert [default: all]
     #[arg(long, value_name = "S", value_parser = positive_seconds, allow_hyphen_values = true, help_heading = "Input")]
     pub(crate) duration: Option<f64>,
+
+    /// Put frames between frames, by optical flow or by a network (.onnx)
+    ///
+    /// As many as it takes until nearly nothing moves by more than a pixel per frame. The network takes two frames, and a time
+    /// between 0 and 1 or none, and gives the frame between (docs/video.md). Needs the Python package.
+    #[arg(long, value_name = "MODEL.onnx", num_args = 0..=1, value_parser = network, help_heading = "Input")]
+    pub(crate) upsample: Option<Option<PathBuf>>,
 
     /// Y_ref in ln(Y / Y_ref + eps); white of integer frames is 1 [default: 1]
     #[arg(long, value_name = "Y", value_parser = positive, allow_hyphen_values = true, help_heading = "Sensor", hide_short_help = true)]

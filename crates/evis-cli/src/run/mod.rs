@@ -50,11 +50,15 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let trace = Trace::start(args.trace.as_deref())?;
     let imus = ImuSettings::asked(&args.imu)?;
     let mut settled = request(args)?.settle().map_err(flags::named)?;
+    let recorded = settled.recorded(&args.scene);
+    if let (Some(file), Some(words)) = (&args.settings, recorded.in_words()) {
+        text::complain(&format!("settings of {}: {words}, unless options say otherwise", file.display()));
+    }
     let opening = Opening {
         seed: settled.config().seed,
-        animation: args.animation.animation.clone(),
-        speed: args.speed,
-        camera_motion: settled.camera_motion(),
+        animation: args.animation.animation.clone().or(recorded.animation),
+        speed: args.speed.or(recorded.speed),
+        camera_motion: settled.camera_motion(&args.scene)?,
     };
     let scene = tracing::trace_span!("load scene").in_scope(|| scene_source::open(&args.scene, &opening))?;
     settled.take_sensors(&scene).map_err(flags::named)?;
@@ -71,7 +75,8 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         warnings.add(warning.clone());
     }
     let moved = scene.camera_motion.clone();
-    let duration_us = duration_us(args, &scene, &mut warnings);
+    let asked_s = args.duration.or(recorded.duration_s);
+    let duration_us = duration_us(asked_s, config.start_us as f64 / 1e6, &scene, &mut warnings);
 
     let gpu = tracing::trace_span!("open device").in_scope(|| Gpu::open_any(args.device.as_deref()));
     let gpu = gpu.map_err(|e| bad_input(e.to_string()))?;
@@ -91,8 +96,8 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let settings = Settings {
         evis: env!("CARGO_PKG_VERSION"),
         scene: args.scene.clone(),
-        speed: args.speed.unwrap_or(1.0),
-        animation: args.animation.animation.clone(),
+        speed: scene.speed.unwrap_or(1.0),
+        animation: scene.animation.clone(),
         environments,
         duration_s: duration_us as f64 / 1.0e6,
         packet_us: PACKET_US,
@@ -237,12 +242,12 @@ fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
     })
 }
 
-/// How long to stream; says where the number comes from, and where the scene's motion ends before it.
-fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
-    let start_s = args.start.unwrap_or(0.0);
+/// How long to stream from `start_s` of the scene's time; says where the number comes from unless it was asked for, and where
+/// the scene's motion ends before it.
+fn duration_us(asked_s: Option<f64>, start_s: f64, scene: &Scene, warnings: &mut Warnings) -> i64 {
     let own_s = scene.duration_s.filter(|s| s.is_finite() && *s > 0.0);
     let left_s = own_s.map(|s| s - start_s).filter(|s| *s >= 1.0e-6);
-    let duration_s = args.duration.unwrap_or_else(|| {
+    let duration_s = asked_s.unwrap_or_else(|| {
         let (duration_s, origin) = match left_s {
             Some(left_s) => (left_s, "the scene's own; --duration changes it"),
             None => (DEFAULT_DURATION_S, "the default; --duration changes it"),
@@ -252,7 +257,7 @@ fn duration_us(args: &RunArgs, scene: &Scene, warnings: &mut Warnings) -> i64 {
     });
     // Environments may run ahead of the scene's clock.
     let ahead_s =
-        scene.variants.iter().map(|v| v.time_offset_s).fold(0.0, f64::max) / args.speed.unwrap_or(1.0);
+        scene.variants.iter().map(|v| v.time_offset_s).fold(0.0, f64::max) / scene.speed.unwrap_or(1.0);
     let until_s = start_s + duration_s + ahead_s;
     if let Some(own_s) = own_s
         && until_s > own_s + 1.0e-6

@@ -19,7 +19,7 @@ pub(super) struct Settings {
     pub(super) evis: &'static str,
     pub(super) scene: String,
     pub(super) speed: f64,
-    /// Which of a glTF file's animations plays, where that was asked for.
+    /// Which of a glTF file's animations plays.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) animation: Option<String>,
     pub(super) environments: usize,

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::{ConfigError, Sensor, SensorConfig};
-use crate::words::did_you_mean;
+use crate::words::{did_you_mean, line_of, of_serde};
 
 /// What a text of a sensor must be.
 const REMEDY: &str = "as docs/sensor.md shows";
@@ -105,9 +105,7 @@ fn read(text: &str, with_lines: bool) -> Result<SensorConfig, ConfigError> {
         ConfigError::new("the sensor's TOML", format!("not usable ({line}{told})"), REMEDY)
     };
     let of_toml = |error: &toml::de::Error, source: &str| {
-        let before = |end: usize| source.get(..end).unwrap_or(source);
-        let line = error.span().map(|span| before(span.start).matches('\n').count() + 1);
-        refuse(line, told(error.message()))
+        refuse(error.span().map(|span| line_of(source, span.start)), of_serde(error.message()))
     };
     let mut table: toml::Table = text.parse().map_err(|error| of_toml(&error, text))?;
     let Some(base) = table.remove("base") else {
@@ -135,22 +133,8 @@ fn read(text: &str, with_lines: bool) -> Result<SensorConfig, ConfigError> {
     let given = serde_json::to_value(&table).map_err(|error| refuse(None, error.to_string()))?;
     merge(&mut tree, given);
     let config: SensorConfig =
-        serde_json::from_value(tree).map_err(|error| refuse(None, told(&error.to_string())))?;
+        serde_json::from_value(tree).map_err(|error| refuse(None, of_serde(&error.to_string())))?;
     Ok(Sensor::new(config)?.config().clone())
-}
-
-/// What serde says of a text, with the nearest key where one is unknown.
-fn told(message: &str) -> String {
-    let mut quoted = message.split('`').skip(1).step_by(2);
-    match quoted.next() {
-        Some(key) if message.starts_with("unknown field") => {
-            let known: Vec<_> = quoted.collect();
-            let hint = did_you_mean(key, known.iter().copied());
-            let hint = if hint.is_empty() { format!("; it takes {}", known.join(", ")) } else { hint };
-            format!("unknown key '{key}'{hint}")
-        }
-        _ => message.replace('`', "'"),
-    }
 }
 
 /// Puts the values of `given` over those of `tree`.

@@ -333,7 +333,7 @@ impl Simulator {
         }
         match &self.host_poses {
             Some(host) => host.jump(jump)?,
-            None if jump.is_empty() => {}
+            None if jump.environments().next().is_none() => {}
             None => return Err(not_driven().into()),
         }
         self.source.reset(environments, seeds)

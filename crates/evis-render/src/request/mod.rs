@@ -23,7 +23,7 @@ pub use sampling::SamplingRequest;
 use crate::config::{EVIS_PAPER_LOG_EPS, Method, RunConfig, scene_sensors};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
-use settings::SettingsFile;
+use settings::{RecordedScene, SettingsFile};
 
 /// Time between two poses of a host, where none is given, in microseconds.
 pub const USUAL_POSE_STEP_US: i64 = 10_000;
@@ -90,7 +90,7 @@ impl RunRequest {
         let file = self.settings.as_deref().map(SettingsFile::open).transpose()?;
         // A recording's settings hold every camera's sensor.
         let for_all = self.sensor.is_some() || file.as_ref().is_some_and(|file| file.gives("sensor"));
-        let mut config = file.map_or_else(RunConfig::default, SettingsFile::into_config);
+        let (mut config, recorded) = file.map_or_else(Default::default, SettingsFile::into_parts);
         let sampling = SamplingRequest {
             from_settings: self.settings.is_some(),
             method: self.method()?,
@@ -137,7 +137,17 @@ impl RunRequest {
         }
         config.check()?;
         let Self { set, camera_motion, camera_speed, poses, materials, .. } = self;
-        Ok(Settled { config, sampling, for_all, set, camera_motion, camera_speed, poses, materials })
+        Ok(Settled {
+            config,
+            recorded,
+            sampling,
+            for_all,
+            set,
+            camera_motion,
+            camera_speed,
+            poses,
+            materials,
+        })
     }
 
     /// The method that is asked for, with what is asked of its keyframes.
@@ -193,6 +203,8 @@ fn set(sensor: &mut SensorConfig, assignments: &[String]) -> Result<(), ConfigEr
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settled {
     config: RunConfig,
+    /// Of the settings file.
+    recorded: RecordedScene,
     sampling: SamplingRequest,
     /// Whether a sensor is given for all cameras, so that the scene's own do not count.
     for_all: bool,
@@ -209,9 +221,21 @@ impl Settled {
         &self.config
     }
 
-    /// How the scene's cameras are to be moved. The first camera and the size decide how a motion looks, and a settings file
-    /// may hold both.
-    pub fn camera_motion(&self) -> CameraMotionSettings {
+    /// How `scene` was opened for the recording whose settings are taken, where it is that recording's.
+    pub fn recorded(&self, scene: &str) -> RecordedScene {
+        self.recorded.of(scene)
+    }
+
+    /// How the cameras of `scene` are to be moved: as asked for, else as in the recording whose settings are taken. The first
+    /// camera and the size decide how a motion looks, and a settings file may hold both.
+    ///
+    /// # Errors
+    /// A recording whose motion is none.
+    pub fn camera_motion(&self, scene: &str) -> Result<CameraMotionSettings, ConfigError> {
+        self.recorded(scene).camera_motion(self.asked_motion())
+    }
+
+    fn asked_motion(&self) -> CameraMotionSettings {
         CameraMotionSettings {
             motion: self.camera_motion.clone(),
             speed_px_per_s: self.camera_speed,
@@ -231,7 +255,12 @@ impl Settled {
             driven.drive_with(&self.poses, &self.materials, self.config.start_us)?;
             scene = Arc::new(driven);
         }
-        Ok(camera_motion::moved(&scene, &self.camera_motion())?)
+        // One that was moved before stays so.
+        let motion = match &scene.camera_motion {
+            Some(_) => self.asked_motion(),
+            None => self.camera_motion(&scene.name)?,
+        };
+        Ok(camera_motion::moved(&scene, &motion)?)
     }
 
     /// Takes the sensors that `scene` gives its cameras, where the request has none for all.

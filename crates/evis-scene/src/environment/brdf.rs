@@ -15,9 +15,10 @@ const SAMPLES: u32 = 1024;
 /// Fresnel (glTF 2.0, appendix B.3).
 pub fn brdf_lut(size: usize) -> Vec<[f32; 2]> {
     let at = |i: usize| (i as f64 + 0.5) / size as f64;
+    let points = disc_points(SAMPLES);
     (0..size * size)
         .into_par_iter()
-        .map(|i| split_sum(at(i % size), at(i / size), SAMPLES).map(|v| v as f32))
+        .map(|i| split_sum_of(at(i % size), at(i / size), &points).map(|v| v as f32))
         .collect()
 }
 
@@ -26,6 +27,21 @@ pub fn brdf_lut(size: usize) -> Vec<[f32; 2]> {
 /// Visible normals are sampled (E. Heitz, "Sampling the GGX Distribution of Visible Normals", JCGT 2018), so each
 /// weight is G2 / G1 <= 1 and scale + bias can never exceed 1.
 pub fn split_sum(n_dot_v: f64, roughness: f64, samples: u32) -> [f64; 2] {
+    split_sum_of(n_dot_v, roughness, &disc_points(samples))
+}
+
+/// `count` points on the unit disc, equally dense everywhere.
+fn disc_points(count: u32) -> Vec<[f64; 2]> {
+    let point = |i| {
+        let [u, v] = hammersley(i, count);
+        let (sin, cos) = (v * TAU).sin_cos();
+        [cos, sin].map(|v| u.sqrt() * v)
+    };
+    (0..count).map(point).collect()
+}
+
+/// [`split_sum`] from `points` of the disc, which are the same for all its values.
+fn split_sum_of(n_dot_v: f64, roughness: f64, points: &[[f64; 2]]) -> [f64; 2] {
     let alpha = roughness.clamp(0.0, 1.0).powi(2);
     let cos_v = n_dot_v.clamp(1e-6, 1.0);
     let view = [(1.0 - cos_v * cos_v).sqrt(), 0.0, cos_v];
@@ -37,15 +53,11 @@ pub fn split_sum(n_dot_v: f64, roughness: f64, samples: u32) -> [f64; 2] {
         [x / length, z / length]
     };
     let (mut scale, mut bias) = (0.0, 0.0);
-    for i in 0..samples {
-        let [u, v] = hammersley(i, samples);
+    let share = 0.5 * (1.0 + stretched[1]);
+    for &[across, height] in points {
         // A point on the disc seen by the view, warped to the visible half of the hemisphere. The view lies in
         // the plane y = 0, so its frame is (0, 1, 0), (-z, 0, x).
-        let radius = u.sqrt();
-        let (sin, cos) = (v * TAU).sin_cos();
-        let across = radius * cos;
-        let share = 0.5 * (1.0 + stretched[1]);
-        let up = (1.0 - share) * (1.0 - across * across).max(0.0).sqrt() + share * radius * sin;
+        let up = (1.0 - share) * (1.0 - across * across).max(0.0).sqrt() + share * height;
         let along = (1.0 - across * across - up * up).max(0.0).sqrt();
         let normal =
             [along * stretched[0] - up * stretched[1], across, along * stretched[1] + up * stretched[0]];
@@ -64,7 +76,7 @@ pub fn split_sum(n_dot_v: f64, roughness: f64, samples: u32) -> [f64; 2] {
         scale += (1.0 - fresnel) * weight;
         bias += fresnel * weight;
     }
-    let count = f64::from(samples.max(1));
+    let count = points.len().max(1) as f64;
     [scale / count, bias / count]
 }
 

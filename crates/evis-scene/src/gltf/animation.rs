@@ -43,12 +43,21 @@ fn names(document: &Document) -> impl Iterator<Item = String> {
     animations.map(|(i, animation)| animation.name.clone().unwrap_or_else(|| i.to_string()))
 }
 
+/// What animation `index` is asked for by: its index, where another animation has its name.
+pub(super) fn name(document: &Document, index: usize) -> String {
+    let name = names(document).nth(index).unwrap_or_default();
+    match choose(document, Some(&name)) {
+        Ok(Some(found)) if found == index => name,
+        _ => index.to_string(),
+    }
+}
+
 /// What is said where the first of several animations plays because nobody chose one.
 pub(super) fn unchosen(document: &Document) -> Option<String> {
     let mut names = names(document);
     let (first, others) = (names.next()?, names.collect::<Vec<_>>());
     (!others.is_empty()).then(|| {
-        format!("animation '{first}' plays; 'animation' chooses another of the file: {}", others.join(", "))
+        format!("animation '{first}' plays; `animation` chooses another of the file: {}", others.join(", "))
     })
 }
 
