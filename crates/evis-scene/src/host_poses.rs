@@ -371,7 +371,7 @@ impl HostPoses {
         for (environment, material, change) in jump.materials {
             self.check_material(*environment, *material, change)?;
         }
-        if !jump.is_empty() {
+        if jump.environments().next().is_some() {
             // What was before is no longer told.
             self.known_from_us.fetch_max(now_us, Ordering::AcqRel);
         }
