@@ -1,6 +1,6 @@
 //! Events of a scene against the oracle's, and what they cost.
 //!
-//! `cargo run --release -p evis-decoupled --example measure -- SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US]`
+//! `cargo run --release -p evis-decoupled --example measure -- SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US] [STEP_PX]`
 //!
 //! Truth is made of PIXELS pixels and kept in the folder that `EVIS_TRUTH_CACHE` names, or read from `EVIS_TRUTH_FILE`. Cost is the CPU time of the
 //! process while it simulates, all pixels, from /proc/self/stat.
@@ -22,7 +22,7 @@ fn cpu_seconds() -> f64 {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
-    let usage = "usage: measure SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US]";
+    let usage = "usage: measure SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US] [STEP_PX]";
     let name = args.next().ok_or(usage)?;
     let size = args.next().ok_or(usage)?;
     let (w, h) = size.split_once('x').ok_or(usage)?;
@@ -31,6 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let pixels: usize = args.next().map_or(Ok(1000), |v| v.parse())?;
     let threshold: f32 = args.next().map_or(Ok(0.2), |v| v.parse())?;
     let block_us = args.next().map_or(Ok(Settings::default().block_us), |v| v.parse())?;
+    let step_px = args.next().map_or(Ok(Settings::default().step_px), |v| v.parse())?;
     let sensor = SensorConfig { threshold_on: threshold, threshold_off: threshold, ..Default::default() };
     let scene = evis_scene::source::load(&name, 0)?;
 
@@ -48,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (None, None) => truth(&scene, &truth_settings, &|_| true)?,
     };
 
-    let settings = Settings { sensor, size, duration_us, block_us, ..Default::default() };
+    let settings = Settings { sensor, size, duration_us, block_us, step_px, ..Default::default() };
     let before = cpu_seconds();
     let out = simulate(&scene, &settings)?;
     let cpu = cpu_seconds() - before;

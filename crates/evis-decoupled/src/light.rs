@@ -20,7 +20,7 @@ use crate::coverage::{Moments, Polygon, Polygons};
 use crate::fragment::{Line, Sight};
 use crate::hash::Words;
 use crate::keyframe::{Footprint, Keyframe, MOST_PLANES, change};
-use crate::lists::{Entry, Record, TILE};
+use crate::lists::{Entry, PIXELS, Record, TILE, centre_of};
 use crate::maps::{Map as TextureMap, MapReader, Maps};
 use crate::material::{self, Around, Lamp, Point, Response, respond};
 use crate::pages::{Pages, Picture};
@@ -1219,11 +1219,11 @@ impl<'a> Lighting<'a> {
         (slot, sight): (usize, &Sight),
         pixels: u64,
         at: &Instant,
-        out: &mut [f64; TILE * TILE],
+        out: &mut [f64; PIXELS],
     ) {
         self.find_cells(tile, sight, pixels);
         for pixel in bits(pixels) {
-            let offset = [pixel % TILE, pixel / TILE].map(|v| v as f64 + 0.5 - 0.5 * TILE as f64);
+            let offset = centre_of(pixel);
             let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, offset };
             let texel = tile.cells.of(pixel);
             out[pixel] = self.luminance(tile, &part, at, texel);
@@ -1491,7 +1491,7 @@ mod tests {
                 if entry.touches >> pixel & 1 == 0 || slot.lit & 1 == 0 || (row + column) % 3 > 0 {
                     continue;
                 }
-                let offset = [pixel % 8, pixel / 8].map(|v| v as f64 - 3.5);
+                let offset = centre_of(pixel);
                 let Some(sight) = Sight::new(record, tile.centre, 1.0, u, world.lens.near) else { continue };
                 let Some(fragment) = sight.at(entry.record, offset, false) else { continue };
                 let lamp = &lighting.screen_lamps[0];

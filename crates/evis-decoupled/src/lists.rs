@@ -12,6 +12,8 @@ use crate::world::{CORNERS, World, wide};
 
 /// Pixels along a tile's side.
 pub const TILE: usize = 8;
+/// Pixels of a tile.
+pub const PIXELS: usize = TILE * TILE;
 /// Part of the depth by which a surface must lie behind a plane to be hidden by it.
 const COPLANAR: f64 = 1e-9;
 
@@ -55,6 +57,11 @@ pub struct Entry {
     pub touches: u64,
     /// Pixels that it covers throughout the block.
     pub covers: u64,
+}
+
+/// Centre of pixel number `pixel` of a tile, from the tile's.
+pub fn centre_of(pixel: usize) -> [f64; 2] {
+    [pixel % TILE, pixel / TILE].map(|v| v as f64 + 0.5 - 0.5 * TILE as f64)
 }
 
 /// What a block may show.

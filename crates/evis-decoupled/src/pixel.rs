@@ -10,7 +10,7 @@ use crate::blocks::Block;
 use crate::coverage::{self, Moments, Regions};
 use crate::fragment::{Fragment, Sight};
 use crate::light::{Instant, Lighting, Part, TileLight};
-use crate::lists::{Entry, Lists, TILE};
+use crate::lists::{Entry, Lists, PIXELS, TILE, centre_of};
 use crate::world::World;
 
 /// Every so many evaluations are timed.
@@ -51,9 +51,6 @@ struct Own {
     /// It fills the pixel throughout the block.
     covers: bool,
 }
-
-/// Pixels of a tile.
-const PIXELS: usize = TILE * TILE;
 
 /// A tile at a time at which several of its pixels are evaluated.
 struct Layer {
@@ -145,11 +142,6 @@ impl Work {
 
     fn centre(&self) -> [f64; 2] {
         self.tile.map(|v| (v * TILE) as f64 + 0.5 * TILE as f64)
-    }
-
-    /// A pixel's centre from the tile's.
-    fn offset_of(pixel: usize) -> [f64; 2] {
-        [pixel % TILE, pixel / TILE].map(|v| v as f64 + 0.5 - 0.5 * TILE as f64)
     }
 }
 
@@ -281,7 +273,7 @@ impl Evaluator<'_> {
         let Some(sight) = self.sight(work, slot, index, at) else { return 0.0 };
         let sight = &work.sights[sight as usize];
         self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
-        let (pixel, offset) = (work.pixel, Work::offset_of(work.pixel));
+        let (pixel, offset) = (work.pixel, centre_of(work.pixel));
         let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, offset };
         self.lighting.of_part(&mut work.light, &part, at)
     }
@@ -364,7 +356,7 @@ impl Evaluator<'_> {
             work.shading_s += timer.map_or(0.0, |t| t.elapsed().as_secs_f64() * TIMED as f64);
             return luminance;
         }
-        let (centre, offset) = (work.centre(), Work::offset_of(work.pixel));
+        let (centre, offset) = (work.centre(), centre_of(work.pixel));
         let [from, to] = work.owns[work.pixel].map(|v| v as usize);
         if let [Own { slot, record, covers: true }] = work.own[from..to] {
             work.plain += 1;

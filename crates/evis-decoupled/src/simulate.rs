@@ -13,7 +13,7 @@ use crate::Error;
 use crate::blocks::{Block, Blocks, Clock, blocks};
 use crate::events::Thresholds;
 use crate::light::{Lighting, Shared};
-use crate::lists::{Entry, Lists, TILE};
+use crate::lists::{Entry, Lists, PIXELS, TILE};
 use crate::path::{PixelPath, STEP_PX, stride};
 use crate::pixel::{Evaluator, UNITS, Work};
 use crate::world::World;
@@ -151,11 +151,8 @@ impl Pixels {
     pub(crate) fn new(world: &World, settings: &Settings, reference_luminance: f64, only: &[bool]) -> Self {
         let rows = (world.lens.height as usize).div_ceil(TILE);
         let columns = (world.lens.width as usize).div_ceil(TILE);
-        let new_row = |_| Row {
-            paths: vec![None; columns * TILE * TILE],
-            events: Vec::new(),
-            report: Report::default(),
-        };
+        let new_row =
+            |_| Row { paths: vec![None; columns * PIXELS], events: Vec::new(), report: Report::default() };
         Self {
             rows: (0..rows).map(new_row).collect(),
             rooms: (0..=rayon::current_num_threads()).map(|_| Mutex::default()).collect(),
@@ -174,7 +171,7 @@ impl Pixels {
         let width = world.lens.width as usize;
         for (index, &luminance) in picture.iter().enumerate() {
             let (x, y) = (index % width, index / width);
-            let slot = x / TILE * TILE * TILE + y % TILE * TILE + x % TILE;
+            let slot = x / TILE * PIXELS + y % TILE * TILE + x % TILE;
             let path = PixelPath::new(t_us, luminance, &self.following.thresholds);
             self.rows[y / TILE].paths[slot] = Some(path);
         }
@@ -307,8 +304,8 @@ impl Row {
         let (width, height) = (lens.width as usize, lens.height as usize);
         let place = |pixel: usize| (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
         let inside = |pixel: &usize| place(*pixel).0 < width && place(*pixel).1 < height;
-        let mut activities = [None; TILE * TILE];
-        for pixel in (0..TILE * TILE).filter(inside) {
+        let mut activities = [None; PIXELS];
+        for pixel in (0..PIXELS).filter(inside) {
             let activity = evaluator.activity(work, entries, pixel);
             evaluator.expect(work, pixel, stride(block, *step_px, &activity));
             activities[pixel] = Some(activity);
@@ -318,7 +315,7 @@ impl Row {
             evaluator.enter_pixel(work, pixel);
             self.report.entries += work.entry_count() as u64;
             self.report.pixel_blocks += 1;
-            let slot = column * TILE * TILE + pixel;
+            let slot = column * PIXELS + pixel;
             let path = self.paths[slot].get_or_insert_with(|| {
                 PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)
             });
@@ -388,11 +385,11 @@ pub(crate) fn picture(
             let place = |pixel: usize| (column * TILE + pixel % TILE, pixel / TILE);
             let height = out.len() / width;
             let inside = |pixel: &usize| place(*pixel).0 < width && place(*pixel).1 < height;
-            for pixel in (0..TILE * TILE).filter(inside) {
+            for pixel in (0..PIXELS).filter(inside) {
                 evaluator.activity(&mut work, tile, pixel);
                 evaluator.expect(&mut work, pixel, 1);
             }
-            for pixel in (0..TILE * TILE).filter(inside) {
+            for pixel in (0..PIXELS).filter(inside) {
                 let (x, y) = place(pixel);
                 evaluator.enter_pixel(&mut work, pixel);
                 out[y * width + x] = evaluator.luminance(&mut work, tile, unit);

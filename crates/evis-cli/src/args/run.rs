@@ -244,7 +244,7 @@ pub(crate) struct ImuArgs {
     ///
     /// Specific force and angular rate go to the group `imus`, in the axes of its node, which has x right, y up and z back for a
     /// camera.
-    #[arg(long, value_name = "NAME", help_heading = "Labels")]
+    #[arg(long, value_name = "NAME", help_heading = "Labels", hide_short_help = true)]
     pub(crate) imu: Vec<String>,
 
     /// Samples per second of those units [default: 200]
