@@ -191,16 +191,19 @@ pub struct TileLight {
     once: bool,
     /// By moment and slot: from the screen to its picture.
     warps: Vec<Option<DMat3>>,
-    cells: CellMeans,
+    texels: CellMeans,
 }
 
 /// Means of a facet's texture over some pixels of a tile.
 #[derive(Default)]
 struct CellMeans {
+    /// Corners of all pixels of a rectangle, on the texture.
     corners: Vec<DVec2>,
-    room: Cells,
-    /// Pixels whose means are known, and the first one's place and their number per row.
+    /// Means over its pixels, row by row.
+    cells: Cells,
+    /// Which of them are wanted.
     pixels: u64,
+    /// Column and row of the rectangle's first pixel in the tile.
     first: [usize; 2],
     columns: usize,
 }
@@ -209,7 +212,7 @@ impl CellMeans {
     fn of(&self, pixel: usize) -> Option<[f32; 4]> {
         let [x, y] = [pixel % TILE, pixel / TILE];
         let known = self.pixels >> pixel & 1 == 1;
-        known.then(|| self.room.means[(y - self.first[1]) * self.columns + x - self.first[0]].to_array())
+        known.then(|| self.cells.means[(y - self.first[1]) * self.columns + x - self.first[0]].to_array())
     }
 }
 
@@ -1225,14 +1228,14 @@ impl<'a> Lighting<'a> {
         for pixel in bits(pixels) {
             let offset = centre_of(pixel);
             let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, offset };
-            let texel = tile.cells.of(pixel);
+            let texel = tile.texels.of(pixel);
             out[pixel] = self.luminance(tile, &part, at, texel);
         }
     }
 
     /// Finds means of a facet's texture over `pixels`, which share their edges, unless it has maps or none.
     fn find_cells(&self, tile: &mut TileLight, sight: &Sight, pixels: u64) {
-        tile.cells.pixels = 0;
+        tile.texels.pixels = 0;
         let facet = sight.facet as usize;
         let look = &self.looks[facet];
         let mapped = self.answers[self.world.facets[facet].surface as usize].maps.is_some();
@@ -1261,7 +1264,7 @@ impl<'a> Lighting<'a> {
             return;
         }
         let pixel = change(&texels_from_image, nearest);
-        let cells = &mut tile.cells;
+        let cells = &mut tile.texels;
         cells.corners.clear();
         for j in 0..=rows {
             for i in 0..=columns {
@@ -1271,7 +1274,7 @@ impl<'a> Lighting<'a> {
         }
         let axes = [pixel.x_axis.to_array(), pixel.y_axis.to_array()];
         let textures = &self.shared.textures;
-        if textures.cells(texture, &cells.corners, columns, axes, &mut cells.room).is_some() {
+        if textures.cells(texture, &cells.corners, columns, axes, &mut cells.cells).is_some() {
             (cells.pixels, cells.first, cells.columns) = (pixels, [left as usize, top as usize], columns);
         }
     }

@@ -74,6 +74,7 @@ pub struct Work {
     layer_of: Vec<u32>,
     /// Per layer and entry, pixels that see it.
     touched: Vec<u64>,
+    /// Of the layer in work: entries that cover whole pixels, their sights, and these pixels.
     whole: Vec<(usize, u32, u64)>,
     /// By time: the number of the moment plus 1.
     numbers: Vec<u16>,
