@@ -117,19 +117,9 @@ class Session:
 
 
 @pytest.fixture
-def network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], Path]:
+def network(network_files: Callable[[type], Callable[[str], Path]]) -> Callable[[str], Path]:
     """Give the path of a network by its name."""
-    stand_in = types.ModuleType("onnxruntime")
-    stand_in.SessionOptions = types.SimpleNamespace  # type: ignore[attr-defined]
-    stand_in.InferenceSession = Session  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "onnxruntime", stand_in)
-
-    def made(name: str) -> Path:
-        path = tmp_path / f"{name}.onnx"
-        path.write_text(name)
-        return path
-
-    return made
+    return network_files(Session)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -135,19 +134,9 @@ NETWORKS: dict[str, tuple[list[list[Any]], Callable[..., Any]]] = {
 
 
 @pytest.fixture
-def network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], Path]:
+def network(network_files: Callable[[type], Callable[[str], Path]]) -> Callable[[str], Path]:
     """Give the path of a network by its name."""
-    stand_in = types.ModuleType("onnxruntime")
-    stand_in.SessionOptions = types.SimpleNamespace  # type: ignore[attr-defined]
-    stand_in.InferenceSession = Session  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "onnxruntime", stand_in)
-
-    def made(name: str) -> Path:
-        path = tmp_path / f"{name}.onnx"
-        path.write_text(name)
-        return path
-
-    return made
+    return network_files(Session)
 
 
 class Pair:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -65,13 +65,8 @@ def test_the_description_of_the_package_survives_an_index() -> None:
 
 
 @pytest.fixture(scope="module")
-def portable() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("portable", ROOT / "tools/portable.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def portable(tool: Callable[[str], ModuleType]) -> ModuleType:
+    return tool("portable")
 
 
 def test_wheels_for_old_systems_are_checked(portable: ModuleType) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import html
-import importlib.util
 import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -159,20 +160,18 @@ def test_links_lead_somewhere(document: Path) -> None:
     assert broken_links(text + "[x](no/such/file.md)", document.parent) == ["no/such/file.md"]  # canary
 
 
-def test_the_chart_of_the_readme_shows_the_table_of_the_presets() -> None:
-    spec = importlib.util.spec_from_file_location("presets_chart", ROOT / "tools/presets_chart.py")
-    assert spec is not None
-    assert spec.loader is not None
-    tool = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tool)
-    page = tool.PAGE.read_text("utf-8")
-    picture = html.unescape(tool.PICTURE.read_text("utf-8"))
-    assert tool.drawn(page) in picture, "run tools/presets_chart.py"
+def test_the_chart_of_the_readme_shows_the_table_of_the_presets(
+    tool: Callable[[str], ModuleType],
+) -> None:
+    chart = tool("presets_chart")
+    page = chart.PAGE.read_text("utf-8")
+    picture = html.unescape(chart.PICTURE.read_text("utf-8"))
+    assert chart.drawn(page) in picture, "run tools/presets_chart.py"
     assert "docs/images/presets.svg" in (ROOT / "README.md").read_text("utf-8")
     # Canary: another number is another picture.
     other, count = re.subn(r"(\(decoupled, 2 px\) \| `spinner` \|) 0\.\d+", r"\1 0.123", page)
     assert count == 1
-    assert tool.drawn(other) not in picture
+    assert chart.drawn(other) not in picture
 
 
 def test_pictures_are_small() -> None:

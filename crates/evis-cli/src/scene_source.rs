@@ -19,7 +19,7 @@ pub(crate) fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError>
             "{source} is a film, or frames, and no scene; `video {source} -o OUT.h5` turns it into events"
         )));
     }
-    if is_recording(source) {
+    if is_named_as_recording(source) {
         return Err(SceneError::Rule(format!(
             "{source} is a file of events, and no scene; `info {source}` and `preview {source} -o OUT.png` show it, and \
              `run SCENE --settings {source}` simulates with its settings"
@@ -43,8 +43,8 @@ fn is_film(source: &str) -> bool {
     ending.is_some_and(|ending| FILMS.contains(&ending.as_str())) || path.is_dir()
 }
 
-/// Whether `source` is a recording that exists.
-fn is_recording(source: &str) -> bool {
+/// Whether `source` is a file with the ending of a recording.
+fn is_named_as_recording(source: &str) -> bool {
     let path = Path::new(source);
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     path.is_file() && ending.is_some_and(|ending| ["h5", "hdf5"].contains(&ending.as_str()))

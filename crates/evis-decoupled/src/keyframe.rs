@@ -169,12 +169,6 @@ impl Keyframe {
         Some(Self { first, density, stride, rows, start, planes, blur, means })
     }
 
-    /// Mean over `footprint`; `None` where that does not lie in the picture.
-    #[inline(always)]
-    pub fn mean(&self, sums: &[[f32; 4]], footprint: &Footprint) -> Option<[f32; 4]> {
-        self.means::<1>(sums, footprint).map(|[mean]| mean)
-    }
-
     /// Means of the first `P` planes over `footprint`; `None` where that does not lie in the picture.
     #[inline(always)]
     pub fn means<const P: usize>(&self, sums: &[[f32; 4]], footprint: &Footprint) -> Option<[[f32; 4]; P]> {
@@ -319,7 +313,7 @@ mod tests {
                 // A whole pixel, and a part of one.
                 let (xx, yy) = if k % 3 == 0 { (1.0 / 12.0, 0.02) } else { (1.0 / 12.0, 1.0 / 12.0) };
                 let footprint = Footprint::under(&warp, at, [xx, 0.0, yy]).expect("before the horizon");
-                let found = picture.mean(&sums, &footprint).expect("in the picture")[0];
+                let found = picture.means::<1>(&sums, &footprint).expect("in the picture")[0][0];
                 let exact = |at: DVec2, sides: [f64; 2]| {
                     let all = texels * warp;
                     let h = all * DVec3::new(at.x, at.y, 1.0);
@@ -354,7 +348,7 @@ mod tests {
         let picture = new(2.0, &mut sums).expect("few cells");
         let at = |x: f64, y: f64| {
             let moments = [1.0 / 12.0, 0.0, 1.0 / 12.0];
-            picture.mean(&sums, &Footprint { at: DVec2::new(x, y), moments })
+            picture.means::<1>(&sums, &Footprint { at: DVec2::new(x, y), moments })
         };
         assert!(at(1.4, -1.4).is_some());
         for (x, y) in [(1.9, 0.0), (-1.9, 0.0), (0.0, 1.9), (0.0, -1.9), (f64::NAN, 0.0), (1e300, 0.0)] {

@@ -54,7 +54,7 @@ struct Level {
 
 /// Sums of texels along lines, less the mean of all texels, which keeps them small.
 struct Sums {
-    /// Texels after which a line begins anew, or ends if it is clamped.
+    /// Texels after which a line repeats, or ends if it is clamped.
     period: usize,
     /// Texels before the first one that are kept of clamped lines, and after the last one.
     border: i32,

@@ -55,7 +55,7 @@ pub fn shortest(clock: &Clock, duration_us: i64) -> (i64, f64) {
     (step, fastest)
 }
 
-/// Looks at both sides of each of a host's steps.
+/// Times at which each of a host's steps is evaluated: at the step, and a microsecond after it.
 pub fn host_looks(clock: &Clock, duration_us: i64) -> Vec<i64> {
     let steps = clock.host_steps(duration_us).into_iter();
     steps.flat_map(|t_us| [t_us, t_us + 1]).filter(|t_us| (0..=duration_us).contains(t_us)).collect()

@@ -30,7 +30,7 @@ const TIME_STEP_US: f64 = 0.5;
 /// How far an excursion goes past a threshold to be called missed, in log light: a hundredth of a usual threshold. Of one
 /// that only touches it, truths of other samples do not know either.
 const AUDIT_DEPTH: f64 = 0.002;
-/// Two looks so far apart, in microseconds, are at the sides of a host's step.
+/// Two evaluations so far apart, in microseconds, are at the sides of a host's step.
 const JUMP_US: f64 = 1.0;
 /// Regions are looked up this often, in microseconds.
 const REGION_US: f64 = 4000.0;

@@ -96,7 +96,7 @@ fn materials_and_visibility_change_in_steps() {
 fn a_short_glimpse_is_seen() {
     let (scene, host) = scene();
     show(&host, false);
-    // Shown for 300 us, less than the time between two looks at what rests.
+    // Shown for 300 us, less than the time between two evaluations of what rests.
     let visible = [(0, 0, vec![(14_000, false), (14_300, true), (20_000, false)])];
     host.advance(&HostStep { visible: &visible, ..HostStep::default() }, 20_000).unwrap();
     let found = truth(&scene, &settings(20_000), &|_| true).unwrap();

@@ -171,7 +171,7 @@ fn matched(a: &[Event], b: &[Event]) -> usize {
 #[test]
 fn presets_agree_with_every_instant_rendered_everywhere_on_random_scenes() {
     let Some(gpu) = super::device() else { return };
-    // Scenes of the dear ones: one.
+    // The expensive presets run one scene.
     for (quality, least, most) in [
         (Quality::Draft, 0.80, usize::MAX),
         (Quality::Standard, 0.92, usize::MAX),
