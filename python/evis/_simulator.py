@@ -98,7 +98,7 @@ class Simulator:
     method : {"native", "decoupled", "splat", "evis-paper"} or Warp, optional
         How light is sampled: instants are rendered (``native``), or splatted from keyframes; or visibility is
         followed in continuous time and each pixel is evaluated at its own times, on the CPU (``decoupled``:
-        for sensors of thresholds alone; it needs a device for labels and frames only).
+        for sensors whose stages are not defined on frames; it needs a device for labels and frames only).
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 without a preset. Only for
         ``native``: a splat has its own.

@@ -1,7 +1,6 @@
 //! Resets of single environments; the others continue.
 
 use evis_core::ConfigError;
-use evis_core::random::Key;
 
 use crate::error::EngineError;
 use crate::gpu::commands::Commands;
@@ -11,7 +10,7 @@ use crate::sensor::chain::GroupChain;
 use crate::sensor::group::{Slot, Unit};
 use crate::sensor::passes::WalkPasses;
 use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
-use crate::world::view::View;
+use crate::world::view::{View, reseed};
 
 use super::Engine;
 
@@ -56,13 +55,7 @@ impl Engine {
         while !self.in_flight.is_empty() {
             self.collect_oldest()?;
         }
-        for (index, seed) in environments.iter().zip(seeds) {
-            let cameras = &self.context.scene.cameras;
-            for view in self.context.views.iter_mut().filter(|view| view.environment == *index) {
-                let place = cameras.iter().position(|camera| camera.node == view.node).unwrap_or(view.camera);
-                view.key = Key::new(*seed, *index as u32, place as u32);
-            }
-        }
+        reseed(&mut self.context.views, &self.context.scene, environments, seeds);
         for group in 0..self.groups.len() {
             let begins = |view: &usize| environments.contains(&self.context.views[*view].environment);
             let beginning: Vec<bool> = self.groups[group].views.iter().map(begins).collect();

@@ -1,6 +1,5 @@
 //! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered or analysed to choose them.
 
-use evis_core::TriggerRule;
 use evis_scene::{AlphaMode, Scene};
 
 use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
@@ -204,12 +203,11 @@ pub fn settle<'a>(
 
 /// What decoupled sampling lacks of `scene` and its sensors; `None` where it has everything.
 fn decoupled_limit(scene: &Scene, views: &[View]) -> Option<String> {
-    let sensor = |view: &View| view.sensor.is_ideal() && view.sensor.trigger == TriggerRule::Crossing;
     if views.iter().any(|view| view.distorted.is_some()) {
         return Some("distorted lenses".into());
     }
-    if !views.iter().all(sensor) {
-        return Some("sensor with more than thresholds".into());
+    if let Some(stage) = views.iter().find_map(|view| view.sensor.needs_frames()) {
+        return Some(format!("sensor with {stage}, which is defined on frames"));
     }
     evis_decoupled::unsupported(scene)
 }

@@ -128,7 +128,8 @@ impl SamplingRequest {
         let mut notes = Vec::new();
         if let Some(quality) = self.preset() {
             notes = quality.sampling().apply(gpu, scene, config)?;
-            if config.method == Method::Decoupled && self.of_instants().is_some() {
+            let renders = self.of_instants().is_some() || self.method == Some(Method::Native);
+            if config.method == Method::Decoupled && renders {
                 // Settings of instants are for rendered ones.
                 notes = quality.sampling().rendered().apply(gpu, scene, config)?;
             }

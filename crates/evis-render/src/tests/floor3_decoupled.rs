@@ -1,10 +1,12 @@
 //! Floor 3: decoupled sampling behind the simulator.
 
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use evis_core::metric::{ScoreSettings, score};
-use evis_core::{Event, LabelKind, SensorConfig};
+use evis_core::sensor::{Refractory, RefractoryRule};
+use evis_core::{Cause, Event, LabelKind, SensorConfig};
 use evis_scene::{AlphaMode, Scene, Variant};
 use evis_truth::{PixelChoice, TruthSettings};
 
@@ -89,6 +91,73 @@ fn labels_frames_and_poses_are_those_of_rendering() {
     // Labels need a device, events do not.
     let error = Simulator::new(None, scene("spinner"), labelled(Method::Decoupled)).err().unwrap();
     assert!(matches!(&error, EngineError::Device(text) if text.contains("mesa")), "{error}");
+}
+
+#[test]
+fn a_sensor_with_noise_fires_as_rendering_says() {
+    let Some(gpu) = super::device() else { return };
+    let mut sensor = SensorConfig::preset("dvxplorer-like").unwrap();
+    sensor.noise.shot_hz = 5.0;
+    // Pixels fire at noise and light within it.
+    sensor.refractory = Refractory { period_us: 4000, rule: RefractoryRule::Suppress };
+    let config = |method| RunConfig {
+        method,
+        sensor: sensor.clone(),
+        labels: vec![LabelKind::Cause],
+        size: Some((64, 48)),
+        seed: 3,
+        reference_luminance: Some(0.5),
+        rate_hz: 4000.0,
+        samples: 64,
+        ..RunConfig::default()
+    };
+    let [own, rendered] = [Method::Decoupled, Method::Native].map(|method| {
+        let mut simulator = Simulator::new(&gpu, scene("spinner"), config(method)).unwrap();
+        // Two blocks: counts of losses are of what has been simulated.
+        let packet = simulator.step(65_536).unwrap();
+        let report = packet.report.clone();
+        let view = packet.views.into_iter().next().unwrap();
+        (view.events, view.causes, report)
+    });
+    // What noise does it does to both; the bus, on which events of light wait too, moves it by microseconds.
+    let noise = |(events, causes, _): &(Vec<Event>, Vec<u8>, _)| {
+        let all = events.iter().zip(causes).filter(|(_, cause)| **cause != Cause::Signal as u8);
+        all.map(|(e, cause)| (e.x, e.y, e.p, *cause, e.t / 1000)).collect::<HashSet<_>>()
+    };
+    let (a, b) = (noise(&own), noise(&rendered));
+    let common = a.intersection(&b).count();
+    println!(
+        "noise: {} and {}, {common} alike; {} and {} events",
+        a.len(),
+        b.len(),
+        own.0.len(),
+        rendered.0.len()
+    );
+    assert!(
+        a.len() > 100 && common * 10 >= 9 * a.len().max(b.len()),
+        "{common} of {} and {}",
+        a.len(),
+        b.len()
+    );
+    // Counts per pixel and polarity.
+    let counts = |events: &[Event]| {
+        let mut counts = HashMap::new();
+        events.iter().for_each(|e| *counts.entry((e.x, e.y, e.p)).or_insert(0_i32) += 1);
+        counts
+    };
+    let (a, b) = (counts(&own.0), counts(&rendered.0));
+    let apart: i32 = a
+        .keys()
+        .chain(b.keys())
+        .collect::<HashSet<_>>()
+        .into_iter()
+        .map(|k| (a.get(k).unwrap_or(&0) - b.get(k).unwrap_or(&0)).abs())
+        .sum();
+    println!("counts differ by {apart}");
+    assert!((apart as usize) < (own.0.len() + rendered.0.len()) / 20, "{apart} of {}", own.0.len());
+    let [own, rendered] = [own.2.suppressed, rendered.2.suppressed];
+    println!("{own} suppressed, {rendered} by rendering");
+    assert!(own > 20 && own.abs_diff(rendered) * 4 < own, "{own} suppressed, {rendered} by rendering");
 }
 
 #[test]
@@ -199,7 +268,13 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     assert!(method == Method::Native && notes.contains("holes"), "{notes}");
     let v2e = RunConfig { sensor: SensorConfig::preset("v2e").unwrap(), ..base() };
     let (method, _, notes) = apply(Some(&gpu), &desk, quality(Quality::High), v2e.clone()).unwrap();
-    assert!(method == Method::Native && notes.contains("thresholds"), "{notes}");
+    assert!(method == Method::Native && notes.contains("frames"), "{notes}");
+    // Noise and a bandwidth have their place in continuous time.
+    let real = RunConfig { sensor: SensorConfig::preset("dvxplorer-like").unwrap(), ..base() };
+    let (method, _, notes) = apply(Some(&gpu), &desk, quality(Quality::High), real).unwrap();
+    assert!(method == Method::Decoupled && notes.is_empty(), "{notes}");
+    let rendered = SamplingRequest { method: Some(Method::Native), ..quality(Quality::High) };
+    assert_eq!(apply(Some(&gpu), &desk, rendered, base()).unwrap().0, Method::Native);
     // Asked for by hand it is refused.
     let by_name = || SamplingRequest { method: Some(Method::Decoupled), ..Default::default() };
     let refused = |scene: &Scene, base| {
@@ -207,7 +282,7 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
         by_name().apply(Some(&gpu), scene, &mut config).unwrap();
         Simulator::new(&gpu, Arc::new(scene.clone()), config).err().unwrap().to_string()
     };
-    assert!(refused(&masked, base()).contains("holes") && refused(&desk, v2e).contains("thresholds"));
+    assert!(refused(&masked, base()).contains("holes") && refused(&desk, v2e).contains("one with times"));
     let told = |request: SamplingRequest| apply(Some(&gpu), &desk, request, base()).unwrap_err().to_string();
     assert!(told(SamplingRequest { rate_hz: Some(100.0), ..by_name() }).contains("rate_hz is 100"));
     let step = SamplingRequest { adaptive_px: Some(0.01), ..by_name() };
