@@ -362,6 +362,8 @@ impl Row {
         let mut activities = [None; PIXELS];
         for pixel in (0..PIXELS).filter(inside) {
             activities[pixel] = Some(evaluator.activity(work, entries, pixel));
+            self.report.entries += work.entry_count(pixel) as u64;
+            self.report.pixel_blocks += 1;
         }
         if let Some(sensing) = sensing {
             let tile = &mut self.tiles[column];
@@ -379,8 +381,6 @@ impl Row {
         for (pixel, activity) in activities.iter().enumerate() {
             let (Some(activity), (x, y)) = (activity, place(pixel)) else { continue };
             evaluator.enter_pixel(work, pixel);
-            self.report.entries += work.entry_count() as u64;
-            self.report.pixel_blocks += 1;
             let slot = column * PIXELS + pixel;
             let path = self.paths[slot].get_or_insert_with(|| {
                 PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)
