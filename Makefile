@@ -60,7 +60,7 @@ demo: wheel ## Simulate the warehouse; leaves a recording and pictures in out/.
 	$(BIN)/evis preview out/$(DEMO_SCENE).h5 -o out/$(DEMO_SCENE).mp4 \
 	  || $(BIN)/evis preview out/$(DEMO_SCENE).h5 -o out/$(DEMO_SCENE).gif
 
-test: test-rust test-python ## Every floor, Rust and Python.
+test: test-rust test-python ## Every tier, Rust and Python.
 
 test-rust: setup
 ifeq ($(NEXTEST),yes)

@@ -1,4 +1,4 @@
-//! Floor 4: the product against closed forms. Drifting gratings, step edges under the box filter, flicker, and
+//! The product against closed forms. Drifting gratings, step edges under the box filter, flicker, and
 //! motion vectors, each with the pixel's own integral in the formula. `-- --nocapture` prints the measured figures.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]

@@ -1,4 +1,4 @@
-//! Floors 0 and 1 of other backends: every shader variant is translated to SPIR-V, MSL and HLSL, and every pipeline is
+//! Other backends: every shader variant is translated to SPIR-V, MSL and HLSL, and every pipeline is
 //! built with the limits of other backends. No driver compiles the translations here.
 
 use std::cell::RefCell;
@@ -16,7 +16,7 @@ use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, ShaderStage};
 
-use super::floor0::{entries, variants};
+use super::layout::{entries, variants};
 use super::raster_scenes;
 use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
 use crate::engine::Engine;

@@ -15,7 +15,7 @@ use crate::sampling::Sampling;
 use crate::sampling::tile_rate::Overlook;
 use crate::world::view;
 
-use super::random_scenes::{self, LENGTH_MS, RATE_HZ};
+use crate::tests::random_scenes::{self, LENGTH_MS, RATE_HZ};
 
 /// Scenes that every run tries; `EVIS_SCENES=FIRST..LAST` (`make check-long`) tries others.
 const SEEDS: std::ops::Range<u64> = 0..24;
@@ -76,7 +76,7 @@ fn run(gpu: &Gpu, scene: &Arc<Scene>, rendering: Rendering) -> (Vec<Vec<Event>>,
 
 #[test]
 fn audits_find_what_was_skipped_wrongly_and_change_no_byte() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let report = |scene: &Arc<Scene>, audit: f64, overlooks: Option<Overlook>| {
         let mut config = RunConfig { audit, ..config(Rendering::Tiles(None)) };
         // Samples are at the finest rate of whatever changes: what audits find is skipped.
@@ -112,7 +112,7 @@ fn audits_find_what_was_skipped_wrongly_and_change_no_byte() {
 
 #[test]
 fn random_scenes_fire_the_same_bytes_whatever_is_skipped() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (mut fired, mut all_pixels, mut drawn_pixels) = (0, 0, 0);
     let mut found = [0; 4];
     let canaries = [Overlook::Paused, Overlook::Vibrating, Overlook::Shadows, Overlook::Deformation];
@@ -170,7 +170,7 @@ fn matched(a: &[Event], b: &[Event]) -> usize {
 
 #[test]
 fn presets_agree_with_every_instant_rendered_everywhere_on_random_scenes() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     // The expensive presets run one scene.
     for (quality, least, most) in [
         (Quality::Draft, 0.80, usize::MAX),

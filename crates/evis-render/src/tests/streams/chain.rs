@@ -1,4 +1,4 @@
-//! Floor 3 of the whole sensor chain with every kind of noise: small buffers, other cameras, least limits; `floor3_bytes.rs` has
+//! The whole sensor chain with every kind of noise: small buffers, other cameras, least limits; `streams/bytes.rs` has
 //! packets, steps, neighbours and threads.
 
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use evis_core::Event;
 use evis_core::sensor::{Noise, Readout, SensorConfig};
 use evis_scene::Scene;
 
-use super::floor3::{batch, events, gather};
+use super::gather::{batch, events, gather};
 use crate::config::RunConfig;
 use crate::engine::Engine;
 use crate::gpu::Gpu;
@@ -42,7 +42,7 @@ fn stream(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, packet_us: i64) -> 
 
 #[test]
 fn a_camera_of_two_has_the_noise_that_it_has_alone() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
     let mut second = scene.cameras[0].clone();
     second.name = "second".into();
@@ -57,8 +57,8 @@ fn a_camera_of_two_has_the_noise_that_it_has_alone() {
 
 #[test]
 fn a_device_with_the_least_limits_gives_the_same_bytes() {
-    let Some(gpu) = super::device() else { return };
-    let (device, queue) = super::least_device();
+    let Some(gpu) = crate::tests::device() else { return };
+    let (device, queue) = crate::tests::least_device();
     let given = Gpu::from_device(device, queue);
     let (scene, config) = (batch(&[0.0]), config(&sensors()[0]));
     assert!(stream(&given, &scene, &config, 10_000) == stream(&gpu, &scene, &config, 10_000));
@@ -66,7 +66,7 @@ fn a_device_with_the_least_limits_gives_the_same_bytes() {
 
 #[test]
 fn small_buffers_cost_reruns_and_no_byte() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = batch(&[0.0, 0.5]);
     for sensor in sensors() {
         let mut config = config(&sensor);
@@ -98,7 +98,7 @@ fn small_buffers_cost_reruns_and_no_byte() {
 
 #[test]
 fn noise_that_does_not_fit_is_refused_by_name() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let mut config = config(&sensors()[0]);
     config.sensor.noise.shot_hz = 10_000.0;
     let (views, _) = view::views(&batch(&[0.0]), &config).unwrap();

@@ -1,4 +1,4 @@
-//! Floor 3: sampling each tile at its own rate gives what sampling everything at that rate gives.
+//! Sampling each tile at its own rate gives what sampling everything at that rate gives.
 
 use evis_core::{Event, SensorConfig};
 
@@ -8,7 +8,7 @@ use crate::config::Between;
 
 use crate::config::RunConfig;
 
-use super::adaptive_streams::{deliver, engine, force, run, scene};
+use super::built_in::{deliver, engine, force, run, scene};
 
 fn config(adaptive_px: Option<f64>, rate_hz: f64) -> RunConfig {
     RunConfig {
@@ -23,7 +23,7 @@ fn config(adaptive_px: Option<f64>, rate_hz: f64) -> RunConfig {
 
 #[test]
 fn at_one_rate_everywhere_it_is_native_at_that_rate() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let noisy = SensorConfig::preset("evis").unwrap();
     let shared = SensorConfig::preset("v2e-noisy").unwrap();
     let (whole, edges) = ((Antialias::Samples, 2), (Antialias::Edges, 16));
@@ -55,7 +55,7 @@ fn at_one_rate_everywhere_it_is_native_at_that_rate() {
 
 #[test]
 fn the_finest_rate_everywhere_changes_nothing_and_what_is_still_is_left_out() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for name in ["spinner", "desk"] {
         let scene = scene(name);
         let native = run(&gpu, &scene, &config(None, 1000.0), 16_000);
@@ -71,7 +71,7 @@ fn the_finest_rate_everywhere_changes_nothing_and_what_is_still_is_left_out() {
 
 #[test]
 fn curves_fire_other_events_than_lines_of_fewer_pixels_than_native() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for name in ["spinner", "desk"] {
         let alone = scene(name);
         let config = config(Some(0.3), 2000.0);
@@ -86,7 +86,7 @@ fn curves_fire_other_events_than_lines_of_fewer_pixels_than_native() {
 
 #[test]
 fn a_coarser_rate_keeps_close_to_the_finest() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for name in ["spinner", "desk", "street"] {
         let scene = scene(name);
         let [fine, adaptive, coarse] = [None, Some(0.2), Some(3.0)]

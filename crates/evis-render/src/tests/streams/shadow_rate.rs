@@ -1,4 +1,4 @@
-//! Floor 3: rates of shadows against rays, which share no code with them: no light that changes is overlooked, and nothing
+//! Rates of shadows against rays, which share no code with them: no light that changes is overlooked, and nothing
 //! goes faster than is said.
 
 use std::sync::Arc;
@@ -295,7 +295,7 @@ impl Trial {
 
 #[test]
 fn no_moving_shadow_is_missed_and_none_goes_faster_than_its_tiles_expect() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (mut changed, mut silent, mut active, mut tiles) = (0, 0, 0, 0);
     let mut borders = Vec::new();
     for seed in 0..12 {

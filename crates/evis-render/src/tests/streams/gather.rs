@@ -1,4 +1,4 @@
-//! Floor 3: whole intervals on a device from outside, and what the other files gather streams with.
+//! Streams on a device from outside, and what the other files gather streams with.
 
 use std::sync::Arc;
 
@@ -70,8 +70,8 @@ pub(super) fn batch(offsets: &[f64]) -> Arc<Scene> {
 
 #[test]
 fn a_device_from_outside_gives_the_same_bytes() {
-    let Some(gpu) = super::device() else { return };
-    let (device, queue) = super::least_device();
+    let Some(gpu) = crate::tests::device() else { return };
+    let (device, queue) = crate::tests::least_device();
     let given = Gpu::from_device(device.clone(), queue.clone());
     let (scene, config) = (scene(), config());
     assert!(stream(&given, &scene, &config, 10_000) == stream(&gpu, &scene, &config, 10_000));

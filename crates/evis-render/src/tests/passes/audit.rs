@@ -1,4 +1,4 @@
-//! Floor 2: the audit pass equals its twin.
+//! The audit pass equals its twin.
 
 use crate::cpu::audit::change;
 use crate::gpu::commands::Commands;
@@ -11,14 +11,14 @@ use crate::pass::adaptive::{AUDIT_BINDINGS, audit};
 use crate::raster::layers::{LayerUse, Layers};
 use crate::world::tiles::TILE;
 
-use super::random_scenes::Dice;
+use crate::tests::random_scenes::Dice;
 
 /// Pixels within the picture of each audited tile.
 const SIZES: [[u32; 2]; 6] = [[16, 16], [16, 16], [16, 16], [8, 16], [16, 7], [1, 1]];
 
 #[test]
 fn audits_equal_their_twin() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (device, queue) = (&gpu.device, &gpu.queue);
     let mut dice = Dice(7);
     let count = (TILE * TILE) as usize;
@@ -72,7 +72,7 @@ fn audits_equal_their_twin() {
         pass.encode_tiles(&mut encoder, &group, slot, 1);
     }
     encoder.submit(&gpu);
-    let words = super::read(&gpu, &changes);
+    let words = crate::tests::read(&gpu, &changes);
     let mut differ = 0;
     for ((size, word), luminance) in SIZES.iter().zip(&words).zip(&luminance) {
         let at = |layer: usize, x: u32, y: u32| luminance[layer][(y * TILE + x) as usize];

@@ -1,4 +1,4 @@
-//! Floor 3 of frames beside events: stamped at the middle of their exposure, the mean of light over it, and no reason for
+//! Frames beside events: stamped at the middle of their exposure, the mean of light over it, and no reason for
 //! any other byte to change.
 
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use evis_core::{LabelData, LabelFrame, LabelKind, Warp};
 use evis_scene::Motion;
 
-use super::floor3::{batch, gather};
+use super::gather::{batch, gather};
 use crate::config::{Method, RunConfig};
 use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
@@ -60,7 +60,7 @@ fn apart(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn a_frame_is_the_mean_of_light_over_its_exposure() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     // The spinner's picture moves by up to 4 pixels meanwhile.
     let config = RunConfig { size: Some((160, 120)), exposure_us: 14_000, samples: 16, ..config() };
     let scene = batch(&[0.0, 0.4]);
@@ -86,7 +86,7 @@ fn a_frame_is_the_mean_of_light_over_its_exposure() {
 
 #[test]
 fn what_is_still_while_a_frame_is_exposed_is_looked_at_once() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = Arc::new(evis_scene::builtin::load("desk", 0).unwrap());
     let exposure_us = 14_000;
     let config = RunConfig { size: Some((96, 72)), exposure_us, samples: 16, ..config() };
@@ -107,7 +107,7 @@ fn what_is_still_while_a_frame_is_exposed_is_looked_at_once() {
 
 #[test]
 fn light_that_changes_is_looked_at_while_nothing_moves() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let mut scene = evis_scene::builtin::load("desk", 0).unwrap();
     for node in &mut scene.nodes {
         if !matches!(node.motion, Motion::Fixed(_)) {
@@ -132,7 +132,7 @@ fn light_that_changes_is_looked_at_while_nothing_moves() {
 
 #[test]
 fn frames_change_nothing_else_and_nothing_changes_them() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let config = config();
     let expected = stream(&gpu, &config, 10_000);
     assert!(expected[0].0.len() > 100, "{}", expected[0].0.len());

@@ -1,4 +1,4 @@
-//! Floor 1: every pipeline and bind group of the built-in scenes builds on `wgpu`'s `noop` backend, so a wrong declaration
+//! Every pipeline and bind group of the built-in scenes builds on `wgpu`'s `noop` backend, so a wrong declaration
 //! fails where there is no driver. `portability.rs` builds every other variant, with the limits of other backends.
 
 use std::sync::Arc;

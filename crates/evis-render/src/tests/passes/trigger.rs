@@ -1,4 +1,4 @@
-//! Floor 2: each pass equals its CPU twin, with planted boundary cases and a canary.
+//! Each pass equals its CPU twin, with planted boundary cases and a canary.
 
 use evis_core::trigger::PixelState;
 use evis_core::{SensorConfig, TriggerRule};
@@ -303,7 +303,7 @@ fn compare(
 
 #[test]
 fn trigger_passes_equal_their_twin() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let layers = layers();
     let sensors = sensors();
     let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
@@ -323,7 +323,7 @@ fn trigger_passes_equal_their_twin() {
 
 #[test]
 fn canary_the_comparison_rejects_a_wrong_threshold_and_a_shift() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let layers = layers();
     let sensors = sensors();
     let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
@@ -363,7 +363,7 @@ fn twin_of_blocks(
 
 #[test]
 fn curves_between_samples_equal_their_twin() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let sensors = sensors();
     let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
     let blocks = Blocks { instants: BLOCK, between: Between::Curve };
@@ -445,7 +445,7 @@ fn a_curve_rises_where_samples_rise_and_rests_beside_rest() {
 
 #[test]
 fn an_unknown_instant_leaves_the_pixel_as_it_was() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (sensors, grid) = (sensors(), SampleGrid::new(1000.0 / 3.0, 1).unwrap());
     let mut layers = layers();
     let mut planted = 0;
@@ -481,7 +481,7 @@ fn an_unknown_instant_leaves_the_pixel_as_it_was() {
 
 #[test]
 fn a_full_buffer_stalls_and_writes_nothing() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let grid = SampleGrid::new(1000.0, 1).unwrap();
     let ran = run(&gpu, TriggerRule::Crossing, &layers(), &sensors(), &grid, 64, false);
     assert_eq!(ran.status.stalled, 1);

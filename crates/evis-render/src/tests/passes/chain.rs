@@ -1,4 +1,4 @@
-//! Floor 2 of the whole sensor chain: generator, walk and feed against the CPU's, on the same light.
+//! The whole sensor chain: generator, walk and feed against the CPU's, on the same light.
 
 use evis_core::event::take_causes;
 use evis_core::random::{Key, StreamId, philox};
@@ -439,7 +439,7 @@ fn sensors() -> Vec<(String, SensorConfig)> {
 
 #[test]
 fn the_chain_is_the_emulators() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let grid = SampleGrid::new(1000.0, 1).unwrap();
     let mut failed = Vec::new();
     let mut rungs = [0; LADDER.len() + 1];
@@ -465,7 +465,7 @@ fn the_chain_is_the_emulators() {
 
 #[test]
 fn few_lists_of_pixels_that_wake_change_no_byte() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let grid = SampleGrid::new(1000.0, 1).unwrap();
     let sensor = SensorConfig::preset("v2e").unwrap();
     let expected = run(&gpu, &sensor, &grid, 60, &[32], light);
@@ -478,7 +478,7 @@ fn few_lists_of_pixels_that_wake_change_no_byte() {
 
 #[test]
 fn canary_the_comparison_rejects_other_sensors() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let grid = SampleGrid::new(1000.0, 1).unwrap();
     let mut rejected = 0;
     for name in ["openeb", "v2e-noisy"] {
@@ -547,7 +547,7 @@ fn noises() -> Vec<(&'static str, SensorConfig)> {
 
 #[test]
 fn noise_at_rest_is_the_emulators_to_the_last_event() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for (rate_hz, instants) in [(30.0, 9), (300.0, 90), (3000.0, 900)] {
         let grid = SampleGrid::new(rate_hz, 1).unwrap();
         for (name, sensor) in noises() {
@@ -563,7 +563,7 @@ fn noise_at_rest_is_the_emulators_to_the_last_event() {
 
 #[test]
 fn unknown_light_leaves_the_pixel_and_its_noise() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let grid = SampleGrid::new(1000.0, 1).unwrap();
     // The first instant is known, as it always is.
     let patchy = |view: usize, pixel: usize, t_us: i64| {
@@ -590,7 +590,7 @@ fn is_met(got: usize, expected: f64) -> bool {
 
 #[test]
 fn every_noise_rate_is_met_at_every_sampling_rate() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let grey = |_: usize, _: usize, _: i64| 0.5;
     let pixels = (PIXELS * VIEWS) as f64;
     for (rate_hz, instants) in [(30.0, 31), (300.0, 301), (3000.0, 3001)] {
@@ -629,7 +629,7 @@ fn every_noise_rate_is_met_at_every_sampling_rate() {
 
 #[test]
 fn the_generator_gives_the_published_answers_on_the_device() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let main = "
         @group(0) @binding(0) var<storage, read_write> words: array<vec4<u32>>;
         @compute @workgroup_size(1)
@@ -668,7 +668,7 @@ fn the_generator_gives_the_published_answers_on_the_device() {
     let mut encoder = Commands::new(&gpu, "test");
     encoder.compute("philox").dispatch(&pipeline, &group, &[], (1, 1, 1));
     encoder.submit(&gpu);
-    let got = super::read(&gpu, &buffer);
+    let got = crate::tests::read(&gpu, &buffer);
     // Known answers of the authors' library, Random123, file kat_vectors, philox4x32 10.
     let known = [
         0x6627_e8d5,

@@ -1,4 +1,4 @@
-//! Floor 3 of cameras with different sensors in one run: each has the bytes that it has alone.
+//! Cameras with different sensors in one run: each has the bytes that it has alone.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use evis_core::sensor::{Readout, SensorConfig};
 use evis_core::{Event, LabelKind, TriggerRule, Warp};
 use evis_scene::{Scene, Variant};
 
-use super::floor3::{events, gather};
+use super::gather::{events, gather};
 use crate::config::{Method, RunConfig};
 use crate::engine::simulator::Simulator;
 use crate::engine::{Engine, Parts, classes};
@@ -74,7 +74,7 @@ fn methods() -> Vec<(Method, Option<f64>)> {
 
 #[test]
 fn neighbours_with_other_sensors_change_no_byte() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (scene, sensors) = rig();
     let names: Vec<String> = scene.cameras.iter().map(|camera| camera.name.clone()).collect();
     for (method, adaptive_px) in methods() {
@@ -104,7 +104,7 @@ fn neighbours_with_other_sensors_change_no_byte() {
 
 #[test]
 fn batches_packets_and_small_buffers_change_no_byte() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (scene, sensors) = rig();
     let mut batch = Scene::clone(&scene);
     let clock = |time_offset_s| Variant { time_offset_s, ..Variant::default() };
@@ -140,7 +140,7 @@ fn batches_packets_and_small_buffers_change_no_byte() {
 
 #[test]
 fn sensors_that_agree_share_what_they_shared_before() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (scene, sensors) = rig();
     let of = |sensors: &BTreeMap<String, SensorConfig>| {
         let mut config = config(sensors);
@@ -160,7 +160,7 @@ fn sensors_that_agree_share_what_they_shared_before() {
 
 #[test]
 fn the_settings_in_force_tell_every_cameras_sensor() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (scene, sensors) = rig();
     let told = |config: RunConfig| Simulator::new(&gpu, scene.clone(), config).unwrap().config().clone();
     let config = told(config(&sensors));
@@ -181,7 +181,7 @@ fn the_settings_in_force_tell_every_cameras_sensor() {
 
 #[test]
 fn adaptive_time_gives_a_diffusion_the_light_of_every_instant() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (scene, sensors) = rig();
     let run = |name: &str, adaptive_px| {
         let cameras = vec![name.to_owned()];

@@ -1,4 +1,4 @@
-//! Floor 0: needs nothing. WGSL validates; layouts, bindings and constants agree; no orphan shader.
+//! Needs nothing: WGSL validates; layouts, bindings and constants agree; no orphan shader.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;

@@ -1,4 +1,4 @@
-//! Floor 3: quality presets, and the search for settings.
+//! Quality presets, and the search for settings.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use crate::request::SamplingRequest;
 use crate::tune::{Goal, Tuned, tune};
 use crate::world::tiles::{TILE, tiles_along};
 
-use super::adaptive_streams::scene;
+use super::built_in::scene;
 
 const SIZE: (u32, u32) = (160, 120);
 
@@ -38,7 +38,7 @@ fn events(gpu: &Gpu, scene: &Arc<Scene>, config: RunConfig, until_us: i64) -> Ve
 
 #[test]
 fn tiles_that_are_rendered_alone_fire_as_in_the_whole_picture() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for (name, antialias, samples) in [("spinner", Antialias::Edges, 16), ("desk", Antialias::Samples, 2)] {
         let scene = scene(name);
         let config = RunConfig {
@@ -78,7 +78,7 @@ fn tiles_that_are_rendered_alone_fire_as_in_the_whole_picture() {
 
 #[test]
 fn presets_are_the_same_for_every_scene_but_for_what_it_does_not_allow() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (spinner, desk) = (scene("spinner"), scene("desk"));
     for quality in Quality::ALL {
         let (one, notes) = preset(&gpu, &spinner, quality, &base());
@@ -117,7 +117,7 @@ fn presets_are_the_same_for_every_scene_but_for_what_it_does_not_allow() {
 
 #[test]
 fn a_preset_by_name_and_its_settings_by_hand_give_the_same_bytes() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let spinner = scene("spinner");
     let (named, _) = preset(&gpu, &spinner, Quality::Draft, &base());
     let by_hand = RunConfig { quality: None, ..named.clone() };
@@ -133,7 +133,7 @@ fn tuned(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, goal: Goal) -> Tuned
 
 #[test]
 fn the_cheapest_that_agrees_with_the_reference_is_taken() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let spinner = scene("spinner");
     let found = tuned(&gpu, &spinner, &base(), Goal { target_f1: 0.9, budget_ms: None });
     let f1: Vec<f64> = found.tried.iter().map(|tried| tried.agreement.unwrap().f1_1ms).collect();
@@ -167,7 +167,7 @@ fn the_cheapest_that_agrees_with_the_reference_is_taken() {
 
 #[test]
 fn what_cannot_be_reached_is_said_and_a_stop_stops() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let spinner = scene("spinner");
     let small = RunConfig { size: Some((64, 48)), ..base() };
     let cheap = tuned(&gpu, &spinner, &small, Goal { target_f1: 0.9, budget_ms: Some(1e-3) });
@@ -202,7 +202,7 @@ fn what_cannot_be_reached_is_said_and_a_stop_stops() {
 
 #[test]
 fn decoupled_sampling_is_tried_where_it_knows_the_scene() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let spinner = scene("spinner");
     let small = RunConfig { size: Some((96, 72)), ..base() };
     let words = |found: &Tuned| found.tried.iter().map(|tried| tried.what.clone()).collect::<Vec<_>>();

@@ -1,4 +1,4 @@
-//! Floor 3 of `splat`: whole streams keep their bytes, and motions with a closed form come out as they must.
+//! `splat`: whole streams keep their bytes, and motions with a closed form come out as they must.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ use crate::engine::Engine;
 use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
 
-use super::adaptive_streams::engine;
+use super::built_in::engine;
 
 /// Pixels per unit of tangent.
 const FOCAL: f64 = 100.0;
@@ -84,7 +84,7 @@ fn worst(a: &[f32], b: &[f32]) -> f32 {
 
 #[test]
 fn a_plane_at_constant_velocity_is_warped_exactly() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     // Four pixels a gap, one an instant: what is rendered there has the same samples.
     let scene = sliding(4.0);
     let native =
@@ -105,7 +105,7 @@ fn a_plane_at_constant_velocity_is_warped_exactly() {
 fn displacements(gpu: &Gpu, engine: &Engine) -> Vec<Option<([f64; 2], [f64; 2])>> {
     let store = engine.splat_store().unwrap();
     let (width, height) = (store.keyframes.width as usize, store.keyframes.height as usize);
-    let words: Vec<u32> = super::read(gpu, &store.placed);
+    let words: Vec<u32> = crate::tests::read(gpu, &store.placed);
     (0..width * height)
         .map(|i| {
             let [x, y, key] = [3, 4, 5].map(|plane| words[plane * width * height + i]);
@@ -118,7 +118,7 @@ fn displacements(gpu: &Gpu, engine: &Engine) -> Vec<Option<([f64; 2], [f64; 2])>
 
 #[test]
 fn rotation_bends_linear_motion_by_its_sagitta_and_leaves_exact_motion_alone() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for angle in [0.1f64, 0.2, 0.4] {
         let scene = turning(angle);
         for variant in [WarpVariant::EvisPaper, WarpVariant::Splat] {
@@ -155,7 +155,7 @@ fn rotation_bends_linear_motion_by_its_sagitta_and_leaves_exact_motion_alone() {
 
 #[test]
 fn what_stands_still_never_fires() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = board(Path::ConstantVelocity { start: start(), velocity: DVec3::ZERO });
     for settings in [splat(), paper()] {
         let mut config = config(settings);
@@ -172,7 +172,7 @@ fn what_stands_still_never_fires() {
 
 #[test]
 fn light_beyond_the_papers_range_is_counted_and_told() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = board(Path::ConstantVelocity { start: start(), velocity: DVec3::ZERO });
     let run = |splat: Warp, reference: f32, steps: i64, sensor: SensorConfig| {
         let config = RunConfig { reference_luminance: Some(reference), sensor, ..config(splat) };
@@ -204,7 +204,7 @@ fn light_beyond_the_papers_range_is_counted_and_told() {
 
 #[test]
 fn what_no_keyframe_shows_is_black_for_the_paper_and_unknown_else() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     // Without a margin, a column enters from the left at every gap's first instants.
     let scene = sliding(12.0);
     let steps = |splat: Warp| engine(&gpu, &scene, &config(splat)).instants(1, 1).unwrap().remove(0);
@@ -228,7 +228,7 @@ fn what_no_keyframe_shows_is_black_for_the_paper_and_unknown_else() {
 
 #[test]
 fn pictures_of_coverage_samples_that_no_texture_holds_are_refused_by_name() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = sliding(0.0);
     let texture_edge = gpu.device.limits().max_texture_dimension_2d;
     let refused = |method: Method| {

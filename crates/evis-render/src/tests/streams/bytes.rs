@@ -1,4 +1,4 @@
-//! Floor 3: what changes no byte of a stream. One table, method × sensor, and five ways to run each: packets, steps,
+//! What changes no byte of a stream. One table, method × sensor, and five ways to run each: packets, steps,
 //! neighbours, threads, small buffers.
 
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
 use crate::world::view;
 
-use super::floor3::gather;
+use super::gather::gather;
 
 /// Stream that every run makes.
 const UNTIL_US: i64 = 30_000;
@@ -193,7 +193,7 @@ fn small_buffers(gpu: &Gpu, case: &Case, most: u32) -> (Stream, u64) {
 
 /// Every way to run the cases of `method`.
 fn check(method: &str) {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let cases: Vec<Case> = cases().into_iter().filter(|case| case.name.starts_with(method)).collect();
     assert!(!cases.is_empty());
     for case in &cases {

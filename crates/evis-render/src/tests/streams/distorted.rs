@@ -1,4 +1,4 @@
-//! Floor 3: streams and labels of cameras with distorted lenses.
+//! Streams and labels of cameras with distorted lenses.
 
 use std::sync::Arc;
 
@@ -59,7 +59,7 @@ fn events(gpu: &crate::gpu::Gpu, scene: &Scene, config: &RunConfig, packet_us: i
 
 #[test]
 fn packets_and_neighbours_change_no_byte_of_a_distorted_camera() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = radtan();
     for antialias in [Antialias::Samples, Antialias::Edges] {
         let config = RunConfig { antialias, samples: 4, ..config() };
@@ -79,7 +79,7 @@ fn packets_and_neighbours_change_no_byte_of_a_distorted_camera() {
 
 #[test]
 fn a_camera_without_coefficients_shows_what_a_pinhole_shows() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = scene("radtan", &[]);
     let config = RunConfig { samples: 16, ..config() };
     let mut simulator = Simulator::new(&gpu, Arc::new(scene), config).unwrap();
@@ -95,7 +95,7 @@ fn a_camera_without_coefficients_shows_what_a_pinhole_shows() {
 
 #[test]
 fn labels_of_a_distorted_camera_are_those_of_its_own_pixels() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for scene in [radtan(), scene("fisheye", &[0.04, -0.02])] {
         let kinds =
             [LabelKind::Depth, LabelKind::Instance, LabelKind::FlowForward, LabelKind::FlowForwardValid];
@@ -171,7 +171,7 @@ fn labels_of_a_distorted_camera_are_those_of_its_own_pixels() {
 
 #[test]
 fn what_a_distorted_lens_cannot_have_is_refused_and_presets_avoid_it() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = Arc::new(radtan());
     let splat = RunConfig { method: Method::Splat(Warp::default()), ..config() };
     let decoupled = RunConfig { method: Method::Decoupled, ..config() };
@@ -209,7 +209,7 @@ fn stereo_scene(rig: &Rig) -> Scene {
 
 #[test]
 fn disparity_is_the_shift_of_the_point_that_fires() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let distortion = Distortion::from_coefficients("radtan", &[-0.3, 0.1, 1e-3, -1e-3]).unwrap();
     let camera =
         EventCamera::new("camera").size(96, 72).intrinsics(90.0, 90.0, 47.0, 36.5).distortion(distortion);

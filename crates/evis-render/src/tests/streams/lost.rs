@@ -1,11 +1,11 @@
-//! Floor 3: a device that is lost ends a run with an error that says so, and takes nothing that was delivered.
+//! A device that is lost ends a run with an error that says so, and takes nothing that was delivered.
 
 use std::sync::Arc;
 
 use evis_core::LabelKind;
 use evis_core::sensor::SensorConfig;
 
-use super::floor3::gather;
+use super::gather::gather;
 use crate::config::RunConfig;
 use crate::engine::simulator::Simulator;
 use crate::error::EngineError;
@@ -18,7 +18,7 @@ fn a_lost_device_ends_a_run_with_its_name_and_takes_nothing_that_was_delivered()
     let adaptive = RunConfig { adaptive_px: Some(0.5), ..plain.clone() };
     let chain = RunConfig { sensor: SensorConfig::preset("v2e-noisy").unwrap(), ..plain.clone() };
     for (name, config) in [("plain", plain), ("labels", labels), ("adaptive", adaptive), ("chain", chain)] {
-        let Some(gpu) = super::device() else { return };
+        let Some(gpu) = crate::tests::device() else { return };
         let expected = gather(
             [20_000]
                 .map(|t| Simulator::new(&gpu, scene.clone(), config.clone()).unwrap().step(t).unwrap())
@@ -44,7 +44,7 @@ fn a_lost_device_ends_a_run_with_its_name_and_takes_nothing_that_was_delivered()
 
 #[test]
 fn a_device_that_is_lost_during_a_stream_ends_it() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = Arc::new(evis_scene::builtin::load("spinner", 0).unwrap());
     let config = RunConfig { size: Some((80, 60)), rate_hz: 700.0, samples: 2, ..Default::default() };
     let mut stream = Simulator::new(&gpu, scene, config).unwrap().stream(10_000_000_000, 10_000).unwrap();
@@ -84,7 +84,7 @@ fn simulators_one_after_the_other_take_no_more_address_space() {
     let scene = Arc::new(evis_scene::builtin::load("spinner", 0).unwrap());
     let config = RunConfig { size: Some((16, 12)), rate_hz: 200.0, samples: 1, ..Default::default() };
     let once = || {
-        let gpu = super::device()?;
+        let gpu = crate::tests::device()?;
         Simulator::new(&gpu, scene.clone(), config.clone()).unwrap().step(5_000).unwrap();
         Some(executable_bytes())
     };

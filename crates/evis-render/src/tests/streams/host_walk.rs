@@ -1,4 +1,4 @@
-//! Floor 3 of sensors that the host walks: the emulator's events on the engine's light, whatever else is rendered.
+//! Sensors that the host walks: the emulator's events on the engine's light, whatever else is rendered.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use evis_core::sensor::{Exposure, Noise, Photoreceptor, Readout, SensorConfig};
 use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, LabelKind};
 use evis_scene::Scene;
 
-use super::floor3::{batch, events};
+use super::gather::{batch, events};
 use crate::config::{Antialias, RunConfig};
 use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
@@ -42,7 +42,7 @@ fn stream(gpu: &Gpu, scene: &Arc<Scene>, config: &RunConfig, packet_us: i64) -> 
 
 #[test]
 fn events_are_those_of_the_emulator_on_the_same_light() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for config in [config(), noisy()] {
         meets_the_emulator(&gpu, &config);
     }
@@ -94,7 +94,7 @@ fn meets_the_emulator(gpu: &Gpu, config: &RunConfig) {
 
 #[test]
 fn the_host_says_why_its_events_fired() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = batch(&[0.0]);
     let caused = RunConfig { labels: vec![LabelKind::Cause], ..noisy() };
     let mut simulator = Simulator::new(&gpu, scene.clone(), caused).unwrap();
@@ -108,7 +108,7 @@ fn the_host_says_why_its_events_fired() {
 
 #[test]
 fn coverage_samples_reach_the_host_too() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let edges = RunConfig { antialias: Antialias::Edges, samples: 16, ..config() };
     let scene = batch(&[0.0]);
     let (with, without) = (stream(&gpu, &scene, &edges, 10_000), stream(&gpu, &scene, &config(), 10_000));
@@ -127,7 +127,7 @@ fn exposed() -> [RunConfig; 3] {
 
 #[test]
 fn exposed_events_are_those_of_the_emulator_on_the_same_light() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = batch(&[0.0, 0.4]);
     for config in exposed() {
         let got = stream(&gpu, &scene, &config, 10_000);
@@ -157,7 +157,7 @@ fn exposed_events_are_those_of_the_emulator_on_the_same_light() {
 
 #[test]
 fn a_longer_run_of_exposed_pixels_begins_with_the_shorter_one() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = batch(&[0.3, 0.0]);
     for config in exposed() {
         let expected = stream(&gpu, &scene, &config, 10_000);
@@ -172,7 +172,7 @@ fn a_longer_run_of_exposed_pixels_begins_with_the_shorter_one() {
 
 #[test]
 fn exposed_pixels_tell_why_they_fired() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let [_, noisy, _] = exposed();
     let caused = RunConfig { labels: vec![LabelKind::Cause], ..noisy.clone() };
     let scene = batch(&[0.0]);

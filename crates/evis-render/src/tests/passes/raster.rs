@@ -1,4 +1,4 @@
-//! Floor 2 of the raster and label passes: what the device shows equals what rays find.
+//! The raster and label passes: what the device shows equals what rays find.
 //!
 //! The twin samples a pixel where the device does; both are exact about geometry but for the device's 1/256 pixel
 //! grid and f32. So pixels with a sample near an edge of a triangle, of a hole or of a shadow are counted and left
@@ -10,7 +10,7 @@ use evis_core::{LabelData, LabelFrame, LabelKind};
 use evis_scene::{Lens, Scene, SceneState};
 use glam::DVec3;
 
-use super::raster_scenes::{self as scenes, HEIGHT, WIDTH};
+use crate::tests::raster_scenes::{self as scenes, HEIGHT, WIDTH};
 use crate::config::{Antialias, RunConfig, Shadows};
 use crate::frame::pattern::Share;
 use crate::pass::raster::WHOLE_PIXEL_TAPS;
@@ -283,7 +283,7 @@ fn coverage(case: &Case) -> Vec<[f64; 2]> {
 }
 
 fn check(name: &str, case: Case) {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = Arc::new((case.scene)());
     let mut config = RunConfig {
         samples: case.samples,
@@ -378,7 +378,7 @@ fn places_look_for_shadows_beside_their_middles() {
 
 #[test]
 fn rays_are_refused_where_a_caster_deforms() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = Arc::new(scenes::deformed());
     let mut lit = Scene::clone(&scene);
     lit.lights.iter_mut().for_each(|l| l.casts_shadow = true);
@@ -548,7 +548,7 @@ fn compare_labels(scene: &Scene, flow_scene: &Scene, labels: &[LabelFrame], t_us
 
 #[test]
 fn labels_equal_their_twin() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = Arc::new(scenes::moving(2.5));
     let labels = render_labels(&gpu, &scene);
     for t_us in [0, LABEL_US] {
@@ -581,7 +581,7 @@ fn labels_equal_their_twin() {
 
 #[test]
 fn what_lies_behind_the_other_camera_has_no_flow() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     // 86 degrees from one label to the next: half of what is seen is then beside or behind the camera.
     let scene = Arc::new(scenes::moving(75.0));
     let labels = render_labels(&gpu, &scene);

@@ -1,4 +1,4 @@
-//! Floor 2 of the splat passes: an instant between two planted keyframes equals its twin's.
+//! The splat passes: an instant between two planted keyframes equals its twin's.
 
 use evis_core::{Warp, WarpVariant};
 
@@ -274,7 +274,7 @@ const VARIANTS: [WarpVariant; 2] = [WarpVariant::Splat, WarpVariant::EvisPaper];
 
 #[test]
 fn splat_passes_equal_their_twin() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let sources = sources();
     let [older, newer] = &sources;
     for variant in VARIANTS {
@@ -305,7 +305,7 @@ fn splat_passes_equal_their_twin() {
 
 #[test]
 fn light_above_the_range_is_counted_as_by_the_twin() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let sources = sources();
     let brightest = sources.each_ref().map(|s| s.iter().map(|s| s.luminance).fold(0.0, f32::max));
     let most = brightest[0].max(brightest[1]);
@@ -337,7 +337,7 @@ fn still(low: f32, high: f32, lamp: f32) -> Pictures {
 
 #[test]
 fn colours_of_still_pictures_are_those_of_the_keyframe() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let most = 65_536.0;
     for (low, high, lamp) in [(300.0, 5000.0, 5000.0), (1e-4, 0.1, 60.0), (1e-3, 1e4, 3e7), (0.05, 1.0, 1.0)]
     {
@@ -359,7 +359,7 @@ fn colours_of_still_pictures_are_those_of_the_keyframe() {
 
 #[test]
 fn sums_do_not_depend_on_their_order() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     for variant in VARIANTS {
         let one = run(&gpu, variant, 0.4, 1);
         for length in [2, 3, 8, 1] {

@@ -1,4 +1,4 @@
-//! Floor 3: drawing only what changes gives the bytes of drawing everything.
+//! Drawing only what changes gives the bytes of drawing everything.
 
 use std::sync::Arc;
 
@@ -65,7 +65,7 @@ fn config() -> RunConfig {
 
 #[test]
 fn what_is_still_is_not_drawn_again_and_no_byte_differs() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = desk(|_| ());
     for shadows in [Shadows::Maps, Shadows::Rays] {
         let config = RunConfig { shadows: Some(shadows), ..config() };
@@ -87,7 +87,7 @@ fn what_is_still_is_not_drawn_again_and_no_byte_differs() {
 
 #[test]
 fn views_of_a_batch_are_still_each_for_itself() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = desk(|scene| {
         let variant = |time_offset_s| Variant { time_offset_s, ..Default::default() };
         scene.variants = vec![variant(0.0), variant(1.3)];
@@ -100,7 +100,7 @@ fn views_of_a_batch_are_still_each_for_itself() {
 
 #[test]
 fn nothing_moves_and_nothing_is_drawn() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = desk(|scene| {
         scene.nodes.iter_mut().for_each(|node| {
             node.motion = match &node.motion {
@@ -115,7 +115,7 @@ fn nothing_moves_and_nothing_is_drawn() {
 
 #[test]
 fn a_camera_or_a_light_that_moves_has_everything_drawn() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let flicker = desk(|scene| {
         let waveform = evis_scene::motion::Waveform {
             shape: evis_scene::motion::WaveShape::Sine,

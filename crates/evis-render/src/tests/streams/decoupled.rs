@@ -1,4 +1,4 @@
-//! Floor 3: decoupled sampling behind the simulator.
+//! Decoupled sampling behind the simulator.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -15,8 +15,8 @@ use crate::gpu::Gpu;
 use crate::output::packet::Packet;
 use crate::request::SamplingRequest;
 
-use super::adaptive_streams::scene;
-use super::random_scenes::{self, LENGTH_MS};
+use super::built_in::scene;
+use crate::tests::random_scenes::{self, LENGTH_MS};
 use super::skips::seeds;
 
 /// Random scenes that every run tries; `make check-long` tries more.
@@ -63,7 +63,7 @@ fn packets_streams_and_neighbours_change_no_byte() {
 
 #[test]
 fn labels_frames_and_poses_are_those_of_rendering() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let labelled = |method| RunConfig {
         method,
         labels: vec![LabelKind::Depth, LabelKind::Cause],
@@ -167,7 +167,7 @@ fn random_scenes_fire_as_the_oracle_says() {
 
 #[test]
 fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let apply = |gpu: Option<&Gpu>, scene: &Scene, request: SamplingRequest, base: RunConfig| {
         let mut config = base;
         let notes = request.apply(gpu, scene, &mut config);

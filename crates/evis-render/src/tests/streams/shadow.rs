@@ -5,8 +5,8 @@ use std::sync::Arc;
 use evis_scene::{Scene, Variant};
 use glam::{DMat4, DVec3};
 
-use super::adaptive_streams::{self, engine};
-use super::raster_scenes as scenes;
+use super::built_in::{self, engine};
+use crate::tests::raster_scenes as scenes;
 use crate::config::{RunConfig, Shadows};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
@@ -38,7 +38,7 @@ fn engine_of(gpu: &Gpu, scene: &Scene, config: &RunConfig) -> Engine {
 
 #[test]
 fn a_map_shows_its_instant_and_environment_whatever_it_showed_before() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = batch();
     let mut one = engine_of(&gpu, &scene, &CONFIG());
     // Nothing is kept here: every map is drawn whole.
@@ -55,10 +55,10 @@ fn a_map_shows_its_instant_and_environment_whatever_it_showed_before() {
 
 #[test]
 fn rays_see_in_cells_and_spheres_what_they_see_in_trees() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let config = RunConfig { size: Some((128, 96)), shadows: Some(Shadows::Rays), ..CONFIG() };
     for (name, t_us) in [("desk", 100_000), ("street", 300_000), ("warehouse", 700_000)] {
-        let scene = adaptive_streams::scene(name);
+        let scene = built_in::scene(name);
         let mut engine = engine(&gpu, &scene, &config);
         let listed = engine.luminance(0, t_us).unwrap();
         let mut without = |reach: f64| {
@@ -77,7 +77,7 @@ fn rays_see_in_cells_and_spheres_what_they_see_in_trees() {
 
 #[test]
 fn environments_that_stand_still_have_maps_of_their_own() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let mut scene = scenes::sunlight();
     let floor = scene.nodes.iter().position(|node| node.name == "floor").unwrap();
     let alone = engine_of(&gpu, &scene, &CONFIG()).luminance(0, 0).unwrap();
@@ -96,7 +96,7 @@ fn environments_that_stand_still_have_maps_of_their_own() {
 
 #[test]
 fn the_finer_the_map_the_nearer_to_rays() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let scene = scenes::moving_spotlight();
     let look = |config: RunConfig| engine_of(&gpu, &scene, &config).luminance(0, 10_000).unwrap();
     let rays = look(RunConfig { shadows: Some(Shadows::Rays), ..CONFIG() });

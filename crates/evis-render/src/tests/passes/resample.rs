@@ -1,4 +1,4 @@
-//! Floor 2: what gathers the samples of distorted lenses equals its twin.
+//! What gathers the samples of distorted lenses equals its twin.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::raster::layers::{LayerUse, Layers};
 use crate::raster::resample::{Resampler, picture_samples};
 use crate::world::distorted::Distorted;
 
-use super::random_scenes::Dice;
+use crate::tests::random_scenes::Dice;
 
 fn camera() -> Arc<Distorted> {
     let distortion = Distortion::from_coefficients("radtan", &[-0.35, 0.1, 2e-3, -1e-3]).unwrap();
@@ -36,7 +36,7 @@ fn gathered(gpu: &Gpu, resampler: &Resampler, mut encoder: Commands) -> Vec<f32>
     });
     layers.encode_read(&mut encoder, &buffer, 1);
     encoder.submit(gpu);
-    let words = super::read(gpu, &buffer);
+    let words = crate::tests::read(gpu, &buffer);
     words
         .chunks_exact(row as usize / 4)
         .flat_map(|row| row[..width as usize].iter().map(|word| f32::from_bits(*word)))
@@ -51,7 +51,7 @@ fn apart(a: &[f32], b: &[f32]) -> f32 {
 
 #[test]
 fn gathered_samples_equal_their_twin() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (camera, offsets) = (camera(), pattern::offsets(7));
     // In several bands of rows.
     let limits = DeviceLimits { storage_binding: 50_000, ..DeviceLimits::of(&gpu.device) };
@@ -108,7 +108,7 @@ fn fs_main(v: Varyings) -> @location(0) vec4<f32> {
 
 #[test]
 fn gathered_coverage_samples_equal_their_twin() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let (camera, grid) = (camera(), 2);
     let (device, limits) = (&gpu.device, DeviceLimits::of(&gpu.device));
     let made = LayerUse::Resolved(grid);
