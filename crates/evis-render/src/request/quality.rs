@@ -3,7 +3,7 @@
 use evis_core::TriggerRule;
 use evis_scene::{AlphaMode, Scene};
 
-use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
+use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::world::view::{self, View};
@@ -150,9 +150,9 @@ impl SamplingSettings {
         let step_px = self.step_px.filter(|_| config.method == Method::Native);
         let own = decoupled.filter(|_| config.method == Method::Decoupled);
         config.adaptive_px = step_px.or(own.map(|own| own.step_px));
-        config.between = if step_px.is_some() { Between::Curve } else { Between::Line };
+        config.between = if step_px.is_some() { Interpolation::Curve } else { Interpolation::Line };
         if config.method == Method::Native && views.iter().any(|view| view.distorted.is_some()) {
-            (config.adaptive_px, config.between) = (None, Between::Line);
+            (config.adaptive_px, config.between) = (None, Interpolation::Line);
             config.rate_hz = self.fixed_rate_hz;
             notes.push(format!(
                 "every pixel is sampled {} times per second: a camera has a distorted lens",
@@ -162,7 +162,7 @@ impl SamplingSettings {
             && !views.is_empty()
             && views.iter().all(|view| view.sensor.walks_on_host())
         {
-            (config.adaptive_px, config.between) = (None, Between::Line);
+            (config.adaptive_px, config.between) = (None, Interpolation::Line);
             notes.push(format!(
                 "every pixel is sampled {} times per second: the sensor model runs on the host and takes every instant",
                 self.rate_hz
@@ -260,7 +260,7 @@ mod tests {
             last = work;
             let config = RunConfig {
                 adaptive_px: sampling.step_px,
-                between: Between::Curve,
+                between: Interpolation::Curve,
                 rate_hz: sampling.rate_hz,
                 antialias: sampling.antialias,
                 samples: sampling.samples,

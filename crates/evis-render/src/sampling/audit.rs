@@ -1,6 +1,6 @@
 //! Audits of what is skipped: a hashed few of the tiles that a block leaves out, or samples less often, are rendered at one of
 //! the instants at which they are not, and compared with the samples around it on the device. For a tenth of them all three
-//! are rendered anew with samples at other places, which see what moves between those of the stream.
+//! are rendered again with samples at other places, which see what moves between those of the stream.
 //!
 //! Which ones are audited is a function of absolute block, view and tile. The work stays below a fixed share of the block's
 //! own. No event depends on it.

@@ -289,7 +289,7 @@ impl SplatSampler {
                 first_layer: k as u32,
                 layers_per_view: unit.instants,
                 index_bits: u32::BITS - pixels.leading_zeros(),
-                // Blending in the logarithm that pixels feel.
+                // Blending in the logarithm, which the sensor model takes.
                 log_floor: log_eps * context.reference_luminance,
                 brightest: BRIGHTEST * context.reference_luminance,
                 ..SplatParams::default()

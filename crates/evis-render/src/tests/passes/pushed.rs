@@ -89,7 +89,7 @@ fn the_emulators_warp_is_the_engines() {
                 true => !got.is_nan(),
                 false => got.is_nan() || (got - wanted).abs() > slack * (wanted + 1e-3),
             };
-            // Where hardly any weight is, a step of it is much.
+            // Where weights are small, a step of one is much.
             let apart = got.iter().zip(&wanted).filter(|pair| differs(*pair)).count();
             assert!(apart <= got.len() / 200, "{variant:?} at {elapsed}: {apart} of {}", got.len());
             if variant == WarpVariant::Splat {

@@ -10,10 +10,10 @@ use evis_core::{LabelData, LabelFrame, LabelKind};
 use evis_scene::{Lens, Scene, SceneState};
 use glam::DVec3;
 
-use crate::tests::raster_scenes::{self as scenes, HEIGHT, WIDTH};
 use crate::config::{Antialias, RunConfig, Shadows};
 use crate::frame::pattern::Share;
 use crate::pass::raster::WHOLE_PIXEL_TAPS;
+use crate::tests::raster_scenes::{self as scenes, HEIGHT, WIDTH};
 
 use crate::engine::Engine;
 use crate::gpu::Gpu;

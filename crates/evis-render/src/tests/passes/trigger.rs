@@ -3,7 +3,7 @@
 use evis_core::trigger::PixelState;
 use evis_core::{SensorConfig, TriggerRule};
 
-use crate::config::Between;
+use crate::config::Interpolation;
 use crate::config::grid::SampleGrid;
 use crate::cpu::trigger::{PIECES, curve, log_luma, walk, walk_curves};
 use crate::gpu::Gpu;
@@ -343,10 +343,10 @@ fn twin_of_blocks(
     lumas: &[f32],
     tile_rates: &[u8],
     times: &[u32],
-    between: Between,
+    between: Interpolation,
 ) -> Vec<(u32, bool)> {
     let mut state = Some(PixelState { reference_log: 0.0, log_luma: 0.0 });
-    let walk = if between == Between::Curve { walk_curves } else { walk };
+    let walk = if between == Interpolation::Curve { walk_curves } else { walk };
     let mut events = Vec::new();
     for (block, log2_stride) in tile_rates.iter().enumerate() {
         let begin = block * BLOCK as usize;
@@ -366,7 +366,7 @@ fn curves_between_samples_equal_their_twin() {
     let Some(gpu) = crate::tests::device() else { return };
     let sensors = sensors();
     let grid = SampleGrid::new(1000.0 / 3.0, 1).unwrap();
-    let blocks = Blocks { instants: BLOCK, between: Between::Curve };
+    let blocks = Blocks { instants: BLOCK, between: Interpolation::Curve };
     let unit = Unit { group: 0, first: 1 + 3 * i64::from(BLOCK), instants: 2 * BLOCK };
     let layers = layers_of(unit.instants, 1);
     let base = unit.base_us(&grid);
@@ -398,7 +398,7 @@ fn curves_between_samples_equal_their_twin() {
                 let tile = y / TILE * tiles_along(WIDTH) + x / TILE;
                 let of_tile = [0, 1].map(|block| tile_rates[((2 * view + block) * tiles + tile) as usize]);
                 // A latch fires at samples, whatever lies between them.
-                let ways = [Between::Curve, Between::Line];
+                let ways = [Interpolation::Curve, Interpolation::Line];
                 let mut twins =
                     ways.map(|between| twin_of_blocks(&config, &lumas, &of_tile, &times, between));
                 if rule == TriggerRule::Latch {

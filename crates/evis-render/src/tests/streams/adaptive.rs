@@ -4,7 +4,7 @@ use evis_core::{Event, SensorConfig};
 
 use crate::config::Antialias;
 
-use crate::config::Between;
+use crate::config::Interpolation;
 
 use crate::config::RunConfig;
 
@@ -79,7 +79,7 @@ fn curves_fire_other_events_than_lines_of_fewer_pixels_than_native() {
         let native = RunConfig { adaptive_px: None, ..config.clone() };
         let all = run(&gpu, &alone, &native, 64_000).drawn_pixels;
         assert!(ran.drawn_pixels < all / 2, "{name}: {} of {all} pixels", ran.drawn_pixels);
-        let curves = RunConfig { between: Between::Curve, ..config };
+        let curves = RunConfig { between: Interpolation::Curve, ..config };
         assert!(run(&gpu, &alone, &curves, 64_000).events != ran.events, "{name}");
     }
 }

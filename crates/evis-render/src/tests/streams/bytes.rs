@@ -7,7 +7,7 @@ use evis_core::sensor::{Exposure, Noise, Readout, SensorConfig};
 use evis_core::{Event, LabelFrame, LabelKind, TriggerRule, Warp};
 use evis_scene::{Distortion, Scene, Variant};
 
-use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
+use crate::config::{Antialias, Interpolation, Method, RunConfig, Shadows};
 use crate::engine::Engine;
 use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
@@ -85,7 +85,7 @@ fn methods() -> [(&'static str, RunConfig); 5] {
     [
         ("native", base.clone()),
         ("adaptive", adaptive.clone()),
-        ("curves", RunConfig { between: Between::Curve, ..adaptive }),
+        ("curves", RunConfig { between: Interpolation::Curve, ..adaptive }),
         ("splat", splat(Warp::default())),
         ("evis-paper", splat(Warp::evis_paper(7))),
     ]

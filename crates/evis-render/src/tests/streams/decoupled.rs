@@ -16,8 +16,8 @@ use crate::output::packet::Packet;
 use crate::request::SamplingRequest;
 
 use super::built_in::scene;
-use crate::tests::random_scenes::{self, LENGTH_MS};
 use super::skips::seeds;
+use crate::tests::random_scenes::{self, LENGTH_MS};
 
 /// Random scenes that every run tries; `make check-long` tries more.
 const SEEDS: std::ops::Range<u64> = 0..12;

@@ -6,10 +6,10 @@ use evis_scene::{Scene, Variant};
 use glam::{DMat4, DVec3};
 
 use super::built_in::{self, engine};
-use crate::tests::raster_scenes as scenes;
 use crate::config::{RunConfig, Shadows};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
+use crate::tests::raster_scenes as scenes;
 
 const CONFIG: fn() -> RunConfig = || RunConfig {
     size: Some((96, 72)),

@@ -8,7 +8,7 @@ use evis_core::truth::Truth;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
-use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
+use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
 use crate::engine::simulator::Simulator;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -45,7 +45,7 @@ fn tiles_that_are_rendered_alone_fire_as_in_the_whole_picture() {
             size: Some(SIZE),
             rate_hz: 2000.0,
             adaptive_px: Some(0.5),
-            between: Between::Curve,
+            between: Interpolation::Curve,
             antialias,
             samples,
             reference_luminance: Some(1.0),
@@ -111,7 +111,7 @@ fn presets_are_the_same_for_every_scene_but_for_what_it_does_not_allow() {
         ..SensorConfig::preset("davis346").unwrap()
     };
     let (host, notes) = preset(&gpu, &spinner, Quality::Standard, &RunConfig { sensor: diffusion, ..base() });
-    assert_eq!((host.adaptive_px, host.between), (None, Between::Line));
+    assert_eq!((host.adaptive_px, host.between), (None, Interpolation::Line));
     assert!(notes.iter().any(|note| note.contains("runs on the host")), "{notes:?}");
 }
 
@@ -158,8 +158,13 @@ fn the_cheapest_that_agrees_with_the_reference_is_taken() {
         let events = events(&gpu, &spinner, at(config), 30_000);
         metric::score(&events, &truth, &settings).unwrap().tolerances[0].plain.f1
     };
-    let coarse =
-        RunConfig { adaptive_px: Some(3.0), between: Between::Curve, samples: 1, rate_hz: 4000.0, ..base() };
+    let coarse = RunConfig {
+        adaptive_px: Some(3.0),
+        between: Interpolation::Curve,
+        samples: 1,
+        rate_hz: 4000.0,
+        ..base()
+    };
     let (own, coarse) = (score(found.config.clone()), score(coarse));
     // Unscaled tolerances are stricter where things are slow.
     assert!(own > 0.7 && own > coarse + 0.2, "{own} and, a canary, {coarse}");
