@@ -95,7 +95,7 @@ impl HostWalk {
         if bytes > most {
             return Err(EngineError::Device(format!(
                 "the light of {layers} samples of {width}x{height} pixels takes {bytes} bytes on its way to the \
-                 host, which walks this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer \
+                 host, which simulates this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer \
                  --samples"
             )));
         }
