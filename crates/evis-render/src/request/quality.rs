@@ -21,15 +21,15 @@ impl Quality {
     pub const fn sampling(self) -> SamplingSettings {
         match self {
             Self::Draft => SamplingSettings {
-                decoupled: Some(Decoupled { step_px: 2.0, beside_gpu: false }),
+                decoupled: Some(DecoupledSettings { step_px: 2.0, beside_gpu: false }),
                 ..SamplingSettings::coverage(1.0, 16, 2)
             },
             Self::Standard => SamplingSettings {
-                decoupled: Some(Decoupled { step_px: 1.0, beside_gpu: false }),
+                decoupled: Some(DecoupledSettings { step_px: 1.0, beside_gpu: false }),
                 ..SamplingSettings::coverage(0.5, 16, 4)
             },
             Self::High => SamplingSettings {
-                decoupled: Some(Decoupled { step_px: 0.5, beside_gpu: true }),
+                decoupled: Some(DecoupledSettings { step_px: 0.5, beside_gpu: true }),
                 fixed_rate_hz: 2000.0,
                 ..SamplingSettings::with_rays(0.3, 144)
             },
@@ -72,12 +72,12 @@ pub struct SamplingSettings {
     /// Whether shadow borders are found by rays, where the user leaves that open and the scene allows it.
     pub rays: bool,
     /// Where [`Method::Decoupled`] takes the place of all that, if scene and sensors allow it.
-    pub decoupled: Option<Decoupled>,
+    pub decoupled: Option<DecoupledSettings>,
 }
 
 /// Decoupled sampling of a preset.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Decoupled {
+pub struct DecoupledSettings {
     /// [`RunConfig::adaptive_px`].
     pub step_px: f64,
     /// It takes the place of rendering on a graphics card, too, not only of a software driver.
@@ -106,7 +106,7 @@ impl SamplingSettings {
 
     /// Those of [`Quality::High`], with intervals of decoupled sampling that are so long.
     pub const fn decoupled(step_px: f64) -> Self {
-        Self { decoupled: Some(Decoupled { step_px, beside_gpu: true }), ..Quality::High.sampling() }
+        Self { decoupled: Some(DecoupledSettings { step_px, beside_gpu: true }), ..Quality::High.sampling() }
     }
 
     /// The same, by rendering.

@@ -245,7 +245,7 @@ impl SplatSampler {
             encoder.copy_buffer_to_buffer(&clipping.counts, 0, &staging, 0, staging.size());
             let entry = |keyframe: i64| {
                 let t_us = context.grid.keyframe_us(keyframe);
-                group.views.iter().map(move |&view| clipped::Entry { view, keyframe, t_us })
+                group.views.iter().map(move |&view| clipped::ViewKeyframe { view, keyframe, t_us })
             };
             let entries = keyframes.into_iter().flat_map(entry).collect();
             ClippedRun { group: unit.group, brightest, entries, staging }
