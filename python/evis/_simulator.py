@@ -85,8 +85,8 @@ class Simulator:
         that is given none has what the scene gives it; else an ideal sensor, 0.2 / 0.2 (with the method
         ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Thresholds that the scene gives a
         camera come before its sensor's. Every stage runs on the device, but a sensor with
-        ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is simulated on the host, from the light of every
-        instant.
+        ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is simulated on the host, from the light of
+        every instant.
     quality : {"draft", "standard", "high", "reference"}, optional
         Fixed settings of sampling, the same for every scene; nothing is analysed before the run.
         ``docs/accuracy.md`` says how near to the truth each came, and at which cost. Settings given by hand

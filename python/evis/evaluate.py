@@ -979,7 +979,7 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 def _places(view: RecordedView) -> list[_Place]:
     depth, poses = _images(view, ("depth",)), view.poses
     if not np.array_equal(poses.t_us, depth.t_us):
-        raise ConfigError(f"camera '{view.camera.name}' has poses and depth at other times; record them again")
+        raise ConfigError(f"camera '{view.camera.name}' has poses and depth at other times; record again")
     return [_Place(view.camera.matrix, matrix, depth[k]) for k, matrix in enumerate(poses.matrix)]
 
 
