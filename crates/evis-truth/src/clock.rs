@@ -92,12 +92,12 @@ impl<'a> Clock<'a> {
         }
     }
 
-    /// Times within the stream's first `duration_us` microseconds, from its start and ascending, at which a host shows or hides
-    /// nodes or changes materials. There everything is still as it was.
-    pub fn host_steps(&self, duration_us: i64) -> Vec<i64> {
+    /// Times within the stream's first `duration_us` microseconds, from its start and ascending, at which motion or light bends
+    /// or jumps. At a jump everything is still as it was.
+    pub fn break_times(&self, duration_us: i64) -> Vec<f64> {
         let start_us = self.start_us as f64;
-        let times = self.scene.host_step_times(None, start_us - 0.5, start_us + duration_us as f64);
-        times.into_iter().map(|t_us| (t_us - start_us).round() as i64).collect()
+        let times = self.scene.break_times(None, start_us - 0.5, start_us + duration_us as f64);
+        times.into_iter().map(|t_us| t_us - start_us).collect()
     }
 
     /// Whether any light moves.
