@@ -83,6 +83,8 @@ enum Order {
     Until(i64),
     /// See [`Stream::restart`].
     Restart(Vec<usize>),
+    /// See [`Stream::set_sensor`].
+    Sensor(usize, Box<SensorConfig>),
 }
 
 /// Events of several views of a scene.
@@ -158,6 +160,12 @@ impl Stream {
         let _ = self.wanted.as_ref().map(|wanted| wanted.send(Order::Restart(views)));
     }
 
+    /// Gives view `view` another sensor of thresholds alone, with which its pixels begin at the next [`Stream::restart`].
+    pub fn set_sensor(&mut self, view: usize, sensor: SensorConfig) {
+        let order = Order::Sensor(view, Box::new(sensor));
+        let _ = self.wanted.as_ref().map(|wanted| wanted.send(order));
+    }
+
     /// The next piece; waits for it. `None` where `stop` is set meanwhile: the piece comes with a later call.
     ///
     /// # Errors
@@ -225,11 +233,12 @@ fn follow(
     }
     let measured = || seen.as_ref().map_or(1.0, |(picture, _)| reference_luminance(picture) as f32);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
-    let new_pixels = |view: usize| {
+    let mut views = views.to_vec();
+    let new_pixels = |views: &[View], view: usize| {
         let only = settings.only.get(view).map_or(&[][..], Vec::as_slice);
         Pixels::new(&worlds[view], &settings.of(&views[view]), f64::from(reference), only)
     };
-    let mut pixels: Vec<Pixels> = (0..views.len()).map(new_pixels).collect();
+    let mut pixels: Vec<Pixels> = (0..views.len()).map(|view| new_pixels(&views, view)).collect();
     if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
         pixels[0].begin(&worlds[0], &picture, t_us);
     }
@@ -246,10 +255,11 @@ fn follow(
                 Ok(Order::Until(until_us)) => horizon_us = horizon_us.max(until_us),
                 Ok(Order::Restart(again)) => {
                     for view in again {
-                        pixels[view] = new_pixels(view);
+                        pixels[view] = new_pixels(&views, view);
                         blocks[view].jump();
                     }
                 }
+                Ok(Order::Sensor(view, sensor)) => views[view].sensor = *sensor,
                 Err(_) => return Ok(()),
             }
             continue;

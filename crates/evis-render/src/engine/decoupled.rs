@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use evis_core::{CameraInfo, ConfigError, Event, LabelKind, TimeGrid};
+use evis_core::{CameraInfo, ConfigError, Event, LabelKind, Sensor, SensorConfig, TimeGrid};
 use evis_decoupled::{Stream, StreamSettings};
 use evis_scene::Scene;
 
@@ -126,20 +126,44 @@ impl Decoupled {
         self.pictures.as_ref().map_or(Ok(()), Engine::check_reset)
     }
 
+    /// Whether a view can have `sensor` from a reset on.
+    ///
+    /// # Errors
+    /// One that is more than its thresholds.
+    pub fn check_sensor(&self, sensor: &SensorConfig) -> Result<(), ConfigError> {
+        Sensor::new(sensor.clone())?.thresholds_only("decoupled sampling").map(|_| ())
+    }
+
     /// Resets environments at the present: see [`Engine::reset`]. An ideal sensor has nothing that is random.
     ///
     /// # Errors
-    /// As [`Decoupled::check_reset`]; the device may fail.
-    pub fn reset(&mut self, environments: &[usize], seeds: &[u64]) -> Result<(), EngineError> {
+    /// As [`Decoupled::check_reset`] and [`Decoupled::check_sensor`]; the device may fail.
+    pub fn reset(
+        &mut self,
+        environments: &[usize],
+        seeds: &[u64],
+        sensors: &[(usize, SensorConfig)],
+    ) -> Result<(), EngineError> {
         self.check_reset()?;
+        for (_, sensor) in sensors {
+            self.check_sensor(sensor)?;
+        }
+        for (view, sensor) in sensors {
+            self.views[*view].sensor = sensor.clone();
+            self.seen[*view].sensor = sensor.clone();
+            self.stream.set_sensor(*view, sensor.clone());
+        }
         let own = |view: &usize| environments.contains(&self.views[*view].environment);
         let again: Vec<usize> = (0..self.views.len()).filter(own).collect();
         for &view in &again {
             self.arrived[view].events.clear();
+            // New pixels count from 0.
+            self.evaluations[view] = [0; 2];
         }
         self.stream.restart(again);
         match &mut self.pictures {
-            Some(engine) => engine.reset(environments, seeds),
+            // Pictures see no sensor.
+            Some(engine) => engine.reset(environments, seeds, &[]),
             None => Ok(()),
         }
     }
