@@ -551,7 +551,9 @@ class Simulator:
             if name not in names:
                 raise ConfigError(f"sensor names the camera {name!r}; it must be {_check.one_of(names)}")
             alone = isinstance(each, (Sensor, str))
-            own = [each] * len(environments) if alone else _check.items("sensor", each, "[Sensor(), Sensor()]")
+            own = (
+                [each] * len(environments) if alone else _check.items("sensor", each, "[Sensor(), Sensor()]")
+            )
             if len(own) != len(environments):
                 raise ConfigError(
                     f"sensor has {len(own)} sensors for {len(environments)} environments; one, or one each"

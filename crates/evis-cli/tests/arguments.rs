@@ -272,23 +272,26 @@ fn pipes_and_devices_are_refused_wherever_a_file_is_named() {
         let made = std::process::Command::new("mkfifo").arg(folder.file(&format!("p.{ending}"))).status();
         assert!(made.unwrap().success());
     }
+    let still = "materials = [{ name = 'grey' }]\nprimitives = [{ name = 'box', shape = 'box', size = [1, 1, 1], material = 'grey' }]";
+    std::fs::write(folder.file("still.toml"), still).unwrap();
     let events = ["npy", "npz", "h5", "raw", "dat", "aedat4", "csv", "bag"];
     let of_events = events.into_iter().flat_map(|ending| {
         let file = format!("p.{ending}");
-        [format!("info {file}"), format!("convert {file} o.npy"), format!("compare {file} {file}")]
+        [format!("info {file}"), format!("convert {file} o.npy")]
     });
     let others = [
+        "compare p.h5 p.npy",
         "info --check p.h5",
         "info --repair p.h5",
         "preview p.h5 -o o.png",
-        "score p.h5 p.h5",
+        "score --truth p.h5 p.h5",
         "calibrate p.h5 -o o.toml",
         "info p.toml",
         "run p.gltf -o o.h5",
         "run spinner -o o.h5 --sensor p.toml",
         "run spinner -o o.h5 --settings p.toml",
         "run spinner -o o.h5 --settings p.h5",
-        "run spinner -o o.h5 --camera-motion p.csv",
+        "run still.toml -o o.h5 --camera-motion p.csv",
         "video p.npy -o o.h5 --fps 30",
         "video p.mp4 -o o.h5",
         "chart --from p.json -o o.png",

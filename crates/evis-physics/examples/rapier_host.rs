@@ -31,7 +31,8 @@ pub fn main() -> Result<(), EngineError> {
     let mut scene = scene::toml_scene::parse(SCENE, ".")?;
     let host = scene.drive(&["ball".into()], 0)?;
     let gpu = Gpu::open(None)?;
-    let config = RunConfig { rate_hz: 500.0, samples: 4, pose_step_us: Some(STEP_US), ..RunConfig::default() };
+    let config =
+        RunConfig { rate_hz: 500.0, samples: 4, pose_step_us: Some(STEP_US), ..RunConfig::default() };
     let mut simulator = Simulator::new(&gpu, Arc::new(scene), config)?;
 
     let mut world =

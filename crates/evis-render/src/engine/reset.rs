@@ -55,7 +55,11 @@ impl Engine {
         }
         let remedy = "the simulator's own with other numbers for thresholds, their spread, bandwidth, leak, noise, \
                       refractory period, latency or bus: stages that are on stay on, and what is off stays off";
-        Err(ConfigError::new("sensor", "one of other stages, or with another number that all environments share", remedy))
+        Err(ConfigError::new(
+            "sensor",
+            "one of other stages, or with another number that all environments share",
+            remedy,
+        ))
     }
 
     /// Resets environments at the stream's present time: their pixels take the light of that time as their reference, and
