@@ -87,6 +87,8 @@ enum Order {
     Until(i64),
     /// See [`Stream::restart`].
     Restart(Vec<(usize, Key)>),
+    /// See [`Stream::set_sensor`].
+    Sensor(usize, Box<SensorConfig>),
 }
 
 /// Events of several views of a scene.
@@ -162,6 +164,12 @@ impl Stream {
         let _ = self.wanted.as_ref().map(|wanted| wanted.send(Order::Restart(views)));
     }
 
+    /// Gives view `view` another sensor, with which its pixels begin at the next [`Stream::restart`].
+    pub fn set_sensor(&mut self, view: usize, sensor: SensorConfig) {
+        let order = Order::Sensor(view, Box::new(sensor));
+        let _ = self.wanted.as_ref().map(|wanted| wanted.send(order));
+    }
+
     /// The next piece; waits for it. `None` where `stop` is set meanwhile: the piece comes with a later call.
     ///
     /// # Errors
@@ -229,12 +237,12 @@ fn follow(
     }
     let measured = || seen.as_ref().map_or(1.0, |(picture, _)| reference_luminance(picture) as f32);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
-    let new_pixels = |view: usize, key: Key| {
+    let mut views = views.to_vec();
+    let new_pixels = |views: &[View], view: usize| {
         let only = settings.only.get(view).map_or(&[][..], Vec::as_slice);
-        let settings = Settings { key, ..settings.of(&views[view]) };
-        Pixels::new(&worlds[view], &settings, f64::from(reference), only)
+        Pixels::new(&worlds[view], &settings.of(&views[view]), f64::from(reference), only)
     };
-    let new = |view: usize| new_pixels(view, views[view].key);
+    let new = |view: usize| new_pixels(&views, view);
     let mut pixels: Vec<Pixels> = (0..views.len()).map(new).collect::<Result<_, _>>()?;
     if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
         pixels[0].begin(&worlds[0], &picture, t_us);
@@ -252,10 +260,12 @@ fn follow(
                 Ok(Order::Until(until_us)) => horizon_us = horizon_us.max(until_us),
                 Ok(Order::Restart(again)) => {
                     for (view, key) in again {
-                        pixels[view] = new_pixels(view, key)?;
+                        views[view].key = key;
+                        pixels[view] = new_pixels(&views, view)?;
                         blocks[view].jump();
                     }
                 }
+                Ok(Order::Sensor(view, sensor)) => views[view].sensor = *sensor,
                 Err(_) => return Ok(()),
             }
             continue;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use evis_core::Event;
 use evis_core::format::FormatError;
 use evis_core::format::numpy::{self, Integer, NpyHeader};
+use evis_core::limits::open_regular;
 use flate2::read::DeflateDecoder;
 
 use crate::check::Check;
@@ -343,7 +344,7 @@ type Array = (NpyHeader, Box<dyn Read + Send>);
 fn entry(path: &Path, name: &str) -> Result<Option<Array>, FormatError> {
     let failed = |error| FormatError::io(path, "read", error);
     let wrong = |what: String| FormatError::corrupt(path, what, COLUMNS);
-    let mut file = File::open(path).map_err(failed)?;
+    let mut file = open_regular(path).map_err(failed)?;
     let mut archive = zip::ZipArchive::new(BufReader::new(&file))
         .map_err(|error| wrong(format!("its archive cannot be read ({error})")))?;
     let Some(index) = archive.index_for_name(&format!("{name}.npy")) else { return Ok(None) };

@@ -59,17 +59,15 @@ struct ChainSensor {
     knee: f32,
     // ln(knee) / knee.
     below_knee: f32,
-    // 2 pi cutoff per microsecond.
-    filter_rate: f32,
     bandwidth_offset: f32,
     bandwidth_least: f32,
     bandwidth_most: f32,
     leak_jitter: f32,
-    refractory_us: f32,
     latency_light_us: f32,
 };
 
-// Words of a view: thresholds, slope of the leak, 1 / Y_ref, key.
+// Words of a view: thresholds, slope of the leak, 1 / Y_ref, key, 2 pi cutoff per microsecond, refractory period in
+// microseconds.
 const VIEW_WORDS: u32 = 8u;
 // Words of a candidate in `feed`: time; place and kind; light below which it happens.
 const CANDIDATE_WORDS: u32 = 3u;

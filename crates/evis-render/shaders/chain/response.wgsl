@@ -47,9 +47,9 @@ fn follows(u: f32) -> vec4<f32> {
 // Time constants per microsecond, over the interval.
 fn filter_rate() -> f32 {
     if (LIGHT_BANDWIDTH) {
-        return sensor.filter_rate * bandwidth(0.5 * (light + next_light) + sensor.dark_light);
+        return cutoff_rate * bandwidth(0.5 * (light + next_light) + sensor.dark_light);
     }
-    return sensor.filter_rate;
+    return cutoff_rate;
 }
 
 // The signal as the trigger sees it: now, and at the interval's end.
@@ -78,7 +78,7 @@ fn respond(instant: u32) {
         next_input = curve(y + sensor.dark_light);
     }
     if (FILTER == 1u) {
-        let part = min(f32(interval) * sensor.filter_rate * bandwidth(next_light + sensor.dark_light), 1.0);
+        let part = min(f32(interval) * cutoff_rate * bandwidth(next_light + sensor.dark_light), 1.0);
         next_first = first + part * (next_input - first);
         if (SECOND_PLANE != 0u) {
             next_second = second + part * (next_first - second);

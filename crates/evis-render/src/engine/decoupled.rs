@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use evis_core::emulator::tiled::TiledSensor;
 use evis_core::event::take_causes;
 use evis_core::random::Key;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, SensorConfig, TimeGrid};
@@ -133,12 +134,33 @@ impl Decoupled {
         self.pictures.as_ref().map_or(Ok(()), Engine::check_reset)
     }
 
+    /// Whether a view can have `sensor` from a reset on.
+    ///
+    /// # Errors
+    /// One whose stages are defined on frames.
+    pub fn check_sensor(&self, sensor: &SensorConfig) -> Result<(), ConfigError> {
+        TiledSensor::new(sensor, Key::new(0, 0, 0), 1).map(|_| ())
+    }
+
     /// Resets environments at the present: see [`Engine::reset`].
     ///
     /// # Errors
-    /// As [`Decoupled::check_reset`]; the device may fail.
-    pub fn reset(&mut self, environments: &[usize], seeds: &[u64]) -> Result<(), EngineError> {
+    /// As [`Decoupled::check_reset`] and [`Decoupled::check_sensor`]; the device may fail.
+    pub fn reset(
+        &mut self,
+        environments: &[usize],
+        seeds: &[u64],
+        sensors: &[(usize, SensorConfig)],
+    ) -> Result<(), EngineError> {
         self.check_reset()?;
+        for (_, sensor) in sensors {
+            self.check_sensor(sensor)?;
+        }
+        for (view, sensor) in sensors {
+            self.views[*view].sensor = sensor.clone();
+            self.seen[*view].sensor = sensor.clone();
+            self.stream.set_sensor(*view, sensor.clone());
+        }
         reseed(&mut self.views, &self.scene, environments, seeds);
         let own = |(_, view): &(usize, &View)| environments.contains(&view.environment);
         let again = self.views.iter().enumerate().filter(own).map(|(index, view)| (index, view.key));
@@ -146,12 +168,13 @@ impl Decoupled {
         for (view, key) in &again {
             self.arrived[*view].events.clear();
             self.seen[*view].key = *key;
-            // Its counts begin with it.
+            // New pixels count from 0.
             self.reports[*view] = Default::default();
         }
         self.stream.restart(again);
         match &mut self.pictures {
-            Some(engine) => engine.reset(environments, seeds),
+            // Pictures see no sensor.
+            Some(engine) => engine.reset(environments, seeds, &[]),
             None => Ok(()),
         }
     }

@@ -396,12 +396,10 @@ fn host_and_shader_structs_have_one_layout() {
             full_scale,
             knee,
             below_knee,
-            filter_rate,
             bandwidth_offset,
             bandwidth_least,
             bandwidth_most,
             leak_jitter,
-            refractory_us,
             latency_light_us,
         }
     );

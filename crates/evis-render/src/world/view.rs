@@ -20,7 +20,7 @@ pub struct View {
     pub camera: usize,
     /// Node that carries the camera.
     pub node: usize,
-    /// Its camera's sensor, with that camera's own thresholds.
+    /// Its camera's sensor, with that camera's own thresholds; or the one that a reset gave its environment.
     pub sensor: SensorConfig,
     /// Of everything random here. It depends on the camera's place in the scene, not among those that are rendered.
     pub key: Key,
@@ -36,12 +36,9 @@ impl View {
         self.distorted.as_ref().map_or((self.lens.width, self.lens.height), |own| own.size.into())
     }
 
-    /// Whether it can share passes, targets and submissions with `other`: of its size, with a sensor that differs in
-    /// thresholds at most. A distorted lens is shared by views that have it.
-    pub fn is_alike(&self, other: &Self) -> bool {
-        self.size() == other.size()
-            && self.distorted == other.distorted
-            && self.sensor.is_alike(&other.sensor)
+    /// Whether it can share targets with `other`: of its size, and with its distorted lens where it has one.
+    pub fn shares_targets(&self, other: &Self) -> bool {
+        self.size() == other.size() && self.distorted == other.distorted
     }
 }
 
