@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, TimeGrid};
-use evis_decoupled::{Stream, StreamSettings};
+use evis_decoupled::{Pace, Stream, StreamSettings};
 use evis_scene::Scene;
 
 use crate::config::RunConfig;
@@ -94,6 +94,11 @@ impl Decoupled {
     /// See [`Engine::stop`].
     pub fn stop(&self) -> &Arc<AtomicBool> {
         &self.stop
+    }
+
+    /// How fast events come; labels and frames apart.
+    pub fn pace(&self) -> &Pace {
+        self.stream.pace()
     }
 
     /// Stream time up to which packets were delivered.

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use evis_core::event::MOST_T_US;
 use evis_core::{CameraInfo, ConfigError, SensorConfig};
+use evis_decoupled::Pace;
 use evis_scene::{HostJump, HostPose, HostPoses, HostStep, Scene};
 
 use crate::config::{Method, RunConfig};
@@ -48,6 +49,13 @@ impl Source {
         match self {
             Self::Sampled(engine) => engine.now_us(),
             Self::Decoupled(views) => views.now_us(),
+        }
+    }
+
+    fn pace(&self) -> Option<&Pace> {
+        match self {
+            Self::Sampled(_) => None,
+            Self::Decoupled(views) => Some(views.pace()),
         }
     }
 
@@ -365,6 +373,7 @@ impl Simulator {
         let mut source = self.source;
         let stop = source.stop().clone();
         let stopped = stop.clone();
+        let pace = source.pace().cloned();
         let thread = std::thread::Builder::new()
             .name("evis-stream".into())
             .spawn(move || {
@@ -380,7 +389,7 @@ impl Simulator {
                 }
             })
             .map_err(|e| EngineError::Device(format!("cannot start the stream's thread: {e}")))?;
-        Ok(PacketStream { receive: Some(receive), stop, thread: Some(thread) })
+        Ok(PacketStream { receive: Some(receive), stop, pace, thread: Some(thread) })
     }
 }
 
@@ -433,6 +442,7 @@ fn check_driven<'a>(
 pub struct PacketStream {
     receive: Option<Receiver<Result<Packet, EngineError>>>,
     stop: Arc<AtomicBool>,
+    pace: Option<Pace>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -448,6 +458,12 @@ impl Iterator for PacketStream {
 }
 
 impl PacketStream {
+    /// Seconds of work per second of stream, by a part of the work before the first packet; labels and frames apart. `None` as
+    /// long as nothing was measured; [`Method::Decoupled`] alone measures it.
+    pub fn pace(&self) -> Option<f64> {
+        self.pace.as_ref().and_then(Pace::get)
+    }
+
     /// Waits for the next packet for at most `wait`; pending where it is not there yet, so that a host can
     /// look for an interruption meanwhile.
     pub fn poll_next(&mut self, wait: Duration) -> Poll<Option<Result<Packet, EngineError>>> {
