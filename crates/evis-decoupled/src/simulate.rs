@@ -18,9 +18,6 @@ use crate::path::{PixelPath, STEP_PX, stride};
 use crate::pixel::{Evaluator, UNITS, Work};
 use crate::world::World;
 
-/// Rows of tiles, at least, by which the time that a block takes is estimated.
-const SAMPLE_ROWS: usize = 8;
-
 /// Limits of [`Settings::step_px`].
 const LEAST_STEP_PX: f64 = 0.05;
 const MOST_STEP_PX: f64 = 8.0;
@@ -181,8 +178,7 @@ impl Pixels {
     }
 
     /// What they fire during `block`, in canonical order and stream time; `None` where `stop` was set meanwhile: then some of
-    /// them are at its end and others are not. `estimated` is called in between, where there is one, with the seconds that the
-    /// block will take, by rows from all over the picture. These are followed before the others, which changes no event.
+    /// them are at its end and others are not.
     ///
     /// # Errors
     /// A camera without a pose.
@@ -192,10 +188,8 @@ impl Pixels {
         lighting: &mut Lighting,
         block: Block,
         stop: &AtomicBool,
-        estimated: Option<&dyn Fn(f64)>,
     ) -> Result<Option<Vec<Event>>, Error> {
-        let began = Instant::now();
-        let started = began;
+        let started = Instant::now();
         let mut clock = Clock::new(world, block);
         let lists = Lists::new(world, &mut clock)?;
         self.report.lists_s += started.elapsed().as_secs_f64();
@@ -204,7 +198,7 @@ impl Pixels {
         self.report.light_s += started.elapsed().as_secs_f64();
         let lighting = &*lighting;
         let (following, rooms) = (&self.following, &self.rooms);
-        let follow = |(index, row): (usize, &mut Row)| {
+        self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
             if !stop.load(Ordering::Relaxed) {
                 let evaluator = Evaluator { world, lists: &lists, lighting, block, once: false };
                 // Pages of pictures that rows share are found by the thread that rendered them.
@@ -212,27 +206,7 @@ impl Pixels {
                 let mut work = rooms[own].lock().unwrap_or_else(PoisonError::into_inner);
                 row.follow(&mut work, &evaluator, following, index);
             }
-        };
-        match estimated {
-            None => self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(follow),
-            Some(estimated) => {
-                let prepared_s = began.elapsed().as_secs_f64();
-                let (count, threads) = (self.rows.len(), rayon::current_num_threads());
-                let first = sample_rows(count, threads);
-                let (mut sample, others): (Vec<_>, Vec<_>) =
-                    self.rows.iter_mut().enumerate().partition(|(index, _)| first[*index]);
-                let busy_s = |rows: &[(usize, &mut Row)]| -> f64 {
-                    rows.iter().map(|(_, row)| row.report.lists_s + row.report.pixels_s).sum()
-                };
-                let before_s = busy_s(&sample);
-                sample.par_iter_mut().with_max_len(1).for_each(|(index, row)| follow((*index, row)));
-                if !stop.load(Ordering::Relaxed) {
-                    let row_s = (busy_s(&sample) - before_s) / sample.len().max(1) as f64;
-                    estimated(prepared_s + row_s * count as f64 / threads.min(count).max(1) as f64);
-                }
-                others.into_par_iter().with_max_len(1).for_each(follow);
-            }
-        }
+        });
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
@@ -288,21 +262,13 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     while blocks.start_us() < end_us
         && let Some(block) = blocks.pop()
     {
-        let found = pixels.follow(&world, &mut lighting, block, &AtomicBool::new(false), None)?;
+        let found = pixels.follow(&world, &mut lighting, block, &AtomicBool::new(false))?;
         events.extend(found.into_iter().flatten());
     }
     events.retain(|e| (0..settings.duration_us).contains(&e.t));
     // Blocks may meet within a microsecond.
     events.sort_by_key(Event::order);
     Ok(Outcome { events, reference_luminance: reference, report: pixels.report(&lighting) })
-}
-
-/// Which of `count` rows are followed first: some for each of `threads`, so that none of these waits for the others long, and
-/// as far apart as they can be.
-fn sample_rows(count: usize, threads: usize) -> Vec<bool> {
-    let sample = SAMPLE_ROWS.next_multiple_of(threads.max(1)).min(count);
-    let before = |row: usize| (row * sample + count / 2) / count;
-    (0..count).map(|row| before(row + 1) > before(row)).collect()
 }
 
 impl Row {
@@ -441,23 +407,4 @@ pub(crate) fn reference_luminance(picture: &[f64]) -> f64 {
         .fold((0.0, 0_u64), |(sum, count), y| (sum + y.ln(), count + 1));
     let reference = (sum / count.max(1) as f64).exp() / 0.18;
     if count > 0 && reference.is_finite() && reference > 0.0 { reference } else { 1.0 }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_that_are_followed_first_lie_all_over_the_picture() {
-        let numbers = |count, threads| -> Vec<usize> {
-            let first = sample_rows(count, threads);
-            assert_eq!(first.len(), count);
-            (0..count).filter(|row| first[*row]).collect()
-        };
-        assert_eq!(numbers(60, 2), [3, 11, 18, 26, 33, 41, 48, 56]);
-        assert_eq!(numbers(90, 3).len(), 9);
-        assert_eq!(numbers(135, 64).len(), 64);
-        assert_eq!(numbers(5, 2), [0, 1, 2, 3, 4]);
-        assert!(numbers(0, 2).is_empty());
-    }
 }

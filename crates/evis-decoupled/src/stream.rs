@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
@@ -77,8 +77,8 @@ pub struct Piece {
     pub report: Report,
 }
 
-/// Seconds of work per second of stream, of all its views together: an estimate that is there as soon as a part of the work of
-/// one of the first blocks is done.
+/// Seconds of work per second of stream, of all its views together, by what its first usual block took: known before any event
+/// of that block is sent.
 #[derive(Clone, Debug, Default)]
 pub struct Pace(Arc<OnceLock<f64>>);
 
@@ -282,18 +282,16 @@ fn follow(
             continue;
         };
         let world = &worlds[view];
-        let estimated = |seconds: f64| {
-            let of_all = seconds * all_pixels / pixel_count(world);
-            // Only the first is kept.
-            let _ = pace.0.set(of_all * 1e6 / block.length_us());
-        };
-        // A short block takes more than its part of a usual one.
-        let usual_one = 2.0 * block.length_us() >= world.block_us(usual.block_us) as f64;
-        let measured = whole && usual_one && pace.get().is_none();
-        let estimated = measured.then_some(&estimated as &dyn Fn(f64));
-        let Some(events) = pixels[view].follow(world, &mut lightings[view], block, abort, estimated)? else {
+        let began = Instant::now();
+        let Some(events) = pixels[view].follow(world, &mut lightings[view], block, abort)? else {
             return Ok(());
         };
+        // A short block takes more than its part of a usual one.
+        if whole && 2.0 * block.length_us() >= world.block_us(usual.block_us) as f64 {
+            let of_all = began.elapsed().as_secs_f64() * all_pixels / pixel_count(world);
+            // Only the first is kept.
+            let _ = pace.0.set(of_all * 1e6 / block.length_us());
+        }
         let complete_us = complete_us(&blocks[view]);
         let report = pixels[view].report(&lightings[view]);
         if pieces.send(Ok(Piece { view, complete_us, events, report })).is_err() {

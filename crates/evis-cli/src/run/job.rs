@@ -25,7 +25,7 @@ const FLUSH_EVERY: Duration = Duration::from_millis(400);
 const LOOK: Duration = Duration::from_millis(20);
 
 /// How long what is in force stays unsaid where the stream's pace is not known.
-const PATIENCE: Duration = Duration::from_secs(10);
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// What is in force, the preset that takes less, and how long the run takes: `pace` seconds per second of stream. That depends on
 /// scene, size and device by factors of hundreds; a number that is not measured would be a guess.
@@ -44,11 +44,17 @@ pub(super) fn before_line(config: &RunConfig, duration_us: i64, pace: Option<f64
             "{force}: {stream} of stream; after a second of work follows how long it takes{cheaper}"
         );
     };
+    let total = paced(config, duration_us, pace);
+    format!("{force}: {stream} of stream in {total}{cheaper}")
+}
+
+/// How long the run takes at `pace` seconds per second of stream.
+fn paced(config: &RunConfig, duration_us: i64, pace: f64) -> String {
     let pictured = config.carried().iter().any(|kind| *kind != LabelKind::Cause);
     let beside = if pictured { " beside labels and frames" } else { "" };
     let total =
         text::roughly(Duration::try_from_secs_f64(pace * duration_us as f64 * 1e-6).unwrap_or(Duration::MAX));
-    format!("{force}: {stream} of stream in {total}{beside}, by a sample of the work{cheaper}")
+    format!("{total}{beside}, by what its first part takes")
 }
 
 /// How long the run takes, by what was measured.
@@ -116,16 +122,27 @@ impl Job {
         let mut forecast = Forecast::default();
         let started = Instant::now();
         // Said before the first packet, with how long it takes as soon as that is known.
-        let mut unsaid = Some(simulator.config().clone()).filter(|c| c.method == Method::Decoupled);
+        let config = simulator.config().clone();
+        let mut unsaid = config.method == Method::Decoupled;
         let mut packets = simulator.stream(duration_us, PACKET_US)?;
         loop {
             let next = packets.poll_next(LOOK);
             let pace = packets.pace();
-            if pace.is_some() || next.is_ready() || started.elapsed() > PATIENCE {
-                if let Some(config) = unsaid.take() {
-                    progress.line(&before_line(&config, duration_us, pace));
-                    forecast.told |= pace.is_some();
+            match pace {
+                Some(pace) if !forecast.told => {
+                    forecast.told = true;
+                    progress.line(&if unsaid {
+                        before_line(&config, duration_us, Some(pace))
+                    } else {
+                        format!("{} for {}", paced(&config, duration_us, pace), text::seconds(duration_us))
+                    });
+                    unsaid = false;
                 }
+                None if unsaid && (next.is_ready() || started.elapsed() > PATIENCE) => {
+                    progress.line(&before_line(&config, duration_us, None));
+                    unsaid = false;
+                }
+                _ => {}
             }
             let packet = match next {
                 Poll::Pending if interrupt.asked() && self.tally.packets > 0 => break,
@@ -245,12 +262,12 @@ mod tests {
         let sampled = |config: &RunConfig, pace| before_line(config, 2_000_000, Some(pace));
         assert_eq!(
             sampled(&config, 78.0),
-            "quality draft (decoupled): 2 s of stream in about 3 min, by a sample of the work"
+            "quality draft (decoupled): 2 s of stream in about 3 min, by what its first part takes"
         );
         config.labels.push(LabelKind::Depth);
         assert_eq!(
             sampled(&config, 4.9),
-            "quality draft (decoupled): 2 s of stream in a few seconds beside labels and frames, by a sample of the work"
+            "quality draft (decoupled): 2 s of stream in a few seconds beside labels and frames, by what its first part takes"
         );
         let measured = Measured { from_us: 10_000, until_us: 30_000, total: Duration::from_secs(150) };
         assert_eq!(

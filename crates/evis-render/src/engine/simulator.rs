@@ -458,8 +458,8 @@ impl Iterator for PacketStream {
 }
 
 impl PacketStream {
-    /// Seconds of work per second of stream, by a part of the work before the first packet; labels and frames apart. `None` as
-    /// long as nothing was measured; [`Method::Decoupled`] alone measures it.
+    /// Seconds of work per second of stream, by the first block of work, which is done before the first packet; labels and frames
+    /// apart. `None` as long as nothing was measured; [`Method::Decoupled`] alone measures it.
     pub fn pace(&self) -> Option<f64> {
         self.pace.as_ref().and_then(Pace::get)
     }
