@@ -25,7 +25,7 @@ const FLUSH_EVERY: Duration = Duration::from_millis(400);
 const LOOK: Duration = Duration::from_millis(20);
 
 /// How long what is in force stays unsaid where the stream's pace is not known.
-const PATIENCE: Duration = Duration::from_secs(5);
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// What is in force, the preset that takes less, and how long the run takes: `pace` seconds per second of stream. That depends on
 /// scene, size and device by factors of hundreds; a number that is not measured would be a guess.
@@ -44,8 +44,7 @@ pub(super) fn before_line(config: &RunConfig, duration_us: i64, pace: Option<f64
             "{force}: {stream} of stream; after a second of work follows how long it takes{cheaper}"
         );
     };
-    let total = paced(config, duration_us, pace);
-    format!("{force}: {stream} of stream in {total}{cheaper}")
+    format!("{force}: {}{cheaper}", paced(config, duration_us, pace))
 }
 
 /// How long the run takes at `pace` seconds per second of stream.
@@ -54,7 +53,7 @@ fn paced(config: &RunConfig, duration_us: i64, pace: f64) -> String {
     let beside = if pictured { " beside labels and frames" } else { "" };
     let total =
         text::roughly(Duration::try_from_secs_f64(pace * duration_us as f64 * 1e-6).unwrap_or(Duration::MAX));
-    format!("{total}{beside}, by what its first part takes")
+    format!("{} of stream in {total}{beside}, by what its first part takes", text::seconds(duration_us))
 }
 
 /// How long the run takes, by what was measured.
@@ -134,7 +133,7 @@ impl Job {
                     progress.line(&if unsaid {
                         before_line(&config, duration_us, Some(pace))
                     } else {
-                        format!("{} for {}", paced(&config, duration_us, pace), text::seconds(duration_us))
+                        paced(&config, duration_us, pace)
                     });
                     unsaid = false;
                 }

@@ -11,7 +11,7 @@ use evis_scene::Scene;
 use crate::config::RunConfig;
 use crate::engine::{Arrived, Engine, milliseconds};
 use crate::error::EngineError;
-use crate::gpu::{Gpu, no_device};
+use crate::gpu::Gpu;
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::world::tiles::{TILE, tiles_along};
@@ -52,7 +52,7 @@ impl Decoupled {
     ) -> Result<Self, EngineError> {
         let pictured = config.carried().iter().any(|kind| *kind != LabelKind::Cause);
         if pictured && gpu.is_none() {
-            return Err(no_device());
+            return Err(EngineError::NoDevice);
         }
         let settings = StreamSettings {
             size: config.size,

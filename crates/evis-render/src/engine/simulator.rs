@@ -17,7 +17,7 @@ use crate::config::{Method, RunConfig};
 use crate::engine::Engine;
 use crate::engine::decoupled::Decoupled;
 use crate::error::EngineError;
-use crate::gpu::{Gpu, no_device};
+use crate::gpu::Gpu;
 use crate::output::packet::Packet;
 use crate::world::view;
 
@@ -129,7 +129,7 @@ impl Simulator {
             (_, Some(gpu)) => {
                 Source::Sampled(Box::new(gpu.guarded(|| Engine::new(gpu, scene, views, &mut config))?))
             }
-            (_, None) => return Err(no_device()),
+            (_, None) => return Err(EngineError::NoDevice),
         };
         Ok(Self { cameras, environments, config, source, host_poses })
     }
