@@ -151,11 +151,17 @@ fn each_message(
     from: f64,
     mut read: impl FnMut(&BagReader, usize) -> Result<(), String>,
 ) -> Result<(), Halt> {
+    let mut part = -1.0;
     loop {
         let step = bag.step()?;
+        // Once per chunk, where the bag has chunks.
+        if bag.part() != part {
+            part = bag.part();
+            work.at(from + 0.5 * part)?;
+        }
         let read = match step {
             Ok(Record::End) => return Ok(()),
-            Ok(Record::Other) => work.at(from + 0.5 * bag.part()).map(|()| Ok(()))?,
+            Ok(Record::Other) => Ok(()),
             Ok(Record::Message(place)) => read(bag, place),
             Err(what) => Err(what),
         };
@@ -171,7 +177,7 @@ fn unit_name(namespace: &str, nameless: &str) -> String {
     }
 }
 
-/// `name`, or the first of `name_2`, `name_3`, ... that `taken` does not have.
+/// `name`, or with the least number from 2 on behind it that makes it one that is not `taken`.
 fn own_name(name: String, mut taken: impl FnMut(&str) -> bool) -> String {
     if !taken(&name) {
         return name;
