@@ -69,7 +69,7 @@ def board() -> bytes:
     corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
     order = np.array([0, 1, 2, 0, 2, 3], np.uint16)
     times, places = np.array([0, 0.1], np.float32), np.array([(0, 0, 0), (0.1, 0, 0)], np.float32)
-    columns = [
+    columns: list[tuple[np.ndarray, int, str]] = [
         (corners, 5126, "VEC3"),
         (order, 5123, "SCALAR"),
         (times, 5126, "SCALAR"),
