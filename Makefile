@@ -131,11 +131,12 @@ asan: ## The tests of evis-core with AddressSanitizer: an access to memory that 
 	$(ASAN) --tests
 
 fuzz: ## Look for files that break a reader, with cargo-fuzz, FUZZ_S seconds per kind; the corpus stays in fuzz/corpus/.
-	for target in $$(cd fuzz/fuzz_targets && ls *.rs | sed 's/\.rs$$//'); do \
+	broken=; for target in $$(cd fuzz/fuzz_targets && ls *.rs | sed 's/\.rs$$//'); do \
 	  mkdir -p fuzz/corpus/$$target; \
 	  cargo fuzz run --sanitizer none $$target -- -max_total_time=$(FUZZ_S) -rss_limit_mb=1024 -timeout=60 \
-	    -print_final_stats=1; \
-	done
+	    -print_final_stats=1 || broken="$$broken $$target"; \
+	done; \
+	test -z "$$broken" || { echo "broken:$$broken; fuzz/artifacts has the files"; exit 1; }
 
 format: ## Format Rust and Python in place.
 	cargo fmt --all

@@ -420,6 +420,25 @@ def test_a_recording_becomes_a_bag_with_all_that_it_has(tmp_path, capfd):
     assert run("convert", tmp_path / "a.h5", tmp_path / "b.mcap", "--camera", "camera", "--end", "0.05") == 0
     assert evis.load(tmp_path / "b.mcap").events == recording["camera"].slice_time(0, 50_000)
     assert run("convert", tmp_path / "a.h5", bag) == 2
+    # And back.
+    capfd.readouterr()
+    assert run("convert", bag, tmp_path / "back.h5") == 0
+    told = capfd.readouterr().out
+    assert ", 80 images, 10 poses, 20 inertial samples" in told
+    assert "left out" not in told
+    back = evis.load(tmp_path / "back.h5")
+    assert list(back) == ["camera", "right_eye"]
+    for name, own in {"camera": "camera", "right eye": "right_eye"}.items():
+        was, now = recording[name], back[own]
+        assert now.events == was.events
+        assert list(now.labels) == list(was.labels)
+        for kind, images in was.labels.items():
+            assert now.labels[kind].t_us.tolist() == images.t_us.tolist()
+            assert all(np.array_equal(now.labels[kind][k], images[k]) for k in range(len(images)))
+        assert now.poses.t_us.tolist() == was.poses.t_us.tolist()
+        assert np.abs(now.poses.matrix - was.poses.matrix).max() < 1e-14
+        assert now.camera.cx == was.camera.cx
+    assert np.array_equal(back.imus["body"].accelerometer, recording.imus["body"].accelerometer)
 
     pytest.importorskip("rosbags", reason="run by make test-readers")
     from rosbags.highlevel import AnyReader

@@ -39,7 +39,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 17] = [
     Target {
         name: "gltf",
         mutants: 1800,
@@ -96,11 +96,33 @@ pub const TARGETS: [Target; 13] = [
     },
     Target {
         name: "events",
-        mutants: 2200,
+        mutants: 1000,
         marks: &["640x480", "640", "480", "EVTS", "<u2", "<i8", "(80,)"],
         seeds: event_seeds,
         read: read_event_file,
     },
+    Target {
+        name: "raw",
+        mutants: 400,
+        marks: &["640x480", "640", "480", "EVT3", "EVT2", "% end"],
+        seeds: raw_seeds,
+        read: read_event_file,
+    },
+    Target {
+        name: "aedat4",
+        mutants: 400,
+        marks: &["EVTS", "FRME", "IMUS", "TRIG"],
+        seeds: aedat4_seeds,
+        read: read_event_file,
+    },
+    Target {
+        name: "bag",
+        mutants: 500,
+        marks: &["evt3", "mono8", "32FC1", "/events", "image_raw", "plumb_bob", "sensor_msgs/msg/Image"],
+        seeds: bag_seeds,
+        read: read_event_file,
+    },
+    Target { name: "hdf5", mutants: 400, marks: &[], seeds: hdf5_seeds, read: read_event_file },
     Target {
         name: "numpy",
         mutants: 500,
@@ -449,7 +471,7 @@ const SIZE: (u32, u32) = (640, 480);
 fn event_file(folder: &Path, format: Format) -> Vec<u8> {
     let path = folder.join(format!("seed-{}", format.name()));
     let mut packet = Packet { events: events(), ..Packet::default() };
-    if format == Format::Aedat4 {
+    if matches!(format, Format::Aedat4 | Format::Mcap) {
         packet.triggers = vec![Trigger::new(0, 0, true)];
         packet.frames =
             vec![Frame { width: 8, height: 8, channels: 1, pixels: vec![1; 64], ..Frame::default() }];
@@ -462,16 +484,41 @@ fn event_file(folder: &Path, format: Format) -> Vec<u8> {
     std::fs::read(&path).expect("the file that was written")
 }
 
+/// Formats with a target of their own.
+const APART: [Format; 4] = [Format::Evt3, Format::Evt2, Format::Aedat4, Format::Mcap];
+
 fn event_seeds(folder: &Path) -> Vec<Vec<u8>> {
-    let mut seeds: Vec<_> = Format::BOTH_WAYS.iter().map(|format| event_file(folder, *format)).collect();
-    // HDF5 of another program, and a recording as `convert` reads it.
+    let others = Format::BOTH_WAYS.iter().filter(|format| !APART.contains(format));
+    others.map(|format| event_file(folder, *format)).collect()
+}
+
+fn raw_seeds(folder: &Path) -> Vec<Vec<u8>> {
+    vec![event_file(folder, Format::Evt3), event_file(folder, Format::Evt2)]
+}
+
+fn aedat4_seeds(folder: &Path) -> Vec<Vec<u8>> {
+    vec![event_file(folder, Format::Aedat4)]
+}
+
+/// Of events with images and inertial samples, and of a recording with all that it has.
+fn bag_seeds(folder: &Path) -> Vec<Vec<u8>> {
+    let path = folder.join("seed.h5");
+    write_recording(&path);
+    let bag = folder.join("seed.mcap");
+    let recording = Recording::open(&path).expect("a recording");
+    evis_format::export_mcap(&recording, &bag, true, |_| true).expect("exported");
+    vec![event_file(folder, Format::Mcap), std::fs::read(&bag).expect("the bag")]
+}
+
+/// HDF5 of another program, and a recording as `convert` reads it.
+fn hdf5_seeds(folder: &Path) -> Vec<Vec<u8>> {
     let path = folder.join("seed.h5");
     write_recording(&path);
     let dsec = folder.join("seed-dsec");
-    evis_format::export_dsec(&path, &dsec, true).expect("exported");
-    seeds.push(std::fs::read(&path).expect("the recording"));
-    seeds.push(std::fs::read(dsec.join("events/left/events.h5")).expect("the events of DSEC"));
-    seeds
+    let recording = Recording::open(&path).expect("a recording");
+    evis_format::export_dsec(&recording, &dsec, true, |_| true).expect("exported");
+    let events = dsec.join("events/left/events.h5");
+    [path, events].map(|path| std::fs::read(path).expect("what was written")).into()
 }
 
 fn read_event_file(folder: &Path, bytes: &[u8]) -> bool {
@@ -480,6 +527,16 @@ fn read_event_file(folder: &Path, bytes: &[u8]) -> bool {
     let Ok(mut reader) = evis_format::open(&path, &ReadOptions::default()) else { return false };
     let mut packet = Packet::default();
     let mut whole = true;
+    if reader.info().format == Format::Mcap {
+        // As `convert` makes a recording of it; what it makes is complete.
+        let made = folder.join("made.h5");
+        if let Ok(Some(import)) = evis_format::import_mcap(&path, &made, true, |_| true) {
+            let recording = Recording::open(&made).expect("a recording");
+            let counts =
+                (0..import.cameras.len()).map(|camera| recording.event_count(camera).expect("a count"));
+            assert_eq!(counts.sum::<u64>(), import.events);
+        }
+    }
     for seek in [None, Some(1500)] {
         if let Some(t_us) = seek
             && reader.seek(t_us).is_err()

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use evis_core::format::hdf5::Recording;
 use evis_format::{
-    ConvertOptions, DsecExport, EventReader, Extent, Format, FormatError, McapExport, ReadOptions,
-    WriteOptions, measure, open,
+    BagImport, ConvertOptions, DsecExport, EventReader, Extent, Format, FormatError, McapExport, ReadOptions,
+    WriteOptions, measure, open, recognise,
 };
 use serde::Serialize;
 
@@ -43,8 +44,20 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
     if same_file(args) {
         return Err(bad_input("the output is the input; choose another name"));
     }
-    if matches!(format, Format::Dsec | Format::Mcap) && is_whole(args) && is_recording(&args.input) {
-        return if format == Format::Dsec { export_dsec(args) } else { export_mcap(args) };
+    if is_whole(args) {
+        match format {
+            Format::Dsec | Format::Mcap => {
+                // Of a recording of EVIS more than events is kept.
+                if let Ok(recording) = Recording::open(&args.input) {
+                    let export = if format == Format::Dsec { export_dsec } else { export_mcap };
+                    return export(args, &recording);
+                }
+            }
+            Format::Hdf5 if recognise(&args.input).is_ok_and(|input| input == Some(Format::Mcap)) => {
+                return import_mcap(args);
+            }
+            _ => {}
+        }
     }
     let read = ReadOptions { camera: args.camera.clone(), size: args.size };
     let mut reader = open(&args.input, &read)?;
@@ -167,16 +180,59 @@ fn same_file(args: &ConvertArgs) -> bool {
 /// Whether all of the input is asked for, as it is.
 fn is_whole(args: &ConvertArgs) -> bool {
     let part = args.start.is_some() || args.end.is_some() || args.crop.is_some() || args.flip.is_some();
-    !(part || args.rebase || args.undistort || args.events_only || args.camera.is_some())
+    let changed = part || args.rebase || args.undistort || args.events_only;
+    !(changed || args.until_damage || args.camera.is_some())
 }
 
-/// Whether the input is a recording of EVIS, of which more than events is kept.
-fn is_recording(input: &Path) -> bool {
-    evis_core::format::hdf5::Recording::open(input).is_ok()
+/// Does what converts a whole recording, with a bar; `None` where Ctrl-C ended it.
+fn watched<T>(
+    args: &ConvertArgs,
+    work: impl FnOnce(&mut dyn FnMut(f64) -> bool) -> Result<Option<T>, FormatError>,
+) -> anyhow::Result<Option<T>> {
+    let interrupt = Interrupt::listen();
+    let progress = Progress::new(WHOLE);
+    let done = work(&mut |part| {
+        progress.part("of the input", part);
+        !interrupt.asked()
+    })?;
+    drop(progress);
+    if done.is_none() {
+        text::complain(&format!("interrupted: {} was not written", args.output.display()));
+    }
+    Ok(done)
 }
 
-fn export_mcap(args: &ConvertArgs) -> anyhow::Result<i32> {
-    let export = evis_format::export_mcap(&args.input, &args.output, args.force)?;
+fn import_mcap(args: &ConvertArgs) -> anyhow::Result<i32> {
+    let import =
+        watched(args, |proceed| evis_format::import_mcap(&args.input, &args.output, args.force, proceed))?;
+    let Some(BagImport { cameras, events, images, poses, imu, left_out }) = import else {
+        return Ok(EXIT_INTERRUPTED);
+    };
+    if args.json {
+        text::say_json(&serde_json::json!({
+            "input": args.input.display().to_string(), "output": args.output.display().to_string(),
+            "format": Format::Hdf5.name(), "cameras": cameras, "events": events, "images": images, "poses": poses,
+            "imu": imu, "left_out": left_out,
+        }))?;
+        return Ok(0);
+    }
+    let mut lines = vec![format!(
+        "{}  {}, {}, {} events{}",
+        args.output.display(),
+        Format::Hdf5,
+        cameras.join(", "),
+        text::grouped(events),
+        others(&[(images, "images"), (poses, "poses"), (imu, "inertial samples")])
+    )];
+    lines.extend(left_out.iter().map(|what| format!("left out: {what}")));
+    text::say(&lines.join("\n"));
+    Ok(0)
+}
+
+fn export_mcap(args: &ConvertArgs, recording: &Recording) -> anyhow::Result<i32> {
+    let export =
+        watched(args, |proceed| evis_format::export_mcap(recording, &args.output, args.force, proceed))?;
+    let Some(export) = export else { return Ok(EXIT_INTERRUPTED) };
     if args.json {
         let McapExport { cameras, events, images, poses, imu } = export;
         text::say_json(&serde_json::json!({
@@ -197,8 +253,10 @@ fn export_mcap(args: &ConvertArgs) -> anyhow::Result<i32> {
     Ok(0)
 }
 
-fn export_dsec(args: &ConvertArgs) -> anyhow::Result<i32> {
-    let export = evis_format::export_dsec(&args.input, &args.output, args.force)?;
+fn export_dsec(args: &ConvertArgs, recording: &Recording) -> anyhow::Result<i32> {
+    let export =
+        watched(args, |proceed| evis_format::export_dsec(recording, &args.output, args.force, proceed))?;
+    let Some(export) = export else { return Ok(EXIT_INTERRUPTED) };
     if args.json {
         let DsecExport { cameras, events, flows, disparities, notes } = export;
         text::say_json(&serde_json::json!({

@@ -73,7 +73,9 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
         )
         || match cause.downcast_ref() {
             Some(EngineError::Format(error)) => is_bad_input(error),
-            Some(error) => matches!(error, EngineError::Config(_) | EngineError::Scene(_)),
+            Some(error) => {
+                matches!(error, EngineError::Config(_) | EngineError::Scene(_) | EngineError::NoDevice)
+            }
             None => false,
         }
         || cause.downcast_ref::<std::io::Error>().is_some_and(|io| {
@@ -115,6 +117,7 @@ mod tests {
         assert_eq!(exit_code(&EngineError::Config(evis_core::ConfigError::new("a", 1, "2")).into()), 2);
         assert_eq!(exit_code(&io(ErrorKind::StorageFull)), 2);
         assert_eq!(exit_code(&io(ErrorKind::BrokenPipe)), 1);
+        assert_eq!(exit_code(&EngineError::NoDevice.into()), 2);
         assert_eq!(exit_code(&EngineError::Device("lost".into()).into()), 1);
     }
 }

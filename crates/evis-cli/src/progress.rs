@@ -130,7 +130,8 @@ impl TimeLeft {
 pub(crate) struct Forecast {
     /// Stream time and work at the end of the first packet, which also sets up what the others use.
     first: Option<(i64, Duration)>,
-    told: bool,
+    /// How long it takes has been said.
+    pub(crate) told: bool,
 }
 
 /// Stream time that was measured, and the work of a whole stream at that speed.

@@ -87,6 +87,15 @@ pub(crate) fn about(time: std::time::Duration) -> String {
     }
 }
 
+/// What a length of time that is not known well will be.
+pub(crate) fn roughly(time: std::time::Duration) -> String {
+    match time.as_secs_f64() {
+        s if s < 10.0 => "a few seconds".to_owned(),
+        s if s < 87.5 => format!("about {:.0} s", (s / 5.0).round() * 5.0),
+        _ => format!("about {}", about(time.max(std::time::Duration::from_secs(90)))),
+    }
+}
+
 /// Two significant digits of what is below 10, else whole.
 pub(crate) fn significant(value: f64) -> String {
     let decimals = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 6.0) } else { 0.0 };
@@ -114,6 +123,9 @@ mod tests {
     fn lengths_of_time_read_well() {
         let of = |s: f64| about(std::time::Duration::from_secs_f64(s));
         assert_eq!([of(0.2), of(45.4), of(150.0), of(9000.0)], ["0.2 s", "45 s", "2 min", "2.5 h"]);
+        let of = |s: f64| roughly(std::time::Duration::from_secs_f64(s));
+        let told = ["a few seconds", "about 45 s", "about 85 s", "about 2 min", "about 2.5 h"];
+        assert_eq!([of(9.0), of(45.4), of(87.0), of(88.0), of(9000.0)], told);
     }
 
     #[test]

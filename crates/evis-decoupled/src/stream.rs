@@ -1,10 +1,10 @@
 //! A stream of events from a thread of its own: several views of a scene, block by block.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evis_core::random::Key;
 use evis_core::{Event, SensorConfig};
@@ -81,6 +81,19 @@ pub struct Piece {
     pub report: Report,
 }
 
+/// Seconds of work per second of stream, of all its views together, by what its first usual block took: known before any event
+/// of that block is sent.
+#[derive(Clone, Debug, Default)]
+pub struct Pace(Arc<OnceLock<f64>>);
+
+impl Pace {
+    /// The estimate; `None` as long as nothing was measured. A stream that follows some tiles only, or what a host moves, has
+    /// none, nor has one that is cut into pieces far shorter than usual.
+    pub fn get(&self) -> Option<f64> {
+        self.0.get().copied()
+    }
+}
+
 /// What the thread is told.
 enum Order {
     /// Events are wanted up to this stream time.
@@ -99,6 +112,7 @@ pub struct Stream {
     horizon_us: i64,
     pieces: Option<Receiver<Result<Piece, Error>>>,
     reference_luminance: f32,
+    pace: Pace,
     abort: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -121,8 +135,10 @@ impl Stream {
         let (ready, prepared) = channel();
         let abort = Arc::new(AtomicBool::new(false));
         let aborted = Arc::clone(&abort);
+        let pace = Pace::default();
+        let measured = pace.clone();
         let work = move || {
-            let failed = follow(&scene, &views, &settings, &ready, &orders, &send, &aborted).err();
+            let failed = follow(&scene, &views, &settings, &ready, &orders, &send, &aborted, &measured).err();
             if let Some(error) = failed {
                 // Whoever waits for neither has gone.
                 let _ = ready.send(Err(error.clone()));
@@ -139,6 +155,7 @@ impl Stream {
             horizon_us: 0,
             pieces: Some(pieces),
             reference_luminance,
+            pace,
             abort,
             thread: Some(thread),
         })
@@ -147,6 +164,11 @@ impl Stream {
     /// The `Y_ref` in force.
     pub fn reference_luminance(&self) -> f32 {
         self.reference_luminance
+    }
+
+    /// How fast it goes.
+    pub fn pace(&self) -> &Pace {
+        &self.pace
     }
 
     /// Requests everything before `until_us` of stream time; the thread simulates no block that begins later.
@@ -203,6 +225,7 @@ impl Drop for Stream {
 }
 
 /// The thread: follows the view that is behind the others, as far as is wanted.
+#[expect(clippy::too_many_arguments, reason = "the ends of its channels")]
 fn follow(
     scene: &Scene,
     views: &[View],
@@ -211,6 +234,7 @@ fn follow(
     orders: &Receiver<Order>,
     pieces: &SyncSender<Result<Piece, Error>>,
     abort: &AtomicBool,
+    pace: &Pace,
 ) -> Result<(), Error> {
     let usual = Settings::default();
     let start_us = settings.start_us;
@@ -251,6 +275,9 @@ fn follow(
     let _ = ready.send(Ok(reference));
 
     let complete_us = |blocks: &Blocks| blocks.start_us().floor() as i64 - start_us;
+    let pixel_count = |world: &World| f64::from(world.lens.width) * f64::from(world.lens.height);
+    let all_pixels: f64 = worlds.iter().map(pixel_count).sum();
+    let whole = scene.host_poses.is_none() && settings.only.is_empty();
     let mut horizon_us = 0;
     loop {
         let behind = (0..views.len()).min_by_key(|&v| complete_us(&blocks[v]));
@@ -270,9 +297,17 @@ fn follow(
             }
             continue;
         };
-        let Some(events) = pixels[view].follow(&worlds[view], &mut lightings[view], block, abort)? else {
+        let world = &worlds[view];
+        let began = Instant::now();
+        let Some(events) = pixels[view].follow(world, &mut lightings[view], block, abort)? else {
             return Ok(());
         };
+        // A short block takes more than its part of a usual one.
+        if whole && 2.0 * block.length_us() >= world.block_us(usual.block_us) as f64 {
+            let of_all = began.elapsed().as_secs_f64() * all_pixels / pixel_count(world);
+            // Only the first is kept.
+            let _ = pace.0.set(of_all * 1e6 / block.length_us());
+        }
         let complete_us = complete_us(&blocks[view]);
         let report = pixels[view].report(&lightings[view]);
         if pieces.send(Ok(Piece { view, complete_us, events, report })).is_err() {

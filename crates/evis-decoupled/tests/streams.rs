@@ -81,6 +81,33 @@ fn events_of_some_tiles_are_those_of_the_whole_picture() {
 }
 
 #[test]
+fn the_pace_is_known_with_the_first_usual_block() {
+    let follow = |settings: StreamSettings| {
+        let views = vec![view(None, 0.2), view(None, 0.3)];
+        let mut stream = Stream::new(Arc::new(spinner()), views, &settings).unwrap();
+        stream.want(3_000);
+        let mut complete = [0; 2];
+        while complete.iter().any(|t| *t < 3_000) {
+            let piece = stream.next(&AtomicBool::new(false)).unwrap().unwrap();
+            complete[piece.view] = piece.complete_us;
+            assert!(piece.complete_us < 3_000 || !settings.only.is_empty() || stream.pace().get().is_some());
+        }
+        (complete, stream.pace().get())
+    };
+    let settings = StreamSettings { size: SIZE, ..StreamSettings::default() };
+    let (complete, pace) = follow(settings.clone());
+    let pace = pace.unwrap();
+    assert!(pace > 0.0 && pace.is_finite(), "{pace}");
+    assert!(complete.iter().all(|t| *t > 20_000), "{complete:?}");
+    let only = vec![vec![true; 2 * 30], vec![true; 2 * 30]];
+    assert_eq!(
+        follow(StreamSettings { only, ..settings }).1,
+        None,
+        "some tiles do not say what a picture takes"
+    );
+}
+
+#[test]
 fn steps_and_neighbours_change_no_event() {
     for start_us in [0, 50_001] {
         let (reference, whole) = streamed(spinner(), vec![view(None, 0.2)], start_us, &[100_000]);

@@ -21,13 +21,17 @@ use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, Event, LabelData, LabelKind, PoseSample};
 use rust_hdf5::{H5File, Hdf5Error};
 
+use crate::files::draft_path;
 use crate::hdf5::{Hdf5Reader, Hdf5Writer};
 use crate::packet::Packet;
 use crate::read::{EventReader, ReadOptions, StreamInfo};
+use crate::work::{Halt, Work, unless_stopped};
 use crate::write::{EventWriter, WriteOptions};
 
 /// Microseconds of events that are copied at once.
 const US_AT_ONCE: i64 = 20_000;
+/// Events whose writing takes about as long as that of an image, for progress.
+const EVENTS_PER_IMAGE: u64 = 200_000;
 /// Largest angle between the cameras of a rectified pair, radians: a tenth of a pixel at f = 1000.
 const PARALLEL: f64 = 1.0e-4;
 
@@ -141,13 +145,74 @@ pub struct DsecExport {
     pub notes: Vec<String>,
 }
 
-/// Writes the EVIS recording at `path` as a folder in DSEC's layout. The first camera, or the one named
-/// `left`, is the left one; a second one is the right one.
+/// Writes a recording of EVIS as a folder in DSEC's layout. The first camera, or the one named
+/// `left`, is the left one; a second one is the right one. `proceed` is called now and then with the part that is done, 0 to 1;
+/// where it says no, `folder` is what it was before, and `None` is returned.
 ///
 /// # Errors
-/// No recording, more than two cameras, a folder that exists (unless `overwrite`), and a disk that refuses.
-pub fn export_dsec(path: &Path, folder: &Path, overwrite: bool) -> Result<DsecExport, FormatError> {
-    let recording = Recording::open(path)?;
+/// A damaged recording, more than two cameras, a folder that exists (unless `overwrite`), and a disk that refuses.
+pub fn export_dsec(
+    recording: &Recording,
+    folder: &Path,
+    overwrite: bool,
+    mut proceed: impl FnMut(f64) -> bool,
+) -> Result<Option<DsecExport>, FormatError> {
+    if folder.exists() && !overwrite {
+        return Err(FormatError::Exists { path: folder.into() });
+    }
+    let draft = Draft::new(folder)?;
+    let Some(export) = unless_stopped(export(recording, &draft.0, &mut proceed))? else { return Ok(None) };
+    draft.finish(folder)?;
+    Ok(Some(export))
+}
+
+/// A folder under another name, whose content takes its own when it is complete.
+struct Draft(PathBuf);
+
+impl Draft {
+    fn new(folder: &Path) -> Result<Self, FormatError> {
+        let draft = draft_path(folder, "draft");
+        // What a run left that was killed.
+        if draft.exists() {
+            fs::remove_dir_all(&draft).map_err(|error| FormatError::io(&draft, "write", error))?;
+        }
+        make_folder(&draft)?;
+        Ok(Self(draft))
+    }
+
+    /// Gives the folder its name, or moves its files over those of an old one.
+    fn finish(self, folder: &Path) -> Result<(), FormatError> {
+        fn moved(from: &Path, to: &Path) -> std::io::Result<()> {
+            if !to.is_dir() {
+                return fs::rename(from, to);
+            }
+            for entry in fs::read_dir(from)? {
+                let entry = entry?;
+                let to = to.join(entry.file_name());
+                if entry.file_type()?.is_dir() {
+                    moved(&entry.path(), &to)?
+                } else {
+                    fs::rename(entry.path(), to)?
+                }
+            }
+            Ok(())
+        }
+        moved(&self.0, folder).map_err(|error| FormatError::io(folder, "write", error))
+    }
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        // Gone, where it has taken its name.
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+fn export(
+    recording: &Recording,
+    folder: &Path,
+    proceed: &mut dyn FnMut(f64) -> bool,
+) -> Result<DsecExport, Halt> {
     let cameras = &recording.header().cameras;
     let order: Vec<usize> = match cameras.as_slice() {
         [_] => vec![0],
@@ -155,15 +220,28 @@ pub fn export_dsec(path: &Path, folder: &Path, overwrite: bool) -> Result<DsecEx
         [_, _] => vec![0, 1],
         _ => {
             let what = format!("it has {} cameras", cameras.len());
-            return Err(FormatError::invalid(path, what, "DSEC has a left and a right one: record those"));
+            let remedy = "DSEC has a left and a right one: record those";
+            return Err(FormatError::invalid(recording.path(), what, remedy).into());
         }
     };
+    let left = order.first().copied().unwrap_or_default();
+    let mut parts = 0;
+    for &camera in &order {
+        parts += recording.event_count(camera)?;
+    }
+    let pair = order.get(1).map(|&right| Pair::of(recording, left, right)).transpose()?.flatten();
+    let rectified = pair.as_ref().is_some_and(Pair::is_rectified);
+    for (kind, wanted) in [(LabelKind::FlowForward, true), (LabelKind::Depth, rectified)] {
+        if wanted && recording.label_kinds(left)?.contains(&kind) {
+            parts += recording.label_times(left, kind)?.len() as u64 * EVENTS_PER_IMAGE;
+        }
+    }
+    let mut work = Work::new(parts, proceed);
     let mut export = DsecExport::default();
     for (&camera, eye) in order.iter().zip(EYES) {
         let Some(info) = cameras.get(camera) else { continue };
-        // The first one was refused where the folder is old; the second one finds it made.
-        let own = new_folder(folder, eye, overwrite || eye != EYES[0])?;
-        export.events += write_events(&recording, camera, info, &own.join("events.h5"))?;
+        let own = new_folder(folder, eye, true)?;
+        export.events += write_events(recording, camera, info, &own.join("events.h5"), &mut work)?;
         if info.distortion.is_none() {
             write_map(&own.join("rectify_map.h5"), info)?;
         } else {
@@ -171,13 +249,11 @@ pub fn export_dsec(path: &Path, folder: &Path, overwrite: bool) -> Result<DsecEx
         }
         export.cameras.push((info.name.clone(), eye));
     }
-    let Some(&left) = order.first() else { return Ok(export) };
-    export.flows = write_flow(&recording, left, folder)?;
-    let pair = order.get(1).map(|&right| Pair::of(&recording, left, right)).transpose()?.flatten();
+    export.flows = write_flow(recording, left, folder, &mut work)?;
     let has_depth = recording.label_kinds(left)?.contains(&LabelKind::Depth);
     match (&pair, order.len(), has_depth) {
-        (Some(pair), _, true) if pair.is_rectified() => {
-            export.disparities = write_disparity(&recording, left, pair, folder)?;
+        (Some(pair), _, true) if rectified => {
+            export.disparities = write_disparity(recording, left, pair, folder, &mut work)?;
         }
         (_, _, false) => export.notes.push("no disparity: the recording has no depth".into()),
         (_, 1, _) => export.notes.push("no disparity: the recording has one camera".into()),
@@ -215,7 +291,8 @@ fn write_events(
     camera: usize,
     info: &CameraInfo,
     path: &Path,
-) -> Result<u64, FormatError> {
+    work: &mut Work,
+) -> Result<u64, Halt> {
     let count = recording.event_count(camera)?;
     let header = RecordingHeader {
         cameras: vec![info.clone()],
@@ -234,6 +311,7 @@ fn write_events(
         let events = recording.events_between(camera, start_us, end_us)?;
         writer.write_events(0, &events)?;
         written += events.len() as u64;
+        work.advance(events.len() as u64)?;
         start_us = end_us;
         if start_us > 31 * 86_400 * 1_000_000 {
             break;
@@ -283,7 +361,7 @@ fn flow_value(pixels: f32) -> Option<u16> {
     (pixels.is_finite() && (0.0..=65_535.0).contains(&value)).then_some(value as u16)
 }
 
-fn write_flow(recording: &Recording, camera: usize, folder: &Path) -> Result<usize, FormatError> {
+fn write_flow(recording: &Recording, camera: usize, folder: &Path, work: &mut Work) -> Result<usize, Halt> {
     let kinds = recording.label_kinds(camera)?;
     if !kinds.contains(&LabelKind::FlowForward) {
         return Ok(0);
@@ -295,6 +373,7 @@ fn write_flow(recording: &Recording, camera: usize, folder: &Path) -> Result<usi
     let mut times = String::from("# from_timestamp_us, to_timestamp_us\n");
     let mut written = 0;
     for index in 0..recording.label_times(camera, LabelKind::FlowForward)?.len() {
+        work.advance(EVENTS_PER_IMAGE)?;
         let frame = recording.label(camera, LabelKind::FlowForward, index)?;
         // The last image of a stream has no flow: nothing comes after it.
         let LabelData::F32(flow) = &frame.data else { continue };
@@ -407,11 +486,13 @@ fn write_disparity(
     camera: usize,
     pair: &Pair,
     folder: &Path,
-) -> Result<usize, FormatError> {
+    work: &mut Work,
+) -> Result<usize, Halt> {
     let own = folder.join("disparity").join("event");
     make_folder(&own)?;
     let times = recording.label_times(camera, LabelKind::Depth)?;
     for index in 0..times.len() {
+        work.advance(EVENTS_PER_IMAGE)?;
         let frame = recording.label(camera, LabelKind::Depth, index)?;
         let LabelData::F32(depth) = &frame.data else { continue };
         let scale = pair.left.fx * pair.baseline();

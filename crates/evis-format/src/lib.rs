@@ -24,6 +24,7 @@ mod read;
 mod recognise;
 mod ros;
 mod text;
+mod work;
 mod write;
 
 pub use convert::{ConvertOptions, Converted, convert};
@@ -34,7 +35,7 @@ pub use packet::{AedatImuSample, Frame, Packet, Trigger};
 pub use pixel_map::PixelMap;
 pub use read::{Between, EventReader, Extent, ReadOptions, StreamInfo, measure};
 pub use recognise::recognise;
-pub use ros::{McapExport, export_mcap};
+pub use ros::{BagImport, McapExport, export_mcap, import_mcap};
 pub use write::{EventWriter, WriteOptions};
 
 pub use evis_core::Event;

@@ -124,7 +124,7 @@ impl<R: EventReader> EventReader for Between<R> {
         if self.done || !self.reader.read_packet(packet)? {
             return Ok(false);
         }
-        let lag_us = if self.info().format == Format::Aedat4 { LAG_US } else { 0 };
+        let lag_us = if matches!(self.info().format, Format::Aedat4 | Format::Mcap) { LAG_US } else { 0 };
         let past_us = self.end_us.saturating_add(lag_us);
         self.done = packet.events.first().is_some_and(|event| event.t >= past_us);
         packet.retain_between(self.start_us, self.end_us);

@@ -268,6 +268,44 @@ fn aedat4_carries_frames_and_inertial_samples() {
 }
 
 #[test]
+fn bags_carry_images_and_inertial_samples() {
+    let folder = Folder::new("bag");
+    let frame = |k: i64, channels: u8| Frame {
+        start_us: k * 1000,
+        end_us: k * 1000,
+        width: 32,
+        height: 20,
+        channels,
+        pixels: (0..32 * 20 * u32::from(channels)).map(|v| (v * 7 + k as u32) as u8).collect(),
+    };
+    let imu = |k: i64| AedatImuSample {
+        t: k * 10,
+        acceleration: [0.1 * k as f32, -0.2, 9.0],
+        rotation: [k as f32 / 7.0, 2.0, 3.0],
+        ..AedatImuSample::default()
+    };
+    let packet = Packet {
+        events: stream(0, 50),
+        triggers: vec![Trigger::new(5, 0, true), Trigger::new(9, 3, false)],
+        frames: vec![frame(0, 1), frame(1, 3), frame(2, 4)],
+        imu: (0..3000).map(imu).collect(),
+    };
+    let path = folder.file(Format::Mcap);
+    write(&path, Format::Mcap, std::slice::from_ref(&packet)).unwrap();
+    let mut got = read(&path).unwrap();
+    assert_eq!(got, packet);
+    got.imu[7].rotation[0] += 1e-6;
+    assert_ne!(got, packet, "canary: a small difference must be seen");
+    // Of an image with an exposure, the middle.
+    let exposed = Frame { start_us: 1000, end_us: 1300, ..frame(1, 1) };
+    write(&path, Format::Mcap, &[Packet { frames: vec![exposed], ..Packet::default() }]).unwrap();
+    let got = open(&path, &ReadOptions { camera: Some("/event_camera/events".into()), size: None });
+    let (got, error) = read_all(&mut *got.unwrap());
+    assert!(error.is_none());
+    assert_eq!(got.frames.iter().map(|f| (f.start_us, f.end_us)).collect::<Vec<_>>(), [(1150, 1150)]);
+}
+
+#[test]
 fn a_seek_finds_every_event_of_a_part() {
     let folder = Folder::new("seek");
     let events = stream(0, 6000);

@@ -61,6 +61,7 @@ impl From<EngineError> for Failure {
             EngineError::Config(error) => error.into(),
             EngineError::Scene(error) => error.into(),
             EngineError::Format(error) => error.into(),
+            EngineError::NoDevice => Self::Device(error.to_string()),
             EngineError::Device(message) => Self::Device(message),
             EngineError::Read { path, source } | EngineError::Write { path, source } => {
                 Self::Io { path: Some(path.display().to_string()), source }

@@ -12,7 +12,13 @@ pub enum EngineError {
     /// A recording could not be read.
     #[error(transparent)]
     Format(#[from] evis_core::format::FormatError),
-    /// No usable device, or the device failed.
+    /// This machine has no device, and one is needed.
+    #[error(
+        "no Vulkan, Metal or DirectX 12 device was found; without a GPU install Mesa's software driver (Debian, Ubuntu: \
+         apt-get install mesa-vulkan-drivers libvulkan1; Fedora: dnf install mesa-vulkan-drivers vulkan-loader)"
+    )]
+    NoDevice,
+    /// The device failed, or none is the one that was asked for.
     #[error("{0}")]
     Device(String),
     /// A file could not be read.

@@ -2,11 +2,13 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::task::Poll;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use evis_core::LabelKind;
 use evis_core::format::hdf5::{RecordingExtras, RecordingHeader, RecordingWriter};
-use evis_render::{Bodies, BodyTimes, Imu, Packet, RunConfig, Simulator};
+use evis_render::{Bodies, BodyTimes, Imu, Method, Packet, RunConfig, Simulator};
 use evis_scene::Scene;
 
 use super::settings::{ImuSettings, PACKET_US};
@@ -19,9 +21,15 @@ use crate::text;
 /// that flushing a fast run for each part of its stream would fill the disk.
 const FLUSH_EVERY: Duration = Duration::from_millis(400);
 
-/// What is in force, and the preset that takes less: what can be said before the first work. How long it takes depends on
+/// How often it is looked whether the stream's pace is known, or its end asked for.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// How long what is in force stays unsaid where the stream's pace is not known.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// What is in force, the preset that takes less, and how long the run takes: `pace` seconds per second of stream. That depends on
 /// scene, size and device by factors of hundreds; a number that is not measured would be a guess.
-pub(super) fn before_line(config: &RunConfig, duration_us: i64) -> String {
+pub(super) fn before_line(config: &RunConfig, duration_us: i64, pace: Option<f64>) -> String {
     let force = config.quality.map_or_else(
         || format!("{}, set by hand", config.method.name()),
         |quality| format!("quality {} ({})", quality.name(), config.method.name()),
@@ -30,10 +38,22 @@ pub(super) fn before_line(config: &RunConfig, duration_us: i64) -> String {
         .quality
         .and_then(|quality| quality.cheaper())
         .map_or_else(String::new, |quality| format!("; --quality {} takes less", quality.name()));
-    format!(
-        "{force}: {} of stream; after a second of work follows how long it takes{cheaper}",
-        text::seconds(duration_us)
-    )
+    let stream = text::seconds(duration_us);
+    let Some(pace) = pace else {
+        return format!(
+            "{force}: {stream} of stream; after a second of work follows how long it takes{cheaper}"
+        );
+    };
+    format!("{force}: {}{cheaper}", paced(config, duration_us, pace))
+}
+
+/// How long the run takes at `pace` seconds per second of stream.
+fn paced(config: &RunConfig, duration_us: i64, pace: f64) -> String {
+    let pictured = config.carried().iter().any(|kind| *kind != LabelKind::Cause);
+    let beside = if pictured { " beside labels and frames" } else { "" };
+    let total =
+        text::roughly(Duration::try_from_secs_f64(pace * duration_us as f64 * 1e-6).unwrap_or(Duration::MAX));
+    format!("{} of stream in {total}{beside}, by what its first part takes", text::seconds(duration_us))
 }
 
 /// How long the run takes, by what was measured.
@@ -100,8 +120,35 @@ impl Job {
         let progress = Progress::new(u64::try_from(duration_us).unwrap_or(0));
         let mut forecast = Forecast::default();
         let started = Instant::now();
-        for packet in simulator.stream(duration_us, PACKET_US)? {
-            let packet = packet?;
+        // Said before the first packet, with how long it takes as soon as that is known.
+        let config = simulator.config().clone();
+        let mut unsaid = config.method == Method::Decoupled;
+        let mut packets = simulator.stream(duration_us, PACKET_US)?;
+        loop {
+            let next = packets.poll_next(LOOK);
+            let pace = packets.pace();
+            match pace {
+                Some(pace) if !forecast.told => {
+                    forecast.told = true;
+                    progress.line(&if unsaid {
+                        before_line(&config, duration_us, Some(pace))
+                    } else {
+                        paced(&config, duration_us, pace)
+                    });
+                    unsaid = false;
+                }
+                None if unsaid && (next.is_ready() || started.elapsed() > PATIENCE) => {
+                    progress.line(&before_line(&config, duration_us, None));
+                    unsaid = false;
+                }
+                _ => {}
+            }
+            let packet = match next {
+                Poll::Pending if interrupt.asked() && self.tally.packets > 0 => break,
+                Poll::Pending => continue,
+                Poll::Ready(None) => break,
+                Poll::Ready(Some(packet)) => packet?,
+            };
             let writing = Instant::now();
             tracing::trace_span!("write").in_scope(|| self.write(&packet))?;
             self.tally.add(&packet, writing.elapsed());
@@ -202,13 +249,25 @@ mod tests {
 
     #[test]
     fn what_is_in_force_is_said_before_the_first_work_and_how_long_it_takes_once_it_is_measured() {
-        let line = |quality| before_line(&RunConfig { quality, ..RunConfig::default() }, 2_000_000);
+        let line = |quality| before_line(&RunConfig { quality, ..RunConfig::default() }, 2_000_000, None);
         assert_eq!(
             line(Some(Quality::Standard)),
             "quality standard (native): 2 s of stream; after a second of work follows how long it takes; --quality draft takes less"
         );
         assert!(!line(Some(Quality::Draft)).contains("takes less"), "nothing is cheaper than draft");
         assert!(line(None).starts_with("native, set by hand: 2 s of stream"));
+        let mut config =
+            RunConfig { method: Method::Decoupled, quality: Some(Quality::Draft), ..RunConfig::default() };
+        let sampled = |config: &RunConfig, pace| before_line(config, 2_000_000, Some(pace));
+        assert_eq!(
+            sampled(&config, 78.0),
+            "quality draft (decoupled): 2 s of stream in about 3 min, by what its first part takes"
+        );
+        config.labels.push(LabelKind::Depth);
+        assert_eq!(
+            sampled(&config, 4.9),
+            "quality draft (decoupled): 2 s of stream in a few seconds beside labels and frames, by what its first part takes"
+        );
         let measured = Measured { from_us: 10_000, until_us: 30_000, total: Duration::from_secs(150) };
         assert_eq!(
             forecast_line(&measured, 2_000_000),

@@ -11,7 +11,9 @@ use std::time::Instant;
 
 use anyhow::Context;
 use evis_core::Word;
-use evis_render::{DeviceSummary, Gpu, PacketReport, RunRequest, SamplingRequest, Simulator, implausible};
+use evis_render::{
+    DeviceSummary, Gpu, Method, PacketReport, RunRequest, SamplingRequest, Simulator, implausible,
+};
 use evis_scene::source::Opening;
 use evis_scene::{Scene, SceneState};
 
@@ -91,7 +93,10 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     for warning in implausible(&scene, &config, duration_us) {
         warnings.add(flags::in_text(&warning));
     }
-    text::complain(&before_line(&config, duration_us));
+    // Decoupled sampling soon knows how long it takes: its line waits for that.
+    if config.method != Method::Decoupled {
+        text::complain(&before_line(&config, duration_us, None));
+    }
     let simulator = Simulator::new(gpu.as_ref(), Arc::clone(&scene), config)?;
     let settings = Settings {
         evis: env!("CARGO_PKG_VERSION"),

@@ -12,6 +12,7 @@ use super::message::{self, CAMERA_INFO, IMAGE, IMU, POSE, Pixels};
 use crate::format::Format;
 use crate::open::check_size;
 use crate::packet::Packet;
+use crate::work::{Halt, Work, unless_stopped};
 
 /// Microseconds that are copied at once.
 const US_AT_ONCE: i64 = 20_000;
@@ -62,17 +63,31 @@ struct Unit {
     samples: Vec<ImuSample>,
 }
 
-/// Writes the EVIS recording at `path` as a ROS 2 bag in MCAP.
+/// Writes a recording of EVIS as a ROS 2 bag in MCAP. `proceed` is called now and then with the part that is done, 0 to 1; where
+/// it says no, nothing is at `output` that was not there before, and `None` is returned.
 ///
 /// Topics are `/<camera>/events`, `/<camera>/camera_info`, `/<camera>/<kind>` for images of each kind,
 /// `/<camera>/pose` and `/<unit>/imu`. Stamps are the stream's times. Poses are of optical frames (x right, y down,
 /// z ahead) in the frame `world`, whose z axis points up (REP 103, REP 105), as normals are.
 ///
 /// # Errors
-/// No recording, an output that exists (unless `overwrite`), sensors and times that do not fit, and a disk that
+/// An output that exists (unless `overwrite`), a damaged recording, sensors and times that do not fit, and a disk that
 /// refuses.
-pub fn export_mcap(path: &Path, output: &Path, overwrite: bool) -> Result<McapExport, FormatError> {
-    let recording = Recording::open(path)?;
+pub fn export_mcap(
+    recording: &Recording,
+    output: &Path,
+    overwrite: bool,
+    mut proceed: impl FnMut(f64) -> bool,
+) -> Result<Option<McapExport>, FormatError> {
+    unless_stopped(export(recording, output, overwrite, &mut proceed))
+}
+
+fn export(
+    recording: &Recording,
+    output: &Path,
+    overwrite: bool,
+    proceed: &mut dyn FnMut(f64) -> bool,
+) -> Result<McapExport, Halt> {
     let infos = &recording.header().cameras;
     for info in infos {
         check_size(output, Format::Mcap, (info.width, info.height))?;
@@ -82,7 +97,7 @@ pub fn export_mcap(path: &Path, output: &Path, overwrite: bool) -> Result<McapEx
     let mut cameras = Vec::new();
     for (index, info) in infos.iter().enumerate() {
         cameras.push(Camera::new(
-            &recording,
+            recording,
             index,
             info,
             topic_name(&info.name, &mut names),
@@ -109,10 +124,16 @@ pub fn export_mcap(path: &Path, output: &Path, overwrite: bool) -> Result<McapEx
         units.iter().filter_map(|unit| unit.samples.last()).map(|sample| sample.t_us).fold(last_us, i64::max);
     let (mut copied, mut start_us) = (0, i64::MIN);
     let mut end_us = US_AT_ONCE;
+    // Events are most of the work, where there are any.
+    let steps = u64::try_from(last_us / US_AT_ONCE).unwrap_or(0) + 1;
+    let mut work = Work::new(export.events + steps, proceed);
     while copied < export.events || start_us <= last_us {
         for camera in &mut cameras {
-            copied += camera.copy(&recording, start_us, end_us, &mut bag, &mut export)?;
+            let events = camera.copy(recording, start_us, end_us, &mut bag, &mut export)?;
+            copied += events;
+            work.advance(events)?;
         }
+        work.advance(1)?;
         for unit in &units {
             for sample in between(&unit.samples, |sample| sample.t_us, start_us, end_us) {
                 let content = message::imu(sample.t_us, &unit.name, sample.accelerometer, sample.gyroscope);
@@ -232,24 +253,49 @@ fn topic_name(name: &str, taken: &mut Vec<String>) -> String {
 /// Pixels as bytes, and the encoding's name.
 fn pixels(frame: LabelFrame) -> (&'static str, Vec<u8>) {
     let kind = frame.kind;
-    match frame.data {
+    let bytes = match frame.data {
         LabelData::F32(mut values) => {
             if kind == LabelKind::Normal {
                 for [x, y, z] in values.as_chunks_mut().0 {
                     [*x, *y, *z] = z_up([*x, *y, *z]);
                 }
             }
-            let encoding = ["32FC1", "32FC2", "32FC3"].get(kind.channels() - 1).copied().unwrap_or_default();
-            (encoding, values.iter().flat_map(|value| value.to_le_bytes()).collect())
+            values.iter().flat_map(|value| value.to_le_bytes()).collect()
         }
-        LabelData::U32(values) => ("32SC1", values.iter().flat_map(|value| value.to_le_bytes()).collect()),
-        LabelData::U8(values) => ("8UC1", values),
+        LabelData::U32(values) => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        LabelData::U8(values) => values,
+    };
+    (encoding(kind), bytes)
+}
+
+/// The encoding of images of `kind`.
+pub(super) const fn encoding(kind: LabelKind) -> &'static str {
+    match kind {
+        LabelKind::FlowForwardValid | LabelKind::FlowBackwardValid | LabelKind::Cause => "8UC1",
+        LabelKind::Instance | LabelKind::Semantic => "32SC1",
+        _ => match kind.channels() {
+            1 => "32FC1",
+            2 => "32FC2",
+            _ => "32FC3",
+        },
     }
 }
 
 /// From axes with y up to axes with z up, a quarter turn about x.
 fn z_up<T: std::ops::Neg<Output = T>>([x, y, z]: [T; 3]) -> [T; 3] {
     [x, -z, y]
+}
+
+/// The inverse of [`z_up`].
+pub(super) fn y_up<T: std::ops::Neg<Output = T>>([x, y, z]: [T; 3]) -> [T; 3] {
+    [x, z, -y]
+}
+
+/// The inverse of [`in_ros`].
+pub(super) fn from_ros(t_us: i64, position: [f64; 3], rotation: [f64; 4]) -> PoseSample {
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let turned = product(rotation, [-1.0, 0.0, 0.0, 0.0]);
+    PoseSample { t_us, position: y_up(position), rotation: product([-half, 0.0, 0.0, half], turned) }
 }
 
 /// Position and rotation of the optical frame in a world with z up.
@@ -295,5 +341,11 @@ mod tests {
         assert_eq!(turned([1.0, 0.0, 0.0]), [1, 0, 0]);
         assert_eq!(turned([0.0, 1.0, 0.0]), [0, 0, -1]);
         assert_eq!(turned([0.0, 0.0, 1.0]), [0, 1, 0]);
+        let pose = PoseSample { rotation: [0.1, -0.7, 0.5, 0.5], ..pose };
+        let (position, rotation) = in_ros(&pose);
+        let back = from_ros(0, position, rotation);
+        assert_eq!(back.position, pose.position);
+        let error = back.rotation.iter().zip(&pose.rotation).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(error < 1e-15, "{back:?}");
     }
 }

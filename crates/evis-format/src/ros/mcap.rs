@@ -1,4 +1,5 @@
-//! ROS 2 bags in MCAP: events as `event_camera_msgs/msg/EventPacket` in EVT 3.0.
+//! ROS 2 bags in MCAP as event files: events as `event_camera_msgs/msg/EventPacket` in EVT 3.0, and 8-bit images and inertial
+//! samples of the same camera.
 //!
 //! Layouts: the MCAP specification, and OMG's CDR as ROS 2 writes it.
 
@@ -7,122 +8,79 @@ use std::path::{Path, PathBuf};
 use evis_core::Event;
 use evis_core::format::FormatError;
 
+use super::bag::Bag;
 pub(crate) use super::bag::MAGIC;
-use super::bag::{Bag, CHANNEL, CHUNK, DATA_END, FOOTER, MESSAGE, SCHEMA};
 use super::cdr::Cdr;
 use super::message::{self, EVENT_PACKET, IMAGE, IMU, Pixels};
+use super::parse::{EventMessage, Image, is_event_type};
+use super::records::{BagReader, Record, Topic};
 use crate::check::Check;
-use crate::files::{Input, u16_at, u32_at, u64_at};
 use crate::format::Format;
-use crate::packet::{Frame, Packet, Trigger};
+use crate::packet::{AedatImuSample, Frame, Packet, Trigger};
 use crate::prophesee::{Evt3Decoder, Evt3Encoder};
 use crate::read::{EventReader, ReadOptions, StreamInfo};
 use crate::write::{EventWriter, WriteOptions};
 
-/// Largest record that is read, and largest chunk when it is unpacked.
-const MOST_RECORD: u64 = 256 << 20;
-
-/// Types of messages that carry events.
-const TYPES: [&str; 2] = [EVENT_PACKET.name, "event_array_msgs/msg/EventArray"];
 /// The camera of a file that names none.
 const CAMERA: &str = "event_camera";
 
-/// Numbers and texts of a record, one after the other.
-struct Fields<'a> {
-    bytes: &'a [u8],
-    at: usize,
-    /// CDR aligns numbers to their size, from here.
-    origin: Option<usize>,
+/// Decodes the events of a topic, message by message.
+#[derive(Default)]
+pub(super) struct EventDecoder {
+    /// Pixels per row, and rows, as the last message says.
+    pub size: Option<(u32, u32)>,
+    /// Stamp and time of the message before.
+    last: Option<(i64, i64)>,
 }
 
-impl<'a> Fields<'a> {
-    const fn new(bytes: &'a [u8]) -> Self {
-        Self { bytes, at: 0, origin: None }
-    }
-
-    fn take(&mut self, size: usize) -> Option<&'a [u8]> {
-        if let Some(origin) = self.origin {
-            self.at = origin + (self.at - origin).next_multiple_of(size.clamp(1, 8));
+impl EventDecoder {
+    /// Appends the events and triggers of a message; says what is wrong with it.
+    pub fn message(&mut self, bytes: &[u8], packet: &mut Packet) -> Result<(), String> {
+        let message = EventMessage::parse(bytes)?;
+        if message.encoding != "evt3" {
+            return Err(format!("events are encoded as '{}', and only evt3 is read", message.encoding));
         }
-        self.bytes(size)
-    }
-
-    fn bytes(&mut self, size: usize) -> Option<&'a [u8]> {
-        let bytes = self.bytes.get(self.at..self.at.checked_add(size)?)?;
-        self.at += size;
-        Some(bytes)
-    }
-
-    fn u16(&mut self) -> Option<u16> {
-        u16_at(self.take(2)?, 0)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        u32_at(self.take(4)?, 0)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        u64_at(self.take(8)?, 0)
-    }
-
-    fn text(&mut self) -> Option<&'a str> {
-        let length = self.u32()? as usize;
-        let text = std::str::from_utf8(self.bytes(length)?).ok()?;
-        Some(text.trim_end_matches('\0'))
-    }
-
-    fn rest(&self) -> &'a [u8] {
-        self.bytes.get(self.at..).unwrap_or_default()
-    }
-}
-
-/// A message of events.
-struct EventMessage<'a> {
-    stamp_us: i64,
-    width: u32,
-    height: u32,
-    encoding: &'a str,
-    events: &'a [u8],
-}
-
-impl<'a> EventMessage<'a> {
-    fn parse(bytes: &'a [u8]) -> Option<Self> {
-        // Two bytes of encoding, little-endian CDR, and two of options.
-        if bytes.get(..2)? != [0, 1] {
-            return None;
+        let EventMessage { stamp_us, size, events, .. } = message;
+        let (width, height) = size;
+        self.size = Some(size);
+        // Time in EVT 3.0 starts again each 16.8 s; stamps tell how often it did since the message before, and
+        // at the start, whether they are the events' own time.
+        let expected_us = self.last.map_or(stamp_us, |(stamp, t)| t + (stamp_us - stamp).clamp(0, 1 << 45));
+        let mut decoder = Evt3Decoder::new(width as u16, height as u16);
+        if self.last.is_some() || first_low_bits(events) == Some(stamp_us & 0xFF_FFFF) {
+            decoder.expect(expected_us);
         }
-        let mut fields = Fields { bytes, at: 4, origin: Some(4) };
-        let (seconds, nanoseconds) = (fields.u32()? as i32, fields.u32()?);
-        fields.text()?;
-        let (height, width) = (fields.u32()?, fields.u32()?);
-        let _sequence = fields.u64()?;
-        let _time_base = fields.u64()?;
-        let encoding = fields.text()?;
-        let _big_endian = fields.bytes(1)?;
-        let length = fields.u32()? as usize;
-        let events = fields.bytes(length)?;
-        let stamp_us = i64::from(seconds) * 1_000_000 + i64::from(nanoseconds / 1000);
-        Some(Self { stamp_us, width, height, encoding, events })
+        let decoded = decoder.decode(events, &mut packet.events, &mut packet.triggers);
+        self.last = Some((stamp_us, decoder.now_us()));
+        decoded.map_err(|(word, what)| format!("word {word} of a message: {what}"))
     }
+}
+
+/// The 24-bit time of the first event of a message.
+fn first_low_bits(words: &[u8]) -> Option<i64> {
+    let mut high = None;
+    for word in words.as_chunks().0 {
+        let word = u16::from_le_bytes(*word);
+        match word >> 12 {
+            8 => high = Some(i64::from(word & 0xFFF) << 12),
+            6 => return Some(high? | i64::from(word & 0xFFF)),
+            _ => {}
+        }
+    }
+    None
+}
+
+/// The names that a camera's topics begin with, such as `/left/` of `/left/events`.
+pub(super) fn namespace(topic: &str) -> &str {
+    topic.rsplit_once('/').map_or("", |(before, _)| topic.get(..=before.len()).unwrap_or_default())
 }
 
 /// Reads MCAP files.
 pub(crate) struct McapReader {
-    input: Input,
+    bag: BagReader,
     info: StreamInfo,
-    block: Vec<u8>,
-    /// Records of the current chunk, and the next one's place in them.
-    chunk: Vec<u8>,
-    next: usize,
-    /// Where the chunk, or the record, lies in the file.
-    at: u64,
-    /// Numbers of schemas, and of channels with their topics.
-    schemas: Vec<u16>,
-    channels: Vec<(u16, String)>,
     topic: Option<String>,
-    decoder: Option<Evt3Decoder>,
-    /// Stamp and time of the message before.
-    last: Option<(i64, i64)>,
+    decoder: EventDecoder,
     failed: Option<String>,
 }
 
@@ -130,36 +88,32 @@ pub(crate) struct McapReader {
 enum Step {
     End,
     Nothing,
-    Events,
+    Content,
 }
 
 impl McapReader {
     pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<Self, FormatError> {
         let mut reader = Self {
-            input: Input::open(path)?,
+            bag: BagReader::open(path)?,
             info: StreamInfo::new(Format::Mcap),
-            block: Vec::new(),
-            chunk: Vec::new(),
-            next: 0,
-            at: 0,
-            schemas: Vec::new(),
-            channels: Vec::new(),
             topic: options.camera.clone(),
-            decoder: None,
-            last: None,
+            decoder: EventDecoder::default(),
             failed: None,
         };
-        reader.begin()?;
         // The first message tells the size; the summary at the end would tell the topics, but a file that was
         // cut off has none.
         let mut packet = Packet::default();
-        while reader.decoder.is_none() {
+        while reader.decoder.size.is_none() {
             match reader.step(&mut packet)? {
                 Ok(Step::End) | Err(_) => break,
-                Ok(_) => {}
+                Ok(_) => packet.clear(),
             }
         }
-        let topics: Vec<String> = reader.channels.iter().map(|(_, topic)| topic.clone()).collect();
+        let (events, others): (Vec<&Topic>, Vec<&Topic>) =
+            reader.bag.topics().iter().partition(|topic| is_event_type(&topic.kind));
+        let topics: Vec<String> = events.into_iter().map(|topic| topic.name.clone()).collect();
+        let property = |topic: &Topic| ("topic".to_owned(), format!("{} ({})", topic.name, topic.kind));
+        reader.info.properties = others.into_iter().map(property).collect();
         match &options.camera {
             Some(wanted) if !topics.contains(wanted) => {
                 let what = format!("there is no topic of events {wanted}");
@@ -179,167 +133,58 @@ impl McapReader {
         reader.topic = options.camera.clone().or_else(|| topics.first().cloned());
         reader.info.camera = reader.topic.clone();
         reader.info.cameras = topics;
-        reader.info.size = reader.info.size.or(options.size);
+        reader.info.size = reader.decoder.size.or(options.size);
         reader.begin()?;
         Ok(reader)
     }
 
     fn begin(&mut self) -> Result<(), FormatError> {
-        self.input.seek(MAGIC.len() as u64)?;
-        self.chunk.clear();
-        self.next = 0;
-        (self.decoder, self.last, self.failed) = (None, None, None);
-        Ok(())
+        (self.decoder, self.failed) = (EventDecoder::default(), None);
+        self.bag.begin()
     }
 
     /// Reads the next record; the inner error says what is wrong with it.
     fn step(&mut self, packet: &mut Packet) -> Result<Result<Step, String>, FormatError> {
-        if self.next < self.chunk.len() {
-            let chunk = std::mem::take(&mut self.chunk);
-            let mut fields = Fields { bytes: &chunk, at: self.next, origin: None };
-            let head = (|| Some((*fields.bytes(1)?.first()?, fields.u64()?)))();
-            let record =
-                head.and_then(|(op, length)| Some((op, fields.bytes(usize::try_from(length).ok()?)?)));
-            self.next = fields.at;
-            let step = match record {
-                Some((op, record)) => self.record(op, record, packet),
-                None => Err("a record leads outside of its chunk".into()),
-            };
-            self.chunk = chunk;
-            return Ok(step);
-        }
-        self.at = self.input.at();
-        let mut block = std::mem::take(&mut self.block);
-        let step = self.outer(&mut block, packet);
-        self.block = block;
-        step
-    }
-
-    fn outer(
-        &mut self,
-        block: &mut Vec<u8>,
-        packet: &mut Packet,
-    ) -> Result<Result<Step, String>, FormatError> {
-        self.input.read_block(block, 9)?;
-        let (Some(&op), Some(length)) = (block.first(), u64_at(block, 1)) else {
-            return Ok(Err("it ends before its end mark".into()));
-        };
-        let left = self.input.length().saturating_sub(self.input.at());
-        if length > left.min(MOST_RECORD) {
-            return Ok(Err(format!("a record would be {length} bytes long, and {left} are left")));
-        }
-        if matches!(op, DATA_END | FOOTER) {
-            return Ok(Ok(Step::End));
-        }
-        self.input.read_block(block, length as usize)?;
-        if op != CHUNK {
-            return Ok(self.record(op, block, packet));
-        }
-        let mut fields = Fields::new(block);
-        let head = (|| {
-            fields.u64()?;
-            fields.u64()?;
-            let size = fields.u64()?;
-            fields.u32()?;
-            let compression = fields.text()?;
-            let length = fields.u64()?;
-            Some((size, compression, fields.bytes(usize::try_from(length).ok()?)?))
-        })();
-        let Some((size, compression, records)) = head else {
-            return Ok(Err("a chunk ends within its head".into()));
-        };
-        if size > MOST_RECORD {
-            return Ok(Err(format!("a chunk would be {size} bytes long")));
-        }
-        self.chunk.clear();
-        self.next = 0;
-        use std::io::Read;
-        let unpacked = match compression {
-            "" => (&mut &records[..]).take(size).read_to_end(&mut self.chunk),
-            "lz4" => lz4_flex::frame::FrameDecoder::new(records).take(size).read_to_end(&mut self.chunk),
-            "zstd" => rust_zstd::DecompressReader::new(records).take(size).read_to_end(&mut self.chunk),
-            other => {
-                return Ok(Err(format!("a chunk is packed by '{other}', and only lz4 and zstd are read")));
-            }
-        };
-        Ok(match unpacked {
-            Ok(_) => Ok(Step::Nothing),
-            Err(error) => Err(format!("a chunk cannot be unpacked ({error})")),
+        Ok(match self.bag.step()? {
+            Ok(Record::End) => Ok(Step::End),
+            Ok(Record::Other) => Ok(Step::Nothing),
+            Ok(Record::Message(place)) => self.message(place, packet),
+            Err(what) => Err(what),
         })
     }
 
-    fn record(&mut self, op: u8, bytes: &[u8], packet: &mut Packet) -> Result<Step, String> {
-        let mut fields = Fields::new(bytes);
-        match op {
-            SCHEMA => {
-                let schema = (|| Some((fields.u16()?, fields.text()?)))();
-                let (id, name) = schema.ok_or("a schema ends within its name")?;
-                if TYPES.contains(&name) && !self.schemas.contains(&id) {
-                    self.schemas.push(id);
-                }
-            }
-            CHANNEL => {
-                let channel = (|| Some((fields.u16()?, fields.u16()?, fields.text()?)))();
-                let (id, schema, topic) = channel.ok_or("a channel ends within its topic")?;
-                if self.schemas.contains(&schema) && !self.channels.iter().any(|(known, _)| *known == id) {
-                    self.channels.push((id, topic.to_owned()));
-                }
-            }
-            MESSAGE => {
-                let id = (|| {
-                    let id = fields.u16()?;
-                    fields.u32()?;
-                    fields.u64()?;
-                    fields.u64()?;
-                    Some(id)
-                })();
-                let id = id.ok_or("a message ends within its head")?;
-                let topic = self.channels.iter().find(|(known, _)| *known == id).map(|(_, topic)| topic);
-                if topic.is_some() && (self.topic.is_none() || self.topic.as_ref() == topic) {
-                    return self.message(fields.rest(), packet).map(|()| Step::Events);
-                }
-            }
-            _ => {}
+    fn message(&mut self, place: usize, packet: &mut Packet) -> Result<Step, String> {
+        let Some(Topic { kind, name, .. }) = self.bag.topics().get(place) else { return Ok(Step::Nothing) };
+        let bytes = self.bag.message();
+        if is_event_type(kind) && self.topic.as_ref().is_none_or(|topic| topic == name) {
+            self.decoder.message(bytes, packet)?;
+            self.info.size = self.decoder.size;
+            return Ok(Step::Content);
         }
-        Ok(Step::Nothing)
+        // What a camera has beside events has the same namespace.
+        let Some(own) = self.topic.as_deref().and_then(|topic| name.strip_prefix(namespace(topic))) else {
+            return Ok(Step::Nothing);
+        };
+        if kind == IMAGE.name && own == "image_raw" {
+            let image = Image::parse(bytes)?;
+            let Some(channels) = channels(image.encoding) else { return Ok(Step::Nothing) };
+            let pixels = image.pixels(channels.into())?.to_vec();
+            let (width, height) = image.size;
+            let t_us = image.stamp_us;
+            packet.frames.push(Frame { start_us: t_us, end_us: t_us, width, height, channels, pixels });
+        } else if kind == IMU.name && own == "imu" {
+            let sample = super::parse::imu(bytes)?;
+            packet.imu.push(AedatImuSample {
+                t: sample.t_us,
+                acceleration: sample.accelerometer.map(|value| (value / G) as f32),
+                rotation: sample.gyroscope.map(|value| (value / DEGREE) as f32),
+                ..AedatImuSample::default()
+            });
+        } else {
+            return Ok(Step::Nothing);
+        }
+        Ok(Step::Content)
     }
-
-    fn message(&mut self, bytes: &[u8], packet: &mut Packet) -> Result<(), String> {
-        let message = EventMessage::parse(bytes).ok_or("a message is no EventPacket in little-endian CDR")?;
-        if message.encoding != "evt3" {
-            return Err(format!("events are encoded as '{}', and only evt3 is read", message.encoding));
-        }
-        let EventMessage { stamp_us, width, height, events, .. } = message;
-        if !(1..=2048).contains(&width) || !(1..=2048).contains(&height) {
-            return Err(format!("a sensor would have {width}x{height} pixels"));
-        }
-        self.info.size = Some((width, height));
-        // Time in EVT 3.0 starts again each 16.8 s; stamps tell how often it did since the message before, and
-        // at the start, whether they are the events' own time.
-        let expected_us = self.last.map_or(stamp_us, |(stamp, t)| t + (stamp_us - stamp).clamp(0, 1 << 45));
-        let mut decoder = Evt3Decoder::new(width as u16, height as u16);
-        if self.last.is_some() || first_low_bits(events) == Some(stamp_us & 0xFF_FFFF) {
-            decoder.expect(expected_us);
-        }
-        let decoded = decoder.decode(events, &mut packet.events, &mut packet.triggers);
-        self.last = Some((stamp_us, decoder.now_us()));
-        self.decoder = Some(decoder);
-        decoded.map_err(|(word, what)| format!("word {word} of a message: {what}"))
-    }
-}
-
-/// The 24-bit time of the first event of a message.
-fn first_low_bits(words: &[u8]) -> Option<i64> {
-    let mut high = None;
-    for word in words.as_chunks().0 {
-        let word = u16::from_le_bytes(*word);
-        match word >> 12 {
-            8 => high = Some(i64::from(word & 0xFFF) << 12),
-            6 => return Some(high? | i64::from(word & 0xFFF)),
-            _ => {}
-        }
-    }
-    None
 }
 
 impl EventReader for McapReader {
@@ -352,19 +197,19 @@ impl EventReader for McapReader {
         while self.failed.is_none() {
             match self.step(packet)? {
                 Ok(Step::End) => return Ok(false),
-                Ok(Step::Events) => return Ok(true),
+                Ok(Step::Content) => return Ok(true),
                 Ok(Step::Nothing) => {}
                 Err(what) => self.failed = Some(what),
             }
         }
         match &self.failed {
-            Some(what) if packet.is_empty() => Err(self.input.damaged(self.at, what)),
+            Some(what) if packet.is_empty() => Err(self.bag.damaged(what)),
             _ => Ok(true),
         }
     }
 
     fn part(&self) -> Option<f64> {
-        Some(self.input.part())
+        Some(self.bag.part())
     }
 
     fn seek(&mut self, _t_us: i64) -> Result<(), FormatError> {
@@ -516,6 +361,11 @@ impl McapWriter {
         }
         Ok(())
     }
+}
+
+/// 8-bit channels of an encoding of images; `None` of others.
+fn channels(name: &str) -> Option<u8> {
+    [1, 3, 4].into_iter().find(|channels| encoding(*channels) == Some(name))
 }
 
 /// The name of an encoding of 8-bit channels.

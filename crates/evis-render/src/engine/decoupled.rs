@@ -8,13 +8,13 @@ use evis_core::emulator::tiled::TiledSensor;
 use evis_core::event::take_causes;
 use evis_core::random::Key;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, SensorConfig, TimeGrid};
-use evis_decoupled::{Report, Stream, StreamSettings};
+use evis_decoupled::{Pace, Report, Stream, StreamSettings};
 use evis_scene::Scene;
 
 use crate::config::RunConfig;
 use crate::engine::{Arrived, Engine, milliseconds};
 use crate::error::EngineError;
-use crate::gpu::{Gpu, no_device};
+use crate::gpu::Gpu;
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::world::tiles::{TILE, tiles_along};
@@ -55,7 +55,7 @@ impl Decoupled {
     ) -> Result<Self, EngineError> {
         let pictured = config.carried().iter().any(|kind| *kind != LabelKind::Cause);
         if pictured && gpu.is_none() {
-            return Err(no_device());
+            return Err(EngineError::NoDevice);
         }
         let settings = StreamSettings {
             size: config.size,
@@ -102,6 +102,11 @@ impl Decoupled {
     /// See [`Engine::stop`].
     pub fn stop(&self) -> &Arc<AtomicBool> {
         &self.stop
+    }
+
+    /// How fast events come; labels and frames apart.
+    pub fn pace(&self) -> &Pace {
+        self.stream.pace()
     }
 
     /// Stream time up to which packets were delivered.

@@ -10,13 +10,14 @@ use std::time::Duration;
 
 use evis_core::event::MOST_T_US;
 use evis_core::{CameraInfo, ConfigError, SensorConfig};
+use evis_decoupled::Pace;
 use evis_scene::{HostJump, HostPose, HostPoses, HostStep, Scene};
 
 use crate::config::{Method, RunConfig, checked};
 use crate::engine::Engine;
 use crate::engine::decoupled::Decoupled;
 use crate::error::EngineError;
-use crate::gpu::{Gpu, no_device};
+use crate::gpu::Gpu;
 use crate::output::packet::Packet;
 use crate::world::view;
 
@@ -59,6 +60,13 @@ impl Source {
         match self {
             Self::Sampled(engine) => engine.now_us(),
             Self::Decoupled(views) => views.now_us(),
+        }
+    }
+
+    fn pace(&self) -> Option<&Pace> {
+        match self {
+            Self::Sampled(_) => None,
+            Self::Decoupled(views) => Some(views.pace()),
         }
     }
 
@@ -145,7 +153,7 @@ impl Simulator {
             (_, Some(gpu)) => {
                 Source::Sampled(Box::new(gpu.guarded(|| Engine::new(gpu, scene, views, &mut config))?))
             }
-            (_, None) => return Err(no_device()),
+            (_, None) => return Err(EngineError::NoDevice),
         };
         Ok(Self { cameras, environments, config, source, host_poses })
     }
@@ -410,6 +418,7 @@ impl Simulator {
         let mut source = self.source;
         let stop = source.stop().clone();
         let stopped = stop.clone();
+        let pace = source.pace().cloned();
         let thread = std::thread::Builder::new()
             .name("evis-stream".into())
             .spawn(move || {
@@ -425,7 +434,7 @@ impl Simulator {
                 }
             })
             .map_err(|e| EngineError::Device(format!("cannot start the stream's thread: {e}")))?;
-        Ok(PacketStream { receive: Some(receive), stop, thread: Some(thread) })
+        Ok(PacketStream { receive: Some(receive), stop, pace, thread: Some(thread) })
     }
 }
 
@@ -478,6 +487,7 @@ fn check_driven<'a>(
 pub struct PacketStream {
     receive: Option<Receiver<Result<Packet, EngineError>>>,
     stop: Arc<AtomicBool>,
+    pace: Option<Pace>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -493,6 +503,12 @@ impl Iterator for PacketStream {
 }
 
 impl PacketStream {
+    /// Seconds of work per second of stream, by the first block of work, which is done before the first packet; labels and frames
+    /// apart. `None` as long as nothing was measured; [`Method::Decoupled`] alone measures it.
+    pub fn pace(&self) -> Option<f64> {
+        self.pace.as_ref().and_then(Pace::get)
+    }
+
     /// Waits for the next packet for at most `wait`; pending where it is not there yet, so that a host can
     /// look for an interruption meanwhile.
     pub fn poll_next(&mut self, wait: Duration) -> Poll<Option<Result<Packet, EngineError>>> {

@@ -43,10 +43,6 @@ pub struct Gpu {
     pub(crate) lost: Arc<OnceLock<String>>,
 }
 
-const NO_DEVICE: &str = "no Vulkan, Metal or DirectX 12 device was found; without a GPU install Mesa's software \
-     driver (Debian, Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1; Fedora: dnf install \
-     mesa-vulkan-drivers vulkan-loader)";
-
 /// The connection to the drivers, kept as long as the process lives: a driver that is unloaded with the last of them leaves
 /// address space behind (Mesa 10 MiB for machine code), each time. A forked process does not touch what its parent has.
 fn instance() -> wgpu::Instance {
@@ -101,11 +97,6 @@ impl DeviceSummary {
     }
 }
 
-/// The error where there is no device and one is needed.
-pub(crate) fn no_device() -> EngineError {
-    EngineError::Device(NO_DEVICE.into())
-}
-
 impl Gpu {
     /// As [`Gpu::open`]; `None` where the machine has no device and none is asked for by name: decoupled sampling does
     /// without.
@@ -135,13 +126,13 @@ impl Gpu {
     /// Opens a device: by index, by a part of its name (case-insensitive), or the fastest kind where `None`.
     ///
     /// # Errors
-    /// [`EngineError::Device`] where there is none (says which package to install) or none matches.
+    /// [`EngineError::NoDevice`] where there is none (says which package to install), [`EngineError::Device`] where none matches.
     pub fn open(selector: Option<&str>) -> Result<Self, EngineError> {
         let mut adapters = adapters();
         let summaries: Vec<_> =
             adapters.iter().enumerate().map(|(i, a)| summarise(i, &a.get_info())).collect();
         if summaries.is_empty() {
-            return Err(EngineError::Device(NO_DEVICE.into()));
+            return Err(EngineError::NoDevice);
         }
         let chosen = match selector {
             None => summaries.iter().min_by_key(|s| match s.kind.as_str() {

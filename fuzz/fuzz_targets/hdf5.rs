@@ -1,0 +1,3 @@
+#![no_main]
+
+evis_fuzz::fuzz!("hdf5");
