@@ -6,7 +6,7 @@
 // Rows of a tile between those of one invocation, which thus looks up its tile once for several pixels.
 const ROWS: u32 = 4u;
 
-@group(0) @binding(2) var samples: texture_storage_2d_array<r32float, read>;
+@group(0) @binding(2) var luminance_layers: texture_storage_2d_array<r32float, read>;
 @group(0) @binding(3) var layers: texture_storage_2d_array<r32float, write>;
 
 @compute @workgroup_size(TILE, ROWS)
@@ -22,6 +22,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) i
         if (any(pixel >= size)) {
             return;
         }
-        textureStore(layers, pixel, job.layer, vec4<f32>(mean_of_samples(samples, pixel, 0u), 0.0, 0.0, 0.0));
+        textureStore(layers, pixel, job.layer, vec4<f32>(mean_of_samples(pixel, 0u), 0.0, 0.0, 0.0));
     }
 }

@@ -5,7 +5,7 @@
 // Y / Y_ref of the pixel at an instant; below 0 where a method does not know it.
 fn light_of(instant: u32) -> f32 {
     let layer = (view * params.instants + instant) * SAMPLES;
-    let mean = mean_of_samples(luminance_layers, pixel, layer);
+    let mean = mean_of_samples(pixel, layer);
     if (MAY_BE_UNKNOWN && mean < 0.0) {
         return -1.0;
     }

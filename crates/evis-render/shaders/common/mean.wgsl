@@ -2,11 +2,12 @@
 
 override SAMPLES: u32 = 1;
 
-// `first` is the layer of the first sample.
-fn mean_of_samples(samples: texture_storage_2d_array<r32float, read>, pixel: vec2<u32>, first: u32) -> f32 {
+// `first` is the layer of the first sample. Who imports this binds `luminance_layers`: naga writes no storage texture as an
+// argument for Metal.
+fn mean_of_samples(pixel: vec2<u32>, first: u32) -> f32 {
     var sum = 0.0;
     for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(samples, pixel, first + s).r;
+        sum += textureLoad(luminance_layers, pixel, first + s).r;
     }
     return sum * (1.0 / f32(SAMPLES));
 }

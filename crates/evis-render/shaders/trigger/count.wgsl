@@ -18,7 +18,7 @@
 // Mean of a pixel's samples in linear light; below 0 where it is unknown.
 fn mean_at(pixel: vec2<u32>, view: u32, instant: u32) -> f32 {
     let place = view * params.instants + instant;
-    let mean = mean_of_samples(luminance_layers, pixel, place * SAMPLES);
+    let mean = mean_of_samples(pixel, place * SAMPLES);
     if (SAMPLES > 1u) {
         textureStore(means, pixel, place, vec4<f32>(mean, 0.0, 0.0, 0.0));
     }

@@ -6,7 +6,7 @@ use crate::pass::{Access, Binding, ComputePass, bind};
 pub const MEAN_BINDINGS: &[Binding] = &[
     bind(0, "job", Access::DynamicUniform),
     bind(1, "tiles", Access::Read),
-    bind(2, "samples", Access::ReadLayers),
+    bind(2, "luminance_layers", Access::ReadLayers),
     bind(3, "layers", Access::StorageLayers),
 ];
 

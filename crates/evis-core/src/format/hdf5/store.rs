@@ -8,7 +8,7 @@
 //! 1. Chunks go to fresh space, never over bytes that a reader may be looking at.
 //! 2. A commit writes outside in: chunk data, end of file, chunk index, and the extent last. The extent
 //!    never promises a row whose way is not paved.
-//! 3. An unfinished chunk is written to a spare block at each commit; a block is used again only after
+//! 3. An unfinished chunk is written to a spare block at each commit; a block is used again only
 //!    ten seconds later, by when a reader that follows the file has refreshed.
 
 use std::fs::{File, OpenOptions};
