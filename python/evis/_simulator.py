@@ -87,8 +87,8 @@ class Simulator:
         that is given none has what the scene gives it; else an ideal sensor, 0.2 / 0.2 (with the method
         ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Thresholds that the scene gives a
         camera come before its sensor's. Every stage runs on the device, but a sensor with
-        ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is walked on the host, from the light of every
-        instant.
+        ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is simulated on the host, from the light of
+        every instant.
     quality : {"draft", "standard", "high", "reference"}, optional
         Fixed settings of sampling, the same for every scene; nothing is analysed before the run.
         ``docs/accuracy.md`` says how near to the truth each came, and at which cost. Settings given by hand
@@ -100,7 +100,7 @@ class Simulator:
     method : {"native", "decoupled", "splat", "evis-paper"} or Warp, optional
         How light is sampled: instants are rendered (``native``), or splatted from keyframes; or visibility is
         followed in continuous time and each pixel is evaluated at its own times, on the CPU (``decoupled``:
-        for sensors of thresholds alone; it needs a device for labels and frames only).
+        for sensors whose stages are not defined on frames; it needs a device for labels and frames only).
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 without a preset. Only for
         ``native``: a splat has its own.
@@ -108,10 +108,6 @@ class Simulator:
         Only for ``native``: each tile of the picture is sampled no more often than that nothing it may show
         moves farther than so many pixels between two of its samples, and ``rate_hz`` at most. Where not
         given, everything is rendered at ``rate_hz``.
-    between : {"line", "curve"}, optional
-        With ``adaptive_px``, for a sensor of thresholds alone: log light runs straight from one sample to the
-        next (``line``, where not given); or along a cubic that takes its slopes from the sample before and
-        the one after, and rises wherever three samples in a row rise (``curve``).
     samples : int, optional
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional
@@ -206,7 +202,6 @@ class Simulator:
         method: Method | None = None,
         rate_hz: float | None = None,
         adaptive_px: float | None = None,
-        between: Literal["line", "curve"] | None = None,
         samples: int | None = None,
         antialias: Literal["samples", "edges"] | None = None,
         texture_taps: int | None = None,
@@ -256,7 +251,6 @@ class Simulator:
             warp=_method.as_json(warp),
             rate_hz=_check.number_or_none("rate_hz", rate_hz),
             adaptive_px=_check.number_or_none("adaptive_px", adaptive_px),
-            between=_word(between),
             samples=_check.whole_or_none("samples", samples),
             antialias=_word(antialias),
             texture_taps=_check.whole_or_none("texture_taps", texture_taps),

@@ -1,4 +1,4 @@
-//! Sensor configuration: a value, checked once at the door, then trusted.
+//! Sensor configuration: a value, checked once when it is made, then trusted.
 
 mod exposure;
 mod noise_law;

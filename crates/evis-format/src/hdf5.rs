@@ -27,7 +27,7 @@ use crate::write::{EventWriter, WriteOptions};
 pub(crate) const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
 /// Rows that are read at once: four chunks of DSEC's.
 const ROWS_AT_ONCE: u64 = 4 * 65_536;
-/// Deflate expands at most 1032 times, and other filters hardly more on events: a data set that promises more
+/// Deflate expands at most 1032 times, and other filters little more on events: a data set that promises more
 /// than this cannot be in the file.
 const LARGEST_EXPANSION: u64 = 1 << 16;
 /// Most rows of a file.

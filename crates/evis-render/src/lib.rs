@@ -39,7 +39,7 @@ mod world;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Antialias, Between, Method, Quality, RunConfig, Shadows, scene_sensors};
+pub use config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows, scene_sensors};
 pub use engine::bench;
 pub use engine::{EnvironmentSensor, PacketStream, Simulator};
 pub use error::EngineError;

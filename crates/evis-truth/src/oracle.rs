@@ -27,7 +27,7 @@ struct Provenance<'a> {
     evis: &'static str,
     scene: &'a str,
     settings: &'a TruthSettings,
-    /// The shortest between two looks.
+    /// The shortest between two samples.
     step_us: i64,
     /// What is sampled has no steps to audit: between its instants it knows nothing.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -10,7 +10,7 @@ use crate::rays::caster::seen_from;
 use crate::rays::{Beam, Projection};
 use crate::signal::at;
 
-/// Pixels of motion between two looks at a pixel.
+/// Pixels of motion between two samples of a pixel.
 const MOTION_PER_STEP: f64 = 0.25;
 /// Margin on speeds, for what lies between the places and times at which they are looked up.
 const MARGIN: f64 = 1.5;
@@ -63,7 +63,7 @@ pub fn break_looks(clock: &Clock, duration_us: i64) -> Vec<i64> {
     sides.filter(|t_us| (0..=duration_us).contains(t_us)).collect()
 }
 
-/// Time between two looks where light moves this fast, in pixels per second.
+/// Time between two samples where light moves this fast, in pixels per second.
 fn wanted_us(speed: f64) -> f64 {
     1e6 * MOTION_PER_STEP / (MARGIN * speed).max(1.0)
 }

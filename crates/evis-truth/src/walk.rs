@@ -296,7 +296,7 @@ impl<'a, 's> Walker<'a, 's> {
         self.fire(a, b)
     }
 
-    /// Everything that fires between two looks of a monotone piece.
+    /// Everything that fires between two samples of a monotone piece.
     fn fire(&mut self, a: Look, mut b: Look) -> Look {
         let mut start = a;
         loop {
@@ -433,7 +433,7 @@ impl Bracket {
         self.low.t_us + (self.high.t_us - self.low.t_us) * share
     }
 
-    /// Looks between the two until they are [`TIME_STEP_US`] apart, or a look is closer to the level than `sure` of it
+    /// Samples between the two until they are [`TIME_STEP_US`] apart, or a sample is closer to the level than `sure` of it
     /// or than the bracket's slope moves in a fifth of that time. Illinois' rule (M. Dowell and P. Jarratt, 1971): an
     /// end that stays is weighed half; a bracket that does not shrink is halved.
     fn narrow(mut self, mut look: impl FnMut(f64) -> Look, sure: impl Fn(Look) -> f64) -> Self {
@@ -444,7 +444,7 @@ impl Bracket {
                 break;
             }
             let guess = if round % 4 == 3 { 0.5 * (self.low.t_us + self.high.t_us) } else { self.zero() };
-            // Off the ends, where a look would tell nothing.
+            // Off the ends, where a sample would tell nothing.
             let margin = (0.01 * width).max(0.2 * TIME_STEP_US).min(0.5 * width);
             let now = look(guess.clamp(self.low.t_us + margin, self.high.t_us - margin));
             let height = self.height(now);

@@ -52,6 +52,15 @@ pub struct Losses {
     pub dropped: u64,
 }
 
+impl Losses {
+    /// Adds others.
+    pub fn add(&mut self, other: Self) {
+        self.clamped += other.clamped;
+        self.suppressed += other.suppressed;
+        self.dropped += other.dropped;
+    }
+}
+
 impl TiledSensor {
     /// Of a camera with rows of `width` pixels; all that is random follows from `key`.
     ///
@@ -62,8 +71,8 @@ impl TiledSensor {
         if let Some(stage) = sensor.needs_frames() {
             return Err(ConfigError::new(
                 "sensor",
-                stage,
-                "without it: it is defined on frames, and there are none",
+                format!("one with {stage}"),
+                "one without: that is defined on frames, and decoupled sampling has none",
             ));
         }
         Ok(Self { plan: Plan::new(sensor), isa: Isa::detect(), key, width })

@@ -1,8 +1,8 @@
+#import common/mean.wgsl
 #import trigger/layout.wgsl
 // The whole sensor chain of a pixel: what is bound, what is on, what is remembered. Twins: sensor/chain.rs, gpu/uniforms.rs.
 
 // What is off leaves no code and no memory behind.
-override SAMPLES: u32 = 1;
 override MAY_BE_UNKNOWN: bool = false;
 override LINLOG: bool = false;
 // 0 none, 1 Euler's rule, 2 one pole, 3 two poles.

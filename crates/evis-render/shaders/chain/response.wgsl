@@ -5,14 +5,11 @@
 // Y / Y_ref of the pixel at an instant; below 0 where a method does not know it.
 fn light_of(instant: u32) -> f32 {
     let layer = (view * params.instants + instant) * SAMPLES;
-    var sum = 0.0;
-    for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(luminance_layers, pixel, layer + s).r;
-    }
-    if (MAY_BE_UNKNOWN && sum < 0.0) {
+    let mean = mean_of_samples(luminance_layers, pixel, layer);
+    if (MAY_BE_UNKNOWN && mean < 0.0) {
         return -1.0;
     }
-    return min(clamp(sum * (1.0 / f32(SAMPLES)), 0.0, LIGHT_LIMIT) * inverse_reference, LIGHT_LIMIT);
+    return min(clamp(mean, 0.0, LIGHT_LIMIT) * inverse_reference, LIGHT_LIMIT);
 }
 
 // `y` has the dark light in it.

@@ -366,7 +366,7 @@ fn groups(
     members.into_iter().map(group).collect()
 }
 
-/// Events that buffers hold at first: blocks of instants bring many at once, and running them again is dear.
+/// Events that buffers hold at first: blocks of instants bring many at once, and running them again is expensive.
 fn first_capacity(groups: &[Group], targets: &[Targets], block: u32) -> u32 {
     let pixels = |group: &Group| {
         let targets = &targets[group.targets];

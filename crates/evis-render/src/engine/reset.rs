@@ -1,6 +1,5 @@
 //! Resets of single environments; the others continue.
 
-use evis_core::random::Key;
 use evis_core::{ConfigError, SensorConfig};
 
 use crate::error::EngineError;
@@ -11,7 +10,7 @@ use crate::sensor::chain::GroupChain;
 use crate::sensor::group::{Slot, Unit};
 use crate::sensor::passes::{WalkPasses, share_passes};
 use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
-use crate::world::view::View;
+use crate::world::view::{View, reseed};
 
 use super::Engine;
 
@@ -82,13 +81,7 @@ impl Engine {
         while !self.in_flight.is_empty() {
             self.collect_oldest()?;
         }
-        for (index, seed) in environments.iter().zip(seeds) {
-            let cameras = &self.context.scene.cameras;
-            for view in self.context.views.iter_mut().filter(|view| view.environment == *index) {
-                let place = cameras.iter().position(|camera| camera.node == view.node).unwrap_or(view.camera);
-                view.key = Key::new(*seed, *index as u32, place as u32);
-            }
-        }
+        reseed(&mut self.context.views, &self.context.scene, environments, seeds);
         for (view, sensor) in sensors {
             self.context.views[*view].sensor = sensor.clone();
         }

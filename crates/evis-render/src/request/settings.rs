@@ -204,12 +204,12 @@ fn no_settings(source: &str, why: &str) -> ConfigError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Antialias, Between};
+    use crate::config::{Antialias, Interpolation};
 
     fn tuned() -> RunConfig {
         RunConfig {
             adaptive_px: Some(0.4),
-            between: Between::Curve,
+            between: Interpolation::Curve,
             antialias: Antialias::Edges,
             samples: 64,
             rate_hz: 4000.0,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use evis_core::{SensorConfig, TriggerRule};
 
-use crate::config::Between;
+use crate::config::Interpolation;
 use crate::pass::ComputePass;
 use crate::pass::trigger::{BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, SCAN_BINDINGS};
 use crate::sensor::chain::{ChainPasses, ChainPlan};
@@ -15,13 +15,13 @@ pub struct Blocks {
     /// Of each; 1 where every pixel is sampled at every instant.
     pub instants: u32,
     /// How light runs between two samples within one.
-    pub between: Between,
+    pub between: Interpolation,
 }
 
 impl Blocks {
     /// Every pixel is sampled at every instant.
     #[cfg(test)]
-    pub const NONE: Self = Self { instants: 1, between: Between::Line };
+    pub const NONE: Self = Self { instants: 1, between: Interpolation::Line };
 }
 
 /// Whether pixels of both sensors go through the same passes: the sensors differ in numbers alone that each view has of its own
@@ -135,7 +135,7 @@ fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'
         TriggerRule::Latch => 1.0,
     };
     // A latch knows light at samples alone.
-    let curve = blocks.between == Between::Curve && sensor.trigger == TriggerRule::Crossing;
+    let curve = blocks.between == Interpolation::Curve && sensor.trigger == TriggerRule::Crossing;
     [
         ("TRIGGER_RULE", rule),
         ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),

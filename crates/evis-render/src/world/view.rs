@@ -114,6 +114,16 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
     Ok((views, infos))
 }
 
+/// Lets what is random in the views of `environments` follow from `seeds`, as for a simulator of this seed; none: it stays.
+pub fn reseed(views: &mut [View], scene: &Scene, environments: &[usize], seeds: &[u64]) {
+    for (index, seed) in environments.iter().zip(seeds) {
+        for view in views.iter_mut().filter(|view| view.environment == *index) {
+            let place = scene.cameras.iter().position(|camera| camera.node == view.node);
+            view.key = Key::new(*seed, *index as u32, place.unwrap_or(view.camera) as u32);
+        }
+    }
+}
+
 /// Camera `index` of `scene`, whose pixels are those of `lens`, where its lens is distorted.
 fn distorted(
     scene: &Scene,

@@ -67,7 +67,7 @@ fn unit_of(text: &str) -> Result<Option<f64>, String> {
     Ok(None)
 }
 
-/// Refuses times that can hardly be seconds.
+/// Refuses times that are probably not seconds.
 fn check_pace(times: &[f64]) -> Result<(), String> {
     let [first, .., last] = times else { return Ok(()) };
     let mean_s = (last - first) / (times.len() - 1) as f64;
