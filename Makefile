@@ -47,7 +47,7 @@ LONG_SCENES ?= 12..324
 # Seconds that `make check-long` and `make fuzz` read mutants of each kind of file.
 FUZZ_S ?= 600
 
-.PHONY: help setup demo test test-rust test-python test-readers test-torch test-ray check lint-rust lint-python check-long loom asan fuzz format bench bench-gpu bench-batch chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
+.PHONY: help setup demo test test-rust test-python test-readers test-torch test-mujoco test-ray check lint-rust lint-python check-long loom asan fuzz format bench bench-gpu bench-batch chart accuracy gallery real-recording wheel wheel-portable smoke docs site bless clean
 
 help: ## List the tasks.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -106,6 +106,13 @@ lint-python: wheel ## Formatting, lints and types of Python, and the stubs again
 test-torch: wheel ## Hold the data sets against PyTorch, which it installs (the CPU's build where pip finds one).
 	tools/install "$(BIN)" test torch
 	$(BIN)/python -m pytest tests/test_torch.py tests/test_dataset.py tests/test_site.py
+
+# With an environment of its own: the oldest release needs NumPy 1.
+test-mujoco: wheel ## Hold evis.mujoco against the oldest MuJoCo that it takes (Python 3.10 to 3.12).
+	"$(PYTHON)" -m venv target/mujoco-oldest
+	tools/install target/mujoco-oldest/bin
+	target/mujoco-oldest/bin/python -m pip install --quiet "mujoco==3.1.1" "numpy<2" "pytest>=8"
+	target/mujoco-oldest/bin/python -m pytest tests/test_mujoco.py
 
 test-ray: wheel ## Kill a worker of a Ray cluster, which it starts, while it simulates a data set.
 	tools/install "$(BIN)" test ray

@@ -194,6 +194,16 @@ def test_depth_and_segmentation_are_mujocos_own(name: str, camera: int, device: 
     assert max(aside) < 0.99
 
 
+def test_bindings_that_read_vectors_wrongly_are_refused(monkeypatch: pytest.MonkeyPatch):
+    class Camera:
+        lookat = np.lib.stride_tricks.as_strided(np.zeros(1), (3,), (0,))
+
+    evis.mujoco._check_vectors()
+    monkeypatch.setattr(mujoco, "MjvCamera", Camera)
+    with pytest.raises(ImportError, match=r"mujoco>=3\.2, or numpy<2"):
+        evis.mujoco._check_vectors()
+
+
 def test_a_known_rotation():
     """MuJoCo's quaternions are w, x, y, z: a quarter turn about x takes y to z."""
     half = np.sqrt(0.5)

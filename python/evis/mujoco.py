@@ -59,6 +59,20 @@ _OBJECT = mujoco.mjtObj
 _GEOM = mujoco.mjtGeom
 
 
+def _check_vectors() -> None:
+    """Refuse bindings for NumPy 1 beside NumPy 2: they read every vector as its first number."""
+    probe = mujoco.MjvCamera()
+    probe.lookat[:] = (1.0, 2.0, 3.0)
+    if list(probe.lookat) != [1.0, 2.0, 3.0]:
+        raise ImportError(
+            f"MuJoCo {mujoco.__version__} reads vectors wrongly beside NumPy {np.__version__}: install "
+            "mujoco>=3.2, or numpy<2"
+        )
+
+
+_check_vectors()
+
+
 def scene(
     model: Any,
     data: Any = None,
