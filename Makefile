@@ -25,6 +25,9 @@ endif
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
+# Without a device tests fail, as in CI; EVIS_REQUIRE_GPU=0 lets those that need one say that they did not run.
+export EVIS_REQUIRE_GPU ?= 1
+
 # What `make chart` measures, a file each; CHART_ARGS shapes it (see `evis chart --help`).
 CHART_SCENES ?= spinner warehouse street desk
 CHART_ARGS ?=
@@ -60,7 +63,7 @@ demo: wheel ## Simulate the warehouse; leaves a recording and pictures in out/.
 	$(BIN)/evis preview out/$(DEMO_SCENE).h5 -o out/$(DEMO_SCENE).mp4 \
 	  || $(BIN)/evis preview out/$(DEMO_SCENE).h5 -o out/$(DEMO_SCENE).gif
 
-test: test-rust test-python ## Every floor, Rust and Python.
+test: test-rust test-python ## Every tier, Rust and Python.
 
 test-rust: setup
 ifeq ($(NEXTEST),yes)
@@ -109,8 +112,8 @@ test-ray: wheel ## Kill a worker of a Ray cluster, which it starts, while it sim
 	$(BIN)/python -m pytest tests/test_dataset.py
 
 check-long: setup ## What takes long: hundreds of random scenes, mutants of files for FUZZ_S seconds per kind, loom, asan.
-	EVIS_REQUIRE_GPU=1 EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture
-	EVIS_REQUIRE_GPU=1 EVIS_LONG=1 cargo test $(CARGO_FLAGS) --test lens -- --nocapture
+	EVIS_SCENES=$(LONG_SCENES) cargo test $(CARGO_FLAGS) --lib -- random_scenes --nocapture
+	EVIS_LONG=1 cargo test $(CARGO_FLAGS) --test lens -- --nocapture
 	EVIS_FUZZ_S=$(FUZZ_S) cargo test $(CARGO_FLAGS) --test mutated_files -- mutated_ --nocapture
 	$(MAKE) loom asan
 

@@ -8,13 +8,16 @@ import subprocess
 import sys
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import tomllib
 
 import evis
 from evis import _commands
+from evis._luminance import WEIGHTS
 
 #: Settings of a run: as they are stored, as Python's parameter, as the command line's option.
 RUN = {
@@ -142,3 +145,13 @@ def test_completions_know_the_commands_that_are_written_in_python() -> None:
     words = set(re.findall(r"[\w-]+", script))
     assert set(_commands.COMMANDS) | {"run", "video", "from-v2e"} <= words
     assert "no-such-command" not in words, "canary"
+
+
+def test_luminance_has_the_engines_weights() -> None:
+    text = (Path(__file__).parent.parent / "crates/evis-core/src/luminance.rs").read_text()
+    (row,) = re.findall(r"LUMINANCE_WEIGHTS: \[f64; 3\] = \[([^\]]+)\]", text)
+    assert np.array_equal(WEIGHTS, np.array([float(value) for value in row.split(",")], np.float32))
+    holders = [
+        f.name for f in Path(evis.__file__).parent.glob("*.py") if re.search(r"\[0\.2126,", f.read_text())
+    ]
+    assert holders == ["_luminance.py"]

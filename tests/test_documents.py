@@ -359,7 +359,7 @@ def test_wrong_paths_are_found() -> None:
         wrong_paths("see `crates/evis-core/src/event.rs` and src/gpu/mod.rs, shaders/trigger/count.wgsl")
         == []
     )
-    assert wrong_paths("twin: cpu/trigger.rs; floor0.rs; `crates/*/tests/`; tests/") == []
+    assert wrong_paths("twin: cpu/trigger.rs; layout.rs; `crates/*/tests/`; tests/") == []
     assert wrong_paths("shaders/trigger/{count,emit}.wgsl") == []
     assert wrong_paths("`src/cpu/no_such.rs`") == ["src/cpu/no_such.rs"]
     assert wrong_paths("twin: cpu/no_such.rs.") == ["cpu/no_such.rs"]

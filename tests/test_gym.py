@@ -20,7 +20,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed:
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
 
-from evis.gym import EventEnv, EventVectorEnv, Transition  # noqa: E402
+from evis.gym import EventEnv, EventVectorEnv, InitialState, Transition  # noqa: E402
 
 ROOT = Path(__file__).parent.parent
 SIZE = (24, 18)
@@ -136,6 +136,35 @@ def test_seeds_are_honoured_with_noise(device: evis.Device) -> None:
     assert not all(map(equal, first, other)), "canary"
     for one, two in zip(first, again, strict=True):
         assert all(a == b for a, b in zip(one[4]["events"], two[4]["events"], strict=True))
+
+
+class Drawn(Push):
+    """Thresholds and colour are drawn with each episode."""
+
+    def reset(self, ids: np.ndarray, rngs: Any) -> Any:
+        sensors = [evis.Sensor(threshold_on=rng.uniform(0.1, 0.4)) for rng in rngs]
+        colors = np.array([rng.uniform(0.2, 1.0, 3) for rng in rngs])
+        return InitialState(
+            super().reset(ids, rngs), sensor=sensors, materials={"painted": {"color": colors}}
+        )
+
+
+def test_sensors_and_materials_are_drawn_with_each_episode(device: evis.Device) -> None:
+    def rollout(task: type[Push], seed: int) -> list[bytes]:
+        batch = EventVectorEnv(
+            simulator(device, 3, materials=["painted"]), task(3), max_steps=2, autoreset_mode="SameStep"
+        )
+        batch.reset(seed=seed)
+        found = []
+        for _ in range(5):
+            *_, info = batch.step(np.full((3, 1), 0.5, np.float32))
+            found += [window.tobytes() for window in info["events"]]
+        return found
+
+    first = rollout(Drawn, 1)
+    assert first == rollout(Drawn, 1)
+    assert first != rollout(Drawn, 2)
+    assert first != rollout(Push, 1), "canary"
 
 
 def test_events_are_those_of_the_step(device: evis.Device) -> None:

@@ -93,6 +93,16 @@ def test_a_reset_is_as_a_stream_that_begins_there(device: evis.Device, name: str
     assert not np.array_equal(shifted(got[1], 3 * STEP_US), expected[1]), "canary: this one was not reset"
 
 
+@pytest.mark.parametrize("name", SETTINGS)
+def test_an_episode_of_many_steps_can_be_reset(device: evis.Device, name: str) -> None:
+    sim = simulator(device, name)
+    run(sim, 0, 6)
+    for begin in (6, 7):
+        sim.reset([1], poses={"cube": pose(way(begin))})
+        events = run(sim, begin, begin + 1)
+        assert all(len(own) > 10 for own in events)
+
+
 def test_a_jump_fires_nothing_and_the_reference_is_what_is_seen_after_it(device: evis.Device) -> None:
     for name in ("native", "standard"):
         sim = simulator(device, name)
@@ -227,3 +237,73 @@ def test_events_of_all_environments_come_as_one_array(device: evis.Device) -> No
         packet.packed("left")
     one = simulator(device, "native", environments=1).step(STEP_US, {"cube": pose(0.0)})
     assert one.packed()[0] is one.events.to_numpy()
+
+
+#: A simulator's sensor by settings, and what is drawn of it.
+DRAWN: dict[str, tuple[evis.Sensor, dict[str, Any]]] = {
+    "native": (evis.Sensor(), {"threshold_on": (0.1, 0.3), "threshold_off": (0.1, 0.3)}),
+    "standard": (evis.Sensor(), {"threshold_on": (0.1, 0.3), "threshold_off": (0.1, 0.3)}),
+    "chain": (
+        evis.Sensor.preset("v2e"),
+        {
+            "threshold_on": (0.1, 0.3),
+            "pattern.sigma": (0.01, 0.08),
+            "photoreceptor.cutoff_hz": (30.0, 300.0),
+            "noise.leak_hz": (0.1, 1.0),
+            "noise.shot_hz": (1.0, 10.0),
+            "refractory.period_us": (100.0, 3000.0),
+        },
+    ),
+    "wire": (
+        evis.Sensor(readout=evis.Readout(latency_us=3000.0, event_ns=1000)),
+        {"readout.latency_us": (500.0, 5000.0), "threshold_on": (0.1, 0.3)},
+    ),
+    "host": (evis.Sensor.preset("davis346"), {"diffusion.k4": (1e-5, 5e-5)}),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_sensors_are_drawn_per_environment(device: evis.Device, name: str) -> None:
+    base, ranges = DRAWN[name]
+    drawn = [base.sample(ranges, seed) for seed in range(4)]
+    sim = simulator(device, name, sensor=base)
+    sim.reset(sensor=drawn[:3])
+    first = run(sim, 0, 3)
+    sim.reset([1], sensor=drawn[3])
+    second = run(sim, 3, 6)
+    for environment, sensor in enumerate(drawn[:3]):
+        # The bytes of a simulator whose environments all have this sensor.
+        alone = simulator(device, name, sensor=sensor)
+        assert first[environment].tobytes() == run(alone, 0, 3)[environment].tobytes()
+        assert len(first[environment]) > 50
+        if environment != 1:
+            assert second[environment].tobytes() == run(alone, 3, 6)[environment].tobytes()
+    same = simulator(device, name, sensor=drawn[3])
+    run(same, 0, 3)
+    same.reset([1])
+    assert second[1].tobytes() == run(same, 3, 6)[1].tobytes()
+    # Canary: they do fire otherwise.
+    plain = simulator(device, name, sensor=base)
+    assert first[1].tobytes() != run(plain, 0, 3)[1].tobytes()
+    assert second[1].tobytes() != run(plain, 3, 6)[1].tobytes()
+
+
+def test_sensors_that_cannot_be_are_refused_and_change_nothing(device: evis.Device) -> None:
+    base = evis.Sensor.preset("v2e")
+    sim, same = (simulator(device, "chain", sensor=base) for _ in range(2))
+    for sensor, said in (
+        ("ideal", "other stages"),
+        (evis.Sensor.preset("davis346"), "other stages"),
+        (base.sample({"noise.leak_hz": {"choices": [0.0]}}, 0), "stay on"),
+        ([base], "1 sensors for 3 environments"),
+        ([base, base, None], "None"),
+        ({"eyes": base}, "'eye'"),
+        (evis.Sensor(threshold_on=-1.0), "threshold_on"),
+        (3, "sequence"),
+    ):
+        with pytest.raises(evis.ConfigError, match=said):
+            sim.reset(sensor=sensor, poses={"cube": pose(0.4)}, seed=9)
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(run(sim, 0, 2), run(same, 0, 2), strict=True))
+    ideal = simulator(device, "standard")
+    with pytest.raises(evis.ConfigError, match="more than thresholds"):
+        ideal.reset(sensor=base)

@@ -350,7 +350,7 @@ def test_a_preset_and_its_settings_by_hand_or_by_file_fire_the_same(device: evis
     held = tomllib.loads(draft.config_toml)["run"]
     names = ["method", "adaptive_px"]
     if held["method"] == "native":
-        names += ["rate_hz", "between", "antialias", "samples", "texture_taps"]
+        names += ["rate_hz", "antialias", "samples", "texture_taps"]
     by_hand = evis.Simulator(scene, size=(48, 36), **{name: held[name] for name in names})
     assert (by_hand.method, by_hand.quality) == (held["method"], None)
     assert np.array_equal(by_hand.step(40_000).view.events, packet.view.events)

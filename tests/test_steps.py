@@ -19,11 +19,10 @@ RED = {"color": (0.9, 0.2, 0.1)}
 SETTINGS = {
     "native": {"rate_hz": 1000.0, "samples": 64, "method": "native"},
     "tiles": {"rate_hz": 1000.0, "samples": 64, "method": "native", "adaptive_px": 0.25},
-    "curve": {"rate_hz": 1000.0, "samples": 64, "method": "native", "adaptive_px": 0.25, "between": "curve"},
     "decoupled": {"method": "decoupled"},
 }
 #: A change is over after the next sample, and in continuous time at once.
-LAST_US = {"native": 1000, "tiles": 1000, "curve": 1000, "decoupled": 1}
+LAST_US = {"native": 1000, "tiles": 1000, "decoupled": 1}
 
 
 def scene(

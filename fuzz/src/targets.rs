@@ -16,7 +16,7 @@ use evis_core::{
     CameraInfo, Event, EventEmulator, LabelData, LabelFrame, LabelKind, Polarity, PoseSample, SensorConfig,
     Truth,
 };
-use evis_format::{Format, Frame, ImuSample, Packet, ReadOptions, Trigger, WriteOptions};
+use evis_format::{AedatImuSample, Format, Frame, Packet, ReadOptions, Trigger, WriteOptions};
 use evis_scene::environment::Environment;
 use evis_scene::gltf::Options;
 use evis_scene::image::{Transfer, decode};
@@ -475,7 +475,7 @@ fn event_file(folder: &Path, format: Format) -> Vec<u8> {
         packet.triggers = vec![Trigger::new(0, 0, true)];
         packet.frames =
             vec![Frame { width: 8, height: 8, channels: 1, pixels: vec![1; 64], ..Frame::default() }];
-        packet.imu = vec![ImuSample::default(); 3];
+        packet.imu = vec![AedatImuSample::default(); 3];
     }
     let options = WriteOptions { size: SIZE, overwrite: true };
     let mut writer = evis_format::create(&path, format, &options).expect("a writer");

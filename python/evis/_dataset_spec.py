@@ -31,7 +31,6 @@ SIMULATOR_KEYS = (
     "method",
     "rate_hz",
     "adaptive_px",
-    "between",
     "samples",
     "antialias",
     "texture_taps",

@@ -25,7 +25,7 @@ Transfer: TypeAlias = Literal["linear", "log", "srgb", "rec709", "gamma"]
 
 Out = TypeVar("Out", EventArray, list[EventArray])
 
-#: Floats whose mean is so many times the reference are hardly linear light.
+#: Floats whose mean is so many times the reference are probably not linear light.
 _MOST_MEAN = 16
 
 _CPU = 1  # kDLCPU

@@ -401,6 +401,7 @@ class Simulator:
         self,
         environments: list[int],
         seeds: list[int],
+        sensors: list[tuple[int, int, str]],
         poses: list[tuple[int, int, list[float]]],
         visible: list[tuple[int, int, bool]],
         materials: list[tuple[int, int, Factors]],

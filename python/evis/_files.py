@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from os import PathLike
@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from . import _check, _evis, _io
 from ._bodies import Bodies, Instance, bodies_of
+from ._by_camera import ByCamera
 from ._events import EventArray, EventCarrier, EventCD, as_event_cd
 from ._evis import ConfigError, EvisError, FormatError
 from ._packets import CAUSE, LABEL_KINDS, CameraInfo, Packet, Poses
@@ -228,7 +229,7 @@ class RecordedView(EventCarrier):
         return Poses(*self._source.poses(self._index))
 
 
-class Recording(EventCarrier, Mapping[str, RecordedView]):
+class Recording(EventCarrier, ByCamera[RecordedView]):
     """A file of events: a mapping from camera names to `RecordedView`, read piece by piece.
 
     With one camera, `events`, `labels`, `poses`, `slice_time`, and `voxel_grid` and the other dense arrays
@@ -273,25 +274,6 @@ class Recording(EventCarrier, Mapping[str, RecordedView]):
         if self._reload is None:
             raise TypeError("this recording has no file of its own; save it, and pickle what evis.load gives")
         return _load, self._reload
-
-    def __getitem__(self, camera: str) -> RecordedView:
-        """Return the part of ``camera``."""
-        try:
-            return self._views[camera]
-        except KeyError:
-            raise ConfigError(f"no camera named '{camera}'; there is {', '.join(self._views)}") from None
-
-    def __contains__(self, camera: object) -> bool:
-        """Tell whether there is a camera of this name."""
-        return camera in self._views
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over camera names."""
-        return iter(self._views)
-
-    def __len__(self) -> int:
-        """Count the cameras."""
-        return len(self._views)
 
     @cached_property
     def bodies(self) -> Bodies | None:

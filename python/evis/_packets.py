@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis
+from ._by_camera import ByCamera
 from ._events import EventArray, EventCarrier, EventCD, Events
 from ._evis import ConfigError, EvisError
 from .lens import Lens, distortion_of
@@ -372,7 +373,7 @@ class _OneView(EventCarrier):
         return self.view.causes
 
 
-class EnvironmentPacket(_OneView, Mapping[str, View]):
+class EnvironmentPacket(_OneView, ByCamera[View]):
     """One environment's part of a packet: a mapping from camera names to `View`.
 
     With one camera, `events`, `labels` and `poses` are that camera's own; with several, they are mappings
@@ -384,25 +385,6 @@ class EnvironmentPacket(_OneView, Mapping[str, View]):
     def __init__(self, index: int, views: tuple[View, ...]) -> None:
         self.index = index
         self._views = {view.camera.name: view for view in views}
-
-    def __getitem__(self, camera: str) -> View:
-        """Return the view of ``camera``."""
-        try:
-            return self._views[camera]
-        except KeyError:
-            raise ConfigError(f"no camera named '{camera}'; there is {', '.join(self._views)}") from None
-
-    def __contains__(self, camera: object) -> bool:
-        """Tell whether there is a camera of this name."""
-        return camera in self._views
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over camera names."""
-        return iter(self._views)
-
-    def __len__(self) -> int:
-        """Count the cameras."""
-        return len(self._views)
 
     @property
     def view(self) -> View:

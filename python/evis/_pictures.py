@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ._events import Events
 from ._evis import ConfigError
 from ._files import RecordedView, Recording
+from ._luminance import luminance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,9 +28,6 @@ DARK_OFF, DARK_ON = (60, 130, 200), (240, 228, 66)
 """The same before a dark background."""
 
 POLARITY_COLORS = np.array([BACKGROUND, OFF, ON], np.uint8)
-
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Rec. ITU-R BT.709-6, item 3.2."""
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -93,7 +91,7 @@ def reference_of(recording: Recording, image: Float) -> float:
     stored = re.search(r"(?m)^reference_luminance = (\d+(\.\d+)?(e[-+]?\d+)?)$", recording.config_toml)
     if stored and 0 < float(stored[1]) < np.inf:
         return float(stored[1])
-    light = image @ _LUMINANCE if image.ndim == 3 else image
+    light = luminance(image)
     light = light[np.isfinite(light)]
     return float(np.exp(np.log(np.maximum(light, 1e-6)).mean()) / 0.18) if light.size else 1.0
 

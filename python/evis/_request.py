@@ -21,7 +21,6 @@ class Request:
     warp: str | None = None
     rate_hz: float | None = None
     adaptive_px: float | None = None
-    between: str | None = None
     samples: int | None = None
     antialias: str | None = None
     texture_taps: int | None = None

@@ -103,7 +103,7 @@ class Pattern(ShortRepr):
     sensitive_share, sensitive_threshold : float
         Share of pixels whose thresholds are both ``sensitive_threshold``: OpenEB's "crazy pixels".
     redraw : bool
-        Whether ``sigma`` is drawn anew for every pixel and frame, as ESIM does, instead of once.
+        Whether ``sigma`` is redrawn for every pixel and frame, as ESIM does, instead of once.
     start : {"signal", "phase"}
         Where references start: at the signal, or uniformly between the thresholds.
     """

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from numpy.typing import ArrayLike
 
+# One for all, or one per environment.
+EnvironmentSensors: TypeAlias = Sensor | str | Sequence[Sensor | str]
 LabelName: TypeAlias = Literal[
     "depth",
     "flow",
@@ -85,8 +87,8 @@ class Simulator:
         that is given none has what the scene gives it; else an ideal sensor, 0.2 / 0.2 (with the method
         ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Thresholds that the scene gives a
         camera come before its sensor's. Every stage runs on the device, but a sensor with
-        ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is walked on the host, from the light of every
-        instant.
+        ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is simulated on the host, from the light of
+        every instant.
     quality : {"draft", "standard", "high", "reference"}, optional
         Fixed settings of sampling, the same for every scene; nothing is analysed before the run.
         ``docs/accuracy.md`` says how near to the truth each came, and at which cost. Settings given by hand
@@ -98,7 +100,7 @@ class Simulator:
     method : {"native", "decoupled", "splat", "evis-paper"} or Warp, optional
         How light is sampled: instants are rendered (``native``), or splatted from keyframes; or visibility is
         followed in continuous time and each pixel is evaluated at its own times, on the CPU (``decoupled``:
-        for sensors of thresholds alone; it needs a device for labels and frames only).
+        for sensors whose stages are not defined on frames; it needs a device for labels and frames only).
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 without a preset. Only for
         ``native``: a splat has its own.
@@ -106,10 +108,6 @@ class Simulator:
         Only for ``native``: each tile of the picture is sampled no more often than that nothing it may show
         moves farther than so many pixels between two of its samples, and ``rate_hz`` at most. Where not
         given, everything is rendered at ``rate_hz``.
-    between : {"line", "curve"}, optional
-        With ``adaptive_px``, for a sensor of thresholds alone: log light runs straight from one sample to the
-        next (``line``, where not given); or along a cubic that takes its slopes from the sample before and
-        the one after, and rises wherever three samples in a row rise (``curve``).
     samples : int, optional
         Samples per pixel and instant, 1 to 256, averaged in linear light; 4 where not given.
     antialias : {"samples", "edges"}, optional
@@ -204,7 +202,6 @@ class Simulator:
         method: Method | None = None,
         rate_hz: float | None = None,
         adaptive_px: float | None = None,
-        between: Literal["line", "curve"] | None = None,
         samples: int | None = None,
         antialias: Literal["samples", "edges"] | None = None,
         texture_taps: int | None = None,
@@ -254,7 +251,6 @@ class Simulator:
             warp=_method.as_json(warp),
             rate_hz=_check.number_or_none("rate_hz", rate_hz),
             adaptive_px=_check.number_or_none("adaptive_px", adaptive_px),
-            between=_word(between),
             samples=_check.whole_or_none("samples", samples),
             antialias=_word(antialias),
             texture_taps=_check.whole_or_none("texture_taps", texture_taps),
@@ -466,6 +462,7 @@ class Simulator:
         env_ids: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
         *,
         seed: int | Sequence[int] | None = None,
+        sensor: EnvironmentSensors | Mapping[str, EnvironmentSensors] | None = None,
         poses: Mapping[str, ArrayLike] | None = None,
         visible: Mapping[str, ArrayLike] | None = None,
         materials: Mapping[str, Mapping[str, ArrayLike]] | None = None,
@@ -485,6 +482,13 @@ class Simulator:
             Seed of everything random in these environments from now on, one for all or one each: what is
             frozen in their sensors, and noise, as in a simulator of this seed at this time. What is frozen
             stays where not given; noise is a function of time, and does not come again either way.
+        sensor : Sensor, str, sequence or mapping of them by camera, optional
+            Sensors of these environments from now on, one for all or one per environment of ``env_ids``, such
+            as ``[base.sample(ranges, seed) for seed in seeds]``; for every camera, or by its name. They may
+            differ from the simulator's sensor in thresholds and their spread, bandwidth, leak, noise,
+            refractory period, latency and bus; a stage that is on stays on, and what is off stays off. Where
+            no seed is given, each pixel keeps its draw: one sigma above the mean stays one sigma above. Files
+            of `Writer` name the sensor that the simulator was made with.
         poses : mapping of str to array, optional
             Where the nodes jump to that a host moves, without any event: as of `step`, (7,) or (4, 4), or one
             per environment of ``env_ids`` in front. A node without a pose stays where it is.
@@ -498,7 +502,8 @@ class Simulator:
         Raises
         ------
         ConfigError
-            If an environment does not exist or is named twice; if poses cannot be used; for methods with
+            If an environment does not exist or is named twice; if poses cannot be used; for a sensor that
+            cannot be, or has other stages than the simulator's; for methods with
             keyframes and sensors with an exposure; and where `now_us` is not the end of a step to where
             samples are, which with ``poses`` of the simulator it always is, unless Ctrl-C ended the step.
             Then nothing has changed.
@@ -525,10 +530,33 @@ class Simulator:
                 else _check.items("seed", seed, "[0, 1]")
             )
             seeds = [_check.whole("seed", one, 0, 2**63 - 1) for one in each]
+        sensors = [] if sensor is None else self._environment_sensors(environments, sensor)
         jumps = [] if poses is None else node_jumps(self._driven, environments, poses)
         seen = visible_jumps(self._driven, environments, visible or {})
         changes = material_changes(self._changed, environments, materials or {})
-        self._own_engine().reset(environments, seeds, jumps, seen, changes)
+        self._own_engine().reset(environments, seeds, sensors, jumps, seen, changes)
+
+    def _environment_sensors(self, environments: list[int], sensor: Any) -> list[tuple[int, int, str]]:
+        """Environment, index of the camera, and sensor as JSON."""
+        names = [camera.name for camera in self._cameras]
+        given = sensor if isinstance(sensor, Mapping) else dict.fromkeys(names, sensor)
+        made = []
+        for name, each in given.items():
+            if name not in names:
+                raise ConfigError(f"sensor names the camera {name!r}; it must be {_check.one_of(names)}")
+            alone = isinstance(each, (Sensor, str))
+            own = (
+                [each] * len(environments) if alone else _check.items("sensor", each, "[Sensor(), Sensor()]")
+            )
+            if len(own) != len(environments):
+                raise ConfigError(
+                    f"sensor has {len(own)} sensors for {len(environments)} environments; one, or one each"
+                )
+            for environment, one in zip(environments, own, strict=True):
+                if one is None:
+                    raise ConfigError("sensor holds None; it must hold sensors, or names of presets")
+                made.append((environment, names.index(name), sensor_of(one)._json()))
+        return made
 
     def stream(
         self,

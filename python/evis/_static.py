@@ -10,11 +10,9 @@ import numpy.typing as npt
 
 from . import _check
 from ._evis import ConfigError
+from ._luminance import WEIGHTS
 
 Float = npt.NDArray[np.float32]
-
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""Rec. ITU-R BT.709-6, item 3.2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,5 +123,5 @@ def luminance(what: str, light: Any) -> Float:
         raise ConfigError(f"dtype of {what} is {given.dtype}; it must be float32 or uint8")
     array = linear(given)
     if array.ndim == 3 and array.shape[-1] == 3:
-        return np.asarray(array @ _LUMINANCE)
+        return np.asarray(array @ WEIGHTS)
     return np.array(array[..., 0] if array.ndim == 3 and array.shape[-1] == 1 else array)

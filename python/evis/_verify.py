@@ -19,7 +19,7 @@ from ._sensor import Sensor
 from ._simulator import Device, _selector
 
 TriggerVariant = Literal["crossing", "latch"]
-"""Crossings on a straight line of log intensity or of light, or at most one event per sample."""
+"""Crossings on a straight line of log intensity, or at most one event per sample."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from ._evaluate_scenes import LADDER, record
 from ._events import EventArray
 from ._evis import ConfigError
 from ._files import RecordedLabels, RecordedView, Recording, load
+from ._luminance import luminance
 from ._networks import MatchNetwork, Network, Points, VoxelNetwork, opencv
 from ._pictures import new_figure
 from ._progress import Progress
@@ -62,8 +63,6 @@ EVENTS = "events"
 RENDERED = "rendered frames"
 _DELAY_US = 40_000
 _FAILED_SHARE = 0.9
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""Rec. ITU-R BT.709-6, item 3.2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -504,10 +503,6 @@ def _images(view: RecordedView, kinds: Sequence[str]) -> RecordedLabels:
     )
 
 
-def _luminance(image: npt.NDArray[Any]) -> Float:
-    return np.asarray(image if image.ndim == 2 else image @ _LUMINANCE, np.float32)
-
-
 def _every(labels: RecordedLabels, time_us: int, what: str) -> int:
     """Return how many images of a kind one window spans."""
     period = round(float(np.median(np.diff(labels.t_us))))
@@ -610,7 +605,7 @@ def reconstruct(
     judge = None if lpips is None else Network(lpips)
     if judge is not None:
         used["lpips"] = _named(judge)
-    reference = tone_map(np.stack([_luminance(frames[k]) for k in range(len(frames))]))
+    reference = tone_map(np.stack([luminance(frames[k]) for k in range(len(frames))]))
     rows: list[Row] = []
     for window in windows:
         every = _every(frames, window, "a window")
@@ -863,7 +858,7 @@ def flow(
             for span in spans:
                 scores = {"fwl": _sharpness(events, span)}
                 if lights is not None:
-                    light = _luminance(lights[int(np.abs(lights.t_us - span[0][2]).argmin())])
+                    light = luminance(lights[int(np.abs(lights.t_us - span[0][2]).argmin())])
                     scores["increments"] = _increments(events, light, span)
                 exact[stream].append(scores)
         rows += _rows(f"{window / 1000:g} ms", exact, ("fwl", "increments"))
@@ -984,7 +979,7 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 def _places(view: RecordedView) -> list[_Place]:
     depth, poses = _images(view, ("depth",)), view.poses
     if not np.array_equal(poses.t_us, depth.t_us):
-        raise ConfigError(f"camera '{view.camera.name}' has poses and depth at other times; record them anew")
+        raise ConfigError(f"camera '{view.camera.name}' has poses and depth at other times; record again")
     return [_Place(view.camera.matrix, matrix, depth[k]) for k, matrix in enumerate(poses.matrix)]
 
 
@@ -1146,7 +1141,7 @@ def match(
             )
         if len(lights) == len(views):
             seen, there = (
-                [model.prepare(tone_map(_luminance(lights[view][every * k]))) for k in ks]
+                [model.prepare(tone_map(luminance(lights[view][every * k]))) for k in ks]
                 for view, ks in ((0, chosen), (second, then))
             )
             found[RENDERED] = _matched(model, seen, there, moving, places[0], places[second], chosen, step)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from . import _check
 from ._evis import ConfigError
+from ._luminance import WEIGHTS, luminance
 from ._networks import Network
 
 Float = npt.NDArray[np.float32]
@@ -23,9 +24,6 @@ _MULTIPLE = 32
 
 _UNDIVIDED_PX = 1.0
 """A pair that moves no farther is left alone: straight light between its frames is nearer to the truth."""
-
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""Rec. ITU-R BT.709-6, item 3.2."""
 
 
 def _opencv() -> Any:
@@ -60,20 +58,14 @@ def _checked(frame: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return frame
 
 
-def _luminance(light: npt.NDArray[Any]) -> Float:
-    """Return the luminance of light, float32 (H, W)."""
-    grey = light @ _LUMINANCE if light.ndim == 3 else light
-    return np.ascontiguousarray(grey, np.float32)
-
-
 def _light(frame: npt.NDArray[Any], transfer: str) -> Float:
     """Return linear luminance, float32 (H, W)."""
     frame = _checked(frame)
     if frame.dtype == np.float32:
-        return _luminance(frame)
+        return luminance(frame)
     last = int(np.iinfo(frame.dtype).max)
     table = _decoded(np.arange(last + 1, dtype=np.float64) / last, transfer)
-    return _luminance(table.astype(np.float32)[frame])
+    return luminance(table.astype(np.float32)[frame])
 
 
 class _Pair:
@@ -224,7 +216,7 @@ class _Learned:
             value = frame / np.iinfo(frame.dtype).max
         colours = value if value.ndim == 3 else value[..., None]
         if self._network.channels == 1 and colours.shape[2] == 3:
-            colours = (colours @ _LUMINANCE)[..., None]
+            colours = (colours @ WEIGHTS)[..., None]
         each = np.repeat(colours, self._network.channels // colours.shape[2], axis=2)
         return np.asarray(each.transpose(2, 0, 1), np.float32)
 
@@ -232,7 +224,7 @@ class _Learned:
         """Return linear luminance at ``part`` of the way, float32 (H, W)."""
         value = np.clip(self._value(part), 0, 1).transpose(1, 2, 0)
         light = _decoded(value, self._curve)
-        return _luminance(light if light.shape[2] == 3 else light[..., 0])
+        return luminance(light if light.shape[2] == 3 else light[..., 0])
 
     def _value(self, part: float) -> Float:
         if part not in self._known:
@@ -319,7 +311,7 @@ class Upsampler:
         Returns
         -------
         list of (int, ndarray)
-            Microseconds, and linear luminance, float32 (H, W), in order; none where hardly anything moves.
+            Microseconds, and linear luminance, float32 (H, W), in order; none where little moves.
 
         Raises
         ------

@@ -30,7 +30,7 @@ from ._packets import Packet
 from ._simulator import Simulator
 from .representations import Dense, dense
 
-__all__ = ["EventEnv", "EventVectorEnv", "Task", "Transition"]
+__all__ = ["EventEnv", "EventVectorEnv", "InitialState", "Task", "Transition"]
 
 _UNIT_TOLERANCE = 1e-3
 
@@ -63,6 +63,26 @@ class Transition:
     terminated: npt.ArrayLike
 
 
+@dataclass(frozen=True)
+class InitialState:
+    """How K environments begin an episode, where more than poses is drawn for each.
+
+    Attributes
+    ----------
+    poses : mapping of str to array
+        Where nodes are, by name: (K, 7), or (7,) for all.
+    sensor : Sensor, str, sequence or mapping of them by camera, optional
+        As of `Simulator.reset`: one for all, or one of K each. The sensors stay as they are where not given.
+    visible, materials : mapping, optional
+        As of `Simulator.reset`, with K in front.
+    """
+
+    poses: Mapping[str, npt.ArrayLike]
+    sensor: Any = None
+    visible: Mapping[str, npt.ArrayLike] | None = None
+    materials: Mapping[str, Mapping[str, npt.ArrayLike]] | None = None
+
+
 class Task(Protocol):
     """Dynamics of a batch of environments; the state is the task's own.
 
@@ -76,8 +96,11 @@ class Task(Protocol):
 
     def reset(
         self, env_ids: npt.NDArray[np.int64], rngs: Sequence[np.random.Generator]
-    ) -> Mapping[str, npt.ArrayLike]:
-        """Begin episodes of the K environments ``env_ids``, each with its generator; return poses, (K, 7)."""
+    ) -> Mapping[str, npt.ArrayLike] | InitialState:
+        """Begin episodes of the K environments ``env_ids``, each with its generator.
+
+        Returns poses, (K, 7), or an `InitialState` with sensors, materials and what is seen, too.
+        """
         ...
 
     def step(self, env_ids: npt.NDArray[np.int64], actions: Any) -> Transition:
@@ -137,7 +160,10 @@ class _Batch:
     def reset(
         self, env_ids: npt.NDArray[np.int64], rngs: Sequence[np.random.Generator], seeds: list[int] | None
     ) -> None:
-        poses = self._rows("Task.reset", self.task.reset(env_ids, rngs), len(env_ids))
+        begun = self.task.reset(env_ids, rngs)
+        if not isinstance(begun, InitialState):
+            begun = InitialState(begun)
+        poses = self._rows("Task.reset", begun.poses, len(env_ids))
         for name, rows in poses.items():
             bad = _unusable(rows)
             if bad.any():
@@ -146,7 +172,14 @@ class _Batch:
                     f"Task.reset gave environment {environment} a pose of '{name}' that is not finite, or no "
                     "unit quaternion; give x, y, z, qx, qy, qz, qw"
                 )
-        self.simulator.reset(env_ids, seed=seeds, poses=poses)
+        self.simulator.reset(
+            env_ids,
+            seed=seeds,
+            sensor=begun.sensor,
+            poses=poses,
+            visible=begun.visible,
+            materials=begun.materials,
+        )
         for name, rows in poses.items():
             self.poses.setdefault(name, np.tile(rows[:1], (self.count, 1)))[env_ids] = rows
         self.steps[env_ids] = 0

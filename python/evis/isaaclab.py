@@ -197,7 +197,7 @@ def _classes() -> tuple[Any, Any]:
 
         def update(self, dt: float, force_recompute: bool = False) -> None:
             """Advance time; where a picture is due, it is rendered now, and becomes events."""
-            # Isaac's own clock is float32, and starts anew with each environment's reset.
+            # Isaac's own clock is float32, and restarts with each environment's reset.
             self._elapsed_s += dt
             super().update(dt, True)
 

@@ -8,6 +8,7 @@ use evis_chart::{
     ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, PictureKind, SceneChart, Stage,
     shell_quoted,
 };
+use evis_core::limits::{Budget, read_text};
 use evis_render::Gpu;
 use evis_scene::CameraMotion;
 use evis_scene::source::Opening;
@@ -106,7 +107,7 @@ fn read(paths: &[PathBuf]) -> anyhow::Result<ChartResult> {
     let mut scenes = Vec::new();
     for path in paths {
         let text =
-            std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+            read_text(path, &Budget::default()).with_context(|| format!("cannot read {}", path.display()))?;
         scenes.extend(ChartResult::from_json(&text, path)?.scenes);
     }
     Ok(ChartResult::new(scenes))

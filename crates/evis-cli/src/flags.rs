@@ -6,7 +6,7 @@ use evis_render::EngineError;
 use crate::failure::bad_input;
 
 /// Fields of a request, and the options that set them.
-const FLAGS: [(&str, &str); 32] = [
+const FLAGS: [(&str, &str); 31] = [
     ("animation", "--animation"),
     ("settings", "--settings"),
     ("sensor", "--sensor"),
@@ -15,7 +15,6 @@ const FLAGS: [(&str, &str); 32] = [
     ("method", "--method"),
     ("rate_hz", "--rate"),
     ("adaptive_px", "--adaptive"),
-    ("between", "--between"),
     ("samples", "--samples"),
     ("antialias", "--antialias"),
     ("texture_taps", "--texture-taps"),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use evis_core::SensorConfig;
+use evis_core::limits::{Budget, read_text};
 use evis_core::sensor::PRESETS;
 use evis_core::words::did_you_mean;
 
@@ -24,7 +25,7 @@ pub(crate) fn load(flag: &str, name: &str) -> anyhow::Result<SensorConfig> {
             names.join(", ")
         )));
     }
-    let text = std::fs::read_to_string(path)
+    let text = read_text(path, &Budget::default())
         .map_err(|error| bad_input(format!("{flag} {name}: cannot be read ({error}); name a TOML file")))?;
     SensorConfig::from_toml(&text).map_err(|error| bad_input(format!("{flag} {name}: {error}")))
 }

@@ -260,3 +260,64 @@ fn short_help_completions_sensors_and_the_command_of_v2e_are_printed() {
     let version = stdout(&evis(&folder, "--version"));
     assert!(version.starts_with(&format!("evis-rs {}", env!("CARGO_PKG_VERSION"))), "{version}");
 }
+
+/// Opening a pipe waits for its writer, and a device may have no end: neither is read, whatever names it.
+#[cfg(unix)]
+#[test]
+fn pipes_and_devices_are_refused_wherever_a_file_is_named() {
+    let folder = Folder::new("pipes");
+    for ending in
+        ["npy", "npz", "h5", "raw", "dat", "aedat4", "csv", "bag", "mp4", "png", "toml", "gltf", "json"]
+    {
+        let made = std::process::Command::new("mkfifo").arg(folder.file(&format!("p.{ending}"))).status();
+        assert!(made.unwrap().success());
+    }
+    let still = "materials = [{ name = 'grey' }]\nprimitives = [{ name = 'box', shape = 'box', size = [1, 1, 1], material = 'grey' }]";
+    std::fs::write(folder.file("still.toml"), still).unwrap();
+    let events = ["npy", "npz", "h5", "raw", "dat", "aedat4", "csv", "bag"];
+    let of_events = events.into_iter().flat_map(|ending| {
+        let file = format!("p.{ending}");
+        [format!("info {file}"), format!("convert {file} o.npy")]
+    });
+    let others = [
+        "compare p.h5 p.npy",
+        "info --check p.h5",
+        "info --repair p.h5",
+        "preview p.h5 -o o.png",
+        "score --truth p.h5 p.h5",
+        "calibrate p.h5 -o o.toml",
+        "info p.toml",
+        "run p.gltf -o o.h5",
+        "run spinner -o o.h5 --sensor p.toml",
+        "run spinner -o o.h5 --settings p.toml",
+        "run spinner -o o.h5 --settings p.h5",
+        "run still.toml -o o.h5 --camera-motion p.csv",
+        "video p.npy -o o.h5 --fps 30",
+        "video p.mp4 -o o.h5",
+        "chart --from p.json -o o.png",
+    ];
+    // At once, and ended where one waits.
+    let lines: Vec<String> = of_events.chain(others.map(String::from)).collect();
+    let mut started: Vec<_> = lines
+        .iter()
+        .map(|line| {
+            let mut command = common::program(&folder);
+            command.args(line.split_whitespace()).stderr(std::process::Stdio::piped());
+            (line, command.spawn().unwrap())
+        })
+        .collect();
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(60);
+    while started.iter_mut().any(|(_, child)| child.try_wait().unwrap().is_none()) {
+        if std::time::Instant::now() > until {
+            started.iter_mut().for_each(|(_, child)| drop(child.kill()));
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    for (line, child) in started {
+        let output = child.wait_with_output().unwrap();
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line}: {told}");
+        assert!(told.contains("only regular files are read"), "{line}: {told}");
+    }
+}

@@ -206,9 +206,7 @@ fn a_preset_its_settings_by_hand_and_a_recordings_settings_give_the_same_bytes()
         format!("--method decoupled --adaptive {step}")
     } else {
         let samples = &settings["samples"];
-        format!(
-            "--rate {rate} --adaptive {step} --between curve --antialias edges --samples {samples} --texture-taps {taps}"
-        )
+        format!("--rate {rate} --adaptive {step} --antialias edges --samples {samples} --texture-taps {taps}")
     };
     let by_hand = run("hand", &format!("{sampling} --threshold-on 0.3 --seed 5"));
     assert!(by_hand["settings"]["run"]["quality"].is_null());

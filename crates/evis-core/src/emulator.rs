@@ -10,6 +10,7 @@ mod last_keyframe;
 mod links;
 mod motion_check;
 mod noise;
+mod numbering;
 mod order;
 pub mod parts;
 mod paths;
@@ -17,6 +18,7 @@ mod readout;
 pub(crate) mod receptor;
 mod shape;
 mod state;
+pub mod tiled;
 mod warp;
 mod workers;
 
@@ -34,6 +36,7 @@ use frames::{BLOCK, Source, Tables};
 use ideal::{Interval, Pixels, Tally};
 use keyframe::Benches;
 use last_keyframe::Keyframe;
+use numbering::Numbering;
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
 use readout::Queue;
 use workers::{Threads, WorkerPool};
@@ -288,7 +291,8 @@ impl EventEmulator {
             // What is frozen is drawn once, and not with the first frame.
             let make = |environment: &mut Environment| {
                 for tile in &mut environment.tiles {
-                    let chain = Chain::new(plan, environment.key, tile.first, tile.end - tile.first);
+                    let numbering = Numbering::run(tile.first);
+                    let chain = Chain::new(plan, environment.key, numbering, tile.end - tile.first);
                     tile.memory = Memory::Chain(Box::new(chain));
                 }
             };
@@ -677,6 +681,7 @@ impl Tile {
             width: work.config.width,
             first: self.first,
             end: self.end,
+            numbering: Numbering::run(self.first),
             us: work.interval_us,
         }
     }
@@ -686,7 +691,9 @@ impl Tile {
         let pixels = self.end - self.first;
         self.memory = match kernel {
             Kernel::Ideal => Memory::Ideal(Pixels::new(source, pixels)),
-            Kernel::Chain(plan) => Memory::Chain(Box::new(Chain::new(plan, key, self.first, pixels))),
+            Kernel::Chain(plan) => {
+                Memory::Chain(Box::new(Chain::new(plan, key, Numbering::run(self.first), pixels)))
+            }
             Kernel::Diffusion => Memory::Diffusion(Diffuse::new(pixels)),
         };
     }

@@ -1,4 +1,4 @@
-//! Sensor configuration: a value, checked once at the door, then trusted.
+//! Sensor configuration: a value, checked once when it is made, then trusted.
 
 mod exposure;
 mod noise_law;
@@ -217,6 +217,22 @@ impl SensorConfig {
             || self.photoreceptor.noise > 0.0
             || self.trigger == TriggerRule::Difference
             || (self.pattern.redraw && self.pattern.sigma > 0.0)
+    }
+
+    /// The first of its settings that is defined on frames, and has no meaning where light is known at all times; `None` where
+    /// there is none.
+    pub fn needs_frames(&self) -> Option<&'static str> {
+        let stages = [
+            ("trigger", self.trigger != TriggerRule::Crossing),
+            ("times", self.times != Times::Crossing),
+            ("exposure", !self.exposure.is_off()),
+            ("photoreceptor.filter", {
+                self.photoreceptor.cutoff_hz > 0.0 && self.photoreceptor.filter != FilterRule::Exact
+            }),
+            ("pattern.redraw", self.pattern.redraw && self.pattern.sigma > 0.0),
+            ("diffusion", self.diffusion.is_some()),
+        ];
+        stages.into_iter().find_map(|(name, needed)| needed.then_some(name))
     }
 
     /// Whether it is ideal for light that frames have already been made of.

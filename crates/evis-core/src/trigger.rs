@@ -92,58 +92,9 @@ pub fn fire_time_us(config: &SensorConfig, decision: &Decision, k: u32, interval
     }
 }
 
-/// Exact crossing time for light that is linear between two samples, as the fraction of the interval in `[0, 1]`.
-///
-/// `level` and `run` are magnitudes in log units: the change of log luminance from the interval's start to the
-/// threshold, and over the whole interval. The luminance is `e^(log) - eps`, so the fraction is
-/// `(e^±level - 1) / (e^±run - 1)` with the sign of `polarity`: `eps` cancels. A rise is written with falling
-/// exponentials, which cannot overflow. 1 where `run` is not above 0.
-///
-/// [`fire_time_us`] interpolates the logarithm instead; this is for a pixel whose light is known to be linear in time,
-/// such as one that a straight edge crosses at constant speed.
-#[inline]
-pub fn crossing_in_linear_light(level: f32, run: f32, polarity: Polarity) -> f32 {
-    if run.is_nan() || run <= 0.0 {
-        return 1.0;
-    }
-    let level = level.clamp(0.0, run);
-    let fall = (-level).exp_m1() / (-run).exp_m1();
-    let fraction = if polarity == Polarity::On { fall * (level - run).exp() } else { fall };
-    fraction.clamp(0.0, 1.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn crossings_in_linear_light_are_exact() {
-        let eps = 1e-3_f64;
-        let log = |y: f64| (y + eps).ln();
-        let mut different = 0;
-        for (y0, y1) in [(0.1, 0.5), (0.5, 0.1), (1.0, 1.3), (1e-6, 2e4), (3.0, 0.0), (0.0, 1e30)] {
-            let (l0, l1) = (log(y0), log(y1));
-            let (run, sign) = ((l1 - l0).abs(), (l1 - l0).signum());
-            let polarity = if sign > 0.0 { Polarity::On } else { Polarity::Off };
-            let mut last = 0.0;
-            for k in 1..=(run / 0.2) as u32 {
-                let level = 0.2 * f64::from(k);
-                let expected = (((l0 + sign * level).exp() - eps - y0) / (y1 - y0)).clamp(0.0, 1.0);
-                let got = crossing_in_linear_light(level as f32, run as f32, polarity);
-                assert!((f64::from(got) - expected).abs() < 1e-5, "{y0} to {y1}: {got}, {expected}");
-                assert!(got >= last, "in order");
-                last = got;
-                // Canary: the crossing of the linear logarithm lies elsewhere.
-                different += usize::from((level / run - expected).abs() > 1e-3);
-            }
-        }
-        assert!(different > 100, "{different}");
-        // A tiny change is linear either way: no digit is lost where e^x is close to 1.
-        assert!((crossing_in_linear_light(1e-5, 2e-5, Polarity::On) - 0.5).abs() < 1e-5);
-        for run in [0.0, -0.1, f32::NAN] {
-            assert_eq!(crossing_in_linear_light(0.0, run, Polarity::On), 1.0, "without a change: at the end");
-        }
-    }
 
     #[test]
     fn every_crossing_fires_at_its_own_time() {

@@ -174,7 +174,7 @@ fn the_first_interval_is_like_all_others() {
 
 #[test]
 fn frozen_thresholds_stay_frozen() {
-    // Thresholds that are drawn anew for each frame lose events: here, the count follows from the threshold that each
+    // Thresholds that are redrawn for each frame lose events: here, the count follows from the threshold that each
     // pixel showed with its first event.
     let sensor =
         SensorConfig { pattern: Pattern { sigma: 0.03, ..Pattern::default() }, ..Default::default() };

@@ -169,7 +169,7 @@ fn at(k: i64) -> i64 {
 }
 
 /// All that `emulator` makes of codes, from step to step.
-fn feel(emulator: &mut EventEmulator, steps: std::ops::Range<i64>) -> Vec<Vec<Event>> {
+fn push_steps(emulator: &mut EventEmulator, steps: std::ops::Range<i64>) -> Vec<Vec<Event>> {
     let batch = emulator.config().batch;
     let mut all = vec![Vec::new(); batch];
     for k in steps {
@@ -182,12 +182,12 @@ fn feel(emulator: &mut EventEmulator, steps: std::ops::Range<i64>) -> Vec<Vec<Ev
 #[test]
 fn batches_threads_and_kinds_of_frames_change_no_byte() {
     for sensor in sensors() {
-        let expected = feel(&mut many(&sensor, 3, 1), STEPS);
+        let expected = push_steps(&mut many(&sensor, 3, 1), STEPS);
         assert!(expected.iter().all(|events| events.len() > 10_000 && is_ordered(events)));
         for threads in [2, 3] {
-            assert!(feel(&mut many(&sensor, 3, threads), STEPS) == expected, "{threads} threads");
+            assert!(push_steps(&mut many(&sensor, 3, threads), STEPS) == expected, "{threads} threads");
             assert!(
-                feel(&mut many(&sensor, 1, threads), STEPS)[0] == expected[0],
+                push_steps(&mut many(&sensor, 1, threads), STEPS)[0] == expected[0],
                 "alone, {threads} threads"
             );
         }
@@ -208,7 +208,8 @@ fn batches_threads_and_kinds_of_frames_change_no_byte() {
         // What is multiplied and divided is rounded.
         let share = rgb.len() as f64 / floats.len() as f64;
         assert!((share - 1.0).abs() < 1e-3, "{share}");
-        let sharp = feel(&mut many(&SensorConfig { exposure: Exposure::default(), ..sensor }, 1, 1), STEPS);
+        let sharp =
+            push_steps(&mut many(&SensorConfig { exposure: Exposure::default(), ..sensor }, 1, 1), STEPS);
         assert!(sharp[0] != expected[0], "canary: no exposure");
     }
 }
@@ -216,25 +217,25 @@ fn batches_threads_and_kinds_of_frames_change_no_byte() {
 #[test]
 fn a_state_within_an_exposure_goes_on_where_it_was() {
     for sensor in sensors() {
-        let expected = feel(&mut many(&sensor, 2, 1), STEPS);
+        let expected = push_steps(&mut many(&sensor, 2, 1), STEPS);
         // Before the first frame, within an exposure, and between two.
         for cut in [1, 4, 22, 23] {
             let mut first = many(&sensor, 2, 1);
-            let mut all = feel(&mut first, 0..cut);
+            let mut all = push_steps(&mut first, 0..cut);
             let state = first.state();
             let mut second = many(&sensor, 2, 2);
             // What it knew is forgotten.
-            feel(&mut second, 0..9);
+            push_steps(&mut second, 0..9);
             second.restore(&state).unwrap();
             assert_eq!(second.total_report(), first.total_report());
-            for (all, later) in all.iter_mut().zip(feel(&mut second, cut..STEPS.end)) {
+            for (all, later) in all.iter_mut().zip(push_steps(&mut second, cut..STEPS.end)) {
                 all.extend(later);
             }
             assert!(all == expected, "cut at {cut}");
             // Canary: one whose exposure is not the state's.
             let mut other = many(&sensor, 2, 1);
-            let mut later = feel(&mut other, 0..1);
-            for (later, events) in later.iter_mut().zip(feel(&mut other, cut..STEPS.end)) {
+            let mut later = push_steps(&mut other, 0..1);
+            for (later, events) in later.iter_mut().zip(push_steps(&mut other, cut..STEPS.end)) {
                 later.extend(events);
             }
             assert!(later != expected || cut == 1);
@@ -249,10 +250,10 @@ fn an_environment_that_is_reset_begins_with_its_next_whole_exposure() {
     for (sensor, from) in sensors().into_iter().flat_map(|sensor| [8, 13].map(|from| (sensor.clone(), from)))
     {
         let mut emulator = many(&sensor, 2, 1);
-        feel(&mut emulator, 0..from);
+        push_steps(&mut emulator, 0..from);
         emulator.reset(Some(&[1])).unwrap();
-        let got = feel(&mut emulator, from..STEPS.end);
-        let fresh = feel(&mut many(&sensor, 2, 1), from..STEPS.end);
+        let got = push_steps(&mut emulator, from..STEPS.end);
+        let fresh = push_steps(&mut many(&sensor, 2, 1), from..STEPS.end);
         assert!(got[1] == fresh[1] && got[1].len() > 5_000);
         assert!(got[0] != fresh[0], "canary: the other one goes on");
         // Exposures that begin before the first light are not made.
@@ -260,7 +261,7 @@ fn an_environment_that_is_reset_begins_with_its_next_whole_exposure() {
         assert!(first > (at(from) / 5_500 + 1) * 5_500 + 2_000, "{first}");
         // Light that has made no frame yet counts: time cannot go back before all is reset.
         let mut emulator = many(&sensor, 2, 1);
-        feel(&mut emulator, 0..1);
+        push_steps(&mut emulator, 0..1);
         emulator.reset(Some(&[0])).unwrap();
         assert_eq!(emulator.now_us(), Some(0));
         emulator.reset(None).unwrap();
@@ -301,15 +302,15 @@ fn unknown_light_makes_an_unknown_frame() {
 fn impossible_light_is_refused_and_changes_nothing() {
     for sensor in sensors() {
         let mut emulator = many(&sensor, 1, 2);
-        let mut all = feel(&mut emulator, 0..5);
+        let mut all = push_steps(&mut emulator, 0..5);
         let mut light = linear(&codes(0, 0));
         for bad in [-0.5, f32::INFINITY] {
             light[205] = bad;
             let error = emulator.push(&Frames::linear(&light), at(5)).unwrap_err().to_string();
             assert!(error.contains("(5, 1)") && error.contains(&bad.to_string()), "{error}");
         }
-        all[0].extend(feel(&mut emulator, 5..STEPS.end).remove(0));
-        assert!(all == feel(&mut many(&sensor, 1, 1), STEPS));
+        all[0].extend(push_steps(&mut emulator, 5..STEPS.end).remove(0));
+        assert!(all == push_steps(&mut many(&sensor, 1, 1), STEPS));
     }
 }
 

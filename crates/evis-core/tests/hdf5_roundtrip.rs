@@ -629,7 +629,11 @@ fn distortions_and_inertial_samples_come_back() {
         gyroscope: [k as f64, 0.0, -0.25],
     };
     let samples: Vec<ImuSample> = (0..3000).map(sample).collect();
-    let mut writer = RecordingWriter::create_with_imus(&path, &header, &names, false).unwrap();
+    let create = |path: &Path, imus: &[String]| {
+        let extras = RecordingExtras { imus: imus.to_vec(), ..RecordingExtras::default() };
+        RecordingWriter::create_with_extras(path, &header, &extras, false)
+    };
+    let mut writer = create(&path, &names).unwrap();
     writer.write_imu(1, &samples[..7]).unwrap();
     writer.write_events(0, &events(100, 16, 8, 3)).unwrap();
     writer.write_imu(1, &samples[7..]).unwrap();
@@ -649,8 +653,7 @@ fn distortions_and_inertial_samples_come_back() {
     assert!(recording.imu("tail").unwrap_err().to_string().contains("body, head"));
     recording.verify().unwrap();
     for name in ["", "a/b"] {
-        let names = [name.to_owned()];
-        assert!(RecordingWriter::create_with_imus(&folder.file("b.h5"), &header, &names, false).is_err());
+        assert!(create(&folder.file("b.h5"), &[name.to_owned()]).is_err(), "{name:?}");
     }
     // A file without any has none.
     let plain = folder.file("plain.h5");

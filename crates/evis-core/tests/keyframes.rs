@@ -347,7 +347,7 @@ fn fresh() -> EventEmulator {
 #[test]
 fn cuts_do_not_warp() {
     let other = Picture { depth: vec![0.5; PIXELS], ..sliding([0.0, 2.0], 50.0) };
-    // Declared: the environment begins anew.
+    // Declared: the environment restarts.
     let mut emulator = emulator(1, 2);
     let joined = |a: &Picture, b: &Picture| Picture {
         light: [&a.light[..], &b.light].concat(),

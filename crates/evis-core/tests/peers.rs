@@ -223,7 +223,7 @@ fn openeb_fires_where_its_source_does() {
         let expected = openeb(&frames, &times, &own, (f64::from(cutoff_hz), i64::from(period_us)));
         let got = ours(&sensor, &frames, &times);
         assert!(total(&expected) > 20_000, "{}", total(&expected));
-        // Where the filtered signal hardly moves, its rounding is some microseconds.
+        // Where the filtered signal moves little, its rounding is some microseconds.
         let share = alike(&got, &expected, 5.0);
         // Pixels that fire a thousand times and more wander by a rounding in some of them.
         let calm: Vec<usize> = (0..PIXELS).filter(|i| own[*i].0 > 0.002).collect();
@@ -432,7 +432,7 @@ fn esim_fires_where_its_source_does() {
     let expected = esim(&frames, &times, 1e-3, |_, pixel| own[pixel]);
     assert!(total(&expected) > 20_000, "{}", total(&expected));
     let got = ours(&sensor, &frames, &times);
-    // Where light hardly changes, its logarithm's rounding is some microseconds.
+    // Where light changes little, its logarithm's rounding is some microseconds.
     let share = alike(&got, &expected, 5.0);
     assert!(share >= 0.999, "{share}");
     // Canary: another draw of thresholds.

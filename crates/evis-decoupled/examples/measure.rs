@@ -1,8 +1,8 @@
 //! Events of a scene against the oracle's, and what they cost.
 //!
-//! `cargo run --release -p evis-decoupled --example measure -- SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US] [STEP_PX]`
+//! `cargo run --release -p evis-decoupled --example measure -- SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US] [STEP_PX] [stages]`
 //!
-//! Truth is made of PIXELS pixels and kept in the folder that `EVIS_TRUTH_CACHE` names, or read from `EVIS_TRUTH_FILE`. Cost is the CPU time of the
+//! With `stages`, pixels are followed as those of sensors with more stages than thresholds are. Truth is made of PIXELS pixels and kept in the folder that `EVIS_TRUTH_CACHE` names, or read from `EVIS_TRUTH_FILE`. Cost is the CPU time of the
 //! process while it simulates, all pixels, from /proc/self/stat.
 
 use std::path::PathBuf;
@@ -22,7 +22,8 @@ fn cpu_seconds() -> f64 {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
-    let usage = "usage: measure SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US] [STEP_PX]";
+    let usage =
+        "usage: measure SCENE WIDTHxHEIGHT SECONDS [PIXELS] [THRESHOLD] [BLOCK_US] [STEP_PX] [stages]";
     let name = args.next().ok_or(usage)?;
     let size = args.next().ok_or(usage)?;
     let (w, h) = size.split_once('x').ok_or(usage)?;
@@ -49,6 +50,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (None, None) => truth(&scene, &truth_settings, &|_| true)?,
     };
 
+    // The same sensor, as one with more stages is followed: a refractory period shorter than any interval.
+    let mut sensor = sensor;
+    sensor.refractory.period_us = u32::from(args.next().is_some_and(|word| word == "stages"));
     let settings = Settings { sensor, size, duration_us, block_us, step_px, ..Default::default() };
     let before = cpu_seconds();
     let out = simulate(&scene, &settings)?;

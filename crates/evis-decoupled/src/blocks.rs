@@ -7,8 +7,7 @@
 
 use std::collections::VecDeque;
 
-use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
-use evis_scene::{Motion, Scene, Variant};
+use evis_scene::{Scene, Variant};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
@@ -55,7 +54,7 @@ impl Block {
     }
 }
 
-/// The blocks that cover [start, end): borders are multiples of `length_us`, and what [`breaks`] finds; where a host moves
+/// The blocks that cover [start, end): borders are multiples of `length_us`, and what [`Scene::break_times`] finds; where a host moves
 /// nodes, multiples from the start on, and its poses.
 pub fn blocks(
     scene: &Scene,
@@ -73,7 +72,7 @@ pub fn blocks(
         borders.push(origin_us + k * length);
         k += 1.0;
     }
-    let jumps = breaks(scene, variant, start_us, end_us);
+    let jumps = scene.break_times(variant, start_us, end_us);
     borders.extend_from_slice(&jumps);
     borders.extend(host_times(scene, variant, start_us, end_us));
     borders.sort_by(f64::total_cmp);
@@ -107,7 +106,7 @@ pub struct Blocks<'w, 'a> {
 
 impl<'w, 'a> Blocks<'w, 'a> {
     /// From `start_us` on; borders are multiples of `most_us`, or of a shorter length where motion is fast
-    /// ([`World::block_us`]), what [`breaks`] finds, and the first multiple of `FIRST_US`. Where a host moves nodes, poses are
+    /// ([`World::block_us`]), what [`Scene::break_times`] finds, and the first multiple of `FIRST_US`. Where a host moves nodes, poses are
     /// known at every multiple of `pose_step_us` after `start_us`, and borders lie there: then they are where they would be
     /// had the stream begun at any of them.
     pub fn new(world: &'w World<'a>, start_us: i64, most_us: i64, pose_step_us: i64) -> Self {
@@ -174,7 +173,7 @@ impl<'w, 'a> Blocks<'w, 'a> {
         self.found.extend(blocks(scene, *variant, from_us, end_us, self.length_us));
         self.found_until_us = end_us;
         let near = [from_us - 2.0 * BEFORE_US, from_us + 2.0 * BEFORE_US];
-        self.found[0].jump |= !breaks(scene, *variant, near[0], near[1]).is_empty();
+        self.found[0].jump |= !scene.break_times(*variant, near[0], near[1]).is_empty();
     }
 }
 
@@ -182,73 +181,6 @@ impl<'w, 'a> Blocks<'w, 'a> {
 fn host_times(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
     let tracks = (0..scene.nodes.len()).filter_map(|node| scene.track_of(variant, node));
     tracks.flat_map(|track| track.times(start_us, end_us)).collect()
-}
-
-/// Times in (start, end), in microseconds and ascending, at which a motion or a light bends or jumps.
-pub fn breaks(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
-    let speed = scene.speed.unwrap_or(1.0);
-    let offset_s = variant.map_or(0.0, |v| v.time_offset_s);
-    let range_s = [start_us, end_us].map(|t| t * 1e-6 * speed + offset_s);
-    let mut times = Vec::new();
-    for node in &scene.nodes {
-        match &node.motion {
-            // What a host moves bends where `host_times` says, and jumps where it is shown or hidden.
-            Motion::Fixed(_) | Motion::Driven(_) => {}
-            Motion::Animated { translation, rotation, scale, .. } => {
-                for curve in [translation, rotation, scale].into_iter().flatten() {
-                    of_curve(curve, &mut times);
-                }
-            }
-            Motion::Path(path) => of_path(path, &mut times),
-        }
-        node.morph.iter().for_each(|curve| of_curve(curve, &mut times));
-    }
-    let waves = scene.lights.iter().filter_map(|l| l.waveform);
-    for wave in waves.chain(scene.materials.iter().filter_map(|m| m.emission_waveform)) {
-        of_wave(&wave, range_s, &mut times);
-    }
-    times.retain(|t| *t > range_s[0] && *t < range_s[1]);
-    times.sort_by(f64::total_cmp);
-    times.dedup();
-    let mut times: Vec<f64> = times.into_iter().map(|t| (t - offset_s) / speed * 1e6).collect();
-    times.extend(scene.host_step_times(variant, start_us, end_us));
-    times.sort_by(f64::total_cmp);
-    times.dedup();
-    times
-}
-
-fn of_curve(curve: &Curve, times: &mut Vec<f64>) {
-    times.extend_from_slice(&curve.times);
-}
-
-fn of_path(path: &Path, times: &mut Vec<f64>) {
-    match path {
-        Path::Ballistic { launch_s, .. } => times.push(*launch_s),
-        Path::Keys { times: keys, .. } => times.extend_from_slice(keys),
-        Path::Chain(paths) => paths.iter().for_each(|p| of_path(p, times)),
-        Path::ConstantVelocity { .. }
-        | Path::Spin { .. }
-        | Path::FigureEight { .. }
-        | Path::Harmonic { .. } => {}
-    }
-}
-
-fn of_wave(wave: &Waveform, [from, to]: [f64; 2], times: &mut Vec<f64>) {
-    let duty = match wave.shape {
-        WaveShape::Sine => return,
-        WaveShape::Square => 0.5,
-        WaveShape::Pwm { duty } => duty,
-    };
-    if wave.frequency_hz <= 0.0 {
-        return;
-    }
-    let first = (from * wave.frequency_hz + wave.phase).floor();
-    let last = (to * wave.frequency_hz + wave.phase).ceil();
-    let mut cycle = first;
-    while cycle <= last {
-        times.extend([cycle, cycle + duty].map(|c| (c - wave.phase) / wave.frequency_hz));
-        cycle += 1.0;
-    }
 }
 
 /// Where one surface's vertices go during a part of a block.
@@ -471,10 +403,10 @@ mod tests {
             [&spinner, &fast].map(|s| World::new(s, 0, Some((8, 6))).unwrap().block_us(32_768));
         assert!(usual == 32_768 && short <= 1024, "{usual}, {short}");
         let fast = scene.clone().at_speed(4.0).unwrap();
-        assert!(breaks(&fast, None, 0.0, 1e6).iter().any(|t| (t - 18_750.0).abs() < 0.01));
+        assert!(fast.break_times(None, 0.0, 1e6).iter().any(|t| (t - 18_750.0).abs() < 0.01));
         // An environment whose clock is ahead meets them earlier.
         let ahead = Variant { time_offset_s: 0.05, ..Variant::default() };
-        let early = breaks(&scene, Some(&ahead), 0.0, 1e6);
+        let early = scene.break_times(Some(&ahead), 0.0, 1e6);
         assert!(early.iter().any(|t| (t - 25_000.0).abs() < 0.01), "{early:?}");
     }
 

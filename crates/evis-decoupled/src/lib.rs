@@ -3,7 +3,8 @@
 //!
 //! Modules read earlier ones only: [`world`] flattens a scene; [`blocks`] cuts time and bounds motion; [`lists`] says
 //! what tiles and pixels may see; [`coverage`] how much of a pixel each facet covers at a time; [`texture`], [`light`]
-//! and [`shadow`] what it sends; [`path`] follows a pixel's light; [`events`] crosses thresholds.
+//! and [`shadow`] what it sends; [`path`] follows a pixel's light; [`events`] crosses thresholds; `knots` gives a tile's light to sensors with
+//! more stages than these.
 
 pub mod blocks;
 pub mod coverage;
@@ -12,6 +13,7 @@ pub mod events;
 pub mod fragment;
 mod hash;
 pub mod keyframe;
+mod knots;
 pub mod light;
 mod limits;
 pub mod lists;

@@ -17,7 +17,7 @@ const LEAST_PX: f64 = 0.05;
 const PERIOD_PARTS: f64 = 8.0;
 const LEAST_PERIOD_PARTS: f64 = 64.0;
 /// What happens within a block as short as this, in microseconds, is a cut: nothing of it is seen but its end.
-const INSTANT_US: f64 = 2.0;
+pub const INSTANT_US: f64 = 2.0;
 /// A threshold is crossed on light that may be off by this part of itself.
 const TOLERANCE: f64 = 0.004;
 /// A quadratic's estimated error times this, and this part of its range, is what it may be off by between evaluations.

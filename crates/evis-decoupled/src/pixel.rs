@@ -135,9 +135,9 @@ impl Default for Work {
 }
 
 impl Work {
-    /// Entries of the pixel in work.
-    pub fn entry_count(&self) -> usize {
-        let [from, to] = self.owns[self.pixel];
+    /// Entries of pixel number `pixel` of the tile, whose activity is known.
+    pub fn entry_count(&self, pixel: usize) -> usize {
+        let [from, to] = self.owns[pixel];
         (to - from) as usize
     }
 

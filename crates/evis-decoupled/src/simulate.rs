@@ -4,14 +4,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use evis_core::sensor::TriggerRule;
-use evis_core::{ConfigError, Event, Sensor, SensorConfig};
+use evis_core::emulator::parts::ReadoutQueue;
+use evis_core::emulator::tiled::{Losses, TiledSensor};
+use evis_core::event::take_causes;
+use evis_core::random::Key;
+use evis_core::{ConfigError, Event, SensorConfig};
 use evis_scene::{Scene, Variant};
 use rayon::prelude::*;
 
 use crate::Error;
 use crate::blocks::{Block, Blocks, Clock, blocks};
 use crate::events::Thresholds;
+use crate::knots::{SensedTile, Sensing};
 use crate::light::{Lighting, Shared};
 use crate::lists::{Entry, Lists, PIXELS, TILE};
 use crate::path::{PixelPath, STEP_PX, stride};
@@ -25,8 +29,10 @@ const MOST_STEP_PX: f64 = 8.0;
 /// Settings of a run.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// Thresholds and `eps`.
+    /// The sensor; one whose stages are defined on frames is refused.
     pub sensor: SensorConfig,
+    /// Of all that is random in it.
+    pub key: Key,
     /// Index of the camera.
     pub camera: usize,
     /// Width and height in pixels; `None` takes the camera's own.
@@ -48,6 +54,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             sensor: SensorConfig::default(),
+            key: Key::new(0, 0, 0),
             camera: 0,
             size: None,
             start_us: 0,
@@ -61,13 +68,8 @@ impl Default for Settings {
 
 impl Settings {
     pub(crate) fn check(&self) -> Result<(), Error> {
-        Sensor::new(self.sensor.clone())?.thresholds_only("decoupled sampling")?;
-        if self.sensor.trigger != TriggerRule::Crossing {
-            let value = format!("{:?}", self.sensor.trigger).to_lowercase();
-            let remedy =
-                "crossing with decoupled sampling, which has no instants at which a pixel could latch";
-            return Err(ConfigError::new("trigger", value, remedy).into());
-        }
+        // It checks the sensor's values.
+        TiledSensor::new(&self.sensor, self.key, 1)?;
         if !(64..=1 << 20).contains(&self.block_us) || self.block_us.count_ones() != 1 {
             let remedy = "a power of two between 64 and 1048576 microseconds";
             return Err(ConfigError::new("block_us", self.block_us, remedy).into());
@@ -109,6 +111,8 @@ pub struct Report {
     pub plain: u64,
     /// Cells shaded.
     pub cells: u64,
+    /// What the sensor lost.
+    pub losses: Losses,
 }
 
 /// Events, and what they took.
@@ -123,7 +127,10 @@ pub struct Outcome {
 
 /// A row of tiles: its pixels' paths, and what they fired.
 struct Row {
+    /// Per pixel, of a sensor of thresholds.
     paths: Vec<Option<PixelPath>>,
+    /// Per tile, of any other.
+    tiles: Vec<Option<SensedTile>>,
     events: Vec<Event>,
     report: Report,
 }
@@ -135,6 +142,8 @@ struct Following {
     start_us: i64,
     /// Which tiles are followed, row by row; all where it is empty.
     only: Vec<bool>,
+    /// A sensor with more stages than thresholds.
+    sensing: Option<Sensing>,
 }
 
 /// The pixels of one view: what they remember from block to block.
@@ -143,41 +152,79 @@ pub(crate) struct Pixels {
     /// Per thread of the pool, and one for whoever is none of them.
     rooms: Vec<Mutex<Work>>,
     following: Following,
+    /// Where events of a sensor with more stages than thresholds wait.
+    queue: Option<ReadoutQueue>,
     report: Report,
 }
 
 impl Pixels {
     /// Pixels that first see light at the start of `settings`; those of the tiles `only`, unless it is empty.
-    pub(crate) fn new(world: &World, settings: &Settings, reference_luminance: f64, only: &[bool]) -> Self {
+    ///
+    /// # Errors
+    /// A sensor that cannot be used.
+    pub(crate) fn new(
+        world: &World,
+        settings: &Settings,
+        reference_luminance: f64,
+        only: &[bool],
+    ) -> Result<Self, Error> {
         let rows = (world.lens.height as usize).div_ceil(TILE);
         let columns = (world.lens.width as usize).div_ceil(TILE);
-        let new_row =
-            |_| Row { paths: vec![None; columns * PIXELS], events: Vec::new(), report: Report::default() };
-        Self {
+        let thresholds = Thresholds::new(&settings.sensor, reference_luminance);
+        let ideal = settings.sensor.is_ideal();
+        let sensing = if ideal {
+            None
+        } else {
+            Some(Sensing {
+                sensor: TiledSensor::new(&settings.sensor, settings.key, world.lens.width)?,
+                step_px: settings.step_px,
+                start_us: settings.start_us,
+                reference: reference_luminance,
+                floor: thresholds.floor(),
+            })
+        };
+        let new_row = |_| Row {
+            paths: if ideal { vec![None; columns * PIXELS] } else { Vec::new() },
+            tiles: if ideal { Vec::new() } else { vec![None; columns] },
+            events: Vec::new(),
+            report: Report::default(),
+        };
+        Ok(Self {
             rows: (0..rows).map(new_row).collect(),
             rooms: (0..=rayon::current_num_threads()).map(|_| Mutex::default()).collect(),
+            queue: sensing.as_ref().map(|sensing| sensing.sensor.queue()),
             following: Following {
-                thresholds: Thresholds::new(&settings.sensor, reference_luminance),
+                thresholds,
                 step_px: settings.step_px,
                 start_us: settings.start_us,
                 only: only.to_vec(),
+                sensing,
             },
             report: Report::default(),
-        }
+        })
     }
 
     /// Lets them all begin at `t_us` with what `picture` says of them, row by row.
     pub(crate) fn begin(&mut self, world: &World, picture: &[f64], t_us: f64) {
-        let width = world.lens.width as usize;
-        for (index, &luminance) in picture.iter().enumerate() {
-            let (x, y) = (index % width, index / width);
-            let slot = x / TILE * PIXELS + y % TILE * TILE + x % TILE;
-            let path = PixelPath::new(t_us, luminance, &self.following.thresholds);
-            self.rows[y / TILE].paths[slot] = Some(path);
+        let [width, height] = [world.lens.width, world.lens.height].map(|v| v as usize);
+        let Following { thresholds, sensing, .. } = &self.following;
+        for (row, of) in self.rows.iter_mut().enumerate() {
+            let at = |slot: usize| {
+                let (tile, pixel) = (slot / PIXELS, slot % PIXELS);
+                let (x, y) = (tile * TILE + pixel % TILE, row * TILE + pixel / TILE);
+                (x < width && y < height).then(|| picture[y * width + x])
+            };
+            for (slot, path) in of.paths.iter_mut().enumerate() {
+                *path = at(slot).map(|luminance| PixelPath::new(t_us, luminance, thresholds));
+            }
+            for (column, tile) in of.tiles.iter_mut().enumerate() {
+                let luminance = std::array::from_fn(|pixel| at(column * PIXELS + pixel).unwrap_or(f64::NAN));
+                *tile = sensing.as_ref().map(|sensing| sensing.begin([column, row], luminance, t_us));
+            }
         }
     }
 
-    /// What they fire during `block`, in canonical order and stream time; `None` where `stop` was set meanwhile: then some of
+    /// What leaves the sensor during `block`, in canonical order, marked with causes and in stream time; `None` where `stop` was set meanwhile: then some of
     /// them are at its end and others are not.
     ///
     /// # Errors
@@ -213,6 +260,12 @@ impl Pixels {
         let mut events: Vec<Event> = self.rows.iter_mut().flat_map(|row| row.events.drain(..)).collect();
         // Stable: events of one pixel at one microsecond keep their firing order.
         events.sort_by_key(Event::order);
+        if let Some(queue) = &mut self.queue {
+            let end_us = block.end_us.floor() as i64 - following.start_us;
+            let mut left = Vec::new();
+            self.report.losses.dropped += queue.take(&mut events, end_us, &mut left);
+            events = left;
+        }
         Ok(Some(events))
     }
 
@@ -231,6 +284,7 @@ impl Pixels {
             report.evaluations += row.evaluations;
             report.entries += row.entries;
             report.pixel_blocks += row.pixel_blocks;
+            report.losses.add(row.losses);
         }
         report.cells = lighting.shaded.load(Ordering::Relaxed);
         report
@@ -254,7 +308,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     };
     let measured = || seen.as_deref().map_or(1.0, reference_luminance);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
-    let mut pixels = Pixels::new(&world, settings, reference, &[]);
+    let mut pixels = Pixels::new(&world, settings, reference, &[])?;
     if let Some(seen) = &seen {
         pixels.begin(&world, seen, first.start_us);
     }
@@ -268,6 +322,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     events.retain(|e| (0..settings.duration_us).contains(&e.t));
     // Blocks may meet within a microsecond.
     events.sort_by_key(Event::order);
+    take_causes(&mut events);
     Ok(Outcome { events, reference_luminance: reference, report: pixels.report(&lighting) })
 }
 
@@ -297,7 +352,7 @@ impl Row {
         entries: &[Entry],
         [column, row]: [usize; 2],
     ) {
-        let Following { thresholds, step_px, start_us, .. } = following;
+        let Following { thresholds, step_px, start_us, sensing, .. } = following;
         let block = evaluator.block;
         let lens = &evaluator.world.lens;
         evaluator.enter_tile(work, entries, [column, row]);
@@ -306,15 +361,26 @@ impl Row {
         let inside = |pixel: &usize| place(*pixel).0 < width && place(*pixel).1 < height;
         let mut activities = [None; PIXELS];
         for pixel in (0..PIXELS).filter(inside) {
-            let activity = evaluator.activity(work, entries, pixel);
-            evaluator.expect(work, pixel, stride(block, *step_px, &activity));
-            activities[pixel] = Some(activity);
+            activities[pixel] = Some(evaluator.activity(work, entries, pixel));
+            self.report.entries += work.entry_count(pixel) as u64;
+            self.report.pixel_blocks += 1;
+        }
+        if let Some(sensing) = sensing {
+            let tile = &mut self.tiles[column];
+            let (at, with) = ((entries, [column, row]), (evaluator, work));
+            let followed = sensing.follow(tile, with, at, &activities, &mut self.events);
+            self.report.evaluations += followed.evaluations;
+            self.report.losses.add(followed.losses);
+            return;
+        }
+        for (pixel, activity) in activities.iter().enumerate() {
+            if let Some(activity) = activity {
+                evaluator.expect(work, pixel, stride(block, *step_px, activity));
+            }
         }
         for (pixel, activity) in activities.iter().enumerate() {
             let (Some(activity), (x, y)) = (activity, place(pixel)) else { continue };
             evaluator.enter_pixel(work, pixel);
-            self.report.entries += work.entry_count() as u64;
-            self.report.pixel_blocks += 1;
             let slot = column * PIXELS + pixel;
             let path = self.paths[slot].get_or_insert_with(|| {
                 PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)

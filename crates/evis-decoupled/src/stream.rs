@@ -6,6 +6,7 @@ use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use evis_core::random::Key;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
@@ -28,8 +29,10 @@ pub struct View {
     pub camera: usize,
     /// Index into [`Scene::variants`]; `None` is the scene as it is.
     pub variant: Option<usize>,
-    /// Its sensor: thresholds and `eps`.
+    /// Its sensor; one whose stages are defined on frames is refused.
     pub sensor: SensorConfig,
+    /// Of all that is random in it.
+    pub key: Key,
 }
 
 /// What a stream shows.
@@ -58,9 +61,9 @@ impl Default for StreamSettings {
 
 impl StreamSettings {
     fn of(&self, view: &View) -> Settings {
-        let (sensor, camera) = (view.sensor.clone(), view.camera);
+        let (sensor, camera, key) = (view.sensor.clone(), view.camera, view.key);
         let Self { size, start_us, step_px, .. } = *self;
-        Settings { sensor, camera, size, start_us, step_px, ..Settings::default() }
+        Settings { sensor, key, camera, size, start_us, step_px, ..Settings::default() }
     }
 }
 
@@ -71,7 +74,8 @@ pub struct Piece {
     pub view: usize,
     /// Stream time before which all its events are there, in microseconds.
     pub complete_us: i64,
-    /// Those that are new, in canonical order. At the time where the last piece ended there may be more.
+    /// Those that are new, in canonical order, marked with their causes ([`evis_core::event::take_causes`]). At the time where the last
+    /// piece ended there may be more.
     pub events: Vec<Event>,
     /// What the view took since the stream began.
     pub report: Report,
@@ -95,7 +99,9 @@ enum Order {
     /// Events are wanted up to this stream time.
     Until(i64),
     /// See [`Stream::restart`].
-    Restart(Vec<usize>),
+    Restart(Vec<(usize, Key)>),
+    /// See [`Stream::set_sensor`].
+    Sensor(usize, Box<SensorConfig>),
 }
 
 /// Events of several views of a scene.
@@ -174,10 +180,16 @@ impl Stream {
         }
     }
 
-    /// Lets the pixels of `views` begin anew where the poses that a host has given end: what they see then is their reference,
-    /// wherever things were before. Everything up to there has been wanted, and taken.
-    pub fn restart(&mut self, views: Vec<usize>) {
+    /// Resets the pixels of `views` where the poses that a host has given end: what they see then is their reference, wherever
+    /// things were before, and all that is random follows from the key. Everything up to there has been wanted, and taken.
+    pub fn restart(&mut self, views: Vec<(usize, Key)>) {
         let _ = self.wanted.as_ref().map(|wanted| wanted.send(Order::Restart(views)));
+    }
+
+    /// Gives view `view` another sensor, with which its pixels begin at the next [`Stream::restart`].
+    pub fn set_sensor(&mut self, view: usize, sensor: SensorConfig) {
+        let order = Order::Sensor(view, Box::new(sensor));
+        let _ = self.wanted.as_ref().map(|wanted| wanted.send(order));
     }
 
     /// The next piece; waits for it. `None` where `stop` is set meanwhile: the piece comes with a later call.
@@ -249,11 +261,13 @@ fn follow(
     }
     let measured = || seen.as_ref().map_or(1.0, |(picture, _)| reference_luminance(picture) as f32);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
-    let new_pixels = |view: usize| {
+    let mut views = views.to_vec();
+    let new_pixels = |views: &[View], view: usize| {
         let only = settings.only.get(view).map_or(&[][..], Vec::as_slice);
         Pixels::new(&worlds[view], &settings.of(&views[view]), f64::from(reference), only)
     };
-    let mut pixels: Vec<Pixels> = (0..views.len()).map(new_pixels).collect();
+    let new = |view: usize| new_pixels(&views, view);
+    let mut pixels: Vec<Pixels> = (0..views.len()).map(new).collect::<Result<_, _>>()?;
     if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
         pixels[0].begin(&worlds[0], &picture, t_us);
     }
@@ -272,11 +286,13 @@ fn follow(
             match orders.recv() {
                 Ok(Order::Until(until_us)) => horizon_us = horizon_us.max(until_us),
                 Ok(Order::Restart(again)) => {
-                    for view in again {
-                        pixels[view] = new_pixels(view);
+                    for (view, key) in again {
+                        views[view].key = key;
+                        pixels[view] = new_pixels(&views, view)?;
                         blocks[view].jump();
                     }
                 }
+                Ok(Order::Sensor(view, sensor)) => views[view].sensor = *sensor,
                 Err(_) => return Ok(()),
             }
             continue;

@@ -5,6 +5,8 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use evis_core::emulator::{EmulatorConfig, Frames};
+use evis_core::random::Key;
 use evis_core::sensor::TriggerRule;
 use evis_core::{Event, SensorConfig};
 use evis_decoupled::{Settings, Stream, StreamSettings, View, simulate};
@@ -19,7 +21,7 @@ fn spinner() -> Scene {
 fn view(variant: Option<usize>, threshold: f32) -> View {
     let sensor =
         SensorConfig { threshold_on: threshold, threshold_off: threshold, ..SensorConfig::default() };
-    View { camera: 0, variant, sensor }
+    View { camera: 0, variant, sensor, key: Key::new(0, 0, 0) }
 }
 
 /// Per view: everything before `end_us`, wanted up to each of `steps`.
@@ -163,10 +165,9 @@ fn what_cannot_be_used_is_refused() {
         Err(error) => error.to_string(),
     };
     let latch = SensorConfig { trigger: TriggerRule::Latch, ..SensorConfig::default() };
-    assert!(refused(spinner(), View { sensor: latch, ..view(None, 0.2) }).contains("latch"));
-    let mut slow = SensorConfig::default();
-    slow.photoreceptor.cutoff_hz = 100.0;
-    assert!(refused(spinner(), View { sensor: slow, ..view(None, 0.2) }).contains("decoupled"));
+    assert!(refused(spinner(), View { sensor: latch, ..view(None, 0.2) }).contains("one with trigger"));
+    let framed = SensorConfig::preset("v2e").unwrap();
+    assert!(refused(spinner(), View { sensor: framed, ..view(None, 0.2) }).contains("one with times"));
     assert!(refused(spinner(), View { camera: 9, ..view(None, 0.2) }).contains("camera 9"));
     let mut masked = spinner();
     masked.materials.iter_mut().for_each(|m| m.alpha = evis_scene::AlphaMode::Mask(0.5));
@@ -217,7 +218,7 @@ fn stepped(step_us: i64, restart_us: Option<i64>, jump_us: i64) -> Vec<Event> {
             ahead_us = jump_us;
             host.jump(&HostJump { poses: &[(0, 0, pose(until_us + ahead_us))], ..HostJump::default() })
                 .unwrap();
-            stream.restart(vec![0]);
+            stream.restart(vec![(0, Key::new(0, 0, 0))]);
         }
     }
     events.sort_by_key(Event::order);
@@ -252,4 +253,127 @@ fn pixels_that_begin_anew_fire_nothing_of_a_jump() {
     let usual = whole.iter().filter(|e| (20_000..20_100).contains(&e.t)).count();
     let later = again.iter().filter(|e| e.t >= 20_100).count();
     assert!(soon <= usual + 2 && later > 10, "{soon}, {usual} without a jump; {later} later");
+}
+
+/// Noise, bandwidth, a refractory period and a bus, often enough to be seen.
+fn real() -> SensorConfig {
+    let mut sensor = SensorConfig::preset("dvxplorer-like").unwrap();
+    sensor.noise.shot_hz = 5.0;
+    sensor.noise.leak_hz = 1.0;
+    sensor
+}
+
+#[test]
+fn steps_change_nothing_of_a_sensor_with_more_stages() {
+    let of = |number| View { sensor: real(), key: Key::new(number, 0, 0), ..view(None, 0.2) };
+    let views = || vec![of(3), of(4)];
+    let (_, whole) = streamed(spinner(), views(), 20_000, &[100_000]);
+    let (_, stepped) = streamed(spinner(), views(), 20_000, &[1, 7_000, 30_000, 99_999, 100_000]);
+    assert_eq!(whole, stepped);
+    assert!(whole[0].len() > 1000 && whole[0] != whole[1], "{} events", whole[0].len());
+    // On its own a view fires the same.
+    let (_, alone) = streamed(spinner(), vec![of(3)], 20_000, &[100_000]);
+    assert_eq!(alone[0], whole[0]);
+}
+
+/// F1 of two recordings, whose events of a pixel and a polarity match within `within_us`.
+fn f1(found: &[Event], expected: &[Event], within_us: i64) -> f64 {
+    let mut free = vec![true; expected.len()];
+    let mut matched = 0;
+    for event in found {
+        let [from, until] =
+            [-within_us, within_us + 1].map(|us| expected.partition_point(|e| e.t < event.t + us));
+        let fits = |index: &usize| {
+            let other = &expected[*index];
+            free[*index] && (other.x, other.y, other.p) == (event.x, event.y, event.p)
+        };
+        if let Some(index) = (from..until).find(fits) {
+            free[index] = false;
+            matched += 1;
+        }
+    }
+    2.0 * f64::from(matched) / (found.len() + expected.len()) as f64
+}
+
+#[test]
+fn a_stage_that_does_nothing_changes_little() {
+    // An ideal pixel is followed in another way than one with a refractory period, of 1 us here.
+    let settings = Settings { size: Some((80, 60)), duration_us: 60_000, ..Settings::default() };
+    let mut staged = settings.clone();
+    staged.sensor.refractory.period_us = 1;
+    for (name, least) in [("spinner", 0.95), ("warehouse", 0.95)] {
+        let scene = evis_scene::builtin::load(name, 0).unwrap();
+        let [ideal, staged] = [&settings, &staged].map(|s| simulate(&scene, s).unwrap().events);
+        let mut late = staged.clone();
+        late.iter_mut().for_each(|e| e.t += 3000);
+        let [own, canary] = [&staged, &late].map(|events| f1(events, &ideal, 1500));
+        println!("{name}: {} events, {}: F1 {own:.4}, late ones {canary:.4}", staged.len(), ideal.len());
+        assert!(ideal.len() > 1000 && own > least && canary < own - 0.1, "{name}: {own}, {canary}");
+    }
+}
+
+#[test]
+fn a_sensor_fires_what_the_emulator_makes_of_pictures() {
+    let (width, height) = SIZE.unwrap();
+    let duration_us = 40_000;
+    let mut grainy = SensorConfig::preset("gen4-like").unwrap();
+    grainy.photoreceptor.noise = 0.03;
+    let mut leaky = SensorConfig::default();
+    (leaky.noise.leak_hz, leaky.noise.leak_jitter) = (20.0, 0.1);
+    for (name, sensor) in [("grainy", grainy), ("leaky", leaky)] {
+        let key = Key::new(7, 0, 0);
+        let settings = Settings {
+            sensor: sensor.clone(),
+            key,
+            size: SIZE,
+            reference_luminance: Some(0.5),
+            duration_us,
+            ..Settings::default()
+        };
+        let found = simulate(&spinner(), &settings).unwrap().events;
+        let config =
+            EmulatorConfig { width, height, sensor, reference_luminance: 0.5, ..EmulatorConfig::default() };
+        let mut emulator = evis_core::emulator::parts::emulator(config, key).unwrap();
+        let mut expected = Vec::new();
+        for t_us in (0..=duration_us).step_by(500) {
+            let picture = evis_decoupled::luminance(&spinner(), &settings, t_us as f64).unwrap();
+            let light: Vec<f32> = picture.iter().map(|v| *v as f32).collect();
+            expected.extend(emulator.push(&Frames::linear(&light), t_us).unwrap().remove(0));
+        }
+        expected.retain(|e| e.t < duration_us);
+        // A picture's means of textures are not those of tiles to the last part: slow light takes milliseconds to make up.
+        let f1 = f1(&found, &expected, 2000);
+        println!("{name}: {} events, {} expected, F1 {f1:.4}", found.len(), expected.len());
+        assert!(found.len() > 400 && f1 > 0.96, "{name}: {f1}");
+    }
+}
+
+#[test]
+fn what_stands_still_fires_the_noise_of_the_emulator() {
+    let mut scene = spinner();
+    scene.nodes.iter_mut().for_each(|node| node.motion = evis_scene::Motion::Fixed(glam::DMat4::IDENTITY));
+    let (width, height) = SIZE.unwrap();
+    let (key, duration_us) = (Key::new(9, 0, 0), 150_000);
+    // A ramp's times are rounded where blocks meet.
+    let mut sensor = real();
+    sensor.noise.leak_hz = 0.0;
+    let reference_luminance = Some(0.5);
+    let settings = Settings {
+        sensor: sensor.clone(),
+        key,
+        size: SIZE,
+        reference_luminance,
+        duration_us,
+        ..Settings::default()
+    };
+    let found = simulate(&scene, &settings).unwrap().events;
+    let config =
+        EmulatorConfig { width, height, sensor, reference_luminance: 0.5, ..EmulatorConfig::default() };
+    let mut emulator = evis_core::emulator::parts::emulator(config, key).unwrap();
+    let picture = evis_decoupled::luminance(&scene, &settings, 0.0).unwrap();
+    let light: Vec<f32> = picture.iter().map(|v| *v as f32).collect();
+    emulator.push(&Frames::linear(&light), 0).unwrap();
+    let mut expected = emulator.push(&Frames::linear(&light), duration_us).unwrap().remove(0);
+    expected.retain(|e| e.t < duration_us);
+    assert!(found == expected && found.len() > 300, "{} events, {}", found.len(), expected.len());
 }

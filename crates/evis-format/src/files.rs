@@ -5,6 +5,7 @@ use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use evis_core::format::FormatError;
+use evis_core::limits::open_regular;
 
 /// What a user can do about a damaged file.
 pub(crate) const COPY_AGAIN: &str = "copy it again from its source; what comes before that byte can be read";
@@ -20,7 +21,7 @@ pub(crate) struct Input {
 impl Input {
     pub(crate) fn open(path: &Path) -> Result<Self, FormatError> {
         let open = || {
-            let file = File::open(path)?;
+            let file = open_regular(path)?;
             let length = file.metadata()?.len();
             Ok((file, length))
         };

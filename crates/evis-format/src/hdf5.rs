@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
+use evis_core::limits::open_regular;
 use evis_core::{CameraInfo, Event, Polarity};
 use rust_hdf5::{H5Dataset, H5File, Hdf5Error};
 
@@ -26,7 +27,7 @@ use crate::write::{EventWriter, WriteOptions};
 pub(crate) const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
 /// Rows that are read at once: four chunks of DSEC's.
 const ROWS_AT_ONCE: u64 = 4 * 65_536;
-/// Deflate expands at most 1032 times, and other filters hardly more on events: a data set that promises more
+/// Deflate expands at most 1032 times, and other filters little more on events: a data set that promises more
 /// than this cannot be in the file.
 const LARGEST_EXPANSION: u64 = 1 << 16;
 /// Most rows of a file.
@@ -55,7 +56,7 @@ pub(crate) struct Hdf5Reader {
 /// as an error.
 fn with_file<T>(path: &Path, read: impl FnOnce(&H5File) -> Result<T, Hdf5Error>) -> Result<T, FormatError> {
     // The system's own reason first.
-    std::fs::File::open(path).map_err(|error| FormatError::io(path, "read", error))?;
+    open_regular(path).map_err(|error| FormatError::io(path, "read", error))?;
     let attempt = catch_unwind(AssertUnwindSafe(|| {
         let file = H5File::options().no_locking().open(path)?;
         read(&file)

@@ -31,7 +31,7 @@ pub use convert::{ConvertOptions, Converted, convert};
 pub use dsec::{DsecExport, export_dsec};
 pub use format::Format;
 pub use open::{create, open};
-pub use packet::{Frame, ImuSample, Packet, Trigger};
+pub use packet::{AedatImuSample, Frame, Packet, Trigger};
 pub use pixel_map::PixelMap;
 pub use read::{Between, EventReader, Extent, ReadOptions, StreamInfo, measure};
 pub use recognise::recognise;

@@ -4,9 +4,10 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use evis_core::Event;
 use evis_core::format::FormatError;
-use evis_core::format::numpy::{Integer, NpyHeader};
-use evis_core::{Event, Polarity};
+use evis_core::format::numpy::{self, Integer, NpyHeader};
+use evis_core::limits::open_regular;
 use flate2::read::DeflateDecoder;
 
 use crate::check::Check;
@@ -27,22 +28,9 @@ const NAMES: [&[&str]; 4] = [
     &["p", "ps", "pol", "polarity", "polarities", "on"],
 ];
 
-/// An event of four values, or what is wrong with them.
-fn event([t, x, y, p]: [Option<i64>; 4]) -> Result<Event, String> {
-    let side = |value: Option<i64>| value.and_then(|value| u16::try_from(value).ok());
-    let polarity = match p {
-        Some(1) => Some(Polarity::On),
-        Some(0 | -1) => Some(Polarity::Off),
-        _ => None,
-    };
-    match (t, side(x), side(y), polarity) {
-        (Some(t), Some(x), Some(y), Some(polarity)) => Ok(Event::new(t, x, y, polarity)),
-        _ => {
-            let [t, x, y, p] =
-                [t, x, y, p].map(|v| v.map_or_else(|| "beyond 63 bits".into(), |value| value.to_string()));
-            Err(format!("an event cannot be: t {t}, x {x}, y {y}, p {p}"))
-        }
-    }
+/// An event of t, x, y and p, or what is wrong with them.
+fn event(values: [Option<i64>; 4]) -> Result<Event, String> {
+    numpy::event(values).map_err(|what| format!("an event {what}"))
 }
 
 /// The four columns of a structure: where each lies, and of which type.
@@ -356,7 +344,7 @@ type Array = (NpyHeader, Box<dyn Read + Send>);
 fn entry(path: &Path, name: &str) -> Result<Option<Array>, FormatError> {
     let failed = |error| FormatError::io(path, "read", error);
     let wrong = |what: String| FormatError::corrupt(path, what, COLUMNS);
-    let mut file = File::open(path).map_err(failed)?;
+    let mut file = open_regular(path).map_err(failed)?;
     let mut archive = zip::ZipArchive::new(BufReader::new(&file))
         .map_err(|error| wrong(format!("its archive cannot be read ({error})")))?;
     let Some(index) = archive.index_for_name(&format!("{name}.npy")) else { return Ok(None) };

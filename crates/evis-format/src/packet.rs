@@ -44,7 +44,7 @@ pub struct Frame {
 
 /// A sample of an inertial unit, in the units of AEDAT4.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ImuSample {
+pub struct AedatImuSample {
     /// Microseconds.
     pub t: i64,
     /// Degrees Celsius.
@@ -67,7 +67,7 @@ pub struct Packet {
     /// Images.
     pub frames: Vec<Frame>,
     /// Inertial samples.
-    pub imu: Vec<ImuSample>,
+    pub imu: Vec<AedatImuSample>,
 }
 
 impl Packet {

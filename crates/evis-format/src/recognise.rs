@@ -1,10 +1,10 @@
 //! How a file's content tells its format.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use evis_core::format::FormatError;
+use evis_core::limits::open_regular;
 
 use crate::format::Format;
 use crate::{dsec, es, hdf5, prophesee, ros, text};
@@ -21,7 +21,7 @@ pub fn recognise(path: &Path) -> Result<Option<Format>, FormatError> {
         return Ok((!dsec::cameras(path).is_empty()).then_some(Format::Dsec));
     }
     let mut head = Vec::new();
-    File::open(path)
+    open_regular(path)
         .and_then(|file| file.take(HEAD).read_to_end(&mut head))
         .map_err(|error| FormatError::io(path, "read", error))?;
     Ok(of_head(&head).or_else(|| text::archive_format(path, &head)))

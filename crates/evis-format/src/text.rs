@@ -5,6 +5,7 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use evis_core::format::FormatError;
+use evis_core::limits::open_regular;
 use evis_core::{Event, Polarity};
 use flate2::read::DeflateDecoder;
 
@@ -53,7 +54,7 @@ pub(crate) fn archive_format(path: &Path, head: &[u8]) -> Option<Format> {
     if !head.starts_with(b"PK\x03\x04") {
         return None;
     }
-    let archive = zip::ZipArchive::new(BufReader::new(File::open(path).ok()?)).ok()?;
+    let archive = zip::ZipArchive::new(BufReader::new(open_regular(path).ok()?)).ok()?;
     let names: Vec<_> = archive.file_names().filter_map(Result::ok).collect();
     if names.iter().any(|name| name.ends_with(".npy")) {
         return Some(Format::Npz);
@@ -144,7 +145,7 @@ struct Lines {
 impl Lines {
     fn open(path: &Path, format: Format) -> Result<Self, FormatError> {
         let failed = |error| FormatError::io(path, "read", error);
-        let mut file = File::open(path).map_err(failed)?;
+        let mut file = open_regular(path).map_err(failed)?;
         let source: Box<dyn BufRead + Send> = if format == Format::TextZip {
             let broken = |what: String| FormatError::corrupt(path, what, crate::files::COPY_AGAIN);
             let mut archive = zip::ZipArchive::new(BufReader::new(&file))

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use evis_core::Polarity;
 use evis_format::{
-    Between, ConvertOptions, Event, EventReader, Format, FormatError, Frame, ImuSample, Packet, ReadOptions,
-    Trigger, WriteOptions, convert, create, measure, open, recognise,
+    AedatImuSample, Between, ConvertOptions, Event, EventReader, Format, FormatError, Frame, Packet,
+    ReadOptions, Trigger, WriteOptions, convert, create, measure, open, recognise,
 };
 
 const SIZE: (u32, u32) = (1280, 720);
@@ -244,7 +244,7 @@ fn aedat4_carries_frames_and_inertial_samples() {
         channels,
         pixels: (0..32 * 20 * u32::from(channels)).map(|v| (v * 7 + k as u32) as u8).collect(),
     };
-    let imu = |k: i64| ImuSample {
+    let imu = |k: i64| AedatImuSample {
         t: k * 10,
         temperature: 20.5 + k as f32,
         acceleration: [0.1, -0.2, 9.0],
@@ -401,7 +401,7 @@ fn flipped_bits_never_break_the_reader() {
         events,
         triggers: vec![Trigger::new(0, 0, true)],
         frames: vec![Frame { width: 8, height: 8, channels: 1, pixels: vec![1; 64], ..Frame::default() }],
-        imu: vec![ImuSample::default(); 3],
+        imu: vec![AedatImuSample::default(); 3],
     };
     for format in Format::BOTH_WAYS {
         let path = folder.file(format);
@@ -638,7 +638,7 @@ fn bags_hold_images_and_inertial_samples_beside_events() {
         channels: 1,
         pixels: vec![7, 77, 177, 201, 202, 203],
     };
-    let sample = ImuSample { t: 1_000_007, acceleration: [1.0, 0.0, 0.0], ..ImuSample::default() };
+    let sample = AedatImuSample { t: 1_000_007, acceleration: [1.0, 0.0, 0.0], ..AedatImuSample::default() };
     let mut parts = packets(&events, 100);
     parts[0].frames.push(frame.clone());
     parts[0].imu.push(sample);

@@ -6,7 +6,9 @@ use std::task::Poll;
 
 use evis_core::CameraInfo;
 use evis_render::settings::RecordedScene;
-use evis_render::{DeviceSummary, Gpu, PacketStream, Quality, RunConfig, RunRequest, implausible};
+use evis_render::{
+    DeviceSummary, EnvironmentSensor, Gpu, PacketStream, Quality, RunConfig, RunRequest, implausible,
+};
 use evis_scene::{HostJump, HostPose, HostStep, MaterialChange, VisibleSteps};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -210,13 +212,15 @@ impl Simulator {
     }
 
     /// Resets environments. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w). `visible` and
-    /// `materials`: as of a step, without times.
-    #[pyo3(signature = (environments, seeds, poses, visible, materials))]
+    /// `materials`: as of a step, without times. `sensors`: environment, index of the camera, sensor as JSON.
+    #[pyo3(signature = (environments, seeds, sensors, poses, visible, materials))]
+    #[expect(clippy::too_many_arguments, reason = "Python names them")]
     fn reset(
         &self,
         py: Python<'_>,
         environments: Vec<usize>,
         seeds: Vec<u64>,
+        sensors: Vec<(usize, usize, String)>,
         poses: Vec<(usize, usize, [f64; 7])>,
         visible: Vec<(usize, usize, bool)>,
         materials: Vec<(usize, usize, Factors)>,
@@ -226,11 +230,15 @@ impl Simulator {
         };
         let poses: Vec<_> = poses.into_iter().map(pose).collect();
         let materials: Vec<_> = materials.into_iter().map(host_change).collect();
+        let sensor = |(environment, camera, json): (usize, usize, String)| {
+            Ok::<_, Failure>(EnvironmentSensor { environment, camera, sensor: emulator::from_json(&json)? })
+        };
+        let sensors: Vec<_> = sensors.into_iter().map(sensor).collect::<Result<_, _>>()?;
         py.detach_engine(|| {
             let mut engine = lock_unpoisoned(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(engine_in_stream)?;
             let jump = HostJump { poses: &poses, visible: &visible, materials: &materials };
-            Ok::<_, Failure>(simulator.reset_to(&environments, &seeds, &jump)?)
+            Ok::<_, Failure>(simulator.reset_to(&environments, &seeds, &sensors, &jump)?)
         })
     }
 

@@ -2,7 +2,7 @@
 //!
 //! 1 to 256 environments of one camera at 64x64, 1 to 16 at 346x260, by `--quality standard` and by `native` at 500 Hz with 4
 //! samples. Every environment shows the same, so that a camera of a large batch has the same work as a single one. Rows are
-//! measured in turn, several times, and the least counts: of time on all cores, which other work on the machine hardly moves,
+//! measured in turn, several times, and the least counts: of time on all cores, which other work on the machine changes little,
 //! and of time on the wall.
 
 #[allow(dead_code, reason = "other benchmarks ask for more")]

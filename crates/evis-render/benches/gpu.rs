@@ -10,7 +10,7 @@ use std::time::Instant;
 use evis_core::{TriggerRule, Warp};
 use evis_render::gpu::work::Counts;
 use evis_render::scene::{Scene, Variant};
-use evis_render::{Antialias, Between, DeviceSummary, Gpu, Method, RunConfig, Simulator};
+use evis_render::{Antialias, DeviceSummary, Gpu, Interpolation, Method, RunConfig, Simulator};
 use serde::Serialize;
 
 /// Whatever ends a measurement.
@@ -97,7 +97,7 @@ fn settings(size: (u32, u32)) -> Vec<Setting> {
     };
     let adaptive = RunConfig {
         adaptive_px: Some(0.5),
-        between: Between::Curve,
+        between: Interpolation::Curve,
         antialias: Antialias::Edges,
         samples: 16,
         ..base

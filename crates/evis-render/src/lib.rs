@@ -39,9 +39,9 @@ mod world;
 #[cfg(test)]
 mod tests;
 
-pub use config::{Antialias, Between, Method, Quality, RunConfig, Shadows, scene_sensors};
+pub use config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows, scene_sensors};
 pub use engine::bench;
-pub use engine::{PacketStream, Simulator};
+pub use engine::{EnvironmentSensor, PacketStream, Simulator};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};

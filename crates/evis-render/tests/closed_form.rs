@@ -1,4 +1,4 @@
-//! Floor 4: the product against closed forms. Drifting gratings, step edges under the box filter, flicker, and
+//! The product against closed forms. Drifting gratings, step edges under the box filter, flicker, and
 //! motion vectors, each with the pixel's own integral in the formula. `-- --nocapture` prints the measured figures.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 
 use evis_core::closed_form::{self, Flicker, FlickerShape, Footprint, PixelLight, Signal, Sinusoid};
 use evis_core::{Event, LabelData, LabelKind, Polarity, SensorConfig, TriggerRule};
-use evis_render::{Between, Gpu, RunConfig, Simulator};
+use evis_render::{Gpu, Interpolation, RunConfig, Simulator};
 use evis_scene::builder::{EventCamera, Labels, Placement, Sampling, SceneBuilder};
 use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
 use evis_scene::primitive::Shape;
@@ -532,7 +532,7 @@ fn curves_between_samples_are_nearer_to_a_grating_than_lines() {
     // Four milliseconds from sample to sample, four samples in a block: what they may miss of an extremum is more.
     let solve = Solve { end_us: grating.end_us, band: 0.05, margin_us: 2_000.0 };
     let truth = truth(Grating::SIZE, grating.drift, solve, &form);
-    let [line, curve] = [Between::Line, Between::Curve].map(|between| {
+    let [line, curve] = [Interpolation::Line, Interpolation::Curve].map(|between| {
         let config = RunConfig { adaptive_px: Some(1.3), between, ..config(grating.samples) };
         let events = run(&gpu, &scene, config, grating.end_us);
         let got = compare(&events, Grating::SIZE, &truth, grating.end_us);

@@ -151,7 +151,7 @@ impl Scene {
         let speed = settings.speed_px_per_s.unwrap_or(DEFAULT_SPEED_PX_PER_S);
         check_speed(speed)
             .map_err(|reason| SceneError::Rule(format!("the camera speed is {speed} px/s; {reason}")))?;
-        // Twice the same: a scene that has been moved by default is not moved anew.
+        // Twice the same: a scene that has been moved by default is not moved again.
         if settings.motion.is_none() && settings.speed_px_per_s.is_none() && self.camera_motion.is_some() {
             return Ok(());
         }

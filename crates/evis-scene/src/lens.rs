@@ -9,7 +9,7 @@ use glam::{DMat2, DVec2, DVec3};
 
 use crate::distortion::{Distortion, TOLERANCE};
 use crate::error::SceneError;
-use crate::model::{Lens, Scene};
+use crate::model::{Camera, Lens, Scene};
 
 /// What an inverse may miss its point by, in normalised image coordinates.
 const ACCEPTED: f64 = 1e-10;
@@ -193,9 +193,34 @@ impl CalibratedLens {
     }
 }
 
+impl Camera {
+    /// Width and height in pixels: `size`, the camera's own, or its aspect (4:3 where it has none) at 480 rows.
+    pub fn pixels(&self, size: Option<(u32, u32)>) -> (u32, u32) {
+        size.or(self.width.zip(self.height)).unwrap_or_else(|| {
+            let aspect = self.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
+            (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
+        })
+    }
+
+    /// Focal lengths and principal point in pixels of a picture of `width` by `height`, pixel centres at +0.5: intrinsics
+    /// belong to the camera's own size, and another size sees the same field.
+    pub fn intrinsics(&self, (width, height): (u32, u32)) -> ([f64; 2], [f64; 2]) {
+        let size = DVec2::new(width.into(), height.into());
+        let (focal, center) = match self.lens {
+            Lens::FieldOfView { fov_y } => (DVec2::splat(0.5 * size.y / (0.5 * fov_y).tan()), 0.5 * size),
+            Lens::Intrinsics { fx, fy, cx, cy } => {
+                let own =
+                    DVec2::new(self.width.unwrap_or(width).into(), self.height.unwrap_or(height).into());
+                let scale = size / own;
+                (DVec2::new(fx, fy) * scale, DVec2::new(cx, cy) * scale)
+            }
+        };
+        (focal.into(), center.into())
+    }
+}
+
 impl Scene {
-    /// The lens of camera `camera` (an index) in pixels of a picture of `width` by `height`: intrinsics belong to the
-    /// camera's own size, and another size sees the same field.
+    /// The lens of camera `camera` (an index) in pixels of a picture of `width` by `height`, as [`Camera::intrinsics`] has it.
     ///
     /// # Errors
     /// As [`CalibratedLens::new`]; a camera that does not exist.
@@ -211,17 +236,8 @@ impl Scene {
                 self.cameras.len()
             )));
         };
-        let size = DVec2::new(width.into(), height.into());
-        let (focal, center) = match camera.lens {
-            Lens::FieldOfView { fov_y } => (DVec2::splat(0.5 * size.y / (0.5 * fov_y).tan()), 0.5 * size),
-            Lens::Intrinsics { fx, fy, cx, cy } => {
-                let own =
-                    DVec2::new(camera.width.unwrap_or(width).into(), camera.height.unwrap_or(height).into());
-                let scale = size / own;
-                (DVec2::new(fx, fy) * scale, DVec2::new(cx, cy) * scale)
-            }
-        };
-        CalibratedLens::new(focal.into(), center.into(), self.distortions.get(&camera.name).copied())
+        let (focal, center) = camera.intrinsics((width, height));
+        CalibratedLens::new(focal, center, self.distortions.get(&camera.name).copied())
             .map_err(|error| SceneError::Rule(format!("camera '{}': {error}", camera.name)))
     }
 }

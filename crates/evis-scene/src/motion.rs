@@ -480,6 +480,19 @@ fn catmull_rom_velocity(times: &[f64], positions: &[DVec3], key: usize) -> DVec3
 }
 
 impl Path {
+    /// Appends the times at which it may bend or jump, in seconds.
+    pub(crate) fn break_times(&self, times: &mut Vec<f64>) {
+        match self {
+            Self::Ballistic { launch_s, .. } => times.push(*launch_s),
+            Self::Keys { times: keys, .. } => times.extend_from_slice(keys),
+            Self::Chain(paths) => paths.iter().for_each(|p| p.break_times(times)),
+            Self::ConstantVelocity { .. }
+            | Self::Spin { .. }
+            | Self::FigureEight { .. }
+            | Self::Harmonic { .. } => {}
+        }
+    }
+
     /// `parent_from_node` at `t_s` seconds.
     pub fn matrix(&self, t_s: f64) -> DMat4 {
         match self {
@@ -660,6 +673,25 @@ fn keyed_pose(
 }
 
 impl Waveform {
+    /// Appends the times of its edges in a range and just around it, in seconds.
+    pub(crate) fn edge_times(&self, [from, to]: [f64; 2], times: &mut Vec<f64>) {
+        let duty = match self.shape {
+            WaveShape::Sine => return,
+            WaveShape::Square => 0.5,
+            WaveShape::Pwm { duty } => duty,
+        };
+        if self.frequency_hz <= 0.0 {
+            return;
+        }
+        let first = (from * self.frequency_hz + self.phase).floor();
+        let last = (to * self.frequency_hz + self.phase).ceil();
+        let mut cycle = first;
+        while cycle <= last {
+            times.extend([cycle, cycle + duty].map(|c| (c - self.phase) / self.frequency_hz));
+            cycle += 1.0;
+        }
+    }
+
     /// Whether the factor is the same at all times.
     pub fn rests(&self) -> bool {
         self.low == self.high || self.frequency_hz == 0.0

@@ -20,7 +20,7 @@ pub const ENDINGS: [&str; 7] = ["png", "jpg", "jpeg", "hdr", "exr", "tif", "tiff
 /// never shows its border.
 pub(crate) const MARGIN: f64 = 0.08;
 
-/// Half of the view's diagonal over the camera's distance: a narrow view, so that turning the camera hardly bends the
+/// Half of the view's diagonal over the camera's distance: a narrow view, so that turning the camera bends little of the
 /// picture.
 const HALF_DIAGONAL_TANGENT: f64 = 0.45;
 

@@ -1,4 +1,4 @@
-//! What a user hardly meant: a camera inside a model, a model of an unlikely size, an image that moves too fast.
+//! Scenes that are probably a mistake: a camera inside a model, a model of an unlikely size, an image that moves too fast.
 
 use glam::{DMat4, DVec3};
 
@@ -6,7 +6,7 @@ use crate::model::Scene;
 use crate::pose::SceneState;
 use crate::visible::{Pinhole, hit};
 
-/// Largest sides beyond which a scene was hardly meant, metres.
+/// Largest side of a likely scene, metres.
 const LIKELY_M: std::ops::RangeInclusive<f64> = 1.0e-3..=1.0e4;
 
 /// Times of a stream at which image motion is measured.
@@ -30,7 +30,7 @@ struct Nearest {
 }
 
 impl Scene {
-    /// What is said of a scene whose unit was hardly the metre: one below a millimetre, or beyond 10 km.
+    /// A warning about a scene whose unit is probably not the metre: one below a millimetre, or beyond 10 km.
     pub fn unlikely_size(&self) -> Option<String> {
         let (low, high) = self.bounds(0.0)?;
         unlikely_size((high - low).max_element())

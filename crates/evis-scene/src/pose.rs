@@ -132,6 +132,41 @@ impl Scene {
         times
     }
 
+    /// Times in (start, end), in microseconds of scene time and ascending, at which a motion or a light bends or jumps: keys of
+    /// curves and paths, launches, edges of square and pulsed light, and [`Scene::host_step_times`]. A host's poses are not among
+    /// them.
+    pub fn break_times(&self, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
+        let speed = self.speed.unwrap_or(1.0);
+        let offset_s = variant.map_or(0.0, |v| v.time_offset_s);
+        let range_s = [start_us, end_us].map(|t| t * 1e-6 * speed + offset_s);
+        let mut times = Vec::new();
+        for node in &self.nodes {
+            match &node.motion {
+                // What a host moves bends where its poses are, and jumps where it is shown or hidden.
+                Motion::Fixed(_) | Motion::Driven(_) => {}
+                Motion::Animated { translation, rotation, scale, .. } => {
+                    for curve in [translation, rotation, scale].into_iter().flatten() {
+                        times.extend_from_slice(&curve.times);
+                    }
+                }
+                Motion::Path(path) => path.break_times(&mut times),
+            }
+            node.morph.iter().for_each(|curve| times.extend_from_slice(&curve.times));
+        }
+        let waves = self.lights.iter().filter_map(|l| l.waveform);
+        for wave in waves.chain(self.materials.iter().filter_map(|m| m.emission_waveform)) {
+            wave.edge_times(range_s, &mut times);
+        }
+        times.retain(|t| *t > range_s[0] && *t < range_s[1]);
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        let mut times: Vec<f64> = times.into_iter().map(|t| (t - offset_s) / speed * 1e6).collect();
+        times.extend(self.host_step_times(variant, start_us, end_us));
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times
+    }
+
     /// The scene with everything that moves, deforms or changes its light `speed` times as fast as now. Offsets of
     /// variants stay seconds of its own clock.
     ///

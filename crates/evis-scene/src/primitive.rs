@@ -67,7 +67,7 @@ impl Shape {
         }
     }
 
-    /// What a rigid body of this shape touches others with. Like MuJoCo's, a plane is seen as far as its size and felt
+    /// What a rigid body of this shape touches others with. Like MuJoCo's, a plane is seen as far as its size and touched
     /// without an end.
     pub const fn collider(&self) -> Collider {
         match *self {

@@ -1,4 +1,4 @@
-//! The door of a scene: everything that the engine later trusts is checked, or filled in, once.
+//! Validation of a scene: everything that the engine later trusts is checked, or filled in, once.
 
 use std::collections::HashSet;
 

@@ -3,7 +3,7 @@
 use glam::{DMat4, DVec2, DVec3};
 
 use crate::framing::deformed;
-use crate::model::{Camera, Lens, Scene};
+use crate::model::{Camera, Scene};
 use crate::pose::SceneState;
 
 /// Rays of the coarse grid along each axis.
@@ -12,16 +12,6 @@ const ROWS: usize = 48;
 
 /// Half of the step, in seconds, over which image speeds are taken.
 const HALF_STEP_S: f64 = 1e-5;
-
-impl Camera {
-    /// Width and height in pixels: `size` where it is given, else the camera's own, else its aspect at 480 lines.
-    pub fn pixels(&self, size: Option<(u32, u32)>) -> (u32, u32) {
-        size.or_else(|| self.width.zip(self.height)).unwrap_or_else(|| {
-            let aspect = self.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
-            (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
-        })
-    }
-}
 
 /// A pinhole in pixels; cameras look along -Z.
 #[derive(Clone, Copy, Debug)]
@@ -39,17 +29,9 @@ pub(crate) struct Pinhole {
 impl Pinhole {
     pub fn new(camera: &Camera, size: Option<(u32, u32)>) -> Self {
         let (width, height) = camera.pixels(size);
+        let (focal, center) = camera.intrinsics((width, height));
         let size = DVec2::new(width.into(), height.into());
-        let (focal, center) = match camera.lens {
-            Lens::FieldOfView { fov_y } => (DVec2::splat(0.5 * size.y / (0.5 * fov_y).tan()), 0.5 * size),
-            Lens::Intrinsics { fx, fy, cx, cy } => {
-                let own =
-                    DVec2::new(camera.width.unwrap_or(width).into(), camera.height.unwrap_or(height).into());
-                let scale = size / own;
-                (DVec2::new(fx, fy) * scale, DVec2::new(cx, cy) * scale)
-            }
-        };
-        Self { size, focal, center, near: camera.near }
+        Self { size, focal: focal.into(), center: center.into(), near: camera.near }
     }
 
     /// Where the camera shows a point of its own frame; `None` behind its near plane.

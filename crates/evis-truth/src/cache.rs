@@ -10,7 +10,7 @@ use crate::oracle::truth;
 use crate::settings::{TruthError, TruthSettings};
 
 /// Counts up with every change of the oracle that changes what it says: older files are then not found.
-const ORACLE_VERSION: u32 = 5;
+const ORACLE_VERSION: u32 = 6;
 
 /// As [`truth`], kept in `folder` under a hash of scene and settings: asked for again, it is read. A folder that cannot be
 /// read or written only costs the work.

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use evis_scene::{CalibratedLens, Lens, Motion, Scene, SceneError, SceneState, rigid, rigid_or_unrotated};
+use evis_scene::{CalibratedLens, Motion, Scene, SceneError, SceneState, rigid, rigid_or_unrotated};
 use glam::DVec3;
 
 use crate::rays::{
@@ -92,12 +92,12 @@ impl<'a> Clock<'a> {
         }
     }
 
-    /// Times within the stream's first `duration_us` microseconds, from its start and ascending, at which a host shows or hides
-    /// nodes or changes materials. There everything is still as it was.
-    pub fn host_steps(&self, duration_us: i64) -> Vec<i64> {
+    /// Times within the stream's first `duration_us` microseconds, from its start and ascending, at which motion or light bends
+    /// or jumps. At a jump everything is still as it was.
+    pub fn break_times(&self, duration_us: i64) -> Vec<f64> {
         let start_us = self.start_us as f64;
-        let times = self.scene.host_step_times(None, start_us - 0.5, start_us + duration_us as f64);
-        times.into_iter().map(|t_us| (t_us - start_us).round() as i64).collect()
+        let times = self.scene.break_times(None, start_us - 0.5, start_us + duration_us as f64);
+        times.into_iter().map(|t_us| t_us - start_us).collect()
     }
 
     /// Whether any light moves.
@@ -157,27 +157,8 @@ fn moving_nodes(scene: &Scene) -> Vec<bool> {
 /// Lens of camera `camera` in pixels, at the size that `settings`, the camera or the defaults say.
 fn pinhole(scene: &Scene, camera: usize, settings: &TruthSettings) -> Result<Pinhole, SceneError> {
     let camera = &scene.cameras[camera];
-    let (width, height) = match (settings.size, camera.width, camera.height) {
-        (Some(size), ..) => size,
-        (None, Some(width), Some(height)) => (width, height),
-        _ => {
-            let aspect = camera.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
-            (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
-        }
-    };
-    let (w, h) = (f64::from(width), f64::from(height));
-    let (focal, center) = match camera.lens {
-        Lens::FieldOfView { fov_y } => {
-            let focal = 0.5 * h / (0.5 * fov_y).tan();
-            ([focal, focal], [0.5 * w, 0.5 * h])
-        }
-        Lens::Intrinsics { fx, fy, cx, cy } => {
-            // Intrinsics belong to the camera's own size; another size sees the same field.
-            let x = w / f64::from(camera.width.unwrap_or(width));
-            let y = h / f64::from(camera.height.unwrap_or(height));
-            ([fx * x, fy * y], [cx * x, cy * y])
-        }
-    };
+    let (width, height) = camera.pixels(settings.size);
+    let (focal, center) = camera.intrinsics((width, height));
     let usable = focal.iter().all(|f| f.is_finite() && *f > 0.0)
         && center.iter().all(|c| c.is_finite())
         && camera.near.is_finite()

@@ -10,7 +10,7 @@ use crate::rays::caster::seen_from;
 use crate::rays::{Beam, Projection};
 use crate::signal::at;
 
-/// Pixels of motion between two looks at a pixel.
+/// Pixels of motion between two samples of a pixel.
 const MOTION_PER_STEP: f64 = 0.25;
 /// Margin on speeds, for what lies between the places and times at which they are looked up.
 const MARGIN: f64 = 1.5;
@@ -55,13 +55,15 @@ pub fn shortest(clock: &Clock, duration_us: i64) -> (i64, f64) {
     (step, fastest)
 }
 
-/// Times at which each of a host's steps is evaluated: at the step, and a microsecond after it.
-pub fn host_looks(clock: &Clock, duration_us: i64) -> Vec<i64> {
-    let steps = clock.host_steps(duration_us).into_iter();
-    steps.flat_map(|t_us| [t_us, t_us + 1]).filter(|t_us| (0..=duration_us).contains(t_us)).collect()
+/// Times at which what bends or jumps is evaluated: the last microsecond up to it, and the first one after it. Motion to and
+/// fro turns at its keys, where light touches a level that it misses a microsecond earlier and later.
+pub fn break_looks(clock: &Clock, duration_us: i64) -> Vec<i64> {
+    let breaks = clock.break_times(duration_us).into_iter();
+    let sides = breaks.map(|t_us| t_us.floor() as i64).flat_map(|t_us| [t_us, t_us + 1]);
+    sides.filter(|t_us| (0..=duration_us).contains(t_us)).collect()
 }
 
-/// Time between two looks where light moves this fast, in pixels per second.
+/// Time between two samples where light moves this fast, in pixels per second.
 fn wanted_us(speed: f64) -> f64 {
     1e6 * MOTION_PER_STEP / (MARGIN * speed).max(1.0)
 }
@@ -71,8 +73,8 @@ pub struct Schedule<'c, 'a> {
     clock: &'c Clock<'a>,
     shortest_us: i64,
     duration_us: i64,
-    /// Times between which light changes all at once: those of a host's steps, and the ones just after.
-    steps_us: Vec<i64>,
+    /// Times at both sides of which motion or light bends or jumps.
+    breaks_us: Vec<i64>,
     /// `None`: all pixels are looked at equally often.
     local: Option<Local<'a>>,
 }
@@ -96,8 +98,8 @@ struct Window<'a> {
 impl<'c, 'a> Schedule<'c, 'a> {
     /// The same step for all.
     pub fn even(clock: &'c Clock<'a>, step_us: i64, duration_us: i64) -> Self {
-        let steps_us = host_looks(clock, duration_us);
-        Self { clock, shortest_us: step_us, duration_us, steps_us, local: None }
+        let breaks_us = break_looks(clock, duration_us);
+        Self { clock, shortest_us: step_us, duration_us, breaks_us, local: None }
     }
 
     /// Steps from the fastest motion near each pixel; `shortest_us` and `fastest` are what [`shortest`] says.
@@ -144,8 +146,8 @@ impl<'c, 'a> Schedule<'c, 'a> {
                 }
             }
         }
-        if !self.steps_us.is_empty() {
-            times.extend(&self.steps_us);
+        if !self.breaks_us.is_empty() {
+            times.extend(&self.breaks_us);
             times.sort_unstable();
             times.dedup();
         }

@@ -48,7 +48,7 @@ pub struct TruthSettings {
     pub reference_luminance: Option<f32>,
     /// Which family of samples.
     pub lattice: Lattice,
-    /// Time between two looks at a pixel, in microseconds, before any crossing is looked for; `None` takes, for each
+    /// Time between two samples of a pixel, in microseconds, before any crossing is looked for; `None` takes, for each
     /// pixel and time, what the fastest thing near it needs to move by a quarter of a pixel: 64 to 1024.
     pub step_us: Option<i64>,
     /// Part of the steps in which nothing fired that are looked at again, 16 times as finely; see [`crate::Audit`].

@@ -16,6 +16,9 @@ const DEPTH: u32 = 6;
 const EXCURSION: f64 = 1.0;
 /// And this is twice as much as a parabola needs, whatever the samples' error.
 const PARABOLA: f64 = 0.25;
+/// Light that comes as near to a level as this, in log units, reaches it. What moves to and fro returns to the same light
+/// but for the rounding of its poses, and whether it fires there must not depend on that.
+const TIE: f64 = 1e-6;
 /// Second differences below this are no excursion: rounding, and far below any threshold.
 const FLAT: f64 = 1e-6;
 /// A reading decides about a threshold where it is farther from it than this many times its own error.
@@ -30,7 +33,7 @@ const TIME_STEP_US: f64 = 0.5;
 /// How far an excursion goes past a threshold to be called missed, in log light: a hundredth of a usual threshold. Of one
 /// that only touches it, truths of other samples do not know either.
 const AUDIT_DEPTH: f64 = 0.002;
-/// Two evaluations so far apart, in microseconds, are at the sides of a host's step.
+/// Two evaluations so far apart, in microseconds, are at the sides of a bend or a jump.
 const JUMP_US: f64 = 1.0;
 /// Regions are looked up this often, in microseconds.
 const REGION_US: f64 = 4000.0;
@@ -264,12 +267,14 @@ impl<'a, 's> Walker<'a, 's> {
         self.truth.audit.missed += u64::from(missed);
     }
 
+    /// Where the next ON event fires.
     fn upper(&self) -> f64 {
-        self.reference + f64::from(self.rules.sensor.threshold_on)
+        self.reference + f64::from(self.rules.sensor.threshold_on) - TIE
     }
 
+    /// Where the next OFF event fires.
     fn lower(&self) -> f64 {
-        self.reference - f64::from(self.rules.sensor.threshold_off)
+        self.reference - f64::from(self.rules.sensor.threshold_off) + TIE
     }
 
     /// Everything that fires in (a, b]; returns `b`, known better where that was needed.
@@ -291,15 +296,19 @@ impl<'a, 's> Walker<'a, 's> {
         self.fire(a, b)
     }
 
-    /// Everything that fires between two looks of a monotone piece.
+    /// Everything that fires between two samples of a monotone piece.
     fn fire(&mut self, a: Look, mut b: Look) -> Look {
         let mut start = a;
         loop {
             let (upper, lower) = (self.upper(), self.lower());
-            let distance = (b.log - upper).abs().min((b.log - lower).abs());
-            if distance < DECIDED * b.error {
-                let sure = self.fine(b.t_us, distance / DECIDED);
-                // As well as it can be known; asked again it would say the same.
+            let distance = |look: Look| (look.log - upper).abs().min((look.log - lower).abs());
+            let undecided = |look: Look| distance(look) < DECIDED * look.error;
+            if undecided(b) {
+                let mut sure = self.fine(b.t_us, distance(b) / DECIDED);
+                if undecided(sure) {
+                    // With all the samples that there are.
+                    sure = self.fine(b.t_us, 0.0);
+                }
                 b = Look { error: 0.0, ..sure };
             }
             let (polarity, level) = if b.log >= upper {
@@ -319,7 +328,7 @@ impl<'a, 's> Walker<'a, 's> {
                 self.truth.events.push(fired);
             }
             start = at;
-            self.reference = level;
+            self.reference = level + sign * TIE;
         }
     }
 
@@ -424,7 +433,7 @@ impl Bracket {
         self.low.t_us + (self.high.t_us - self.low.t_us) * share
     }
 
-    /// Looks between the two until they are [`TIME_STEP_US`] apart, or a look is closer to the level than `sure` of it
+    /// Samples between the two until they are [`TIME_STEP_US`] apart, or a sample is closer to the level than `sure` of it
     /// or than the bracket's slope moves in a fifth of that time. Illinois' rule (M. Dowell and P. Jarratt, 1971): an
     /// end that stays is weighed half; a bracket that does not shrink is halved.
     fn narrow(mut self, mut look: impl FnMut(f64) -> Look, sure: impl Fn(Look) -> f64) -> Self {
@@ -435,7 +444,7 @@ impl Bracket {
                 break;
             }
             let guess = if round % 4 == 3 { 0.5 * (self.low.t_us + self.high.t_us) } else { self.zero() };
-            // Off the ends, where a look would tell nothing.
+            // Off the ends, where a sample would tell nothing.
             let margin = (0.01 * width).max(0.2 * TIME_STEP_US).min(0.5 * width);
             let now = look(guess.clamp(self.low.t_us + margin, self.high.t_us - margin));
             let height = self.height(now);

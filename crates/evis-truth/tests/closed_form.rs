@@ -10,7 +10,7 @@ use evis_core::closed_form::{
 };
 use evis_core::metric::{ScoreSettings, score};
 use evis_core::{SensorConfig, Truth, closed_form};
-use evis_scene::motion::{Path, WaveShape, Waveform};
+use evis_scene::motion::{Curve, Interpolation, Path, WaveShape, Waveform};
 use evis_scene::{
     Camera, Lens, Light, LightKind, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs,
 };
@@ -460,6 +460,50 @@ fn by_pixel(truth: &Truth) -> Vec<Vec<(i64, i16)>> {
     let of =
         |pixel: &[u16; 2]| truth.events.iter().filter(|e| [e.x, e.y] == *pixel).map(|e| (e.t, e.p)).collect();
     truth.pixels.iter().map(of).collect()
+}
+
+#[test]
+fn what_swings_fires_alike_in_every_swing() {
+    // Equal thresholds: the last event of a swing fires where light is back at its level, and nowhere else.
+    const SWING_US: i64 = 2000;
+    const SWINGS: i64 = 6;
+    let mut scene = scene();
+    backdrop(&mut scene, 0.2);
+    let rest =
+        Trs { translation: on_wall(14.0, 9.0), rotation: DQuat::from_rotation_z(0.3), scale: DVec3::ONE };
+    let there = rest.translation + DVec3::X * 2.3 / PX;
+    let keys = 0..=2 * SWINGS;
+    let translation = Curve {
+        times: keys.clone().map(|k| 0.5e-6 * (k * SWING_US) as f64).collect(),
+        values: keys.flat_map(|k| if k % 2 == 0 { rest.translation } else { there }.to_array()).collect(),
+        width: 3,
+        interpolation: Interpolation::Linear,
+    };
+    let motion = Motion::Animated { rest, translation: Some(translation), rotation: None, scale: None };
+    add(&mut scene, card(-0.3, 0.0, -0.3, 0.3), grey(1.0), motion);
+    let settings = TruthSettings {
+        sensor: SensorConfig::default(),
+        duration_us: SWINGS * SWING_US,
+        ..settings(Lattice::First, PixelChoice::Crop { x: 10, y: 2, width: 10, height: 14 })
+    };
+    let mut fired = 0;
+    for events in by_pixel(&truth(&scene, &settings, &|_| true).unwrap()) {
+        let of_swing = |swing: i64| -> Vec<(i64, i16)> {
+            // The turn itself ends a swing; when light only touches a level is known less well.
+            let [from, until] = [0, 1].map(|k| (swing + k) * SWING_US + 5);
+            let inside = events.iter().filter(|e| e.0 > from && e.0 <= until);
+            inside.map(|(t, p)| (t - swing * SWING_US, *p)).collect()
+        };
+        let first = of_swing(0);
+        fired += first.len();
+        for swing in 1..SWINGS {
+            let other = of_swing(swing);
+            let alike = first.len() == other.len()
+                && first.iter().zip(&other).all(|(a, b)| a.1 == b.1 && a.0.abs_diff(b.0) <= 20);
+            assert!(alike, "swing {swing}: {other:?}, the first one {first:?}");
+        }
+    }
+    assert!(fired > 200, "{fired} events in a swing");
 }
 
 #[test]

@@ -10,6 +10,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use evis_core::format::FormatError;
+use evis_core::limits::open_regular;
 
 use crate::error::VideoError;
 use crate::picture::{Picture, Values};
@@ -86,7 +87,7 @@ fn missing(program: &OsString, error: &std::io::Error) -> VideoError {
 impl Film {
     /// Starts ffmpeg on the film at `path`.
     pub fn open(path: &Path, ffmpeg: Option<&Path>) -> Result<Self, VideoError> {
-        std::fs::File::open(path).map_err(|error| FormatError::io(path, "read", error))?;
+        open_regular(path).map_err(|error| FormatError::io(path, "read", error))?;
         let program = program(ffmpeg);
         let about = look(&program, path)?;
         Self::start(&program, path, about)

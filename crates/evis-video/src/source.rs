@@ -1,4 +1,4 @@
-//! One door to films, folders of pictures and arrays of frames.
+//! One source for films, folders of pictures and arrays of frames.
 
 use std::path::{Path, PathBuf};
 

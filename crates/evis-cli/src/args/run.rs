@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use evis_core::TriggerRule;
-use evis_render::{Antialias, Between, Method, Quality, Shadows};
+use evis_render::{Antialias, Method, Quality, Shadows};
 
 use super::camera::{AnimationArgs, CameraArgs};
 use super::choices::{labels, words};
@@ -183,12 +183,6 @@ pub(crate) struct RunArgs {
         hide_short_help = true
     )]
     pub(crate) adaptive: Option<f64>,
-
-    /// With --adaptive: how log light runs between two samples [default: line]
-    ///
-    /// For a sensor of thresholds alone.
-    #[arg(long, value_parser = words::<Between>(), value_name = "CURVE", help_heading = "Quality", hide_short_help = true)]
-    pub(crate) between: Option<Between>,
 
     /// Samples per pixel and instant, 1 to 256 [default: 4]
     #[arg(long, value_name = "N", value_parser = sample_count, allow_hyphen_values = true, help_heading = "Quality", hide_short_help = true)]

@@ -218,7 +218,6 @@ fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
             method: args.method,
             rate_hz: args.rate,
             adaptive_px: args.adaptive,
-            between: args.between,
             samples: args.samples,
             antialias: args.antialias,
             texture_taps: args.texture_taps,

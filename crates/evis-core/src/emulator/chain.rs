@@ -7,6 +7,7 @@
 use super::frames::{BLOCK, Source};
 use super::ideal::{Interval, Tally};
 use super::noise::{Candidate, TileNoise, spread_mean};
+use super::numbering::Numbering;
 use super::order::Record;
 use super::readout::delay_us;
 use super::receptor::{Course, When, cells, gain_of, knots_of, shift_of};
@@ -201,8 +202,13 @@ pub struct Frozen {
 impl Frozen {
     /// Of `length` pixels from `first` on.
     pub fn draw(sensor: &SensorConfig, key: Key, first: usize, length: usize) -> Self {
+        Self::of(sensor, key, Numbering::run(first), length)
+    }
+
+    /// Of the first `length` pixels of a tile.
+    fn of(sensor: &SensorConfig, key: Key, numbering: Numbering, length: usize) -> Self {
         let (mut on, mut off) = (vec![0.0; length], vec![0.0; length]);
-        draw_thresholds(sensor, key, first, (&mut on, &mut off), (0, 0));
+        draw_thresholds(sensor, key, numbering, (&mut on, &mut off), (0, 0));
         let noise = &sensor.noise;
         let mut slope = Vec::new();
         if ramps(sensor) {
@@ -210,7 +216,7 @@ impl Frozen {
             slope = (0..length)
                 .map(|i| {
                     let factor = if noise.leak_spread_decades > 0.0 {
-                        let [_, _, a, b] = key.draw((first + i) as u32, StreamId::Defects, 0, 1);
+                        let [_, _, a, b] = key.draw(numbering.of(i as u32), StreamId::Defects, 0, 1);
                         10_f64.powf(f64::from(noise.leak_spread_decades) * normals(a, b).1) / mean
                     } else {
                         1.0
@@ -224,11 +230,11 @@ impl Frozen {
     }
 }
 
-/// Thresholds of the pixels from `first` on, by the draw `when` of their pattern: its epoch and number.
+/// Thresholds of a tile's pixels, by the draw `when` of their pattern: its epoch and number.
 fn draw_thresholds(
     sensor: &SensorConfig,
     key: Key,
-    first: usize,
+    numbering: Numbering,
     (on, off): (&mut [f32], &mut [f32]),
     (epoch, number): (i64, u32),
 ) {
@@ -237,7 +243,7 @@ fn draw_thresholds(
     off.fill(sensor.threshold_off);
     if pattern.sigma > 0.0 {
         for (i, (on, off)) in on.iter_mut().zip(off.iter_mut()).enumerate() {
-            let [a, b, ..] = key.draw((first + i) as u32, StreamId::Pattern, epoch, number);
+            let [a, b, ..] = key.draw(numbering.of(i as u32), StreamId::Pattern, epoch, number);
             let (n_on, n_off) = normals(a, b);
             let own = |nominal: f32, n: f64| {
                 (nominal + pattern.sigma * n as f32).clamp(pattern.least, pattern.most)
@@ -247,7 +253,7 @@ fn draw_thresholds(
     }
     if pattern.dead_share > 0.0 || pattern.sensitive_share > 0.0 {
         for (i, (on, off)) in on.iter_mut().zip(off).enumerate() {
-            let [dead, _, sensitive, _] = key.draw((first + i) as u32, StreamId::Defects, 0, 0);
+            let [dead, _, sensitive, _] = key.draw(numbering.of(i as u32), StreamId::Defects, 0, 0);
             if unit(dead) < f64::from(pattern.dead_share) {
                 (*on, *off) = (f32::INFINITY, f32::INFINITY);
             } else if unit(sensitive) < f64::from(pattern.sensitive_share) {
@@ -264,12 +270,12 @@ pub(crate) fn ramps(sensor: &SensorConfig) -> bool {
 
 impl Chain {
     /// Pixels that have seen nothing, with what is frozen about them.
-    pub fn new(plan: &Plan, key: Key, first: usize, pixels: usize) -> Self {
+    pub fn new(plan: &Plan, key: Key, numbering: Numbering, pixels: usize) -> Self {
         let length = pixels.next_multiple_of(BLOCK);
         let sensor = &plan.sensor;
         let noise = &sensor.noise;
-        let Frozen { on, off, slope } = Frozen::draw(sensor, key, first, length);
-        let tile_noise = TileNoise::new(sensor, key, first as u32, &on[..pixels], &off[..pixels]);
+        let Frozen { on, off, slope } = Frozen::of(sensor, key, numbering, length);
+        let tile_noise = TileNoise::new(sensor, key, numbering, &on[..pixels], &off[..pixels]);
         let when = |wanted: bool, value: i32| vec![value; if wanted { length } else { 0 }];
         Self {
             reference: vec![f32::NAN; length],
@@ -437,8 +443,8 @@ fn scan_body<const NOISY: bool>(
                     course.rate[i] = plan.rate * plan.bandwidth(mean);
                     course.change[i] = input[i] - input_before[i];
                 }
-                let first_pixel = first as u32;
-                let when = When { key, first_pixel, start_us, us: interval.us, rms: plan.noise };
+                let (numbering, first_pixel) = (interval.numbering, start as u32);
+                let when = When { key, numbering, first_pixel, start_us, us: interval.us, rms: plan.noise };
                 course.run(&when, plan.two_poles, lags);
                 for i in 0..BLOCK {
                     let is_new = input_before[i].is_nan();
@@ -567,7 +573,7 @@ impl Chain {
             // A number of its own for each microsecond of an epoch; 0 is that of the pattern that stays.
             let end_us = start_us + i64::from(interval.us);
             let when = (end_us >> EPOCH_SHIFT, 1 + (end_us as u32 & ((1 << EPOCH_SHIFT) - 1)));
-            draw_thresholds(&plan.sensor, key, interval.first, (&mut self.on, &mut self.off), when);
+            draw_thresholds(&plan.sensor, key, interval.numbering, (&mut self.on, &mut self.off), when);
         }
         scan_by(isa, plan, source, interval, (key, start_us), self)
     }
@@ -586,7 +592,7 @@ impl Chain {
     ) -> Tally {
         let mut tally = Tally::default();
         let end_us = start_us + i64::from(interval.us);
-        let tile = (interval.first as u32, interval.end - interval.first);
+        let tile = (interval.numbering, interval.end - interval.first);
         if interval.us > 0 {
             self.noise.gather(isa, &plan.sensor.noise, key, tile, (start_us, end_us));
         } else {
@@ -606,7 +612,7 @@ impl Chain {
                 let own = rest.iter().take_while(|candidate| candidate.pixel as usize <= index).count();
                 let (mine, later) = rest.split_at(own);
                 rest = later;
-                let pixel = (interval.first + index) as u32;
+                let pixel = interval.numbering.of(index as u32);
                 let y = pixel / interval.width;
                 let place = (pixel - y * interval.width, y);
                 let mut one = Pixel {
@@ -626,7 +632,7 @@ impl Chain {
             }
         }
         self.noise.now = candidates;
-        self.draw_slopes(isa, plan, key, interval.first as u32, end_us);
+        self.draw_slopes(isa, plan, key, interval.numbering, end_us);
         if plan.forgets {
             self.reference.copy_from_slice(self.next.output());
             self.moved.fill((end_us - self.base_us) as i32);
@@ -638,12 +644,14 @@ impl Chain {
 
 impl Chain {
     /// Draws the slopes of the pixels whose reference moved at `t_us`, the interval's end.
-    fn draw_slopes(&mut self, isa: Isa, plan: &Plan, key: Key, first: u32, t_us: i64) {
+    fn draw_slopes(&mut self, isa: Isa, plan: &Plan, key: Key, numbering: Numbering, t_us: i64) {
         let Self { moved_last, slope, steady, .. } = self;
         let (mut pixels, mut factors) = ([0; BLOCK], [0.0; BLOCK]);
         for part in moved_last.chunks(BLOCK) {
-            pixels[..part.len()].copy_from_slice(part);
-            jitters_by(isa, key, first, &pixels, t_us, plan.sensor.noise.leak_jitter, &mut factors);
+            for (number, pixel) in pixels.iter_mut().zip(part) {
+                *number = numbering.of(*pixel);
+            }
+            jitters_by(isa, key, &pixels, t_us, plan.sensor.noise.leak_jitter, &mut factors);
             for (pixel, factor) in part.iter().zip(&factors) {
                 let i = *pixel as usize;
                 slope[i] = steady[i] / factor;
@@ -655,15 +663,14 @@ impl Chain {
 
 /// [`jitter_at`] of many pixels.
 #[inline(always)]
-fn jitters(key: Key, first: u32, pixels: &[u32; BLOCK], t_us: i64, jitter: f32, out: &mut [f32; BLOCK]) {
+fn jitters(key: Key, pixels: &[u32; BLOCK], t_us: i64, jitter: f32, out: &mut [f32; BLOCK]) {
     for i in 0..BLOCK {
-        out[i] = jitter_at(key, first.wrapping_add(pixels[i]), t_us, jitter);
+        out[i] = jitter_at(key, pixels[i], t_us, jitter);
     }
 }
 dispatched!(
     fn jitters_by(
         key: Key,
-        first: u32,
         pixels: &[u32; BLOCK],
         t_us: i64,
         jitter: f32,

@@ -7,6 +7,7 @@
 //! that end, and the copy of the frame.
 
 use super::frames::{BLOCK, Codes, Source, copy, copy_plain, margin};
+use super::numbering::Numbering;
 use super::order::Record;
 use crate::event::Polarity;
 use crate::sensor::{ConfigError, SensorConfig, TriggerRule};
@@ -23,6 +24,8 @@ pub(crate) struct Interval<'a> {
     pub first: usize,
     /// One past its last pixel; what lies beyond in its last block is not there.
     pub end: usize,
+    /// Numbers of its pixels within the image.
+    pub numbering: Numbering,
     /// Length of the interval, at most [`super::order::MAX_INTERVAL_US`].
     pub us: u32,
 }

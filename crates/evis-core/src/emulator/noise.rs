@@ -12,6 +12,7 @@ use crate::sensor::{LeakLaw, Noise, SensorConfig};
 use crate::simd::{bits_of, dispatched};
 
 use super::frames::BLOCK;
+use super::numbering::Numbering;
 
 /// Something that may happen to a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -114,8 +115,8 @@ pub(crate) fn spread_mean(decades: f64) -> f64 {
 }
 
 impl TileNoise {
-    /// The noise of `pixels` pixels from `first` with these thresholds.
-    pub fn new(sensor: &SensorConfig, key: Key, first: u32, on: &[f32], off: &[f32]) -> Self {
+    /// The noise of pixels with these thresholds.
+    pub fn new(sensor: &SensorConfig, key: Key, numbering: Numbering, on: &[f32], off: &[f32]) -> Self {
         let noise = &sensor.noise;
         let poisson_leak = if noise.leak_law == LeakLaw::Poisson { noise.leak_hz } else { 0.0 };
         let alike = noise.shot_spread_decades == 0.0
@@ -127,7 +128,7 @@ impl TileNoise {
             let leak_mean = spread_mean(noise.leak_spread_decades.into());
             let count = if alike { 1 } else { on.len() };
             for i in 0..count {
-                let [_, _, a, b] = key.draw(first + i as u32, StreamId::Defects, 0, 1);
+                let [_, _, a, b] = key.draw(numbering.of(i as u32), StreamId::Defects, 0, 1);
                 let (n_shot, n_leak) = normals(a, b);
                 let spread = |decades: f32, n: f64, mean: f64| 10_f64.powf(f64::from(decades) * n) / mean;
                 let shot = f64::from(noise.shot_hz) * spread(noise.shot_spread_decades, n_shot, shot_mean);
@@ -151,7 +152,7 @@ impl TileNoise {
         }
         if noise.hot_share > 0.0 && noise.hot_hz > 0.0 {
             let share = limit(noise.hot_share.into());
-            let is_hot = |i: &u32| key.draw(first + i, StreamId::Defects, 0, 0)[1] < share;
+            let is_hot = |i: &u32| key.draw(numbering.of(*i), StreamId::Defects, 0, 0)[1] < share;
             tile.hot = (0..on.len() as u32).filter(is_hot).collect();
         }
         tile
@@ -173,7 +174,7 @@ impl TileNoise {
         isa: crate::simd::Isa,
         noise: &Noise,
         key: Key,
-        (first, pixels): (u32, usize),
+        (numbering, pixels): (Numbering, usize),
         (start_us, end_us): (i64, i64),
     ) {
         self.now.clear();
@@ -182,7 +183,7 @@ impl TileNoise {
         }
         for epoch in (start_us + 1) >> EPOCH_SHIFT..=end_us >> EPOCH_SHIFT {
             if self.epoch != Some(epoch) {
-                self.draw(isa, noise, key, first, pixels, epoch);
+                self.draw(isa, noise, key, numbering, pixels, epoch);
                 self.epoch = Some(epoch);
             }
             let from = self.drawn.partition_point(|candidate| candidate.t_us <= start_us);
@@ -197,7 +198,7 @@ impl TileNoise {
         isa: crate::simd::Isa,
         noise: &Noise,
         key: Key,
-        first: u32,
+        numbering: Numbering,
         pixels: usize,
         epoch: i64,
     ) {
@@ -223,19 +224,21 @@ impl TileNoise {
         if !rates.is_empty() {
             let mut masks = vec![0_u64; pixels.div_ceil(BLOCK)];
             for from in from..=epoch {
-                busy(isa, key, first, pixels, from, quiet, &mut masks);
+                busy(isa, key, numbering, pixels, from, quiet, &mut masks);
                 for (block, mask) in masks.iter().enumerate() {
                     let mut mask = *mask;
                     while mask != 0 {
                         let i = block * BLOCK + mask.trailing_zeros() as usize;
                         mask &= mask - 1;
                         let rates = rates.get(i).or(rates.first()).copied().unwrap_or_default();
-                        parents(noise, key, first, i as u32, from, &rates, |candidate| {
-                            match (candidate.t_us >> EPOCH_SHIFT).cmp(&epoch) {
-                                Ordering::Less => {}
-                                Ordering::Equal => drawn.push(candidate),
-                                Ordering::Greater => later.push(candidate),
-                            }
+                        parents(noise, key, numbering, i as u32, from, &rates, |candidate| match (candidate
+                            .t_us
+                            >> EPOCH_SHIFT)
+                            .cmp(&epoch)
+                        {
+                            Ordering::Less => {}
+                            Ordering::Equal => drawn.push(candidate),
+                            Ordering::Greater => later.push(candidate),
                         });
                     }
                 }
@@ -243,9 +246,9 @@ impl TileNoise {
         }
         let mean = f64::from(noise.hot_hz) * EPOCH_US as f64 * 1e-6;
         for pixel in hot {
-            let count = poisson(key.draw(first + *pixel, StreamId::Hot, epoch, 0)[0], mean);
+            let count = poisson(key.draw(numbering.of(*pixel), StreamId::Hot, epoch, 0)[0], mean);
             for k in 1..=count {
-                let [when, mark, side, _] = key.draw(first + *pixel, StreamId::Hot, epoch, k);
+                let [when, mark, side, _] = key.draw(numbering.of(*pixel), StreamId::Hot, epoch, k);
                 drawn.push(Candidate { pixel: *pixel, t_us: instant(epoch, when), mark, side, hot: true });
             }
         }
@@ -290,17 +293,18 @@ fn poisson(word: u32, mean: f64) -> u32 {
 fn parents(
     noise: &Noise,
     key: Key,
-    first: u32,
+    numbering: Numbering,
     pixel: u32,
     epoch: i64,
     rates: &Rates,
     mut found: impl FnMut(Candidate),
 ) {
-    let word = key.draw(first + pixel, StreamId::Noise, epoch, 0)[0];
+    let number = numbering.of(pixel);
+    let word = key.draw(number, StreamId::Noise, epoch, 0)[0];
     let all = f64::from(rates.leak) + f64::from(rates.on + rates.off) / f64::from(1.0 + noise.burst_events);
     let leak_part = limit(f64::from(rates.leak) / all);
     for k in 0..poisson(word, rates.candidates(noise)) {
-        let [when, which, mark, side] = key.draw(first + pixel, StreamId::NoiseMark, epoch, k << 8);
+        let [when, which, mark, side] = key.draw(number, StreamId::NoiseMark, epoch, k << 8);
         let t_us = instant(epoch, when);
         // Marks are uniform over leak, ON and OFF; leak takes its part of them first.
         let shot = rates.on + rates.off;
@@ -314,12 +318,12 @@ fn parents(
         found(Candidate { pixel, t_us, mark: within(mark), side, hot: false });
         if noise.burst_events > 0.0 {
             let mean = f64::from(noise.burst_events);
-            let [more, ..] = key.draw(first + pixel, StreamId::NoiseMark, epoch, (k << 8) | 1);
+            let [more, ..] = key.draw(number, StreamId::NoiseMark, epoch, (k << 8) | 1);
             // Geometric with this mean.
             let count = (unit(more).ln() / (mean / (1.0 + mean)).ln()).min(250.0) as u32;
             for j in 0..count {
                 let draw = (k << 8) | (2 + j);
-                let [delay, mark, side, _] = key.draw(first + pixel, StreamId::NoiseMark, epoch, draw);
+                let [delay, mark, side, _] = key.draw(number, StreamId::NoiseMark, epoch, draw);
                 let shortest = f64::from(noise.burst_us);
                 let delay = if noise.burst_longest_us > 0.0 {
                     shortest * (f64::from(noise.burst_longest_us) / shortest).powf(unit(delay))
@@ -334,15 +338,14 @@ fn parents(
 }
 
 #[inline(always)]
-fn busy_body(key: Key, first: u32, pixels: usize, epoch: i64, quiet: &[u32], masks: &mut [u64]) {
+fn busy_body(key: Key, numbering: Numbering, pixels: usize, epoch: i64, quiet: &[u32], masks: &mut [u64]) {
     let alike = quiet.first().copied().unwrap_or(0);
     for (block, mask) in masks.iter_mut().enumerate() {
         let start = block * BLOCK;
         let limits = quiet.get(start..).and_then(|quiet| quiet.first_chunk::<BLOCK>());
         let mut words = [0_u32; BLOCK];
         for (i, word) in words.iter_mut().enumerate() {
-            let pixel = first.wrapping_add(start as u32).wrapping_add(i as u32);
-            *word = key.draw(pixel, StreamId::Noise, epoch, 0)[0];
+            *word = key.draw(numbering.of((start + i) as u32), StreamId::Noise, epoch, 0)[0];
         }
         let mut fires = [0_u8; BLOCK];
         match limits {
@@ -367,7 +370,7 @@ fn busy_body(key: Key, first: u32, pixels: usize, epoch: i64, quiet: &[u32], mas
 }
 dispatched!(
     /// Which pixels have a candidate in `epoch`.
-    fn busy(key: Key, first: u32, pixels: usize, epoch: i64, quiet: &[u32], masks: &mut [u64]) = busy_body
+    fn busy(key: Key, numbering: Numbering, pixels: usize, epoch: i64, quiet: &[u32], masks: &mut [u64]) = busy_body
 );
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ pub use super::warp::{Gap, Pictures, Scratch, Side};
 use super::TILE;
 pub use super::chain::{Frozen, JITTER_SHIFT};
 use super::noise::{Candidate, TileNoise};
+use super::numbering::Numbering;
 use super::readout::{self, delay_us};
 use super::{EmulatorConfig, EventEmulator};
 pub use crate::event::Cause;
@@ -62,7 +63,7 @@ impl NoiseFeed {
             return None;
         }
         let tile = |(i, (on, off)): (usize, (&[f32], &[f32]))| {
-            TileNoise::new(sensor, key, (i * TILE) as u32, on, off)
+            TileNoise::new(sensor, key, Numbering::run(i * TILE), on, off)
         };
         let tiles = frozen.on.par_chunks(TILE).zip(frozen.off.par_chunks(TILE)).enumerate().map(tile);
         let tiles = tiles.collect();
@@ -75,7 +76,8 @@ impl NoiseFeed {
         let noise = &sensor.noise;
         tiles.par_iter_mut().enumerate().for_each(|(i, tile)| {
             let first = i * TILE;
-            tile.gather(*isa, noise, *key, (first as u32, (*pixels - first).min(TILE)), (start_us, end_us));
+            let numbering = Numbering::run(first);
+            tile.gather(*isa, noise, *key, (numbering, (*pixels - first).min(TILE)), (start_us, end_us));
         });
         tiles.iter().enumerate().flat_map(move |(i, tile)| {
             let settled_at = move |candidate: &Candidate| {
@@ -116,6 +118,11 @@ impl ReadoutQueue {
             let pixel = u32::from(event.y) * self.width + u32::from(event.x);
             event.t += i64::from(delay_us(&self.readout, self.key, pixel, event.t));
         }
+        self.take(fired, end_us, out)
+    }
+
+    /// The same of what has been delayed already.
+    pub fn take(&mut self, fired: &mut Vec<Event>, end_us: i64, out: &mut Vec<Event>) -> u64 {
         self.queue.pass(&self.readout, fired, end_us, out)
     }
 }

@@ -8,6 +8,7 @@
 //! tenths at 16; with two poles 0.95 at 4).
 
 use super::frames::BLOCK;
+use super::numbering::Numbering;
 use crate::random::{EPOCH_SHIFT, Key, StreamId, unit_f32};
 use crate::simd;
 
@@ -120,7 +121,8 @@ pub(crate) struct Course {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct When {
     pub key: Key,
-    /// Of the image.
+    pub numbering: Numbering,
+    /// Within the tile.
     pub first_pixel: u32,
     pub start_us: i64,
     pub us: u32,
@@ -171,7 +173,7 @@ impl Course {
     ) {
         let draw = |group: &mut [[f32; BLOCK]; 4], knot: i64| {
             for i in 0..BLOCK {
-                let four = knots_of(when.key, when.first_pixel.wrapping_add(i as u32), knot, shift);
+                let four = knots_of(when.key, when.numbering.of(when.first_pixel + i as u32), knot, shift);
                 for (knots, own) in group.iter_mut().zip(four) {
                     knots[i] = own;
                 }

@@ -7,6 +7,7 @@ use bytemuck::Pod;
 use super::chain::{LONG_AGO, REBASE_US};
 use super::ideal::{Memory as IdealMemory, Pixels};
 use super::last_keyframe::Keyframe;
+use super::numbering::Numbering;
 use super::order::MAX_INTERVAL_US;
 use super::warp::MOST_MARGIN;
 use super::{Chain, Diffuse, EmulatorReport, Environment, EventEmulator, Kernel, Memory, Tile};
@@ -278,7 +279,7 @@ impl EventEmulator {
             tile.memory = match (kind, &self.kernel) {
                 (1..=4, Kernel::Ideal) => Memory::Ideal(Pixels::of_kind(kind, pixels)),
                 (5, Kernel::Chain(plan)) => {
-                    Memory::Chain(Box::new(Chain::new(plan, key, tile.first, pixels)))
+                    Memory::Chain(Box::new(Chain::new(plan, key, Numbering::run(tile.first), pixels)))
                 }
                 (6, Kernel::Diffusion) => Memory::Diffusion(Diffuse::new(pixels)),
                 _ => return Err(Broken),

@@ -163,13 +163,12 @@ pub(super) fn read_events(path: &Path) -> Result<EventFile, FormatError> {
 
 type Columns = (Vec<Event>, Option<(u32, u32)>);
 
-fn event(
-    t: Option<i64>,
-    x: Option<i64>,
-    y: Option<i64>,
-    p: Option<i64>,
-    index: usize,
-) -> Result<Event, String> {
+/// An event of t, x, y and p, where they can be one: 1 is ON, 0 and -1 are OFF.
+///
+/// # Errors
+/// The four values, as the end of a sentence.
+#[inline]
+pub fn event([t, x, y, p]: [Option<i64>; 4]) -> Result<Event, String> {
     let side = |value: Option<i64>| value.and_then(|value| u16::try_from(value).ok());
     let polarity = match p {
         Some(1) => Some(Polarity::On),
@@ -181,7 +180,7 @@ fn event(
         _ => {
             let word = |value: Option<i64>| value.map_or("beyond 63 bits".into(), |value| value.to_string());
             let [t, x, y, p] = [t, x, y, p].map(word);
-            Err(format!("event {index} cannot be: t {t}, x {x}, y {y}, p {p}"))
+            Err(format!("cannot be: t {t}, x {x}, y {y}, p {p}"))
         }
     }
 }
@@ -252,7 +251,7 @@ fn structure(file: &mut impl Read, length: u64, budget: &Budget) -> Result<Colum
             let value = |(offset, integer): &(usize, Integer)| {
                 row.get(*offset..offset + integer.bytes).and_then(|bytes| integer.read(bytes))
             };
-            events.push(event(value(t), value(x), value(y), value(p), index)?);
+            events.push(event([t, x, y, p].map(value)).map_err(|what| format!("event {index} {what}"))?);
         }
     }
     Ok((events, None))
@@ -299,7 +298,8 @@ fn columns(file: &mut (impl Read + Seek), length: u64, budget: &Budget) -> Resul
     let value = |(integer, bytes, _): &(Integer, Vec<u8>, u64), index| integer.at(bytes, index);
     let mut events = budget.list(t.2 as usize, "its list of events")?;
     for i in 0..t.2 as usize {
-        events.push(event(value(t, i), value(x, i), value(y, i), value(p, i), i)?);
+        let values = [t, x, y, p].map(|column| value(column, i));
+        events.push(event(values).map_err(|what| format!("event {i} {what}"))?);
     }
     let mut side = |name| -> Result<Option<u32>, String> {
         let side = column(name)?.and_then(|(integer, bytes, _)| integer.at(&bytes, 0));

@@ -1,4 +1,4 @@
-//! The door: everything behind it trusts what it gets.
+//! Validation of arguments: everything after it trusts what it gets.
 
 use super::by_pixel::PixelIndex;
 use super::{MAX_TOLERANCE_US, MetricError, ScoreSettings};

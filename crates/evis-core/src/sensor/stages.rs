@@ -116,7 +116,7 @@ pub struct Pattern {
     pub sensitive_share: f32,
     /// See `sensitive_share`; at least 0.001, and not bound by `least`.
     pub sensitive_threshold: f32,
-    /// Whether `sigma` is drawn anew for every pixel and frame, as ESIM does, instead of once.
+    /// Whether `sigma` is redrawn for every pixel and frame, as ESIM does, instead of once.
     pub redraw: bool,
     /// Where references start.
     pub start: Start,

@@ -47,7 +47,7 @@ impl Likeness {
 /// neighbours at an edge change alike. Each pixel's mean is taken off, so rates that vary over the sensor do not count; all
 /// pixels weigh the same, so neither do hot ones; and what any two pixels have in common is taken off, so a leak that
 /// starts everywhere at once is not motion. Neighbours that never fire count as 0: else the few pixels where something moves in
-/// a scene that is nearly still would decide alone, as elsewhere hardly any two that fire are neighbours.
+/// a scene that is nearly still would decide alone, as elsewhere few that fire are neighbours.
 pub(super) fn likeness(
     events: &[Event],
     (width, height): (usize, usize),

@@ -10,7 +10,7 @@ use super::flatbuffer::{Table, sized};
 use super::header::{Header, Kind, MOST_HEADER, Stream};
 use crate::files::{Input, u32_at};
 use crate::format::Format;
-use crate::packet::{Frame, ImuSample, Packet, Trigger};
+use crate::packet::{AedatImuSample, Frame, Packet, Trigger};
 use crate::read::{EventReader, ReadOptions, StreamInfo};
 
 /// Bytes of an event.
@@ -260,13 +260,13 @@ pub(super) fn swap_red_and_blue(pixels: &mut [u8], channels: usize) {
     }
 }
 
-fn imu(bytes: &[u8], out: &mut Vec<ImuSample>) -> Result<(), String> {
+fn imu(bytes: &[u8], out: &mut Vec<AedatImuSample>) -> Result<(), String> {
     let table = root(bytes, Kind::Imu)?;
     let samples = table.tables(0).ok_or_else(|| broken(Kind::Imu))?;
     for sample in samples {
         let sample = sample.ok_or_else(|| broken(Kind::Imu))?;
         let number = |index| sample.f32(index).unwrap_or(0.0);
-        out.push(ImuSample {
+        out.push(AedatImuSample {
             t: sample.i64(0).unwrap_or(0),
             temperature: number(1),
             acceleration: [number(2), number(3), number(4)],

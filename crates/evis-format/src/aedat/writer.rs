@@ -11,7 +11,7 @@ use super::reader::{FALLING_EDGE, RISING_EDGE, swap_red_and_blue};
 use crate::check::Check;
 use crate::files::Output;
 use crate::format::Format;
-use crate::packet::{Frame, ImuSample, Packet, Trigger};
+use crate::packet::{AedatImuSample, Frame, Packet, Trigger};
 use crate::write::{EventWriter, WriteOptions};
 
 /// Events per packet of the file.
@@ -85,7 +85,7 @@ impl Aedat4Writer {
         self.packet(1, &builder.finish())
     }
 
-    fn put_imu(&mut self, samples: &[ImuSample]) -> Result<(), FormatError> {
+    fn put_imu(&mut self, samples: &[AedatImuSample]) -> Result<(), FormatError> {
         self.put_tables(2, Kind::Imu, samples, &[8, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4], |sample| {
             let numbers = [sample.temperature].into_iter();
             let numbers = numbers.chain(sample.acceleration).chain(sample.rotation).chain(sample.magnetic);

@@ -25,7 +25,7 @@ impl Header {
         let mut at = 0;
         loop {
             let rest = bytes.get(at..)?;
-            // Events may begin with the same byte, but hardly with the space after it.
+            // Events may begin with the same byte, but not with the space after it.
             if !rest.starts_with(b"% ") && !rest.starts_with(b"%\n") {
                 return (at > 0).then_some(Self { lines, length: at });
             }

@@ -8,7 +8,7 @@ use std::time::Instant;
 pub struct Sample {
     /// By the clock on the wall.
     pub wall_s: f64,
-    /// On all cores, by the scheduler: hardly moved by what else the machine does. NaN where it cannot be had.
+    /// On all cores, by the scheduler: other work on the machine changes it little. NaN where it cannot be had.
     pub cpu_s: f64,
 }
 

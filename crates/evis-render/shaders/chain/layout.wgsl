@@ -1,8 +1,8 @@
+#import common/mean.wgsl
 #import trigger/layout.wgsl
 // The whole sensor chain of a pixel: what is bound, what is on, what is remembered. Twins: sensor/chain.rs, gpu/uniforms.rs.
 
 // What is off leaves no code and no memory behind.
-override SAMPLES: u32 = 1;
 override MAY_BE_UNKNOWN: bool = false;
 override LINLOG: bool = false;
 // 0 none, 1 Euler's rule, 2 one pole, 3 two poles.
@@ -59,17 +59,15 @@ struct ChainSensor {
     knee: f32,
     // ln(knee) / knee.
     below_knee: f32,
-    // 2 pi cutoff per microsecond.
-    filter_rate: f32,
     bandwidth_offset: f32,
     bandwidth_least: f32,
     bandwidth_most: f32,
     leak_jitter: f32,
-    refractory_us: f32,
     latency_light_us: f32,
 };
 
-// Words of a view: thresholds, slope of the leak, 1 / Y_ref, key.
+// Words of a view: thresholds, slope of the leak, 1 / Y_ref, key, 2 pi cutoff per microsecond, refractory period in
+// microseconds.
 const VIEW_WORDS: u32 = 8u;
 // Words of a candidate in `feed`: time; place and kind; light below which it happens.
 const CANDIDATE_WORDS: u32 = 3u;

@@ -1,6 +1,6 @@
 #import chain/philox.wgsl
 #import chain/state.wgsl
-// When the reference moves, the leak begins anew.
+// When the reference moves, the leak restarts.
 
 // Streams of the generator.
 const STREAM_LEAK_JITTER: u32 = 7u;

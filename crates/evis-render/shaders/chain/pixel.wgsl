@@ -52,7 +52,7 @@ fn leaked_at_end() -> f32 {
 
 // When the pixel is free again.
 fn free_at() -> f32 {
-    return f32(fired - i32(start)) + sensor.refractory_us;
+    return f32(fired - i32(start)) + refractory_us;
 }
 
 fn is_refractory(t: f32) -> bool {

@@ -5,14 +5,11 @@
 // Y / Y_ref of the pixel at an instant; below 0 where a method does not know it.
 fn light_of(instant: u32) -> f32 {
     let layer = (view * params.instants + instant) * SAMPLES;
-    var sum = 0.0;
-    for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(luminance_layers, pixel, layer + s).r;
-    }
-    if (MAY_BE_UNKNOWN && sum < 0.0) {
+    let mean = mean_of_samples(luminance_layers, pixel, layer);
+    if (MAY_BE_UNKNOWN && mean < 0.0) {
         return -1.0;
     }
-    return min(clamp(sum * (1.0 / f32(SAMPLES)), 0.0, LIGHT_LIMIT) * inverse_reference, LIGHT_LIMIT);
+    return min(clamp(mean, 0.0, LIGHT_LIMIT) * inverse_reference, LIGHT_LIMIT);
 }
 
 // `y` has the dark light in it.
@@ -50,9 +47,9 @@ fn follows(u: f32) -> vec4<f32> {
 // Time constants per microsecond, over the interval.
 fn filter_rate() -> f32 {
     if (LIGHT_BANDWIDTH) {
-        return sensor.filter_rate * bandwidth(0.5 * (light + next_light) + sensor.dark_light);
+        return cutoff_rate * bandwidth(0.5 * (light + next_light) + sensor.dark_light);
     }
-    return sensor.filter_rate;
+    return cutoff_rate;
 }
 
 // The signal as the trigger sees it: now, and at the interval's end.
@@ -81,7 +78,7 @@ fn respond(instant: u32) {
         next_input = curve(y + sensor.dark_light);
     }
     if (FILTER == 1u) {
-        let part = min(f32(interval) * sensor.filter_rate * bandwidth(next_light + sensor.dark_light), 1.0);
+        let part = min(f32(interval) * cutoff_rate * bandwidth(next_light + sensor.dark_light), 1.0);
         next_first = first + part * (next_input - first);
         if (SECOND_PLANE != 0u) {
             next_second = second + part * (next_first - second);

@@ -11,6 +11,9 @@ var<private> threshold_off: f32;
 var<private> steady: f32;
 var<private> inverse_reference: f32;
 var<private> key: vec2<u32>;
+// 2 pi cutoff per microsecond.
+var<private> cutoff_rate: f32;
+var<private> refractory_us: f32;
 
 // At the interval's start; `reference` moves within it.
 var<private> reference: f32;
@@ -59,6 +62,8 @@ fn load_pixel(at: vec2<u32>, of_view: u32) {
     steady = bitcast<f32>(views[words + 2u]);
     inverse_reference = bitcast<f32>(views[words + 3u]);
     key = vec2<u32>(views[words + 4u], views[words + 5u]);
+    cutoff_rate = bitcast<f32>(views[words + 6u]);
+    refractory_us = bitcast<f32>(views[words + 7u]);
     var layer = of_view;
     if (OWN_THRESHOLDS) {
         threshold_on = textureLoad(frozen, pixel, layer).r;

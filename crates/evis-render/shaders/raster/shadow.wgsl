@@ -37,7 +37,7 @@ fn shadow_by_map(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f32
     let w = max(shadow_point(light, position).w, 0.0);
     // The comparison reaches a texel to each side, where a slanted surface is nearer to the light by a texel's slope.
     // Part of that is made up by the maps' own slope bias, part by a step along the normal: either alone costs more
-    // of thin shadows. Less lets surfaces darken themselves (tests/floor2_raster.rs).
+    // of thin shadows. Less lets surfaces darken themselves (tests/passes/raster.rs).
     let sine = sqrt(clamp(1.0 - dot(normal, to_light) * dot(normal, to_light), 0.0, 1.0));
     let at = shadow_point(light, position + normal * (light.spot.z * w * (0.3 + 0.8 * sine)));
     // One bilinear comparison. The lights are points, so real shadow edges are sharp: a wider filter would only

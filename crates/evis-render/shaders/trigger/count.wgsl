@@ -1,10 +1,9 @@
+#import common/mean.wgsl
 #import trigger/sample.wgsl
 #import trigger/between.wgsl
 #import trigger/decide.wgsl
 // Counts each pixel's events over the instants of a submission and writes its next memory beside the old one.
 // The old memory stays until the submission is known to fit: that is what lets it run again.
-
-override SAMPLES: u32 = 1;
 
 // View by view, instant by instant, sample by sample.
 @group(0) @binding(2) var luminance_layers: texture_storage_2d_array<r32float, read>;
@@ -19,14 +18,7 @@ override SAMPLES: u32 = 1;
 // Mean of a pixel's samples in linear light; below 0 where it is unknown.
 fn mean_at(pixel: vec2<u32>, view: u32, instant: u32) -> f32 {
     let place = view * params.instants + instant;
-    var sum = 0.0;
-    for (var s = 0u; s < SAMPLES; s++) {
-        sum += textureLoad(luminance_layers, pixel, place * SAMPLES + s).r;
-    }
-    var mean = sum * (1.0 / f32(SAMPLES));
-    if (MAY_BE_UNKNOWN && textureLoad(luminance_layers, pixel, place * SAMPLES).r < 0.0) {
-        mean = -1.0;
-    }
+    let mean = mean_of_samples(luminance_layers, pixel, place * SAMPLES);
     if (SAMPLES > 1u) {
         textureStore(means, pixel, place, vec4<f32>(mean, 0.0, 0.0, 0.0));
     }

@@ -102,7 +102,7 @@ evis_core::words!(Antialias {
 /// How log light runs between two samples of a tile, in adaptive time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Between {
+pub enum Interpolation {
     /// Along a straight line.
     #[default]
     Line,
@@ -110,11 +110,6 @@ pub enum Between {
     /// where three samples in a row rise, and rests next to a sample that does not change anything. A sensor that is more than its thresholds takes lines, and a latch has no use for either.
     Curve,
 }
-
-evis_core::words!(Between {
-    Self::Line => "line", "straight";
-    Self::Curve => "curve", "along a cubic that also takes the sample before and the one after";
-});
 
 /// How shadows are told from light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -186,15 +181,16 @@ pub struct RunConfig {
     /// The preset that method, rate, samples and shadows come from; they stand below, and are what counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quality: Option<Quality>,
-    /// Sampled instants per second; a method with keyframes has its own rate, and this one is not looked at.
+    /// Sampled instants per second; a method with keyframes has its own rate and ignores this one.
     pub rate_hz: f64,
     /// Pixels that anything may move between two samples. Of `native`: every tile of the picture is rendered no more often
     /// than that, and `rate_hz` at most; `None` renders everything at `rate_hz`. Of `decoupled`: the length of a pixel's
     /// intervals, halved where a threshold is near; 1 where it is `None`.
     pub adaptive_px: Option<f64>,
-    /// With `adaptive_px`: how light runs between two samples.
+    /// With `adaptive_px`: how light runs between two samples. Requests and presets take curves; lines are those of settings that
+    /// were stored before, and of tests.
     #[serde(skip_serializing_if = "is_line")]
-    pub between: Between,
+    pub between: Interpolation,
     /// Samples per pixel and instant, 1 to 256.
     pub samples: u32,
     /// How they are taken.
@@ -250,7 +246,7 @@ impl Default for RunConfig {
             quality: None,
             rate_hz: 1000.0,
             adaptive_px: None,
-            between: Between::Line,
+            between: Interpolation::Line,
             samples: 4,
             antialias: Antialias::Samples,
             texture_taps: None,
@@ -276,8 +272,8 @@ fn longest_exposure_us(frame_rate_hz: f64) -> i64 {
     (1e6 / frame_rate_hz) as i64 / 2 * 2
 }
 
-fn is_line(between: &Between) -> bool {
-    *between == Between::Line
+fn is_line(between: &Interpolation) -> bool {
+    *between == Interpolation::Line
 }
 
 /// `sensor` of camera `camera`, if it can be.
@@ -319,7 +315,7 @@ impl RunConfig {
     }
 
     /// Instants within which each tile of a picture has a rate of its own, a power of two: some 16 ms of them, so that what
-    /// hardly moves is looked at 60 times a second. 1 where all tiles are sampled at every instant.
+    /// moves slowly is sampled 60 times a second. 1 where all tiles are sampled at every instant.
     pub fn block(&self) -> u32 {
         let longest = (self.rate_hz * BLOCK_S).clamp(1.0, f64::from(MAX_INSTANTS)) as u32;
         let adaptive = self.method.has_adaptive_time() && self.adaptive_px.is_some();
@@ -370,7 +366,7 @@ impl RunConfig {
     pub fn takes_curves(&self) -> bool {
         let usual = self.sensors.is_empty().then_some(&self.sensor);
         let bends = |sensor: &SensorConfig| sensor.is_ideal() && sensor.trigger == TriggerRule::Crossing;
-        self.between == Between::Curve && self.sensors.values().chain(usual).any(bends)
+        self.between == Interpolation::Curve && self.sensors.values().chain(usual).any(bends)
     }
 
     fn check_frames(&self) -> Result<(), ConfigError> {
@@ -442,7 +438,7 @@ impl RunConfig {
                 return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));
             }
         }
-        if self.between == Between::Curve && self.adaptive_px.is_none() {
+        if self.between == Interpolation::Curve && self.adaptive_px.is_none() {
             return Err(ConfigError::new("between", "curve", "line, without adaptive time (`adaptive_px`)"));
         }
         let side = self.coverage_grid();
@@ -517,7 +513,7 @@ mod tests {
 
     #[test]
     fn curves_are_for_sensors_of_thresholds_that_do_not_latch() {
-        let curved = RunConfig { between: Between::Curve, ..RunConfig::default() };
+        let curved = RunConfig { between: Interpolation::Curve, ..RunConfig::default() };
         assert!(curved.takes_curves() && !RunConfig::default().takes_curves());
         let latch = SensorConfig { trigger: TriggerRule::Latch, ..SensorConfig::default() };
         let photoreceptor = Photoreceptor { cutoff_hz: 100.0, ..Photoreceptor::default() };

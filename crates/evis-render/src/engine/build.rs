@@ -13,7 +13,6 @@ use crate::frame::pattern;
 use crate::frame::upload::FrameBuffers;
 use crate::gpu::Gpu;
 use crate::gpu::sizes::{self, DeviceLimits, MethodNeeds};
-use crate::gpu::uniforms::ViewSensor;
 use crate::gpu::variant::LightSet;
 use crate::output::frames::FrameRenderer;
 use crate::output::labels::LabelRenderer;
@@ -34,7 +33,7 @@ use crate::sampling::splat::{self, SplatSampler};
 use crate::sensor::chain::{ChainPlan, GroupChain};
 use crate::sensor::group::Group;
 use crate::sensor::host::HostWalk;
-use crate::sensor::passes::{Blocks, TriggerPasses};
+use crate::sensor::passes::{Blocks, TriggerPasses, share_passes};
 use crate::sensor::targets::Targets;
 use crate::world::gpu_scene::GpuScene;
 use crate::world::view::View;
@@ -355,12 +354,8 @@ fn groups(
     members: Vec<Member>,
 ) -> Vec<Group> {
     let reference = context.reference_luminance;
-    let sensor = |&v: &usize| {
-        let SensorConfig { threshold_on, threshold_off, log_eps, .. } = context.views[v].sensor;
-        ViewSensor { threshold_on, threshold_off, log_eps, inverse_reference_luminance: 1.0 / reference }
-    };
     let group = |(class, views): Member| {
-        let sensors: Vec<ViewSensor> = views.iter().map(sensor).collect();
+        let sensors = context.view_sensors(&views);
         let chain = passes.chain(class).map(|passes| {
             let size = [targets[class].width, targets[class].height];
             let own: Vec<&View> = views.iter().map(|&v| &context.views[v]).collect();
@@ -371,7 +366,7 @@ fn groups(
     members.into_iter().map(group).collect()
 }
 
-/// Events that buffers hold at first: blocks of instants bring many at once, and running them again is dear.
+/// Events that buffers hold at first: blocks of instants bring many at once, and running them again is expensive.
 fn first_capacity(groups: &[Group], targets: &[Targets], block: u32) -> u32 {
     let pixels = |group: &Group| {
         let targets = &targets[group.targets];
@@ -382,11 +377,15 @@ fn first_capacity(groups: &[Group], targets: &[Targets], block: u32) -> u32 {
     (events.min(1 << 24) as u32).max(FIRST_CAPACITY)
 }
 
-/// Views that are alike, in order of first appearance: they share targets and passes.
+/// Views that share targets, passes and submissions, in order of first appearance.
 pub(crate) fn classes(views: &[View]) -> Vec<Vec<usize>> {
     let mut classes: Vec<Vec<usize>> = Vec::new();
     for (index, view) in views.iter().enumerate() {
-        match classes.iter_mut().find(|of| views[of[0]].is_alike(view)) {
+        let alike = |of: &&mut Vec<usize>| {
+            let first = &views[of[0]];
+            first.shares_targets(view) && share_passes(&first.sensor, &view.sensor)
+        };
+        match classes.iter_mut().find(alike) {
             Some(members) => members.push(index),
             None => classes.push(vec![index]),
         }

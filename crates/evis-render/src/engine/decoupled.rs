@@ -4,8 +4,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use evis_core::{CameraInfo, ConfigError, Event, LabelKind, TimeGrid};
-use evis_decoupled::{Pace, Stream, StreamSettings};
+use evis_core::emulator::tiled::TiledSensor;
+use evis_core::event::take_causes;
+use evis_core::random::Key;
+use evis_core::{CameraInfo, ConfigError, Event, LabelKind, SensorConfig, TimeGrid};
+use evis_decoupled::{Pace, Report, Stream, StreamSettings};
 use evis_scene::Scene;
 
 use crate::config::RunConfig;
@@ -15,7 +18,7 @@ use crate::gpu::Gpu;
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::world::tiles::{TILE, tiles_along};
-use crate::world::view::View;
+use crate::world::view::{View, reseed};
 
 /// Views of a scene whose events are found without rendering.
 pub struct Decoupled {
@@ -30,8 +33,8 @@ pub struct Decoupled {
     arrived: Vec<Arrived>,
     /// Per view: events before this are there.
     complete_us: Vec<i64>,
-    /// Per view: evaluations of its pixels, of the stream and of those that were reported.
-    evaluations: Vec<[u64; 2]>,
+    /// Per view: what it took, of the stream and of what was reported.
+    reports: Vec<[Report; 2]>,
     delivered_us: i64,
     settings: StreamSettings,
     stop: Arc<AtomicBool>,
@@ -65,20 +68,25 @@ impl Decoupled {
         let of = |view: &View| {
             let camera = scene.camera(&cameras[view.camera].name)?;
             let variant = (!scene.variants.is_empty()).then_some(view.environment);
-            Ok(evis_decoupled::View { camera, variant, sensor: view.sensor.clone() })
+            Ok(evis_decoupled::View { camera, variant, sensor: view.sensor.clone(), key: view.key })
         };
         let seen: Vec<_> = views.iter().map(of).collect::<Result<_, EngineError>>()?;
         let stream = Stream::new(Arc::clone(&scene), seen.clone(), &settings)?;
         config.reference_luminance = Some(stream.reference_luminance());
         let pictures = match gpu.filter(|_| pictured) {
-            Some(gpu) => Some(gpu.guarded(|| Engine::new(gpu, Arc::clone(&scene), views.clone(), config))?),
+            Some(gpu) => {
+                // It fires nothing: stages would cost memory alone.
+                let plain = |view: &View| View { sensor: SensorConfig::default(), ..view.clone() };
+                let plain = views.iter().map(plain).collect();
+                Some(gpu.guarded(|| Engine::new(gpu, Arc::clone(&scene), plain, config))?)
+            }
             None => None,
         };
         Ok(Self {
             poses: CameraPoses::new(TimeGrid::new(config.label_rate_hz)?, config.start_us),
             arrived: views.iter().map(|_| Arrived::default()).collect(),
             complete_us: vec![0; views.len()],
-            evaluations: vec![[0; 2]; views.len()],
+            reports: vec![Default::default(); views.len()],
             delivered_us: 0,
             settings,
             stop: pictures.as_ref().map_or_else(Arc::default, |engine| Arc::clone(engine.stop())),
@@ -131,20 +139,47 @@ impl Decoupled {
         self.pictures.as_ref().map_or(Ok(()), Engine::check_reset)
     }
 
-    /// Resets environments at the present: see [`Engine::reset`]. An ideal sensor has nothing that is random.
+    /// Whether a view can have `sensor` from a reset on.
     ///
     /// # Errors
-    /// As [`Decoupled::check_reset`]; the device may fail.
-    pub fn reset(&mut self, environments: &[usize], seeds: &[u64]) -> Result<(), EngineError> {
+    /// One whose stages are defined on frames.
+    pub fn check_sensor(&self, sensor: &SensorConfig) -> Result<(), ConfigError> {
+        TiledSensor::new(sensor, Key::new(0, 0, 0), 1).map(|_| ())
+    }
+
+    /// Resets environments at the present: see [`Engine::reset`].
+    ///
+    /// # Errors
+    /// As [`Decoupled::check_reset`] and [`Decoupled::check_sensor`]; the device may fail.
+    pub fn reset(
+        &mut self,
+        environments: &[usize],
+        seeds: &[u64],
+        sensors: &[(usize, SensorConfig)],
+    ) -> Result<(), EngineError> {
         self.check_reset()?;
-        let own = |view: &usize| environments.contains(&self.views[*view].environment);
-        let again: Vec<usize> = (0..self.views.len()).filter(own).collect();
-        for &view in &again {
-            self.arrived[view].events.clear();
+        for (_, sensor) in sensors {
+            self.check_sensor(sensor)?;
+        }
+        for (view, sensor) in sensors {
+            self.views[*view].sensor = sensor.clone();
+            self.seen[*view].sensor = sensor.clone();
+            self.stream.set_sensor(*view, sensor.clone());
+        }
+        reseed(&mut self.views, &self.scene, environments, seeds);
+        let own = |(_, view): &(usize, &View)| environments.contains(&view.environment);
+        let again = self.views.iter().enumerate().filter(own).map(|(index, view)| (index, view.key));
+        let again: Vec<(usize, Key)> = again.collect();
+        for (view, key) in &again {
+            self.arrived[*view].events.clear();
+            self.seen[*view].key = *key;
+            // New pixels count from 0.
+            self.reports[*view] = Default::default();
         }
         self.stream.restart(again);
         match &mut self.pictures {
-            Some(engine) => engine.reset(environments, seeds),
+            // Pictures see no sensor.
+            Some(engine) => engine.reset(environments, seeds, &[]),
             None => Ok(()),
         }
     }
@@ -171,7 +206,7 @@ impl Decoupled {
         self.stream = Stream::new(Arc::clone(&self.scene), self.seen.clone(), &self.settings)?;
         self.arrived.iter_mut().for_each(|arrived| *arrived = Arrived::default());
         self.complete_us.fill(0);
-        self.evaluations.fill([0; 2]);
+        self.reports.fill(Default::default());
         self.delivered_us = 0;
         Ok(())
     }
@@ -200,7 +235,7 @@ impl Decoupled {
             events.extend(piece.events);
             events[meeting..].sort_by_key(Event::order);
             self.complete_us[piece.view] = piece.complete_us;
-            self.evaluations[piece.view][0] = piece.report.evaluations;
+            self.reports[piece.view][0] = piece.report;
         }
         let waited_ms = milliseconds(waiting);
         let pictures = match &mut self.pictures {
@@ -215,12 +250,12 @@ impl Decoupled {
         for (view, arrived) in self.views.iter().zip(&mut self.arrived) {
             let count = arrived.events.partition_point(|e| e.t < until_us);
             let rest = arrived.events.split_off(count);
-            let events = std::mem::replace(&mut arrived.events, rest);
+            let mut events = std::mem::replace(&mut arrived.events, rest);
+            let causes = take_causes(&mut events);
             packet.views.push(ViewPacket {
                 environment: view.environment,
                 camera: view.camera,
-                // An ideal sensor's events all come from light.
-                causes: if self.caused { vec![0; events.len()] } else { Vec::new() },
+                causes: if self.caused { causes } else { Vec::new() },
                 events,
                 labels: pictures.as_mut().and_then(|views| Some(views.next()?.labels)).unwrap_or_default(),
                 poses: std::mem::take(&mut arrived.poses),
@@ -228,8 +263,12 @@ impl Decoupled {
         }
         self.delivered_us = until_us;
         report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
-        for [now, reported] in &mut self.evaluations {
-            report.drawn_pixels += *now - std::mem::replace(reported, *now);
+        for [now, reported] in &mut self.reports {
+            let before = std::mem::replace(reported, *now);
+            report.drawn_pixels += now.evaluations - before.evaluations;
+            report.clamped += now.losses.clamped - before.losses.clamped;
+            report.suppressed += now.losses.suppressed - before.losses.suppressed;
+            report.dropped += now.losses.dropped - before.losses.dropped;
         }
         report.times.device_wait_ms += waited_ms;
         report.times.total_ms = milliseconds(started);

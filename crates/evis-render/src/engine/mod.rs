@@ -9,7 +9,7 @@ pub mod submission;
 
 #[cfg(test)]
 pub(crate) use build::classes;
-pub use simulator::{PacketStream, Simulator};
+pub use simulator::{EnvironmentSensor, PacketStream, Simulator};
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -362,7 +362,7 @@ impl Engine {
         if let Some(words) = feed.as_ref().filter(|words| words.len() as u64 > self.most_feed) {
             let Some(halves) = unit.halves(self.block) else {
                 return Err(EngineError::Device(format!(
-                    "noise may strike {} times in one instant, and this device's buffers hold {}; lower the rates of \
+                    "an instant has {} candidates of noise events, and this device's buffers hold {}; lower the rates of \
                      the sensor's noise, raise --rate, or render fewer cameras at once",
                     words.len() / CANDIDATE_WORDS as usize,
                     self.most_feed / u64::from(CANDIDATE_WORDS)
@@ -416,7 +416,7 @@ impl Engine {
         Ok(())
     }
 
-    /// Submits what the host feels for its pixels.
+    /// Submits the luminance that the sensor model on the host takes.
     fn submit_luminance(&mut self, unit: Unit) -> Result<(), EngineError> {
         let submitted = Instant::now();
         let group = &mut self.groups[unit.group];
@@ -656,7 +656,7 @@ impl Engine {
         Ok(true)
     }
 
-    /// Lets the host's pixels feel what a submission brought.
+    /// Runs the sensor model of the host on what a submission brought.
     fn take_luminance(&mut self, readback: LuminanceReadback) -> Result<(), EngineError> {
         let _span = tracing::trace_span!("sensor on the host").entered();
         let packing = Instant::now();

@@ -1,7 +1,6 @@
 //! Resets of single environments; the others continue.
 
-use evis_core::ConfigError;
-use evis_core::random::Key;
+use evis_core::{ConfigError, SensorConfig};
 
 use crate::error::EngineError;
 use crate::gpu::commands::Commands;
@@ -9,9 +8,9 @@ use crate::gpu::readback::{map, wait_mapped};
 use crate::sampling::Sampling;
 use crate::sensor::chain::GroupChain;
 use crate::sensor::group::{Slot, Unit};
-use crate::sensor::passes::WalkPasses;
+use crate::sensor::passes::{WalkPasses, share_passes};
 use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
-use crate::world::view::View;
+use crate::world::view::{View, reseed};
 
 use super::Engine;
 
@@ -45,36 +44,65 @@ impl Engine {
         Ok(())
     }
 
-    /// Resets environments at the stream's present time: their pixels take the light of that time as their reference, and
-    /// what they had, or had on their way, is gone. `seeds`: of what is random in them from now on, as they are drawn for a
-    /// simulator of this seed; the old ones where it is empty. Nothing of other environments changes.
+    /// Whether view `view` can have `sensor` from a reset on.
     ///
     /// # Errors
-    /// As [`Engine::check_reset`]; the device may fail.
-    pub fn reset(&mut self, environments: &[usize], seeds: &[u64]) -> Result<(), EngineError> {
+    /// One that needs other passes.
+    pub fn check_sensor(&self, view: usize, sensor: &SensorConfig) -> Result<(), ConfigError> {
+        if share_passes(&self.context.views[view].sensor, sensor) {
+            return Ok(());
+        }
+        let remedy = "the simulator's own with other numbers for thresholds, their spread, bandwidth, leak, noise, \
+                      refractory period, latency or bus: stages that are on stay on, and what is off stays off";
+        Err(ConfigError::new(
+            "sensor",
+            "one of other stages, or with another number that all environments share",
+            remedy,
+        ))
+    }
+
+    /// Resets environments at the stream's present time: their pixels take the light of that time as their reference, and
+    /// what they had, or had on their way, is gone. `seeds`: of what is random in them from now on, as they are drawn for a
+    /// simulator of this seed; the old ones where it is empty. `sensors`: of views of these environments from now on. Nothing of
+    /// other environments changes.
+    ///
+    /// # Errors
+    /// As [`Engine::check_reset`] and [`Engine::check_sensor`]; the device may fail.
+    pub fn reset(
+        &mut self,
+        environments: &[usize],
+        seeds: &[u64],
+        sensors: &[(usize, SensorConfig)],
+    ) -> Result<(), EngineError> {
         self.check_reset()?;
+        for (view, sensor) in sensors {
+            self.check_sensor(*view, sensor)?;
+        }
         while !self.in_flight.is_empty() {
             self.collect_oldest()?;
         }
-        for (index, seed) in environments.iter().zip(seeds) {
-            let cameras = &self.context.scene.cameras;
-            for view in self.context.views.iter_mut().filter(|view| view.environment == *index) {
-                let place = cameras.iter().position(|camera| camera.node == view.node).unwrap_or(view.camera);
-                view.key = Key::new(*seed, *index as u32, place as u32);
-            }
+        reseed(&mut self.context.views, &self.context.scene, environments, seeds);
+        for (view, sensor) in sensors {
+            self.context.views[*view].sensor = sensor.clone();
         }
         for group in 0..self.groups.len() {
             let begins = |view: &usize| environments.contains(&self.context.views[*view].environment);
             let beginning: Vec<bool> = self.groups[group].views.iter().map(begins).collect();
             if beginning.contains(&true) {
-                self.begin_views(group, beginning, !seeds.is_empty())?;
+                let other_sensors = sensors.iter().any(|(view, _)| self.groups[group].views.contains(view));
+                if other_sensors {
+                    let own = self.context.view_sensors(&self.groups[group].views);
+                    self.groups[group].write_sensors(&self.context.gpu, &own);
+                }
+                self.begin_views(group, beginning, other_sensors || !seeds.is_empty())?;
             }
         }
         Ok(())
     }
 
-    /// Resets the views of `group` that `beginning` names; with other keys where they are `reseeded`.
-    fn begin_views(&mut self, group: usize, beginning: Vec<bool>, reseeded: bool) -> Result<(), EngineError> {
+    /// Resets the views of `group` that `beginning` names; what is frozen in them is drawn again where they have other keys or
+    /// sensors (`redrawn`).
+    fn begin_views(&mut self, group: usize, beginning: Vec<bool>, redrawn: bool) -> Result<(), EngineError> {
         let views = self.groups[group].views.clone();
         for (view, _) in views.iter().zip(&beginning).filter(|(_, begins)| **begins) {
             self.arrived[*view].events.clear();
@@ -85,7 +113,7 @@ impl Engine {
             let targets = &self.targets[class];
             let own: Vec<&View> = views.iter().map(|&v| &self.context.views[v]).collect();
             let (size, reference) = ([targets.width, targets.height], self.context.reference_luminance);
-            if reseeded {
+            if redrawn {
                 let fresh = GroupChain::new(&self.context.gpu, &passes.plan, size, &own, reference);
                 chain.reset_views(fresh, &beginning);
             } else {

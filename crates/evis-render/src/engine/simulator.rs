@@ -13,7 +13,7 @@ use evis_core::{CameraInfo, ConfigError, SensorConfig};
 use evis_decoupled::Pace;
 use evis_scene::{HostJump, HostPose, HostPoses, HostStep, Scene};
 
-use crate::config::{Method, RunConfig};
+use crate::config::{Method, RunConfig, checked};
 use crate::engine::Engine;
 use crate::engine::decoupled::Decoupled;
 use crate::error::EngineError;
@@ -34,6 +34,17 @@ pub struct Simulator {
     config: RunConfig,
     source: Source,
     host_poses: Option<Arc<HostPoses>>,
+}
+
+/// The sensor that a camera of an environment has from a reset on.
+#[derive(Clone, Debug)]
+pub struct EnvironmentSensor {
+    /// Which environment.
+    pub environment: usize,
+    /// Index into [`Simulator::cameras`].
+    pub camera: usize,
+    /// Its thresholds come before those that the scene gives the camera.
+    pub sensor: SensorConfig,
 }
 
 /// Where packets come from.
@@ -81,11 +92,24 @@ impl Source {
         }
     }
 
-    /// See [`Engine::reset`].
-    fn reset(&mut self, environments: &[usize], seeds: &[u64]) -> Result<(), EngineError> {
+    /// See [`Engine::check_sensor`].
+    fn check_sensor(&self, view: usize, sensor: &SensorConfig) -> Result<(), ConfigError> {
         match self {
-            Self::Sampled(engine) => engine.reset(environments, seeds),
-            Self::Decoupled(views) => views.reset(environments, seeds),
+            Self::Sampled(engine) => engine.check_sensor(view, sensor),
+            Self::Decoupled(views) => views.check_sensor(sensor),
+        }
+    }
+
+    /// See [`Engine::reset`].
+    fn reset(
+        &mut self,
+        environments: &[usize],
+        seeds: &[u64],
+        sensors: &[(usize, SensorConfig)],
+    ) -> Result<(), EngineError> {
+        match self {
+            Self::Sampled(engine) => engine.reset(environments, seeds, sensors),
+            Self::Decoupled(views) => views.reset(environments, seeds, sensors),
         }
     }
 
@@ -307,17 +331,21 @@ impl Simulator {
         seeds: &[u64],
         poses: &[(usize, usize, HostPose)],
     ) -> Result<(), EngineError> {
-        self.reset_to(environments, seeds, &HostJump { poses, ..HostJump::default() })
+        self.reset_to(environments, seeds, &[], &HostJump { poses, ..HostJump::default() })
     }
 
-    /// As [`Simulator::reset`], where nodes and materials also are otherwise from now on, without any event.
+    /// As [`Simulator::reset`], where nodes and materials also are otherwise from now on, without any event, and cameras of these
+    /// environments have other sensors. What is frozen in a sensor keeps its draw where there is no other seed: a pixel whose
+    /// threshold lies one sigma above the mean lies one new sigma above the new mean.
     ///
     /// # Errors
-    /// As [`Simulator::reset`] and [`Simulator::step_with`]. Then nothing has changed.
+    /// As [`Simulator::reset`] and [`Simulator::step_with`]; a sensor that cannot be, or that has other stages than the camera's.
+    /// Then nothing has changed.
     pub fn reset_to(
         &mut self,
         environments: &[usize],
         seeds: &[u64],
+        sensors: &[EnvironmentSensor],
         jump: &HostJump<'_>,
     ) -> Result<(), EngineError> {
         for (place, environment) in environments.iter().enumerate() {
@@ -339,12 +367,29 @@ impl Simulator {
             let what = if jump.poses.is_empty() { "visible or materials" } else { "poses" };
             return Err(ConfigError::new(what, format!("for environment {environment}"), remedy).into());
         }
+        let mut own = Vec::with_capacity(sensors.len());
+        for EnvironmentSensor { environment, camera, sensor } in sensors {
+            if !environments.contains(environment) {
+                let remedy = "only for environments that are reset";
+                let what = format!("for environment {environment}");
+                return Err(ConfigError::new("sensor", what, remedy).into());
+            }
+            let Some(info) = self.cameras.get(*camera) else {
+                let remedy = format!("for one of the {} cameras, counted from 0", self.cameras.len());
+                return Err(ConfigError::new("sensor", format!("for camera {camera}"), remedy).into());
+            };
+            let sensor = checked(&info.name, sensor.clone())?;
+            // Views lie environment by environment.
+            let view = environment * self.cameras.len() + camera;
+            self.source.check_sensor(view, &sensor)?;
+            own.push((view, sensor));
+        }
         match &self.host_poses {
             Some(host) => host.jump(jump)?,
             None if jump.environments().next().is_none() => {}
             None => return Err(not_driven().into()),
         }
-        self.source.reset(environments, seeds)
+        self.source.reset(environments, seeds, &own)
     }
 
     /// What a host moves, where it moves anything.

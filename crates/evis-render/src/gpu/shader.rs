@@ -13,6 +13,7 @@ macro_rules! shaders {
 shaders![
     "common/ray.wgsl",
     "common/coverage.wgsl",
+    "common/mean.wgsl",
     "common/tile.wgsl",
     "common/frame.wgsl",
     "common/object.wgsl",

@@ -268,8 +268,6 @@ pub struct ChainSensor {
     pub knee: f32,
     /// What `I` is multiplied with below it.
     pub below_knee: f32,
-    /// 2 pi cutoff per microsecond.
-    pub filter_rate: f32,
     /// Of a bandwidth that follows light.
     pub bandwidth_offset: f32,
     /// Its least factor.
@@ -278,8 +276,6 @@ pub struct ChainSensor {
     pub bandwidth_most: f32,
     /// Of the leak.
     pub leak_jitter: f32,
-    /// Length of the refractory period.
-    pub refractory_us: f32,
     /// Delay at `Y_ref`.
     pub latency_light_us: f32,
 }

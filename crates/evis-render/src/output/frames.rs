@@ -27,7 +27,7 @@ const LOOKS: std::ops::RangeInclusive<i64> = 8..=64;
 /// Pixels that anything may move between two samples. A pixel's own width smooths what they leave out.
 const STEP_PX: f64 = 0.25;
 
-/// Everything that frames need; absent where none is asked for. Frames are rendered apart from what pixels feel, whatever
+/// Everything that frames need; absent where none is asked for. Frames are rendered apart from the light of events, whatever
 /// the method: of how events are sampled, a frame knows the rate alone, and none costs anything where it is not wanted.
 pub struct FrameRenderer {
     grid: TimeGrid,

@@ -69,7 +69,7 @@ pub struct Binding {
     /// `@binding`.
     pub binding: u32,
     /// Variable in the shader.
-    #[cfg_attr(not(test), expect(dead_code, reason = "floor 0 compares it with the shader"))]
+    #[cfg_attr(not(test), expect(dead_code, reason = "a test compares it with the shader"))]
     pub name: &'static str,
     /// Access.
     pub access: Access,

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use evis_core::SensorConfig;
 use evis_scene::Scene;
 
 use crate::config::grid::SampleGrid;
@@ -9,6 +10,7 @@ use crate::frame::draw::Stage;
 use crate::frame::upload::FrameBuffers;
 use crate::frame::{FrameData, FrameRequest};
 use crate::gpu::Gpu;
+use crate::gpu::uniforms::ViewSensor;
 use crate::pass::ComputePass;
 use crate::pass::raster::{Pipelines, SurfaceLayouts};
 use crate::raster::resample::Resampler;
@@ -98,6 +100,16 @@ impl Context {
     /// What draws of `frame_group` read.
     pub(crate) fn stage<'a>(&'a self, frame_group: &'a wgpu::BindGroup) -> Stage<'a> {
         Stage { scene: &self.gpu_scene, buffers: &self.frame_buffers, frame_group }
+    }
+
+    /// What the trigger reads of the sensors of the views `indices`.
+    pub(crate) fn view_sensors(&self, indices: &[usize]) -> Vec<ViewSensor> {
+        let of = |&v: &usize| {
+            let SensorConfig { threshold_on, threshold_off, log_eps, .. } = self.views[v].sensor;
+            let inverse_reference_luminance = 1.0 / self.reference_luminance;
+            ViewSensor { threshold_on, threshold_off, log_eps, inverse_reference_luminance }
+        };
+        indices.iter().map(of).collect()
     }
 
     /// The views `indices`.

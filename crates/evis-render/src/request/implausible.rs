@@ -1,13 +1,13 @@
-//! What a request has that was hardly meant.
+//! What in a request is probably a mistake.
 
 use evis_scene::Scene;
 
 use crate::config::{Method, RunConfig};
 
-/// Pixels per interval beyond which a fixed rate was hardly meant: more than the width of most event sensors.
+/// Pixels per interval beyond which a fixed rate is probably a mistake: more than the width of most event sensors.
 const MOST_PX: f64 = 1000.0;
 
-/// What stands out of a run of `config` on `scene`, before it begins: a scene whose unit was hardly the metre, a camera inside
+/// What stands out of a run of `config` on `scene`, before it begins: a scene whose unit is probably not the metre, a camera inside
 /// a model, an image that moves by more than 1000 pixels between two instants of a fixed rate. Settings are named by the
 /// fields of [`crate::RunRequest`], between backticks.
 pub fn implausible(scene: &Scene, config: &RunConfig, duration_us: i64) -> Vec<String> {

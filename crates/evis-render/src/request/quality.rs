@@ -1,9 +1,8 @@
 //! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered or analysed to choose them.
 
-use evis_core::TriggerRule;
 use evis_scene::{AlphaMode, Scene};
 
-use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
+use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::world::view::{self, View};
@@ -21,15 +20,15 @@ impl Quality {
     pub const fn sampling(self) -> SamplingSettings {
         match self {
             Self::Draft => SamplingSettings {
-                decoupled: Some(Decoupled { step_px: 2.0, beside_gpu: false }),
+                decoupled: Some(DecoupledSettings { step_px: 2.0, beside_gpu: false }),
                 ..SamplingSettings::coverage(1.0, 16, 2)
             },
             Self::Standard => SamplingSettings {
-                decoupled: Some(Decoupled { step_px: 1.0, beside_gpu: false }),
+                decoupled: Some(DecoupledSettings { step_px: 1.0, beside_gpu: false }),
                 ..SamplingSettings::coverage(0.5, 16, 4)
             },
             Self::High => SamplingSettings {
-                decoupled: Some(Decoupled { step_px: 0.5, beside_gpu: true }),
+                decoupled: Some(DecoupledSettings { step_px: 0.5, beside_gpu: true }),
                 fixed_rate_hz: 2000.0,
                 ..SamplingSettings::with_rays(0.3, 144)
             },
@@ -72,12 +71,12 @@ pub struct SamplingSettings {
     /// Whether shadow borders are found by rays, where the user leaves that open and the scene allows it.
     pub rays: bool,
     /// Where [`Method::Decoupled`] takes the place of all that, if scene and sensors allow it.
-    pub decoupled: Option<Decoupled>,
+    pub decoupled: Option<DecoupledSettings>,
 }
 
 /// Decoupled sampling of a preset.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Decoupled {
+pub struct DecoupledSettings {
     /// [`RunConfig::adaptive_px`].
     pub step_px: f64,
     /// It takes the place of rendering on a graphics card, too, not only of a software driver.
@@ -106,7 +105,7 @@ impl SamplingSettings {
 
     /// Those of [`Quality::High`], with intervals of decoupled sampling that are so long.
     pub const fn decoupled(step_px: f64) -> Self {
-        Self { decoupled: Some(Decoupled { step_px, beside_gpu: true }), ..Quality::High.sampling() }
+        Self { decoupled: Some(DecoupledSettings { step_px, beside_gpu: true }), ..Quality::High.sampling() }
     }
 
     /// The same, by rendering.
@@ -150,9 +149,9 @@ impl SamplingSettings {
         let step_px = self.step_px.filter(|_| config.method == Method::Native);
         let own = decoupled.filter(|_| config.method == Method::Decoupled);
         config.adaptive_px = step_px.or(own.map(|own| own.step_px));
-        config.between = if step_px.is_some() { Between::Curve } else { Between::Line };
+        config.between = if step_px.is_some() { Interpolation::Curve } else { Interpolation::Line };
         if config.method == Method::Native && views.iter().any(|view| view.distorted.is_some()) {
-            (config.adaptive_px, config.between) = (None, Between::Line);
+            (config.adaptive_px, config.between) = (None, Interpolation::Line);
             config.rate_hz = self.fixed_rate_hz;
             notes.push(format!(
                 "every pixel is sampled {} times per second: a camera has a distorted lens",
@@ -162,7 +161,7 @@ impl SamplingSettings {
             && !views.is_empty()
             && views.iter().all(|view| view.sensor.walks_on_host())
         {
-            (config.adaptive_px, config.between) = (None, Between::Line);
+            (config.adaptive_px, config.between) = (None, Interpolation::Line);
             notes.push(format!(
                 "every pixel is sampled {} times per second: the sensor model runs on the host and takes every instant",
                 self.rate_hz
@@ -204,12 +203,11 @@ pub fn settle<'a>(
 
 /// What decoupled sampling lacks of `scene` and its sensors; `None` where it has everything.
 fn decoupled_limit(scene: &Scene, views: &[View]) -> Option<String> {
-    let sensor = |view: &View| view.sensor.is_ideal() && view.sensor.trigger == TriggerRule::Crossing;
     if views.iter().any(|view| view.distorted.is_some()) {
         return Some("distorted lenses".into());
     }
-    if !views.iter().all(sensor) {
-        return Some("sensor with more than thresholds".into());
+    if let Some(stage) = views.iter().find_map(|view| view.sensor.needs_frames()) {
+        return Some(format!("sensor with {stage}, which is defined on frames"));
     }
     evis_decoupled::unsupported(scene)
 }
@@ -260,7 +258,7 @@ mod tests {
             last = work;
             let config = RunConfig {
                 adaptive_px: sampling.step_px,
-                between: Between::Curve,
+                between: Interpolation::Curve,
                 rate_hz: sampling.rate_hz,
                 antialias: sampling.antialias,
                 samples: sampling.samples,

@@ -3,7 +3,7 @@
 use evis_core::{ConfigError, Word};
 use evis_scene::Scene;
 
-use crate::config::{Antialias, Between, Method, Quality, RunConfig, Shadows};
+use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 
@@ -23,8 +23,6 @@ pub struct SamplingRequest {
     pub rate_hz: Option<f64>,
     /// [`RunConfig::adaptive_px`].
     pub adaptive_px: Option<f64>,
-    /// [`RunConfig::between`].
-    pub between: Option<Between>,
     /// [`RunConfig::samples`].
     pub samples: Option<u32>,
     /// [`RunConfig::antialias`].
@@ -45,7 +43,6 @@ impl SamplingRequest {
         [
             ("rate_hz", text(self.rate_hz)),
             ("adaptive_px", text(self.adaptive_px)),
-            ("between", self.between.map(|value| value.word().to_owned())),
             ("samples", whole(self.samples)),
             ("antialias", self.antialias.map(|value| value.word().to_owned())),
             ("texture_taps", whole(self.texture_taps)),
@@ -68,16 +65,6 @@ impl SamplingRequest {
         if let (Some(quality), Some(method)) = (self.quality, keyframes) {
             let remedy = format!("left out: {} has settings of its own", method.name());
             return Err(ConfigError::new("quality", quality.name(), remedy));
-        }
-        if self.between.is_some()
-            && self.adaptive_px.is_none()
-            && self.preset().is_none()
-            && !self.from_settings
-        {
-            let between = self.between.map_or("", Between::word);
-            let remedy =
-                "left out: tiles are sampled at rates of their own only with `adaptive_px`; give it too";
-            return Err(ConfigError::new("between", between, remedy));
         }
         if let (Some(quality), true) = (self.quality, self.from_settings) {
             let remedy = "left out: a settings file says how pixels are sampled";
@@ -128,7 +115,8 @@ impl SamplingRequest {
         let mut notes = Vec::new();
         if let Some(quality) = self.preset() {
             notes = quality.sampling().apply(gpu, scene, config)?;
-            if config.method == Method::Decoupled && self.of_instants().is_some() {
+            let renders = self.of_instants().is_some() || self.method == Some(Method::Native);
+            if config.method == Method::Decoupled && renders {
                 // Settings of instants are for rendered ones.
                 notes = quality.sampling().rendered().apply(gpu, scene, config)?;
             }
@@ -143,8 +131,12 @@ impl SamplingRequest {
         }
         let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
         set(&mut config.rate_hz, self.rate_hz);
-        config.adaptive_px = self.adaptive_px.or(config.adaptive_px);
-        config.between = self.between.unwrap_or(config.between);
+        if self.adaptive_px.is_some() {
+            config.adaptive_px = self.adaptive_px;
+            if config.method.has_adaptive_time() {
+                config.between = Interpolation::Curve;
+            }
+        }
         config.antialias = self.antialias.unwrap_or(config.antialias);
         config.samples = self.samples.unwrap_or(config.samples);
         config.texture_taps = self.texture_taps.or(config.texture_taps);

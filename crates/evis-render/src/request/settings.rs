@@ -4,6 +4,7 @@ use std::path::Path;
 
 use evis_core::ConfigError;
 use evis_core::format::hdf5::Recording;
+use evis_core::limits::{Budget, read_file};
 use evis_core::words::{line_of, of_serde};
 use evis_scene::camera_motion::{CameraMotionSettings, DEFAULT_SPEED_PX_PER_S};
 use evis_scene::{AppliedMotion, CameraMotion};
@@ -125,7 +126,8 @@ impl SettingsFile {
     /// # Errors
     /// A file that cannot be read, is no settings file, was written by another version, or has unknown keys or values.
     pub fn read(path: &Path) -> Result<Self, EngineError> {
-        let bytes = std::fs::read(path).map_err(|source| EngineError::Read { path: path.into(), source })?;
+        let bytes = read_file(path, &Budget::default())
+            .map_err(|source| EngineError::Read { path: path.into(), source })?;
         let source = path.display().to_string();
         let text = String::from_utf8(bytes).map_err(|_| no_settings(&source, "it is no text"))?;
         Ok(Self::parse(&text, &source)?)
@@ -202,12 +204,12 @@ fn no_settings(source: &str, why: &str) -> ConfigError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Antialias, Between};
+    use crate::config::{Antialias, Interpolation};
 
     fn tuned() -> RunConfig {
         RunConfig {
             adaptive_px: Some(0.4),
-            between: Between::Curve,
+            between: Interpolation::Curve,
             antialias: Antialias::Edges,
             samples: 64,
             rate_hz: 4000.0,

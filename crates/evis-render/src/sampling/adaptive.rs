@@ -19,7 +19,7 @@ use crate::raster::context::{Context, Upload};
 use crate::raster::layers::{LayerUse, Layers};
 use crate::raster::luminance::{borrowed, copy_layers, encode_sample, encode_samples};
 use crate::raster::shadows::MovingShadows;
-use crate::sampling::audit::{self, AuditRun, Chosen, Entry};
+use crate::sampling::audit::{self, AuditRun, AuditedTile, Chosen};
 use crate::sampling::draw_list::InView;
 use crate::sampling::tile_rate::{STILL, TileRateEstimator, TileRates};
 use crate::sampling::view_motion::ViewMotion;
@@ -79,7 +79,7 @@ struct Audit {
     /// The layers of the samples before it and after it; none is what the submission before kept.
     before: Option<u32>,
     after: u32,
-    entry: Entry,
+    entry: AuditedTile,
 }
 
 /// One picture of an audited tile.
@@ -348,7 +348,7 @@ impl AdaptiveSampler {
                     tiles.push((tile as u32 % of.columns) | (tile as u32 / of.columns) << 16);
                     let instant = work.unit.first - 1 + i64::from(block * work.length + number);
                     let object = InView::new(context, view, frame_of(number)).nearest(&rect);
-                    let entry = Entry {
+                    let entry = AuditedTile {
                         view: work.group.views[v as usize],
                         corner: rect.low,
                         t_us: context.grid.instant_us(instant),

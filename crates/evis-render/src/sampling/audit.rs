@@ -1,6 +1,6 @@
 //! Audits of what is skipped: a hashed few of the tiles that a block leaves out, or samples less often, are rendered at one of
 //! the instants at which they are not, and compared with the samples around it on the device. For a tenth of them all three
-//! are rendered anew with samples at other places, which see what moves between those of the stream.
+//! are rendered again with samples at other places, which see what moves between those of the stream.
 //!
 //! Which ones are audited is a function of absolute block, view and tile. The work stays below a fixed share of the block's
 //! own. No event depends on it.
@@ -22,7 +22,7 @@ pub const MOST_AUDITS: usize = 64;
 
 /// An audited tile.
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub struct AuditedTile {
     /// Index of the view in the engine.
     pub view: usize,
     /// Upper left pixel.
@@ -51,7 +51,7 @@ pub struct Chosen {
 /// The audits of a submission, and where their results come.
 pub struct AuditRun {
     /// In order of their slots.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<AuditedTile>,
     /// A word per entry.
     pub staging: wgpu::Buffer,
 }
@@ -94,7 +94,7 @@ impl Finding {
 
 impl AuditRun {
     /// What came back: the change of each entry, in log luminance, and the pixel of the picture.
-    pub fn changes<'a>(&'a self, words: &'a [u32]) -> impl Iterator<Item = (&'a Entry, f32, [u32; 2])> {
+    pub fn changes<'a>(&'a self, words: &'a [u32]) -> impl Iterator<Item = (&'a AuditedTile, f32, [u32; 2])> {
         self.entries.iter().zip(words).map(|(entry, word)| {
             let (change, at) = unpack(*word);
             (entry, change, [0, 1].map(|i| entry.corner[i] + at[i]))

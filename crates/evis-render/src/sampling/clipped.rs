@@ -19,7 +19,7 @@ pub struct Clipping {
 
 /// A keyframe of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Entry {
+pub struct ViewKeyframe {
     /// Index of the view in the engine.
     pub view: usize,
     /// Its number.
@@ -35,7 +35,7 @@ pub struct ClippedRun {
     /// Light above this counts as this.
     pub brightest: f32,
     /// In order of their counts.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<ViewKeyframe>,
     /// The counts.
     pub staging: wgpu::Buffer,
 }

@@ -245,7 +245,7 @@ impl SplatSampler {
             encoder.copy_buffer_to_buffer(&clipping.counts, 0, &staging, 0, staging.size());
             let entry = |keyframe: i64| {
                 let t_us = context.grid.keyframe_us(keyframe);
-                group.views.iter().map(move |&view| clipped::Entry { view, keyframe, t_us })
+                group.views.iter().map(move |&view| clipped::ViewKeyframe { view, keyframe, t_us })
             };
             let entries = keyframes.into_iter().flat_map(entry).collect();
             ClippedRun { group: unit.group, brightest, entries, staging }
@@ -289,7 +289,7 @@ impl SplatSampler {
                 first_layer: k as u32,
                 layers_per_view: unit.instants,
                 index_bits: u32::BITS - pixels.leading_zeros(),
-                // Blending in the logarithm that pixels feel.
+                // Blending in the logarithm, which the sensor model takes.
                 log_floor: log_eps * context.reference_luminance,
                 brightest: BRIGHTEST * context.reference_luminance,
                 ..SplatParams::default()

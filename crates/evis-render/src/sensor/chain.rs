@@ -167,12 +167,10 @@ impl ChainPlan {
             full_scale: receptor.full_scale,
             knee: receptor.knee,
             below_knee: receptor.knee.ln() / receptor.knee,
-            filter_rate: receptor.cutoff_hz * std::f32::consts::TAU * 1e-6,
             bandwidth_offset: receptor.bandwidth_offset,
             bandwidth_least: receptor.bandwidth_least,
             bandwidth_most: receptor.bandwidth_most,
             leak_jitter: noise.leak_jitter,
-            refractory_us: sensor.refractory.period_us as f32,
             latency_light_us: sensor.readout.latency_light_us,
         };
         Self { planes, constants, sensor: numbers, own_thresholds, own_slopes, sequential, kept }
@@ -318,7 +316,10 @@ impl GroupChain {
             let slope = frozen.slope.first().copied().unwrap_or(0.0);
             let [low, high] = view.key.words();
             words.extend([view.sensor.threshold_on, view.sensor.threshold_off, slope].map(f32::to_bits));
-            words.extend([(1.0 / reference_luminance).to_bits(), low, high, 0, 0]);
+            let cutoff_rate = view.sensor.photoreceptor.cutoff_hz * std::f32::consts::TAU * 1e-6;
+            let refractory_us = view.sensor.refractory.period_us as f32;
+            words.extend([(1.0 / reference_luminance).to_bits(), low, high]);
+            words.extend([cutoff_rate, refractory_us].map(f32::to_bits));
         }
         type Choose = fn(&Frozen) -> &Vec<f32>;
         let planes: [(bool, Choose); 3] = [

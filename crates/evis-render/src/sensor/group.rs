@@ -178,19 +178,24 @@ impl Group {
         };
         let block_count = (pixels / u64::from(BLOCK_PIXELS)) as u32;
         let row = sizes::dispatch(block_count, WORKGROUP).0 * WORKGROUP;
-        let queue = &gpu.queue;
-        queue.write_texture(
-            sensor_texels.as_image_copy(),
+        group.write_sensors(gpu, sensors);
+        gpu.queue.write_buffer(&group.block_params, 0, bytemuck::bytes_of(&BlockParams { block_count, row }));
+        group
+    }
+
+    /// Says what the sensors of its views are from the next submission on.
+    pub fn write_sensors(&self, gpu: &Gpu, sensors: &[ViewSensor]) {
+        let texels = self.sensors.texture();
+        gpu.queue.write_texture(
+            texels.as_image_copy(),
             bytemuck::cast_slice(sensors),
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
                 bytes_per_row: Some(size_of_val(sensors) as u32),
                 rows_per_image: None,
             },
-            sensor_texels.size(),
+            texels.size(),
         );
-        queue.write_buffer(&group.block_params, 0, bytemuck::bytes_of(&BlockParams { block_count, row }));
-        group
     }
 
     /// Whether `unit` sets memories, and no pixel fires at its first instant.

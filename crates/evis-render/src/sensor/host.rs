@@ -95,7 +95,7 @@ impl HostWalk {
         if bytes > most {
             return Err(EngineError::Device(format!(
                 "the light of {layers} samples of {width}x{height} pixels takes {bytes} bytes on its way to the \
-                 host, which walks this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer \
+                 host, which simulates this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer \
                  --samples"
             )));
         }
@@ -142,8 +142,8 @@ impl HostWalk {
                 .filter_map(|(view, emulator)| {
                     let place = group.views.iter().position(|v| *v == view)?;
                     // At a reset, the other views have taken this instant already.
-                    let feels = group.beginning.get(place) != Some(&false);
-                    Some((view, place, emulator.as_mut().filter(|_| feels)?))
+                    let runs = group.beginning.get(place) != Some(&false);
+                    Some((view, place, emulator.as_mut().filter(|_| runs)?))
                 })
                 .collect();
             let fire = |(view, place, emulator): &mut (usize, usize, &mut EventEmulator)| {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use evis_core::{SensorConfig, TriggerRule};
 
-use crate::config::Between;
+use crate::config::Interpolation;
 use crate::pass::ComputePass;
 use crate::pass::trigger::{BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, SCAN_BINDINGS};
 use crate::sensor::chain::{ChainPasses, ChainPlan};
@@ -15,13 +15,32 @@ pub struct Blocks {
     /// Of each; 1 where every pixel is sampled at every instant.
     pub instants: u32,
     /// How light runs between two samples within one.
-    pub between: Between,
+    pub between: Interpolation,
 }
 
 impl Blocks {
     /// Every pixel is sampled at every instant.
     #[cfg(test)]
-    pub const NONE: Self = Self { instants: 1, between: Between::Line };
+    pub const NONE: Self = Self { instants: 1, between: Interpolation::Line };
+}
+
+/// Whether pixels of both sensors go through the same passes: the sensors differ in numbers alone that each view has of its own
+/// (thresholds and their spread, bandwidth, leak and noise, refractory period, latency and bus), and have the same stages.
+pub fn share_passes(one: &SensorConfig, other: &SensorConfig) -> bool {
+    let [host, other_host] = [one, other].map(SensorConfig::walks_on_host);
+    let [ideal, other_ideal] = [one, other].map(SensorConfig::is_ideal);
+    if (host, ideal) != (other_host, other_ideal) {
+        return false;
+    }
+    if host {
+        // An exposure is the schedule of what its views send to the host.
+        return one.exposure == other.exposure;
+    }
+    if ideal {
+        return one.is_alike(other);
+    }
+    let plan = |sensor: &SensorConfig| ChainPlan::new(sensor, 1, false, 1);
+    plan(one) == plan(other) && one.readout.is_off() == other.readout.is_off()
 }
 
 /// What walks pixels over the instants of a submission, to count and to emit.
@@ -86,7 +105,7 @@ impl TriggerPasses {
         let mut walks: Vec<Arc<WalkPasses>> = Vec::with_capacity(sensors.len());
         for (sensor, samples) in sensors {
             // Classes of other sizes have the same rules.
-            let alike = |other: &(&SensorConfig, u32)| other.1 == *samples && other.0.is_alike(sensor);
+            let alike = |other: &(&SensorConfig, u32)| other.1 == *samples && share_passes(other.0, sensor);
             let known = sensors.iter().zip(&walks).find(|(other, _)| alike(other));
             let walk = known.map(|(_, walk)| walk.clone());
             walks.push(
@@ -116,11 +135,44 @@ fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'
         TriggerRule::Latch => 1.0,
     };
     // A latch knows light at samples alone.
-    let curve = blocks.between == Between::Curve && sensor.trigger == TriggerRule::Crossing;
+    let curve = blocks.between == Interpolation::Curve && sensor.trigger == TriggerRule::Crossing;
     [
         ("TRIGGER_RULE", rule),
         ("MAY_BE_UNKNOWN", f64::from(u8::from(unknown))),
         ("BLOCK_INSTANTS", f64::from(blocks.instants)),
         ("CURVE", f64::from(u8::from(curve))),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sensors_share_passes_that_differ_in_numbers_of_views() {
+        let preset = |name: &str| SensorConfig::preset(name).unwrap();
+        let changed = |name: &str, change: fn(&mut SensorConfig)| {
+            let mut sensor = preset(name);
+            change(&mut sensor);
+            assert_ne!(sensor, preset(name));
+            share_passes(&preset(name), &sensor) && share_passes(&sensor, &preset(name))
+        };
+        assert!(changed("ideal", |s| s.threshold_on = 0.3));
+        assert!(changed("v2e", |s| s.pattern.sigma = 0.01));
+        assert!(changed("v2e", |s| s.photoreceptor.cutoff_hz = 50.0));
+        assert!(changed("v2e", |s| s.refractory.period_us = 20));
+        assert!(changed("v2e", |s| (s.noise.leak_hz, s.noise.shot_hz) = (0.3, 4.0)));
+        assert!(changed("gen4-like", |s| s.readout.latency_us = 1.0));
+        assert!(changed("davis346", |s| s.diffusion.as_mut().unwrap().k1 = 5.0));
+        // What needs other passes, or is one number for all of them.
+        assert!(!changed("ideal", |s| s.log_eps = 0.1));
+        assert!(!changed("ideal", |s| s.pattern.sigma = 0.01));
+        assert!(!changed("ideal", |s| s.exposure.time_us = 100));
+        assert!(!changed("v2e", |s| s.log_eps = 0.1));
+        assert!(!changed("v2e", |s| s.photoreceptor.cutoff_hz = 0.0));
+        assert!(!changed("v2e", |s| s.refractory.period_us = 0));
+        assert!(!changed("v2e", |s| s.noise.leak_hz = 0.0));
+        assert!(!changed("v2e", |s| s.readout.latency_us = 5.0));
+        assert!(!share_passes(&preset("v2e"), &preset("davis346")));
+    }
 }

@@ -6,7 +6,7 @@ use glam::DVec3;
 use crate::shadow::plan::LightView;
 use crate::world::image_bounds::{Corners, bounds, corners};
 
-/// Texels around a shadow's border that it may reach (`raster/shadow.wgsl`): of a look at 2x2 texels, the farthest has its
+/// Texels around a shadow's border that it may reach (`raster/shadow.wgsl`): of a lookup of 2x2 texels, the farthest has its
 /// centre within one along each axis, and a comparison is up to 1.1 off its place.
 const MARGIN_TEXELS: f64 = 3.0;
 
@@ -54,7 +54,7 @@ impl Lamp {
         })
     }
 
-    /// The box of `caster`, grown by what a look at the map may reach; `None` where the light is in it.
+    /// The box of `caster`, grown by what a lookup in the map may reach; `None` where the light is in it.
     pub fn grown(&self, caster: &[DVec3]) -> Option<Corners> {
         let (low, high) = bounds(caster);
         let texels = match *self {

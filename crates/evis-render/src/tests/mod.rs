@@ -1,39 +1,17 @@
-//! Floors 0 to 3: declarations against shaders, pipelines on `noop`, passes against twins, whole intervals.
+//! By what they prove: `layout` (declarations against shaders), `pipelines` (on `noop`), `passes` (against twins), `streams`.
 
-mod adaptive_streams;
-mod floor0;
-mod floor1;
-mod floor2;
-mod floor2_audit;
-mod floor2_chain;
-mod floor2_raster;
-mod floor2_resample;
-mod floor2_splat;
-mod floor3;
-mod floor3_adaptive;
-mod floor3_bytes;
-mod floor3_chain;
-mod floor3_decoupled;
-mod floor3_distorted;
-mod floor3_frames;
-mod floor3_host_walk;
-mod floor3_lost;
-mod floor3_sensors;
-mod floor3_shadow;
-mod floor3_shadow_rate;
-mod floor3_splat;
-mod floor3_still;
-mod floor3_tune;
+mod layout;
+mod passes;
+mod pipelines;
 pub(crate) mod portability;
-mod pushed;
 mod random_scenes;
 mod raster_scenes;
-mod skips;
+mod streams;
 
 use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
 
-/// The device of floors 2 and 3. Where `EVIS_REQUIRE_GPU=1`, its absence is a failure; elsewhere it is said aloud.
+/// The device of `passes` and `streams`. Where `EVIS_REQUIRE_GPU=1`, its absence is a failure; elsewhere it is said aloud.
 fn device() -> Option<Gpu> {
     match Gpu::open(None) {
         Ok(gpu) => Some(gpu),

@@ -1,4 +1,4 @@
-//! Floors 0 and 1 of other backends: every shader variant is translated to SPIR-V, MSL and HLSL, and every pipeline is
+//! Other backends: every shader variant is translated to SPIR-V, MSL and HLSL, and every pipeline is
 //! built with the limits of other backends. No driver compiles the translations here.
 
 use std::cell::RefCell;
@@ -16,9 +16,9 @@ use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, ShaderStage};
 
-use super::floor0::{entries, variants};
+use super::layout::{entries, variants};
 use super::raster_scenes;
-use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
+use crate::config::{Antialias, Interpolation, Method, RunConfig, Shadows};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
 use crate::gpu::shader::compose;
@@ -114,7 +114,7 @@ fn configs() -> Vec<RunConfig> {
         RunConfig { method: Method::Splat(Warp::default()), ..plain.clone() },
         RunConfig { method: Method::Splat(Warp::evis_paper(8)), ..plain.clone() },
         RunConfig { antialias: Antialias::Edges, samples: 16, ..plain.clone() },
-        RunConfig { between: Between::Curve, shadows: Some(Shadows::Rays), ..adaptive.clone() },
+        RunConfig { between: Interpolation::Curve, shadows: Some(Shadows::Rays), ..adaptive.clone() },
         RunConfig { antialias: Antialias::Edges, samples: 144, shadows: Some(Shadows::Rays), ..adaptive },
     ]
 }
@@ -165,7 +165,9 @@ fn build_triggers(gpu: &Gpu) {
     for sensor in sensors() {
         for samples in [1, 4] {
             for unknown in [false, true] {
-                for (instants, between) in [(1, Between::Line), (16, Between::Line), (16, Between::Curve)] {
+                for (instants, between) in
+                    [(1, Interpolation::Line), (16, Interpolation::Line), (16, Interpolation::Curve)]
+                {
                     let blocks = Blocks { instants, between };
                     TriggerPasses::new(&gpu.device, &[(&sensor, samples)], unknown, blocks);
                 }

@@ -10,7 +10,7 @@ use evis_core::{CameraInfo, Event, LabelData, LabelKind, SensorConfig};
 use evis_scene::{Scene, SceneState};
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Antialias, Between, Method, RunConfig, Shadows};
+use crate::config::{Antialias, Interpolation, Method, RunConfig, Shadows};
 use crate::engine::simulator::Simulator;
 use crate::error::EngineError;
 use crate::frame::{FrameData, FrameRequest};
@@ -232,7 +232,7 @@ impl<'a> Pilot<'a> {
         let flow = RunConfig {
             method: Method::Native,
             adaptive_px: None,
-            between: Between::Line,
+            between: Interpolation::Line,
             samples: 1,
             antialias: Antialias::Samples,
             shadows: None,
@@ -329,7 +329,7 @@ impl<'a> Pilot<'a> {
             rate_hz: self.reference_rate_hz(),
             // In force for which tiles are drawn; how often is not a matter of motion.
             adaptive_px: Some(f64::MIN_POSITIVE),
-            between: Between::Line,
+            between: Interpolation::Line,
             antialias: Antialias::Samples,
             samples: REFERENCE_SAMPLES,
             texture_taps: Some(4),

@@ -1,7 +1,7 @@
 //! A pinhole lens in pixels: of what is rendered.
 
 use evis_core::CameraInfo;
-use evis_scene::{Camera, Lens};
+use evis_scene::Camera;
 use glam::{DMat4, DVec3, DVec4};
 
 use crate::config::RunConfig;
@@ -24,27 +24,8 @@ pub struct PixelLens {
 impl PixelLens {
     /// Intrinsics of `camera` at the size that `config`, the camera or the defaults say.
     pub fn new(camera: &Camera, config: &RunConfig) -> Self {
-        let (width, height) = match (config.size, camera.width, camera.height) {
-            (Some(size), ..) => size,
-            (None, Some(width), Some(height)) => (width, height),
-            _ => {
-                let aspect = camera.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
-                (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
-            }
-        };
-        let (w, h) = (f64::from(width), f64::from(height));
-        let (focal, center) = match camera.lens {
-            Lens::FieldOfView { fov_y } => {
-                let f = h / 2.0 / (fov_y / 2.0).tan();
-                ([f, f], [w / 2.0, h / 2.0])
-            }
-            Lens::Intrinsics { fx, fy, cx, cy } => {
-                // Intrinsics belong to the camera's own size; another size sees the same field.
-                let sx = w / f64::from(camera.width.unwrap_or(width));
-                let sy = h / f64::from(camera.height.unwrap_or(height));
-                ([fx * sx, fy * sy], [cx * sx, cy * sy])
-            }
-        };
+        let (width, height) = camera.pixels(config.size);
+        let (focal, center) = camera.intrinsics((width, height));
         Self { width, height, focal, center, near: camera.near }
     }
 

@@ -20,7 +20,7 @@ pub struct View {
     pub camera: usize,
     /// Node that carries the camera.
     pub node: usize,
-    /// Its camera's sensor, with that camera's own thresholds.
+    /// Its camera's sensor, with that camera's own thresholds; or the one that a reset gave its environment.
     pub sensor: SensorConfig,
     /// Of everything random here. It depends on the camera's place in the scene, not among those that are rendered.
     pub key: Key,
@@ -36,12 +36,9 @@ impl View {
         self.distorted.as_ref().map_or((self.lens.width, self.lens.height), |own| own.size.into())
     }
 
-    /// Whether it can share passes, targets and submissions with `other`: of its size, with a sensor that differs in
-    /// thresholds at most. A distorted lens is shared by views that have it.
-    pub fn is_alike(&self, other: &Self) -> bool {
-        self.size() == other.size()
-            && self.distorted == other.distorted
-            && self.sensor.is_alike(&other.sensor)
+    /// Whether it can share targets with `other`: of its size, and with its distorted lens where it has one.
+    pub fn shares_targets(&self, other: &Self) -> bool {
+        self.size() == other.size() && self.distorted == other.distorted
     }
 }
 
@@ -115,6 +112,16 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
         }
     }
     Ok((views, infos))
+}
+
+/// Lets what is random in the views of `environments` follow from `seeds`, as for a simulator of this seed; none: it stays.
+pub fn reseed(views: &mut [View], scene: &Scene, environments: &[usize], seeds: &[u64]) {
+    for (index, seed) in environments.iter().zip(seeds) {
+        for view in views.iter_mut().filter(|view| view.environment == *index) {
+            let place = scene.cameras.iter().position(|camera| camera.node == view.node);
+            view.key = Key::new(*seed, *index as u32, place.unwrap_or(view.camera) as u32);
+        }
+    }
 }
 
 /// Camera `index` of `scene`, whose pixels are those of `lens`, where its lens is distorted.

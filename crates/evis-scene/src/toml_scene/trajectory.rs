@@ -41,8 +41,7 @@ fn timed(text: &str, format: Format) -> Result<Path, String> {
 /// The poses of a file that nothing else describes: times in seconds, or in the unit that a line `# unit: ns` (s, ms, us,
 /// ns) names, the first pose at time 0, cameras that look along -Z.
 pub(crate) fn load_plain(path: &FilePath, interpolation: PathInterpolation) -> Result<Path, SceneError> {
-    let text =
-        std::fs::read_to_string(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
+    let text = crate::file::text(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
     let format = Format { unit_s: None, from_zero: true, offset_s: 0.0, opencv_axes: false, interpolation };
     timed(&text, format).map_err(|reason| SceneError::invalid(path, reason))
 }
@@ -68,7 +67,7 @@ fn unit_of(text: &str) -> Result<Option<f64>, String> {
     Ok(None)
 }
 
-/// Refuses times that can hardly be seconds.
+/// Refuses times that are probably not seconds.
 fn check_pace(times: &[f64]) -> Result<(), String> {
     let [first, .., last] = times else { return Ok(()) };
     let mean_s = (last - first) / (times.len() - 1) as f64;

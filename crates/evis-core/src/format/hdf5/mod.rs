@@ -33,6 +33,8 @@
 //! Killing the writer loses at most the last second: the file then opens in h5py with `swmr=True`, and
 //! plainly after [`repair`].
 
+mod column;
+mod layout;
 mod reader;
 mod repair;
 mod store;

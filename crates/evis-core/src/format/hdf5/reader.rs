@@ -487,7 +487,7 @@ struct EventColumns {
     count: u64,
 }
 
-/// Opens `path` and runs `read`. The one door to the decoder: what it does with a damaged file, a panic
+/// Opens `path` and runs `read`. The only way to the decoder: what it does with a damaged file, a panic
 /// included, comes out as an error.
 pub(super) fn with_file<T>(
     path: &Path,

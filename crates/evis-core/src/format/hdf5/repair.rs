@@ -3,8 +3,9 @@
 use std::ops::Range;
 use std::path::Path;
 
-use super::store::{Column, FileState, Store};
-use super::writer::LATEST_US;
+use super::column::Column;
+use super::layout::LATEST_US;
+use super::store::{FileState, Store};
 use super::{RESERVED_NAMES, Recording};
 use crate::format::FormatError;
 

@@ -16,9 +16,9 @@ use std::path::Path;
 
 use rust_hdf5::{FilterPipeline, H5File, H5Group, H5Type, Hdf5Error};
 
+use super::layout::{scalar, strings};
 use super::reader::{Source, with_file};
 use super::units::describe;
-use super::writer::{scalar, strings};
 use super::{EVENTS_PER_CHUNK, GZIP_LEVEL, Recording, RecordingHeader, RecordingWriter};
 use crate::format::FormatError;
 use crate::sensor::SensorConfig;
