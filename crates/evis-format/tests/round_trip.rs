@@ -278,11 +278,11 @@ fn bags_carry_images_and_inertial_samples() {
         channels,
         pixels: (0..32 * 20 * u32::from(channels)).map(|v| (v * 7 + k as u32) as u8).collect(),
     };
-    let imu = |k: i64| ImuSample {
+    let imu = |k: i64| AedatImuSample {
         t: k * 10,
         acceleration: [0.1 * k as f32, -0.2, 9.0],
         rotation: [k as f32 / 7.0, 2.0, 3.0],
-        ..ImuSample::default()
+        ..AedatImuSample::default()
     };
     let packet = Packet {
         events: stream(0, 50),

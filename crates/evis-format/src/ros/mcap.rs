@@ -16,7 +16,7 @@ use super::parse::{EventMessage, Image, is_event_type};
 use super::records::{BagReader, Record, Topic};
 use crate::check::Check;
 use crate::format::Format;
-use crate::packet::{Frame, ImuSample, Packet, Trigger};
+use crate::packet::{AedatImuSample, Frame, Packet, Trigger};
 use crate::prophesee::{Evt3Decoder, Evt3Encoder};
 use crate::read::{EventReader, ReadOptions, StreamInfo};
 use crate::write::{EventWriter, WriteOptions};
@@ -174,11 +174,11 @@ impl McapReader {
             packet.frames.push(Frame { start_us: t_us, end_us: t_us, width, height, channels, pixels });
         } else if kind == IMU.name && own == "imu" {
             let sample = super::parse::imu(bytes)?;
-            packet.imu.push(ImuSample {
+            packet.imu.push(AedatImuSample {
                 t: sample.t_us,
                 acceleration: sample.accelerometer.map(|value| (value / G) as f32),
                 rotation: sample.gyroscope.map(|value| (value / DEGREE) as f32),
-                ..ImuSample::default()
+                ..AedatImuSample::default()
             });
         } else {
             return Ok(Step::Nothing);
