@@ -95,7 +95,7 @@ fn labels_frames_and_poses_are_those_of_rendering() {
 
 #[test]
 fn a_sensor_with_noise_fires_as_rendering_says() {
-    let Some(gpu) = super::device() else { return };
+    let Some(gpu) = crate::tests::device() else { return };
     let mut sensor = SensorConfig::preset("dvxplorer-like").unwrap();
     sensor.noise.shot_hz = 5.0;
     // Pixels fire at noise and light within it.
