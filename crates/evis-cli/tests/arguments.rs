@@ -297,7 +297,9 @@ fn pipes_and_devices_are_refused_wherever_a_file_is_named() {
         "chart --from p.json -o o.png",
     ];
     // At once, and ended where one waits.
-    let lines: Vec<String> = of_events.chain(others.map(String::from)).collect();
+    let lines = of_events.chain(others.map(String::from)).enumerate();
+    // They run side by side: each has an output of its own.
+    let lines: Vec<String> = lines.map(|(k, line)| line.replace(" o.", &format!(" o{k}."))).collect();
     let mut started: Vec<_> = lines
         .iter()
         .map(|line| {
