@@ -31,7 +31,7 @@ pub mod world;
 
 pub use limits::unsupported;
 pub use simulate::{Outcome, Report, Settings, luminance, luminance_of, simulate};
-pub use stream::{Pace, Piece, Stream, StreamSettings, View};
+pub use stream::{Cost, Piece, Stream, StreamSettings, View};
 
 /// Why there are no events.
 #[derive(Clone, Debug, thiserror::Error)]

@@ -7,6 +7,7 @@
 use std::f64::consts::PI;
 use std::sync::OnceLock;
 
+use evis_core::luminance::LUMINANCE_WEIGHTS;
 use evis_scene::environment::{Environment, brdf_lut};
 use evis_scene::motion::Waveform;
 use evis_scene::{LightKind, Scene, ShadingModel};
@@ -16,7 +17,7 @@ use crate::environment::Surroundings;
 use crate::world::{Frame, wide};
 
 /// Rec. ITU-R BT.709-6, item 3.2.
-pub const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
+pub const LUMINANCE: DVec3 = DVec3::from_array(LUMINANCE_WEIGHTS);
 /// Smallest GGX width of a light without extent.
 const LEAST_ALPHA: f64 = 0.002;
 /// Smallest cosine between normal and view.

@@ -68,8 +68,7 @@ impl Default for Settings {
 
 impl Settings {
     pub(crate) fn check(&self) -> Result<(), Error> {
-        // It checks the sensor's values.
-        TiledSensor::new(&self.sensor, self.key, 1)?;
+        TiledSensor::check(&self.sensor)?;
         if !(64..=1 << 20).contains(&self.block_us) || self.block_us.count_ones() != 1 {
             let remedy = "a power of two between 64 and 1048576 microseconds";
             return Err(ConfigError::new("block_us", self.block_us, remedy).into());

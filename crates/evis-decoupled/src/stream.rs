@@ -84,9 +84,9 @@ pub struct Piece {
 /// Seconds of work per second of stream, of all its views together, by what its first usual block took: known before any event
 /// of that block is sent.
 #[derive(Clone, Debug, Default)]
-pub struct Pace(Arc<OnceLock<f64>>);
+pub struct Cost(Arc<OnceLock<f64>>);
 
-impl Pace {
+impl Cost {
     /// The estimate; `None` as long as nothing was measured. A stream that follows some tiles only, or what a host moves, has
     /// none, nor has one that is cut into pieces far shorter than usual.
     pub fn get(&self) -> Option<f64> {
@@ -112,7 +112,7 @@ pub struct Stream {
     horizon_us: i64,
     pieces: Option<Receiver<Result<Piece, Error>>>,
     reference_luminance: f32,
-    pace: Pace,
+    cost: Cost,
     abort: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -135,8 +135,8 @@ impl Stream {
         let (ready, prepared) = channel();
         let abort = Arc::new(AtomicBool::new(false));
         let aborted = Arc::clone(&abort);
-        let pace = Pace::default();
-        let measured = pace.clone();
+        let cost = Cost::default();
+        let measured = cost.clone();
         let work = move || {
             let failed = follow(&scene, &views, &settings, &ready, &orders, &send, &aborted, &measured).err();
             if let Some(error) = failed {
@@ -155,7 +155,7 @@ impl Stream {
             horizon_us: 0,
             pieces: Some(pieces),
             reference_luminance,
-            pace,
+            cost,
             abort,
             thread: Some(thread),
         })
@@ -167,8 +167,8 @@ impl Stream {
     }
 
     /// How fast it goes.
-    pub fn pace(&self) -> &Pace {
-        &self.pace
+    pub fn cost(&self) -> &Cost {
+        &self.cost
     }
 
     /// Requests everything before `until_us` of stream time; the thread simulates no block that begins later.
@@ -234,7 +234,7 @@ fn follow(
     orders: &Receiver<Order>,
     pieces: &SyncSender<Result<Piece, Error>>,
     abort: &AtomicBool,
-    pace: &Pace,
+    cost: &Cost,
 ) -> Result<(), Error> {
     let usual = Settings::default();
     let start_us = settings.start_us;
@@ -306,7 +306,7 @@ fn follow(
         if whole && 2.0 * block.length_us() >= world.block_us(usual.block_us) as f64 {
             let of_all = began.elapsed().as_secs_f64() * all_pixels / pixel_count(world);
             // Only the first is kept.
-            let _ = pace.0.set(of_all * 1e6 / block.length_us());
+            let _ = cost.0.set(of_all * 1e6 / block.length_us());
         }
         let complete_us = complete_us(&blocks[view]);
         let report = pixels[view].report(&lightings[view]);

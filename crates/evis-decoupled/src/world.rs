@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::f64::consts::TAU;
 
 use evis_scene::motion::Path;
-use evis_scene::{AlphaMode, Lens, Motion, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
+use evis_scene::{AlphaMode, Motion, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
@@ -454,31 +454,12 @@ fn lens(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result<PixelL
         let count = scene.cameras.len();
         return Err(Error::Camera(format!("camera {camera} does not exist; the scene has {count}")));
     };
-    let (width, height) = match (size, camera.width, camera.height) {
-        (Some(size), ..) => size,
-        (None, Some(width), Some(height)) => (width, height),
-        _ => {
-            let aspect = camera.aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(4.0 / 3.0);
-            (((480.0 * aspect).round() as u32).clamp(1, 8192), 480)
-        }
-    };
+    let (width, height) = camera.pixels(size);
     if !(1..=8192).contains(&width) || !(1..=8192).contains(&height) {
         let reason = format!("the size is {width}x{height} pixels; each side must be between 1 and 8192");
         return Err(Error::Camera(reason));
     }
-    let (w, h) = (f64::from(width), f64::from(height));
-    let (focal, center) = match camera.lens {
-        Lens::FieldOfView { fov_y } => {
-            let focal = 0.5 * h / (0.5 * fov_y).tan();
-            ([focal, focal], [0.5 * w, 0.5 * h])
-        }
-        Lens::Intrinsics { fx, fy, cx, cy } => {
-            // Intrinsics belong to the camera's own size; another size sees the same field.
-            let x = w / f64::from(camera.width.unwrap_or(width));
-            let y = h / f64::from(camera.height.unwrap_or(height));
-            ([fx * x, fy * y], [cx * x, cy * y])
-        }
-    };
+    let (focal, center) = camera.intrinsics((width, height));
     let usable = focal.iter().all(|f| f.is_finite() && *f > 0.0)
         && center.iter().all(|c| c.is_finite())
         && camera.near.is_finite()

@@ -81,7 +81,7 @@ fn events_of_some_tiles_are_those_of_the_whole_picture() {
 }
 
 #[test]
-fn the_pace_is_known_with_the_first_usual_block() {
+fn the_cost_is_known_with_the_first_usual_block() {
     let follow = |settings: StreamSettings| {
         let views = vec![view(None, 0.2), view(None, 0.3)];
         let mut stream = Stream::new(Arc::new(spinner()), views, &settings).unwrap();
@@ -90,14 +90,14 @@ fn the_pace_is_known_with_the_first_usual_block() {
         while complete.iter().any(|t| *t < 3_000) {
             let piece = stream.next(&AtomicBool::new(false)).unwrap().unwrap();
             complete[piece.view] = piece.complete_us;
-            assert!(piece.complete_us < 3_000 || !settings.only.is_empty() || stream.pace().get().is_some());
+            assert!(piece.complete_us < 3_000 || !settings.only.is_empty() || stream.cost().get().is_some());
         }
-        (complete, stream.pace().get())
+        (complete, stream.cost().get())
     };
     let settings = StreamSettings { size: SIZE, ..StreamSettings::default() };
-    let (complete, pace) = follow(settings.clone());
-    let pace = pace.unwrap();
-    assert!(pace > 0.0 && pace.is_finite(), "{pace}");
+    let (complete, cost) = follow(settings.clone());
+    let cost = cost.unwrap();
+    assert!(cost > 0.0 && cost.is_finite(), "{cost}");
     assert!(complete.iter().all(|t| *t > 20_000), "{complete:?}");
     let only = vec![vec![true; 2 * 30], vec![true; 2 * 30]];
     assert_eq!(

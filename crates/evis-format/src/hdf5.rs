@@ -349,16 +349,7 @@ impl Hdf5Writer {
             cy: unknown,
             distortion: None,
         };
-        let header = RecordingHeader {
-            cameras: vec![camera],
-            seed: 0,
-            method: String::new(),
-            environment: 0,
-            config_toml: String::new(),
-            duration_us: None,
-            t_offset_us: 0,
-            labels: Vec::new(),
-        };
+        let header = RecordingHeader::of(vec![camera]);
         let writer = RecordingWriter::create(path, &header, options.overwrite)?;
         Ok(Self { path: path.into(), writer })
     }

@@ -72,7 +72,7 @@ pub fn truth(
         None => {
             let mut shared: Vec<i64> =
                 (0..=settings.duration_us / shortest.0).map(|k| k * shortest.0).collect();
-            shared.extend(schedule::break_looks(&clock, settings.duration_us));
+            shared.extend(schedule::break_samples(&clock, settings.duration_us));
             shared.sort_unstable();
             shared.dedup();
             clock.share(shared.into_iter());
@@ -289,7 +289,7 @@ impl<'a> Stillness<'a> {
         let mut boxes: Vec<(glam::DVec3, glam::DVec3)> = Vec::new();
         let even = (0..=Self::INSTANTS).map(|k| duration_us as f64 * k as f64 / Self::INSTANTS as f64);
         // What is shown for a short while.
-        let shown = schedule::break_looks(clock, duration_us);
+        let shown = schedule::break_samples(clock, duration_us);
         for t_us in even.chain(shown.into_iter().map(|t_us| t_us as f64)) {
             let moment = clock.at(t_us);
             for (i, (low, high)) in moment.moving_boxes(Self::MARGIN).into_iter().enumerate() {

@@ -57,7 +57,7 @@ pub fn shortest(clock: &Clock, duration_us: i64) -> (i64, f64) {
 
 /// Times at which what bends or jumps is evaluated: the last microsecond up to it, and the first one after it. Motion to and
 /// fro turns at its keys, where light touches a level that it misses a microsecond earlier and later.
-pub fn break_looks(clock: &Clock, duration_us: i64) -> Vec<i64> {
+pub fn break_samples(clock: &Clock, duration_us: i64) -> Vec<i64> {
     let breaks = clock.break_times(duration_us).into_iter();
     let sides = breaks.map(|t_us| t_us.floor() as i64).flat_map(|t_us| [t_us, t_us + 1]);
     sides.filter(|t_us| (0..=duration_us).contains(t_us)).collect()
@@ -98,7 +98,7 @@ struct Window<'a> {
 impl<'c, 'a> Schedule<'c, 'a> {
     /// The same step for all.
     pub fn even(clock: &'c Clock<'a>, step_us: i64, duration_us: i64) -> Self {
-        let breaks_us = break_looks(clock, duration_us);
+        let breaks_us = break_samples(clock, duration_us);
         Self { clock, shortest_us: step_us, duration_us, breaks_us, local: None }
     }
 

@@ -21,16 +21,16 @@ use crate::text;
 /// that flushing a fast run for each part of its stream would fill the disk.
 const FLUSH_EVERY: Duration = Duration::from_millis(400);
 
-/// How often it is looked whether the stream's pace is known, or its end asked for.
-const LOOK: Duration = Duration::from_millis(20);
+/// How often the estimate of the cost and Ctrl-C are polled.
+const POLL: Duration = Duration::from_millis(20);
 
-/// How long what is in force stays unsaid where the stream's pace is not known.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// The first line is printed after this time, also without an estimate.
+const MOST_WAIT: Duration = Duration::from_secs(10);
 
-/// What is in force, the preset that takes less, and how long the run takes: `pace` seconds per second of stream. That depends on
+/// The settings of the run, the preset that takes less, and how long the run takes: `cost` seconds per second of stream. That depends on
 /// scene, size and device by factors of hundreds; a number that is not measured would be a guess.
-pub(super) fn before_line(config: &RunConfig, duration_us: i64, pace: Option<f64>) -> String {
-    let force = config.quality.map_or_else(
+pub(super) fn before_line(config: &RunConfig, duration_us: i64, cost: Option<f64>) -> String {
+    let settings = config.quality.map_or_else(
         || format!("{}, set by hand", config.method.name()),
         |quality| format!("quality {} ({})", quality.name(), config.method.name()),
     );
@@ -39,20 +39,20 @@ pub(super) fn before_line(config: &RunConfig, duration_us: i64, pace: Option<f64
         .and_then(|quality| quality.cheaper())
         .map_or_else(String::new, |quality| format!("; --quality {} takes less", quality.name()));
     let stream = text::seconds(duration_us);
-    let Some(pace) = pace else {
+    let Some(cost) = cost else {
         return format!(
-            "{force}: {stream} of stream; after a second of work follows how long it takes{cheaper}"
+            "{settings}: {stream} of stream; after a second of work follows how long it takes{cheaper}"
         );
     };
-    format!("{force}: {}{cheaper}", paced(config, duration_us, pace))
+    format!("{settings}: {}{cheaper}", cost_line(config, duration_us, cost))
 }
 
-/// How long the run takes at `pace` seconds per second of stream.
-fn paced(config: &RunConfig, duration_us: i64, pace: f64) -> String {
+/// How long the run takes at `cost` seconds per second of stream.
+fn cost_line(config: &RunConfig, duration_us: i64, cost: f64) -> String {
     let pictured = config.carried().iter().any(|kind| *kind != LabelKind::Cause);
     let beside = if pictured { " beside labels and frames" } else { "" };
     let total =
-        text::roughly(Duration::try_from_secs_f64(pace * duration_us as f64 * 1e-6).unwrap_or(Duration::MAX));
+        text::roughly(Duration::try_from_secs_f64(cost * duration_us as f64 * 1e-6).unwrap_or(Duration::MAX));
     format!("{} of stream in {total}{beside}, by what its first part takes", text::seconds(duration_us))
 }
 
@@ -120,26 +120,26 @@ impl Job {
         let progress = Progress::new(u64::try_from(duration_us).unwrap_or(0));
         let mut forecast = Forecast::default();
         let started = Instant::now();
-        // Said before the first packet, with how long it takes as soon as that is known.
+        // The first line comes before the first packet, as soon as there is an estimate.
         let config = simulator.config().clone();
-        let mut unsaid = config.method == Method::Decoupled;
+        let mut pending = config.method == Method::Decoupled;
         let mut packets = simulator.stream(duration_us, PACKET_US)?;
         loop {
-            let next = packets.poll_next(LOOK);
-            let pace = packets.pace();
-            match pace {
-                Some(pace) if !forecast.told => {
+            let next = packets.poll_next(POLL);
+            let cost = packets.cost();
+            match cost {
+                Some(cost) if !forecast.told => {
                     forecast.told = true;
-                    progress.line(&if unsaid {
-                        before_line(&config, duration_us, Some(pace))
+                    progress.line(&if pending {
+                        before_line(&config, duration_us, Some(cost))
                     } else {
-                        paced(&config, duration_us, pace)
+                        cost_line(&config, duration_us, cost)
                     });
-                    unsaid = false;
+                    pending = false;
                 }
-                None if unsaid && (next.is_ready() || started.elapsed() > PATIENCE) => {
+                None if pending && (next.is_ready() || started.elapsed() > MOST_WAIT) => {
                     progress.line(&before_line(&config, duration_us, None));
-                    unsaid = false;
+                    pending = false;
                 }
                 _ => {}
             }
@@ -258,7 +258,7 @@ mod tests {
         assert!(line(None).starts_with("native, set by hand: 2 s of stream"));
         let mut config =
             RunConfig { method: Method::Decoupled, quality: Some(Quality::Draft), ..RunConfig::default() };
-        let sampled = |config: &RunConfig, pace| before_line(config, 2_000_000, Some(pace));
+        let sampled = |config: &RunConfig, cost| before_line(config, 2_000_000, Some(cost));
         assert_eq!(
             sampled(&config, 78.0),
             "quality draft (decoupled): 2 s of stream in about 3 min, by what its first part takes"

@@ -67,6 +67,15 @@ impl TiledSensor {
     /// # Errors
     /// A value out of range, and a stage that is defined on frames ([`SensorConfig::needs_frames`]).
     pub fn new(sensor: &SensorConfig, key: Key, width: u32) -> Result<Self, ConfigError> {
+        Self::check(sensor)?;
+        Ok(Self { plan: Plan::new(sensor), isa: Isa::detect(), key, width })
+    }
+
+    /// Whether a sensor can be followed in this way.
+    ///
+    /// # Errors
+    /// As [`TiledSensor::new`].
+    pub fn check(sensor: &SensorConfig) -> Result<(), ConfigError> {
         Sensor::new(sensor.clone())?;
         if let Some(stage) = sensor.needs_frames() {
             return Err(ConfigError::new(
@@ -75,7 +84,7 @@ impl TiledSensor {
                 "one without: that is defined on frames, and decoupled sampling has none",
             ));
         }
-        Ok(Self { plan: Plan::new(sensor), isa: Isa::detect(), key, width })
+        Ok(())
     }
 
     /// Pixels that have seen nothing, of the tile whose first one is at (x, y).

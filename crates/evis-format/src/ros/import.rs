@@ -316,16 +316,8 @@ impl Content {
         let mut labels: Vec<LabelKind> = kinds.collect();
         labels.sort_unstable();
         labels.dedup();
-        RecordingHeader {
-            cameras: self.cameras.iter().map(|camera| camera.info.clone()).collect(),
-            seed: 0,
-            method: String::new(),
-            environment: 0,
-            config_toml: String::new(),
-            duration_us: None,
-            t_offset_us: 0,
-            labels,
-        }
+        let cameras = self.cameras.iter().map(|camera| camera.info.clone()).collect();
+        RecordingHeader { labels, ..RecordingHeader::of(cameras) }
     }
 
     /// Decodes a message of events.

@@ -8,7 +8,7 @@ use evis_core::emulator::tiled::TiledSensor;
 use evis_core::event::take_causes;
 use evis_core::random::Key;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, SensorConfig, TimeGrid};
-use evis_decoupled::{Pace, Report, Stream, StreamSettings};
+use evis_decoupled::{Cost, Report, Stream, StreamSettings};
 use evis_scene::Scene;
 
 use crate::config::RunConfig;
@@ -105,8 +105,8 @@ impl Decoupled {
     }
 
     /// How fast events come; labels and frames apart.
-    pub fn pace(&self) -> &Pace {
-        self.stream.pace()
+    pub fn cost(&self) -> &Cost {
+        self.stream.cost()
     }
 
     /// Stream time up to which packets were delivered.
@@ -144,7 +144,7 @@ impl Decoupled {
     /// # Errors
     /// One whose stages are defined on frames.
     pub fn check_sensor(&self, sensor: &SensorConfig) -> Result<(), ConfigError> {
-        TiledSensor::new(sensor, Key::new(0, 0, 0), 1).map(|_| ())
+        TiledSensor::check(sensor)
     }
 
     /// Resets environments at the present: see [`Engine::reset`].

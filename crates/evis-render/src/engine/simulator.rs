@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use evis_core::event::MOST_T_US;
 use evis_core::{CameraInfo, ConfigError, SensorConfig};
-use evis_decoupled::Pace;
+use evis_decoupled::Cost;
 use evis_scene::{HostJump, HostPose, HostPoses, HostStep, Scene};
 
 use crate::config::{Method, RunConfig, checked};
@@ -63,10 +63,10 @@ impl Source {
         }
     }
 
-    fn pace(&self) -> Option<&Pace> {
+    fn cost(&self) -> Option<&Cost> {
         match self {
             Self::Sampled(_) => None,
-            Self::Decoupled(views) => Some(views.pace()),
+            Self::Decoupled(views) => Some(views.cost()),
         }
     }
 
@@ -418,7 +418,7 @@ impl Simulator {
         let mut source = self.source;
         let stop = source.stop().clone();
         let stopped = stop.clone();
-        let pace = source.pace().cloned();
+        let cost = source.cost().cloned();
         let thread = std::thread::Builder::new()
             .name("evis-stream".into())
             .spawn(move || {
@@ -434,7 +434,7 @@ impl Simulator {
                 }
             })
             .map_err(|e| EngineError::Device(format!("cannot start the stream's thread: {e}")))?;
-        Ok(PacketStream { receive: Some(receive), stop, pace, thread: Some(thread) })
+        Ok(PacketStream { receive: Some(receive), stop, cost, thread: Some(thread) })
     }
 }
 
@@ -487,7 +487,7 @@ fn check_driven<'a>(
 pub struct PacketStream {
     receive: Option<Receiver<Result<Packet, EngineError>>>,
     stop: Arc<AtomicBool>,
-    pace: Option<Pace>,
+    cost: Option<Cost>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -505,8 +505,8 @@ impl Iterator for PacketStream {
 impl PacketStream {
     /// Seconds of work per second of stream, by the first block of work, which is done before the first packet; labels and frames
     /// apart. `None` as long as nothing was measured; [`Method::Decoupled`] alone measures it.
-    pub fn pace(&self) -> Option<f64> {
-        self.pace.as_ref().and_then(Pace::get)
+    pub fn cost(&self) -> Option<f64> {
+        self.cost.as_ref().and_then(Cost::get)
     }
 
     /// Waits for the next packet for at most `wait`; pending where it is not there yet, so that a host can

@@ -793,14 +793,9 @@ mod tests {
             distortion: None,
         };
         let header = RecordingHeader {
-            cameras: vec![camera],
-            seed: 0,
             method: "native".into(),
-            environment: 0,
-            config_toml: String::new(),
-            duration_us: None,
-            t_offset_us: 0,
             labels: vec![LabelKind::Depth],
+            ..RecordingHeader::of(vec![camera])
         };
         RecordingWriter::create(&path, &header, true).unwrap().finish("{}").unwrap();
 

@@ -89,6 +89,20 @@ pub struct RecordingHeader {
 }
 
 impl RecordingHeader {
+    /// Of these cameras, with nothing else known: no seed, method, configuration, length or labels.
+    pub const fn of(cameras: Vec<CameraInfo>) -> Self {
+        Self {
+            cameras,
+            seed: 0,
+            method: String::new(),
+            environment: 0,
+            config_toml: String::new(),
+            duration_us: None,
+            t_offset_us: 0,
+            labels: Vec::new(),
+        }
+    }
+
     /// What a file keeps to know its scalars and texts by: FNV-1a over all of them, numbers as their bytes.
     fn hash(&self) -> u64 {
         let mut fnv = Fnv::default();

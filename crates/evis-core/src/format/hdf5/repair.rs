@@ -416,16 +416,7 @@ mod tests {
             cy: 1.0,
             distortion: None,
         };
-        let header = RecordingHeader {
-            cameras: vec![camera],
-            seed: 0,
-            method: "native".into(),
-            environment: 0,
-            config_toml: String::new(),
-            duration_us: None,
-            t_offset_us: 0,
-            labels: Vec::new(),
-        };
+        let header = RecordingHeader { method: "native".into(), ..RecordingHeader::of(vec![camera]) };
         let events: Vec<_> = (0..150_000).map(|i| Event::new(i * 137, 1, 2, Polarity::Off)).collect();
         let mut writer = RecordingWriter::create(path, &header, true).unwrap();
         writer.write_events(0, &events).unwrap();
