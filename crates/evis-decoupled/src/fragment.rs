@@ -6,7 +6,8 @@
 
 use glam::{DMat3, DVec3, Vec4};
 
-use crate::lists::{Record, TILE};
+use crate::lists::Record;
+use crate::tiles::{PixelFrame, TILE, TileView};
 
 /// A linear function a x + b y + c on the pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -107,6 +108,8 @@ pub struct Sight {
     place: [Line; 2],
     /// What is nearer than the near plane lies outside of this.
     near: Option<Line>,
+    /// See [`TileView::margin`].
+    margin: f64,
 }
 
 impl Line {
@@ -115,15 +118,30 @@ impl Line {
     pub fn moved(&self, x: f64, y: f64) -> Self {
         Self { a: self.a, b: self.b, c: self.c + (self.a * x + self.b * y) }
     }
+
+    /// The same function in a pixel's own coordinates.
+    #[inline(always)]
+    pub fn in_pixel(&self, frame: &PixelFrame) -> Self {
+        let [x, y] = frame.middle;
+        let moved = self.moved(x, y);
+        match &frame.axes {
+            None => moved,
+            Some(axes) => {
+                let [a, b] = axes.map(|[x, y]| self.a * x + self.b * y);
+                Self { a, b, ..moved }
+            }
+        }
+    }
 }
 
 /// Pixels of a tile, row by row from bit 0, in which a line about the tile's centre is above -`reach` anywhere and above
 /// `reach` everywhere, `reach` being its change from a pixel's centre to a corner: no pixel lacks in the first, and none is
 /// wrong in the second.
 #[inline(always)]
-fn pixels_above(line: &Line, reach: f64) -> (u64, u64) {
-    // What rounding to 32 bits may do.
-    let slack = 1e-6 * (line.c.abs() + TILE as f64 * (line.a.abs() + line.b.abs()));
+fn pixels_above(line: &Line, reach: f64, margin: f64) -> (u64, u64) {
+    // Where pixels lie elsewhere, and what rounding to 32 bits may do.
+    let bent = margin * (line.a.abs() + line.b.abs());
+    let slack = bent + 1e-6 * (line.c.abs() + TILE as f64 * (line.a.abs() + line.b.abs()));
     let [a, b, c, least, most] = [line.a, line.b, line.c, -(reach + slack), reach + slack].map(|v| v as f32);
     let (mut some, mut whole) = (0, 0);
     let across = [Vec4::new(-3.5, -2.5, -1.5, -0.5), Vec4::new(0.5, 1.5, 2.5, 3.5)].map(|x| x * a + c);
@@ -146,7 +164,7 @@ impl Sight {
         let near = self.near.map(|line| (line, line.reach()));
         let (mut some, mut whole) = (u64::MAX, u64::MAX);
         for (line, reach) in edges.chain(near) {
-            let (own_some, own_whole) = pixels_above(&line, reach);
+            let (own_some, own_whole) = pixels_above(&line, reach, self.margin);
             some &= own_some;
             whole &= own_whole;
             if some == 0 {
@@ -165,13 +183,11 @@ impl Sight {
         if d.c.abs() + tile * reach < 1e-10 * (own.c.abs() - tile * own.reach()) {
             return if self.facet < other.facet { u64::MAX } else { 0 };
         }
-        pixels_above(&d, reach).1
+        pixels_above(&d, reach, self.margin).1
     }
 
-    /// `record` as a tile about a centre sees it at `v` of its span, with squares of `size` pixels in the place of pixels;
-    /// `None` where nobody does.
-    pub fn new(record: &Record, [x, y]: [f64; 2], size: f64, v: f64, near: f64) -> Option<Self> {
-        let inverse_size = 1.0 / size;
+    /// `record` as a tile sees it at `v` of its span; `None` where nobody does.
+    pub fn new(record: &Record, view: &TileView, v: f64, near: f64) -> Option<Self> {
         let [p, q, r] = &record.points;
         let mut h = [[0.0; 4]; 3];
         for axis in 0..3 {
@@ -179,12 +195,7 @@ impl Sight {
                 h[axis][corner] = p[axis][corner] + v * (q[axis][corner] + v * r[axis][corner]);
             }
         }
-        let [h0, h1, h2] = &mut h;
-        for ((x_z, y_z), z) in h0.iter_mut().zip(h1).zip(h2) {
-            *x_z = (*x_z - x * *z) * inverse_size;
-            *y_z = (*y_z - y * *z) * inverse_size;
-        }
-        let point = |k: usize| DVec3::new(h[0][k], h[1][k], h[2][k]);
+        let point = |k: usize| view.point(h[0][k], h[1][k], h[2][k]);
         let [h0, h1, h2, h3] = [point(0), point(1), point(2), point(3)];
         // Of the triangle of corners 0, 1 and 3, which all but degenerate facets have.
         let (e0, e3, across) = (h0.cross(h1), h3.cross(h0), h1.cross(h3));
@@ -197,11 +208,7 @@ impl Sight {
         let edges = [e0, h1.cross(h2), h2.cross(h3), e3].map(|e| e * sign);
         let inverse = 1.0 / volume;
         let inverse_depth = Line::new((e0 + e3 + across) * inverse);
-        let near = record.crosses_near.then(|| Line {
-            a: -inverse_depth.a,
-            b: -inverse_depth.b,
-            c: 1.0 / near - inverse_depth.c,
-        });
+        let near = record.crosses_near.then(|| Line::new(view.near(near)).minus(inverse_depth));
         Some(Self {
             facet: record.facet,
             front,
@@ -212,6 +219,7 @@ impl Sight {
             inverse_depth,
             place: [Line::new(e3 * inverse), Line::new(e0 * inverse)],
             near,
+            margin: view.margin,
         })
     }
 
@@ -240,27 +248,25 @@ impl Sight {
         DMat3::from_cols_array(&[s.a, t.a, w.a, s.b, t.b, w.b, s.c, t.c, w.c])
     }
 
-    /// As the pixel sees it whose centre is at (`x`, `y`); `None` where it does not. `covers` says that it is known to
-    /// fill the pixel.
+    /// As a pixel sees it, in that pixel's own coordinates; `None` where it does not. `covers` says that it is known to fill
+    /// the pixel.
     #[inline(always)]
-    pub fn at(&self, record: u32, [x, y]: [f64; 2], covers: bool) -> Option<Fragment> {
+    pub fn at(&self, record: u32, frame: &PixelFrame, covers: bool) -> Option<Fragment> {
         let mut fragment = Fragment {
             record,
             facet: self.facet,
             edges: [Line::default(); 5],
             edge_count: 0,
-            inverse_depth: self.inverse_depth.moved(x, y),
+            inverse_depth: self.inverse_depth.in_pixel(frame),
         };
         if covers {
             return Some(fragment);
         }
-        let lines: [Line; 4] = std::array::from_fn(|k| Line {
-            a: self.a[k],
-            b: self.b[k],
-            c: self.c[k] + (self.a[k] * x + self.b[k] * y),
-        });
+        let edge = |k: usize| Line { a: self.a[k], b: self.b[k], c: self.c[k] };
+        let lines: [Line; 4] = std::array::from_fn(|k| edge(k).in_pixel(frame));
+        let reaches = if frame.axes.is_none() { self.reach } else { lines.map(|line| line.reach()) };
         let (mut outside, mut crossing) = (false, false);
-        for (line, reach) in lines.iter().zip(&self.reach) {
+        for (line, reach) in lines.iter().zip(&reaches) {
             outside |= line.c < -reach;
             crossing |= line.c < *reach;
         }
@@ -268,13 +274,13 @@ impl Sight {
             return None;
         }
         if crossing {
-            for (line, _) in lines.iter().zip(&self.reach).filter(|(line, reach)| line.c < **reach) {
+            for (line, _) in lines.iter().zip(&reaches).filter(|(line, reach)| line.c < **reach) {
                 fragment.edges[fragment.edge_count] = *line;
                 fragment.edge_count += 1;
             }
         }
         if let Some(near) = self.near {
-            let line = near.moved(x, y);
+            let line = near.in_pixel(frame);
             let reach = line.reach();
             if line.c < -reach {
                 return None;

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::blocks::Block;
 use crate::knots::TileSignal;
-use crate::lists::{PIXELS, TILE};
+use crate::tiles::{PIXELS, TILE};
 
 /// Most frames of a block: their pictures are all held.
 const MOST_FRAMES: f64 = 64.0;

@@ -13,6 +13,8 @@
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
+use crate::tiles::change;
+
 /// Cells per texel of the level that is read, at least.
 const PER_TEXEL: f64 = 3.0;
 /// Cells along a pixel's side, at most.
@@ -66,14 +68,6 @@ impl Grid {
         let first = DVec2::new(left, top) - 1.0 / density;
         (columns.saturating_mul(rows) <= MOST_CELLS).then_some(Self { first, columns, rows })
     }
-}
-
-/// How a projective map's image changes to the right and down at (x, y).
-pub(crate) fn change(map: &DMat3, [x, y]: [f64; 2]) -> DMat2 {
-    let h = *map * DVec3::new(x, y, 1.0);
-    let place = DVec2::new(h.x, h.y) / h.z;
-    let of = |c: DVec3| (DVec2::new(c.x, c.y) - place * c.z) / h.z;
-    DMat2::from_cols(of(map.x_axis), of(map.y_axis))
 }
 
 /// Corners of `rect`; `None` where the map's last component, 1/depth, differs too much over it.

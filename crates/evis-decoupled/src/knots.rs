@@ -5,9 +5,10 @@
 //! pixel is evaluated at their ends, its knots, and light runs along cubics between them. A cubic that misses a pixel's light
 //! in the middle of two knots gives way to evaluations there. What comes out is straight between parts of intervals.
 
-use crate::lists::{Entry, PIXELS};
+use crate::lists::Entry;
 use crate::path::{INSTANT_US, stride};
 use crate::pixel::{Evaluator, PixelActivity, UNITS, Work};
+use crate::tiles::PIXELS;
 
 /// Parts of an interval between two knots in which light counts as straight.
 const PARTS: u32 = 4;

@@ -1,7 +1,7 @@
 //! Decoupled sampling: which surfaces a pixel sees is found from geometry in continuous time, how bright they are from
 //! light that lives on the surfaces, and each pixel is evaluated at its own times. Pure Rust, no GPU.
 //!
-//! Modules read earlier ones only: [`world`] flattens a scene; [`blocks`] cuts time and bounds motion; [`lists`] says
+//! Modules read earlier ones only: [`world`] flattens a scene; [`tiles`] says what a tile of pixels sees of it; [`blocks`] cuts time and bounds motion; [`lists`] says
 //! what tiles and pixels may see; [`coverage`] how much of a pixel each facet covers at a time; [`texture`], [`light`]
 //! and [`shadow`] what it sends; [`path`] follows a pixel's light; [`events`] crosses thresholds; `knots` gives a tile's light to sensors with
 //! more stages than these: `sensing` tile by tile, `frames` as pictures.
@@ -15,6 +15,7 @@ mod frames;
 mod hash;
 pub mod keyframe;
 mod knots;
+pub mod lens;
 pub mod light;
 mod limits;
 pub mod lists;
@@ -29,6 +30,7 @@ pub mod shadow;
 mod simulate;
 mod stream;
 pub mod texture;
+pub mod tiles;
 pub mod world;
 
 pub use limits::unsupported;

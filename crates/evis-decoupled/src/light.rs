@@ -19,13 +19,14 @@ use crate::blocks::{Block, Clock};
 use crate::coverage::{Moments, Polygon, Polygons};
 use crate::fragment::{Line, Sight};
 use crate::hash::Words;
-use crate::keyframe::{Footprint, Keyframe, MOST_PLANES, change};
-use crate::lists::{Entry, PIXELS, Record, TILE, centre_of};
+use crate::keyframe::{Footprint, Keyframe, MOST_PLANES};
+use crate::lists::{Entry, Record};
 use crate::maps::{Map as TextureMap, MapReader, Maps};
 use crate::material::{self, Around, Lamp, Point, Response, respond};
 use crate::pages::{Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::{Cells, Textures};
+use crate::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
 use crate::world::{Facet, Frame, World, wide};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
@@ -38,6 +39,8 @@ const SMOOTH: f64 = 0.0015;
 const MOST_PERSPECTIVE: f64 = 0.015;
 /// Places along either side of a footprint on a surface with maps, where there is no picture.
 const PLACES: u32 = 4;
+/// A tile as a pixel, where its side is the unit.
+const WHOLE: PixelFrame = PixelFrame::square([0.0; 2]);
 /// Maps that share the work of a lock.
 const SHARDS: usize = 64;
 
@@ -177,7 +180,7 @@ pub struct TileLight {
     patches: Vec<Arc<Patch>>,
     /// Facets of all slots and lamps, with the pixels that they may darken.
     occluders: Vec<(u64, u32)>,
-    centre: [f64; 2],
+    view: TileView,
     found: Vec<u32>,
     lit: Lit,
     /// By moment, slot and lamp: where in `lines` the half planes of its occluders begin, plus 1.
@@ -587,7 +590,7 @@ impl<'a> Lighting<'a> {
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
         let [low, high] = slot.range;
-        let mut receivers = None;
+        let (mut receivers, mut tile_units) = (None, None);
         for (number, &lamp) in self.own.iter().enumerate() {
             let [a, b] = [0, 1].map(|end| &self.lamps[end][lamp]);
             if slot.lit >> number & 1 == 0 || !a.casts_shadow || slot.shades[number].dark == u64::MAX {
@@ -656,11 +659,12 @@ impl<'a> Lighting<'a> {
                 }
                 let receivers = receivers.get_or_insert_with(|| {
                     // Where the tile does not see it, nothing is known.
-                    let of = |s: Sight| s.at(index, [0.0; 2], false).map(|f| f.inverse_depth);
-                    self.receivers(record, tile.centre).map(|s| s.and_then(of))
+                    let of = |s: Sight| s.at(index, &WHOLE, false).map(|f| f.inverse_depth);
+                    self.receivers(record, &tile.view).map(|s| s.and_then(of))
                 });
                 let lamp = &self.screen_lamps[number];
-                let found = self.occluder(id).pixels(lamp, receivers, record.u, tile.centre, slot.touches);
+                let view = tile_units.get_or_insert_with(|| tile.view.in_units_of(TILE as f64));
+                let found = self.occluder(id).pixels(lamp, receivers, record.u, view, slot.touches);
                 if found.touches == 0 {
                     continue;
                 }
@@ -706,8 +710,9 @@ impl<'a> Lighting<'a> {
     }
 
     /// A facet as a tile sees it at the start, middle and end of its span, with the tile's side as unit.
-    fn receivers(&self, record: &Record, centre: [f64; 2]) -> [Option<Sight>; 3] {
-        [0.0, 0.5, 1.0].map(|v| Sight::new(record, centre, TILE as f64, v, self.world.lens.near))
+    fn receivers(&self, record: &Record, view: &TileView) -> [Option<Sight>; 3] {
+        let view = view.in_units_of(TILE as f64);
+        [0.0, 0.5, 1.0].map(|v| Sight::new(record, &view, v, self.world.lens.near))
     }
 
     /// What a still facet hides from lamp `number`, which is still.
@@ -740,7 +745,7 @@ impl<'a> Lighting<'a> {
     }
 
     /// Prepares `tile` for the tile at (column, row); an entry's light is gathered when a pixel first sees it.
-    pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], [column, row]: [usize; 2]) {
+    pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], place: [usize; 2]) {
         tile.slots.clear();
         tile.slots.extend(entries.iter().map(|e| Slot { touches: e.touches, ..Slot::default() }));
         tile.pictures.clear();
@@ -750,7 +755,7 @@ impl<'a> Lighting<'a> {
         tile.occluders.clear();
         tile.line_starts.clear();
         tile.lines.clear();
-        tile.centre = [column, row].map(|v| (v * TILE) as f64 + 0.5 * TILE as f64);
+        tile.view = self.world.tile(place);
     }
 
     /// Gathers the light of entry `slot` of a tile, which is `record`, number `index` of the block.
@@ -800,8 +805,8 @@ impl<'a> Lighting<'a> {
         // Where the tile sees the facet, in (s, t).
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut front = true;
-        for sight in self.receivers(record, tile.centre).into_iter().flatten() {
-            let Some(fragment) = sight.at(index, [0.0; 2], false) else { continue };
+        for sight in self.receivers(record, &tile.view).into_iter().flatten() {
+            let Some(fragment) = sight.at(index, &WHOLE, false) else { continue };
             front = sight.front;
             for corner in Polygon::within(fragment.crossing()).corners() {
                 let place = sight.place(*corner);
@@ -1070,7 +1075,7 @@ impl<'a> Lighting<'a> {
             let shade = tile.slots[slot].shades[number];
             for (_, id) in &tile.occluders[shade.from..shade.to] {
                 let lamp = &self.screen_lamps[number];
-                tile.lines.push(self.occluder(*id).lines(lamp, &sight.inverse_depth, tile.centre, u));
+                tile.lines.push(self.occluder(*id).lines(lamp, &sight.inverse_depth, &tile.view, u));
             }
         }
         tile.line_starts[index] as usize - 1
@@ -1080,8 +1085,7 @@ impl<'a> Lighting<'a> {
     fn picture(&self, tile: &mut TileLight, record: &Record, index: u32) -> Option<u32> {
         let surface = self.world.facets[record.facet as usize].surface as usize;
         self.answers[surface].maps.as_ref()?;
-        let size = [f64::from(self.world.lens.width), f64::from(self.world.lens.height)];
-        tile.pictures.push(Picture::new(record, index, size, self.world.lens.near)?);
+        tile.pictures.push(Picture::new(record, index, self.world.seen(), self.world.lens.near)?);
         Some(tile.pictures.len() as u32 - 1)
     }
 
@@ -1097,8 +1101,8 @@ impl<'a> Lighting<'a> {
         let warp =
             tile.warps[index].get_or_insert_with(|| picture.image_from_facet * part.sight.facet_from_image());
         let (centre, moments) = part.moments.central();
-        let place = DVec2::new(part.offset[0] + centre[0], part.offset[1] + centre[1]);
-        Some((Footprint::under(warp, place, moments)?, picture))
+        let place = DVec2::from_array(part.frame.point(centre));
+        Some((Footprint::under(warp, place, part.frame.moments(moments))?, picture))
     }
 
     /// Renders a page of the light of a facet with maps.
@@ -1165,7 +1169,8 @@ impl<'a> Lighting<'a> {
         let f = &self.world.facets[facet as usize];
         let maps = mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners);
         let (centre, axes) = part.moments.footprint();
-        let (place, change) = part.sight.parameters([0, 1].map(|k| part.offset[k] + centre[k]));
+        let (place, change) = part.sight.parameters(part.frame.point(centre));
+        let axes = axes.map(|axis| part.frame.vector(axis));
         let along = DMat2::from_cols_array_2d(&change) * DMat2::from_cols_array_2d(&axes);
         let count = f64::from(PLACES * PLACES);
         let maps = maps.reader(&self.shared.textures, along.determinant().abs() / count);
@@ -1198,7 +1203,7 @@ impl<'a> Lighting<'a> {
         let start = self.shadow_lines(tile, slot, number, at.moment, part.sight, at.u);
         let near = tile.occluders[shade.from..shade.to].iter().zip(&tile.lines[start..]);
         let near = near.filter(|(o, _)| o.0 >> part.pixel & 1 == 1).map(|(_, lines)| lines);
-        strength * tile.lit.part(part.regions, near, part.offset)
+        strength * tile.lit.part(part.regions, near, &part.frame)
     }
 
     /// Mean of the texture of entry `part.slot` over `part.moments`.
@@ -1206,13 +1211,13 @@ impl<'a> Lighting<'a> {
     fn texel(&self, part: &Part, texture: usize) -> [f32; 4] {
         let look = &self.looks[part.sight.facet as usize];
         let (centre, axes) = part.moments.footprint();
-        let (place, change) = part.sight.parameters([0, 1].map(|k| part.offset[k] + centre[k]));
+        let (place, change) = part.sight.parameters(part.frame.point(centre));
         let to_texels = |v: [f64; 2]| [0, 1].map(|k| look.along[0][k] * v[0] + look.along[1][k] * v[1]);
         let at = to_texels(place);
         let at = [at[0] + look.origin[0], at[1] + look.origin[1]];
         let along =
             |axis: [f64; 2]| to_texels([0, 1].map(|k| change[0][k] * axis[0] + change[1][k] * axis[1]));
-        self.shared.textures.mean(texture, at, axes.map(along))
+        self.shared.textures.mean(texture, at, axes.map(|axis| along(part.frame.vector(axis))))
     }
 
     /// Luminance of the `pixels` of a tile that see nothing but entry `slot`, which is `sight` at `at`.
@@ -1226,8 +1231,8 @@ impl<'a> Lighting<'a> {
     ) {
         self.find_cells(tile, sight, pixels);
         for pixel in bits(pixels) {
-            let offset = centre_of(pixel);
-            let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, offset };
+            let frame = tile.view.pixel(pixel);
+            let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, frame };
             let texel = tile.texels.of(pixel);
             out[pixel] = self.luminance(tile, &part, at, texel);
         }
@@ -1268,7 +1273,8 @@ impl<'a> Lighting<'a> {
         cells.corners.clear();
         for j in 0..=rows {
             for i in 0..=columns {
-                let h = texels_from_image * DVec3::new(first.x + i as f64, first.y + j as f64, 1.0);
+                let [x, y] = tile.view.corner(left as usize + i, top as usize + j);
+                let h = texels_from_image * DVec3::new(x, y, 1.0);
                 cells.corners.push(DVec2::new(h.x, h.y) / h.z);
             }
         }
@@ -1289,7 +1295,7 @@ impl<'a> Lighting<'a> {
     fn luminance(&self, tile: &mut TileLight, part: &Part, at: &Instant, texel: Option<[f32; 4]>) -> f64 {
         let Part { slot, moments, .. } = *part;
         let inverse = 1.0 / moments.area;
-        let place = part.sight.place([0, 1].map(|k| part.offset[k] + moments.first[k] * inverse));
+        let place = part.sight.place(part.frame.point(moments.first.map(|v| v * inverse)));
         let facet = part.sight.facet as usize;
         let answer = &self.answers[self.world.facets[facet].surface as usize];
         if let Some(mapped) = &answer.maps {
@@ -1367,16 +1373,16 @@ impl<'a> Lighting<'a> {
         !self.camera_moves || !self.world.scene.environment.as_ref().is_some_and(|e| e.visible)
     }
 
-    /// Mean luminance of what lies behind everything, over a part of the pixel centred at `centre`.
-    pub fn background(&self, centre: [f64; 2], moments: &Moments, u: f64) -> f64 {
+    /// Mean luminance of what lies behind everything, over a part of a pixel of the tile `view`.
+    pub fn background(&self, view: &TileView, frame: &PixelFrame, moments: &Moments, u: f64) -> f64 {
         let environment = self.world.scene.environment.as_ref().filter(|e| e.visible);
         let (Some(environment), Some(frames)) = (environment, &self.frames) else { return self.background };
         let (at, axes) = moments.footprint();
-        let at = [centre[0] + at[0], centre[1] + at[1]];
+        let seen = view.image_point(frame.point(at));
         let of = |frame: &Frame| {
             // The direction whose homogeneous image point is (x, y, 1).
             let matrix = glam::DMat3::from_mat4(frame.screen_from_world).inverse();
-            let direction = matrix * DVec3::new(at[0], at[1], 1.0);
+            let direction = matrix * seen;
             let pixel = axes[0][0].max(axes[1][1]) / self.world.lens.focal[0];
             material::sky(environment, direction, pixel)
         };
@@ -1418,8 +1424,8 @@ pub struct Part<'a> {
     pub regions: Option<(&'a Polygons, u32)>,
     /// Number of the pixel in its tile.
     pub pixel: usize,
-    /// Its centre from the tile's.
-    pub offset: [f64; 2],
+    /// Where that is.
+    pub frame: PixelFrame,
 }
 
 fn shard_of(key: &Key) -> usize {
@@ -1494,9 +1500,9 @@ mod tests {
                 if entry.touches >> pixel & 1 == 0 || slot.lit & 1 == 0 || (row + column) % 3 > 0 {
                     continue;
                 }
-                let offset = centre_of(pixel);
-                let Some(sight) = Sight::new(record, tile.centre, 1.0, u, world.lens.near) else { continue };
-                let Some(fragment) = sight.at(entry.record, offset, false) else { continue };
+                let frame = tile.view.pixel(pixel);
+                let Some(sight) = Sight::new(record, &tile.view, u, world.lens.near) else { continue };
+                let Some(fragment) = sight.at(entry.record, &frame, false) else { continue };
                 let lamp = &lighting.screen_lamps[0];
                 let shade = slot.shades[0];
                 let near = tile.occluders[shade.from..shade.to].iter().filter(|o| o.0 >> pixel & 1 == 1);
@@ -1508,9 +1514,9 @@ mod tests {
                     continue;
                 }
                 let lines =
-                    |id: &u32| lighting.occluder(*id).lines(lamp, &sight.inverse_depth, tile.centre, u);
+                    |id: &u32| lighting.occluder(*id).lines(lamp, &sight.inverse_depth, &tile.view, u);
                 let darkens = |id: &u32| {
-                    let shadow = crate::shadow::Shadow::at(&lines(id), offset);
+                    let shadow = crate::shadow::Shadow::at(&lines(id), &frame);
                     shadow.is_some_and(|s| {
                         let lines = fragment.crossing().iter().chain(s.lines());
                         area(Polygon::within(lines).corners()) > 1e-4
@@ -1521,13 +1527,13 @@ mod tests {
                     .filter(|id| !dark && lighting.far[*id as usize] & 1 == 0)
                     .filter(|id| !kept.contains(id) && darkens(id))
                     .collect();
-                assert!(missing.is_empty(), "facet {} at {offset:?} lacks {missing:?}", record.facet);
+                assert!(missing.is_empty(), "facet {} at {frame:?} lacks {missing:?}", record.facet);
                 // Both sides of solids darken what the near ones do.
                 let part = |some: Vec<u32>| {
                     let mut regions = Polygons::default();
                     regions.push(0, polygon.corners());
                     let some: Vec<[Line; 5]> = some.iter().map(lines).collect();
-                    Lit::default().part(Some((&regions, 0)), some.iter(), offset)
+                    Lit::default().part(Some((&regions, 0)), some.iter(), &frame)
                 };
                 let brute = part(others().collect());
                 let found = if dark { 0.0 } else { part(kept.clone()) };

@@ -3,17 +3,16 @@
 //! Everything here is conservative: over a block an edge function is a quartic in time, and lies within the hull of its
 //! Bernstein coefficients; what these keep out of a pixel never comes into it. Order is that of facets.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
 use crate::Error;
 use crate::blocks::{Clock, Span, corners};
+use crate::tiles::{LensTiles, TILE, TileView};
 use crate::world::{CORNERS, World, wide};
 
-/// Pixels along a tile's side.
-pub const TILE: usize = 8;
-/// Pixels of a tile.
-pub const PIXELS: usize = TILE * TILE;
 /// Part of the depth by which a surface must lie behind a plane to be hidden by it.
 const COPLANAR: f64 = 1e-9;
 
@@ -59,11 +58,6 @@ pub struct Entry {
     pub covers: u64,
 }
 
-/// Centre of pixel number `pixel` of a tile, from the tile's.
-pub fn centre_of(pixel: usize) -> [f64; 2] {
-    [pixel % TILE, pixel / TILE].map(|v| v as f64 + 0.5 - 0.5 * TILE as f64)
-}
-
 /// What a block may show.
 pub struct Lists {
     /// In the order of facets, then of time.
@@ -72,6 +66,8 @@ pub struct Lists {
     rows: Vec<Vec<u32>>,
     /// Tiles per row.
     pub columns: usize,
+    /// Where they are, of a distorted lens.
+    tiles: Option<Arc<LensTiles>>,
     /// Largest error of any record in pixels, of those that could not be split far enough.
     pub worst_error_px: f64,
 }
@@ -104,12 +100,18 @@ impl Lists {
         let size = [world.lens.width, world.lens.height].map(|v| (v as usize).div_ceil(TILE));
         let mut rows = vec![Vec::new(); size[1]];
         for (index, record) in records.iter().enumerate() {
+            if let Some(tiles) = &world.tiles {
+                let meeting = |row: usize| tiles.row(row).iter().any(|tile| tile.meets(record.rect));
+                let all = rows.iter_mut().enumerate();
+                all.filter(|(row, _)| meeting(*row)).for_each(|(_, row)| row.push(index as u32));
+                continue;
+            }
             let [from, to] = [record.rect[1], record.rect[3]].map(|y| tile_of(y, size[1]));
             for row in &mut rows[from..=to] {
                 row.push(index as u32);
             }
         }
-        Ok(Self { records, rows, columns: size[0], worst_error_px })
+        Ok(Self { records, rows, columns: size[0], tiles: world.tiles.clone(), worst_error_px })
     }
 
     /// Rows of tiles.
@@ -122,6 +124,13 @@ impl Lists {
         let mut tiles = vec![Vec::new(); self.columns];
         for &index in &self.rows[row] {
             let record = &self.records[index as usize];
+            if let Some(views) = &self.tiles {
+                for (tile, view) in tiles.iter_mut().zip(views.row(row)) {
+                    let met = view.pixels != 0 && view.meets(record.rect);
+                    tile.extend(met.then(|| record.entry_through(index, view)).flatten());
+                }
+                continue;
+            }
             let [from, to] = [record.rect[0], record.rect[2]].map(|x| tile_of(x, self.columns));
             for (column, tile) in tiles.iter_mut().enumerate().take(to + 1).skip(from) {
                 if let Some(entry) = record.entry(index, column, row) {
@@ -175,17 +184,17 @@ fn bernstein([a, b, c]: [DVec3; 3]) -> [DVec3; 3] {
 }
 
 /// Whether all `points` are outside one side of the picture or nearer than `near`.
-fn outside(points: impl Iterator<Item = DVec3> + Clone, size: [f64; 2], near: f64) -> bool {
+fn outside(points: impl Iterator<Item = DVec3> + Clone, seen: [f64; 4], near: f64) -> bool {
     let all = |f: &dyn Fn(DVec3) -> bool| points.clone().all(f);
     all(&|p| p.z < near)
-        || all(&|p| p.x < 0.0)
-        || all(&|p| p.y < 0.0)
-        || all(&|p| p.x > size[0] * p.z)
-        || all(&|p| p.y > size[1] * p.z)
+        || all(&|p| p.x < seen[0] * p.z)
+        || all(&|p| p.y < seen[1] * p.z)
+        || all(&|p| p.x > seen[2] * p.z)
+        || all(&|p| p.y > seen[3] * p.z)
 }
 
 fn of_cluster(world: &World, surface: usize, cluster: usize, spans: &[Span], mirrored: bool) -> Vec<Record> {
-    let size = [f64::from(world.lens.width), f64::from(world.lens.height)];
+    let seen = world.seen();
     let near = world.lens.near;
     let s = &world.surfaces[surface];
     let cluster = &world.clusters[cluster];
@@ -195,7 +204,7 @@ fn of_cluster(world: &World, surface: usize, cluster: usize, spans: &[Span], mir
         if !s.deforms {
             let [low, high] = cluster.bounds;
             let hull = corners(low, high).map(|p| bernstein(span.places.of(0, p)));
-            if outside(hull.into_iter().flatten(), size, near) {
+            if outside(hull.into_iter().flatten(), seen, near) {
                 continue;
             }
         }
@@ -203,10 +212,10 @@ fn of_cluster(world: &World, surface: usize, cluster: usize, spans: &[Span], mir
             let h =
                 world.facets[facet].corners.map(|c| span.places.of(c, wide(primitive.positions[c as usize])));
             if let Some(mut record) = Record::new(h, near, s.double_sided, mirrored)
-                && record.rect[0] < size[0]
-                && record.rect[1] < size[1]
-                && record.rect[2] > 0.0
-                && record.rect[3] > 0.0
+                && record.rect[0] < seen[2]
+                && record.rect[1] < seen[3]
+                && record.rect[2] > seen[0]
+                && record.rect[3] > seen[1]
             {
                 record.facet = facet as u32;
                 record.u = span.u;
@@ -294,18 +303,35 @@ impl Record {
     /// Its entry in the tile at (`column`, `row`); `None` where no pixel of it may see it.
     fn entry(&self, index: u32, column: usize, row: usize) -> Option<Entry> {
         let (left, top) = ((column * TILE) as f64, (row * TILE) as f64);
+        self.entry_at(index, ([left, top], 0.0), self.pixels_of_rect(left, top), &self.edges)
+    }
+
+    /// The same of a tile of a distorted lens.
+    fn entry_through(&self, index: u32, view: &TileView) -> Option<Entry> {
+        let edges = self.edges.map(|edge| edge.map(|line| view.line(line)));
+        self.entry_at(index, ([-0.5 * TILE as f64; 2], view.margin), view.pixels, &edges)
+    }
+
+    /// Its entry in a tile whose left top corner is at (`left`, `top`) in the coordinates of `edges`, among the pixels `touches`,
+    /// which lie elsewhere by `margin` at most.
+    fn entry_at(
+        &self,
+        index: u32,
+        ([left, top], margin): ([f64; 2], f64),
+        mut touches: u64,
+        edges: &[[DVec3; 5]; CORNERS],
+    ) -> Option<Entry> {
         let half = 0.5 * TILE as f64;
         let middle = DVec3::new(left + half, top + half, 1.0);
-        let mut touches = self.pixels_of_rect(left, top);
         let mut covers = u64::MAX;
         if !self.one_side || self.crosses_near || self.masked || !self.whole_block() {
             covers = 0;
         }
         if self.one_side {
-            for edge in &self.edges {
+            for edge in edges {
                 let (mut most, mut least) = (f64::NEG_INFINITY, f64::INFINITY);
                 for e in edge {
-                    let (value, reach) = (e.dot(middle), half * (e.x.abs() + e.y.abs()));
+                    let (value, reach) = (e.dot(middle), (half + margin) * (e.x.abs() + e.y.abs()));
                     most = most.max(value + reach);
                     least = least.min(value - reach);
                 }
@@ -313,7 +339,7 @@ impl Record {
                     return None;
                 }
                 if least < 0.0 {
-                    let (t, c) = pixels_of_edge(edge, left, top);
+                    let (t, c) = pixels_of_edge(edge, left, top, margin);
                     touches &= t;
                     covers &= c;
                 }
@@ -358,7 +384,7 @@ impl Record {
 }
 
 /// Pixels of a tile that may lie inside an edge, and those that lie inside it throughout.
-fn pixels_of_edge(edge: &[DVec3; 5], left: f64, top: f64) -> (u64, u64) {
+fn pixels_of_edge(edge: &[DVec3; 5], left: f64, top: f64, margin: f64) -> (u64, u64) {
     // What rounding to 32 bits may add; edges are of unit gradient, about.
     const SLACK: f32 = 1e-4;
     let mut most = [Vec4::NEG_INFINITY; TILE * TILE / 4];
@@ -366,7 +392,7 @@ fn pixels_of_edge(edge: &[DVec3; 5], left: f64, top: f64) -> (u64, u64) {
     for e in edge {
         let corner = e.dot(DVec3::new(left + 0.5, top + 0.5, 1.0)) as f32;
         let (a, b) = (e.x as f32, e.y as f32);
-        let reach = 0.5 * (a.abs() + b.abs());
+        let reach = (0.5 + margin as f32) * (a.abs() + b.abs());
         let across = Vec4::new(0.0, 1.0, 2.0, 3.0) * a;
         for y in 0..TILE {
             let start = corner + b * y as f32;

@@ -10,7 +10,8 @@ use glam::{DMat3, DVec2};
 use crate::fragment::Sight;
 use crate::hash::Words;
 use crate::keyframe::Keyframe;
-use crate::lists::{Record, TILE};
+use crate::lists::Record;
+use crate::tiles::{TILE, TileView};
 
 /// Side of a page in pixels.
 const SIDE: f64 = TILE as f64;
@@ -93,15 +94,17 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Of `record`, number `index` of its block, on a picture of `size` pixels; `None` where it is not seen at the middle.
-    pub fn new(record: &Record, index: u32, size: [f64; 2], near: f64) -> Option<Self> {
-        let sight = Sight::new(record, [0.0; 2], 1.0, 0.5, near)?;
+    /// Of `record`, number `index` of its block, on a picture of which the box `on_screen` (left, top, right, bottom) is seen;
+    /// `None` where it is not seen at the middle.
+    pub fn new(record: &Record, index: u32, on_screen: [f64; 4], near: f64) -> Option<Self> {
+        let sight = Sight::new(record, &TileView::about([0.0; 2]), 0.5, near)?;
         let image_from_facet = sight.facet_from_image().inverse();
         if !image_from_facet.is_finite() {
             return None;
         }
         // What of it is beyond the screen is seen at no time that is near enough.
-        let mut seen = [DVec2::splat(-SIDE), DVec2::from_array(size) + SIDE];
+        let [left, top, right, bottom] = on_screen;
+        let mut seen = [DVec2::new(left, top) - SIDE, DVec2::new(right, bottom) + SIDE];
         let mut origin = DVec2::ZERO;
         let mut alone = [false; 2];
         let corners = [0, 1, 2, 3].map(|k| record.point(k, 0.5));

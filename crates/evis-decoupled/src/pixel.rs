@@ -10,7 +10,8 @@ use crate::blocks::Block;
 use crate::coverage::{self, Moments, Regions};
 use crate::fragment::{Fragment, Sight};
 use crate::light::{Instant, Lighting, Part, TileLight};
-use crate::lists::{Entry, Lists, PIXELS, TILE, centre_of};
+use crate::lists::{Entry, Lists};
+use crate::tiles::{PIXELS, TileView};
 use crate::world::World;
 
 /// Every so many evaluations are timed.
@@ -62,7 +63,7 @@ struct Layer {
 
 /// Room for the work on one tile after another.
 pub struct Work {
-    tile: [usize; 2],
+    view: TileView,
     /// Per pixel, where in `own` its entries are.
     owns: [[u32; 2]; PIXELS],
     /// Pixels of which nothing changes.
@@ -105,7 +106,7 @@ pub struct Work {
 impl Default for Work {
     fn default() -> Self {
         Self {
-            tile: [0; 2],
+            view: TileView::default(),
             owns: [[0; 2]; PIXELS],
             still: 0,
             strides: [0; PIXELS],
@@ -140,10 +141,6 @@ impl Work {
         let [from, to] = self.owns[pixel];
         (to - from) as usize
     }
-
-    fn centre(&self) -> [f64; 2] {
-        self.tile.map(|v| (v * TILE) as f64 + 0.5 * TILE as f64)
-    }
 }
 
 /// What a pixel's light does during a block.
@@ -160,7 +157,7 @@ pub struct PixelActivity {
 impl Evaluator<'_> {
     /// Prepares `work` for a tile.
     pub fn enter_tile(&self, work: &mut Work, entries: &[Entry], tile: [usize; 2]) {
-        work.tile = tile;
+        work.view = self.world.tile(tile);
         work.own.clear();
         work.still = 0;
         work.strides.fill(0);
@@ -173,15 +170,15 @@ impl Evaluator<'_> {
         work.sights.clear();
         work.slot_count = entries.len();
         work.motion.clear();
-        let low = tile.map(|v| (v * TILE) as f64);
+        let (rect, scale) = (work.view.rect, work.view.scale);
         work.motion.extend(entries.iter().map(|entry| {
             let record = &self.lists.records[entry.record as usize];
             let at = [0, 1].map(|k| {
-                let (from, to) = (record.rect[k].max(low[k]), record.rect[k + 2].min(low[k] + TILE as f64));
+                let (from, to) = (record.rect[k].max(rect[k]), record.rect[k + 2].min(rect[k + 2]));
                 0.5 * (from + to)
             });
             // Margin for what lies elsewhere in the tile.
-            if record.still { 0.0 } else { 1.25 * record.motion_px(at) / (record.u[1] - record.u[0]) }
+            if record.still { 0.0 } else { 1.25 * scale * record.motion_px(at) / (record.u[1] - record.u[0]) }
         }));
         self.lighting.enter_tile(&mut work.light, entries, tile);
     }
@@ -265,7 +262,7 @@ impl Evaluator<'_> {
             return None;
         }
         let v = (at.u - from) / (to - from);
-        work.sights.push(Sight::new(record, work.centre(), 1.0, v, self.world.lens.near)?);
+        work.sights.push(Sight::new(record, &work.view, v, self.world.lens.near)?);
         Some(work.sights.len() as u32 - 1)
     }
 
@@ -274,8 +271,8 @@ impl Evaluator<'_> {
         let Some(sight) = self.sight(work, slot, index, at) else { return 0.0 };
         let sight = &work.sights[sight as usize];
         self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
-        let (pixel, offset) = (work.pixel, centre_of(work.pixel));
-        let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, offset };
+        let (pixel, frame) = (work.pixel, work.view.pixel(work.pixel));
+        let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, frame };
         self.lighting.of_part(&mut work.light, &part, at)
     }
 
@@ -357,7 +354,7 @@ impl Evaluator<'_> {
             work.shading_s += timer.map_or(0.0, |t| t.elapsed().as_secs_f64() * TIMED as f64);
             return luminance;
         }
-        let (centre, offset) = (work.centre(), centre_of(work.pixel));
+        let frame = work.view.pixel(work.pixel);
         let [from, to] = work.owns[work.pixel].map(|v| v as usize);
         if let [Own { slot, record, covers: true }] = work.own[from..to] {
             work.plain += 1;
@@ -373,7 +370,7 @@ impl Evaluator<'_> {
                 continue;
             }
             if let Some(sight) = self.sight(work, slot, index, &at)
-                && let Some(fragment) = work.sights[sight as usize].at(index, offset, covers)
+                && let Some(fragment) = work.sights[sight as usize].at(index, &frame, covers)
             {
                 work.fragments.push(fragment);
                 work.seen.push((slot, sight));
@@ -402,15 +399,14 @@ impl Evaluator<'_> {
                 let index = fragment.record;
                 let record = &self.lists.records[index as usize];
                 self.lighting.shade_slot(&mut work.light, record, index, slot);
-                let part = Part { slot, sight, moments, regions, pixel, offset };
+                let part = Part { slot, sight, moments, regions, pixel, frame };
                 sum += self.lighting.of_part(&mut work.light, &part, &at);
             }
         }
         if !whole {
             let rest = &work.areas[work.fragments.len()];
             if rest.area > 1e-9 {
-                let centre = [0, 1].map(|k| centre[k] + offset[k]);
-                sum += rest.area * self.lighting.background(centre, rest, at.u);
+                sum += rest.area * self.lighting.background(&work.view, &frame, rest, at.u);
             }
         }
         if let Some((coverage, since)) = covered {

@@ -5,7 +5,7 @@ use evis_core::emulator::tiled::{Losses, SensorTile, TiledSensor};
 
 use crate::blocks::Block;
 use crate::knots::{TileLuminance, TileSignal};
-use crate::lists::TILE;
+use crate::tiles::TILE;
 
 const _: () = assert!(evis_core::emulator::tiled::SIDE == TILE);
 

@@ -9,8 +9,9 @@ use glam::{DVec3, Vec4};
 
 use crate::coverage::{Corners, Cutter, PIXEL, Polygons, area};
 use crate::fragment::Line;
-use crate::lists::{TILE, powers};
+use crate::lists::powers;
 use crate::mask;
+use crate::tiles::{PixelFrame, TILE, TileView};
 
 /// What lies beyond a facet by less than this part of the lamp's distance from it is the facet itself, or touches it.
 const CONTACT: f64 = 1e-6;
@@ -38,45 +39,36 @@ impl Occluder {
         Self { points, facet }
     }
 
-    /// Half planes about `centre` whose intersection is its shadow on the plane of `receiver`, in pixels.
-    pub fn lines(&self, lamp: &ScreenLamp, receiver: &Line, centre: [f64; 2], u: f64) -> [Line; 5] {
+    /// Half planes about a tile's centre whose intersection is its shadow on the plane of `receiver`.
+    pub fn lines(&self, lamp: &ScreenLamp, receiver: &Line, view: &TileView, u: f64) -> [Line; 5] {
         // From a lamp in its own plane a facet throws none.
         let nowhere = [Line { a: 0.0, b: 0.0, c: -1.0 }; 5];
-        self.half_planes(lamp, receiver, centre, 1.0, u).unwrap_or(nowhere)
+        self.half_planes(lamp, receiver, view, u).unwrap_or(nowhere)
     }
 
-    /// Its homogeneous image points about `centre`, in units of `size` pixels.
+    /// Its homogeneous image points about a tile's centre.
     #[inline(always)]
-    fn corners(&self, centre: [f64; 2], size: f64, u: f64) -> [DVec3; 4] {
+    fn corners(&self, view: &TileView, u: f64) -> [DVec3; 4] {
         let [p, q, r] = &self.points;
-        let inverse = 1.0 / size;
         std::array::from_fn(|k| {
             let at = |axis: usize| p[axis][k] + u * (q[axis][k] + u * r[axis][k]);
-            let z = at(2);
-            DVec3::new((at(0) - centre[0] * z) * inverse, (at(1) - centre[1] * z) * inverse, z)
+            view.point(at(0), at(1), at(2))
         })
     }
 
     /// Whether all of it lies in or beyond the receiver's plane, seen from the lamp, at every time between the three: as
     /// neighbours on a convex surface do. It throws no shadow there.
-    fn lies_beyond(
-        &self,
-        lamp: &ScreenLamp,
-        receivers: &[Line; 3],
-        span: [f64; 2],
-        centre: [f64; 2],
-    ) -> bool {
-        let tile = TILE as f64;
+    fn lies_beyond(&self, lamp: &ScreenLamp, receivers: &[Line; 3], span: [f64; 2], view: &TileView) -> bool {
         let mut heights = [[0.0; 4]; 3];
         let mut sides = 0.0;
         for (k, (heights, plane)) in heights.iter_mut().zip(receivers).enumerate() {
             let u = time_of(k, span);
             // A point (x, y, 1) / q has the height q(x, y) / q - 1 over the plane of inverse depth q(x, y).
             let height = |point: DVec3, w: f64| plane.a * point.x + plane.b * point.y + plane.c * point.z - w;
-            let (place, w) = lamp.at(centre, tile, u);
+            let (place, w) = lamp.at(view, u);
             let side = height(place, w).signum();
             sides += side;
-            *heights = self.corners(centre, tile, u).map(|corner| side * height(corner, 1.0));
+            *heights = self.corners(view, u).map(|corner| side * height(corner, 1.0));
         }
         let [a, b, c] = heights;
         f64::abs(sides) == 3.0
@@ -86,16 +78,9 @@ impl Occluder {
     /// Of the shadow on the plane of `receiver`: beyond the facet's own plane, and inside its edges. `None` where the lamp
     /// lies in the facet's plane.
     #[inline(always)]
-    fn half_planes(
-        &self,
-        lamp: &ScreenLamp,
-        receiver: &Line,
-        centre: [f64; 2],
-        size: f64,
-        u: f64,
-    ) -> Option<[Line; 5]> {
-        let corners = self.corners(centre, size, u);
-        let (place, w) = lamp.at(centre, size, u);
+    fn half_planes(&self, lamp: &ScreenLamp, receiver: &Line, view: &TileView, u: f64) -> Option<[Line; 5]> {
+        let corners = self.corners(view, u);
+        let (place, w) = lamp.at(view, u);
         let on_plane = |normal: DVec3, through: f64| Line {
             a: normal.x - through * receiver.a,
             b: normal.y - through * receiver.b,
@@ -138,14 +123,14 @@ fn time_of(k: usize, [from, to]: [f64; 2]) -> f64 {
 const MARGIN: f64 = 0.2;
 
 impl Occluder {
-    /// Where in the tile about `centre` a shadow may come during the part `span` of the block, among the pixels of `seen`.
-    /// `receivers` are the inverse depths that the tile sees at the start, middle and end of the span.
+    /// Where in a tile, whose side is the unit of `view`, a shadow may come during the part `span` of the block, among the pixels
+    /// of `seen`. `receivers` are the inverse depths that the tile sees at the start, middle and end of the span.
     pub fn pixels(
         &self,
         lamp: &ScreenLamp,
         receivers: &[Option<Line>; 3],
         span: [f64; 2],
-        centre: [f64; 2],
+        view: &TileView,
         seen: u64,
     ) -> Reach {
         let everywhere = Reach { touches: seen, darkens: 0, motion_px: TILE as f64 };
@@ -153,12 +138,12 @@ impl Occluder {
         let tile = TILE as f64;
         let [Some(first), Some(middle), Some(last)] = *receivers else { return everywhere };
         let receivers = [first, middle, last];
-        if self.lies_beyond(lamp, &receivers, span, centre) {
+        if self.lies_beyond(lamp, &receivers, span, view) {
             return nowhere;
         }
         let mut lines = [[Line::default(); 5]; 3];
         for (k, receiver) in receivers.iter().enumerate() {
-            let Some(found) = self.half_planes(lamp, receiver, centre, tile, time_of(k, span)) else {
+            let Some(found) = self.half_planes(lamp, receiver, view, time_of(k, span)) else {
                 return everywhere;
             };
             lines[k] = found;
@@ -167,7 +152,8 @@ impl Occluder {
         let over_time: [[Line; 3]; 5] = std::array::from_fn(|i| [lines[0][i], lines[1][i], lines[2][i]]);
         let mut crossing = [false; 5];
         for (at, crossing) in over_time.iter().zip(&mut crossing) {
-            let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN / tile);
+            let reach =
+                at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + (MARGIN + 2.0 * view.margin) / tile);
             let [a, b, c] = [at[0].c, at[1].c, at[2].c];
             // The bend of a line's value anywhere in the tile.
             let bend = |k: [f64; 3]| (k[0] - 2.0 * k[1] + k[2]).abs();
@@ -182,7 +168,7 @@ impl Occluder {
         let (mut touches, mut darkens) = (seen, seen);
         let mut motion_px = 0.0_f64;
         for (at, _) in over_time.iter().zip(crossing).filter(|(_, crossing)| *crossing) {
-            let (some, whole) = pixels_of_line(at);
+            let (some, whole) = pixels_of_line(at, view.margin);
             touches &= some;
             darkens &= whole;
             if touches == 0 {
@@ -200,10 +186,10 @@ impl Occluder {
 }
 
 /// Pixels of a tile that may lie inside a line at some of three times, and those that lie inside it at all of them; in
-/// units of the tile's side.
-fn pixels_of_line(at: &[Line; 3]) -> (u64, u64) {
+/// units of the tile's side. They lie elsewhere by `margin` pixels at most.
+fn pixels_of_line(at: &[Line; 3], margin: f64) -> (u64, u64) {
     let tile = TILE as f64;
-    let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN) / tile;
+    let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN + 2.0 * margin) / tile;
     // What rounding to 32 bits may add.
     let reach = (reach * 1.0001) as f32;
     let [p, q, r] = at.map(|l| [l.a / tile, l.b / tile, l.c].map(|v| v as f32));
@@ -285,12 +271,12 @@ pub struct Shadow {
 }
 
 impl Shadow {
-    /// What of a shadow bounded by `lines` crosses the pixel at `offset`; `None` where it does not reach it.
+    /// What of a shadow bounded by `lines` crosses a pixel; `None` where it does not reach it.
     #[inline(always)]
-    pub fn at(lines: &[Line; 5], [x, y]: [f64; 2]) -> Option<Self> {
+    pub fn at(lines: &[Line; 5], frame: &PixelFrame) -> Option<Self> {
         let mut shadow = Self::default();
         for line in lines {
-            if !shadow.add(line.moved(x, y)) {
+            if !shadow.add(line.in_pixel(frame)) {
                 return None;
             }
         }
@@ -336,11 +322,10 @@ impl ScreenLamp {
     }
 
     #[inline(always)]
-    fn at(&self, centre: [f64; 2], size: f64, u: f64) -> (DVec3, f64) {
+    fn at(&self, view: &TileView, u: f64) -> (DVec3, f64) {
         let [p, q, r] = &self.powers;
         let h = *p + (*q + *r * u) * u;
-        let inverse = 1.0 / size;
-        (DVec3::new((h.x - centre[0] * h.z) * inverse, (h.y - centre[1] * h.z) * inverse, h.z), self.weight)
+        (view.point(h.x, h.y, h.z), self.weight)
     }
 }
 
@@ -354,17 +339,17 @@ pub struct Lit {
 }
 
 impl Lit {
-    /// Part of what a fragment covers of the pixel at `offset` (all of it where `regions` is `None`) that no shadow
+    /// Part of what a fragment covers of a pixel (all of it where `regions` is `None`) that no shadow
     /// reaches; `shadows` are their half planes.
     pub fn part<'o>(
         &mut self,
         regions: Option<(&Polygons, u32)>,
         shadows: impl Iterator<Item = &'o [Line; 5]>,
-        offset: [f64; 2],
+        frame: &PixelFrame,
     ) -> f64 {
         self.shadows.clear();
         for lines in shadows {
-            if let Some(shadow) = Shadow::at(lines, offset) {
+            if let Some(shadow) = Shadow::at(lines, frame) {
                 if shadow.count == 0 {
                     return 0.0;
                 }

@@ -18,10 +18,11 @@ use crate::events::Thresholds;
 use crate::frames::{FrameSensor, Taken, block_us};
 use crate::knots::{TileLuminance, TileSignal};
 use crate::light::{Lighting, Shared};
-use crate::lists::{Entry, Lists, PIXELS, TILE};
+use crate::lists::{Entry, Lists};
 use crate::path::{PixelPath, STEP_PX, stride};
 use crate::pixel::{Evaluator, UNITS, Work};
 use crate::sensing::Sensing;
+use crate::tiles::{PIXELS, TILE};
 use crate::world::World;
 
 /// Limits of [`Settings::step_px`].
@@ -412,7 +413,9 @@ impl Row {
         evaluator.enter_tile(work, entries, [column, row]);
         let (width, height) = (lens.width as usize, lens.height as usize);
         let place = |pixel: usize| (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
-        let inside = |pixel: &usize| place(*pixel).0 < width && place(*pixel).1 < height;
+        let seen = evaluator.world.tile([column, row]).pixels;
+        let inside =
+            |pixel: &usize| seen >> *pixel & 1 == 1 && place(*pixel).0 < width && place(*pixel).1 < height;
         let mut activities = [None; PIXELS];
         for pixel in (0..PIXELS).filter(inside) {
             activities[pixel] = Some(evaluator.activity(work, entries, pixel));
@@ -512,7 +515,10 @@ pub(crate) fn picture(
             evaluator.enter_tile(&mut work, tile, [column, row]);
             let place = |pixel: usize| (column * TILE + pixel % TILE, pixel / TILE);
             let height = out.len() / width;
-            let inside = |pixel: &usize| place(*pixel).0 < width && place(*pixel).1 < height;
+            let seen = world.tile([column, row]).pixels;
+            let inside = |pixel: &usize| {
+                seen >> *pixel & 1 == 1 && place(*pixel).0 < width && place(*pixel).1 < height
+            };
             for pixel in (0..PIXELS).filter(inside) {
                 evaluator.activity(&mut work, tile, pixel);
                 evaluator.expect(&mut work, pixel, 1);

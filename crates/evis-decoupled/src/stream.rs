@@ -50,7 +50,7 @@ pub struct StreamSettings {
     pub rate_hz: f64,
     /// Where a host moves nodes: microseconds, of which everything that is wanted is a multiple.
     pub pose_step_us: i64,
-    /// Per view, row by row: in which tiles of [`crate::lists::TILE`] pixels anything may fire; everywhere in a view of which it says nothing.
+    /// Per view, row by row: in which tiles of [`crate::tiles::TILE`] pixels anything may fire; everywhere in a view of which it says nothing.
     pub only: Vec<Vec<bool>>,
 }
 

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use evis_scene::motion::Path;
 use evis_scene::{AlphaMode, Motion, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
@@ -9,6 +10,8 @@ use glam::{DMat4, DVec3};
 
 use crate::Error;
 use crate::hash::Words;
+use crate::lens::PixelLens;
+use crate::tiles::{LensTiles, TileView};
 
 /// Facets that are culled together.
 const CLUSTER: usize = 64;
@@ -18,21 +21,6 @@ const MOST_PERIODS: f64 = 0.125;
 pub const LEAST_BLOCK_US: i64 = 64;
 /// Vertices of a facet; a triangle repeats its last one.
 pub const CORNERS: usize = 4;
-
-/// A pinhole lens in pixels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PixelLens {
-    /// Focal lengths in pixels.
-    pub focal: [f64; 2],
-    /// Principal point in pixels from the top left corner.
-    pub center: [f64; 2],
-    /// Columns.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Planar distance in metres below which nothing is seen.
-    pub near: f64,
-}
 
 /// A convex planar polygon on which positions and vertex attributes are affine.
 ///
@@ -89,8 +77,10 @@ pub struct World<'a> {
     pub variant: Option<&'a Variant>,
     /// Index into [`Scene::cameras`].
     pub camera: usize,
-    /// Its lens.
+    /// Its lens, without distortion.
     pub lens: PixelLens,
+    /// Where tiles lie on the picture of that, where its lens is distorted.
+    pub tiles: Option<Arc<LensTiles>>,
     /// Primitives of nodes, in node order.
     pub surfaces: Vec<Surface>,
     /// Groups of facets, in surface order.
@@ -131,13 +121,15 @@ impl<'a> World<'a> {
         camera: usize,
         size: Option<(u32, u32)>,
     ) -> Result<Self, Error> {
-        let lens = lens(scene, camera, size)?;
+        let lens = PixelLens::new(scene, camera, size)?;
         let moving_nodes = moving_nodes(scene);
+        let tiles = LensTiles::new(scene, camera, &lens)?.map(Arc::new);
         let mut world = Self {
             scene,
             variant,
             camera,
             lens,
+            tiles,
             surfaces: Vec::new(),
             clusters: Vec::new(),
             facets: Vec::new(),
@@ -182,6 +174,17 @@ impl<'a> World<'a> {
             clusters: first_cluster..self.clusters.len(),
             bounds: bounds(primitive.positions.iter().map(|p| wide(*p))),
         });
+    }
+
+    /// What the tile at (column, row) sees of the picture without distortion.
+    pub fn tile(&self, place: [usize; 2]) -> TileView {
+        self.tiles.as_ref().map_or_else(|| TileView::of_pinhole(place), |tiles| tiles.tile(place).clone())
+    }
+
+    /// What any pixel sees of that picture: left, top, right, bottom.
+    pub fn seen(&self) -> [f64; 4] {
+        let whole = [0.0, 0.0, f64::from(self.lens.width), f64::from(self.lens.height)];
+        self.tiles.as_ref().map_or(whole, |tiles| tiles.seen)
     }
 
     /// The primitive of surface `surface`.
@@ -447,32 +450,6 @@ fn moving_nodes(scene: &Scene) -> Vec<bool> {
         }
     }
     moves
-}
-
-fn lens(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result<PixelLens, Error> {
-    let Some(camera) = scene.cameras.get(camera) else {
-        let count = scene.cameras.len();
-        return Err(Error::Camera(format!("camera {camera} does not exist; the scene has {count}")));
-    };
-    let (width, height) = camera.pixels(size);
-    if !(1..=8192).contains(&width) || !(1..=8192).contains(&height) {
-        let reason = format!("the size is {width}x{height} pixels; each side must be between 1 and 8192");
-        return Err(Error::Camera(reason));
-    }
-    let (focal, center) = camera.intrinsics((width, height));
-    let usable = focal.iter().all(|f| f.is_finite() && *f > 0.0)
-        && center.iter().all(|c| c.is_finite())
-        && camera.near.is_finite()
-        && camera.near > 0.0;
-    if !usable {
-        let name = &camera.name;
-        return Err(Error::Camera(format!(
-            "camera '{name}' has focal lengths {focal:?} px, centre {center:?} px and near plane {} m; all must be \
-             finite, focal lengths and near plane above 0",
-            camera.near
-        )));
-    }
-    Ok(PixelLens { focal, center, width, height, near: camera.near })
 }
 
 #[cfg(test)]

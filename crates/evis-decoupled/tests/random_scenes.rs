@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use evis_decoupled::blocks::{Block, Clock};
-use evis_decoupled::lists::{Lists, TILE};
+use evis_decoupled::lists::Lists;
+use evis_decoupled::tiles::TILE;
 use evis_decoupled::world::World;
 use evis_decoupled::{Settings, luminance, simulate};
 use evis_scene::motion::Path;

@@ -129,7 +129,7 @@ impl SamplingSettings {
         let software = gpu.is_none_or(|gpu| gpu.summary().kind == "cpu");
         let decoupled = self.decoupled.filter(|decoupled| software || decoupled.beside_gpu);
         if decoupled.is_some() || gpu.is_none() {
-            match decoupled_limit(scene, &views) {
+            match evis_decoupled::unsupported(scene) {
                 None => {
                     config.method = Method::Decoupled;
                     if decoupled.is_none() {
@@ -208,14 +208,6 @@ pub fn settle<'a>(
         quality.sampling().apply(gpu.into(), scene, config)?;
     }
     Ok(())
-}
-
-/// What decoupled sampling lacks of `scene` and its sensors; `None` where it has everything.
-fn decoupled_limit(scene: &Scene, views: &[View]) -> Option<String> {
-    if views.iter().any(|view| view.distorted.is_some()) {
-        return Some("distorted lenses".into());
-    }
-    evis_decoupled::unsupported(scene)
 }
 
 /// The finest grid of [`Antialias::Edges`] whose pictures fit.

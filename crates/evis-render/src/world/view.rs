@@ -152,10 +152,11 @@ pub fn check_distorted(
     let Some(view) = views.iter().find(|view| view.distorted.is_some()) else { return Ok(()) };
     let name = cameras.get(view.camera).map_or("", |camera| &camera.name);
     let because = format!("camera '{name}' has a distorted lens");
-    if config.method != Method::Native {
-        return Err(ConfigError::new("method", config.method.name(), format!("native: {because}")));
+    if config.method.keyframes().is_some() {
+        let remedy = format!("native or decoupled: {because}");
+        return Err(ConfigError::new("method", config.method.name(), remedy));
     }
-    if let Some(px) = config.adaptive_px {
+    if let Some(px) = config.adaptive_px.filter(|_| config.method == Method::Native) {
         let remedy = format!("left out: {because}, and every pixel of it is sampled at a fixed rate");
         return Err(ConfigError::new("adaptive_px", px, remedy));
     }

@@ -10,7 +10,9 @@ use evis_scene::procedural::{Pattern, Procedural};
 use evis_scene::{Camera, Distortion, Lens, Material, Rig, Scene, SceneState, Trs, rigid};
 use glam::{DVec2, DVec3};
 
+use evis_core::metric::{ScoreSettings, score};
 use evis_truth::rays::{Geometry, Options, Pinhole, RayCaster, SceneCamera, Textures};
+use evis_truth::{PixelChoice, TruthSettings};
 
 use crate::config::{Antialias, Method, Quality, RunConfig};
 use crate::engine::Simulator;
@@ -174,12 +176,9 @@ fn what_a_distorted_lens_cannot_have_is_refused_and_presets_avoid_it() {
     let Some(gpu) = crate::tests::device() else { return };
     let scene = Arc::new(radtan());
     let splat = RunConfig { method: Method::Splat(Warp::default()), ..config() };
-    let decoupled = RunConfig { method: Method::Decoupled, ..config() };
     let adaptive = RunConfig { adaptive_px: Some(0.5), ..config() };
     let frames = RunConfig { frame_rate_hz: Some(20.0), ..config() };
-    for (config, words) in
-        [(splat, "splat"), (decoupled, "decoupled"), (adaptive, "adaptive_px"), (frames, "frame_rate")]
-    {
+    for (config, words) in [(splat, "splat"), (adaptive, "adaptive_px"), (frames, "frame_rate")] {
         let error = Simulator::new(&gpu, Arc::clone(&scene), config.clone()).err().unwrap().to_string();
         assert!(error.contains(words) && error.contains("'bent'"), "{error}");
         let plain = RunConfig { cameras: vec!["plain".into()], ..config };
@@ -189,8 +188,55 @@ fn what_a_distorted_lens_cannot_have_is_refused_and_presets_avoid_it() {
         let mut config = RunConfig { shadow_map: Some(256), ..config() };
         let request = SamplingRequest { quality: Some(quality), ..SamplingRequest::default() };
         let notes = request.apply(Some(&gpu), &scene, &mut config).unwrap();
-        assert!(notes.iter().any(|note| note.contains("distorted")), "{quality:?}: {notes:?}");
-        assert!(config.method == Method::Native && config.adaptive_px.is_none(), "{quality:?}");
+        if config.method == Method::Native {
+            assert!(notes.iter().any(|note| note.contains("distorted")), "{quality:?}: {notes:?}");
+            assert!(config.adaptive_px.is_none(), "{quality:?}");
+        }
+        let decoupled = match quality {
+            Quality::High => true,
+            Quality::Reference => false,
+            Quality::Draft | Quality::Standard => gpu.summary().kind == "cpu",
+        };
+        assert_eq!(config.method == Method::Decoupled, decoupled, "{quality:?}");
+    }
+}
+
+/// The oracle casts its rays through the lens itself, one by one.
+#[test]
+fn decoupled_sampling_fires_as_the_oracle_says() {
+    let fisheye = scene("fisheye", &[-0.03, 0.01, -0.005, 0.001]);
+    for (name, mut scene) in [("radtan", radtan()), ("fisheye", fisheye)] {
+        scene.cameras.truncate(1);
+        scene.cameras[0] = Camera {
+            lens: Lens::Intrinsics { fx: 275.0, fy: 280.0, cx: 165.0, cy: 115.0 },
+            width: Some(320),
+            height: Some(240),
+            ..scene.cameras[0].clone()
+        };
+        let settings = TruthSettings {
+            duration_us: 60_000,
+            pixels: PixelChoice::Count(600),
+            reference_luminance: Some(0.5),
+            ..TruthSettings::default()
+        };
+        let truth = evis_truth::truth(&scene, &settings, &|_| true).unwrap();
+        let f1 = |scene: &Scene| {
+            let config = RunConfig { method: Method::Decoupled, ..config() };
+            let packet = Simulator::new(None, Arc::new(scene.clone()), config).unwrap().step(60_000).unwrap();
+            let events = &packet.views[0].events;
+            let score = score(events, &truth, &ScoreSettings::default()).unwrap();
+            [1000, 300].map(|tolerance_us| score.at(tolerance_us).unwrap().plain.f1)
+        };
+        let own = f1(&scene);
+        let mut plain = scene.clone();
+        plain.distortions.clear();
+        let straight = f1(&plain);
+        println!(
+            "{name}: F1 {own:.4?}, {straight:.4?} without distortion, {} events of truth",
+            truth.events.len()
+        );
+        assert!(truth.events.len() > 200 && own[0] > 0.97 && own[1] > 0.93, "{name}: {own:?}");
+        assert!(straight[0] < 0.9, "canary: {straight:?}");
     }
 }
 
