@@ -2,7 +2,9 @@
 
 use std::sync::{Arc, OnceLock};
 
-use evis_scene::{CalibratedLens, Motion, Scene, SceneError, SceneState, rigid, rigid_or_unrotated};
+use evis_scene::{
+    CalibratedLens, LensModel, Motion, Scene, SceneError, SceneState, rigid, rigid_or_unrotated,
+};
 use glam::DVec3;
 
 use crate::rays::{

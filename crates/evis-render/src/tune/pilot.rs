@@ -463,8 +463,7 @@ mod tests {
     }
 
     fn camera(width: u32, height: u32) -> CameraInfo {
-        let (fx, fy, cx, cy) = (1.0, 1.0, 0.0, 0.0);
-        CameraInfo { name: String::new(), width, height, fx, fy, cx, cy, distortion: None }
+        CameraInfo::uncalibrated("", (width, height))
     }
 
     /// `count` events at pixels of their own, 40 wide, `late_us` after 15 ms.

@@ -782,16 +782,7 @@ mod tests {
     #[test]
     fn the_chunk_index_grows_through_all_its_levels() {
         let path = std::env::temp_dir().join(format!("evis_index_{}.h5", std::process::id()));
-        let camera = CameraInfo {
-            name: "cam".into(),
-            width: 1,
-            height: 1,
-            fx: 1.0,
-            fy: 1.0,
-            cx: 0.5,
-            cy: 0.5,
-            distortion: None,
-        };
+        let camera = CameraInfo::uncalibrated("cam", (1, 1));
         let header = RecordingHeader {
             method: "native".into(),
             labels: vec![LabelKind::Depth],

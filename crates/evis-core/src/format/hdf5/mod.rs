@@ -191,8 +191,12 @@ pub struct Bodies {
     pub samples: Vec<Vec<BodySample>>,
 }
 
-/// The events of a camera, with its size and the length that the file tells.
-pub(super) fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, FormatError> {
+/// The events of `camera` (the only one, where there is no name) of a recording, with its size and the length that the file
+/// states.
+///
+/// # Errors
+/// A file that cannot be read, a camera that is not there.
+pub fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, FormatError> {
     let recording = Recording::open(path)?;
     let index = recording.find_camera(camera)?;
     let events = recording.events(index)?;

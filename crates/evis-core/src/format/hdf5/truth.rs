@@ -39,16 +39,12 @@ impl Truth {
             FormatError::invalid(path, e.to_string(), "write a truth whose parts fit together")
         })?;
         let header = RecordingHeader {
-            cameras: vec![self.camera.clone()],
-            seed: 0,
             method: "truth".into(),
-            environment: 0,
             config_toml: config_toml(self).map_err(|e| {
                 FormatError::invalid(path, format!("the sensor cannot be stored: {e}"), "use finite settings")
             })?,
             duration_us: Some(self.duration_us),
-            t_offset_us: 0,
-            labels: Vec::new(),
+            ..RecordingHeader::of(vec![self.camera.clone()])
         };
         let mut writer = RecordingWriter::create_with(path, &header, overwrite, |file| fill(file, self))?;
         writer.write_events(0, &self.events)?;
