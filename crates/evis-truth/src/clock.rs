@@ -108,7 +108,7 @@ impl<'a> Clock<'a> {
     }
 
     /// Whether the camera, every light and every material stay as they are at the start.
-    pub fn rests_but_for_objects(&self) -> bool {
+    pub fn only_objects_change(&self) -> bool {
         let node = self.scene.cameras[self.camera].node;
         !self.moves[node]
             && !self.lights_move()

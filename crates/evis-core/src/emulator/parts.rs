@@ -106,7 +106,7 @@ pub struct ReadoutQueue {
 }
 
 impl ReadoutQueue {
-    /// A wire with nothing on it, of a sensor with rows of `width` pixels.
+    /// A bus with nothing on it, of a sensor with rows of `width` pixels.
     pub fn new(readout: &Readout, key: Key, width: u32) -> Self {
         Self { readout: *readout, key, width, queue: readout::Queue::default() }
     }

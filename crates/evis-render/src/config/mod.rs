@@ -289,7 +289,7 @@ impl RunConfig {
     }
 
     /// Says which sensor each of `cameras` has: [`RunConfig::sensor`] is that of all but those in [`RunConfig::sensors`].
-    pub(crate) fn tell_sensors<'a>(
+    pub(crate) fn set_sensors<'a>(
         &mut self,
         cameras: impl Iterator<Item = (&'a str, &'a SensorConfig)> + Clone,
     ) {

@@ -42,7 +42,7 @@ pub struct TileRates {
 }
 
 impl TileRates {
-    /// The same, if only some tiles are looked at.
+    /// The same, if only some tiles are rendered.
     pub fn restricted(mut self, only: Option<&Vec<bool>>) -> Self {
         for (log2_stride, _) in
             self.tiles.iter_mut().zip(only.into_iter().flatten()).filter(|(_, only)| !**only)

@@ -202,7 +202,7 @@ pub fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, Forma
     let events = recording.events(index)?;
     let size = recording.header().cameras.get(index).map_or((1, 1), |camera| (camera.width, camera.height));
     let past = events.last().map_or(0, |event| event.t.saturating_add(1));
-    let end_us = truth::told_duration(&recording)?.unwrap_or(0).max(past);
+    let end_us = truth::stated_duration(&recording)?.unwrap_or(0).max(past);
     Ok(EventFile { range: (0.min(events.first().map_or(0, |event| event.t)), end_us), events, size })
 }
 

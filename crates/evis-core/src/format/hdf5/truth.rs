@@ -99,7 +99,7 @@ impl Truth {
         }
         let (sensor, reference_luminance) = stored_sensor(&recording.header().config_toml, &info.name);
         let after_last = events.last().map_or(1, |e| e.t.saturating_add(1));
-        let duration_us = told_duration(recording)?.map_or(after_last, |told| told.max(after_last));
+        let duration_us = stated_duration(recording)?.map_or(after_last, |stated| stated.max(after_last));
         let truth = Self::from_events(events, info, sensor, reference_luminance, duration_us);
         truth.check().map_err(|e| {
             FormatError::corrupt(recording.path(), e.to_string(), "record it again, or copy it again")
@@ -146,7 +146,7 @@ pub fn stored_sensor(config_toml: &str, camera: &str) -> (SensorConfig, f64) {
 }
 
 /// Length in microseconds that the writer's report tells.
-pub(super) fn told_duration(recording: &Recording) -> Result<Option<i64>, FormatError> {
+pub(super) fn stated_duration(recording: &Recording) -> Result<Option<i64>, FormatError> {
     let report = recording.report()?.and_then(|json| serde_json::from_str::<serde_json::Value>(&json).ok());
     let seconds = report.and_then(|r| r.get("stream_s")?.as_f64());
     Ok(seconds.filter(|s| (0.0..1.0e9).contains(s)).map(|s| (s * 1.0e6).round() as i64))
