@@ -27,7 +27,7 @@ pub struct Clock<'a> {
     pinhole: Pinhole,
     lens: Option<CalibratedLens>,
     start_us: i64,
-    /// Times that every pixel looks at, in order, each prepared when it is first asked for.
+    /// Times at which every pixel is sampled, in order, each prepared when it is first needed.
     shared: Vec<(i64, OnceLock<Arc<Moment<'a>>>)>,
 }
 

@@ -1,4 +1,4 @@
-//! One pixel over time: looks at regular steps, finer ones where the signal bends near a threshold, and the roots of
+//! One pixel over time: samples at regular steps, finer ones where the signal bends near a threshold, and the roots of
 //! `log light - threshold` where it crosses.
 
 use evis_core::trigger::{PixelState, decide, fire_time_us};
@@ -88,7 +88,7 @@ pub struct Rules {
     pub sensor: SensorConfig,
     /// `Y_ref`.
     pub reference_luminance: f64,
-    /// Part of the quiet steps that are looked at again, densely.
+    /// Part of the quiet steps that are sampled again, densely.
     pub audit_share: f64,
     /// Length in microseconds.
     pub duration_us: i64,

@@ -18,7 +18,7 @@ use crate::random::Key;
 use crate::sensor::{ConfigError, Readout, SensorConfig};
 use crate::simd::Isa;
 
-/// An emulator of one environment whose randomness is that of `key`; seed and camera of `config` are not looked at.
+/// An emulator of one environment whose randomness is that of `key`; seed and camera of `config` are not read.
 ///
 /// # Errors
 /// As [`EventEmulator::new`].

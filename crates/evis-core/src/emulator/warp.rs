@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::sensor::ConfigError;
 use crate::simd::{self, Isa, dispatched};
 
-/// Parts of a pixel that a position is told in, as a power of two.
+/// Parts of a pixel in which positions are counted, as a power of two.
 const SUBPIXEL_BITS: i32 = 10;
 const SUBPIXELS: i32 = 1 << SUBPIXEL_BITS;
 /// Depths at least this part of one another are taken for one surface.

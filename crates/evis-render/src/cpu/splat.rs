@@ -2,7 +2,7 @@
 
 use evis_core::WarpVariant;
 
-/// Parts of a pixel that a position is told in.
+/// Parts of a pixel in which positions are counted.
 pub const SUBPIXELS: i32 = 1024;
 
 const WEIGHT_STEPS: f32 = 4096.0;

@@ -1,6 +1,6 @@
 //! What throws shadows, as trees of triangles that a fragment casts rays through.
 //!
-//! A shadow map tells light from dark where its texels agree. Along a shadow's border, where they do not, a ray decides
+//! A shadow map says whether a point is lit where its texels agree. Along a shadow's border, where they do not, a ray decides
 //! (`shaders/raster/occluders.wgsl`): borders are then as sharp as the geometry, at any size of the world.
 //! What never moves is one tree in world space, and sorted into the cells of the maps of lights that do not move either; each
 //! mesh that moves has a tree in its own space, and a matrix per instant.

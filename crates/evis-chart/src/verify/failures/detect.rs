@@ -1,4 +1,4 @@
-//! What tells a failure: pure functions of a stream and a truth.
+//! How failures are detected: pure functions of a stream and a truth.
 
 use evis_core::metric::{self, Score, ScoreSettings};
 use evis_core::{Event, Region, Truth};

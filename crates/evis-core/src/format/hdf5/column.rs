@@ -86,7 +86,7 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// Opens the data set `name`. One that has rows must be told where to go on by [`Column::resume`].
+    /// Opens the data set `name`. One that has rows continues where [`Column::resume`] says.
     pub fn open(store: &mut Store, name: &str) -> Result<Self, FormatError> {
         let address = store.find(name)?.ok_or_else(|| store.damaged(format!("it has no {name}")))?;
         let (messages, image) = store.header(address)?;

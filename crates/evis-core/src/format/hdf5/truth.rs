@@ -145,7 +145,7 @@ pub fn stored_sensor(config_toml: &str, camera: &str) -> (SensorConfig, f64) {
     (sensor, run.get("reference_luminance").and_then(toml::Value::as_float).unwrap_or(f64::NAN))
 }
 
-/// Length in microseconds that the writer's report tells.
+/// Length in microseconds that the writer's report states.
 pub(super) fn stated_duration(recording: &Recording) -> Result<Option<i64>, FormatError> {
     let report = recording.report()?.and_then(|json| serde_json::from_str::<serde_json::Value>(&json).ok());
     let seconds = report.and_then(|r| r.get("stream_s")?.as_f64());
